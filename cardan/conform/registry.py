@@ -12,12 +12,14 @@ SUITES = {
     "3dconnexion": "cardan.conform.connexion.suite:Connexion",
     "egm": "cardan.conform.egm.suite:Egm",
     "egm-driver": "cardan.conform.egm_driver.suite:EgmDriver",
+    "hdapi": "cardan.conform.hdapi.suite:Hdapi",
     "jr3": "cardan.conform.jr3.suite:Jr3",
     "joint-stream": "cardan.conform.joint_stream.suite:JointStream",
     "leap": "cardan.conform.leap.suite:Leap",
     "magellan": "cardan.conform.magellan.suite:Magellan",
     "motoros": "cardan.conform.motoros.suite:Motoros",
     "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
+    "spnav": "cardan.conform.spnav.suite:SpnavDaemon",
     "wiimote": "cardan.conform.wiimote.suite:Wiimote",
 }
 """Module and class of each. Imported when it is asked for: each brings its simulated peer along."""

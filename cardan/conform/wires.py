@@ -238,6 +238,23 @@ class TcpPorts(Wires):
         return StreamWire(found)
 
 
+class UnixStream(Wires):
+    """A Unix stream socket at a path; each channel is a connection of its own."""
+
+    def __init__(self, path: str) -> None:
+        self._path = path
+
+    def open(self, channel: str) -> Wire:
+        found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        try:
+            found.settimeout(CONNECT_S)
+            found.connect(self._path)
+        except (OSError, ValueError) as error:
+            found.close()
+            raise AddressError(f"cannot connect to {self._path}: {error}") from None
+        return StreamWire(found)
+
+
 class DeviceFile(Wires):
     """A device node that is read report by report, as /dev/hidraw0."""
 

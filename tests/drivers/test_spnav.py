@@ -1,9 +1,7 @@
 """The spacenavd driver at real sockets: Cardan's own server, an old daemon, and Debian's."""
 
 import contextlib
-import shutil
 import socket
-import subprocess
 import tempfile
 import threading
 import time
@@ -32,14 +30,13 @@ from cardan.protocols.spnav import (
     encode_motion,
 )
 from cardan.sim_peers.base import SimulatedPeer
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 from tests.serving import in_a_thread
+from tests.spacenavd import TIMEOUT_S, spacenavd
 
 pytestmark = pytest.mark.realtime
 
 REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-TIMEOUT_S = 8.0
 
 
 def until(driver, wanted):
@@ -353,40 +350,6 @@ SCRIPT = """
 """
 """Touch and let go once the daemon has found the device; then one axis after the other, and gone in
 the middle of a push."""
-
-
-@contextlib.contextmanager
-def spacenavd(folder, script, *, settings="", model="magellan", **options):
-    """Debian's daemon with a serial device that a hand moves by `script`: its socket's path."""
-    daemon = shutil.which("spacenavd") or shutil.which("spacenavd", path="/usr/sbin")
-    if daemon is None:
-        pytest.skip("spacenavd is not installed (Debian package spacenavd)")
-    # In the foreground this daemon makes its socket below its working directory.
-    (folder / "run").mkdir()
-    path = folder / "run" / "spnav.sock"
-    (folder / "hand.txt").write_text(script)
-    (folder / "spnavrc").write_text(f"serial = {folder}/port\n{settings}")
-    port, hand = str(folder / "port"), str(folder / "hand.txt")
-    peer = SpaceMousePeer(SpaceMousePeerOptions(serial=port, model=model, script=hand, **options))
-    with in_a_thread(peer), (folder / "log").open("w") as log:
-        process = subprocess.Popen(
-            [daemon, "-d", "-c", str(folder / "spnavrc")],
-            cwd=folder,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-        )
-        try:
-            deadline_s = time.monotonic() + TIMEOUT_S
-            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as old_client:
-                while old_client.connect_ex(str(path)):  # Not there yet, or it does not listen yet.
-                    said = (folder / "log").read_text()
-                    assert process.poll() is None, f"spacenavd ended: {said}"
-                    assert time.monotonic() < deadline_s, f"spacenavd does not serve: {said}"
-                    time.sleep(0.01)
-                yield path, old_client
-        finally:
-            process.terminate()
-            process.wait(TIMEOUT_S)
 
 
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")

@@ -1,0 +1,1 @@
+"""Conformance of an HDAPI library, with the haptic device behind it."""

@@ -1,0 +1,1 @@
+"""Conformance of a daemon that serves spacenavd's socket."""

@@ -1,0 +1,579 @@
+"""What a daemon at spacenavd's socket must do."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterable
+from itertools import pairwise
+
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.conform.spnav.pilot import (
+    NEW,
+    NEW_FACTOR,
+    OLD,
+    OLD_FACTOR,
+    OTHER,
+    SETTINGS,
+    STRINGS,
+    UNKNOWN,
+)
+from cardan.conform.spnav.second import readings_differ
+from cardan.conform.spnav.seen import Asked, Record, SpnavSeen
+from cardan.protocols.spnav import (
+    DEVICE_TYPES,
+    MASK_V1,
+    MAX_BUTTONS,
+    NEWEST_VERSION,
+    STATUS,
+    UNKNOWN_DEVICE,
+    Button,
+    Code,
+    ConfigChange,
+    DeviceChange,
+    EventMask,
+    Handshake,
+    LedMode,
+    Malformed,
+    Motion,
+    StringAssembler,
+    float_of,
+)
+
+PROTOCOL = "FreeSpacenav, spacenavd's description of its protocol"
+LIBSPNAV = "FreeSpacenav libspnav, src/spnav.c"
+ON_CHANGE = "FreeSpacenav spacenavd, src/event.c: what changes is passed on, and a hand trembles"
+
+ANSWER_S = 0.3
+"""libspnav takes a daemon that is silent for so long to be of version 0."""
+SILENT_S = 0.5
+FASTEST_HZ = 200.0
+MOST_COUNTS = 512
+PERIOD_SHARE, PERIOD_S = 0.1, 0.1
+OTHERS_SHARE = 0.1
+FACTOR_SHARE = 0.05
+USB_TYPES = 0x200
+"""Device types from here on are of USB."""
+HELD = ("push-held", "twist-held")
+
+requires: Requirements[SpnavSeen] = Requirements("SPNAV")
+_NO_MOTION = "no motion came"
+_NOT_ASKED = "it was not asked"
+
+
+def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str) -> Verdict:
+    wrong = list(found)
+    if wrong:
+        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
+    return passed(good) if of else not_seen(nothing)
+
+
+@requires(1, f"{PROTOCOL}: a stream socket, several clients at a time")
+def the_daemon_keeps_connections(seen: SpnavSeen) -> Verdict:
+    """The daemon takes connections, and keeps them."""
+    return failed(seen.ended[0][1], (n for n, _ in seen.ended)) if seen.ended else passed("kept")
+
+
+@requires(2, f"{PROTOCOL}: version 0 has no handshake")
+def silent_programs_get_motion(seen: SpnavSeen) -> Verdict:
+    """A program that says nothing gets motion of a deflected device."""
+    if seen.phase("push-held") is None or not seen.taken:
+        return not_seen("it was never deflected")
+    found = [each for each in seen.motions(OLD, "push", "push-held") if any(each.counts)]
+    return passed(f"{len(found)} motions") if found else failed("none came")
+
+
+@requires(3, f"{PROTOCOL}: eight words of 32 bits, the first says what it is")
+def records_are_whole(seen: SpnavSeen) -> Verdict:
+    """Every record has 32 bytes, a known type, and values that it can have."""
+    wrong = (
+        (each.number, f"a record {each.value.reason}")
+        for each in seen.records
+        if isinstance(each.value, Malformed)
+    )
+    return _bad(wrong, len(seen.records), f"{len(seen.records)} records", "no records came")
+
+
+@requires(4, f"{PROTOCOL}: events of version 0 are motion and buttons")
+def version_0_gets_motion_and_buttons(seen: SpnavSeen) -> Verdict:
+    """A program that says nothing gets nothing but motion and buttons."""
+    found = seen.during(OLD)
+    wrong = (
+        (each.number, type(each.value).__name__)
+        for each in found
+        if not isinstance(each.value, (Motion, Button, Malformed))
+    )
+    return _bad(wrong, len(found), f"{len(found)} records", "no records came")
+
+
+def _mean(found: list[Record]) -> list[float]:
+    rows = [each.counts for each in found]
+    return [sum(axis) / len(rows) for axis in zip(*rows, strict=True)]
+
+
+@requires(5, f"{PROTOCOL}: x right, y up, z away; rotations about them by the right hand")
+def axes_have_their_signs(seen: SpnavSeen) -> Verdict:
+    """Pushed to the right x is positive and the largest; twisted clockwise ry is negative and the
+    largest."""
+    push, twist = seen.motions(OLD, "push-held"), seen.motions(OLD, "twist-held")
+    if not push or not twist:
+        return not_seen("it was not pushed and twisted")
+    one, other = _mean(push), _mean(twist)
+    said = f"x {one[0]:.0f}, ry {other[4]:.0f} counts"
+    good = one[0] == max(one, key=abs) > 0 and other[4] == max(other, key=abs) < 0
+    return passed(said) if good else failed(said)
+
+
+@requires(6, "devices report 125 times a second at most; spacenavd's repeat-interval is off")
+def motion_comes_as_it_is_reported(seen: SpnavSeen) -> Verdict:
+    """Held deflected, motion comes no more than 200 times a second."""
+    rates = []
+    for name in HELD:
+        phase, found = seen.phase(name), seen.motions(OLD, name)
+        if phase is not None and found and phase.end_s > phase.start_s:
+            rates.append(len(found) / (phase.end_s - phase.start_s))
+    if not rates:
+        return not_seen(_NO_MOTION)
+    said = f"{max(rates):.0f} a second"
+    return passed(said) if max(rates) <= FASTEST_HZ else failed(said)
+
+
+@requires(7, ON_CHANGE)
+def deflection_is_never_silent(seen: SpnavSeen) -> Verdict:
+    """Held deflected by hand, it is never silent for more than 0.5 s."""
+    longest, wrong, count = 0.0, [], 0
+    for name in HELD:
+        phase = seen.phase(name)
+        if phase is None:
+            continue
+        found = seen.motions(OLD, name)
+        times = [phase.start_s, *(each.time_s for each in found), phase.end_s]
+        count += 1
+        for n, (a, b) in enumerate(pairwise(times)):
+            longest = max(longest, b - a)
+            if b - a > SILENT_S:
+                at = found[min(n, len(found) - 1)].number if found else phase.first
+                wrong.append((at, f"{(b - a) * 1e3:.0f} ms"))
+    if wrong:
+        said = f"{len(wrong)} silences: {wrong[0][1]}"
+        return failed(said, (n for n, _ in wrong), longest * 1e3, "ms")
+    if not count:
+        return not_seen("it was never held deflected")
+    return passed(f"longest {longest * 1e3:.0f} ms", longest * 1e3, "ms")
+
+
+@requires(8, "programs keep the last motion that they got")
+def the_last_value_is_zero(seen: SpnavSeen) -> Verdict:
+    """Let go, the last motion is zero on all axes."""
+    wrong, count = [], 0
+    for name in ("push", "twist"):
+        found = seen.motions(OLD, f"{name}-held", f"{name}-over", f"{name}-rest")
+        if any(any(each.counts) for each in found):
+            count += 1
+            if any(found[-1].counts):
+                wrong.append((found[-1].number, f"{found[-1].counts}"))
+    return _bad(wrong, count, f"{count} motions", "it was never deflected")
+
+
+@requires(9, ON_CHANGE)
+def rest_is_silent(seen: SpnavSeen) -> Verdict:
+    """At rest no motion comes."""
+    if seen.phase("push-rest") is None or not seen.motions(OLD):
+        return not_seen(_NO_MOTION)
+    talks = [each.number for each in seen.motions(OLD, "push-rest", "twist-rest")]
+    return failed(f"{len(talks)} motions at rest", talks) if talks else passed("silent")
+
+
+@requires(10, "350 to 500 for a full deflection of the devices that spacenavd knows")
+def counts_are_in_range(seen: SpnavSeen) -> Verdict:
+    """At a sensitivity of 1 no axis goes beyond +-512."""
+    found = seen.motions(OLD, "rest", "push", "twist", *HELD)
+    if not found:
+        return not_seen(_NO_MOTION)
+    most = max(abs(count) for each in found for count in each.counts)
+    wrong = [each.number for each in found if max(map(abs, each.counts)) > MOST_COUNTS]
+    said = f"{most} counts at most"
+    if wrong:
+        return failed(said, wrong, float(most), "counts")
+    return passed(said, float(most), "counts")
+
+
+@requires(11, f"{PROTOCOL}: ms since the motion before")
+def periods_are_those_of_motion(seen: SpnavSeen) -> Verdict:
+    """The periods that motions tell add up to the time between them, to 10 %, and none is off by
+    more than 0.1 s."""
+    told_s, took_s, wrong = 0.0, 0.0, []
+    for name in HELD:
+        for one, other in pairwise(seen.motions(OLD, name)):
+            assert isinstance(other.value, Motion)
+            period_s, between_s = 1e-3 * other.value.period_ms, other.time_s - one.time_s
+            told_s, took_s = told_s + period_s, took_s + between_s
+            if abs(period_s - between_s) > PERIOD_S:
+                words = f"{1e3 * period_s:.0f} ms after {1e3 * between_s:.0f} ms"
+                wrong.append((other.number, words))
+    if wrong:
+        return failed(f"{len(wrong)} are off: {wrong[0][1]}", (n for n, _ in wrong))
+    if not took_s:
+        return not_seen(_NO_MOTION)
+    said = f"{100 * told_s / took_s:.0f} % of the time"
+    return passed(said) if abs(told_s / took_s - 1.0) < PERIOD_SHARE else failed(said)
+
+
+@requires(12, f"{PROTOCOL}: events 1 and 2")
+def buttons_are_told(seen: SpnavSeen) -> Verdict:
+    """A button that is pressed is told, and again when it is let go."""
+    if seen.phase("release") is None or seen.ended:
+        return not_seen("none was pressed")
+    down = {edge.number for _, edge in seen.buttons(OLD, "press") if edge.pressed}
+    up = {edge.number for _, edge in seen.buttons(OLD, "release") if not edge.pressed}
+    if not down:
+        return failed("pressing was not told")
+    return passed("pressed and let go") if down <= up else failed("letting go was not told")
+
+
+@requires(13, f"{PROTOCOL}: events 1 and 2")
+def edges_take_turns(seen: SpnavSeen) -> Verdict:
+    """A button is told to be pressed only when it is up, and let go only when it is down."""
+    wrong, count = [], 0
+    for channel in (OLD, NEW, OTHER):
+        down: set[int] = set()
+        for number, edge in seen.buttons(channel):
+            count += 1
+            if edge.pressed is (edge.number in down):
+                told = "pressed" if edge.pressed else "let go"
+                wrong.append((number, f"button {edge.number} {told} twice"))
+            (down.add if edge.pressed else down.discard)(edge.number)
+    return _bad(wrong, count, f"{count} edges", "no button was pressed")
+
+
+@requires(14, "cardan.dissect: a second description of the protocol")
+def both_descriptions_agree(seen: SpnavSeen) -> Verdict:
+    """A second reader, the scapy layers, cuts and reads the records alike."""
+    return readings_differ(seen)
+
+
+# -- level 1: asked -------------------------------------------------------------------------------
+
+
+def _granted(seen: SpnavSeen, channel: str) -> Verdict:
+    greeted = seen.greeted.get(channel)
+    if greeted is None:
+        return not_seen("no version was asked for")
+    number, asked_s = greeted
+    found = [e for e in seen.during(channel) if isinstance(e.value, Handshake)]
+    if not found or not isinstance(found[0].value, Handshake):
+        return failed("no version was granted", [number])
+    after_ms = (found[0].time_s - asked_s) * 1e3
+    said = f"version {found[0].value.version} after {after_ms:.0f} ms"
+    good = found[0].value.version == NEWEST_VERSION and after_ms <= ANSWER_S * 1e3
+    if good:
+        return passed(said, after_ms, "ms")
+    return failed(said, [found[0].number])
+
+
+@requires(101, f"{PROTOCOL}; {LIBSPNAV}: it waits 0.3 s")
+def version_1_is_granted(seen: SpnavSeen) -> Verdict:
+    """Asked for version 1, the daemon grants it within 0.3 s."""
+    return _granted(seen, NEW)
+
+
+@requires(102, f"{PROTOCOL}: the lower of both versions is granted")
+def later_versions_are_granted_as_1(seen: SpnavSeen) -> Verdict:
+    """Asked for version 9, it grants version 1 within 0.3 s."""
+    return _granted(seen, OTHER)
+
+
+def _asked(seen: SpnavSeen) -> list[Asked]:
+    return [each for each in seen.asked if each.request.code != Code.SET_NAME]
+
+
+@requires(103, f"{PROTOCOL}; {LIBSPNAV}")
+def requests_are_answered(seen: SpnavSeen) -> Verdict:
+    """Every request is answered within 0.3 s, with its first word."""
+    found, wrong, worst_ms = _asked(seen), [], 0.0
+    for each in found:
+        code = f"{each.request.code:#06x}"
+        if each.reply is None:
+            wrong.append((each.number, f"{code} was not answered"))
+            continue
+        after_s = each.answers[0].time_s - each.time_s
+        worst_ms = max(worst_ms, after_s * 1e3)
+        if each.reply.word != each.request.word:
+            wrong.append((each.answers[0].number, f"{code} was answered {each.reply.word:#010x}"))
+        elif after_s > ANSWER_S:
+            wrong.append((each.answers[0].number, f"{code} after {after_s * 1e3:.0f} ms"))
+    if wrong or not found:
+        return _bad(wrong, len(found), "", _NOT_ASKED)
+    return passed(f"{len(found)}, {worst_ms:.0f} ms at most", worst_ms, "ms")
+
+
+@requires(104, f"{PROTOCOL}: SET_NAME has no reply")
+def names_are_not_answered(seen: SpnavSeen) -> Verdict:
+    """A program's name is not answered: it would be taken for the next answer."""
+    found = [each for each in seen.asked if each.request.code == Code.SET_NAME]
+    wrong = ((each.answers[0].number, "a reply came") for each in found if each.answers)
+    return _bad(wrong, len(found), "no reply", "none was sent")
+
+
+@requires(105, f"{PROTOCOL}: status -1 of what it does not know")
+def unknown_requests_are_refused(seen: SpnavSeen) -> Verdict:
+    """A request that there is not is answered, and refused."""
+    found = seen.told(UNKNOWN)
+    if found is None:
+        return not_seen("none was sent")
+    if found.reply is None:
+        return failed("no answer", [found.number])
+    return failed("it was granted", [found.number]) if found.reply.ok else passed("refused")
+
+
+def _mask(asked: Asked | None) -> int | None:
+    reply = None if asked is None else asked.reply
+    return None if reply is None or not reply.ok else reply.data[0]
+
+
+@requires(106, f"{PROTOCOL}: motion, buttons and devices until a program sets another mask")
+def the_mask_is_kept(seen: SpnavSeen) -> Verdict:
+    """After the handshake the event mask is 7; one that is set is told when it is asked for."""
+    found = [each for each in seen.asked if each.request.code == Code.GET_EVMASK]
+    if not found:
+        return not_seen(_NOT_ASKED)
+    masks = [_mask(each) for each in found]
+    wanted = [MASK_V1, MASK_V1 | EventMask.CONFIG][: len(masks)]
+    said = ", ".join(map(str, masks))
+    return passed(said) if masks == wanted else failed(said, (each.number for each in found))
+
+
+def _value(seen: SpnavSeen, code: int) -> int | None:
+    return _mask(seen.told(code, "ask"))
+
+
+@requires(107, f"{PROTOCOL}, DEV_NAXES and DEV_NBUTTONS")
+def axes_and_buttons_are_counted(seen: SpnavSeen) -> Verdict:
+    """The device has six axes, and every button that was told is below the number of its
+    buttons."""
+    if seen.told(Code.DEV_NAXES, "ask") is None:
+        return not_seen(_NOT_ASKED)
+    axes, buttons = _value(seen, Code.DEV_NAXES), _value(seen, Code.DEV_NBUTTONS)
+    if axes is None or buttons is None:
+        return failed("refused")
+    said = f"{axes} axes, {buttons} buttons"
+    beyond = [number for number, edge in seen.buttons(OLD) if edge.number >= buttons]
+    good = axes == 6 and 0 <= buttons <= MAX_BUTTONS and not beyond
+    return passed(said) if good else failed(said, beyond)
+
+
+@requires(108, f"{PROTOCOL}: strings of 24 bytes a record, with what is left")
+def strings_are_whole(seen: SpnavSeen) -> Verdict:
+    """The device has a name; name and path, where they are told, come whole and in order."""
+    found = [asked for code in STRINGS if (asked := seen.told(code, "ask")) is not None]
+    if not found:
+        return not_seen(_NOT_ASKED)
+    texts = []
+    for each in found:
+        if each.reply is None or not each.reply.ok:
+            texts.append("")
+            continue
+        strings, text = StringAssembler(), None
+        for answer in each.answers:
+            # Of a reply only, which all of them are.
+            text = strings.take(getattr(answer.value, "data"))  # noqa: B009
+        whole = each.reply.data[STATUS]
+        if not isinstance(text, str) or len(text.encode()) < whole:
+            why = "a piece is out of order" if isinstance(text, Malformed) else "its end is missing"
+            return failed(why, (answer.number for answer in each.answers))
+        texts.append(text)
+    return passed(repr(texts[0])) if texts[0] else failed("it has no name", [found[0].number])
+
+
+@requires(109, f"{PROTOCOL}, DEV_TYPE and DEV_USBID: no USB id of serial devices")
+def the_type_is_known(seen: SpnavSeen) -> Verdict:
+    """The device's type is one of the protocol, and it has a USB id if it is one of USB."""
+    asked = seen.told(Code.DEV_TYPE, "ask")
+    if asked is None:
+        return not_seen(_NOT_ASKED)
+    kind, vendor = _value(seen, Code.DEV_TYPE), _value(seen, Code.DEV_USBID)
+    if kind is None or kind not in DEVICE_TYPES:
+        return failed(f"type {kind}", [asked.number])
+    said = f"{DEVICE_TYPES[kind]}, vendor {vendor or 0:#06x}"
+    good = kind == UNKNOWN_DEVICE or bool(vendor) == (kind >= USB_TYPES)
+    return passed(said) if good else failed(said, [asked.number])
+
+
+def _implausible(code: int, data: tuple[int, ...]) -> str:
+    """What is wrong with the value of a setting; empty: nothing."""
+    if code in (Code.GCFG_SENS, Code.GCFG_SENS_AXIS):
+        factors = [float_of(word) for word in data[: 1 if code == Code.GCFG_SENS else 6]]
+        return "" if all(map(math.isfinite, factors)) else "no number"
+    if code == Code.GCFG_LED:
+        return "" if data[0] in tuple(LedMode) else f"mode {data[0]}"
+    flags = {Code.GCFG_INVERT: 6, Code.GCFG_SWAPYZ: 1, Code.GCFG_GRAB: 1}.get(Code(code), 0)
+    return "" if all(each in (0, 1) for each in data[:flags]) else "neither 0 nor 1"
+
+
+@requires(110, f"{PROTOCOL}, GCFG_...")
+def settings_are_plausible(seen: SpnavSeen) -> Verdict:
+    """Settings of the daemon that it tells have values that they can have."""
+    asked = [each for code in SETTINGS if (each := seen.told(code, "ask")) is not None]
+    told = [(each, each.reply) for each in asked if each.reply is not None and each.reply.ok]
+    wrong = []
+    for each, reply in told:
+        why = _implausible(each.request.code, reply.data)
+        if why:
+            wrong.append((each.answers[0].number, f"{Code(each.request.code).name} {why}"))
+    return _bad(wrong, len(told), f"{len(told)} of {len(asked)} told", _NOT_ASKED)
+
+
+@requires(111, "FreeSpacenav spacenavd, repeat-interval: repeated motion looks like a hand's")
+def nothing_is_repeated(seen: SpnavSeen) -> Verdict:
+    """The daemon does not repeat motion by itself, where it tells of it."""
+    if seen.told(Code.GCFG_REPEAT, "ask") is None:
+        return not_seen(_NOT_ASKED)
+    interval = _value(seen, Code.GCFG_REPEAT)
+    if interval is None:
+        return not_applicable("it does not tell")
+    return passed("off") if interval < 0 else failed(f"every {interval} ms")
+
+
+@requires(112, f"{PROTOCOL}, event 4: a setting was changed")
+def settings_are_told_to_others(seen: SpnavSeen) -> Verdict:
+    """The LED's mode set to what it is, where that is granted, an event tells it to another program
+    that asked for such events, and to none that did not."""
+    asked = seen.told(Code.SCFG_LED)
+    if asked is None:
+        return not_seen("it has no LED, or does not tell of it")
+    if asked.reply is not None and not asked.reply.ok:
+        return not_applicable("it is not for programs to set")
+    events = [e for e in seen.during(OTHER, "led") if isinstance(e.value, ConfigChange)]
+    beside = [e.number for e in seen.during(OLD) if isinstance(e.value, ConfigChange)]
+    if beside:
+        return failed("a program was told that had not asked for it", beside)
+    return passed("told") if events else failed("no event came", [asked.number])
+
+
+def _pushed(seen: SpnavSeen, name: str) -> list[str]:
+    return [f"{name}{part}" for part in ("", "-held", "-over", "-rest")]
+
+
+@requires(113, f"{PROTOCOL}: all clients get all events")
+def all_programs_get_the_same(seen: SpnavSeen) -> Verdict:
+    """Programs of both versions get the same motions, to a tenth of them."""
+    if seen.phase("same-held") is None:
+        return not_seen("it was not deflected for several")
+    names = _pushed(seen, "same")
+    found = {c: Counter(e.counts for e in seen.motions(c, *names)) for c in (OLD, NEW, OTHER)}
+    most = max(sum(each.values()) for each in found.values())
+    if not most:
+        return failed(_NO_MOTION)
+    lost = max((one - other).total() for one in found.values() for other in found.values())
+    said = f"{lost} of {most} differ"
+    return passed(said) if lost <= max(1.0, OTHERS_SHARE * most) else failed(said)
+
+
+def _factor(seen: SpnavSeen, channel: str, wanted: float) -> Verdict:
+    """Whether a connection gets `wanted` times what the one beside it gets."""
+    names = _pushed(seen, "scaled")
+    ours, others = seen.motions(channel, *names), seen.motions(OTHER, *names)
+    if seen.phase("scaled-held") is None:
+        return not_seen("it was not deflected with a sensitivity")
+    if not ours or not others:
+        return failed(_NO_MOTION)
+    one, other = (max(abs(c) for e in found for c in e.counts) for found in (ours, others))
+    if not other:
+        return failed(_NO_MOTION)
+    said = f"{one / other:.2f} times"
+    return passed(said) if abs(one / other / wanted - 1.0) < FACTOR_SHARE else failed(said)
+
+
+@requires(114, f"{PROTOCOL}, SET_SENS and GET_SENS")
+def sensitivity_acts(seen: SpnavSeen) -> Verdict:
+    """A sensitivity of 2 doubles the counts of the program that set it, and is told to it when it
+    asks."""
+    asked = seen.told(Code.GET_SENS)
+    if asked is None:
+        return not_seen(_NOT_ASKED)
+    reply = asked.reply
+    if reply is None or not reply.ok or float_of(reply.data[0]) != NEW_FACTOR:
+        return failed("another one is told", [asked.number])
+    return _factor(seen, NEW, NEW_FACTOR)
+
+
+@requires(115, f"{PROTOCOL}: a float of a client of version 0")
+def sensitivity_of_version_0_acts(seen: SpnavSeen) -> Verdict:
+    """A sensitivity of 3 triples the counts of a program of version 0."""
+    return _factor(seen, OLD, OLD_FACTOR)
+
+
+@requires(116, f"{PROTOCOL}, SET_EVMASK")
+def masked_events_do_not_come(seen: SpnavSeen) -> Verdict:
+    """With a mask of buttons no motion comes, not even zeros."""
+    if seen.phase("masked-held") is None:
+        return not_seen("no mask was set")
+    names = _pushed(seen, "masked")
+    if not seen.motions(OTHER, *names):
+        return not_seen("it was not deflected with a mask")
+    found = [each.number for each in seen.motions(NEW, *names)]
+    return failed(f"{len(found)} motions", found) if found else passed("none came")
+
+
+@requires(117, f"{PROTOCOL}, SET_EVMASK")
+def unmasked_events_come(seen: SpnavSeen) -> Verdict:
+    """With a mask of buttons those come as to other programs."""
+    if seen.phase("masked-held") is None:
+        return not_seen("no mask was set")
+    names = _pushed(seen, "masked")
+    ours, others = ([e for _, e in seen.buttons(c, *names)] for c in (NEW, OTHER))
+    if not others:
+        return not_seen("no button was pressed")
+    said = f"{len(ours)} edges"
+    return passed(said) if ours == others else failed(said)
+
+
+@requires(118, f"{PROTOCOL}: several clients at a time")
+def a_program_that_leaves_disturbs_nobody(seen: SpnavSeen) -> Verdict:
+    """One program gone, the others get motion as before."""
+    if seen.phase("alone-held") is None:
+        return not_seen("none has left")
+    counts = [len(seen.motions(c, "alone", "alone-held")) for c in (OLD, NEW)]
+    return passed(f"{min(counts)} motions") if all(counts) else failed(_NO_MOTION)
+
+
+# -- level 3: by hand -----------------------------------------------------------------------------
+
+
+def _change(seen: SpnavSeen, phase: str, added: bool) -> Verdict:
+    if seen.phase(phase) is None:
+        return not_seen("nobody did it")
+    found = [e.value for e in seen.during(NEW, phase) if isinstance(e.value, DeviceChange)]
+    if not [each for each in found if each.added is added]:
+        return failed("no event told of it")
+    return passed("told")
+
+
+@requires(301, f"{PROTOCOL}, event 3")
+def unplugging_is_told(seen: SpnavSeen) -> Verdict:
+    """The device unplugged, an event says so to programs of version 1."""
+    return _change(seen, "unplug", False)
+
+
+@requires(302, f"{PROTOCOL}: requests about a device fail without one")
+def nothing_is_said_of_a_device_that_is_gone(seen: SpnavSeen) -> Verdict:
+    """The device unplugged, the number of its axes is refused."""
+    asked = seen.told(Code.DEV_NAXES, "unplugged")
+    if asked is None:
+        return not_seen(_NOT_ASKED)
+    if asked.reply is None:
+        return failed("no answer", [asked.number])
+    return failed("it was told", [asked.number]) if asked.reply.ok else passed("refused")
+
+
+@requires(303, f"{PROTOCOL}, event 3")
+def plugging_in_is_told(seen: SpnavSeen) -> Verdict:
+    """The device plugged in again, an event says so to programs of version 1."""
+    return _change(seen, "replug", True)

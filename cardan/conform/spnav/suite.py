@@ -1,0 +1,52 @@
+"""The suite of a daemon that serves spacenavd's socket."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from cardan.conform.conduct import Conduct
+from cardan.conform.requirements import Level
+from cardan.conform.spnav.faults import FAULTS
+from cardan.conform.spnav.pilot import SpnavPilot
+from cardan.conform.spnav.requirements import requires
+from cardan.conform.spnav.rig import SpnavRig
+from cardan.conform.spnav.seen import SpnavSeen
+from cardan.conform.suite import Suite, Transport
+from cardan.conform.timeline import Timeline
+from cardan.conform.wires import UnixStream, Wires
+from cardan.sim_peers.base import FaultSwitch
+
+
+class SpnavDaemon(Suite[SpnavSeen]):
+    """spacenavd, or what stands in for it: Cardan's own server where there is no target."""
+
+    name = "spnav"
+    judges = "the daemon"
+    speaks = "spacenavd's records on a Unix socket, versions 0 and 1"
+    target = "the socket of the daemon, as /run/spnav.sock"
+    peer = "spnav"
+    requirements = requires.all()
+    transport = Transport("other")
+    seconds = 1.2
+    # Both need a device that is unplugged, and that is done on level 3.
+    tried_on: ClassVar[Mapping[str, Level]] = {
+        "unplug-untold": Level.BY_HAND,
+        "keeps-device": Level.BY_HAND,
+        "replug-untold": Level.BY_HAND,
+    }
+
+    def see(self, timeline: Timeline) -> SpnavSeen:
+        return SpnavSeen(timeline)
+
+    def pilot(self, level: Level, seconds: float) -> SpnavPilot:
+        return SpnavPilot(level, seconds)
+
+    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+        SpnavRig(conduct, faults, seed).run()
+
+    def wires(self, target: str) -> Wires:
+        return UnixStream(target)
+
+    def switches(self) -> tuple[FaultSwitch, ...]:
+        return FAULTS
