@@ -18,6 +18,7 @@ SUITES = {
     "magellan": "cardan.conform.magellan.suite:Magellan",
     "motoros": "cardan.conform.motoros.suite:Motoros",
     "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
+    "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtde",
     "wiimote": "cardan.conform.wiimote.suite:Wiimote",
 }
 """Module and class of each. Imported when it is asked for: each brings its simulated peer along."""
