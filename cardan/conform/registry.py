@@ -20,6 +20,7 @@ SUITES = {
     "motoros": "cardan.conform.motoros.suite:Motoros",
     "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
     "spnav": "cardan.conform.spnav.suite:SpnavDaemon",
+    "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtde",
     "wiimote": "cardan.conform.wiimote.suite:Wiimote",
 }
 """Module and class of each. Imported when it is asked for: each brings its simulated peer along."""

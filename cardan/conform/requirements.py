@@ -65,6 +65,25 @@ def failed(
     return Verdict(Outcome.FAILED, said, tuple(evidence)[:EVIDENCE_AT_MOST], figure, unit)
 
 
+def at_most(
+    limit: float, figure: float, unit: str, said: str, evidence: Iterable[int] = ()
+) -> Verdict:
+    """Passed where what was measured is no more than `limit`; the first few of `evidence` are kept
+    where it is."""
+    if figure > limit:
+        return failed(said, evidence, figure, unit)
+    return passed(said, figure, unit)
+
+
+def none_wrong(wrong: Iterable[tuple[int, str]], of: int, good: str, nothing: str) -> Verdict:
+    """Failed by the first of what is `wrong`, each an event's number and why; else `good`, or not
+    seen where there was `nothing` that could have been wrong."""
+    found = list(wrong)
+    if found:
+        return failed(f"{len(found)} of {of}: {found[0][1]}", (n for n, _ in found))
+    return passed(good) if of else not_seen(nothing)
+
+
 def not_seen(said: str) -> Verdict:
     """What it is about did not happen."""
     return Verdict(Outcome.NOT_SEEN, said)

@@ -81,6 +81,10 @@ class Suite(ABC, Generic[V]):
         """``NAME[=VALUE]`` as values by name. Raises ScriptError, which names those there are."""
         return parse_faults(words, self.switches())
 
+    def only_asks(self, event: Event) -> bool:
+        """Whether what we sent changes nothing in what is judged: level 0 sends nothing else."""
+        return False
+
     def redacted(self, event: Event) -> Event:
         """`event` without serial numbers and addresses in its bytes."""
         return event

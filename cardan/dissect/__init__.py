@@ -1,14 +1,15 @@
-"""Reads captures line by line: EGM and the joint stream on UDP, simple message (MotoROS) on TCP,
-3Dconnexion reports on USB, Wii Remotes on Bluetooth, JR3 force-torque sensors on CAN.
+"""Reads captures line by line: EGM and the joint stream on UDP, simple message (MotoROS) and RTDE
+(Universal Robots) on TCP, 3Dconnexion reports on USB, Wii Remotes on Bluetooth, JR3 force-torque
+sensors on CAN.
 
 Needs the optional extra ``cardan[dissect]`` (scapy). The scapy layers themselves, for building
 datagrams as well, are in :mod:`cardan.dissect.egm`, :mod:`cardan.dissect.joint_stream`,
-:mod:`cardan.dissect.simple_message`, :mod:`cardan.dissect.connexion`, :mod:`cardan.dissect.wiimote`
-and :mod:`cardan.dissect.jr3_can`; those of protocols that no capture has, because they stay on a
-serial line or a Unix socket, in :mod:`cardan.dissect.connexion_serial` and
-:mod:`cardan.dissect.spnav`. They are written from the protocols' documentation and not from
-:mod:`cardan.protocols`. Other packages add protocols by an entry point, see
-:class:`cardan.dissect.reader.Dissector`.
+:mod:`cardan.dissect.simple_message`, :mod:`cardan.dissect.rtde`, :mod:`cardan.dissect.connexion`,
+:mod:`cardan.dissect.wiimote` and :mod:`cardan.dissect.jr3_can`; those of protocols that no capture
+has, because they stay on a serial line or a Unix socket, in
+:mod:`cardan.dissect.connexion_serial` and :mod:`cardan.dissect.spnav`. They are written from the
+protocols' documentation and not from :mod:`cardan.protocols`. Other packages add protocols by an
+entry point, see :class:`cardan.dissect.reader.Dissector`.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from typing import NamedTuple, TextIO
 
 from cardan.dissect import network, registry
 from cardan.dissect.capture import Capture, CapturedPacket
-from cardan.dissect.ports import EGM_PORTS, SIMPLE_MESSAGE_PORTS
+from cardan.dissect.ports import EGM_PORTS, RTDE_PORTS, SIMPLE_MESSAGE_PORTS
 from cardan.dissect.reader import Dissector, PacketLine, ProtocolReader
 from cardan.dissect.statistics import tally
 from cardan.errors import CaptureError, ConfigurationError
@@ -29,6 +30,7 @@ from cardan.printable import printable
 
 __all__ = [
     "EGM_PORTS",
+    "RTDE_PORTS",
     "SIMPLE_MESSAGE_PORTS",
     "Counts",
     "dissect_file",
@@ -37,7 +39,8 @@ __all__ = [
 
 class Counts(NamedTuple):
     """What a capture held. `messages` and `malformed` are by protocol: "EGM", "3Dconnexion",
-    "joint stream", "simple message"; with a Bluetooth link also "Wiimote", with CAN "JR3"."""
+    "joint stream", "simple message", "RTDE"; with a Bluetooth link also "Wiimote", with CAN
+    "JR3"."""
 
     packets: int
     messages: Mapping[str, int]
@@ -60,9 +63,10 @@ def dissect_file(
     datagrams, reports, frames and messages are reached. With `summary` the lines are left out.
     `numbers` are where protocols are looked for besides the usual places, by the keys of their
     dissectors' options: `egm_ports` are UDP ports a PC listens at besides EGM_PORTS,
-    `simple_message_ports` TCP ports of a controller besides SIMPLE_MESSAGE_PORTS, `jr3_nodes` node
-    ids of JR3 boards (1 to 127) besides those known by what they send. The joint stream is found on
-    its port and, by its mark, on any other. Malformed datagrams and messages are shown and counted.
+    `simple_message_ports` TCP ports of a controller besides SIMPLE_MESSAGE_PORTS, `rtde_ports` such
+    of Universal Robots besides RTDE_PORTS, `jr3_nodes` node ids of JR3 boards (1 to 127) besides
+    those known by what they send. The joint stream is found on its port and, by its mark, on any
+    other. Malformed datagrams and messages are shown and counted.
     Raises CaptureError when the file is missing, not a capture, damaged or truncated (after
     everything before the damage was written), ConfigurationError for an option that no dissector
     has and for a number out of its range, ExtraMissingError without scapy.

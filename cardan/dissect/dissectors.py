@@ -5,6 +5,7 @@ from __future__ import annotations
 from cardan.dissect import bluetooth, can, network, usbmon
 from cardan.dissect.ports import (
     EGM_PORTS,
+    RTDE_PORTS,
     SIMPLE_MESSAGE_PORTS,
     SIMPLE_MESSAGE_RT_CONTROL_PORT,
 )
@@ -73,6 +74,27 @@ class SimpleMessage(Dissector):
         ),
     )
     reader = "cardan.dissect.simple_message_reader:SimpleMessageReader"
+
+
+class Rtde(Dissector):
+    """Universal Robots' RTDE, on TCP ports."""
+
+    name = "RTDE"
+    page = "protocols/ur.md"
+    link_types = network.LINK_TYPES
+    always = True
+    options = (
+        Numbers(
+            "rtde_ports",
+            "rtde-port",
+            "PORT",
+            "Another TCP port of RTDE",
+            "TCP port",
+            PORTS,
+            frozenset(RTDE_PORTS),
+        ),
+    )
+    reader = "cardan.dissect.rtde_reader:RtdeReader"
 
 
 class Wiimote(Dissector):

@@ -18,3 +18,6 @@ SIMPLE_MESSAGE_RT_CONTROL_PORT = 50243
 
 SIMPLE_MESSAGE_RT_PORT = 50244
 """UDP port of that mode's cycle."""
+
+RTDE_PORTS = (30004,)
+"""TCP port of a Universal Robots controller."""

@@ -15,6 +15,7 @@ BUILT_IN = {
     "connexion": "cardan.dissect.dissectors:Connexion",
     "joint_stream": "cardan.dissect.dissectors:JointStream",
     "simple_message": "cardan.dissect.dissectors:SimpleMessage",
+    "rtde": "cardan.dissect.dissectors:Rtde",
     "wiimote": "cardan.dissect.dissectors:Wiimote",
     "jr3_can": "cardan.dissect.dissectors:Jr3Can",
 }

@@ -7,10 +7,8 @@ from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from cardan.dissect import tcp
 from cardan.dissect.capture import CapturedPacket, Direction
-from cardan.dissect.flows import Flow, FlowReader, Sender, excerpt
-from cardan.dissect.network import TCP_ACK, TCP_SYN, Endpoint, Segment
+from cardan.dissect.network import Endpoint, Segment
 from cardan.dissect.ports import (
     SIMPLE_MESSAGE_PORTS,
     SIMPLE_MESSAGE_RT_CONTROL_PORT,
@@ -46,128 +44,33 @@ from cardan.dissect.simple_message import (
 )
 from cardan.dissect.simple_message_text import describe, message_name
 from cardan.dissect.statistics import Intervals, Latencies, milliseconds, tallies, tally
+from cardan.dissect.streams import Framer, Measured, Piece, StreamFlow, StreamReader
 
 PENDING = 256
 """Requests remembered until they are answered."""
-SHOWN_BYTES = 32
-"""Bytes shown of a malformed message: its header, and four words."""
 CYCLE_MESSAGES = 16
 """Most messages that count as one cycle of the state port."""
 PORT_NAMES = {50240: "motion", 50241: "state", 50242: "I/O", 50243: "RT control", 50244: "RT"}
 
 
-class _Piece(NamedTuple):
-    """The next item of a stream: a whole message, malformed bytes with the reason, or a note."""
-
-    data: bytes
-    malformed: str = ""
-    note: str = ""
-
-
-class _Framer:
-    """Cuts the bytes of one direction into messages."""
+class _Framer(Framer):
+    """Cuts by the prefix, whose byte order is the flow's."""
 
     def __init__(self, flow: _Flow) -> None:
-        self.skipped_bytes = 0
-        """Bytes of messages whose beginning is missing."""
+        super().__init__(PREFIX_BYTES)
         self._flow = flow
-        self._buffer = bytearray()
-        self._synchronised = False
-        self._early = b""
-        """Too few bytes to tell whether a message begins with them."""
 
-    @property
-    def left_bytes(self) -> int:
-        """Bytes of a message that has begun and not ended."""
-        return len(self._buffer) + len(self._early)
+    def begins(self, data: bytes) -> bool:
+        return begins_message(data, self._flow.byte_order)
 
-    def take(self, event: tcp.Event) -> Iterator[_Piece]:
-        """What the stream says next; what can be read now."""
-        if isinstance(event, tcp.Bytes):
-            yield from self._cut(event.data)
-            return
-        if isinstance(event, tcp.Gap):
-            note = f"GAP: {event.size} bytes are missing in the capture"
-            if self._buffer:
-                note += f", {len(self._buffer)} bytes of an unfinished message dropped"
-            yield _Piece(b"", note=note)
-        yield from self._skip_early()
-        if self._buffer and isinstance(event, tcp.End):
-            yield _Piece(bytes(self._buffer), "the connection ends inside a message")
-        self._buffer.clear()
-        self._synchronised = isinstance(event, tcp.Begin)
-
-    def _cut(self, payload: bytes) -> Iterator[_Piece]:
-        """The next bytes of the stream; the messages they end."""
-        while not self._synchronised:
-            fresh = self._early + payload
-            if len(fresh) < PREFIX_BYTES:
-                self._early = fresh
-                return
-            if begins_message(fresh, self._flow.byte_order):
-                payload, self._early, self._synchronised = fresh, b"", True
-            elif self._early:
-                yield from self._skip_early()
-            else:
-                yield self._skipped(len(payload))
-                return
-        self._buffer += payload
-        while len(self._buffer) >= PREFIX_BYTES:
-            order = self._flow.byte_order or byte_order(self._buffer)
-            prefix = struct.unpack_from(f"{order}i", self._buffer)[0]
-            if LEAST_PREFIX <= prefix <= MOST_PREFIX:
-                self._flow.byte_order = order
-                if len(self._buffer) >= PREFIX_BYTES + prefix:
-                    yield _Piece(bytes(self._buffer[: PREFIX_BYTES + prefix]))
-                    del self._buffer[: PREFIX_BYTES + prefix]
-                    continue
-                if prefix <= LARGEST_PREFIX:
-                    return
-                reason = f"prefix above {LARGEST_PREFIX}, which no message has"
-            else:
-                reason = f"prefix outside {LEAST_PREFIX} to {MOST_PREFIX}"
-            yield _Piece(bytes(self._buffer), reason)
-            self._buffer.clear()
-            self._synchronised = False
-
-    def _skip_early(self) -> Iterator[_Piece]:
-        if self._early:
-            yield self._skipped(len(self._early))
-            self._early = b""
-
-    def _skipped(self, count: int) -> _Piece:
-        self.skipped_bytes += count
-        return _Piece(b"", note=f"SKIPPED {count} bytes that begin no message")
-
-
-class _Sender(Sender):
-    """What one end of a flow sent."""
-
-    def __init__(self, flow: _Flow) -> None:
-        super().__init__()
-        self.stream, self.framer = tcp.TcpStream(), _Framer(flow)
-        self.types: Counter[str] = Counter()
-
-    def summary(self, name: str, more: str = "") -> Iterator[str]:
-        stream, messages = self.stream, self.types.total() + self.malformed.total()
-        if not messages and not stream.segments:
-            return
-        line = f"  from {name}: {messages} messages in "
-        if self.datagrams:
-            line += f"{self.datagrams} datagrams"
-        else:
-            line += (
-                f"{stream.segments} segments, retransmitted {stream.retransmitted} "
-                f"out of order {stream.reordered} gaps {stream.gaps}"
-            )
-            line += f" ({stream.lost_bytes} B missing)" if stream.gaps else ""
-            skipped, left = self.framer.skipped_bytes, self.framer.left_bytes
-            line += f" skipped {skipped} B" if skipped else ""
-            line += f", the capture ends {left} B into a message" if left else ""
-        yield line + more
-        if self.types:
-            yield f"    {tally(self.types)}"
-        yield from self.reasons()
+    def measure(self, data: bytearray) -> Measured:
+        order = self._flow.byte_order or byte_order(data)
+        prefix = struct.unpack_from(f"{order}i", data)[0]
+        if not LEAST_PREFIX <= prefix <= MOST_PREFIX:
+            return Measured(None, f"prefix outside {LEAST_PREFIX} to {MOST_PREFIX}")
+        self._flow.byte_order = order
+        reason = f"prefix above {LARGEST_PREFIX}, which no message has"
+        return Measured(PREFIX_BYTES + prefix, reason if prefix > LARGEST_PREFIX else "")
 
 
 class _Asked(NamedTuple):
@@ -179,14 +82,14 @@ class _Asked(NamedTuple):
     expected: bool
 
 
-class _Flow(Flow[_Sender]):
+class _Flow(StreamFlow):
     """One port of a controller and one client."""
 
+    title = "simple message"
+
     def __init__(self, controller: Endpoint, client: Endpoint) -> None:
-        super().__init__(controller, client, lambda: _Sender(self))
+        super().__init__(controller, client, lambda: _Framer(self))
         self.byte_order: str | None = None
-        self.waiting_packets: int | None = 0
-        """Packets without a byte before the first with one; None after it."""
         self._real_bytes: set[int] = set()
         self._pending: deque[_Asked] = deque(maxlen=PENDING)
         self._latencies: dict[str, Latencies] = {}
@@ -199,7 +102,6 @@ class _Flow(Flow[_Sender]):
         self._rt: tuple[int, int] | None = None  # message id, time
 
     def take(self, data: bytes, direction: Direction, time_ns: int) -> tuple[str, str]:
-        """One whole message; its line, and why it is malformed ("" when it is not)."""
         sender, message = self.senders[direction], SimpleMessage(data)
         reason = malformed(message)
         if reason is not None:
@@ -214,11 +116,6 @@ class _Flow(Flow[_Sender]):
             said += self._from_client(message, time_ns)
         sender.remarks.update(said)
         return " | ".join((describe(message), *(text.upper() for text in said))), ""
-
-    def broken(self, data: bytes, reason: str, direction: Direction) -> str:
-        """The line of bytes that are no message."""
-        self.senders[direction].malformed[reason] += 1
-        return f"MALFORMED simple message: {reason} {excerpt(data, SHOWN_BYTES, 4)}"
 
     def _from_client(self, message: SimpleMessage, time_ns: int) -> Iterator[str]:
         if isinstance(message, RtJointCommand):
@@ -335,11 +232,8 @@ def _outcome(reply: SimpleMessage) -> str:
     return "SUCCESS" if reply.reply_code == 1 else f"reply_code {reply.reply_code}"
 
 
-class SimpleMessageReader(FlowReader[_Flow]):
-    """TCP streams to and from the ports of a controller, and the datagrams of the NTNU fork.
-
-    A connection that carries no byte is left to the other packets.
-    """
+class SimpleMessageReader(StreamReader[_Flow]):
+    """TCP streams to and from the ports of a controller, and the datagrams of the NTNU fork."""
 
     def __init__(
         self,
@@ -347,80 +241,15 @@ class SimpleMessageReader(FlowReader[_Flow]):
             (*SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT)
         ),
     ) -> None:
-        super().__init__()
-        self._ports = simple_message_ports
-        self._last: CapturedPacket | None = None
+        super().__init__(simple_message_ports)
 
     def open(self, device: Endpoint, client: Endpoint) -> _Flow:
         return _Flow(device, client)
 
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
-        if not isinstance(network, Segment):
-            return
-        if network.protocol == "UDP":
-            yield from self._datagram(packet, network)
-            return
-        direction = self._direction(network)
-        if direction is None:
-            return
-        flow = self.flow(network, direction)
-        if flow.waiting_packets is None:
-            self.packets += 1
-        elif network.payload:
-            self.packets += flow.waiting_packets + 1
-            flow.waiting_packets = None
-        else:
-            flow.waiting_packets += 1
-        self._last = packet
-        events = flow.senders[direction].stream.feed(network, packet.time_ns)
-        yield from self._read(packet, flow, direction, events)
-
-    def finish(self) -> Iterable[PacketLine]:
-        for flow in self.flows.values():
-            for direction, sender in flow.senders.items():
-                if self._last is not None:
-                    yield from self._read(self._last, flow, direction, sender.stream.flush())
-
-    def _read(
-        self,
-        packet: CapturedPacket,
-        flow: _Flow,
-        direction: Direction,
-        events: Iterable[tcp.Event],
-    ) -> Iterator[PacketLine]:
-        """The messages that a stream's events complete, shown with `packet`."""
-        for event in events:
-            time_ns = event.time_ns if isinstance(event, tcp.Bytes) else packet.time_ns
-            for piece in flow.senders[direction].framer.take(event):
-                yield packet, self._line(flow, direction, piece, time_ns)
-
-    def _line(self, flow: _Flow, direction: Direction, piece: _Piece, time_ns: int) -> str:
-        text = piece.note
-        if not text:
-            reason = piece.malformed
-            if reason:
-                text = flow.broken(piece.data, reason, direction)
-            else:
-                text, reason = flow.take(piece.data, direction, time_ns)
-            self.messages += 1
-            if reason:
-                self.count_malformed(reason)
-        ends = (flow.device, flow.client)
-        source, destination = ends if direction is Direction.FROM_DEVICE else ends[::-1]
-        return f"{source} > {destination} {text}"
-
-    def _direction(self, segment: Segment) -> Direction | None:
-        """None when the segment is to or from no controller."""
-        from_port = segment.source.port in self._ports
-        to_port = segment.destination.port in self._ports
-        if from_port and to_port:  # the client's port happens to be one of ours
-            known = self.known_direction(segment)
-            if known is not None:
-                return known
-            from_port = segment.flags & (TCP_SYN | TCP_ACK) != TCP_SYN
-        if from_port:
-            return Direction.FROM_DEVICE
-        return Direction.TO_DEVICE if to_port else None
+        if isinstance(network, Segment) and network.protocol == "UDP":
+            return self._datagram(packet, network)
+        return super().feed(packet, network)
 
     def _datagram(self, packet: CapturedPacket, segment: Segment) -> Iterator[PacketLine]:
         ports = {segment.source.port, segment.destination.port}
@@ -441,10 +270,5 @@ class SimpleMessageReader(FlowReader[_Flow]):
         self.packets += 1
         # Firmware sends its whole buffer; what follows the message means nothing.
         size = PREFIX_BYTES + struct.unpack_from(f"{flow.byte_order}i", segment.payload)[0]
-        piece = _Piece(segment.payload[:size])
-        yield packet, self._line(flow, direction, piece, packet.time_ns)
-
-    def summary(self) -> Iterable[str]:
-        for flow in self.flows.values():
-            if flow.waiting_packets is None:
-                yield from flow.summary()
+        piece = Piece(segment.payload[:size])
+        yield packet, self.line(flow, direction, piece, packet.time_ns)

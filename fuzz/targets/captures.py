@@ -24,6 +24,7 @@ from cardan.gateway.recording.mcap_file import (
 from cardan.gateway.recording.plot import read_series
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
+from cardan.protocols.ur import rtde
 from fuzz.target import Form, Packets, Target
 from fuzz.targets import devices, robots
 from tests.dissect import worked
@@ -72,8 +73,10 @@ def _udp(payload: bytes, source: int, destination: int) -> bytes:
     return head + bytes((192, 0, 2, 1)) + bytes((192, 0, 2, 2)) + body
 
 
-def _tcp(payload: bytes, sequence: int, flags: int = 0x18, back: bool = False) -> bytes:
-    ports = (50240, 40000) if back else (40000, 50240)
+def _tcp(
+    payload: bytes, sequence: int, flags: int = 0x18, back: bool = False, port: int = 50240
+) -> bytes:
+    ports = (port, 40000) if back else (40000, port)
     body = struct.pack("!HHIIBBHHH", *ports, sequence, 1, 0x50, flags, 9999, 0, 0) + payload
     head = struct.pack("!BBHHHBBH", 0x45, 0, 20 + len(body), 1, 0, 64, 6, 0)
     ends = (bytes((192, 0, 2, 1)), bytes((192, 0, 2, 2)))
@@ -93,6 +96,17 @@ def _flows() -> tuple[tuple[int, list[bytes]], ...]:
         _tcp(said[30:], 130),
         _tcp(worked.START_TRAJ_MODE_REPLY + worked.STATUS_ESTOP, 500, back=True),
         _tcp(worked.BUSY_REPLY, 900, 0x11, back=True),
+    ]
+    asked = rtde.ask_version() + rtde.ask_outputs(500.0, ("timestamp", "actual_q"))
+    recipe = rtde.Recipe(1, ("timestamp", "actual_q"), ("DOUBLE", "VECTOR6D"))
+    told = rtde.reply_setup(rtde.SetupReply(rtde.PacketType.OUTPUTS, 1, recipe.types))
+    states = recipe.pack([0.002, (0.5,) * 6]) + recipe.pack([0.004, (0.5,) * 6])
+    ur = [
+        _tcp(b"", 99, 0x02, port=30004),
+        _tcp(asked, 100, port=30004),
+        _tcp(rtde.reply_accepted(rtde.PacketType.START, True) + told, 500, 0x18, True, 30004),
+        _tcp(states[:80], 500 + 4 + len(told), 0x18, True, 30004),
+        _tcp(states[80:], 500 + 84 + len(told), 0x18, True, 30004),
     ]
     urb = struct.pack("<QBBBBHBBqiiII", 7, 67, 1, 0x81, 5, 2, 45, 0, 1, 2, 0, 13, 13) + bytes(24)
     usb = [urb + worked.MOTION, urb + worked.BUTTONS_PRO]
@@ -115,6 +129,7 @@ def _flows() -> tuple[tuple[int, list[bytes]], ...]:
         (101, egm),
         (101, stream),
         (101, simple),
+        (101, ur),
         (220, usb),
         (187, acl),
         (227, frames),

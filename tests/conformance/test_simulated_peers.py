@@ -60,10 +60,11 @@ def test_ids_are_of_one_form_and_belong_to_one_requirement():
 
 
 @pytest.mark.parametrize("suite", SUITES)
-def test_level_0_sends_nothing(suite):
-    report, timeline = simulated(registry.load(suite), Level.LISTEN)
+def test_level_0_sends_nothing_that_could_change_anything(suite):
+    found = registry.load(suite)
+    report, timeline = simulated(found, Level.LISTEN)
     assert report.failed == ()
-    assert not [each for each in timeline if each.sent and each.data]
+    assert not [each for each in timeline if each.sent and each.data and not found.only_asks(each)]
 
 
 @pytest.mark.parametrize("suite", SUITES)

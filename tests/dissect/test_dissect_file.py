@@ -37,7 +37,8 @@ CONTROLLER, PC = ("10.0.0.1", 50123), ("10.0.0.2", EGM_PORTS[0])
 ETHER = Ether(src="02:00:00:00:00:01", dst="02:00:00:00:00:02")
 ETHERTYPE_ONLY = Ether(src=ETHER.src, dst=ETHER.dst, type=0x800)
 FIVE_JOINTS = [0.0] * 5
-NONE = {"EGM": 0, "3Dconnexion": 0, "joint stream": 0, "simple message": 0}
+NONE = {"EGM": 0, "3Dconnexion": 0, "joint stream": 0, "simple message": 0, "RTDE": 0}
+NOTHING = "no EGM, 3Dconnexion, joint stream, simple message or RTDE traffic found in"
 
 
 def read(path, **options):
@@ -223,7 +224,10 @@ def test_other_ports_on_request(capture):
     path = capture(packets)
     counts, text = read(path)
     assert counts.messages["EGM"] == 0
-    assert "no EGM, 3Dconnexion, joint stream or simple message traffic found in 3 packets" in text
+    assert (
+        "no EGM, 3Dconnexion, joint stream, simple message or RTDE traffic found in 3 packets"
+        in text
+    )
     assert "EGM was looked for on UDP ports 6510 6511 6512 6513" in text
     assert read(path, egm_ports=[7000])[0].messages["EGM"] == 3
 
@@ -236,7 +240,10 @@ def test_another_protocol_is_said_not_to_be_ours(capture):
     packets.append(at(4, ETHER / ARP(hwsrc=ETHER.src, psrc="10.0.0.1", pdst="10.0.0.2")))
     counts, text = read(capture(packets))
     assert counts.other_packets == 4
-    assert "no EGM, 3Dconnexion, joint stream or simple message traffic found in 4 packets" in text
+    assert (
+        "no EGM, 3Dconnexion, joint stream, simple message or RTDE traffic found in 4 packets"
+        in text
+    )
     assert "other packets: TCP 40000/50240 x3, ARP x1" in text
 
 
@@ -427,10 +434,7 @@ def test_files_that_are_no_captures(tmp_path, capture):
     with pytest.raises(CaptureError, match=r"not a pcap or pcapng capture \(it begins with 25 50"):
         read(path)
     path.write_bytes(capture(session(1)).read_bytes()[:24])
-    assert (
-        "no EGM, 3Dconnexion, joint stream or simple message traffic found in 0 packets"
-        in read(path)[1]
-    )
+    assert f"{NOTHING} 0 packets" in read(path)[1]
 
 
 @pytest.mark.parametrize("form", ["pcap", "pcapng"])
@@ -602,7 +606,10 @@ def test_usb_devices_that_are_no_6dof_mice(usb_capture):
     cadmouse = descriptor(0x256F, 0xC650)
     counts, text = read(usb_capture([*cadmouse, urb(worked.MOTION)]))
     assert counts.messages["3Dconnexion"] == 0
-    assert "no EGM, 3Dconnexion, joint stream or simple message traffic found in 3 packets" in text
+    assert (
+        "no EGM, 3Dconnexion, joint stream, simple message or RTDE traffic found in 3 packets"
+        in text
+    )
     unknown = descriptor(0x256F, 0xC6FF)
     assert read(usb_capture([*unknown, urb(worked.MOTION)]))[0].messages["3Dconnexion"] == 1
 

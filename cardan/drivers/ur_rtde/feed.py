@@ -70,6 +70,11 @@ def _implausible(values: dict[str, Any]) -> str:
     )
 
 
+def control_rate_hz(version: ControllerVersion | None) -> float:
+    """Of the control loop of a controller; before its version is known an e-Series' is taken."""
+    return CB3_RATE_HZ if version is not None and version.major <= _CB3_MAJOR else E_SERIES_RATE_HZ
+
+
 class RtdeFeed:
     """One RTDE connection after the other. `out` is what to send; the sender takes it out."""
 
@@ -106,9 +111,7 @@ class RtdeFeed:
     @property
     def control_rate_hz(self) -> float:
         """Of the controller's control loop; before it is known an e-Series' is taken."""
-        if self.version is not None and self.version.major <= _CB3_MAJOR:
-            return CB3_RATE_HZ
-        return E_SERIES_RATE_HZ
+        return control_rate_hz(self.version)
 
     @property
     def rate_hz(self) -> float:

@@ -1,0 +1,670 @@
+"""What a Universal Robots controller must do with inputs and programs: levels 1 to 3."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import pairwise
+
+from cardan.conform.requirements import (
+    Outcome,
+    Verdict,
+    at_most,
+    failed,
+    none_wrong,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.conform.ur_rtde.pilot import (
+    BEAT,
+    DESERTED_RAD_S,
+    INPUTS,
+    LAST_JOINT,
+    NONSENSE,
+    OPTIONS,
+    POWER_S,
+    REPORT,
+    SAYS,
+    SLEEP_S,
+    SPARE_INPUT,
+    STEP_RAD,
+    TOKEN,
+    UNKNOWN,
+    WRONG,
+)
+from cardan.conform.ur_rtde.requirements import (
+    BOARD,
+    CLIENT,
+    DRIVER,
+    GUIDE,
+    NO_STATES,
+    cycle_s,
+    refused,
+    requires,
+)
+from cardan.conform.ur_rtde.seen import State, Upload, UrSeen
+from cardan.drivers.ur_rtde.program import Report
+from cardan.protocols.ur import dashboard
+from cardan.protocols.ur.primary import MessageKind
+from cardan.protocols.ur.rtde import IN_USE, NOT_FOUND, PacketType
+from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
+from cardan.protocols.ur.variables import INPUTS as INPUT_TYPES
+
+SCRIPT = "UR's script manual"
+
+BEGINS_WITHIN_S = 1.0
+OBEYED_S, OBEYED_CYCLES = 0.01, 2.0
+"""Two ways over a network, and the cycles in which a command and its report wait."""
+UNOBEYED_S = 0.3
+STILL_RAD = math.radians(0.02)
+WATCHDOG_LATE_S = 0.05
+MOVES_WITHIN_S = 0.1
+REACHED_SHARE = 0.1
+BEYOND_SHARE = 0.2
+AWAY_SHARE = 0.1
+STOPPED_BY_HAND_S = 0.5
+
+_NO_PROGRAM = "no program was sent"
+RUNTIME = "runtime_state"
+
+
+# -- level 1: inputs, power, programs that move nothing ------------------------------------------
+
+
+@requires(101, f"{GUIDE}: field names of inputs; IN_USE")
+def inputs_are_given(seen: UrSeen) -> Verdict:
+    """The registers that the driver writes are given, with the documented types."""
+    found = [each for each in seen.setups(PacketType.INPUTS, "inputs") if each[1].names == INPUTS]
+    if not found:
+        return not_seen("it was not answered")
+    exchange, asked, reply = found[0]
+    wrong = [
+        (exchange.number, f"{name} {kind}")
+        for name, kind in zip(asked.names, reply.types, strict=False)
+        if kind != INPUT_TYPES[name]
+    ]
+    if not wrong and (not reply.recipe or len(reply.types) != len(asked.names)):
+        return failed(f"recipe {reply.recipe}", [exchange.number])
+    return none_wrong(wrong, len(asked.names), f"{len(asked.names)} registers", "")
+
+
+@requires(102, f"{GUIDE}: IN_USE")
+def registers_have_one_writer(seen: UrSeen) -> Verdict:
+    """Registers that one client writes are IN_USE for another."""
+    if not any(each[2].recipe for each in seen.setups(PacketType.INPUTS, "inputs")):
+        return not_seen("no client had any")
+    return refused(seen, PacketType.INPUTS, INPUTS[0], IN_USE, "taken")
+
+
+@requires(103, f"{GUIDE}: NOT_FOUND")
+def unknown_inputs_arerefused(seen: UrSeen) -> Verdict:
+    """An input that there is not is NOT_FOUND, and the recipe 0: none."""
+    return refused(seen, PacketType.INPUTS, UNKNOWN, NOT_FOUND)
+
+
+@requires(104, f"{DRIVER}: the driver reconnects, and needs its registers then")
+def what_a_client_had_is_free_when_it_goes(seen: UrSeen) -> Verdict:
+    """A register of a client that has gone is free 0.2 s later."""
+    first, again = (
+        [each for each in seen.setups(PacketType.INPUTS, phase) if SPARE_INPUT in each[1].names]
+        for phase in ("taken", "free")
+    )
+    if not first or not again or not first[0][2].recipe:
+        return not_seen("it was not taken")
+    exchange, _, reply = again[0]
+    said = f"recipe {reply.recipe}, {', '.join(reply.types)}"
+    return passed(said) if reply.recipe else failed(said, [exchange.number])
+
+
+@requires(105, "RFC 9293: TCP keeps no borders of packets")
+def torn_requests_are_understood(seen: UrSeen) -> Verdict:
+    """A request that arrives in two pieces is answered as one that arrives whole."""
+    found = seen.exchanges(PacketType.CONTROLLER_VERSION, "pieces")
+    if not found:
+        return not_seen("none was sent")
+    reply = found[0].reply
+    return passed("answered") if reply is not None else failed("no answer", [found[0].number])
+
+
+@requires(106, f"{BOARD}; the driver asks CB3 what only e-Series know")
+def unknown_requests_are_answered(seen: UrSeen) -> Verdict:
+    """A request that the dashboard does not know is answered, by a line that is no consent."""
+    found = seen.said(NONSENSE)
+    if not found:
+        return not_seen("it was not asked")
+    said = found[0].said
+    if said is None:
+        return failed("no answer", [found[0].number])
+    agreed = said.lower().startswith(("true", "false", *map(str.lower, dashboard.GRANTED.values())))
+    return failed(repr(said), [found[0].number]) if agreed else passed(repr(said))
+
+
+_NO_REMOTE_CONTROL = "the controller has no remote control, as CB3 have none"
+
+
+def _has_remote_control(seen: UrSeen) -> bool:
+    return any(each.said in ("true", "false") for each in seen.said(dashboard.REMOTE_CONTROL))
+
+
+@requires(107, f"{BOARD}: is in remote control")
+def it_is_in_remote_control(seen: UrSeen) -> Verdict:
+    """An e-Series is in remote control, from the beginning to the end."""
+    found = [
+        each
+        for each in seen.said(dashboard.REMOTE_CONTROL)
+        if each.said is not None and not seen.inside(each.number, "local", "remote")
+    ]
+    if found and not _has_remote_control(seen):
+        return not_applicable(_NO_REMOTE_CONTROL)
+    wrong = [(each.number, repr(each.said)) for each in found if each.said != "true"]
+    return none_wrong(wrong, len(found), f"{len(found)} times", "it was not answered")
+
+
+@requires(108, f"{BOARD}: power on, brake release")
+def power_and_brakes_obey(seen: UrSeen) -> Verdict:
+    """`power on` and `brake release` are granted, and the robot's mode is RUNNING 40 s later."""
+    before, after = _before(seen, "power"), seen.during("power")
+    if not before or not after:
+        return not_seen(NO_STATES)
+    if before[-1].values["robot_mode"] == RobotMode.RUNNING:
+        return passed("they were on and released")
+    for words in (dashboard.POWER_ON, dashboard.BRAKE_RELEASE):
+        for each in seen.said(words):
+            if each.said is None or dashboard.refusal(words, each.said):
+                return failed(f"{words}: {each.said!r}", [each.number])
+    asked_s = after[0].time_s
+    mode = after[-1].values["robot_mode"]
+    if mode != RobotMode.RUNNING:
+        return failed(f"mode {mode} after {POWER_S:g} s", [after[-1].number])
+    took_s = next(s.time_s for s in after if s.values["robot_mode"] == mode) - asked_s
+    return passed(f"after {took_s:.1f} s", took_s, "s")
+
+
+def _programs(seen: UrSeen, *phases: str) -> list[Upload]:
+    """Those that are to be begun; in these phases, or in all but where none may be."""
+    return [
+        each
+        for each in seen.uploads
+        if each.token
+        and (seen.inside(each.number, *phases) if phases else not seen.inside(each.number, "local"))
+    ]
+
+
+def _first(states: Sequence[State], name: str, value: int) -> State | None:
+    return next((each for each in states if each.values[name] == value), None)
+
+
+def _before(seen: UrSeen, phase: str) -> list[State]:
+    """The states that came before a phase; none where the pilot did not come to it."""
+    found = seen.phase(phase)
+    return [] if found is None else [s for s in seen.states if s.number < found.first]
+
+
+def _after(seen: UrSeen, time_s: float) -> list[State]:
+    return [each for each in seen.states if each.time_s > time_s]
+
+
+@requires(109, f"{CLIENT}: a client sends a program, and the controller runs it")
+def programs_are_begun(seen: UrSeen) -> Verdict:
+    """Each program that is sent has written its first register within 1 s."""
+    found = _programs(seen)
+    wrong, latest_s = [], 0.0
+    for each in found:
+        state = _first(_after(seen, each.time_s), TOKEN, each.token)
+        took_s = math.inf if state is None else state.time_s - each.time_s
+        latest_s = max(latest_s, took_s)
+        if took_s > BEGINS_WITHIN_S:
+            words = "never" if state is None else f"after {took_s:.2f} s"
+            wrong.append((each.number, f"{each.name} in {_phase_of(seen, each.number)}: {words}"))
+    if wrong or not found:
+        return none_wrong(wrong, len(found), "", _NO_PROGRAM)
+    return passed(f"{len(found)} programs, within {latest_s * 1e3:.0f} ms", latest_s * 1e3, "ms")
+
+
+def _phase_of(seen: UrSeen, number: int) -> str:
+    return next((name for name in seen.phases if seen.inside(number, name)), "")
+
+
+@requires(110, f"{SCRIPT}: textmsg; {CLIENT}: text message")
+def what_a_program_says_is_told(seen: UrSeen) -> Verdict:
+    """What a program says by textmsg comes over the primary interface."""
+    found = _programs(seen, "say", "replaced")
+    ours = [each for each in found if each.name == "cardan_says"]
+    texts = [
+        each.message.text
+        for each in seen.told
+        if each.message is not None and each.message.kind == MessageKind.TEXT
+    ]
+    wrong = (
+        (each.number, f"{texts[-1]!r}" if texts else "no text came")
+        for each in ours
+        if not any(SAYS in text and str(each.token) in text for text in texts)
+    )
+    return none_wrong(wrong, len(ours), f"{len(ours)} texts", _NO_PROGRAM)
+
+
+@requires(111, f"{GUIDE}: runtime_state")
+def runtime_state_says_what_runs(seen: UrSeen) -> Verdict:
+    """runtime_state is PLAYING while a program of 0.2 s runs, and STOPPED before it and after."""
+    found = _programs(seen, "say")
+    states = seen.during("say")
+    if not found or _first(states, TOKEN, found[0].token) is None:
+        return not_seen("none was begun")
+    playing = [each for each in states if each.values["runtime_state"] == RuntimeState.PLAYING]
+    if not playing:
+        return failed("it was never PLAYING", [found[0].number])
+    took_s = playing[-1].time_s - playing[0].time_s
+    last = states[-1].values["runtime_state"]
+    said = f"PLAYING for {took_s:.2f} s, then {RuntimeState(last).name}"
+    good = took_s > 0.9 * SLEEP_S and last == RuntimeState.STOPPED
+    return passed(said) if good else failed(said, [playing[-1].number])
+
+
+@requires(112, f"{CLIENT}: key message")
+def programs_are_announced(seen: UrSeen) -> Verdict:
+    """Key messages tell that a program has begun, and that it has ended."""
+    if _first(seen.during("say"), RUNTIME, RuntimeState.PLAYING) is None:
+        return not_seen("no program ran")
+    titles = [
+        each.message.title
+        for each in seen.told
+        if each.message is not None
+        and each.message.kind == MessageKind.KEY
+        and seen.inside(each.number, "say", "wrong")
+    ]
+    missing = [t for t in ("PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED") if t not in titles]
+    return failed(f"no {missing[0]}") if missing else passed(f"{len(titles)} messages")
+
+
+@requires(113, f"{SCRIPT}; {CLIENT}: what is wrong with a program is a message")
+def wrong_programs_are_refused_in_words(seen: UrSeen) -> Verdict:
+    """A program that calls what there is not ends at once, and the primary interface says why."""
+    uploads = [each for each in seen.uploads if each.name == WRONG]
+    if not uploads:
+        return not_seen(_NO_PROGRAM)
+    words = [
+        each.message
+        for each in seen.told
+        if each.message is not None
+        and each.message.kind in (MessageKind.TEXT, MessageKind.RUNTIME_EXCEPTION)
+        and seen.inside(each.number, "wrong")
+    ]
+    states = seen.during("wrong")
+    if states and states[-1].values["runtime_state"] != RuntimeState.STOPPED:
+        return failed("it still runs", [states[-1].number])
+    if not words:
+        return failed("nothing was said", [uploads[0].number])
+    return passed(f"line {words[0].line}: {words[0].text!r}")
+
+
+def _follows(state: State) -> bool:
+    return bool(state.values[REPORT] == Report.FOLLOWS)
+
+
+@requires(114, f"{GUIDE}: robot_mode, safety_mode, runtime_state, target_speed_fraction")
+def holding_is_undisturbed(seen: UrSeen) -> Verdict:
+    """Held by the driver's program, the robot is RUNNING, safety is normal, the program plays and
+    the speed slider stands at 100 %."""
+    found = seen.during("hold")
+    if not seen.sent_during("hold") or not found:
+        return not_seen("it was not held")
+    wrong = []
+    for each in found:
+        v = each.values
+        for bad, words in (
+            (v["safety_mode"] not in MOVES_IN, f"safety mode {v['safety_mode']}"),
+            (v["robot_mode"] != RobotMode.RUNNING, f"robot mode {v['robot_mode']}"),
+            (v[RUNTIME] != RuntimeState.PLAYING, f"runtime state {v[RUNTIME]}"),
+            (
+                v["target_speed_fraction"] < 0.999,
+                f"the speed slider at {100.0 * v['target_speed_fraction']:.0f} %",
+            ),
+            (not _follows(each), f"the program reports {v[REPORT]}"),
+        ):
+            if bad:
+                wrong.append((each.number, words))
+                break
+    return none_wrong(wrong, len(found), f"{len(found)} states", "")
+
+
+@requires(115, f"{GUIDE}: inputs act in the cycle after they came; {DRIVER}")
+def commands_are_obeyed(seen: UrSeen) -> Verdict:
+    """Nine of ten commands show their effect within 10 ms and two control cycles, each within 0.3
+    s."""
+    phase, sent = seen.phase("hold"), seen.sent_during("hold")
+    if phase is None or not sent:
+        return not_seen("nothing was commanded")
+    states = iter(seen.during("hold", "silence"))
+    times: list[tuple[float, int]] = []
+    obeyed, now_s = -1, 0.0
+    for each in sent:
+        beat = each.values[INPUTS[1]]
+        while obeyed < beat and (state := next(states, None)) is not None:
+            if state.values[TOKEN] == each.values[INPUTS[0]]:
+                obeyed, now_s = state.values[BEAT], state.time_s
+        late_s = now_s - each.time_s if obeyed >= beat else math.inf
+        if obeyed >= beat or each.time_s < phase.end_s - UNOBEYED_S:
+            times.append((late_s, each.number))
+    lost = [number for late_s, number in times if late_s > UNOBEYED_S]
+    if lost:
+        return failed(f"{len(lost)} of {len(times)} had no effect", lost)
+    if not times:
+        return not_seen("too few commands")
+    late_s, number = sorted(times)[int(0.9 * (len(times) - 1))]
+    said = f"nine of ten within {late_s * 1e3:.1f} ms"
+    return at_most(
+        1e3 * (OBEYED_S + OBEYED_CYCLES * cycle_s(seen)), 1e3 * late_s, "ms", said, [number]
+    )
+
+
+def _farthest(states: Sequence[State], name: str = "actual_q") -> float:
+    """How far any joint was from where it is in the first state, rad."""
+    first = states[0].values[name]
+    return float(
+        max(abs(a - b) for each in states for a, b in zip(each.values[name], first, strict=True))
+    )
+
+
+@requires(116, f"{SCRIPT}: servoj")
+def held_it_stands(seen: UrSeen) -> Verdict:
+    """Sent to its own target by servoj, every joint stays within 0.02 degrees."""
+    found = [each for each in seen.during("hold") if _follows(each)]
+    if len(found) < 50:
+        return not_seen("it was not held")
+    far = _farthest(found)
+    said = f"{math.degrees(far):.4f} degrees at most"
+    return passed(said) if far < STILL_RAD else failed(said)
+
+
+def _ended(seen: UrSeen, phase: str) -> tuple[float, State] | None:
+    """How long after the phase's begin the driver's program reported another than that it follows,
+    and the state that says so."""
+    begun, found = seen.phase(phase), seen.during(phase)
+    before = _before(seen, phase)
+    if begun is None or not found or not before or not _follows(before[-1]):
+        return None
+    state = next((each for each in found if not _follows(each)), None)
+    return (math.inf, found[-1]) if state is None else (state.time_s - begun.start_s, state)
+
+
+def _watchdog(seen: UrSeen, phase: str) -> Verdict:
+    """Whether the program's own watchdog ended it in time, with the arm at rest after it."""
+    found = _ended(seen, phase)
+    if found is None:
+        return not_seen("no program followed then")
+    took_s, state = found
+    report = state.values[REPORT]
+    if report != Report.ENDED_BY_WATCHDOG:
+        return failed(f"it reports {report}", [state.number])
+    said = f"after {took_s * 1e3:.0f} ms"
+    if took_s > OPTIONS.watchdog_s + WATCHDOG_LATE_S:
+        return failed(said, [state.number], took_s * 1e3, "ms")
+    last = seen.during(phase)[-1]
+    if last.values[RUNTIME] != RuntimeState.STOPPED:
+        return failed(f"{said}, then the runtime state {last.values[RUNTIME]}", [last.number])
+    return passed(said, took_s * 1e3, "ms")
+
+
+@requires(117, f"{DRIVER}: the program's watchdog; {SCRIPT}: servoj takes its time")
+def silence_ends_the_program(seen: UrSeen) -> Verdict:
+    """Without commands the driver's program ends after 0.1 s, or no more than 50 ms later."""
+    return _watchdog(seen, "silence")
+
+
+@requires(118, f"{DRIVER}")
+def an_order_ends_the_program(seen: UrSeen) -> Verdict:
+    """A program that was begun again ends by order, its registers keep what it reported, and
+    runtime_state is STOPPED."""
+    found = _ended(seen, "order")
+    if found is None or not seen.sent_during("order"):
+        return not_seen("no program followed then")
+    last = seen.during("order")[-1].values
+    said = f"report {last[REPORT]}, runtime state {last[RUNTIME]}"
+    good = (last[REPORT], last[RUNTIME]) == (Report.ENDED_BY_ORDER, RuntimeState.STOPPED)
+    return passed(said) if good else failed(said, [found[1].number])
+
+
+@requires(119, f"{CLIENT}: a program takes the place of the one that runs")
+def a_program_replaces_another(seen: UrSeen) -> Verdict:
+    """A program that is sent while another runs takes its place."""
+    begun, found = _programs(seen, "replace"), _programs(seen, "replaced")
+    if not begun or not found:
+        return not_seen("no program followed then")
+    state = _first(seen.during("replaced"), TOKEN, found[0].token)
+    if state is None:
+        return failed("it was not begun", [found[0].number])
+    back = [
+        each.number for each in _after(seen, state.time_s) if each.values[TOKEN] == begun[0].token
+    ]
+    return failed("the other goes on", back) if back else passed("it did")
+
+
+# -- level 2: micro-motion ------------------------------------------------------------------------
+
+
+def _last_joint(states: Sequence[State], name: str = "actual_q") -> list[float]:
+    """How far the last joint was from where it is in the first state, rad, in each."""
+    first = states[0].values[name][-1]
+    return [each.values[name][-1] - first for each in states]
+
+
+def _moved(seen: UrSeen) -> list[State] | Verdict:
+    """The states of the motion there, or why there are none."""
+    if not seen.sent_during("out"):
+        return not_seen("it was not tried")
+    found = seen.during("out")
+    return found if len(found) > 1 else not_seen(NO_STATES)
+
+
+@requires(201, f"{SCRIPT}: servoj")
+def commands_move_it(seen: UrSeen) -> Verdict:
+    """The last joint moves within 0.1 s of the first command that says so."""
+    found = _moved(seen)
+    if isinstance(found, Verdict):
+        return found
+    sent = seen.sent_during("out")
+    first = sent[0].values[LAST_JOINT]
+    told = next((c for c in sent if abs(c.values[LAST_JOINT] - first) > 0.02 * STEP_RAD), None)
+    far = _last_joint(found)
+    moved = next((s for s, each in zip(found, far, strict=True) if each > 0.02 * STEP_RAD), None)
+    if told is None:
+        return not_seen("it was not told to")
+    if moved is None:
+        return failed("it never did", [told.number])
+    took_s = moved.time_s - told.time_s
+    said = f"after {took_s * 1e3:.0f} ms"
+    return at_most(1e3 * MOVES_WITHIN_S, 1e3 * took_s, "ms", said, [moved.number])
+
+
+@requires(202, f"{SCRIPT}: servoj")
+def it_gets_there(seen: UrSeen) -> Verdict:
+    """Half a second after a step of 0.2 degrees the joint is there, to a tenth of it."""
+    found = _moved(seen)
+    if isinstance(found, Verdict):
+        return found
+    far = _last_joint(found)[-1]
+    said = f"{math.degrees(far):.3f} degrees"
+    good = abs(far / STEP_RAD - 1.0) < REACHED_SHARE
+    return passed(said) if good else failed(said, [found[-1].number])
+
+
+@requires(203, f"{SCRIPT}: servoj, lookahead_time and gain")
+def it_does_not_overshoot(seen: UrSeen) -> Verdict:
+    """On its way it goes no more than 20 % beyond the step's end."""
+    found = _moved(seen)
+    if isinstance(found, Verdict):
+        return found
+    beyond = max(_last_joint(found)) / STEP_RAD - 1.0
+    said = f"{100.0 * max(beyond, 0.0):.1f} %"
+    return passed(said) if beyond < BEYOND_SHARE else failed(said)
+
+
+@requires(204, f"{SCRIPT}: servoj")
+def the_other_joints_stand(seen: UrSeen) -> Verdict:
+    """Meanwhile no other joint moves by more than a tenth of the step."""
+    found = _moved(seen)
+    if isinstance(found, Verdict):
+        return found
+    first = found[0].values["actual_q"][:-1]
+    far = max(
+        abs(a - b) for s in found for a, b in zip(s.values["actual_q"][:-1], first, strict=True)
+    )
+    said = f"{math.degrees(far):.4f} degrees at most"
+    return passed(said) if far < AWAY_SHARE * STEP_RAD else failed(said)
+
+
+@requires(205, f"{GUIDE}: actual_qd, target_qd")
+def speeds_are_those_of_the_joints(seen: UrSeen) -> Verdict:
+    """The speeds that it tells add up to the way that the joint goes, to a tenth of it."""
+    found = _moved(seen)
+    if isinstance(found, Verdict):
+        return found
+    wrong = []
+    for place, speed in (("actual_q", "actual_qd"), ("target_q", "target_qd")):
+        way = sum(
+            b.values[speed][-1] * (b.values["timestamp"] - a.values["timestamp"])
+            for a, b in pairwise(found)
+        )
+        far = _last_joint(found, place)[-1]
+        if abs(way - far) > REACHED_SHARE * STEP_RAD:
+            words = f"{speed} {math.degrees(way):.3f}, {place} {math.degrees(far):.3f} degrees"
+            wrong.append((found[-1].number, words))
+    return none_wrong(wrong, 2, "actual and target", "")
+
+
+@requires(206, f"{DRIVER}: the program's watchdog; {SCRIPT}: stopj")
+def deserted_in_motion_it_stops(seen: UrSeen) -> Verdict:
+    """Without commands in motion the program ends by its watchdog, and the arm stands 0.1 s
+    later, having gone on no farther than it had to."""
+    verdict = _watchdog(seen, "deserted")
+    found, ended = seen.during("deserted"), _ended(seen, "deserted")
+    if ended is None or verdict.outcome is not Outcome.PASSED:
+        return verdict
+    far = abs(_last_joint(found)[-1])
+    after = [each for each in found if each.time_s > ended[1].time_s + 0.1]
+    rest = abs(_last_joint(after)[-1]) if after else math.inf
+    most = 1.5 * DESERTED_RAD_S * (OPTIONS.watchdog_s + OPTIONS.lookahead_s)
+    said = f"{verdict.said}, {math.degrees(far):.3f} degrees, {math.degrees(rest):.4f} at the end"
+    good = 0.3 * DESERTED_RAD_S * OPTIONS.watchdog_s < far < most and rest < STILL_RAD / 10.0
+    return passed(said) if good else failed(said, [found[-1].number])
+
+
+@requires(207, f"{SCRIPT}: servoj; a program begun anew starts where the arm is")
+def it_comes_back(seen: UrSeen) -> Verdict:
+    """Begun anew, the program takes the joint back to where it was, to a tenth of the step."""
+    there, back = _moved(seen), seen.during("back")
+    if isinstance(there, Verdict):
+        return there
+    if not seen.sent_during("back") or not back:
+        return not_seen("no program followed then")
+    left = back[-1].values["actual_q"][-1] - there[0].values["actual_q"][-1]
+    said = f"{math.degrees(left):.4f} degrees off"
+    good = abs(left) < REACHED_SHARE * STEP_RAD
+    return passed(said) if good else failed(said, [back[-1].number])
+
+
+# -- level 3: by hand -----------------------------------------------------------------------------
+
+
+@requires(301, f"{GUIDE}: target_speed_fraction")
+def the_speed_slider_is_told(seen: UrSeen) -> Verdict:
+    """target_speed_fraction follows the speed slider to the half, and back."""
+    half, full = seen.during("slider-half"), seen.during("slider-full")
+    if not half or not full:
+        return not_seen(NO_STATES)
+    values = [found[-1].values["target_speed_fraction"] for found in (half, full)]
+    said = f"{values[0]:.2f}, then {values[1]:.2f}"
+    return passed(said) if 0.3 < values[0] < 0.7 and values[1] > 0.95 else failed(said)
+
+
+def _never_local(seen: UrSeen) -> Verdict | None:
+    """Why nothing can be judged of local control; None: it can."""
+    if seen.phase("local") is not None:
+        return None
+    if _has_remote_control(seen):
+        return not_seen("it was not in remote control before")
+    return not_applicable(_NO_REMOTE_CONTROL)
+
+
+@requires(302, f"{BOARD}: is in remote control")
+def local_control_is_told(seen: UrSeen) -> Verdict:
+    """In local control the dashboard says so, and in remote control again."""
+    if (why := _never_local(seen)) is not None:
+        return why
+    found = [
+        [
+            each.said
+            for each in seen.said(dashboard.REMOTE_CONTROL)
+            if seen.inside(each.number, name)
+        ]
+        for name in ("local", "remote")
+    ]
+    said = " then ".join(str(each[-1]) if each else "nothing" for each in found)
+    return passed(said) if said == "false then true" else failed(said)
+
+
+@requires(303, "UR's user manual, e-Series: remote control")
+def local_control_takes_no_programs(seen: UrSeen) -> Verdict:
+    """In local control a program that is sent is not begun."""
+    if (why := _never_local(seen)) is not None:
+        return why
+    uploads = _programs(seen, "local")
+    if not uploads:
+        return not_seen(_NO_PROGRAM)
+    state = _first(seen.states, TOKEN, uploads[0].token)
+    return passed("it was not") if state is None else failed("it was", [state.number])
+
+
+def _emergency(seen: UrSeen) -> list[State]:
+    stops = (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP)
+    return [each for each in seen.during("estop") if each.values["safety_mode"] in stops]
+
+
+@requires(304, f"{GUIDE}: safety_mode")
+def an_emergency_stop_is_told(seen: UrSeen) -> Verdict:
+    """After an emergency stop safety_mode says so, and no state says that a program plays half a
+    second later."""
+    found = _emergency(seen)
+    if not found:
+        return not_seen("no state told of one")
+    begun_s = found[0].time_s + STOPPED_BY_HAND_S
+    wrong = [
+        each.number
+        for each in found
+        if each.time_s > begun_s and each.values[RUNTIME] == RuntimeState.PLAYING
+    ]
+    return failed("a program plays", wrong) if wrong else passed(f"{len(found)} states")
+
+
+@requires(305, f"{GUIDE}: robot_mode; stop category 1")
+def an_emergency_stop_takes_the_power(seen: UrSeen) -> Verdict:
+    """Within a second of it the robot is no longer RUNNING."""
+    found = _emergency(seen)
+    if not found:
+        return not_seen("no state told of one")
+    mode = found[-1].values["robot_mode"]
+    said = RobotMode(mode).name if mode in RobotMode._value2member_map_ else str(mode)
+    good = mode != RobotMode.RUNNING
+    return passed(said) if good else failed(said, [found[-1].number])
+
+
+@requires(306, f"{DRIVER}: after a stop nothing starts by itself")
+def release_starts_nothing(seen: UrSeen) -> Verdict:
+    """When the emergency stop is released the robot is not RUNNING by itself, and no program
+    plays."""
+    found = [each for each in seen.during("release") if each not in _emergency(seen)]
+    found = [each for each in found if each.values["safety_mode"] in MOVES_IN]
+    if not _emergency(seen) or not found:
+        return not_seen("it was not released")
+    wrong = (
+        (each.number, f"mode {each.values['robot_mode']}, runtime state {each.values[RUNTIME]}")
+        for each in found
+        if each.values["robot_mode"] == RobotMode.RUNNING
+        or each.values[RUNTIME] == RuntimeState.PLAYING
+    )
+    return none_wrong(wrong, len(found), f"{len(found)} states", "")
+
+
+ALL = requires.all()
+"""The requirements of all levels."""

@@ -1,0 +1,455 @@
+"""What a Universal Robots controller must tell a client that only reads: level 0."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Any
+
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    at_most,
+    failed,
+    none_wrong,
+    not_seen,
+    passed,
+)
+from cardan.conform.ur_rtde.pilot import FUTURE_VERSION, OPTIONS, OUTPUTS, REPLY_S, SLOWER, UNKNOWN
+from cardan.conform.ur_rtde.second import readings_differ
+from cardan.conform.ur_rtde.seen import RTDE, SECOND, Exchange, State, Stream, UrSeen
+from cardan.drivers.ur_rtde.feed import control_rate_hz
+from cardan.protocols.ur import dashboard
+from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, read_mode
+from cardan.protocols.ur.rtde import (
+    NOT_FOUND,
+    VERSION,
+    Accepted,
+    ControllerVersion,
+    PacketType,
+    Request,
+)
+from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyBit, SafetyMode, StatusBit
+from cardan.protocols.ur.variables import OUTPUTS as OUTPUT_TYPES
+
+GUIDE = "UR's RTDE guide"
+CLIENT = "UR's client interface tables"
+BOARD = "UR's dashboard server pages"
+DRIVER = "docs/universal-robots.md"
+
+FEWEST = 30
+"""States, to say anything of their times."""
+PERIOD_SHARE = 0.02
+JITTER_S, JITTER_SHARE = 0.0015, 0.05
+LEFT_OUT_SHARE = 0.01
+SILENCE_S = OPTIONS.state_timeout_s
+"""The driver takes the link for lost then."""
+WHOLE_WITHIN_S = 0.0005
+CLOCK_SHARE, CLOCK_S = 0.01, 0.02
+STATE_PERIOD_S, STATE_PERIOD_SHARE = 0.1, 0.1
+MODE_FOLLOWS_S = 0.3
+"""The interfaces tell of one moment at different times."""
+
+requires: Requirements[UrSeen] = Requirements("UR")
+NO_STATES = "no states came"
+
+
+def cycle_s(seen: UrSeen) -> float:
+    """The period of its control loop, by the version that it tells."""
+    return 1.0 / control_rate_hz(_version(seen))
+
+
+def _version(seen: UrSeen) -> ControllerVersion | None:
+    found = (each.reply for each in seen.heard if isinstance(each.reply, ControllerVersion))
+    return next(found, None)
+
+
+def _accepted(exchange: Exchange) -> bool | None:
+    """What was answered; None: nothing was."""
+    reply = None if exchange.reply is None else exchange.reply.reply
+    return reply.accepted if isinstance(reply, Accepted) else None
+
+
+def _versions(seen: UrSeen, version: int) -> list[Exchange]:
+    return [
+        each
+        for each in seen.exchanges(PacketType.PROTOCOL_VERSION)
+        if isinstance(each.asked, Request) and each.asked.version == version
+    ]
+
+
+def _streams(seen: UrSeen, channel: str = RTDE) -> list[Stream]:
+    return [each for each in seen.streams if each.channel == channel]
+
+
+# -- level 0: what it tells -----------------------------------------------------------------------
+
+
+@requires(1, f"{GUIDE}: protocol version 2")
+def version_2_is_spoken(seen: UrSeen) -> Verdict:
+    """The protocol version 2 is accepted."""
+    found = _versions(seen, VERSION)
+    wrong = [(each.number, "refused") for each in found if _accepted(each) is False]
+    if found and all(_accepted(each) is None for each in found):
+        return failed("no answer", [found[0].number])
+    return none_wrong(wrong, len(found), f"{len(found)} times", "it was not asked")
+
+
+@requires(2, f"{GUIDE}: header, and a payload for each type")
+def bytes_are_packets(seen: UrSeen) -> Verdict:
+    """All that comes is whole: packets of a known type and form, packages, and lines of text."""
+    count = len(seen.heard) + len(seen.told) + len(seen.lines)
+    said = f"{len(seen.heard)} packets, {len(seen.told)} packages, {len(seen.lines)} lines"
+    return none_wrong(seen.unread, count + len(seen.unread), said, "nothing came")
+
+
+@requires(3, f"{GUIDE}: accepted or not")
+def other_versions_arerefused(seen: UrSeen) -> Verdict:
+    """A protocol version that there is not is refused."""
+    found = _versions(seen, FUTURE_VERSION)
+    if not found or _accepted(found[0]) is None:
+        return not_seen("it was not answered")
+    return failed("accepted", [found[0].number]) if _accepted(found[0]) else passed("refused")
+
+
+@requires(4, f"{GUIDE}: URControl version")
+def it_says_its_version(seen: UrSeen) -> Verdict:
+    """It tells its software's version, which is 3 or newer."""
+    found = _version(seen)
+    if found is None:
+        return failed("it was not told")
+    said = ".".join(map(str, found))
+    return passed(said) if found.major >= 3 else failed(said)
+
+
+@requires(5, f"{GUIDE}: each request has its return")
+def every_request_is_answered(seen: UrSeen) -> Verdict:
+    """Each RTDE request is answered within 1 s by a packet of its own type."""
+    wrong, latest_s = [], 0.0
+    for each in seen.asked:
+        if each.reply is None:
+            wrong.append((each.number, f"no answer to {each.asked.kind.name}"))
+        else:
+            latest_s = max(latest_s, each.reply.time_s - each.time_s)
+            if each.reply.time_s - each.time_s > REPLY_S:
+                wrong.append((each.number, f"after {each.reply.time_s - each.time_s:.2f} s"))
+    count = len(seen.asked)
+    return none_wrong(wrong, count, f"{count}, within {latest_s * 1e3:.1f} ms", "nothing was asked")
+
+
+@requires(6, f"{GUIDE}: field names and associated types")
+def outputs_are_as_documented(seen: UrSeen) -> Verdict:
+    """All states that the driver asks for are there, with the documented types."""
+    found = [each for each in seen.setups(PacketType.OUTPUTS) if each[1].names == OUTPUTS]
+    if not found:
+        return not_seen("it was not answered")
+    exchange, asked, reply = found[0]
+    if len(reply.types) != len(asked.names):
+        return failed(f"{len(reply.types)} types for {len(asked.names)}", [exchange.number])
+    wrong = [
+        (exchange.number, f"{name} {kind}")
+        for name, kind in zip(asked.names, reply.types, strict=True)
+        if kind != OUTPUT_TYPES[name]
+    ]
+    if not wrong and not reply.recipe:
+        return failed("no recipe", [exchange.number])
+    return none_wrong(wrong, len(asked.names), f"{len(asked.names)} states", "")
+
+
+def refused(seen: UrSeen, kind: PacketType, name: str, word: str, *phases: str) -> Verdict:
+    """Whether a recipe with a name was refused with `word`."""
+    found = [each for each in seen.setups(kind, *phases) if name in each[1].names]
+    if not found:
+        return not_seen("it was not answered")
+    exchange, asked, reply = found[-1]
+    types = dict(zip(asked.names, reply.types, strict=False))
+    said = f"recipe {reply.recipe}, {types.get(name, 'no type')}"
+    good = not reply.recipe and types.get(name) == word
+    return passed(said) if good else failed(said, [exchange.number])
+
+
+@requires(7, f"{GUIDE}: NOT_FOUND")
+def unknown_outputs_arerefused(seen: UrSeen) -> Verdict:
+    """A name that there is not is NOT_FOUND, and the recipe 0: none."""
+    return refused(seen, PacketType.OUTPUTS, UNKNOWN, NOT_FOUND)
+
+
+@requires(8, f"{GUIDE}: start and pause")
+def states_come_from_start_to_pause(seen: UrSeen) -> Verdict:
+    """Data packages come between START and PAUSE, and at no other time."""
+    period_s = cycle_s(seen)
+    ends = [each.end_s for each in seen.streams]
+    wrong = [
+        (number, "a package outside")
+        for number, time_s, _ in seen.strays
+        # One that was on its way meets the answer.
+        if not any(end_s <= time_s < end_s + 2.0 * period_s for end_s in ends)
+    ]
+    empty = [each for each in seen.streams if not each.states]
+    if empty and not wrong:
+        return failed(f"none in {len(empty)} of {len(seen.streams)} streams")
+    count = len(seen.states)
+    return none_wrong(wrong, count + len(wrong), f"{len(seen.streams)} streams", NO_STATES)
+
+
+def _steps(seen: UrSeen) -> list[tuple[State, State]]:
+    """Neighbours in the streams of the connection that is judged."""
+    return [pair for each in _streams(seen) for pair in pairwise(each.states)]
+
+
+@requires(9, f"{GUIDE}: 500 Hz on e-Series, 125 Hz on CB3")
+def the_period_is_the_control_loop_s(seen: UrSeen) -> Verdict:
+    """Asked for all, it sends a state in each control cycle: 2 ms, CB3 8 ms, to 2 % in the mean."""
+    found = seen.during("listen")
+    if len(found) < FEWEST:
+        return not_seen("too few states")
+    period_s = (found[-1].time_s - found[0].time_s) / (len(found) - 1)
+    said = f"{period_s * 1e3:.3f} ms"
+    good = abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE
+    return passed(said) if good else failed(said, [found[-1].number])
+
+
+@requires(10, f"{GUIDE}: a controller that is busy leaves packages out")
+def none_is_left_out(seen: UrSeen) -> Verdict:
+    """At most 1 % of the states are left out, as their timestamps say."""
+    period_s, found = cycle_s(seen), _steps(seen)
+    if len(found) < FEWEST:
+        return not_seen("too few states")
+    left_out = [
+        (round((b.values["timestamp"] - a.values["timestamp"]) / period_s) - 1, b.number)
+        for a, b in found
+    ]
+    count = sum(max(each, 0) for each, _ in left_out)
+    said = f"{count} of {len(found) + count}"
+    most = LEFT_OUT_SHARE * (len(found) + count)
+    return at_most(most, count, "", said, (number for each, number in left_out if each > 0))
+
+
+@requires(11, f"{GUIDE}: timestamp, seconds since the controller was started")
+def its_clock_goes_as_ours(seen: UrSeen) -> Verdict:
+    """timestamp never goes back, and advances as time does, to 1 % and 20 ms."""
+    found = _steps(seen)
+    wrong = [
+        (b.number, "it does not advance")
+        for a, b in found
+        if b.values["timestamp"] <= a.values["timestamp"]
+    ]
+    for each in _streams(seen):
+        if len(each.states) > 1:
+            first, last = each.states[0], each.states[-1]
+            theirs_s = last.values["timestamp"] - first.values["timestamp"]
+            ours_s = last.time_s - first.time_s
+            if abs(theirs_s - ours_s) > CLOCK_SHARE * ours_s + CLOCK_S:
+                wrong.append((last.number, f"{theirs_s:.3f} s in {ours_s:.3f} s"))
+    return none_wrong(wrong, len(found), f"{len(found)} states", NO_STATES)
+
+
+@requires(12, f"{DRIVER}: state_timeout_s")
+def it_is_never_silent(seen: UrSeen) -> Verdict:
+    """From START to PAUSE it is never 0.1 s without a state, whatever else is done."""
+    gaps = []
+    for each in _streams(seen):
+        number = each.states[-1].number if each.states else 0
+        times = [each.start_s, *(state.time_s for state in each.states), each.end_s]
+        gaps.append((max(b - a for a, b in pairwise(times)), number))
+    if not gaps:
+        return not_seen("nothing was started")
+    longest_s, number = max(gaps)
+    said = f"longest {longest_s * 1e3:.1f} ms"
+    return at_most(1e3 * SILENCE_S, 1e3 * longest_s, "ms", said, [number])
+
+
+@requires(13, f"{GUIDE}: a package in each control cycle")
+def arrival_is_steady(seen: UrSeen) -> Verdict:
+    """95 % of the states arrive within 1.5 ms of their period after the one before."""
+    found = _steps(seen)
+    if len(found) < FEWEST:
+        return not_seen("too few states")
+    off = sorted(
+        (abs(b.time_s - a.time_s - (b.values["timestamp"] - a.values["timestamp"])), b.number)
+        for a, b in found
+    )
+    figure, number = off[int((1.0 - JITTER_SHARE) * (len(off) - 1))]
+    said = f"95 % within {figure * 1e3:.2f} ms"
+    return at_most(1e3 * JITTER_S, 1e3 * figure, "ms", said, [number])
+
+
+@requires(14, "a controller writes a packet at once; half of one says nothing yet")
+def packets_are_not_torn(seen: UrSeen) -> Verdict:
+    """Of an RTDE packet whose first bytes have come the rest is there within half a millisecond."""
+    torn = [
+        (each.number, f"{(each.time_s - each.begun_s) * 1e3:.1f} ms")
+        for each in seen.heard
+        if each.time_s - each.begun_s > WHOLE_WITHIN_S
+    ]
+    allowed = len(torn) <= 0.01 * len(seen.heard)
+    said = f"{len(seen.heard)} packets, {len(torn)} in pieces"
+    return none_wrong([] if allowed else torn, len(seen.heard), said, "nothing came")
+
+
+@requires(15, f"{GUIDE}: each client has its recipes and its frequency")
+def another_client_has_its_own_rate(seen: UrSeen) -> Verdict:
+    """Another client beside it gets a tenth of the states, evenly, when it asks for a tenth."""
+    found = [pair for each in _streams(seen, SECOND) for pair in pairwise(each.states)]
+    if len(found) < 3:
+        return not_seen("it got no states")
+    want_s = SLOWER * cycle_s(seen)
+    wrong = [
+        (b.number, f"{(b.values['timestamp'] - a.values['timestamp']) * 1e3:.1f} ms")
+        for a, b in found
+        if abs(b.values["timestamp"] - a.values["timestamp"] - want_s) > 0.1 * want_s
+    ]
+    allowed = len(wrong) <= LEFT_OUT_SHARE * len(found)
+    said = f"{len(found) + 1} states, {want_s * 1e3:g} ms apart"
+    return none_wrong([] if allowed else wrong, len(found), said, "")
+
+
+def _implausible(values: dict[str, Any]) -> str:
+    for name, value in values.items():
+        numbers = value if isinstance(value, tuple) else (value,)
+        if not all(map(math.isfinite, numbers)):
+            return f"{name} is not finite"
+    for name in ("actual_q", "target_q"):
+        if max(map(abs, values[name])) > 2.1 * math.pi:
+            return f"{name} beyond 378 degrees"
+    for name, known in (
+        ("robot_mode", RobotMode),
+        ("safety_mode", SafetyMode),
+        ("runtime_state", RuntimeState),
+    ):
+        if values[name] not in known._value2member_map_:
+            return f"{name} {values[name]}"
+    if not 0.0 <= values["target_speed_fraction"] <= 1.0:
+        return f"target_speed_fraction {values['target_speed_fraction']:g}"
+    return ""
+
+
+@requires(16, f"{GUIDE}: field names, units and modes")
+def states_are_plausible(seen: UrSeen) -> Verdict:
+    """Values are finite, joints inside their ranges, modes known, and the speed slider 0 to 1."""
+    wrong = ((each.number, why) for each in seen.states if (why := _implausible(each.values)))
+    return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", NO_STATES)
+
+
+@requires(17, f"{GUIDE}: robot_status_bits, safety_status_bits")
+def bits_say_what_modes_say(seen: UrSeen) -> Verdict:
+    """The bits for power, for normal mode and for a protective stop say what the modes say."""
+    wrong = []
+    for each in seen.states:
+        v = each.values
+        power = bool(v["robot_status_bits"] & StatusBit.POWER_ON)
+        if v["robot_mode"] in (RobotMode.IDLE, RobotMode.RUNNING) and not power:
+            wrong.append((each.number, f"no power in mode {v['robot_mode']}"))
+        if v["robot_mode"] == RobotMode.POWER_OFF and power:
+            wrong.append((each.number, "power in the mode POWER_OFF"))
+        for mode, bit in (
+            (SafetyMode.NORMAL, SafetyBit.NORMAL),
+            (SafetyMode.PROTECTIVE_STOP, SafetyBit.PROTECTIVE_STOP),
+        ):
+            if (v["safety_mode"] == mode) != bool(v["safety_status_bits"] & bit):
+                bits = v["safety_status_bits"]
+                wrong.append((each.number, f"safety mode {v['safety_mode']}, bits {bits:#x}"))
+    return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", NO_STATES)
+
+
+@requires(18, "a client's connection is its own to end")
+def connections_last(seen: UrSeen) -> Verdict:
+    """No connection is refused, or closed by the controller while it is used."""
+    wrong = [(number, f"{event.channel} {event.kind.value}") for number, event in seen.ended]
+    count = len(seen.opened) + len(wrong)
+    return none_wrong(wrong, count, f"{len(seen.opened)} connections", "none was")
+
+
+@requires(21, f"{CLIENT}: version message, robot state")
+def the_primary_interface_begins_with_a_version(seen: UrSeen) -> Verdict:
+    """The primary interface sends its version first, and then robot states."""
+    if seen.phase("primary") is None:
+        return not_seen("it was not opened")
+    if not seen.told:
+        return failed("nothing came")
+    first = seen.told[0]
+    if first.message is None or first.message.kind != MessageKind.VERSION:
+        return failed(f"first a package of type {first.package.kind}", [first.number])
+    count = sum(each.package.kind == ROBOT_STATE for each in seen.told)
+    said = f"{first.message.text}, {count} states"
+    return passed(said) if count else failed(said)
+
+
+@requires(22, f"{CLIENT}: 10 Hz")
+def robot_states_come_ten_times_a_second(seen: UrSeen) -> Verdict:
+    """Robot states of the primary interface come ten times a second, to a tenth."""
+    times = [each.time_s for each in seen.told if each.package.kind == ROBOT_STATE]
+    if len(times) < 4:
+        return not_seen("too few robot states")
+    period_s = (times[-1] - times[0]) / (len(times) - 1)
+    said = f"{period_s * 1e3:.1f} ms"
+    good = abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE
+    return passed(said) if good else failed(said)
+
+
+def _near(seen: UrSeen, time_s: float) -> list[State]:
+    """States of about that time."""
+    return [each for each in seen.states if abs(each.time_s - time_s) < MODE_FOLLOWS_S]
+
+
+@requires(23, f"{CLIENT}: robot mode data; {GUIDE}: robot_mode")
+def both_interfaces_tell_one_mode(seen: UrSeen) -> Verdict:
+    """The robot mode of the primary interface is one that RTDE tells within 0.3 s of it."""
+    wrong, count = [], 0
+    for each in seen.told:
+        mode = read_mode(each.package)
+        if mode is None:
+            continue
+        around = {state.values["robot_mode"] for state in _near(seen, each.time_s)}
+        if around:
+            count += 1
+            if mode.robot_mode not in around:
+                wrong.append((each.number, f"{mode.robot_mode.name}, RTDE {sorted(around)}"))
+    return none_wrong(wrong, count, f"{count} states", "no robot state could be compared")
+
+
+@requires(24, f"{BOARD}: a line a request, a line a reply")
+def the_dashboard_greets_and_answers(seen: UrSeen) -> Verdict:
+    """The dashboard server greets, and answers each request by one line."""
+    if seen.phase("dashboard") is None:
+        return not_seen("it was not opened")
+    greeting = seen.said("")
+    if not greeting or not (greeting[0].said or "").startswith(dashboard.GREETING):
+        said = greeting[0].said if greeting else "nothing"
+        return failed(f"greeted with {said!r}")
+    asked = [each for each in seen.lines if each.asked]
+    wrong = [(each.number, f"{each.asked}: no answer") for each in asked if each.said is None]
+    wrong += [
+        (after.number, f"{after.asked}: two lines")
+        for before, after in pairwise(asked)
+        if before.request == after.request
+    ]
+    return none_wrong(wrong, len(asked), f"{len(asked)} requests", "nothing was asked")
+
+
+_BOARD_MODES = {
+    dashboard.ROBOT_MODE: ("robot_mode", "Robotmode: ", RobotMode),
+    dashboard.SAFETY_STATUS: ("safety_mode", "Safetystatus: ", SafetyMode),
+}
+
+
+@requires(25, f"{BOARD}; {GUIDE}: robot_mode, safety_mode")
+def the_dashboard_tells_the_same_modes(seen: UrSeen) -> Verdict:
+    """robotmode and safetystatus of the dashboard are those that RTDE tells within 0.3 s."""
+    wrong, count = [], 0
+    for words, (name, begins, modes) in _BOARD_MODES.items():
+        for each in seen.said(words):
+            around = {state.values[name] for state in _near(seen, each.time_s)}
+            if each.said is None or not around:
+                continue
+            count += 1
+            names = {modes(value).name for value in around if value in modes._value2member_map_}
+            if each.said.removeprefix(begins) not in names:
+                wrong.append((each.number, f"{each.said!r}, RTDE {', '.join(sorted(names))}"))
+    return none_wrong(wrong, count, f"{count} answers", "none could be compared")
+
+
+@requires(26, "cardan.dissect: a second description of the protocol")
+def both_descriptions_agree(seen: UrSeen) -> Verdict:
+    """A second reader, the scapy layers, sees the same replies, recipes and values."""
+    return readings_differ(seen)

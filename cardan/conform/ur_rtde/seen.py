@@ -1,0 +1,361 @@
+"""What judges of a Universal Robots controller look at: packets, packages and lines of a timeline,
+decoded once."""
+
+from __future__ import annotations
+
+import re
+from typing import Any, NamedTuple
+
+from cardan.conform.timeline import Event, Kind, Phase, Timeline
+from cardan.protocols.ur.dashboard import LineReader
+from cardan.protocols.ur.primary import Package, PackageReader, RobotMessage, read_message
+from cardan.protocols.ur.rtde import (
+    Accepted,
+    Asked,
+    Data,
+    Malformed,
+    PacketReader,
+    PacketType,
+    Recipe,
+    Reply,
+    Request,
+    Setup,
+    SetupReply,
+    Text,
+    packet,
+    read_reply,
+    read_request,
+)
+
+RTDE, SECOND = "rtde", "rtde-2"
+"""Channels: the connection that is judged, and another client's beside it."""
+TOKEN = re.compile(r"write_output_integer_register\(\d+, (\d{2,})\)")
+"""In a program: what it writes first, so that it is known to run."""
+_NAME = re.compile(r"def (\w+)\(\)")
+
+
+class Heard(NamedTuple):
+    """A packet of the controller's."""
+
+    number: int
+    """Of the event that completed it."""
+    begun_s: float
+    time_s: float
+    channel: str
+    reply: Reply
+    raw: bytes
+
+
+class Exchange(NamedTuple):
+    """A request of ours, and its reply."""
+
+    number: int
+    time_s: float
+    channel: str
+    asked: Request | Setup
+    reply: Heard | None
+
+
+class State(NamedTuple):
+    """A data package, by the names of its recipe."""
+
+    number: int
+    time_s: float
+    values: dict[str, Any]
+
+
+class Stream(NamedTuple):
+    """Data packages from a start to a pause, or to the end."""
+
+    channel: str
+    start_s: float
+    end_s: float
+    states: list[State]
+
+
+class Told(NamedTuple):
+    """A package of the primary interface."""
+
+    number: int
+    begun_s: float
+    time_s: float
+    package: Package
+    message: RobotMessage | None
+
+
+class Line(NamedTuple):
+    """A request to the dashboard server, and what it said; before any request, its greeting."""
+
+    number: int
+    time_s: float
+    request: int
+    """Number of the request's event."""
+    asked: str
+    said: str | None
+
+
+class Upload(NamedTuple):
+    """A program of ours."""
+
+    number: int
+    time_s: float
+    name: str
+    token: int
+    """0: it has none."""
+
+
+class _Connection:
+    """What is known of an RTDE connection while it is open."""
+
+    def __init__(self) -> None:
+        self.theirs, self.ours = PacketReader(), PacketReader()
+        self.begun_s = 0.0
+        self.open: list[tuple[int, float, Request | Setup]] = []
+        self.outputs: Recipe | None = None
+        self.inputs: dict[int, Recipe] = {}
+        self.stream: list[State] | None = None
+        self.stream_s = 0.0
+
+
+class UrSeen:
+    """The bytes of a timeline."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self.phases = timeline.phases()
+        self.end_s = timeline.end_s
+        self.heard: list[Heard] = []
+        self.unread: list[tuple[int, str]] = []
+        """Numbers of events with what cannot be read, and why."""
+        self.asked: list[Exchange] = []
+        self.states: list[State] = []
+        """Of the connection that is judged."""
+        self.strays: list[tuple[int, float, str]] = []
+        """Data packages that nothing had been started for."""
+        self.streams: list[Stream] = []
+        self.recipes: dict[int, Recipe] = {}
+        """Of each data package, by its event's number: those of the judged connection."""
+        self.commands: list[State] = []
+        """What we wrote, by the names of its recipe."""
+        self.told: list[Told] = []
+        self.lines: list[Line] = []
+        self.uploads: list[Upload] = []
+        self.opened: list[str] = []
+        self.ended: list[tuple[int, Event]] = []
+        """Connections that the controller closed or refused."""
+        self._connections: dict[str, _Connection] = {}
+        self._packages = PackageReader()
+        self._package_begun_s: float | None = None
+        self._lines, self._asked_line = LineReader(), (0, 0.0, "")
+        self._answered = False
+        for number, event in enumerate(timeline):
+            self._take(number, event)
+        for channel in tuple(self._connections):
+            self._over(channel, timeline.end_s)
+        self._unanswered_line()
+        self.asked.sort(key=lambda each: each.number)
+
+    # -- events -----------------------------------------------------------------------------------
+
+    def _take(self, number: int, event: Event) -> None:
+        channel = event.channel
+        if event.kind is Kind.OPENED:
+            self.opened.append(channel)
+            if channel.startswith(RTDE):
+                self._connections[channel] = _Connection()
+        elif event.kind in (Kind.CLOSED, Kind.REFUSED):
+            if not event.sent:
+                self.ended.append((number, event))
+            self._over(channel, event.time_s)
+        elif event.kind is Kind.DATA:
+            if channel == "dashboard":
+                self._dashboard(number, event)
+            elif channel == "primary":
+                self._primary(number, event)
+            elif channel in self._connections:
+                connection = self._connections[channel]
+                if event.sent:
+                    self._sent(number, event, connection)
+                else:
+                    self._received(number, event, connection)
+
+    def _over(self, channel: str, now_s: float) -> None:
+        connection = self._connections.pop(channel, None)
+        if connection is None:
+            return
+        self._stream_ends(channel, connection, now_s)
+        for number, time_s, asked in connection.open:
+            self.asked.append(Exchange(number, time_s, channel, asked, None))
+
+    def _stream_ends(self, channel: str, connection: _Connection, now_s: float) -> None:
+        if connection.stream is not None:
+            stream = Stream(channel, connection.stream_s, now_s, connection.stream)
+            self.streams.append(stream)
+            connection.stream = None
+
+    # -- RTDE -------------------------------------------------------------------------------------
+
+    def _sent(self, number: int, event: Event, connection: _Connection) -> None:
+        connection.ours.feed(event.data)
+        while (found := connection.ours.take()) is not None:
+            asked: Asked | Malformed = read_request(*found)
+            if isinstance(asked, (Request, Setup)):
+                connection.open.append((number, event.time_s, asked))
+            elif isinstance(asked, Data) and asked.recipe in connection.inputs:
+                values = connection.inputs[asked.recipe].unpack(asked.values)
+                if values is not None and event.channel == RTDE:
+                    self.commands.append(State(number, event.time_s, values))
+
+    def _received(self, number: int, event: Event, connection: _Connection) -> None:
+        reader = connection.theirs
+        if not reader.pending_bytes:
+            connection.begun_s = event.time_s
+        reader.feed(event.data)
+        while (found := reader.take()) is not None:
+            kind, payload = found
+            reply = read_reply(kind, payload)
+            begun_s, connection.begun_s = connection.begun_s, event.time_s
+            if isinstance(reply, Malformed):
+                self.unread.append((number, reply.reason))
+                continue
+            raw = packet(PacketType(kind), payload)
+            heard = Heard(number, begun_s, event.time_s, event.channel, reply, raw)
+            self.heard.append(heard)
+            if isinstance(reply, Data):
+                self._data(heard, reply, connection)
+            else:
+                self._reply(heard, connection)
+        if reader.failure:
+            self.unread.append((number, reader.failure))
+            connection.theirs = PacketReader()
+
+    def _data(self, heard: Heard, data: Data, connection: _Connection) -> None:
+        recipe = connection.outputs
+        if recipe is None or data.recipe != recipe.number:
+            self.unread.append((heard.number, f"a data package of recipe {data.recipe}"))
+            return
+        values = recipe.unpack(data.values)
+        if values is None:
+            size = len(data.values)
+            self.unread.append((heard.number, f"a data package of {size} bytes, not {recipe.size}"))
+            return
+        state = State(heard.number, heard.time_s, values)
+        if connection.stream is None:
+            self.strays.append((heard.number, heard.time_s, heard.channel))
+        else:
+            connection.stream.append(state)
+        if heard.channel == RTDE:
+            self.states.append(state)
+            self.recipes[heard.number] = recipe
+
+    def _reply(self, heard: Heard, connection: _Connection) -> None:
+        reply = heard.reply
+        if isinstance(reply, Text):
+            return
+        kind = getattr(reply, "kind", PacketType.CONTROLLER_VERSION)
+        place = next((n for n, each in enumerate(connection.open) if each[2].kind is kind), None)
+        if place is None:
+            return
+        number, time_s, asked = connection.open.pop(place)
+        self.asked.append(Exchange(number, time_s, heard.channel, asked, heard))
+        if isinstance(reply, SetupReply) and isinstance(asked, Setup) and reply.recipe:
+            try:
+                recipe = Recipe(reply.recipe, asked.names, reply.types)
+            except ValueError as error:
+                self.unread.append((heard.number, f"a recipe that cannot be: {error}"))
+                return
+            if reply.kind is PacketType.OUTPUTS:
+                connection.outputs = recipe
+            else:
+                connection.inputs[reply.recipe] = recipe
+        elif isinstance(reply, Accepted) and reply.kind is PacketType.START and reply.accepted:
+            connection.stream, connection.stream_s = [], heard.time_s
+        elif isinstance(reply, Accepted) and reply.kind is PacketType.PAUSE:
+            self._stream_ends(heard.channel, connection, heard.time_s)
+
+    # -- primary interface and dashboard ----------------------------------------------------------
+
+    def _primary(self, number: int, event: Event) -> None:
+        if event.sent:
+            text = event.data.decode("utf-8", "replace")
+            name, token = _NAME.search(text), TOKEN.search(text)
+            self.uploads.append(
+                Upload(
+                    number,
+                    event.time_s,
+                    name.group(1) if name else "",
+                    int(token.group(1)) if token else 0,
+                )
+            )
+            return
+        reader = self._packages
+        begun_s = event.time_s if self._package_begun_s is None else self._package_begun_s
+        reader.feed(event.data)
+        while (found := reader.take()) is not None:
+            told = Told(number, begun_s, event.time_s, found, read_message(found))
+            self.told.append(told)
+            begun_s = event.time_s
+        self._package_begun_s = begun_s if reader.pending_bytes else None
+        if reader.failure:
+            self.unread.append((number, reader.failure))
+            self._packages, self._package_begun_s = PackageReader(), None
+
+    def _dashboard(self, number: int, event: Event) -> None:
+        if event.sent:
+            self._unanswered_line()
+            words = event.data.decode("utf-8", "replace").strip()
+            self._asked_line, self._answered = (number, event.time_s, words), False
+            return
+        self._lines.feed(event.data)
+        while (line := self._lines.take()) is not None:
+            request, _, words = self._asked_line
+            self.lines.append(Line(number, event.time_s, request, words, line))
+            self._answered = True
+        if self._lines.failure:
+            self.unread.append((number, self._lines.failure))
+            self._lines = LineReader()
+
+    def _unanswered_line(self) -> None:
+        number, time_s, words = self._asked_line
+        if words and not self._answered:
+            self.lines.append(Line(number, time_s, number, words, None))
+
+    # -- looking ----------------------------------------------------------------------------------
+
+    def phase(self, name: str) -> Phase | None:
+        """The phase of that name, if the pilot came to it."""
+        return self.phases.get(name)
+
+    def inside(self, number: int, *names: str) -> bool:
+        """Whether an event is one of these phases."""
+        found = (self.phases[name] for name in names if name in self.phases)
+        return any(each.first <= number < each.end for each in found)
+
+    def during(self, *names: str) -> list[State]:
+        """The states of these phases."""
+        return [each for each in self.states if self.inside(each.number, *names)]
+
+    def sent_during(self, *names: str) -> list[State]:
+        """The commands of these phases."""
+        return [each for each in self.commands if self.inside(each.number, *names)]
+
+    def exchanges(self, kind: PacketType, *names: str) -> list[Exchange]:
+        """Requests of a kind in these phases; without any, in all."""
+        return [
+            each
+            for each in self.asked
+            if each.asked.kind is kind and (not names or self.inside(each.number, *names))
+        ]
+
+    def setups(self, kind: PacketType, *names: str) -> list[tuple[Exchange, Setup, SetupReply]]:
+        """Those requests for recipes that were answered."""
+        return [
+            (each, each.asked, each.reply.reply)
+            for each in self.exchanges(kind, *names)
+            if isinstance(each.asked, Setup)
+            and each.reply is not None
+            and isinstance(each.reply.reply, SetupReply)
+        ]
+
+    def said(self, asked: str) -> list[Line]:
+        """What the dashboard server answered to a request, each time; None where it did not."""
+        return [each for each in self.lines if each.asked == asked]

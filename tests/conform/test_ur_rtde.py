@@ -1,0 +1,136 @@
+"""The suite of Universal Robots controllers: a CB3, local control, other people's programs, and
+real sockets."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+
+from cardan.conform import Event, Kind, Level, Outcome, judged, registry, run
+from cardan.conform.conduct import Conduct
+from cardan.conform.ur_rtde.rig import UrRig
+from cardan.conform.wires import TcpPorts
+from cardan.dissect import dissect_file
+from cardan.errors import ConfigurationError
+from cardan.protocols.ur import rtde
+from cardan.sim_peers.ur_controller import UrControllerOptions, UrControllerPeer
+
+SUITE = registry.load("ur-rtde")
+OTHER = "def other():\n  while True:\n    sync()\n  end\nend\n"
+
+
+def ran(level, rig=UrRig, seconds=1.0, **options):
+    conduct = Conduct(SUITE.pilot(level, seconds))
+    made = rig(conduct, UrControllerOptions(**options))
+    made.run()
+    report = judged(SUITE, conduct.timeline, level)
+    return report, conduct.timeline, made
+
+
+def outcomes(report):
+    return {each.id: each.outcome for each in report.results}
+
+
+@pytest.mark.once
+def test_a_cb3_meets_what_concerns_it():
+    report, _, _ = ran(Level.BY_HAND, robot="ur5")
+    assert report.failed == ()
+    found = outcomes(report)
+    without = {name for name, each in found.items() if each is Outcome.NOT_APPLICABLE}
+    assert without == {"UR-107", "UR-302", "UR-303"}
+    assert Outcome.NOT_SEEN not in found.values()
+
+
+def test_a_robot_that_runs_already_is_not_switched_on():
+    report, timeline, _ = ran(Level.HOLD, running=True)
+    assert report.failed == ()
+    assert outcomes(report)["UR-108"] is Outcome.PASSED
+    asked = [each.data for each in timeline if each.sent and each.channel == "dashboard"]
+    assert b"power on\n" not in asked
+    assert b"brake release\n" not in asked
+
+
+def uploads(timeline):
+    return [each for each in timeline if each.sent and each.channel == "primary" and each.data]
+
+
+def test_in_local_control_no_program_is_sent():
+    report, timeline, _ = ran(Level.HOLD, running=True, remote=False)
+    assert report.failed == ("UR-107",)
+    assert uploads(timeline) == []
+
+
+class _Busy(UrRig):
+    """Somebody's program runs from the beginning."""
+
+    def run(self):
+        self._servers.advance(0.0)
+        self._controller.upload(OTHER)
+        super().run()
+
+
+def test_a_program_of_somebody_else_is_left_alone():
+    report, timeline, made = ran(Level.MOVE, _Busy, running=True)
+    assert uploads(timeline) == []
+    assert made._controller.program_name == "other"
+    assert outcomes(report)["UR-109"] is Outcome.NOT_SEEN
+
+
+@pytest.mark.parametrize(
+    ("data", "channel", "asks"),
+    [
+        (rtde.ask_outputs(500.0, ("timestamp",)), "rtde", True),
+        (rtde.packet(rtde.PacketType.PAUSE), "rtde-2", True),
+        (rtde.ask_inputs(("input_int_register_24",)), "rtde", False),
+        (rtde.packet(rtde.PacketType.DATA, b"\1"), "rtde", False),
+        (b"robotmode\n", "dashboard", True),
+        (b"power on\n", "dashboard", False),
+        (b"def x():\nend\n", "primary", False),
+    ],
+)
+def test_what_only_asks_is_told_from_what_does(data, channel, asks):
+    assert SUITE.only_asks(Event(0.0, Kind.DATA, True, channel, data)) is asks
+
+
+@pytest.mark.once
+@pytest.mark.realtime
+def test_a_controller_is_judged_over_tcp():
+    options = UrControllerOptions(rtde_port=0, primary_port=0, dashboard_port=0)
+    told = []
+    with UrControllerPeer(options) as peer:
+        ports = {kind: peer.port(kind) for kind in peer.kinds}
+        suite = registry.load("ur-rtde")
+        suite.wires = lambda target: TcpPorts(target, {**ports, "rtde-2": ports["rtde"]})
+        report, _ = run.at(suite, "127.0.0.1", Level.LISTEN, told.append, seconds=1.5)
+    found = outcomes(report)
+    # Not those of times: this computer may stand still at any moment.
+    for number in (1, 2, 3, 4, 6, 7, 11, 16, 17, 18, 21, 23, 24, 25, 26):
+        assert found[f"UR-{number:03}"] is Outcome.PASSED, report.as_text()
+    assert not report.simulated
+    assert told == []
+
+
+def test_the_other_ports_lie_below_that_of_rtde():
+    assert SUITE.wires("host")._ports == {
+        "rtde": 30004,
+        "rtde-2": 30004,
+        "primary": 30001,
+        "dashboard": 29999,
+    }
+    assert SUITE.wires("host:40004")._ports["dashboard"] == 39999
+    with pytest.raises(ConfigurationError, match="no port lies 5 below 5"):
+        SUITE.wires("host:5")
+
+
+def test_the_capture_of_a_run_is_dissected_whole(tmp_path):
+    report, timeline = run.simulated(SUITE, Level.LISTEN, seconds=1.0)
+    run.save(tmp_path, SUITE, report, timeline)
+    out = io.StringIO()
+    counts = dissect_file(tmp_path / "capture.pcap", out, summary=True)
+    text = out.getvalue()
+    assert counts.malformed["RTDE"] == 0
+    assert counts.messages["RTDE"] > 200
+    assert "output recipe 1 at 500 Hz: timestamp, target_q" in text
+    assert "refused: cardan_has_no_such_variable NOT_FOUND x1" in text
+    assert "left out 0" in text

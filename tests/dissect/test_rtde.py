@@ -1,0 +1,347 @@
+"""RTDE described twice, and its lines and figures in a capture."""
+
+import math
+import struct
+
+import pytest
+from hypothesis import given, settings, strategies as st
+from scapy.layers.inet import TCP
+
+from cardan.dissect import rtde as layers
+from cardan.dissect.capture import CapturedPacket
+from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
+from cardan.dissect.rtde import RtdeReply, RtdeRequest, listed, malformed, values_of
+from cardan.dissect.rtde_reader import RtdeReader
+from cardan.protocols.ur import rtde as codec
+
+CONTROLLER, CLIENT = Endpoint("10.0.0.1", 30004), Endpoint("10.0.0.2", 40000)
+
+names = st.lists(st.from_regex(r"[a-z_0-9]{1,20}", fullmatch=True), max_size=6)
+words = st.text(max_size=60).filter(lambda text: len(text.encode()) < 256)
+TYPES = sorted(codec.TYPES)
+LIMITS = {
+    "BOOL": st.booleans(),
+    "UINT8": st.integers(0, 255),
+    "UINT32": st.integers(0, 2**32 - 1),
+    "UINT64": st.integers(0, 2**64 - 1),
+    "INT32": st.integers(-(2**31), 2**31 - 1),
+    "DOUBLE": st.floats(allow_nan=False),
+}
+VECTORS = {
+    "VECTOR3D": ("DOUBLE", 3),
+    "VECTOR6D": ("DOUBLE", 6),
+    "VECTOR6INT32": ("INT32", 6),
+    "VECTOR6UINT32": ("UINT32", 6),
+}
+
+
+def value_of(kind):
+    if kind in VECTORS:
+        each, count = VECTORS[kind]
+        return st.tuples(*[LIMITS[each]] * count)
+    return LIMITS[kind]
+
+
+recipes = st.lists(st.sampled_from(TYPES), min_size=1, max_size=8)
+
+
+@given(st.data(), recipes, st.integers(1, 255))
+def test_values_are_read_alike(data, types, number):
+    values = [data.draw(value_of(kind)) for kind in types]
+    recipe = codec.Recipe(number, [f"v{n}" for n in range(len(types))], types)
+    packed = recipe.pack(values)
+    for layer in (RtdeReply(packed), RtdeRequest(packed)):
+        assert malformed(layer) is None
+        assert layer.recipe == number
+        assert values_of(types, layer.values) == [*recipe.unpack(layer.values).values()] == values
+        assert bytes(layer) == packed
+        assert values_of(types, layer.values + b"\0") is None
+        assert values_of(types, layer.values[:-1]) is None
+
+
+def test_types_that_there_are_not_have_no_values():
+    assert values_of(["NOT_FOUND"], bytes(8)) is None
+    assert {*layers._ONE, *layers._SEVERAL} == codec.TYPES
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False), names, st.integers(0, 2**16 - 1))
+def test_requests_of_the_codec_are_those_of_the_layers(rate_hz, asked, version):
+    joined = ",".join(asked).encode()
+    for data, layer in (
+        (codec.ask_version(version), layers.RtdeAskVersion(version=version)),
+        (codec.packet(codec.PacketType.CONTROLLER_VERSION), layers.RtdeAskController()),
+        (
+            codec.ask_outputs(rate_hz, asked),
+            layers.RtdeAskOutputs(frequency_hz=rate_hz, variables=joined),
+        ),
+        (codec.ask_inputs(asked), layers.RtdeAskInputs(variables=joined)),
+        (codec.packet(codec.PacketType.START), layers.RtdeStart()),
+        (codec.packet(codec.PacketType.PAUSE), layers.RtdePause()),
+    ):
+        assert bytes(layer) == data
+        read = RtdeRequest(data)
+        assert type(read) is type(layer)
+        assert malformed(read) is None
+        assert bytes(read) == data
+    assert RtdeRequest(codec.ask_outputs(rate_hz, asked)).frequency_hz == rate_hz
+    assert listed(RtdeRequest(codec.ask_inputs(asked)).variables) == tuple(asked)
+
+
+@given(words, words, st.integers(0, 3), names, st.integers(0, 255))
+def test_replies_of_the_codec_are_those_of_the_layers(said, source, level, types, number):
+    version = codec.ControllerVersion(5, 12, 3, 2**32 - 1)
+    joined = ",".join(types).encode()
+    kinds = codec.PacketType
+    for data, layer in (
+        (
+            codec.reply_version(version),
+            layers.RtdeController(major=5, minor=12, bugfix=3, build_number=2**32 - 1),
+        ),
+        (
+            codec.reply_setup(codec.SetupReply(kinds.OUTPUTS, number, tuple(types))),
+            layers.RtdeOutputs(recipe=number, types=joined),
+        ),
+        (
+            codec.reply_setup(codec.SetupReply(kinds.INPUTS, number, tuple(types))),
+            layers.RtdeInputs(recipe=number, types=joined),
+        ),
+        (codec.reply_accepted(kinds.PROTOCOL_VERSION, True), layers.RtdeVersionReply()),
+        (codec.reply_accepted(kinds.START, False), layers.RtdeStarted(accepted=0)),
+        (codec.reply_accepted(kinds.PAUSE, True), layers.RtdePaused()),
+        (
+            codec.text(said, source, codec.TextLevel(level)),
+            layers.RtdeText(message=said.encode(), source=source.encode(), level=level),
+        ),
+    ):
+        assert bytes(layer) == data
+        read = RtdeReply(data)
+        assert type(read) is type(layer)
+        assert malformed(read) is None
+        assert bytes(read) == data
+
+
+@settings(max_examples=200)
+@given(st.binary(max_size=60))
+def test_what_the_layers_take_the_codec_takes(payload):
+    for kind in (*layers.NAMES, 0, 88):
+        data = struct.pack(">HB", 3 + len(payload), kind) + payload
+        for dissect, read in ((RtdeReply, codec.read_reply), (RtdeRequest, codec.read_request)):
+            layer = dissect(data)
+            if malformed(layer) is None:
+                assert not isinstance(read(kind, payload), codec.Malformed)
+            assert bytes(layer) == data
+
+
+@given(st.binary(max_size=80))
+def test_arbitrary_bytes_never_raise(data):
+    for dissect in (RtdeReply, RtdeRequest):
+        layer = dissect(data)
+        malformed(layer)
+        assert bytes(layer) == data
+
+
+@pytest.mark.parametrize(
+    ("data", "reason"),
+    [
+        (b"", "empty"),
+        (b"\0\4", "shorter than its header"),
+        (b"\0\2V", "a size below 3"),
+        (b"\0\5V\1", "shorter than its size says"),
+        (b"\0\4X\1", "unknown type 88"),
+        (b"\0\5V\1\2", "PROTOCOL_VERSION of 2 bytes"),
+        (b"\0\3U", "DATA of 0 bytes"),
+        (b"\0\5v\1\2", "CONTROLLER_VERSION of 2 bytes"),
+        (b"\0\6M\2ab", "TEXT of 3 bytes"),
+        (b"\0\6O\1a\xff", "types not UTF-8"),
+    ],
+)
+def test_what_is_wrong_with_a_reply_is_named(data, reason):
+    assert malformed(RtdeReply(data)) == reason
+
+
+def test_what_is_wrong_with_a_request_is_named():
+    assert malformed(RtdeRequest(b"\0\4V\1")) == "PROTOCOL_VERSION of 1 bytes"
+    assert malformed(RtdeRequest(b"\0\x06O\0\0\0")) == "OUTPUTS of 3 bytes"
+    asked = bytes(layers.RtdeAskOutputs(frequency_hz=math.nan))
+    assert malformed(RtdeRequest(asked)) == "frequency_hz not finite"
+
+
+def test_several_packets_of_a_segment_are_read_one_after_the_other():
+    data = codec.ask_version() + codec.ask_inputs(("a", "b")) + b"\0\4Z\1"
+    read = RtdeRequest(data)
+    assert type(read) is layers.RtdeAskVersion
+    assert type(read.payload) is layers.RtdeAskInputs
+    assert malformed(read.payload.payload) == "unknown type 90"
+    assert bytes(read) == data
+
+
+def test_layers_are_bound_to_the_port():
+    for layer, port in ((layers.RtdeAskVersion(), "dport"), (layers.RtdeVersionReply(), "sport")):
+        packet = TCP(bytes(TCP(**{port: 30004}) / layer))
+        assert type(packet.payload) is type(layer)
+        assert getattr(TCP() / layer, port) == 30004
+
+
+# -- captures -------------------------------------------------------------------------------------
+
+
+def segments(parts, source, destination, start=1000):
+    made = []
+    for part in parts:
+        made.append(Segment("TCP", source, destination, part, False, start, 16))
+        start += len(part)
+    return made
+
+
+def fed(listed_, period_s=0.002):
+    """Lines without their addresses, and the reader."""
+    reader, lines = RtdeReader(), []
+    for number, segment in enumerate(listed_, 1):
+        packet = CapturedPacket(number, round(number * period_s * 1e9), 1, "<", b"", 0)
+        lines += [text for _, text in reader.feed(packet, segment)]
+    lines += [text for _, text in reader.finish()]
+    return [line.split(" ", 3)[3] for line in lines], reader
+
+
+NAMES = ("timestamp", "actual_q", "robot_mode")
+KINDS = ("DOUBLE", "VECTOR6D", "INT32")
+
+
+def asked():
+    return [
+        codec.ask_version(),
+        codec.packet(codec.PacketType.CONTROLLER_VERSION),
+        codec.ask_outputs(500.0, NAMES),
+        codec.ask_inputs(("input_int_register_24", "nothing")),
+        codec.packet(codec.PacketType.START),
+    ]
+
+
+def answered():
+    kinds = codec.PacketType
+    return [
+        codec.reply_accepted(kinds.PROTOCOL_VERSION, True),
+        codec.reply_version(codec.ControllerVersion(5, 12, 0, 1)),
+        codec.reply_setup(codec.SetupReply(kinds.OUTPUTS, 1, KINDS)),
+        codec.reply_setup(codec.SetupReply(kinds.INPUTS, 0, ("IN_USE", "NOT_FOUND"))),
+        codec.reply_accepted(kinds.START, True),
+    ]
+
+
+def states(*times_s):
+    recipe = codec.Recipe(1, NAMES, KINDS)
+    return [recipe.pack([time_s, (0.5,) * 6, 7]) for time_s in times_s]
+
+
+def conversation(*more):
+    asks = segments(asked(), CLIENT, CONTROLLER)
+    says = segments([*answered(), *more], CONTROLLER, CLIENT, 5000)
+    paired = [each for pair in zip(asks, says, strict=False) for each in pair]
+    return [*paired, *says[len(asks) :]]
+
+
+def test_a_connection_has_its_lines_and_figures():
+    lines, reader = fed(conversation(*states(1.0, 1.002, 1.006, 1.008)))
+    assert lines[:4] == [
+        "RTDE PROTOCOL_VERSION | asks for version 2",
+        "RTDE PROTOCOL_VERSION | accepted",
+        "RTDE CONTROLLER_VERSION | asks",
+        "RTDE CONTROLLER_VERSION | 5.12.0.1",
+    ]
+    assert lines[4:8] == [
+        "RTDE OUTPUTS | asks at 500 Hz for timestamp, actual_q, robot_mode",
+        "RTDE OUTPUTS | recipe 1 | DOUBLE, VECTOR6D, INT32",
+        "RTDE INPUTS | asks to write input_int_register_24, nothing",
+        "RTDE INPUTS | no recipe | IN_USE, NOT_FOUND | INPUT_INT_REGISTER_24 IN_USE | "
+        "NOTHING NOT_FOUND",
+    ]
+    assert lines[10] == (
+        "RTDE DATA recipe 1 | timestamp 1 s | actual_q 0.5 0.5 0.5 0.5 0.5 0.5 rad | robot_mode 7"
+    )
+    assert [*reader.summary()] == [
+        "RTDE flow controller 10.0.0.1:30004 - client 10.0.0.2:40000, software 5.12.0.1",
+        "  from controller: 9 messages in 9 segments, retransmitted 0 out of order 0 gaps 0",
+        "    DATA x4, PROTOCOL_VERSION x1, CONTROLLER_VERSION x1, OUTPUTS x1, INPUTS x1, START x1",
+        "    remarks: input_int_register_24 IN_USE x1, nothing NOT_FOUND x1",
+        "  from client: 5 messages in 5 segments, retransmitted 0 out of order 0 gaps 0",
+        "    PROTOCOL_VERSION x1, CONTROLLER_VERSION x1, OUTPUTS x1, INPUTS x1, START x1",
+        "  output recipe 1 at 500 Hz: timestamp, actual_q, robot_mode",
+        "  output data of recipe 1: period mean 2.000 min 2.000 max 2.000 ms, left out 1",
+        "  PROTOCOL_VERSION to its reply x1: min 2.000 median 2.000 max 2.000 ms",
+        "  CONTROLLER_VERSION to its reply x1: min 2.000 median 2.000 max 2.000 ms",
+        "  OUTPUTS to its reply x1: min 2.000 median 2.000 max 2.000 ms",
+        "  INPUTS to its reply x1: min 2.000 median 2.000 max 2.000 ms",
+        "  START to its reply x1: min 2.000 median 2.000 max 2.000 ms",
+        "  refused: input_int_register_24 IN_USE x1, nothing NOT_FOUND x1",
+    ]
+    assert reader.malformed.total() == 0
+
+
+def test_damage_texts_and_what_nobody_asked_for():
+    wrong = codec.packet(codec.PacketType.DATA, b"\1" + bytes(4))
+    said = codec.text("too fast", "Controller", codec.TextLevel.WARNING)
+    lines, reader = fed(
+        conversation(
+            wrong,
+            said,
+            codec.reply_accepted(codec.PacketType.PAUSE, True),
+            codec.packet(codec.PacketType.DATA, b"\2" + bytes(4)),
+            b"\0\4X\1",
+        )
+    )
+    assert lines[10:] == [
+        "MALFORMED RTDE: values that are not of their recipe's types (8 B: 00085501 00000000)",
+        "RTDE TEXT | warning of 'Controller' | 'too fast'",
+        "RTDE PAUSE | accepted | ANSWERS NO REQUEST",
+        "RTDE DATA recipe 2 | 4 bytes | RECIPE NOT IN THE CAPTURE",
+        "MALFORMED RTDE: unknown type 88 (4 B: 00045801)",
+    ]
+    assert reader.malformed.total() == 2
+    assert "  texts: too fast x1" in [*reader.summary()]
+
+
+def test_a_new_connection_has_no_recipes():
+    again = [
+        Segment("TCP", CLIENT, CONTROLLER, b"", False, 90_000, TCP_SYN),
+        Segment("TCP", CONTROLLER, CLIENT, b"", False, 80_000, TCP_SYN),
+        *segments(states(2.0), CONTROLLER, CLIENT, 80_001),
+    ]
+    lines, _ = fed([*conversation(*states(1.0)), *again])
+    assert lines[-1].endswith("RECIPE NOT IN THE CAPTURE")
+
+
+def test_joining_in_the_middle_and_an_early_end():
+    one, two, three = states(1.0, 1.002, 1.004)
+    parts = segments([one[20:], two, three[:30]], CONTROLLER, CLIENT)
+    parts[-1] = parts[-1]._replace(flags=TCP_FIN)
+    lines, reader = fed(parts)
+    assert lines[0] == f"SKIPPED {len(one) - 20} bytes that begin no message"
+    assert lines[1].startswith("RTDE DATA recipe 1")
+    assert "MALFORMED RTDE: the connection ends inside a message (30 B" in lines[2]
+    assert reader.malformed.total() == 1
+
+
+@settings(max_examples=60)
+@given(st.data())
+def test_splitting_and_reordering_change_nothing(data):
+    messages = states(*(1.0 + 0.002 * n for n in range(5)))
+    said = [*answered(), *messages]
+    expected, _ = fed(segments(said, CONTROLLER, CLIENT))
+    stream = b"".join(said)
+    cuts = sorted(data.draw(st.sets(st.integers(1, len(stream) - 1), max_size=12)))
+    parts = [stream[a:b] for a, b in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
+    start = Segment("TCP", CONTROLLER, CLIENT, b"", False, 999, TCP_SYN)
+    mixed = data.draw(st.permutations(segments(parts, CONTROLLER, CLIENT)))
+    lines, reader = fed([start, *mixed])
+    assert lines == expected
+    assert reader.malformed.total() == 0
+
+
+@given(st.lists(st.tuples(st.binary(max_size=60), st.integers(0, 2**32 - 1), st.booleans())))
+def test_arbitrary_segments_never_raise(parts):
+    made = []
+    for payload, sequence, back in parts:
+        ends = (CONTROLLER, CLIENT) if back else (CLIENT, CONTROLLER)
+        made.append(Segment("TCP", *ends, payload, False, sequence, sequence % 64))
+    _, reader = fed([*conversation(*states(1.0)), *made])
+    list(reader.summary())
