@@ -40,6 +40,8 @@ from cardan.dissect.text import listed, number
 
 PENDING = 256
 """Requests remembered until they are answered."""
+LARGEST_TIME_S = 1e9
+"""No controller was on for so long."""
 LONGEST_STEP_MS = 1000
 """Steps of the controller's clock that are longer count as one."""
 _WRONG_VALUES = "values that are not of their recipe's types"
@@ -74,10 +76,10 @@ class _Series:
         self._last_s: float | None = None
         self._steps: Counter[int] = Counter()
 
-    def add(self, time_ns: int, timestamp_s: float | None) -> None:
+    def add(self, time_ns: int, timestamp_s: Any) -> None:
         """One more, with the controller's time where it tells it."""
         self.period.add(time_ns)
-        if timestamp_s is None:
+        if not isinstance(timestamp_s, float) or not abs(timestamp_s) < LARGEST_TIME_S:
             return
         if self._last_s is not None:
             step_ms = min(round(1e3 * (timestamp_s - self._last_s)), LONGEST_STEP_MS)

@@ -300,6 +300,24 @@ def test_damage_texts_and_what_nobody_asked_for():
     assert "  texts: too fast x1" in [*reader.summary()]
 
 
+@pytest.mark.parametrize("time_s", [math.nan, math.inf, 1e300, -1e300])
+def test_a_clock_that_tells_nonsense_counts_no_steps(time_s):
+    _, reader = fed(conversation(*states(time_s, 1.0, time_s)))
+    assert reader.malformed.total() == 0
+    assert not any("left out" in line for line in reader.summary())
+
+
+def test_a_timestamp_of_another_type_is_no_time():
+    kinds = ("VECTOR3D", "BOOL", "UINT64")
+    told = codec.reply_setup(codec.SetupReply(codec.PacketType.OUTPUTS, 2, kinds))
+    data = codec.Recipe(2, NAMES, kinds).pack([(1.0, 2.0, 3.0), True, 2**40])
+    asks = segments([codec.ask_outputs(125.0, NAMES)], CLIENT, CONTROLLER)
+    lines, _ = fed([*asks, *segments([told, data, data], CONTROLLER, CLIENT)])
+    assert lines[-1] == (
+        "RTDE DATA recipe 2 | timestamp 1 2 3 s | actual_q True rad | robot_mode 1099511627776"
+    )
+
+
 def test_a_new_connection_has_no_recipes():
     again = [
         Segment("TCP", CLIENT, CONTROLLER, b"", False, 90_000, TCP_SYN),
