@@ -17,6 +17,7 @@ SUITES = {
     "leap": "cardan.conform.leap.suite:Leap",
     "magellan": "cardan.conform.magellan.suite:Magellan",
     "motoros": "cardan.conform.motoros.suite:Motoros",
+    "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriver",
     "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
     "wiimote": "cardan.conform.wiimote.suite:Wiimote",
 }
