@@ -14,6 +14,7 @@ SUITES = {
     "egm-driver": "cardan.conform.egm_driver.suite:EgmDriver",
     "jr3": "cardan.conform.jr3.suite:Jr3",
     "joint-stream": "cardan.conform.joint_stream.suite:JointStream",
+    "joint-stream-driver": "cardan.conform.joint_stream_driver.suite:JointStreamDriver",
     "leap": "cardan.conform.leap.suite:Leap",
     "magellan": "cardan.conform.magellan.suite:Magellan",
     "motoros": "cardan.conform.motoros.suite:Motoros",

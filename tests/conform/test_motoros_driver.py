@@ -15,6 +15,7 @@ from cardan.conform.report import judged
 from cardan.conform.wires import ListenTcp
 from cardan.drivers.motoros import Motoros, MotorosOptions
 from cardan.errors import AddressError
+from cardan.gateway.session.examples import free_ports
 from cardan.types import HoldCommand
 
 
@@ -36,27 +37,12 @@ def test_a_client_of_trajectories_meets_what_concerns_it():
     assert found["MOTOPC-301"] is Outcome.PASSED
 
 
-def three_ports():
-    """A port with two free ones after it, on the loopback interface."""
-    for _ in range(50):
-        with socket.socket() as first, socket.socket() as second, socket.socket() as third:
-            first.bind(("127.0.0.1", 0))
-            base = first.getsockname()[1]
-            try:
-                second.bind(("127.0.0.1", base + 1))
-                third.bind(("127.0.0.1", base + 2))
-            except (OSError, OverflowError):
-                continue
-            return base
-    raise AssertionError("there are no three free ports in a row")
-
-
 @pytest.mark.once
 @pytest.mark.realtime
 def test_our_driver_is_judged_over_real_sockets(monkeypatch):
     velocity = pilot.FIRMWARE[0]
     monkeypatch.setattr(pilot, "FIRMWARE", (velocity._replace(befalls=("estop", "cut")),))
-    base = three_ports()
+    base = free_ports(3)
     ports = {"motion_port": base, "state_port": base + 1, "io_port": base + 2}
     driver = Motoros(host="127.0.0.1", **ports)
     ended = threading.Event()
