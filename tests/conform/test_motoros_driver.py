@@ -28,8 +28,9 @@ def outcomes(mode):
     return {each.id: each.outcome for each in report.results}
 
 
-def test_a_client_of_trajectories_meets_what_concerns_it():
-    found = outcomes("stream")
+@pytest.mark.parametrize("mode", ["stream", "standard"])
+def test_a_client_of_trajectories_meets_what_concerns_it(mode):
+    found = outcomes(mode)
     velocity = [each for name, each in found.items() if name.startswith("MOTOPC-14")]
     assert len(velocity) == 8
     assert set(velocity) == {Outcome.NOT_APPLICABLE}

@@ -23,7 +23,7 @@ ROBOT = "gp8"
 """The arm of the controllers."""
 SERVO_ON_S = 0.2
 STREAMS_WITHIN_S = 0.3
-"""A client whose newest command is no older than this moves the arm, or holds it."""
+"""A client whose newest command is no older than this moves the arm, or holds it; or it plays."""
 GREETED_S = 0.3
 STOPPED_S = 0.5
 SILENT_S = 0.6
@@ -170,8 +170,9 @@ class ControllerPilot(Pilot):
         controller = self._controller
         if controller.active_mode is ActiveMode.NONE or not self._connected():
             return False
-        newest_s = min(STREAMS_WITHIN_S, self.now_s - self._came_s)
-        return controller.newest_command_age_s < newest_s
+        age_s = controller.newest_command_age_s
+        is_its_own = age_s < self.now_s - self._came_s
+        return is_its_own and (age_s < STREAMS_WITHIN_S or controller.moving_data)
 
     # -- the script -------------------------------------------------------------------------------
 
