@@ -22,6 +22,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch("nan", "every VALUE-th point or speed is not a number", 50.0, 1.0),
     FaultSwitch("starts-off", "first points are VALUE rad off", 0.05),
     FaultSwitch("starts-moving", "first points and speeds have VALUE rad/s", 0.1),
+    FaultSwitch.flag("hasty", "begins a trajectory while the arm still moves"),
     FaultSwitch("sequence", "every VALUE-th point or speed has the sequence before", 20.0, 1.0),
     FaultSwitch("time-stands", "every VALUE-th point has the time before", 20.0, 1.0),
     FaultSwitch("leap", "every 50th point or speed leaps by VALUE rad or rad/s", 20.0),

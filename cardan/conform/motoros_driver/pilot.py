@@ -25,6 +25,7 @@ SERVO_ON_S = 0.2
 STREAMS_WITHIN_S = 0.3
 """A client whose newest command is no older than this moves the arm, or holds it; or it plays."""
 GREETED_S = 0.3
+TRIES = 3
 STOPPED_S = 0.5
 SILENT_S = 0.6
 ANSWERED_WITHIN_S = 5.0
@@ -200,6 +201,7 @@ class ControllerPilot(Pilot):
             velocity_mode=firmware.velocity_mode,
             big_endian=firmware.big_endian,
             servo_on_s=SERVO_ON_S,
+            plant="ideal" if firmware.velocity_mode else "paper",
         )
         self._controller = MotorosController(options)
         self._servers = MotorosServers(self._controller, options)
@@ -226,15 +228,15 @@ class ControllerPilot(Pilot):
 
     def _run(self) -> Script:
         """The client is connected and moves the arm, if it can be brought to that."""
-        for _ in range(2):
+        for _ in range(TRIES):
             yield from self._serve(COME * self._seconds, self._connected)
             if not self._streams():
                 yield from self._serve(GREETED_S)
             if not self._streams():
                 yield from self._enable()
                 yield from self._serve(COME * self._seconds, self._streams)
+            yield from self._serve(0.5 * self._seconds)
             if self._streams():
-                yield from self._serve(0.5 * self._seconds)
                 return
 
     def _enable(self) -> Script:

@@ -434,6 +434,20 @@ def points_are_taken(seen: DriverSeen) -> Verdict:
     return _bad(wrong, len(seen.points), f"{len(seen.points)} points", _NO_POINTS)
 
 
+@requires(130, f"{SERVER}: a new point 0 splices nothing; in_motion of ROBOT_STATUS")
+def a_trajectory_begins_at_rest(seen: DriverSeen) -> Verdict:
+    """No first point is sent while the newest status says that the arm is in motion."""
+    wrong, count = [], 0
+    for said, point in seen.points:
+        status = seen.status_before(said.number)
+        if point.sequence or status is None:
+            continue
+        count += 1
+        if status.in_motion == 1:
+            wrong.append((said.number, "it is in motion"))
+    return _bad(wrong, count, f"{count} trajectories", _NO_POINTS)
+
+
 # -- the velocity mode -----------------------------------------------------------------------------
 
 

@@ -174,6 +174,8 @@ class MotorosDriverRig(DriverRig):
                 motion_possible=1,
             )
             return message._replace(body=well)
+        if isinstance(body, RobotStatus) and "hasty" in faults:
+            return message._replace(body=body._replace(in_motion=0))
         if not isinstance(body, MotionReply):
             return message
         if body.sequence == OWN_SEQUENCE or (body.command == 0 and "unknown-command" in faults):

@@ -3,11 +3,13 @@ answered."""
 
 from __future__ import annotations
 
+import bisect
 import math
+import operator
 from collections import deque
 from collections.abc import Iterator
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from cardan.conform.motoros_driver.pilot import port_of
 from cardan.conform.timeline import Event, Kind, Phase, Timeline
@@ -25,9 +27,12 @@ from cardan.protocols.simple_message import (
     MessageType,
     MotionCtrl,
     MotionReply,
+    RobotStatus,
     detect_byte_order,
     wire,
 )
+
+T = TypeVar("T")
 
 _VELOCITIES = frozenset((MessageType.MOTO_JOINT_VELOCITY, MessageType.MOTO_JOINT_VELOCITY_EX))
 
@@ -128,6 +133,8 @@ class DriverSeen:
         self.links: list[Link] = []
         self.feedback: list[tuple[int, JointFeedback]] = []
         """What was told of group 0, by the number of the event."""
+        self.statuses: list[tuple[int, RobotStatus]] = []
+        """What was told, by the number of the event."""
         self._readers: dict[str, FrameReader] = {}
         self._ours: dict[str, FrameReader] = {}
         self._waiting: dict[str, deque[int]] = {}
@@ -229,6 +236,8 @@ class DriverSeen:
                 body = message.body
                 if isinstance(body, JointFeedback) and body.group == 0:
                     self.feedback.append((number, body))
+                elif isinstance(body, RobotStatus):
+                    self.statuses.append((number, body))
                 continue
             waiting = self._waiting.get(channel)
             if waiting:
@@ -293,14 +302,17 @@ class DriverSeen:
 
     def feedback_before(self, number: int) -> JointFeedback | None:
         """The newest that was told before an event."""
-        low, high = 0, len(self.feedback)
-        while low < high:
-            middle = (low + high) // 2
-            if self.feedback[middle][0] < number:
-                low = middle + 1
-            else:
-                high = middle
-        return self.feedback[low - 1][1] if low else None
+        return _newest(self.feedback, number)
+
+    def status_before(self, number: int) -> RobotStatus | None:
+        """The newest that was told before an event."""
+        return _newest(self.statuses, number)
+
+
+def _newest(found: list[tuple[int, T]], number: int) -> T | None:
+    """The last of those that have numbers below `number`."""
+    place = bisect.bisect_left(found, number, key=operator.itemgetter(0))
+    return found[place - 1][1] if place else None
 
 
 def _harmless(command: int) -> bool:
