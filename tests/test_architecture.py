@@ -117,6 +117,7 @@ ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (
     "cardan.arm_libraries",
     "cardan.conform.joint_stream.rig",
+    "cardan.conform.joint_stream_driver.pilot",
     "cardan.conform.ros2_arm.rig",
     "cardan.evaluation.cartesian.",
     "cardan.evaluation.devices.",

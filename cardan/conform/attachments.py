@@ -55,12 +55,15 @@ def _frames(_transport: Transport, events: Iterator[Event]) -> _Packets:
 
 def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
     """The judged one's port and ours."""
+    # Of a port of ours that several clients come to, each is a channel: "motion 2".
+    channel, _, client = channel.partition(" ")
     known = transport.ports.get(channel, 0)
     digits = note.rpartition(":")[2]
     free = int(digits) if digits.isdigit() and 0 < int(digits) < 65536 else 0
     if not free:
         names = sorted(transport.ports)
         free = FREE_PORT + (names.index(channel) if channel in names else 0)
+        free += int(client) if client.isdigit() else 0
     return (free, known) if transport.we_listen else (known, free)
 
 
@@ -98,11 +101,14 @@ def _segments(transport: Transport, events: Iterator[Event]) -> _Packets:
 
     for event in events:
         if event.kind is Kind.OPENED:
+            if transport.we_listen and event.channel in transport.ports:
+                continue
             places.pop(event.channel, None)
             opened[event.channel] = opened.get(event.channel, 0) + 1
-            yield segment(event, True, _SYN)
-            yield segment(event, False, _SYN | _ACK)
-            yield segment(event, True, _ACK)
+            we_come = not transport.we_listen
+            yield segment(event, we_come, _SYN)
+            yield segment(event, not we_come, _SYN | _ACK)
+            yield segment(event, we_come, _ACK)
         elif event.kind is Kind.CLOSED:
             yield segment(event, event.sent, _FIN | _ACK)
             yield segment(event, not event.sent, _FIN | _ACK)

@@ -52,6 +52,9 @@ class _Live:
         wire = self._open.get(channel)
         if wire is None:
             return
+        for name, client in wire.arrivals():
+            self._open[name] = client
+            self._do(self._conduct.heard(self._now(), name, kind=Kind.OPENED))
         for data, source in wire.read():
             self._do(self._conduct.heard(self._now(), channel, data, note=source))
         if wire.ended and self._open.pop(channel, None) is not None:

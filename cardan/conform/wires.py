@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import re
 import socket
@@ -17,6 +18,7 @@ from cardan.sockets import opened, waiting
 
 LARGEST_READ = 65535
 CONNECT_S = 5.0
+WAITING_CLIENTS = 8
 
 
 class Wire(ABC):
@@ -33,6 +35,11 @@ class Wire(ABC):
     @abstractmethod
     def read(self) -> Iterator[tuple[bytes, str]]:
         """What is there already, each with where it came from. Never raises."""
+
+    def arrivals(self) -> Iterator[tuple[str, Wire]]:
+        """Clients that have come to a port that listens, each a wire by the name of its channel.
+        Never raises."""
+        return iter(())
 
     @abstractmethod
     def write(self, data: bytes) -> None:
@@ -253,6 +260,54 @@ class UnixStream(Wires):
             found.close()
             raise AddressError(f"cannot connect to {self._path}: {error}") from None
         return StreamWire(found)
+
+
+class _TcpListener(Wire):
+    """A TCP port of ours. Each client that comes is a wire of its own: "motion 2", the second to
+    any port."""
+
+    def __init__(self, host: str, port: int, channel: str, numbers: Iterator[int]) -> None:
+        problem = f"cannot listen on {host}:{port}"
+        self._socket = opened(host, port, socket.SOCK_STREAM, _listen, problem)
+        self._channel, self._numbers = channel, numbers
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def read(self) -> Iterator[tuple[bytes, str]]:
+        return iter(())
+
+    def arrivals(self) -> Iterator[tuple[str, Wire]]:
+        while True:
+            try:
+                connection, _ = self._socket.accept()
+                connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            except OSError:  # nobody, or gone before it was taken
+                return
+            yield f"{self._channel} {next(self._numbers)}", StreamWire(connection)
+
+    def write(self, data: bytes) -> None:
+        """Nobody hears it: each client has a wire of its own."""
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def _listen(sock: socket.socket, address: Any) -> None:
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    sock.bind(address)
+    sock.listen(WAITING_CLIENTS)
+
+
+class ListenTcp(Wires):
+    """TCP ports of ours, each a channel by name, for a client that connects to them."""
+
+    def __init__(self, host: str, ports: dict[str, int]) -> None:
+        self._host, self._ports = host, ports
+        self._numbers = itertools.count(1)
+
+    def open(self, channel: str) -> Wire:
+        return _TcpListener(self._host, self._ports[channel], channel, self._numbers)
 
 
 class DeviceFile(Wires):

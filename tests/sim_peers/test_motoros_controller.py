@@ -14,6 +14,7 @@ from cardan.protocols.simple_message import (
     ActiveMode,
     CommType,
     Empty,
+    InvalidSubcode,
     JointFeedback,
     JointTrajPtFull,
     JointTrajPtFullEx,
@@ -1315,3 +1316,12 @@ def test_hands_refuse_nonsense(bad):
         cell.it.speed_limit(bad, cell.now_s)
     with pytest.raises(ValueError, match="mode"):
         cell.it.mode("auto", cell.now_s)
+
+
+def test_points_are_answered_busy_and_first_ones_refused_as_often_as_that_is_asked_for():
+    cell = Cell().start()
+    cell.it.refused_starts = cell.it.busy_answers = 1
+    assert cell.point(0, 0.0)[3:5] == (INVALID, InvalidSubcode.DATA_START_POS)
+    assert cell.point(0, 0.0).result == SUCCESS
+    assert cell.point(1, 0.1005).result == BUSY
+    assert cell.point(1, 0.1005).result == SUCCESS

@@ -33,6 +33,7 @@ from cardan.protocols.simple_message import (
     WriteIoReply,
     WriteRegister,
     joints10,
+    reply,
     request,
     topic,
 )
@@ -882,3 +883,20 @@ def test_no_bytes_raise_or_move_the_arm(steps, strict, big_endian):
         assert number is not None
         if kind == "motion":
             assert world.ask(number, PING).msg_type == T.PING
+
+
+def test_faults_of_the_servers_come_and_go_while_they_run():
+    world = World()
+    motion = world.connect("motion")
+    ping = request(Empty(), msg_type=T.PING)
+    assert world.ask(motion, ping) == reply(Empty(), msg_type=T.PING)
+    world.servers.behave({"drop-reply": 1.0})
+    world.send(motion, ping)
+    assert world.take(motion) == []
+    world.servers.behave({"late": 50.0})
+    world.send(motion, ping)
+    assert world.take(motion) == []
+    world.run(0.06)
+    assert len(world.take(motion)) == 1
+    world.servers.behave({})
+    assert world.ask(motion, ping) == reply(Empty(), msg_type=T.PING)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cardan.conform.conduct import Act, Pilot, Script, Wait, ask, mark, open_, send
+from cardan.conform.conduct import Act, Script, Wait, ask, mark, open_, send
+from cardan.conform.controllers import COME, KEPT, CyclicController
 from cardan.conform.egm.pilot import JUNK
 from cardan.conform.requirements import Level
 from cardan.conform.timeline import Event, Kind
@@ -12,25 +13,21 @@ from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
 
 FIRST, SECOND = "first", "second"
 """Ports of ours: that of the controller before and after its restart."""
-COME = 6.0
-"""A driver has so many times the length of a phase to answer for the first time."""
-OLD = 3
-"""How many datagrams back the one is that is sent again."""
 SILENT_S = 1.0
 STOPPED_S = 0.4
 SETTLE_S = 0.1
 
 
-class ControllerPilot(Pilot):
+class ControllerPilot(CyclicController):
     """The simulated controller in the hands of a script. Nothing real moves."""
 
     def __init__(self, level: Level, seconds: float) -> None:
+        super().__init__()
         self._level = level
         self._seconds = seconds
         self._core = EgmController(EgmControllerOptions(script="teleop-stream", comm_timeout_s=5.0))
-        self._next_s = 0.0
+        self.period_s = self._core.options.period_s
         self._channel = FIRST
-        self._sent: list[bytes] = []
         self._heard = False
 
     def answer(self, event: Event) -> Iterator[Act]:
@@ -44,9 +41,7 @@ class ControllerPilot(Pilot):
             return
         yield open_(FIRST)
         yield mark("run")
-        come_s = self.now_s + COME * self._seconds
-        while not self._heard and self.now_s < come_s:
-            yield from self._cycles(SETTLE_S)
+        yield from self._cycles_until(lambda: self._heard, COME * self._seconds, SETTLE_S)
         yield from self._cycles(self._seconds)
         yield mark("stopped")
         self._core.do("program-stop")
@@ -61,7 +56,7 @@ class ControllerPilot(Pilot):
         yield mark("old")
         for _ in range(5):
             yield from self._cycles(0.05)
-            yield send(self._sent[-OLD], self._channel)
+            yield send(self._sent[-KEPT], self._channel)
             yield Wait(0.002)
             yield send(self._sent[-1], self._channel)
             yield Wait(0.002)
@@ -77,17 +72,6 @@ class ControllerPilot(Pilot):
             yield ask("end", "End the driver's program.")
             yield from self._cycles(min(10.0, self._seconds))
 
-    def _cycles(self, seconds: float) -> Script:
-        """Control cycles on an absolute schedule, until `seconds` are over."""
-        end_s = self.now_s + seconds
-        period_s = self._core.options.period_s
-        self._next_s = max(self._next_s, self.now_s)
-        while self._next_s < end_s:
-            yield Wait(max(0.0, self._next_s - self.now_s))
-            data = self._core.cycle(self._next_s)
-            self._next_s += period_s
-            if data is not None:
-                self._sent.append(data)
-                del self._sent[:-OLD]
-                yield send(data, self._channel)
-        yield Wait(max(0.0, end_s - self.now_s))
+    def _cycle(self, now_s: float) -> tuple[bytes, ...]:
+        data = self._core.cycle(now_s)
+        return () if data is None else (data,)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.conform.conduct import Act, Conduct
+from cardan.conform.conduct import Conduct
+from cardan.conform.controllers import DriverRig
 from cardan.conform.egm_driver.faults import FAULTS
 from cardan.conform.egm_driver.pilot import FIRST, SECOND
-from cardan.conform.timeline import Kind
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import EgmSession
 from cardan.protocols.egm import (
@@ -20,58 +20,26 @@ from cardan.protocols.egm import (
     decode_robot,
     encode_sensor,
 )
-from cardan.sim_peers.base import check_faults
 from cardan.types import HoldCommand, Quaternion, Vector3
 
-LONGEST_S = 300.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
 _PORTS = {FIRST: 49_152, SECOND: 49_153}
 _CHANNELS = {port: channel for channel, port in _PORTS.items()}
 
 
-class DriverRig:
+class EgmDriverRig(DriverRig):
     """Gives the driver's core what the pilot sends, and the pilot what it answers."""
 
     def __init__(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
-        check_faults(faults, FAULTS)
-        self._conduct, self._faults = conduct, faults
+        super().__init__(conduct, faults, FAULTS)
         self._session = EgmSession(AbbEgmOptions(comm_timeout_s=5.0), 0.0)
-        self._now_s = 0.0
-        self._late: list[tuple[float, str, bytes]] = []
         self._asked = self._answered = 0
         self._seqno = 0
         self._reference: EgmMotion | None = None
         self._heard_s = 0.0
         self._chatter_s = 0.0
         self._ended = False
-        self._newest = -1
 
-    def run(self) -> None:
-        """Until the pilot's script is over."""
-        conduct = self._conduct
-        while not conduct.over and self._now_s < LONGEST_S:
-            self._do(conduct.due(self._now_s))
-            while self._late and self._late[0][0] <= self._now_s:
-                _, channel, data = self._late.pop(0)
-                self._do(conduct.heard(self._now_s, channel, data))
-            self._chatter()
-            if conduct.over:
-                break
-            times = [conduct.next_s, self._now_s + 0.01]
-            if self._late:
-                times.append(self._late[0][0])
-            self._now_s = max(self._now_s + 1e-6, min(times))
-
-    def _do(self, acts: list[Act]) -> None:
-        for act in acts:
-            if act.kind is Kind.DATA:
-                self._datagram(act.data, act.channel)
-            elif act.kind is Kind.OPENED:
-                self._do(self._conduct.heard(self._now_s, act.channel, kind=Kind.OPENED))
-            elif act.kind is Kind.ASKED:
-                self._end()
-
-    def _datagram(self, data: bytes, channel: str) -> None:
+    def _take(self, data: bytes, channel: str) -> None:
         faults = self._faults
         message = decode_robot(data)
         is_robot = isinstance(message, EgmRobot)
@@ -103,13 +71,6 @@ class DriverRig:
         self._send(self._spoilt(answer, message), channel)
         if self._every("twice", self._answered):
             self._send(self._spoilt(answer, message), channel)
-
-    def _every(self, fault: str, count: int, most: bool = False) -> bool:
-        """Whether a fault of every VALUE-th acts; `most`: on all but those."""
-        if fault not in self._faults:
-            return False
-        strikes = count % int(self._faults[fault]) == 0
-        return not strikes if most else strikes
 
     def _next_seqno(self) -> int:
         self._seqno += int(self._faults.get("step-2", 1.0))
@@ -151,9 +112,9 @@ class DriverRig:
         return data[:-7] if self._every("truncated", self._answered) else data
 
     def _send(self, data: bytes, channel: str) -> None:
-        self._late.append((self._now_s + 1e-3 * self._faults.get("late", 0.2), channel, data))
+        self._later(1e-3 * self._faults.get("late", 0.2), lambda: self._hear(channel, data))
 
-    def _chatter(self) -> None:
+    def _turn(self) -> None:
         every_s = 1e-3 * self._faults.get("chatters", 0.0)
         silent = self._now_s - self._heard_s > 0.05
         if every_s and silent and self._reference and self._now_s >= self._chatter_s:
@@ -161,7 +122,7 @@ class DriverRig:
             header = EgmHeader(self._next_seqno(), None, 3)
             self._send(encode_sensor(EgmSensor(header, self._reference)), FIRST)
 
-    def _end(self) -> None:
+    def _by_hand(self, what: str) -> None:
         """The driver's program ends, with a last message where it owes one."""
         words = self._session.farewell(self._now_s)
         if "leaves-moving" in self._faults:

@@ -11,7 +11,7 @@ from cardan.conform.egm.suite import PORT
 from cardan.conform.egm_driver.faults import FAULTS
 from cardan.conform.egm_driver.pilot import FIRST, SECOND, ControllerPilot
 from cardan.conform.egm_driver.requirements import requires
-from cardan.conform.egm_driver.rig import DriverRig
+from cardan.conform.egm_driver.rig import EgmDriverRig
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
@@ -41,7 +41,7 @@ class EgmDriver(Suite[EgmSeen]):
         return ControllerPilot(level, seconds)
 
     def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
-        DriverRig(conduct, faults, seed).run()
+        EgmDriverRig(conduct, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         host, port = host_and_port(target, "--target", PORT)

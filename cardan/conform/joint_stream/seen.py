@@ -23,7 +23,7 @@ class State(NamedTuple):
 
 
 class Command(NamedTuple):
-    """A command of ours; None where it was none on purpose."""
+    """A command; None where it was none, which is ours on purpose."""
 
     number: int
     time_s: float
@@ -31,28 +31,34 @@ class Command(NamedTuple):
 
 
 class JointStreamSeen:
-    """The datagrams of a timeline."""
+    """The datagrams of a timeline in which we are the client, or the arm where `arm_sends`."""
 
-    def __init__(self, timeline: Timeline) -> None:
+    def __init__(self, timeline: Timeline, arm_sends: bool = False) -> None:
         self.phases = timeline.phases()
         self.states: list[State] = []
         self.commands: list[Command] = []
         self.refused: list[tuple[int, str]] = []
+        """What is neither, of the side that is judged."""
         self.raw: dict[int, bytes] = {}
         for number, event in enumerate(timeline):
             if event.kind is not Kind.DATA:
                 continue
-            if event.sent:
-                command = decode_command(event.data)
-                known = None if isinstance(command, Malformed) else command
-                self.commands.append(Command(number, event.time_s, known))
-                continue
-            state = decode_state(event.data)
-            if isinstance(state, Malformed):
-                self.refused.append((number, state.reason))
-            else:
-                self.states.append(State(number, event.time_s, state))
+            if not event.sent:
                 self.raw[number] = event.data
+            if event.sent is arm_sends:
+                state = decode_state(event.data)
+                if not isinstance(state, Malformed):
+                    self.states.append(State(number, event.time_s, state))
+                elif not event.sent:
+                    self.refused.append((number, state.reason))
+                continue
+            command = decode_command(event.data)
+            if not isinstance(command, Malformed):
+                self.commands.append(Command(number, event.time_s, command))
+            elif event.sent:
+                self.commands.append(Command(number, event.time_s, None))
+            else:
+                self.refused.append((number, command.reason))
 
     def phase(self, name: str) -> Phase | None:
         """The phase of that name, if the pilot came to it."""

@@ -95,6 +95,10 @@ class MotorosController(MotomanRobot):
         """Answers to send, oldest first; the sender removes them."""
         self.close_requested = False
         """The motion connection is to be closed; the code that closes it resets this."""
+        self.busy_answers = 0
+        """So many of the next points are answered BUSY, as while one is converted slowly."""
+        self.refused_starts = 0
+        """So many of the next first points are refused, as of an arm that sags."""
         self._connected = False
         self._last_reply = reply(MotionReply(0, 0, 0, 0, 0))
 
@@ -246,7 +250,11 @@ class MotorosController(MotomanRobot):
             result, subcode = MotionResult.INVALID, int(InvalidSubcode.SEQUENCE)
         elif sequence == 0:
             subcode = group.begin(point.time, point.pos, point.vel)
-        elif group.has_data:
+            if self.refused_starts:
+                self.refused_starts -= 1
+                subcode = subcode or int(InvalidSubcode.DATA_START_POS)
+        elif group.has_data or self.busy_answers:
+            self.busy_answers = max(0, self.busy_answers - 1)
             result = MotionResult.BUSY
         else:
             subcode = group.add(point.time, point.pos, point.vel)

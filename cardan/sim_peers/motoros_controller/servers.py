@@ -189,7 +189,12 @@ class MotorosServers:
         self._busy = False
         self._silent = False
         self._random = random.Random(options.seed)
-        faults = options.faults
+        self.behave(options.faults)
+        self._timed: TimedActs[Callable[[float], None]] = TimedActs({}, {})
+
+    def behave(self, faults: Mapping[str, float]) -> None:
+        """Have these faults of SERVER_FAULTS from now on, and none of the others; what comes at a
+        time is planned from the options only."""
         self._drop_share = faults.get("drop-reply", 0.0)
         self._stale_share = faults.get("stale-reply", 0.0)
         self._late_s = faults.get("late", 0.0) * 1e-3
@@ -198,7 +203,6 @@ class MotorosServers:
         self._split = faults.get("split", 0.0) > 0.0
         self._merge = faults.get("merge", 0.0) > 0.0
         self._strict = faults.get("strict-recv", 0.0) > 0.0
-        self._timed: TimedActs[Callable[[float], None]] = TimedActs({}, {})
 
     # -- what the shell calls ---------------------------------------------------------------------
 

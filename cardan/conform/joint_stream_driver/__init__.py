@@ -1,0 +1,1 @@
+"""Conformance of a client of the joint stream: we are the arm."""

@@ -1,0 +1,505 @@
+"""What a client of the joint stream must do that moves an arm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+from cardan.conform.joint_stream.seen import Command, JointStreamSeen, State
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.protocols.joint_stream import ArmCommand, ControlMode, is_newer
+from cardan.robots import load_arm
+
+PAGE = "docs/protocols/joint-stream.md"
+RULES = f"{PAGE}, rules"
+HEADER = f"{PAGE}, header"
+
+ROBOT, PERIOD_S = "ur5", 0.008
+"""The arm, and its cycle."""
+ARM = load_arm(ROBOT)
+JOINTS = len(ARM.joints)
+JOINTS_AT = 7
+"""Where a datagram has the number of joints."""
+ANSWERED_SHARE = 0.95
+NEAR_RAD = math.radians(0.5)
+STILL_RAD_S = 0.02
+STOP_TOLERANCE_RAD = 0.02
+"""Beyond its stop a joint that rests on it may be measured, and so commanded."""
+SPEED_SHARE = 1.1
+CLOCK_SHARE = 0.02
+UNLIKE_RAD_S, UNLIKE_SHARE = 0.05, 0.3
+"""How far the speed that is told may be from that of the positions."""
+ON_THEIR_WAY_S = 0.05
+GREETS_WITHIN_S = 1.0
+STOPPED_STATES = 10
+
+requires: Requirements[JointStreamSeen] = Requirements("JSPC")
+_NOTHING = "no commands came"
+
+
+def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
+    wrong = list(found)
+    if wrong:
+        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
+    return passed(good) if of else not_seen(nothing)
+
+
+class Said(NamedTuple):
+    """A command of the client, and the newest state before it."""
+
+    number: int
+    time_s: float
+    value: ArmCommand
+    state: State | None
+
+
+def _said(seen: JointStreamSeen, *phases: str) -> list[Said]:
+    """Those of the phases; none: all."""
+    found: list[Said] = []
+    states = iter(seen.states)
+    newest: State | None = None
+    coming = next(states, None)
+    commands: list[Command] = seen.sent_during(*phases) if phases else seen.commands
+    for each in commands:
+        while coming is not None and coming.number < each.number:
+            # What is sent once more is not the newest.
+            later = newest is None or _later(coming, newest)
+            newest, coming = (coming if later else newest), next(states, None)
+        if each.value is not None:
+            found.append(Said(each.number, each.time_s, each.value, newest))
+    return found
+
+
+def _later(one: State, than: State) -> bool:
+    if one.value.session == than.value.session:
+        return is_newer(one.value.sequence, than.value.sequence)
+    return is_newer(one.value.session, than.value.session)
+
+
+def _greets(command: ArmCommand) -> bool:
+    return command.mode is ControlMode.HOLD and command.session == 0
+
+
+def _speed(said: Said) -> float:
+    """The largest speed that a command asks for, rad/s; of torques none is known."""
+    value = said.value
+    if value.mode is ControlMode.VELOCITY:
+        return max(map(abs, value.values))
+    return max(map(abs, value.feed_forward), default=0.0)
+
+
+def _away(said: Said) -> float:
+    """How far commanded positions are from the measured ones, rad."""
+    if said.value.mode is not ControlMode.POSITION or said.state is None:
+        return 0.0
+    there = said.state.value.positions
+    return max(abs(a - b) for a, b in zip(said.value.values, there, strict=False))
+
+
+@requires(101, f"{RULES} 1: the client begins")
+def it_greets(seen: JointStreamSeen) -> Verdict:
+    """It begins with a hold that has session 0, and states come of that."""
+    first = next((e for e in seen.commands if e.value is not None), None)
+    if first is None or first.value is None:
+        return failed("nothing came")
+    if not _greets(first.value):
+        mode = first.value.mode.name.lower()
+        return failed(f"{mode} with session {first.value.session}", [first.number])
+    return passed("greeted") if seen.states else failed("no state came of it", [first.number])
+
+
+@requires(102, f"{RULES} 6")
+def datagrams_are_commands(seen: JointStreamSeen) -> Verdict:
+    """Every datagram is one whole command: no other length, mode or number of joints, all
+    finite."""
+    return _bad(seen.refused, len(seen.raw), f"{len(seen.raw)} datagrams")
+
+
+@requires(103, f"{HEADER}: number of joints of the arm, in a hold too")
+def the_joints_are_the_arms(seen: JointStreamSeen) -> Verdict:
+    """Once states came, every command says how many joints the arm has."""
+    found = [e for e in _said(seen) if e.state is not None]
+    wrong = [
+        (e.number, f"{seen.raw[e.number][JOINTS_AT]} joints")
+        for e in found
+        if seen.raw[e.number][JOINTS_AT] != JOINTS
+    ]
+    return _bad(wrong, len(found), f"{len(found)} commands")
+
+
+@requires(104, f"{HEADER}: sequence, from 1; {RULES} 2: from a greeting it may count anew")
+def commands_count_up_by_one(seen: JointStreamSeen) -> Verdict:
+    """The sequence goes up by one from command to command."""
+    found = _said(seen)
+    wrong, count = [], 0
+    for a, b in pairwise(found):
+        if _greets(b.value):
+            continue
+        count += 1
+        if (b.value.sequence - a.value.sequence) & 0xFFFFFFFF != 1:
+            wrong.append((b.number, f"{b.value.sequence} after {a.value.sequence}"))
+    return _bad(wrong, count, f"{count} commands")
+
+
+@requires(105, f"{RULES} 2: the session of the newest state")
+def the_session_is_the_newest(seen: JointStreamSeen) -> Verdict:
+    """Commands have the session of the newest state, greetings 0."""
+    found = [e for e in _said(seen) if e.state is not None and not _greets(e.value)]
+    wrong = [
+        (e.number, f"session {e.value.session}, not {e.state.value.session}")
+        for e in found
+        if e.state is not None and e.value.session != e.state.value.session
+    ]
+    return _bad(wrong, len(found), f"{len(found)} commands")
+
+
+class Pair(NamedTuple):
+    """A state, and what came before the next one."""
+
+    state: State
+    commands: list[Said]
+
+
+def _pairs(seen: JointStreamSeen, *phases: str) -> list[Pair]:
+    """The states of the phases."""
+    found = []
+    commands = iter(_said(seen, *phases))
+    command = next(commands, None)
+    states = seen.during(*phases)
+    ends = [*(each.number for each in states[1:]), math.inf]
+    for state, end in zip(states, ends, strict=False):
+        own = []
+        while command is not None and command.number < end:
+            if command.number > state.number:
+                own.append(command)
+            command = next(commands, None)
+        found.append(Pair(state, own))
+    return found
+
+
+def _answered(seen: JointStreamSeen, phase: str, least: float) -> Verdict:
+    found = _pairs(seen, phase)[:-1]
+    began = next((n for n, each in enumerate(found) if each.commands), None)
+    if began is None:
+        return failed("none came") if found else not_seen("there were no states")
+    share = sum(bool(each.commands) for each in found[began:]) / len(found[began:])
+    said = f"{100 * share:.1f} %"
+    return passed(said) if share >= least else failed(said, [found[-1].state.number])
+
+
+@requires(106, f"{RULES} 4: where none comes in a cycle the arm goes on by itself")
+def states_are_answered(seen: JointStreamSeen) -> Verdict:
+    """95 % of the states of a run are answered by a command."""
+    return _answered(seen, "run", ANSWERED_SHARE)
+
+
+@requires(107, f"{RULES} 3 and 4: one command in a cycle")
+def one_command_is_enough(seen: JointStreamSeen) -> Verdict:
+    """To a state there is one command; 1 % may be late, and stand beside the next."""
+    found = _pairs(seen, "run", "anew")
+    wrong = [
+        (each.commands[1].number, f"{len(each.commands)} commands")
+        for each in found
+        if len(each.commands) > 1
+    ]
+    if len(wrong) <= 0.01 * len(found):
+        wrong = []
+    return _bad(wrong, sum(bool(e.commands) for e in found), f"{len(found)} states")
+
+
+@requires(108, f"{RULES} 4: a command acts in the cycle that it comes in")
+def commands_are_in_time(seen: JointStreamSeen) -> Verdict:
+    """A command comes within the cycle of its state: none comes later than that after the last
+    state before a silence."""
+    times = []
+    for name in ("silence", "restarted"):
+        phase = seen.phase(name)
+        states = [] if phase is None else [e for e in seen.states if e.number < phase.first]
+        if phase is None or not states or not _ever_answers(seen, "run"):
+            continue
+        last = states[-1]
+        end = next((e.number for e in seen.states if e.number > phase.first), phase.end)
+        inside = [e for e in _said(seen) if last.number < e.number < end and not _greets(e.value)]
+        if inside:
+            times.append((inside[-1].time_s - last.time_s, inside[-1].number))
+    if not times:
+        return not_seen("it was never silent, or it never answered")
+    late_s, number = max(times)
+    said = f"{late_s * 1e3:.2f} ms"
+    if late_s > PERIOD_S:
+        return failed(said, [number], late_s * 1e3, "ms")
+    return passed(said, late_s * 1e3, "ms")
+
+
+@requires(109, f"{HEADER}: stamp, the sender's clock, s")
+def stamps_advance_as_time_does(seen: JointStreamSeen) -> Verdict:
+    """The stamp never goes back, and advances as time does, to 2 %."""
+    found = _said(seen)
+    if len(found) < 10:
+        return not_seen("fewer than ten commands")
+    wrong = [b.number for a, b in pairwise(found) if b.value.stamp_s < a.value.stamp_s]
+    if wrong:
+        return failed(f"it goes back {len(wrong)} times", wrong)
+    passes_s = found[-1].time_s - found[0].time_s
+    told_s = found[-1].value.stamp_s - found[0].value.stamp_s
+    said = f"{told_s:.3f} s in {passes_s:.3f} s"
+    good = abs(told_s - passes_s) <= CLOCK_SHARE * passes_s
+    return passed(said) if good else failed(said, [found[-1].number])
+
+
+def _begins(seen: JointStreamSeen) -> Iterator[Said]:
+    """The first commands that are no holds: of all, of a session, and after a stop or a silence."""
+    for phases in (("greet", "run"), ("acknowledged",), ("again",), ("restarted", "anew")):
+        found = [e for e in _said(seen, *phases) if e.value.mode is not ControlMode.HOLD]
+        if phases[0] == "restarted":
+            before = {e.value.session for e in seen.during("run")}
+            found = [e for e in found if e.state and e.state.value.session not in before]
+        yield from found[:1]
+
+
+@requires(110, f"{RULES} 2 and 4: what was commanded before is void")
+def motion_begins_where_the_arm_is(seen: JointStreamSeen) -> Verdict:
+    """The first command of a session, and after a stop and a silence, is the measured position to
+    half a degree, or no speed."""
+    found = list(_begins(seen))
+    wrong = []
+    for each in found:
+        if _away(each) > NEAR_RAD:
+            wrong.append((each.number, f"{math.degrees(_away(each)):.2f} degrees away"))
+        elif _speed(each) > STILL_RAD_S:
+            wrong.append((each.number, f"at {_speed(each):.3g} rad/s"))
+    if _said(seen) and not found:
+        return not_applicable("it only holds")
+    return _bad(wrong, len(found), f"{len(found)} beginnings")
+
+
+def _outside(value: ArmCommand) -> str:
+    """Which joint is out of its range, or too fast; empty: none."""
+    if value.mode is ControlMode.TORQUE:
+        return ""
+    for joint, q in enumerate(value.values):
+        model = ARM.joints[joint] if joint < JOINTS else None
+        if model is None:
+            return f"there is no joint {joint + 1}"
+        if value.mode is ControlMode.VELOCITY:
+            if abs(q) > model.velocity * (1.0 + 1e-9):
+                return f"joint {joint + 1} at {q:.3g} rad/s"
+        elif not model.lower - STOP_TOLERANCE_RAD <= q <= model.upper + STOP_TOLERANCE_RAD:
+            return f"joint {joint + 1} at {q:.3g} rad"
+    return ""
+
+
+@requires(111, f"{RULES} 5: what is beyond is refused, and the arm holds")
+def commands_are_within_the_arm(seen: JointStreamSeen) -> Verdict:
+    """Positions are within the joints' ranges, and speeds within what the joints can do."""
+    found = _said(seen)
+    wrong = [(e.number, why) for e in found for why in [_outside(e.value)] if why]
+    return _bad(wrong, len(found), f"{len(found)} commands")
+
+
+def _steps(seen: JointStreamSeen) -> Iterator[tuple[Said, Said, float]]:
+    """Neighbouring commands of positions in one session, and the arm's time between them."""
+    for a, b in pairwise(_said(seen, "run", "acknowledged", "junk", "anew")):
+        both = a.value.mode is b.value.mode is ControlMode.POSITION
+        if not both or a.state is None or b.state is None:
+            continue
+        passed_s = b.state.value.stamp_s - a.state.value.stamp_s
+        if a.value.session == b.value.session and 0.0 < passed_s < 3.0 * PERIOD_S:
+            yield a, b, passed_s
+
+
+@requires(112, f"{RULES} 4: what comes is followed at once")
+def positions_do_not_leap(seen: JointStreamSeen) -> Verdict:
+    """From command to command no joint goes further than its highest speed takes it, and a tenth
+    more."""
+    wrong, count = [], 0
+    for a, b, passed_s in _steps(seen):
+        count += 1
+        for joint, (p, q) in enumerate(zip(a.value.values, b.value.values, strict=True)):
+            most = SPEED_SHARE * ARM.joints[joint].velocity * passed_s
+            if abs(q - p) > most:
+                wrong.append((b.number, f"joint {joint + 1} by {q - p:.3f} rad"))
+                break
+    if _said(seen) and not count:
+        return not_applicable("it commands no positions")
+    return _bad(wrong, count, f"{count} steps")
+
+
+@requires(113, f"{PAGE}, command: speeds at the positions, 0 for none; {RULES} 4")
+def speeds_are_those_of_the_positions(seen: JointStreamSeen) -> Verdict:
+    """The speeds beside positions are those at which the positions move, or 0: where a command is
+    missing the arm goes on at them."""
+    wrong, count = [], 0
+    for a, b, passed_s in _steps(seen):
+        forward = (a.value.feed_forward, b.value.feed_forward)
+        count += 1
+        for joint, (p, q) in enumerate(zip(a.value.values, b.value.values, strict=True)):
+            told = 0.5 * (forward[0][joint] + forward[1][joint])
+            off = abs(told - (q - p) / passed_s)
+            if told and off > UNLIKE_RAD_S + UNLIKE_SHARE * abs((q - p) / passed_s):
+                wrong.append((b.number, f"joint {joint + 1}: {told:.3f} rad/s told"))
+                break
+    # The positions may be limited in one step.
+    few = len(wrong) <= 0.02 * count
+    if _said(seen) and not count:
+        return not_applicable("it commands no positions")
+    return _bad([] if few else wrong, count, f"{count} steps")
+
+
+@requires(114, f"{RULES} 5: every command is ignored, and the next acts when that is over")
+def a_stopped_arm_is_followed(seen: JointStreamSeen) -> Verdict:
+    """While states say why commands do not act, it holds, or commands the measured position without
+    speed."""
+    numbers = {e.number for e in seen.during("estop")[STOPPED_STATES:]}
+    found = [e for e in _said(seen, "estop") if e.state is not None and e.state.number in numbers]
+    wrong = []
+    for each in found:
+        if each.value.mode is ControlMode.HOLD:
+            continue
+        if _away(each) > NEAR_RAD or _speed(each) > STILL_RAD_S:
+            wrong.append((each.number, f"{math.degrees(_away(each)):.2f} degrees away"))
+    return _bad(wrong, len(found), f"{len(found)} commands", "it did not answer then")
+
+
+@requires(115, f"{RULES} 6: malformed as a whole, and changes nothing")
+def junk_does_not_end_it(seen: JointStreamSeen) -> Verdict:
+    """Datagrams that are no states end nothing: it goes on answering 90 % of the states."""
+    return _answered_if_ever(seen, "junk")
+
+
+def _answered_if_ever(seen: JointStreamSeen, phase: str) -> Verdict:
+    if not any(each.commands for each in _pairs(seen, "run")):
+        return not_seen("it never answered")
+    return _answered(seen, phase, 0.9)
+
+
+def _ever_answers(seen: JointStreamSeen, phase: str) -> bool:
+    return any(not _greets(e.value) for e in _said(seen, phase))
+
+
+@requires(116, f"{RULES} 3: what is not newer is dropped")
+def old_states_are_not_answered(seen: JointStreamSeen) -> Verdict:
+    """A state that is old, or comes again, is not answered."""
+    if not _ever_answers(seen, "old"):
+        return not_seen("none were sent, or it did not answer")
+    fresh = len({each.value.sequence for each in _fresh(seen, "old")})
+    found = _said(seen, "old")
+    said = f"{len(found)} commands to {fresh} new states"
+    # The last answer before may have been late.
+    return failed(said, [found[-1].number]) if len(found) > fresh + 1 else passed(said)
+
+
+def _fresh(seen: JointStreamSeen, phase: str) -> list[State]:
+    """The states of a phase that are newer than all before them."""
+    inside = {each.number for each in seen.during(phase)}
+    found: list[State] = []
+    newest: State | None = None
+    for each in seen.states:
+        if newest is None or _later(each, newest):
+            newest = each
+            if each.number in inside:
+                found.append(each)
+    return found
+
+
+@requires(117, f"{RULES} 2: sessions count up; what was before is void")
+def earlier_sessions_are_not_answered(seen: JointStreamSeen) -> Verdict:
+    """A state of an earlier session, on its way for long, is not answered."""
+    if not _ever_answers(seen, "earlier"):
+        return not_seen("none were sent, or it did not answer")
+    fresh, found = len(_fresh(seen, "earlier")), _said(seen, "earlier")
+    said = f"{len(found)} commands to {fresh} new states"
+    return failed(said, [found[-1].number]) if len(found) > fresh + 1 else passed(said)
+
+
+@requires(118, f"{RULES} 4: an arm that hears nothing brakes and holds")
+def silence_is_not_commanded(seen: JointStreamSeen) -> Verdict:
+    """While the arm is silent it is sent holds only, which keep it from forgetting its client."""
+    phase = seen.phase("silence")
+    if phase is None or not _ever_answers(seen, "run"):
+        return not_seen("there was no silence, or it never answered")
+    found = [e for e in _said(seen, "silence") if e.time_s > phase.start_s + ON_THEIR_WAY_S]
+    wrong = [
+        (e.number, e.value.mode.name.lower()) for e in found if e.value.mode is not ControlMode.HOLD
+    ]
+    return _bad(wrong, max(1, len(found)), f"{len(found)} holds")
+
+
+@requires(119, f"{RULES} 1: a client that is silent for 1 s is forgotten")
+def a_silent_arm_is_greeted(seen: JointStreamSeen) -> Verdict:
+    """A silent arm is greeted again, once a second at least: it may have forgotten its client, or
+    restarted."""
+    found = []
+    for name in ("silence", "restarted"):
+        phase = seen.phase(name)
+        if phase is not None:
+            greets = [e for e in _said(seen, name) if _greets(e.value)]
+            first_s = greets[0].time_s if greets else math.inf
+            found.append((first_s - phase.start_s, phase.first))
+    if not found or not _ever_answers(seen, "run"):
+        return not_seen("it was never silent, or it never answered")
+    longest_s, number = max(found)
+    if longest_s > GREETS_WITHIN_S:
+        late = f"{longest_s:.2f} s" if longest_s < math.inf else "never"
+        return failed(f"greeted after: {late}", [number])
+    return passed(f"after {longest_s:.2f} s")
+
+
+@requires(120, f"{RULES} 4: the next command acts again")
+def it_goes_on_after_silence(seen: JointStreamSeen) -> Verdict:
+    """The arm heard again, 90 % of its states are answered."""
+    return _answered_if_ever(seen, "again")
+
+
+@requires(121, f"{RULES} 2: a restart of the controller is a new session")
+def a_restart_is_followed(seen: JointStreamSeen) -> Verdict:
+    """After a restart of the arm 90 % of the states of its new session are answered."""
+    if seen.phase("anew") is None or not _ever_answers(seen, "run"):
+        return not_seen("there was no restart, or it never answered")
+    if not seen.during("anew"):
+        return failed("it did not greet the arm again")
+    return _answered(seen, "anew", 0.9)
+
+
+@requires(122, "cardan.dissect: a second description of the protocol")
+def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
+    """A second reader, the scapy layers, sees the same commands."""
+    try:
+        from cardan.dissect.joint_stream import JointStream, malformed
+    except ImportError:
+        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    found = _said(seen)
+    if not found:
+        return not_seen(_NOTHING)
+    chosen = found[:: max(1, len(found) // 30)]
+    for each in chosen:
+        layer = JointStream(seen.raw[each.number])
+        wrong = malformed(layer)
+        if wrong is not None:
+            return failed(f"the layers refuse it: {wrong}", [each.number])
+        if (layer.session, layer.sequence) != (each.value.session, each.value.sequence):
+            return failed("another session or sequence", [each.number])
+    return passed(f"{len(chosen)} commands read twice")
+
+
+@requires(301, f"{RULES} 4: the arm goes on at the last speeds for 0.1 s")
+def it_leaves_at_rest(seen: JointStreamSeen) -> Verdict:
+    """When the client's program ends, its last command is a hold, or one without speed."""
+    phase, found = seen.phase("ended"), _said(seen)
+    if phase is None or not found:
+        return not_seen("it was not ended")
+    last = found[-1]
+    if phase.end_s - last.time_s < 3.0 * PERIOD_S:
+        return not_seen("it still answers")
+    said = f"{last.value.mode.name.lower()}, {_speed(last):.3g} rad/s"
+    good = last.value.mode is ControlMode.HOLD or _speed(last) <= STILL_RAD_S
+    return passed(said) if good else failed(said, [last.number])

@@ -1,0 +1,1 @@
+"""Conformance of a client of MotoROS: we are the controller."""

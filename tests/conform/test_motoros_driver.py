@@ -1,0 +1,85 @@
+"""Clients of MotoROS: our own in its other modes, and over real sockets."""
+
+from __future__ import annotations
+
+import socket
+import threading
+
+import pytest
+
+from cardan.conform import Level, Outcome, registry, run
+from cardan.conform.conduct import Conduct
+from cardan.conform.motoros_driver import pilot
+from cardan.conform.motoros_driver.rig import MotorosDriverRig
+from cardan.conform.report import judged
+from cardan.conform.wires import ListenTcp
+from cardan.drivers.motoros import Motoros, MotorosOptions
+from cardan.errors import AddressError
+from cardan.gateway.session.examples import free_ports
+from cardan.types import HoldCommand
+
+
+def outcomes(mode):
+    suite = registry.load("motoros-driver")
+    conduct = Conduct(suite.pilot(Level.BY_HAND, suite.seconds))
+    MotorosDriverRig(conduct, {}, MotorosOptions(mode=mode)).run()
+    report = judged(suite, conduct.timeline, Level.BY_HAND, version="")
+    assert report.failed == (), report.as_text()
+    return {each.id: each.outcome for each in report.results}
+
+
+@pytest.mark.parametrize("mode", ["stream", "standard"])
+def test_a_client_of_trajectories_meets_what_concerns_it(mode):
+    found = outcomes(mode)
+    velocity = [each for name, each in found.items() if name.startswith("MOTOPC-14")]
+    assert len(velocity) == 8
+    assert set(velocity) == {Outcome.NOT_APPLICABLE}
+    assert found["MOTOPC-126"] is Outcome.PASSED
+    assert found["MOTOPC-301"] is Outcome.PASSED
+
+
+@pytest.mark.once
+@pytest.mark.realtime
+def test_our_driver_is_judged_over_real_sockets(monkeypatch):
+    velocity = pilot.FIRMWARE[0]
+    monkeypatch.setattr(pilot, "FIRMWARE", (velocity._replace(befalls=("estop", "cut")),))
+    base = free_ports(3)
+    ports = {"motion_port": base, "state_port": base + 1, "io_port": base + 2}
+    driver = Motoros(host="127.0.0.1", **ports)
+    ended = threading.Event()
+
+    def told(instruction):
+        if "start motion" in instruction:
+            driver.enable()
+
+    def drive():
+        with driver:
+            for _ in driver.cycles():
+                driver.send(HoldCommand())
+                if ended.is_set():
+                    break
+
+    thread = threading.Thread(target=drive)
+    thread.start()
+    try:
+        suite = registry.load("motoros-driver")
+        report, timeline = run.at(suite, f"127.0.0.1:{base}", Level.HOLD, told, seconds=0.6)
+    finally:
+        ended.set()
+        thread.join()
+    found = {each.id: each.outcome.value for each in report.results}
+    # Not those of times: this computer may stand still at any moment.
+    for number in (101, 102, 105, 106, 107, 108, 109, 111, 140, 141, 143, 145, 156, 160):
+        assert found[f"MOTOPC-{number}"] == "passed", report.as_text()
+    from cardan.conform.attachments import pcap
+
+    assert pcap(suite, timeline, 0)
+
+
+def test_a_port_that_is_taken_is_an_error():
+    with socket.socket() as other:
+        other.bind(("127.0.0.1", 0))
+        other.listen()
+        port = other.getsockname()[1]
+        with pytest.raises(AddressError, match=rf"cannot listen on 127\.0\.0\.1:{port}"):
+            ListenTcp("127.0.0.1", {"motion": port}).open("motion")
