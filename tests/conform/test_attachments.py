@@ -45,6 +45,25 @@ def test_tcp_of_the_capture_is_whole(tmp_path):
         assert (again.chksum, again[TCP].chksum) == sums
 
 
+def test_a_client_of_ours_begins_its_connections_in_the_capture(tmp_path):
+    from scapy.layers.inet import TCP
+    from scapy.utils import rdpcap
+
+    found = registry.load("motoros-driver")
+    report, timeline = simulated(found, Level.HOLD)
+    save(tmp_path, found, report, timeline)
+    packets = rdpcap(str(tmp_path / "capture.pcap"))
+    first = {}
+    for packet in packets:
+        port = min(packet[TCP].sport, packet[TCP].dport), max(packet[TCP].sport, packet[TCP].dport)
+        first.setdefault(port, packet)
+    clients = [e for e in timeline if e.kind is Kind.OPENED and " " in e.channel]
+    # No two connections share their ports, and each begins with the client's SYN.
+    assert len(first) == len(clients)
+    assert {(p["IP"].src, str(p[TCP].flags)) for p in first.values()} == {("192.0.2.1", "S")}
+    assert {p[TCP].dport for p in first.values()} == {50240, 50241}
+
+
 def test_the_record_has_every_event(tmp_path):
     from mcap.reader import make_reader
 
