@@ -19,6 +19,8 @@ SUITES = {
     "magellan": "cardan.conform.magellan.suite:Magellan",
     "motoros": "cardan.conform.motoros.suite:Motoros",
     "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
+    "spaceball": "cardan.conform.spaceball.suite:Spaceball",
+    "spaceorb": "cardan.conform.spaceorb.suite:SpaceOrb",
     "spnav": "cardan.conform.spnav.suite:SpnavDaemon",
     "wiimote": "cardan.conform.wiimote.suite:Wiimote",
 }
