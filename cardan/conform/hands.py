@@ -34,6 +34,8 @@ class HandPilot(Pilot):
         self._hand_s = min(HAND_S, 4.0 * seconds)
         self._heard_s = 0.0
         self._moved = self._pressed = self._gone = False
+        self._key = ""
+        """What is to be done with a button now, as `KEYS` has it."""
 
     @abstractmethod
     def _note(self, event: Event) -> None:
@@ -73,7 +75,7 @@ class HandPilot(Pilot):
     def _keys(self) -> Script:
         for name, how in KEYS:
             yield mark(name)
-            self._pressed = False
+            self._pressed, self._key = False, name
             yield ask(name, how)
             yield Wait(self._hand_s, lambda: self._pressed or self._gone)
         yield Wait(QUIET_S)

@@ -21,6 +21,8 @@ SUITES = {
     "motoros": "cardan.conform.motoros.suite:Motoros",
     "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriver",
     "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
+    "spaceball": "cardan.conform.spaceball.suite:Spaceball",
+    "spaceorb": "cardan.conform.spaceorb.suite:SpaceOrb",
     "spnav": "cardan.conform.spnav.suite:SpnavDaemon",
     "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtde",
     "wiimote": "cardan.conform.wiimote.suite:Wiimote",

@@ -363,7 +363,7 @@ class SpaceballPacket(Packet):
 
 ORB_LETTERS = b"SpaceWare"
 """What each byte of motion is mixed with."""
-ORB_BYTES = {b"D": 12, b"K": 5, b"E": 4}
+ORB_BYTES = {b"D": 12, b"K": 5, b"E": 4, b"N": 3}
 ORB_BUTTONS = ("a", "b", "c", "d", "e", "f", "rezero")
 TEN_MS = 10
 
@@ -447,7 +447,8 @@ class SpaceOrbError(SpaceOrbLayer):
 
 
 class SpaceOrbText(SpaceOrbLayer):
-    """The banner after power-up (`R`) or an answer (`!`); its last byte is the checksum."""
+    """The banner after power-up (`R`), an answer (`!`) or the null region (`N`); its last byte is
+    the checksum."""
 
     fields_desc = [StrFixedLenField("letter", b"R", 1), StrField("rest", b"")]
 

@@ -15,6 +15,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.conform.silences import never_silent
 from cardan.protocols.connexion import (
     Battery,
     ButtonBits,
@@ -175,25 +176,10 @@ def the_rate_is_the_families(seen: ConnexionSeen) -> Verdict:
 @requires(10, f"{RATE}: while deflected the device keeps sending")
 def deflection_is_never_silent(seen: ConnexionSeen) -> Verdict:
     """Held deflected, it is never silent for more than 100 ms."""
-    longest, wrong, count = 0.0, [], 0
-    for name in HELD:
-        phase = seen.phase(name)
-        if phase is None:
-            continue
-        found = [each for each in seen.during(name) if each.is_motion]
-        times = [phase.start_s, *(each.time_s for each in found), phase.end_s]
-        count += 1
-        for n, (a, b) in enumerate(pairwise(times)):
-            longest = max(longest, b - a)
-            if b - a > LINK_LOST_S:
-                at = found[min(n, len(found) - 1)].number if found else phase.first
-                wrong.append((at, f"{(b - a) * 1e3:.0f} ms"))
-    if wrong:
-        said = f"{len(wrong)} silences: {wrong[0][1]}"
-        return failed(said, (n for n, _ in wrong), longest * 1e3, "ms")
-    if not count:
-        return not_seen("it was never held deflected")
-    return passed(f"longest {longest * 1e3:.0f} ms", longest * 1e3, "ms")
+    return never_silent(
+        ((seen.phase(name), [e for e in seen.during(name) if e.is_motion]) for name in HELD),
+        LINK_LOST_S,
+    )
 
 
 @requires(11, f"{RATE}: three zero pairs, then silence")

@@ -16,6 +16,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.errors import ExtraMissingError
 from cardan.protocols.joint_stream import ArmCommand, ControlMode, is_newer
 from cardan.robots import load_arm
 
@@ -475,8 +476,8 @@ def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same commands."""
     try:
         from cardan.dissect.joint_stream import JointStream, malformed
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     found = _said(seen)
     if not found:
         return not_seen(_NOTHING)

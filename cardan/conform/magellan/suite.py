@@ -8,9 +8,9 @@ from typing import ClassVar
 from cardan.conform.conduct import Conduct
 from cardan.conform.magellan.pilot import MagellanPilot
 from cardan.conform.magellan.requirements import requires
-from cardan.conform.magellan.rig import MagellanRig
-from cardan.conform.magellan.seen import MagellanSeen
+from cardan.conform.magellan.seen import MagellanSeen, MagellanTongue
 from cardan.conform.requirements import Level
+from cardan.conform.serial_puck.rig import PuckRig
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.wires import SerialLine, Wires
@@ -38,13 +38,13 @@ class Magellan(Suite[MagellanSeen]):
     }
 
     def see(self, timeline: Timeline) -> MagellanSeen:
-        return MagellanSeen(timeline)
+        return MagellanSeen(timeline, MagellanTongue())
 
     def pilot(self, level: Level, seconds: float) -> MagellanPilot:
         return MagellanPilot(level, seconds)
 
     def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
-        MagellanRig(conduct, faults, seed).run()
+        PuckRig("magellan", conduct, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return SerialLine(target, BAUD, stop_bits=2)

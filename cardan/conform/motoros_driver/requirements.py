@@ -21,6 +21,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.timeline import Phase
+from cardan.errors import ExtraMissingError
 from cardan.protocols.simple_message import (
     CommType,
     InvalidSubcode,
@@ -814,8 +815,8 @@ def both_descriptions_agree(seen: DriverSeen) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the messages either."""
     try:
         from cardan.dissect.simple_message import SimpleMessage, malformed
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     if not seen.said:
         return not_seen(_NOTHING)
     chosen = seen.said[:: max(1, len(seen.said) // 40)]

@@ -15,6 +15,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.conform.silences import never_silent
 from cardan.conform.spnav.pilot import (
     NEW,
     NEW_FACTOR,
@@ -148,25 +149,7 @@ def motion_comes_as_it_is_reported(seen: SpnavSeen) -> Verdict:
 @requires(7, ON_CHANGE)
 def deflection_is_never_silent(seen: SpnavSeen) -> Verdict:
     """Held deflected by hand, it is never silent for more than 0.5 s."""
-    longest, wrong, count = 0.0, [], 0
-    for name in HELD:
-        phase = seen.phase(name)
-        if phase is None:
-            continue
-        found = seen.motions(OLD, name)
-        times = [phase.start_s, *(each.time_s for each in found), phase.end_s]
-        count += 1
-        for n, (a, b) in enumerate(pairwise(times)):
-            longest = max(longest, b - a)
-            if b - a > SILENT_S:
-                at = found[min(n, len(found) - 1)].number if found else phase.first
-                wrong.append((at, f"{(b - a) * 1e3:.0f} ms"))
-    if wrong:
-        said = f"{len(wrong)} silences: {wrong[0][1]}"
-        return failed(said, (n for n, _ in wrong), longest * 1e3, "ms")
-    if not count:
-        return not_seen("it was never held deflected")
-    return passed(f"longest {longest * 1e3:.0f} ms", longest * 1e3, "ms")
+    return never_silent(((seen.phase(name), seen.motions(OLD, name)) for name in HELD), SILENT_S)
 
 
 @requires(8, "programs keep the last motion that they got")

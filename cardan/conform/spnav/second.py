@@ -6,6 +6,7 @@ from typing import Any
 
 from cardan.conform.requirements import Verdict, failed, not_applicable, not_seen, passed
 from cardan.conform.spnav.seen import Record, SpnavSeen
+from cardan.errors import ExtraMissingError
 from cardan.protocols.spnav import (
     RECORD_BYTES,
     Button,
@@ -28,8 +29,8 @@ def readings_differ(seen: SpnavSeen) -> Verdict:
     """Whether the layers cut and read the daemon's streams as the codec does."""
     try:
         from cardan.dissect.spnav import SpnavBroken, SpnavFromServer, SpnavHandshake
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     count = 0
     for channel, stream in seen.streams.items():
         at = 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from cardan.conform.requirements import Verdict, failed, not_applicable, not_seen, passed
 from cardan.conform.ur_rtde.seen import Heard, UrSeen
+from cardan.errors import ExtraMissingError
 from cardan.protocols.ur.rtde import Data, SetupReply
 
 COMPARED = 60
@@ -14,8 +15,8 @@ def readings_differ(seen: UrSeen) -> Verdict:
     """Whether the layers and the codec read the controller's packets alike."""
     try:
         from cardan.dissect.rtde import RtdeReply, malformed
-    except ImportError:
-        return not_applicable('scapy is not installed: pip install "cardan[dissect]"')
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
     if not seen.heard:
         return not_seen("nothing came")
     data = [each for each in seen.heard if isinstance(each.reply, Data)]

@@ -1,4 +1,4 @@
-"""The simulated Magellan and a pilot in virtual time."""
+"""A simulated serial device and a pilot in virtual time."""
 
 from __future__ import annotations
 
@@ -15,12 +15,13 @@ _RIGHT, _CLOCKWISE = (0.0, -0.5, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, 
 _REST = (0.0,) * 6
 
 
-class MagellanRig:
+class PuckRig:
     """Has the device moved as a person would who does what is asked."""
 
-    def __init__(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+    def __init__(self, key: str, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+        """`key`: of the device's model."""
         self._conduct = conduct
-        model = serial_model_by_key("magellan")
+        model = serial_model_by_key(key)
         self._device = simulated_serial_puck(model, faults=faults, jitter_lsb=1, seed=seed)
         self._refused_s = faults.get("refuse", 0.0)
         self._open = False
@@ -30,10 +31,11 @@ class MagellanRig:
         """Until the pilot's script is over."""
         conduct, device = self._conduct, self._device
         while not conduct.over and self._now_s < LONGEST_S:
-            self._do(conduct.due(self._now_s))
+            # First, or a hand that moves now would have moved since the device was last heard.
             for data in device.reports(self._now_s):
                 if self._open:
                     self._do(conduct.heard(self._now_s, "", data))
+            self._do(conduct.due(self._now_s))
             if self._open and not device.plugged:
                 self._open = False
                 self._do(conduct.heard(self._now_s, "", kind=Kind.CLOSED))

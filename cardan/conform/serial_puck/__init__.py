@@ -1,0 +1,1 @@
+"""What the conformance of all serial six-axis devices shares."""

@@ -1,0 +1,43 @@
+"""Judges whether what is held is ever silent."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import Protocol
+
+from cardan.conform.requirements import Verdict, failed, not_seen, passed
+from cardan.conform.timeline import Phase
+
+
+class Timed(Protocol):
+    """Something that came."""
+
+    @property
+    def number(self) -> int:
+        """Of its event."""
+
+    @property
+    def time_s(self) -> float: ...
+
+
+def never_silent(held: Iterable[tuple[Phase | None, Sequence[Timed]]], most_s: float) -> Verdict:
+    """Whether what came in these phases, from their beginnings to their ends, was never more than
+    `most_s` apart. A phase that the pilot did not come to is None."""
+    longest, wrong, count = 0.0, [], 0
+    for phase, found in held:
+        if phase is None:
+            continue
+        times = [phase.start_s, *(each.time_s for each in found), phase.end_s]
+        count += 1
+        for n, (a, b) in enumerate(pairwise(times)):
+            longest = max(longest, b - a)
+            if b - a > most_s:
+                at = found[min(n, len(found) - 1)].number if found else phase.first
+                wrong.append((at, f"{(b - a) * 1e3:.0f} ms"))
+    if wrong:
+        said = f"{len(wrong)} silences: {wrong[0][1]}"
+        return failed(said, (n for n, _ in wrong), longest * 1e3, "ms")
+    if not count:
+        return not_seen("it was never held deflected")
+    return passed(f"longest {longest * 1e3:.0f} ms", longest * 1e3, "ms")

@@ -1,0 +1,1 @@
+"""Conformance of a Spaceball on its serial line."""

@@ -1,0 +1,1 @@
+"""Conformance of a SpaceOrb 360 on its serial line."""

@@ -1,0 +1,38 @@
+"""A hand that does what `cardan conform` asks for, with a simulated device."""
+
+import math
+import queue
+
+from cardan.conform.hands import KEYS, PUSHES
+from cardan.conform.spnav.pilot import ALONE, MASKED, SAME, SCALED
+
+AGAIN = "Push the cap once more."
+STEPS = {how: name for name, how in (*PUSHES, *KEYS, *SAME, *SCALED, *MASKED, *ALONE)}
+STEPS[AGAIN] = "push"
+RIGHT, CLOCKWISE = (0.0, -0.5, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
+REST = (0.0,) * 6
+
+
+class ToldHand:
+    """Does what a person would who is told to."""
+
+    def __init__(self):
+        self.told = queue.SimpleQueue()
+
+    @property
+    def next_due_s(self):
+        return math.inf if self.told.empty() else 0.0
+
+    def advance(self, now_s, device):
+        while not self.told.empty():
+            what = STEPS.get(self.told.get(), "let-go")
+            if what == "twist":
+                device.set_axes(CLOCKWISE)
+            elif what == "let-go":
+                device.set_axes(REST)
+            elif what not in ("press", "release"):
+                device.set_axes(RIGHT)
+            if what in ("press", "masked"):
+                device.press(device.model.buttons[0])
+            elif what in ("release", "let-go"):
+                device.release(device.model.buttons[0])
