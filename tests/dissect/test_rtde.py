@@ -8,11 +8,11 @@ from hypothesis import given, settings, strategies as st
 from scapy.layers.inet import TCP
 
 from cardan.dissect import rtde as layers
-from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
 from cardan.dissect.rtde import RtdeReply, RtdeRequest, listed, malformed, values_of
 from cardan.dissect.rtde_reader import RtdeReader
 from cardan.protocols.ur import rtde as codec
+from tests.dissect import streaming
 
 CONTROLLER, CLIENT = Endpoint("10.0.0.1", 30004), Endpoint("10.0.0.2", 40000)
 
@@ -186,21 +186,13 @@ def test_layers_are_bound_to_the_port():
 
 
 def segments(parts, source, destination, start=1000):
-    made = []
-    for part in parts:
-        made.append(Segment("TCP", source, destination, part, False, start, 16))
-        start += len(part)
-    return made
+    return streaming.segments(parts, start, source, destination)
 
 
-def fed(listed_, period_s=0.002):
+def fed(listed, period_s=0.002):
     """Lines without their addresses, and the reader."""
-    reader, lines = RtdeReader(), []
-    for number, segment in enumerate(listed_, 1):
-        packet = CapturedPacket(number, round(number * period_s * 1e9), 1, "<", b"", 0)
-        lines += [text for _, text in reader.feed(packet, segment)]
-    lines += [text for _, text in reader.finish()]
-    return [line.split(" ", 3)[3] for line in lines], reader
+    reader = RtdeReader()
+    return streaming.fed(reader, listed, period_s), reader
 
 
 NAMES = ("timestamp", "actual_q", "robot_mode")
