@@ -244,8 +244,7 @@ def test_a_connection_has_its_lines_and_figures():
         "RTDE OUTPUTS | asks at 500 Hz for timestamp, actual_q, robot_mode",
         "RTDE OUTPUTS | recipe 1 | DOUBLE, VECTOR6D, INT32",
         "RTDE INPUTS | asks to write input_int_register_24, nothing",
-        "RTDE INPUTS | no recipe | IN_USE, NOT_FOUND | INPUT_INT_REGISTER_24 IN_USE | "
-        "NOTHING NOT_FOUND",
+        "RTDE INPUTS | no recipe | IN_USE, NOT_FOUND | 2 OF 2 VARIABLES REFUSED",
     ]
     assert lines[10] == (
         "RTDE DATA recipe 1 | timestamp 1 s | actual_q 0.5 0.5 0.5 0.5 0.5 0.5 rad | robot_mode 7"
@@ -254,7 +253,7 @@ def test_a_connection_has_its_lines_and_figures():
         "RTDE flow controller 10.0.0.1:30004 - client 10.0.0.2:40000, software 5.12.0.1",
         "  from controller: 9 messages in 9 segments, retransmitted 0 out of order 0 gaps 0",
         "    DATA x4, PROTOCOL_VERSION x1, CONTROLLER_VERSION x1, OUTPUTS x1, INPUTS x1, START x1",
-        "    remarks: input_int_register_24 IN_USE x1, nothing NOT_FOUND x1",
+        "    remarks: 2 of 2 variables refused x1",
         "  from client: 5 messages in 5 segments, retransmitted 0 out of order 0 gaps 0",
         "    PROTOCOL_VERSION x1, CONTROLLER_VERSION x1, OUTPUTS x1, INPUTS x1, START x1",
         "  output recipe 1 at 500 Hz: timestamp, actual_q, robot_mode",
