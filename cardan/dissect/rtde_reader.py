@@ -189,7 +189,8 @@ class _Flow(StreamFlow):
         recipe = Recipe(parted(asked.variables), parted(reply.types), frequency_hz)
         refused = list(recipe.refused)
         self._refused.update(refused)
-        yield from refused
+        if refused:
+            yield f"{len(refused)} of {len(recipe.names)} variables refused"
         if len(recipe.names) != len(recipe.types):
             yield f"{len(recipe.types)} types for {len(recipe.names)} variables"
         elif reply.recipe != NO_RECIPE and not refused:

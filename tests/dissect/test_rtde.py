@@ -8,11 +8,11 @@ from hypothesis import given, settings, strategies as st
 from scapy.layers.inet import TCP
 
 from cardan.dissect import rtde as layers
-from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
 from cardan.dissect.rtde import RtdeReply, RtdeRequest, listed, malformed, values_of
 from cardan.dissect.rtde_reader import RtdeReader
 from cardan.protocols.ur import rtde as codec
+from tests.dissect import streaming
 
 CONTROLLER, CLIENT = Endpoint("10.0.0.1", 30004), Endpoint("10.0.0.2", 40000)
 
@@ -186,21 +186,13 @@ def test_layers_are_bound_to_the_port():
 
 
 def segments(parts, source, destination, start=1000):
-    made = []
-    for part in parts:
-        made.append(Segment("TCP", source, destination, part, False, start, 16))
-        start += len(part)
-    return made
+    return streaming.segments(parts, start, source, destination)
 
 
-def fed(listed_, period_s=0.002):
+def fed(listed, period_s=0.002):
     """Lines without their addresses, and the reader."""
-    reader, lines = RtdeReader(), []
-    for number, segment in enumerate(listed_, 1):
-        packet = CapturedPacket(number, round(number * period_s * 1e9), 1, "<", b"", 0)
-        lines += [text for _, text in reader.feed(packet, segment)]
-    lines += [text for _, text in reader.finish()]
-    return [line.split(" ", 3)[3] for line in lines], reader
+    reader = RtdeReader()
+    return streaming.fed(reader, listed, period_s), reader
 
 
 NAMES = ("timestamp", "actual_q", "robot_mode")
@@ -252,8 +244,7 @@ def test_a_connection_has_its_lines_and_figures():
         "RTDE OUTPUTS | asks at 500 Hz for timestamp, actual_q, robot_mode",
         "RTDE OUTPUTS | recipe 1 | DOUBLE, VECTOR6D, INT32",
         "RTDE INPUTS | asks to write input_int_register_24, nothing",
-        "RTDE INPUTS | no recipe | IN_USE, NOT_FOUND | INPUT_INT_REGISTER_24 IN_USE | "
-        "NOTHING NOT_FOUND",
+        "RTDE INPUTS | no recipe | IN_USE, NOT_FOUND | 2 OF 2 VARIABLES REFUSED",
     ]
     assert lines[10] == (
         "RTDE DATA recipe 1 | timestamp 1 s | actual_q 0.5 0.5 0.5 0.5 0.5 0.5 rad | robot_mode 7"
@@ -262,7 +253,7 @@ def test_a_connection_has_its_lines_and_figures():
         "RTDE flow controller 10.0.0.1:30004 - client 10.0.0.2:40000, software 5.12.0.1",
         "  from controller: 9 messages in 9 segments, retransmitted 0 out of order 0 gaps 0",
         "    DATA x4, PROTOCOL_VERSION x1, CONTROLLER_VERSION x1, OUTPUTS x1, INPUTS x1, START x1",
-        "    remarks: input_int_register_24 IN_USE x1, nothing NOT_FOUND x1",
+        "    remarks: 2 of 2 variables refused x1",
         "  from client: 5 messages in 5 segments, retransmitted 0 out of order 0 gaps 0",
         "    PROTOCOL_VERSION x1, CONTROLLER_VERSION x1, OUTPUTS x1, INPUTS x1, START x1",
         "  output recipe 1 at 500 Hz: timestamp, actual_q, robot_mode",

@@ -12,32 +12,23 @@ from scapy.packet import Raw
 from scapy.utils import wrpcap
 
 from cardan.dissect import dissect_file, simple_message as sm
-from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
 from cardan.dissect.simple_message_reader import SimpleMessageReader
 from tests import captures
-from tests.dissect import worked
+from tests.dissect import streaming, worked
 
 CONTROLLER, CLIENT = Endpoint("10.0.0.1", 50241), Endpoint("10.0.0.2", 40000)
 MOTION = Endpoint("10.0.0.1", 50240)
 
 
 def segments(parts, start=2**32 - 100, source=CONTROLLER, destination=CLIENT):
-    made = []
-    for part in parts:
-        made.append(Segment("TCP", source, destination, part, False, start % 2**32, 16))
-        start += len(part)
-    return made
+    return streaming.segments(parts, start, source, destination)
 
 
 def fed(listed, period_s=0.001):
     """Lines without their addresses, and the reader."""
-    reader, lines = SimpleMessageReader(), []
-    for number, segment in enumerate(listed, 1):
-        packet = CapturedPacket(number, round(number * period_s * 1e9), 1, "<", b"", 0)
-        lines += [text for _, text in reader.feed(packet, segment)]
-    lines += [text for _, text in reader.finish()]
-    return [line.split(" ", 3)[3] for line in lines], reader
+    reader = SimpleMessageReader()
+    return streaming.fed(reader, listed, period_s), reader
 
 
 def states(count, order="<"):

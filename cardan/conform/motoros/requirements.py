@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from itertools import pairwise
 
 from cardan.conform.motoros.pilot import STEP_RAD, STEP_S, UNKNOWN_TYPE
@@ -13,6 +12,7 @@ from cardan.conform.requirements import (
     Requirements,
     Verdict,
     failed,
+    none_wrong,
     not_applicable,
     not_seen,
     passed,
@@ -56,13 +56,6 @@ REACHED_SHARE = 0.2
 requires: Requirements[MotorosSeen] = Requirements("MOTO")
 
 
-def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str) -> Verdict:
-    wrong = list(found)
-    if wrong:
-        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
-    return passed(good) if of else not_seen(nothing)
-
-
 # -- level 0: the state port ----------------------------------------------------------------------
 
 
@@ -79,7 +72,7 @@ def bytes_are_messages(seen: MotorosSeen) -> Verdict:
     """All that comes on any port is whole messages with the right prefix, one after the other."""
     wrong = ((each.number, f"{each.channel}: {each.reason}") for each in seen.unread)
     count = len(seen.heard) + len(seen.unread)
-    return _bad(wrong, count, f"{count} messages", "nothing came")
+    return none_wrong(wrong, count, f"{count} messages", "nothing came")
 
 
 @requires(3, f"{STATES}: a cycle every 25 ms")
@@ -124,7 +117,7 @@ def a_cycle_has_its_order(seen: MotorosSeen) -> Verdict:
             if cycle != list(range(len(cycle))) or not cycle:
                 wrong.append((each.number, f"groups {cycle} before the status"))
             cycle = []
-    return _bad(wrong, count, f"{count} cycles", "no status came")
+    return none_wrong(wrong, count, f"{count} cycles", "no status came")
 
 
 @requires(6, f"{MESSAGES}: TOPIC is 1, the reply code of topics 0")
@@ -136,7 +129,7 @@ def states_are_topics(seen: MotorosSeen) -> Verdict:
         for each in found
         if each.message.comm_type != CommType.TOPIC or each.message.reply_code
     )
-    return _bad(wrong, len(found), f"{len(found)} messages", "nothing came")
+    return none_wrong(wrong, len(found), f"{len(found)} messages", "nothing came")
 
 
 @requires(7, f"{STATES}: POSITION, and VELOCITY where speed feedback is available")
@@ -152,7 +145,7 @@ def feedback_says_what_is_valid(seen: MotorosSeen) -> Verdict:
         elif not all(map(math.isfinite, (*body.pos, *body.vel))):
             wrong.append((each.number, "a value that is not finite"))
     said = f"valid_fields {' and '.join(map(str, sorted(fields)))}"
-    return _bad(wrong, len(found), said, "no feedback came")
+    return none_wrong(wrong, len(found), said, "no feedback came")
 
 
 @requires(8, f"{STATES}: speed feedback since the API has it")
@@ -176,7 +169,7 @@ def statuses_are_plausible(seen: MotorosSeen) -> Verdict:
             wrong.append((each.number, f"switches {switches}"))
         elif s.mode not in (ControllerMode.MANUAL, ControllerMode.AUTO):
             wrong.append((each.number, f"mode {s.mode}"))
-    return _bad(wrong, len(found), f"{len(found)} statuses", "no status came")
+    return none_wrong(wrong, len(found), f"{len(found)} statuses", "no status came")
 
 
 @requires(10, f"{STATES}: each message in one send()")
@@ -188,7 +181,7 @@ def messages_are_not_torn(seen: MotorosSeen) -> Verdict:
         if each.time_s - each.begun_s > WHOLE_WITHIN_S
     ]
     if len(torn) > 0.01 * len(seen.heard):
-        return _bad(torn, len(seen.heard), "", "")
+        return none_wrong(torn, len(seen.heard), "", "")
     said = f"{len(seen.heard)} messages, {len(torn)} in pieces"
     return passed(said) if seen.heard else not_seen("nothing came")
 
@@ -232,7 +225,7 @@ def every_request_is_answered(seen: MotorosSeen) -> Verdict:
         for each in found
         if each.reply is None and not any(each.time_s - 1.0 < end < each.time_s for end in ends)
     )
-    return _bad(wrong, len(found), f"{len(found)} requests", "nothing was asked")
+    return none_wrong(wrong, len(found), f"{len(found)} requests", "nothing was asked")
 
 
 @requires(102, "0.2 to 1.1 ms in a capture of a controller (2015)")
@@ -264,7 +257,7 @@ def answers_are_to_what_was_asked(seen: MotorosSeen) -> Verdict:
         found = each.motion
         if found is None or (found.command, found.sequence) != (body.command, body.sequence):
             wrong.append((each.reply.number, f"not of {body.command}, {body.sequence}"))
-    return _bad(wrong, count, f"{count} replies", "nothing was answered")
+    return none_wrong(wrong, count, f"{count} replies", "nothing was answered")
 
 
 @requires(104, f"{MESSAGES}: SERVICE_REPLY is 3, the reply code SUCCESS even of errors")
@@ -277,7 +270,7 @@ def replies_are_replies(seen: MotorosSeen) -> Verdict:
         if (each.message.comm_type, each.message.reply_code)
         != (CommType.SERVICE_REPLY, ReplyCode.SUCCESS)
     )
-    return _bad(wrong, len(found), f"{len(found)} replies", "nothing was answered")
+    return none_wrong(wrong, len(found), f"{len(found)} replies", "nothing was answered")
 
 
 @requires(105, f"{SERVER}: PING is answered with PING")
@@ -351,7 +344,7 @@ def not_ready_has_a_reason(seen: MotorosSeen) -> Verdict:
         for each, reply in refused
         if reply.result != R.FAILURE or not N.UNSPECIFIED <= reply.subcode < N.UNSPECIFIED + 100
     )
-    return _bad(wrong, len(refused), f"{len(refused)} reasons", "it was ready all the time")
+    return none_wrong(wrong, len(refused), f"{len(refused)} reasons", "it was ready all the time")
 
 
 @requires(110, f"{IO}: results 0 and 1001")
@@ -418,7 +411,7 @@ def holding_is_undisturbed(seen: MotorosSeen) -> Verdict:
             if bad:
                 wrong.append((each.number, words))
                 break
-    return _bad(wrong, len(found), f"{len(found)} statuses", "")
+    return none_wrong(wrong, len(found), f"{len(found)} statuses", "")
 
 
 @requires(114, f"{SERVER}: one client is served until it leaves")
@@ -426,7 +419,7 @@ def connections_last(seen: MotorosSeen) -> Verdict:
     """No connection is closed or refused by the controller while it is used."""
     count = sum(1 for each in seen.phases if each != "listen")
     wrong = ((n, f"{event.channel} {event.kind.value}") for n, event in seen.ended)
-    return _bad(wrong, max(count, len(seen.ended)), "none was", "")
+    return none_wrong(wrong, max(count, len(seen.ended)), "none was", "")
 
 
 @requires(115, f"{GROUP}: 30 pulses around the command")
@@ -458,7 +451,7 @@ def an_empty_queue_is_said_to_be(seen: MotorosSeen) -> Verdict:
         for each, reply in counted
         if (reply.result, reply.subcode) != (R.SUCCESS, 0)
     )
-    return _bad(wrong, len(counted), f"{len(counted)} times", "it was not answered")
+    return none_wrong(wrong, len(counted), f"{len(counted)} times", "it was not answered")
 
 
 def _velocities(seen: MotorosSeen, phase: str) -> list[Exchange]:
@@ -643,7 +636,7 @@ def motion_stays_possible(seen: MotorosSeen) -> Verdict:
         for each, s in found
         if s.motion_possible != 1 or s.in_error
     )
-    return _bad(wrong, len(found), f"{len(found)} statuses", "")
+    return none_wrong(wrong, len(found), f"{len(found)} statuses", "")
 
 
 @requires(205, f"{STATES}, in_motion")
