@@ -31,6 +31,7 @@ from tests.fault_rig import (
     MotorosBench,
     MotorosStreamBench,
     Ros2Bench,
+    UrBench,
 )
 
 pytestmark = pytest.mark.once
@@ -48,6 +49,7 @@ LONGEST_S = {
     MotorosBench: 0.09,
     MotorosStreamBench: 0.008,
     Ros2Bench: 0.011,
+    UrBench: 0.09,
 }
 """After 0.1 s controllers and drivers brake by themselves, as hard as they may; a stream of points
 may have run empty, and stopped dead, after the three increments of 4 ms that it keeps, and a

@@ -58,16 +58,7 @@ class Rig:
             servo = self.controller.servo
             self.trace.append((now_s, tuple(servo.target_q), tuple(servo.actual_q)))
         self._carry_from_controller()
-        # What a process that stands still does not read waits.
-        flight, self._flight, due = self._flight, [], []
-        for item in flight:
-            arrived = item[0] <= now_s and (self.alive or item[1])
-            (due if arrived else self._flight).append(item)
-        for _, to_controller, key, data in due:
-            if to_controller and key in self.numbers.values():
-                servers.data(key, data, now_s)
-            elif not to_controller and key in self.numbers:
-                session.received(key, data, now_s)
+        self._deliver()
         if not self.alive:
             return
         for channel in CHANNELS:
@@ -80,8 +71,23 @@ class Rig:
             self.states.append(state)
             command = self.answer(state)
             if command is not None:
-                session.command(command, now_s)
+                if session.owes_answer and session.late(self.now_s):
+                    self._deliver()  # as the driver's send does
+                session.command(command, self.now_s)
             self._carry_from_session()
+
+    def _deliver(self):
+        """What has arrived; what a process that stands still does not read waits."""
+        now_s = self.now_s
+        flight, self._flight, due = self._flight, [], []
+        for item in flight:
+            arrived = item[0] <= now_s and (self.alive or item[1])
+            (due if arrived else self._flight).append(item)
+        for _, to_controller, key, data in due:
+            if to_controller and key in self.numbers.values():
+                self.servers.data(key, data, now_s)
+            elif not to_controller and key in self.numbers:
+                self.session.received(key, data, now_s)
 
     def _connect(self, channel):
         if not self.reachable:

@@ -578,8 +578,8 @@ class UrSession:
         self.owes_answer = False
         if not self._acts:
             command = HoldCommand()
-        # What came in since the state was given is what is answered.
-        self._told_packages = self.feed.packages
+        # What came in since the state was given is what is answered, and known to be heard.
+        self._told_packages, self._said_s = self.feed.packages, now_s
         self._send(command, motion, now_s)
 
     def _send(self, command: RobotCommand, motion: Motion, now_s: float) -> None:
