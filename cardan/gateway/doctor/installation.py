@@ -32,8 +32,9 @@ _EXTRA_OF_DRIVER: Final = {"jr3_can": "can", "sim_arm": "arm"}
 _EXTRA_OF_FACE: Final = {"foxglove": "foxglove"}
 
 _REQUIREMENT = re.compile(
-    r"(?P<name>[\w.-]+)(?:\[(?P<extras>[\w,.-]+)\])?\s*(?:>=\s*(?P<least>[\d.]+))?\s*(?:;(?P<marker>.*))?"
+    r"(?P<name>[\w.-]+)(?:\[(?P<extras>[\w,.-]+)\])?\s*(?P<versions>[<>=!~\d.*,\s]*)(?:;(?P<marker>.*))?"
 )
+_LEAST = re.compile(r">=\s*([\d.]+)")
 _EXTRA = re.compile(r"extra\s*==\s*['\"]([\w.-]+)['\"]")
 _OLDER_PYTHON = re.compile(r"python_version\s*<\s*['\"](\d+)\.(\d+)['\"]")
 
@@ -63,8 +64,9 @@ def read_requirements(
             continue
         extra = _EXTRA.search(marker)
         extras = tuple(match["extras"].split(",")) if match["extras"] else ()
+        least = _LEAST.search(match["versions"])
         found.append(
-            Requirement(match["name"], extras, match["least"] or "", extra[1] if extra else "")
+            Requirement(match["name"], extras, least[1] if least else "", extra[1] if extra else "")
         )
     return found
 

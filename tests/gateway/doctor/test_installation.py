@@ -23,6 +23,7 @@ from tests.gateway.doctor.told import told
 
 METADATA = [
     "hidapi>=0.14",
+    "typer<0.29,>=0.12",
     "tomli>=2.0; python_version < '3.11'",
     'coal>=3.0; extra == "arm"',
     'eclipse-zenoh>=1.2; extra == "network"',
@@ -31,7 +32,13 @@ METADATA = [
     'plain; extra == "can"',
     "name @ https://example.org/x.whl",
 ]
-VERSIONS = {"hidapi": "0.14.0.post4", "coal": "3.0", "eclipse-zenoh": "1.2.0", "mcap": "1.6.1"}
+VERSIONS = {
+    "hidapi": "0.14.0.post4",
+    "typer": "0.28.0",
+    "coal": "3.0",
+    "eclipse-zenoh": "1.2.0",
+    "mcap": "1.6.1",
+}
 
 
 def requirements(python=(3, 12)):
@@ -41,6 +48,7 @@ def requirements(python=(3, 12)):
 def test_requirements_as_metadata_have_them():
     assert requirements() == [
         Requirement("hidapi", (), "0.14", ""),
+        Requirement("typer", (), "0.12", ""),
         Requirement("coal", (), "3.0", "arm"),
         Requirement("eclipse-zenoh", (), "1.2", "network"),
         Requirement("cardan", ("network",), "", "record"),
@@ -60,8 +68,12 @@ def test_our_own_metadata_is_understood():
     ("extra", "versions", "missing"),
     [
         ("", VERSIONS, []),
-        ("", {"hidapi": "0.13.1"}, ["hidapi is 0.13.1, and must be 0.14 or newer"]),
-        ("", {"hidapi": "0.14.0rc1"}, []),
+        (
+            "",
+            {"hidapi": "0.13.1", "typer": "0.12"},
+            ["hidapi is 0.13.1, and must be 0.14 or newer"],
+        ),
+        ("", {"hidapi": "0.14.0rc1", "typer": "0.12"}, []),
         ("arm", {}, ["coal is missing"]),
         ("record", {"mcap": "1.10"}, ["eclipse-zenoh is missing"]),
         (
