@@ -78,7 +78,12 @@ class Played:
                 self._selector.register(taken, selectors.EVENT_READ, number)
                 if key.data == "rtde":
                     self.rtde, self._rtde_number = taken, number
-            elif data := key.fileobj.recv(65536):
+                continue
+            try:
+                data = key.fileobj.recv(65536)
+            except ConnectionResetError:  # closed while something was on its way there
+                data = b""
+            if data:
                 self.servers.data(key.data, data, self.now_s)
             else:
                 self._selector.unregister(key.fileobj)
