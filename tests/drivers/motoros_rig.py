@@ -9,17 +9,17 @@ from cardan.sim_peers.motoros_controller import (
     MotorosServers,
 )
 from cardan.types import HoldCommand
+from tests.drivers.tcp_rig import TcpRig
 
-LATENCY_S = 1.5e-4
-"""One way. With it a request is answered in the 0.3 ms that were seen on a real line."""
 TICK_S = 2.5e-4
 """At most so much time passes at once."""
 
 
-class Rig:
+class Rig(TcpRig):
     """Session and controller; `answer` makes the command for each state that asks for one."""
 
     def __init__(self, driver=None, answer=None, start_s=100.0, tick_s=TICK_S, **controller):
+        super().__init__()
         controller.setdefault("servo_on", True)
         self.peer_options = MotorosControllerOptions(**controller)
         self.options = MotorosOptions(**(driver or {}))
@@ -32,9 +32,6 @@ class Rig:
         self.states = []
         self.trace = []
         """(time, joint 1 commanded in the controller, joint 1 measured) of every tick."""
-        self.reachable = True
-        self.numbers = {}
-        self._flight = []
         self.servers.advance(start_s)
 
     def run(self, seconds, until=None):
@@ -74,43 +71,6 @@ class Rig:
             self._carry_from_session()
         commanded = self.controller.command_rad(0)
         self.trace.append((now_s, commanded[0], self.controller.measured_rad(0)[0]))
-
-    def _connect(self, channel):
-        if not self.reachable:
-            self.session.connect_failed(channel, "Connection refused", self.now_s)
-            return
-        number = self.servers.accepted(channel, self.now_s)
-        self.session.connected(channel, self.now_s)
-        if number is None:
-            self.session.disconnected(channel, "the controller closed it", self.now_s)
-        else:
-            self.numbers[channel] = number
-
-    def _carry_from_session(self):
-        for channel in self.session.closing():
-            number = self.numbers.pop(channel, None)
-            if number is not None:
-                self.servers.eof(number, self.now_s)
-        for channel, data in self.session.outgoing():
-            if channel in self.numbers:
-                self._flight.append((self.now_s + LATENCY_S, True, self.numbers[channel], data))
-
-    def _carry_from_controller(self):
-        names = {number: channel for channel, number in self.numbers.items()}
-        for number, data in self.servers.outgoing():
-            if number in names:
-                self._flight.append((self.now_s + LATENCY_S, False, names[number], data))
-        for number in (*self.servers.closing(), *self.servers.aborting()):
-            channel = names.get(number)
-            if channel in self.numbers:
-                del self.numbers[channel]
-                self.session.disconnected(channel, "the controller closed it", self.now_s)
-
-    def unplug(self, channel):
-        """The connection breaks for both."""
-        number = self.numbers.pop(channel)
-        self.servers.eof(number, self.now_s)
-        self.session.disconnected(channel, "Connection reset by peer", self.now_s)
 
     def ready(self, seconds=5.0):
         """Connect, enable, and wait until commands act."""

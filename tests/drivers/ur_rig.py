@@ -6,15 +6,14 @@ from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.session import CHANNELS, Phase, UrSession
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 from cardan.types import HoldCommand
-
-LATENCY_S = 1.5e-4
-"""One way."""
+from tests.drivers.tcp_rig import TcpRig
 
 
-class Rig:
+class Rig(TcpRig):
     """Session and controller; `answer` makes the command for each state that asks for one."""
 
     def __init__(self, driver=None, answer=None, start_s=100.0, **controller):
+        super().__init__()
         controller.setdefault("running", True)
         self.peer_options = UrControllerOptions(**controller)
         rate_hz = self.peer_options.rate_hz
@@ -28,11 +27,8 @@ class Rig:
         self.states = []
         self.trace = []
         """(time, joints commanded, joints measured), once a frame of the controller."""
-        self.reachable = True
         self.alive = True
         """False: the driver's process stands still, or is dead."""
-        self.numbers = {}
-        self._flight = []
         self._frames = 0
         self.servers.advance(start_s)
 
@@ -88,43 +84,6 @@ class Rig:
                 self.servers.data(key, data, now_s)
             elif not to_controller and key in self.numbers:
                 self.session.received(key, data, now_s)
-
-    def _connect(self, channel):
-        if not self.reachable:
-            self.session.connect_failed(channel, "Connection refused", self.now_s)
-            return
-        number = self.servers.accepted(channel, self.now_s)
-        self.session.connected(channel, self.now_s)
-        if number is None:
-            self.session.disconnected(channel, "the controller closed it", self.now_s)
-        else:
-            self.numbers[channel] = number
-
-    def _carry_from_session(self):
-        for channel in self.session.closing():
-            number = self.numbers.pop(channel, None)
-            if number is not None:
-                self.servers.eof(number, self.now_s)
-        for channel, data in self.session.outgoing():
-            if channel in self.numbers:
-                self._flight.append((self.now_s + LATENCY_S, True, self.numbers[channel], data))
-
-    def _carry_from_controller(self):
-        names = {number: channel for channel, number in self.numbers.items()}
-        for number, data in self.servers.outgoing():
-            if number in names:
-                self._flight.append((self.now_s + LATENCY_S, False, names[number], data))
-        for number in (*self.servers.closing(), *self.servers.aborting()):
-            channel = names.get(number)
-            if channel in self.numbers:
-                del self.numbers[channel]
-                self.session.disconnected(channel, "the controller closed it", self.now_s)
-
-    def unplug(self, channel):
-        """The connection breaks for both."""
-        number = self.numbers.pop(channel)
-        self.servers.eof(number, self.now_s)
-        self.session.disconnected(channel, "Connection reset by peer", self.now_s)
 
     def stall(self, seconds):
         """The driver's process stands still; robot and network do not."""

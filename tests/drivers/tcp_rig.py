@@ -1,0 +1,52 @@
+"""What joins a session over several TCP connections to simulated servers, in virtual time."""
+
+LATENCY_S = 1.5e-4
+"""One way. With it a request is answered in the 0.3 ms that were seen on a real line."""
+
+
+class TcpRig:
+    """The connections; a rig gives `session`, `servers` and `now_s`, and has what is in flight
+    delivered."""
+
+    def __init__(self):
+        self.reachable = True
+        self.numbers = {}
+        self._flight = []
+        """(when it arrives, whether at the controller, its key there, bytes)."""
+
+    def _connect(self, channel):
+        if not self.reachable:
+            self.session.connect_failed(channel, "Connection refused", self.now_s)
+            return
+        number = self.servers.accepted(channel, self.now_s)
+        self.session.connected(channel, self.now_s)
+        if number is None:
+            self.session.disconnected(channel, "the controller closed it", self.now_s)
+        else:
+            self.numbers[channel] = number
+
+    def _carry_from_session(self):
+        for channel in self.session.closing():
+            number = self.numbers.pop(channel, None)
+            if number is not None:
+                self.servers.eof(number, self.now_s)
+        for channel, data in self.session.outgoing():
+            if channel in self.numbers:
+                self._flight.append((self.now_s + LATENCY_S, True, self.numbers[channel], data))
+
+    def _carry_from_controller(self):
+        names = {number: channel for channel, number in self.numbers.items()}
+        for number, data in self.servers.outgoing():
+            if number in names:
+                self._flight.append((self.now_s + LATENCY_S, False, names[number], data))
+        for number in (*self.servers.closing(), *self.servers.aborting()):
+            channel = names.get(number)
+            if channel in self.numbers:
+                del self.numbers[channel]
+                self.session.disconnected(channel, "the controller closed it", self.now_s)
+
+    def unplug(self, channel):
+        """The connection breaks for both."""
+        number = self.numbers.pop(channel)
+        self.servers.eof(number, self.now_s)
+        self.session.disconnected(channel, "Connection reset by peer", self.now_s)
