@@ -11,7 +11,7 @@ import pytest
 
 from cardan import __version__
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 ENVIRONMENT = {**os.environ, "NO_COLOR": "1", "COLUMNS": "120"}

@@ -22,7 +22,7 @@ from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
 from tests.serving import in_a_thread
 
 # No watchdog may trip: on a computer with four at a time a device was late once.
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 LONGEST_S = 25.0

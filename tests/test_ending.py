@@ -22,7 +22,7 @@ from tests.programs import Program
 from tests.test_cli import ENVIRONMENT, EXAMPLES
 from tests.waiting import WITHIN_S, until
 
-pytestmark = pytest.mark.once  # Whole programs; all bounds are generous.
+pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 
 ROBOT = "GP8, MotoROS velocity"
 """It stands as soon as it is commanded to."""

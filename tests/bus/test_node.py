@@ -22,7 +22,7 @@ from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment, data_key  # noq
 from tests.serving import free_endpoint  # noqa: E402
 from tests.waiting import until  # noqa: E402
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 TIMEOUT_S = 10.0
 STRING = "std_msgs/msg/String"

@@ -9,7 +9,7 @@ from cardan.bus.zenoh_network import BusNetwork
 from tests.serving import free_endpoint
 from tests.waiting import until
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 TIMEOUT_S = 20.0
 TRIGGER = "std_srvs/srv/Trigger"

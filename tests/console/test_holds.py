@@ -12,7 +12,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 from tests.console.hand import FINGER, MOUSE, STATE, WHY, enable, hold, jog
 from tests.console.hold_table import ENDS, SPEED_M_S, Pages, tried
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 LATE_S = 1.0
 """What a busy computer adds: none of these programs has a core of its own, in a test."""

@@ -22,7 +22,7 @@ from tests.console.rig import ARM, face
 from tests.serving import free_tcp_port
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 TOKEN = "operators-0123456789"
 LINK = "document.body?.dataset.link"

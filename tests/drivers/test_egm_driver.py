@@ -21,7 +21,7 @@ from cardan.types import HoldCommand, JointCommand, JointVelocityCommand, RobotL
 
 from .egm_controller import HOME, PERIOD_S, Controller, sensor_of, speeds_of
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 FAST = JointCommand((1.5, *HOME[1:]))
 ZEROS = (0.0,) * 6

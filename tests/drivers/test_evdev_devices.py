@@ -22,7 +22,7 @@ from cardan.types import DeviceFeedback, DeviceLink
 from tests.drivers.evdev_bench import BY_KEY
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 DEADLINE_S = 5.0
 

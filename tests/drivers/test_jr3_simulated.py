@@ -21,7 +21,7 @@ from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions
 from cardan.types import DeviceLink
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 pytest.importorskip("can", reason='python-can is not installed: pip install "cardan[can]"')
 

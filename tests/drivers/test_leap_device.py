@@ -18,7 +18,7 @@ from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 DEADLINE_S = 15.0
 

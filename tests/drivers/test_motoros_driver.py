@@ -15,7 +15,7 @@ from cardan.sim_peers.motoros_controller import MotorosControllerOptions, Motoro
 from cardan.types import HoldCommand, JointVelocityCommand, RobotLink
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 10.0
 TURN = JointVelocityCommand((0.4, 0.0, 0.0, 0.0, 0.0, 0.0))

@@ -51,7 +51,7 @@ from tests.waiting import until
 
 pytestmark = [
     pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled"),
-    pytest.mark.once,
+    pytest.mark.matrix,
 ]
 
 PATIENCE_S = 5.0

@@ -14,7 +14,7 @@ from cardan.drivers.omni.library import SIGNATURES, SOMETIMES, ErrorInfo, LibHD,
 from cardan.errors import DeviceAccessError, DeviceNotFoundError
 from cardan.protocols.hdapi import ERROR_INFO, Capability, Error, Info
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")

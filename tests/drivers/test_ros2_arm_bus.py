@@ -14,7 +14,7 @@ from cardan.sim_peers.ros2_arm import RosArmOptions, RosArmPeer
 from cardan.types import HoldCommand, JointCommand, RobotLink
 from tests.bus.dds.rig import OPTIONS
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 HOME = load_arm("ur5").home
 WITHIN_S = 20.0

@@ -31,7 +31,7 @@ from cardan.types import (
 from tests.serving import in_a_thread
 from tests.test_docs import rows, section, text, written
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 ROBOT = "gofa_crb15000_5"
 START = tuple(map(math.radians, (0.0, 40.0, 0.0, 0.0, 30.0, 0.0)))

@@ -35,7 +35,7 @@ from cardan.types import DeviceFeedback, DeviceLink
 from tests.serving import in_a_thread
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 STEP_S = 0.004
 PATIENCE_S = 10.0

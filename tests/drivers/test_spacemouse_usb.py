@@ -29,7 +29,7 @@ from cardan.protocols.connexion import (
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 10.0
 REST = encode_motion(0, 0, 0, 0, 0, 0)

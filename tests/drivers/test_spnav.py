@@ -34,7 +34,7 @@ from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 from tests.serving import in_a_thread
 from tests.spacenavd import TIMEOUT_S, spacenavd
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 

@@ -14,7 +14,7 @@ from cardan.types import HoldCommand, JointVelocityCommand, RobotLink
 from tests.serving import free_tcp_port
 from tests.waiting import until
 
-pytestmark = [pytest.mark.realtime, pytest.mark.once]
+pytestmark = pytest.mark.matrix
 
 SPEED = 0.3
 

@@ -15,7 +15,7 @@ from tests.drivers.wiimote_bench import REST, fault_default
 from tests.serving import in_a_thread
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 15.0
 SOON = {

@@ -18,7 +18,7 @@ from tests.bus.dds.rig import OPTIONS, STRING, TRIGGER, encoded, network
 from tests.fastdds import FastNode, user_data
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 DOMAIN = OPTIONS.number
 JOINTS = "sensor_msgs/msg/JointState"

@@ -17,7 +17,7 @@ from cardan.robots import load_arm
 from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 HELLO = encode_command(ArmCommand(0, 1, 0.0, ControlMode.HOLD), 6)
 

@@ -16,7 +16,7 @@ from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerP
 from tests.serving import in_a_thread
 from tests.sim_peers.egm_pc import TS, echo
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from tests.npm import installed
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 LEAPJS = "1.1.1"
 RUN_TIMEOUT_S = 20.0

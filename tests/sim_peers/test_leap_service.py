@@ -17,7 +17,7 @@ from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from cardan.sim_peers.leap.websocket import MAX_CLIENTS
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 TIMEOUT_S = 10.0
 CLOSE_TIMEOUT_S = 0.1

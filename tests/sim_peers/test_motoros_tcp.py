@@ -36,7 +36,7 @@ from cardan.sim_peers.motoros_controller import (
 )
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PING = request(Empty(), MessageType.PING)
 READY = request(MotionCtrl(0, 7, MotionCommand.CHECK_MOTION_READY))

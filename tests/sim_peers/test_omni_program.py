@@ -15,7 +15,7 @@ from cardan.errors import ConfigurationError, DeviceNotFoundError
 from cardan.sim_peers import omni
 from cardan.sim_peers.omni import OmniSettings, environment, library_path
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 compiled = pytest.mark.skipif(not omni.available(), reason="the C parts were not compiled")
 COMMAND = [sys.executable, "-m", "cardan", "sim", "omni"]

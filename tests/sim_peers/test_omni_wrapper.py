@@ -39,7 +39,7 @@ from cardan.sim_peers.omni import (
 
 pytestmark = [
     pytest.mark.skipif(not omni.available(), reason="the C parts were not compiled"),
-    pytest.mark.once,
+    pytest.mark.matrix,
 ]
 
 PAGE = Path(__file__).parents[2] / "docs" / "simulated-devices.md"

@@ -15,7 +15,7 @@ import pytest
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 15.0
 MODELS = {

@@ -21,7 +21,7 @@ from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.sim_peers.carriers.unix_socket import MAX_CLIENTS, QUEUE_REPORTS
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 10.0
 """How long a test waits at most for something that takes milliseconds."""

@@ -17,8 +17,7 @@ from tests.serving import free_tcp_port, served
 from tests.waiting import until
 
 pytestmark = [
-    pytest.mark.realtime,
-    pytest.mark.once,
+    pytest.mark.matrix,
     pytest.mark.skipif(sys.platform != "linux", reason="only Linux has all of 127.0.0.0/8"),
 ]
 

@@ -18,7 +18,7 @@ from cardan.sim_peers.carriers.usbip import ENDPOINT_REPORTS, Setup, Speed, Usbi
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 DEVLIST = bytes.fromhex("0111 8005 00000000")
 IMPORT = bytes.fromhex("0111 8003 00000000") + b"1-1".ljust(32, b"\0")

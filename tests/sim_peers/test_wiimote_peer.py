@@ -54,7 +54,7 @@ from cardan.sim_peers.carriers.uhid import (
 from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions, peer as peer_module
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 CLIENT = Path(__file__).with_name("wiimote_cwiid_client.py")
 DEADLINE_S = 5.0

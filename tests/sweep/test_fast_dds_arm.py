@@ -10,7 +10,7 @@ from tests.fastdds import FastNode
 from tests.sweep.plan import NODE, RESULT
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.matrix, pytest.mark.timeout(120)]
 
 POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Twist"
 JOINTS, EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Empty"

@@ -17,7 +17,7 @@ from cardan.protocols.ros2.zenoh import Qos
 from tests.bus.dds.rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 HELLO = encoded(STRING, data="hello")
 REQUEST = encoded(f"{TRIGGER}_Request")

@@ -22,7 +22,7 @@ from tests.bus.dds.rig import OPTIONS
 from tests.gateway.bus.asker import SERVICE, slow_twist
 from tests.serving import PATIENT, free_endpoint, served as router
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 ARM = f"/{DEFAULT_NAME}"
 RESULT = "cardan_msgs/msg/CommandResult"

@@ -23,7 +23,7 @@ from tests.serving import free_endpoint
 from tests.test_cli import ENVIRONMENT
 from tests.waiting import WITHIN_S, until
 
-pytestmark = pytest.mark.once  # Whole programs; all bounds are generous.
+pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 
 ARM = """
 [[sessions]]

@@ -30,7 +30,7 @@ from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.gateway.faces.rig import WAIT_S, rosbridge, served
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 TOKEN = "0123456789abcdef-token"
 UPGRADE = (
@@ -297,7 +297,6 @@ def test_many_connections_keep_nobody_out(target, running):
     keep_many_open(target, running, 1000)
 
 
-@pytest.mark.once
 @pytest.mark.timeout(180)
 def test_ten_thousand_connections_keep_nobody_out():
     target = TARGETS["rosbridge"]

@@ -21,7 +21,7 @@ from tests.gateway.faces.nodes import Parameters
 from tests.gateway.faces.rig import WAIT_S
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 STRING, TRIGGER, TF = "std_msgs/msg/String", "std_srvs/srv/Trigger", "tf2_msgs/msg/TFMessage"
 

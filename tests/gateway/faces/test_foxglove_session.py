@@ -21,7 +21,7 @@ from tests.gateway.faces.foxglove_rig import foxglove_client
 from tests.gateway.faces.rig import WAIT_S
 from tests.serving import ARM_SESSION, free_endpoint, free_tcp_port
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 ARM = "/left/arm"
 STATUS = "cardan_msgs/msg/ArmStatus"

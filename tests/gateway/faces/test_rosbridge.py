@@ -32,7 +32,7 @@ from tests.gateway.faces.nodes import MOVE, Mover, Parameters  # noqa: E402
 from tests.gateway.faces.rig import WAIT_S, PlainClient, plain_client, rosbridge  # noqa: E402
 from tests.waiting import until  # noqa: E402
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Twist"
 STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"

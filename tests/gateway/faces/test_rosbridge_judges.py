@@ -20,7 +20,7 @@ from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from tests.gateway.faces.rig import plain_client, rosbridge  # noqa: E402
 from tests.npm import installed  # noqa: E402
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 RUN_TIMEOUT_S = 30.0
 POSE, JOINTS = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"

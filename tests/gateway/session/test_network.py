@@ -25,7 +25,7 @@ from tests.ros2_packages import write_packages  # noqa: E402
 from tests.serving import ARM_SESSION, free_endpoint  # noqa: E402
 from tests.waiting import until  # noqa: E402
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 ARM = "/left/arm"
 SESSION = f'{ARM_SESSION}other_names = ["servo", "crtk", "fzi", "cmd_vel"]\n'

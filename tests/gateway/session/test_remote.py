@@ -43,7 +43,7 @@ from cardan.types import DeviceCapabilities, DeviceLink, DeviceState
 from tests.serving import PATIENT, in_a_thread
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "verbs-ur5-simulated.toml"
 QUICK = {"cpts": 0.2, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0}

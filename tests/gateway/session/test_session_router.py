@@ -13,7 +13,7 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import SessionProcess
 from tests.serving import free_endpoint
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 TIMEOUT_S = 30.0
 

@@ -18,7 +18,7 @@ from cardan.gateway.session.supervisor import SessionProcess, supervise
 from cardan.logs import LogFormat
 from cardan.tables import as_table
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 
 @pytest.fixture

@@ -40,7 +40,7 @@ from cardan.protocols.spnav import (
 )
 from cardan.types import ButtonEvent, DeviceCapabilities, DeviceLink, DeviceState
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PUSH = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)

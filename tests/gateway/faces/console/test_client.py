@@ -23,7 +23,7 @@ from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.protocols.test_handheld import TELEOP
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 REST = (0.0,) * 6
 VIEWER, OPERATOR = "viewers-0123456789", "operators-0123456789"

@@ -20,7 +20,7 @@ from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.serving import free_endpoint, in_a_thread
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 TOKEN = "operators-0123456789"
 
