@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import select
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from cardan.sim_peers import datagrams
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer
 from tests.sim_peers.egm_public_client import (
     CYCLES,
@@ -24,27 +26,82 @@ from tests.sim_peers.egm_public_client import (
 pytestmark = pytest.mark.matrix
 
 PROGRAM = Path(__file__).with_name("egm_public_client.py")
-AT_MOST_S = 20.0
+AT_MOST_S = 30.0
+SILENT_S = 2.0
+"""Virtual time of a controller after its client's last words."""
 
 both = pytest.mark.parametrize("library", ["ABBRobotEGM", "abb-robot-client"])
 
 
-def drive(library: str, scenario: str, **options: Any) -> tuple[dict[str, Any], EgmControllerPeer]:
+class InStep:
+    """The clock and the select() of a controller whose time stands still until its client has
+    answered what it was sent, as no real controller's does: a client that is late moves nothing.
+
+    After the client's last answer, when only `answers` are expected, time goes on by itself for
+    `SILENT_S`; then the client is told that nothing more comes.
+    """
+
+    def __init__(self, process: subprocess.Popen[str], answers: float) -> None:
+        self.now_s = 100.0
+        self.sent = False
+        self._process, self._answers = process, answers
+        self._end_s = math.inf
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def select(self, reads: list[Any], _w: list[Any], _x: list[Any], timeout_s: float) -> None:
+        end = self._process.stdout
+        if self.sent and self._answers > 0:
+            ready, _, _ = select.select([*reads, end], [], [], AT_MOST_S)
+            assert ready, "the client does not answer"
+            if reads[0] not in ready:
+                raise EOFError
+            self.sent = False
+            self._answers -= 1
+            if not self._answers:
+                self._end_s = self.now_s + SILENT_S
+        self.now_s += timeout_s
+        if self.now_s >= self._end_s:
+            raise EOFError
+
+
+def drive(
+    monkeypatch: pytest.MonkeyPatch,
+    library: str,
+    scenario: str,
+    answers: float = math.inf,
+    **options: Any,
+) -> tuple[dict[str, Any], EgmControllerPeer]:
     """Serve a controller while the client's program runs; what it saw, and the controller."""
     with subprocess.Popen(
-        [sys.executable, str(PROGRAM), library, scenario], stdout=subprocess.PIPE, text=True
+        [sys.executable, str(PROGRAM), library, scenario],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     ) as process:
         try:
             assert process.stdout is not None
+            assert process.stdin is not None
             port = int(process.stdout.readline())
+            clock = InStep(process, answers)
+            monkeypatch.setattr(datagrams, "time", clock)
+            monkeypatch.setattr(datagrams, "select", clock)
             peer = EgmControllerPeer(EgmControllerOptions(pc_port=port, **options))
+            transmit = peer._transmit
+
+            def note(data: bytes) -> None:
+                clock.sent = True
+                transmit(data)
+
+            monkeypatch.setattr(peer, "_transmit", note)
             peer.open()
-            end_s = time.monotonic() + AT_MOST_S
-            while process.poll() is None and (now_s := time.monotonic()) < end_s:
-                peer.step(now_s + 0.02)
+            with contextlib.suppress(EOFError):
+                peer.step(math.inf)
             peer.close()
+            said, _ = process.communicate(timeout=AT_MOST_S)
             assert process.returncode == 0
-            return json.loads(process.stdout.read()), peer
+            return json.loads(said), peer
         finally:
             process.kill()
 
@@ -56,8 +113,8 @@ def joints_deg(peer: EgmControllerPeer) -> list[float]:
 @pytest.mark.parametrize(
     ("library", "robotware"), [("ABBRobotEGM", "6"), ("abb-robot-client", "7")]
 )
-def test_joints(library, robotware):
-    saw, peer = drive(library, "joints", mode="joint", robotware=robotware, k=15.0)
+def test_joints(monkeypatch, library, robotware):
+    saw, peer = drive(monkeypatch, library, "joints", mode="joint", robotware=robotware, k=15.0)
     first, last = saw["first"], saw["last"]
     assert first["motors_on"]
     assert first["rapid_running"]
@@ -73,8 +130,8 @@ def test_joints(library, robotware):
 @pytest.mark.parametrize(
     ("library", "robotware"), [("ABBRobotEGM", "7.6"), ("abb-robot-client", "6.08")]
 )
-def test_poses(library, robotware):
-    saw, peer = drive(library, "poses", mode="pose", robotware=robotware, k=15.0)
+def test_poses(monkeypatch, library, robotware):
+    saw, peer = drive(monkeypatch, library, "poses", mode="pose", robotware=robotware, k=15.0)
     target = [a + b for a, b in zip(saw["first"]["xyz"], SHIFT_MM, strict=True)]
     last = saw["last"]
     assert last["xyz"] == pytest.approx(target, abs=0.1)
@@ -86,34 +143,39 @@ def test_poses(library, robotware):
 
 
 @both
-def test_speeds(library):
-    saw, peer = drive(library, "speeds", mode="pose", script="speed")
+def test_speeds(monkeypatch, library):
+    saw, peer = drive(monkeypatch, library, "speeds", mode="pose", script="speed")
     moved_mm = saw["last"]["xyz"][1] - saw["first"]["xyz"][1]
     assert moved_mm == pytest.approx(SPEED_MM_S * CYCLES / 2 * 0.004032, abs=3.0)
     assert peer.core.servo.at_rest or max(map(abs, peer.core.joint_speeds_rad_s)) < 1e-3
 
 
 @both
-def test_rapid_data_and_force(library):
-    saw, _ = drive(library, "rapid_data", mode="joint", robotware="7.7", force_control=True)
+def test_rapid_data_and_force(monkeypatch, library):
+    saw, _ = drive(
+        monkeypatch, library, "rapid_data", mode="joint", robotware="7.7", force_control=True
+    )
     assert saw["last"]["rapid"] == [1.0, 2.5, -3.0]
     assert len(saw["last"]["force"]) == 6
     assert saw["last"]["move_index"] == 1
 
 
 @both
-def test_path_correction(library):
-    saw, peer = drive(library, "path_correction", script="path", path_correction_absolute=True)
+def test_path_correction(monkeypatch, library):
+    saw, peer = drive(
+        monkeypatch, library, "path_correction", script="path", path_correction_absolute=True
+    )
     aside = [b - a for a, b in zip(saw["first"]["xyz"], saw["last"]["xyz"], strict=True)]
     assert aside[1] > 20.0
     assert math.hypot(aside[0], aside[2]) == pytest.approx(10.0, abs=0.5)
     assert peer.core.counters.ignored == {}
 
 
-def test_a_client_that_goes_silent_meets_its_comm_timeout():
+def test_a_client_that_goes_silent_meets_its_comm_timeout(monkeypatch):
     saw, peer = drive(
-        "ABBRobotEGM", "silence", mode="joint", script="teleop-once", comm_timeout_s=0.1
-    )
+        monkeypatch, "ABBRobotEGM", "silence", answers=20, mode="joint", script="teleop-once",
+        comm_timeout_s=0.1,
+    )  # fmt: skip
     assert not saw["last"]["rapid_running"]
     # CommTimeout, then the ramp time, at 4.032 ms each.
     assert 21 + 0.5 / 0.004032 < saw["count"] < 21 + 0.75 / 0.004032
