@@ -10,6 +10,7 @@ from cardan.drivers.wiimote import Wiimote, WiimoteOptions, device as device_mod
 from cardan.drivers.wiimote.transports import Found, Link, Transport
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
 from cardan.sim_peers.wiimote import FAULTS, WiimotePeer, WiimotePeerOptions
+from cardan.sim_peers.wiimote.core import BATTERY_EMPTY
 from cardan.types import ZERO3, DeviceFeedback, DeviceLink, Wrench
 from tests.drivers.wiimote_bench import REST, fault_default
 from tests.serving import in_a_thread
@@ -17,13 +18,16 @@ from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
-PATIENCE_S = 15.0
-SOON = {
-    "silence": 0.1, "out-of-range": 0.1, "in-range": 0.3, "power-off": 0.1, "power-on": 0.3,
-    "close-control": 0.1, "close-interrupt": 0.1, "battery-low": 0.1, "stolen-mode": 0.1,
-    "refuse": 0.2, "burst": 0.15,
-}  # fmt: skip
+PATIENCE_S = 30.0
+NOT_YET_S = 1e6
+EARLY = {"stolen-mode": 0.1, "burst": 0.15}
 BEFORE = {"in-range": "out-of-range", "power-on": "power-off"}
+TIMED = {
+    "silence", "out-of-range", "power-off", "close-control", "close-interrupt", "battery-low",
+}  # fmt: skip
+"""Faults that come once, at a time."""
+GAPS = {"silence", "close-control", "close-interrupt", "burst", *BEFORE}
+"""Those after which the driver has no remote, for a while."""
 
 
 @pytest.fixture(autouse=True)
@@ -102,29 +106,67 @@ def test_every_kind_of_remote(tmp_path, idle, remote, ir):
     assert wiimote.state().link is DeviceLink.CLOSED
 
 
+class Noted(Wiimote):
+    """Keeps the states that it has after every report and every loss."""
+
+    def __init__(self, *arguments, **keywords):
+        super().__init__(*arguments, **keywords)
+        self.noted = []
+
+    def _notify(self):
+        self.noted.append(self.state())
+        super()._notify()
+
+    def has_been(self, *links):
+        return any(state.link in links for state in tuple(self.noted))
+
+
+def next_fault(peer):
+    """The fault that would come next comes now."""
+    (_, act), *later = peer.device._happenings
+    peer.device._happenings = [(0.0, act), *later]
+
+
 @pytest.mark.judged(device="Wiimote", transport="seqpacket sockets", by="simulated peer")
 @pytest.mark.parametrize("name", [switch.name for switch in FAULTS])
 def test_faults_end_to_end(tmp_path, idle, name):
-    """What happens at a time happens early, so that it is over soon."""
-    faults = {name: SOON.get(name, fault_default(name))}
+    """What happens at a time happens when the driver is ready for it, whenever that is."""
+    faults = {name: EARLY.get(name, fault_default(name))}
     if name in BEFORE:
-        faults[BEFORE[name]] = SOON[BEFORE[name]]
+        faults[BEFORE[name]], faults[name] = NOT_YET_S, 2.0 * NOT_YET_S
+    elif name in TIMED or name == "refuse":
+        faults[name] = NOT_YET_S
     more = {"hot-plug": {"extension": "nunchuk"}, "woken-by-1-2": {"tr": True}}.get(name, {})
     peer = peer_of(tmp_path, idle, faults=faults, start_on_connect=False, **more)
-    with in_a_thread(peer), driver_of(tmp_path, wait_for_device=True) as wiimote:
-        seen = set()
-        end_s = time.monotonic() + (0.4 if name in SOON or name in BEFORE else 0.05)
-        while time.monotonic() < end_s:
-            state = wiimote.state()
-            seen.add(state.link)
-            assert state.axes == REST
-            time.sleep(0.005)
-        if name in ("out-of-range", "power-off", "woken-by-1-2"):
-            until(lambda: wiimote.state().link is DeviceLink.LOST)
+    options = WiimoteOptions(
+        transport="socket", path=str(tmp_path / "wii"), dead_zone=0.0, wait_for_device=True
+    )
+    with in_a_thread(peer), Noted(options) as wiimote:
+        if name in ("refuse", "woken-by-1-2"):
+            until(lambda: wiimote.has_been(DeviceLink.LOST))
+            peer._opened_s -= NOT_YET_S
+        if name == "woken-by-1-2":
+            assert not wiimote.has_been(DeviceLink.LIVE)
             return
         live(wiimote)
-        if name in ("silence", "close-control", "close-interrupt", "refuse", *BEFORE):
-            assert seen & {DeviceLink.LOST, DeviceLink.STALE}
+        if name in TIMED or name in BEFORE:
+            wiimote.noted.clear()
+            next_fault(peer)
+        if name in ("out-of-range", "power-off"):
+            until(lambda: wiimote.state().link is DeviceLink.LOST)
+        elif name in GAPS:
+            until(lambda: wiimote.has_been(DeviceLink.LOST, DeviceLink.STALE))
+        elif name == "battery-low":
+            until(lambda: peer.device.battery == BATTERY_EMPTY)
+        elif name == "stolen-mode":
+            until(lambda: any(each.what == "mode 0x30" for each in tuple(peer.device.log)))
+        assert all(state.axes == REST for state in tuple(wiimote.noted))
+        if name in ("out-of-range", "power-off"):
+            return
+        if name in BEFORE:
+            next_fault(peer)
+        live(wiimote)
+        assert all(state.axes == REST for state in tuple(wiimote.noted))
         if name != "burst":
             gripped(peer, wiimote, lambda state: state.axes[2] == 1.0)
 
