@@ -1,6 +1,8 @@
 """Debian's spacenavd with a simulated serial device."""
 
 import contextlib
+import math
+import queue
 import shutil
 import socket
 import subprocess
@@ -8,29 +10,66 @@ import time
 
 import pytest
 
+from cardan.protocols.spnav import (
+    Code,
+    Handshake,
+    Reply,
+    ServerReader,
+    encode_handshake,
+    encode_request,
+)
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from tests.serving import in_a_thread
 
-TIMEOUT_S = 8.0
+TIMEOUT_S = 30.0
+
+PROBES = 30
+"""Most starts of the daemon until it has found its device."""
+
+
+class PuckHand:
+    """A hand that does what a test has it do, at once."""
+
+    def __init__(self):
+        self._acts = queue.SimpleQueue()
+
+    def do(self, method, *arguments):
+        """Call this method of the device, in the device's thread."""
+        self._acts.put((method, arguments))
+
+    @property
+    def next_due_s(self):
+        return math.inf if self._acts.empty() else 0.0
+
+    def advance(self, now_s, device):
+        while not self._acts.empty():
+            method, arguments = self._acts.get()
+            getattr(device, method)(*arguments)
+
+
+def asked(path, code):
+    """The answer of the daemon at `path` to a request without values."""
+    reader = ServerReader()
+    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as client:
+        client.settimeout(TIMEOUT_S)
+        client.connect(str(path))
+        client.sendall(encode_handshake(1))
+        while data := client.recv(4096):
+            for value in reader.feed(data):
+                if isinstance(value, Handshake):
+                    client.sendall(encode_request(code))
+                elif isinstance(value, Reply):
+                    return value
+    raise AssertionError("the daemon has hung up")
 
 
 @contextlib.contextmanager
-def spacenavd(folder, script, *, settings="", model="magellan", hand=None, **options):
-    """Debian's daemon with a serial device that a hand moves by `script`, or `hand` in its place:
-    its socket's path, and a connection that says nothing."""
-    daemon = shutil.which("spacenavd") or shutil.which("spacenavd", path="/usr/sbin")
-    if daemon is None:
-        pytest.skip("spacenavd is not installed (Debian package spacenavd)")
+def _started(folder, daemon):
+    """The daemon, its socket's path, and a connection that says nothing."""
     # In the foreground this daemon makes its socket below its working directory.
-    (folder / "run").mkdir()
     path = folder / "run" / "spnav.sock"
-    (folder / "hand.txt").write_text(script)
-    (folder / "spnavrc").write_text(f"serial = {folder}/port\n{settings}")
-    port, steps = str(folder / "port"), str(folder / "hand.txt")
-    peer = SpaceMousePeer(SpaceMousePeerOptions(serial=port, model=model, script=steps, **options))
-    if hand is not None:
-        peer.hand = hand
-    with in_a_thread(peer), (folder / "log").open("w") as log:
+    path.unlink(missing_ok=True)
+    with (folder / "log").open("w") as log:
         process = subprocess.Popen(
             [daemon, "-d", "-c", str(folder / "spnavrc")],
             cwd=folder,
@@ -49,3 +88,30 @@ def spacenavd(folder, script, *, settings="", model="magellan", hand=None, **opt
         finally:
             process.terminate()
             process.wait(TIMEOUT_S)
+
+
+@contextlib.contextmanager
+def spacenavd(folder, script, *, settings="", model="magellan", hand=None, **options):
+    """Debian's daemon with a serial device that a hand moves by `script`, or `hand` in its place:
+    its socket's path, and a connection that says nothing.
+
+    Once, at its start, it looks for the device, and takes it for absent if that does not answer
+    within 0.25 s. A computer that is busy then is no fault of anybody's: it is started anew.
+    """
+    daemon = shutil.which("spacenavd") or shutil.which("spacenavd", path="/usr/sbin")
+    if daemon is None:
+        pytest.skip("spacenavd is not installed (Debian package spacenavd)")
+    (folder / "run").mkdir()
+    (folder / "hand.txt").write_text(script)
+    (folder / "spnavrc").write_text(f"serial = {folder}/port\n{settings}")
+    port, steps = str(folder / "port"), str(folder / "hand.txt")
+    chosen = SpaceMousePeerOptions(serial=port, model=model, script=steps, **options)
+    for _ in range(PROBES):
+        peer = SpaceMousePeer(chosen)
+        if hand is not None:
+            peer.hand = hand
+        with in_a_thread(peer), _started(folder, daemon) as (path, old_client):
+            if asked(path, Code.DEV_NBUTTONS).ok:
+                yield path, old_client
+                return
+    raise AssertionError(f"spacenavd does not find its device: {(folder / 'log').read_text()}")
