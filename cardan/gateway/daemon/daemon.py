@@ -297,18 +297,22 @@ class Daemon:
         )
 
     def _find_events(self) -> None:
-        time_s = time.time()
         for kept in self._kept.values():
-            unit = kept.unit
-            if unit.state is not kept.shown_state:
-                kept.shown_state = unit.state
-                self._happened(Event(time_s, kept.name, unit.state.value, kept.kind, unit.reason))
-            if isinstance(kept, KeptSession):
-                if kept.process is None:
-                    kept.watch.forget()
-                    continue
-                for event in kept.watch.take(kept.snapshot, time_s):
-                    self._happened(event)
+            self._find_events_of(kept, time.time())
+
+    def _find_events_of(self, kept: Kept, time_s: float) -> None:
+        unit = kept.unit
+        if isinstance(kept, KeptSession) and kept.last is not None:
+            for event in kept.watch.take(kept.last, time_s):
+                self._happened(event)
+            kept.watch.forget()
+            kept.last = None
+        if unit.state is not kept.shown_state:
+            kept.shown_state = unit.state
+            self._happened(Event(time_s, kept.name, unit.state.value, kept.kind, unit.reason))
+        if isinstance(kept, KeptSession) and kept.process is not None:
+            for event in kept.watch.take(kept.snapshot, time_s):
+                self._happened(event)
 
     def _happened(self, event: Event) -> None:
         self._recent.append(event)
@@ -334,6 +338,9 @@ class Daemon:
             if unit.is_ending and kept.process is not None:
                 kept.process.stop()
             elif unit.due(now_s):
+                if kept.shown_state is UnitState.RUNNING:
+                    # It has ended by itself, and this daemon was too late to tell of that before.
+                    self._find_events_of(kept, time.time())
                 self._begin(kept, now_s)
 
     def _begin(self, kept: Kept, now_s: float) -> None:

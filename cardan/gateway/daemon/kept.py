@@ -106,6 +106,8 @@ class KeptSession(Kept):
         super().__init__(name, start_limit)
         self.entry = entry
         self.watch = SessionWatch(name)
+        self.last: Snapshot | None = None
+        """Of a process that has ended: its last one, of which no events were found yet."""
         self.restart_waits = False
         """Whether it begins anew as soon as nobody has its arm: a change needs that."""
         self.answered: Callable[[bytes], None] = lambda _packet: None
@@ -209,6 +211,8 @@ class KeptFace(Kept):
 
 
 def _ended(kept: Kept, how: Ended, reason: str) -> None:
+    if isinstance(kept, KeptSession):
+        kept.last = kept.snapshot
     kept.process = None
     reason = printable(reason)
     kept.unit.ended(how, reason, time.monotonic())

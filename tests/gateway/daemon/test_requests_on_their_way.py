@@ -11,6 +11,7 @@ from cardan.gateway.arm.requests import LATE_S
 from cardan.gateway.daemon.control import Ask, LineReader, decode_told
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.keeping import Ended
+from cardan.gateway.daemon.kept import _ended
 from cardan.gateway.daemon.layout import read_layout
 from cardan.gateway.daemon.processes import RunningSession
 from cardan.gateway.daemon.server import Connection
@@ -157,3 +158,22 @@ def test_a_daemon_that_stood_still_passes_no_motion_on(bench):
         assert "the daemon stood still for" in bench.heard().value
     bench.ask("stop")
     assert bench.asked == ["stop"]
+
+
+def test_what_a_session_did_last_is_told_though_its_process_has_ended(bench, monkeypatch):
+    """And that it has ended, by a daemon that comes to look only when the next one is due."""
+    bench.daemon._find_events()
+    bench.session.snapshot = Snapshot(phase="moving", authority="a")
+    _ended(bench.kept, Ended.DIED, "killed")
+    monkeypatch.setattr(bench.kept, "begin", lambda *_: setattr(bench.kept, "process", Session()))
+    bench.daemon._look_after(time.monotonic() + 10.0)
+    bench.daemon._find_events()
+    assert [(each.event, each.what) for each in bench.daemon._recent] == [
+        ("running", "session"),
+        ("arm", "disarmed"),
+        ("authority", "a"),
+        ("arm", "moving"),
+        ("waiting", "session"),
+        ("running", "session"),
+        ("arm", "disarmed"),
+    ]

@@ -121,11 +121,19 @@ def test_a_session_that_is_killed_comes_back_disarmed(one):
         row = until(lambda: (r := one.row("one"))["pid"] not in (pid, None) and r, "a new process")
         assert row["restarts"] == 1
     one.until("one", phase="disarmed", robot_link="live", authority="")
-    happened = [(each["event"], each["what"]) for each in read_events(one.folder / "events")]
-    assert happened.index(("authority", "verbs")) < happened.index(("waiting", "session"))
-    assert happened[-1] == ("arm", "disarmed")
+
+    def happened():
+        return [(each["event"], each["what"]) for each in read_events(one.folder / "events")]
+
+    def afterwards():
+        return happened()[happened().index(("waiting", "session")) :]
+
+    # What a row shows has not always been written down yet.
+    until(lambda: {("arm", "disarmed"), ("robot", "live")} <= {*afterwards()}, "the events")
+    assert ("authority", "verbs") in happened()[: -len(afterwards())]
+    assert [what for event, what in afterwards() if event == "arm"] == ["disarmed"]
     assert "waiting  session: the session's process ended" in one.cardan("events", "one")
-    assert any("status -9" in line for line in one.program.err.splitlines())
+    until(lambda: "status -9" in one.program.err, "its words in the log")
 
 
 def test_orders(one):
