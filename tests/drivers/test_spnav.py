@@ -409,7 +409,7 @@ def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, monkeypat
         hand.do("set_axes", REST)
         until(driver, live)
         hand.do("press", FIRST_KEY)
-        until(driver, lambda state: state.buttons)
+        until(driver, lambda state: state.buttons and live(state))
         core, on_bytes, seen = driver._core, driver._core.on_bytes, []
 
         def noting(data, now_s):
