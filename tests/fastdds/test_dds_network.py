@@ -57,6 +57,7 @@ def test_topics_both_ways_however_it_looks_for_others(discovery, first):
         assert until(lambda: heard)[0] == encoded(STRING, data="hello")
 
 
+@pytest.mark.real
 def test_endpoints_are_those_of_ros_2(ours):
     ours.advertise("/arm/joints", JOINTS, False)
     ours.advertise("/arm/description", STRING, True)
@@ -108,6 +109,7 @@ def test_nodes_know_each_other_by_name(options, length):
     assert length == len(named) // 2
 
 
+@pytest.mark.real
 def test_what_is_latched_comes_to_who_is_late(ours):
     ours.advertise("/arm/description", STRING, True).publish(encoded(STRING, data="<robot/>"))
     with FastNode(DOMAIN) as theirs:
