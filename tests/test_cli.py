@@ -199,7 +199,6 @@ def test_a_peer_that_is_interrupted_cleans_up(tmp_path):
     assert not (tmp_path / "hid").exists()
 
 
-@pytest.mark.real
 def test_a_session_through_start_stop_and_restart_of_the_controller(tmp_path, free_udp_port):
     """Shown by the issue: ``cardan run`` answers a controller that starts, stops and restarts."""
     program = tmp_path / "program.txt"

@@ -25,7 +25,6 @@ def rows():
     return {row.key: row for row in run([CASES[key] for key in SHORT], labs=2)}
 
 
-@pytest.mark.real("session: SIGKILL (SpaceMouse, GoFa (EGM pose))")
 @pytest.mark.timeout(400)  # The first one waits for all.
 @pytest.mark.parametrize("key", SHORT)
 def test_what_the_arm_did(rows, key):

@@ -171,7 +171,6 @@ def cardan(tmp_path):
     return run
 
 
-@pytest.mark.real
 def test_it_is_in_every_list(cardan):
     (line,) = (line for line in cardan("drivers").splitlines() if "lever" in line)
     for words in ("[device]", "a lever that moves one axis", "https://lever.example/cardan"):

@@ -439,7 +439,6 @@ def told_presses(folder, model):
     return [event.button for event in edges if event.pressed]
 
 
-@pytest.mark.real
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
 def test_spacenavd_numbers_the_keys_of_serial_devices_as_our_server_does():
     models = ("magellan", "spaceball-2003", "spaceball-3003", "spaceball-4000")

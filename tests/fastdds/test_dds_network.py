@@ -57,7 +57,6 @@ def test_topics_both_ways_however_it_looks_for_others(discovery, first):
         assert until(lambda: heard)[0] == encoded(STRING, data="hello")
 
 
-@pytest.mark.real
 def test_endpoints_are_those_of_ros_2(ours):
     ours.advertise("/arm/joints", JOINTS, False)
     ours.advertise("/arm/description", STRING, True)

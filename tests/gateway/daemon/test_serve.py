@@ -141,7 +141,6 @@ def test_orders(one):
     until(lambda: one.row("one")["pid"] not in (before, None), "a new process")
 
 
-@pytest.mark.real
 def test_verbs_of_an_arm(one):
     one.until("one", phase="disarmed")
     assert "pose" in one.cardan("arm", "one", "stat")

@@ -500,7 +500,6 @@ def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
         until(program.is_moving, "motion that was asked for anew")
 
 
-@pytest.mark.real
 def test_an_arm_moved_by_a_hand_rests_while_its_view_is_stopped(tmp_path):
     script = tmp_path / "script.txt"
     script.write_text(HAND)
