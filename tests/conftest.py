@@ -6,7 +6,7 @@ import functools
 import os
 import re
 from collections import Counter
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
 
 import pytest
@@ -73,7 +73,7 @@ PARTS = ("computing", "real", "matrix")
 
 ``computing``  no mark: in ``make test``, on all cores, under every Python
 ``real``       in ``make test``, alone: one for each mechanism that needs real clocks, sockets,
-               processes or other people's programs
+               processes or other people's programs; ``real("id", ...)`` for these parameters only
 ``matrix``     in ``make test-matrix``: all the others of that kind, and what computes for long
 """
 
@@ -91,9 +91,19 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--part", choices=PARTS, help="the tests that run there, by their mark")
 
 
+def parts_of(item: pytest.Item, marks: Iterable[pytest.Mark]) -> list[str]:
+    """Where `marks` say that a test runs, in their order."""
+    spec = getattr(item, "callspec", None)
+    return [
+        mark.name
+        for mark in marks
+        if mark.name in PARTS and (not mark.args or (spec is not None and spec.id in mark.args))
+    ]
+
+
 def part_of(item: pytest.Item) -> str:
     """Where a test runs: the mark nearest to it decides."""
-    return next((mark.name for mark in item.iter_markers() if mark.name in PARTS), "computing")
+    return (*parts_of(item, item.iter_markers()), "computing")[0]
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -121,7 +131,7 @@ def check_marks(items: Sequence[pytest.Item]) -> None:
         names = {name for name in OUR_MARKS if item.get_closest_marker(name) is not None}
         if strange := names - words_of(item.path):
             raise pytest.UsageError(f"{item.path}: write the marks {strange} of its tests into it")
-        places = [mark.name for mark in item.own_markers if mark.name in PARTS]
+        places = parts_of(item, (mark for mark in item.own_markers if not mark.args))
         if len(places) > 1:
             raise pytest.UsageError(f"{item.nodeid} has {places}: one mark says where a test runs")
     real = sum(part_of(item) == "real" for item in items)
@@ -129,9 +139,25 @@ def check_marks(items: Sequence[pytest.Item]) -> None:
         raise pytest.UsageError(f"{real} tests are marked real, of {REAL_AT_MOST}: move some")
 
 
+def check_ids(items: Sequence[pytest.Item]) -> None:
+    """Raise UsageError where a mark names parameters that its test has not, among all tests."""
+    asked, there = set(), set()
+    for item in items:
+        test = item.nodeid.partition("[")[0]
+        if spec := getattr(item, "callspec", None):
+            there.add((test, spec.id))
+        asked.update(
+            (test, name) for mark in item.own_markers if mark.name in PARTS for name in mark.args
+        )
+    if missing := asked - there:
+        raise pytest.UsageError(f"marks name parameters that are not there: {sorted(missing)}")
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Keep the part that is asked for."""
     check_marks(items)
+    if config.args_source is config.ArgsSource.TESTPATHS:
+        check_ids(items)
     asked = config.getoption("--part")
     if asked is not None:
         left_out = [item for item in items if part_of(item) != asked]

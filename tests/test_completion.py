@@ -175,7 +175,7 @@ def test_completion_is_installed(tmp_path, shell, path, script):
         assert (tmp_path / path).exists()
 
 
-@pytest.mark.matrix
+@pytest.mark.real
 def test_bash_completes_by_what_was_installed(tmp_path):
     environment = {**ENVIRONMENT, "HOME": str(tmp_path), **SHELL_IS_NAMED}
     shown = subprocess.run(

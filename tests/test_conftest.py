@@ -201,7 +201,8 @@ pytestmark = pytest.mark.matrix
 @pytest.mark.real
 def test_named(): ...
 
-@pytest.mark.parametrize("way", ["far", pytest.param("near", marks=pytest.mark.real)])
+@pytest.mark.real("near")
+@pytest.mark.parametrize("way", ["far", "near"])
 def test_ways(way): ...
 
 def test_other(): ...
@@ -212,7 +213,7 @@ UNMARKED = "import time\ndef test_computes(): ...\n"
 def collected(folder, *options):
     """What pytest says that it would run of a folder's files, and all that it says."""
     shutil.copy(CONFTEST, folder)
-    (folder / "pytest.ini").write_text("[pytest]\nmarkers =\n    real\n    matrix\n")
+    (folder / "pytest.ini").write_text("[pytest]\ntestpaths=.\nmarkers =\n    real\n    matrix\n")
     words = ("--collect-only", "-q", "-p", "no:cacheprovider", *options)
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *words],
@@ -241,6 +242,10 @@ def test_each_test_runs_in_one_part(tmp_path):
         (
             "@pytest.mark.real\n@pytest.mark.parametrize('n', range(151))\ndef test_it(n): ...",
             "151 tests are marked real, of 150",
+        ),
+        (
+            "@pytest.mark.real('none')\n@pytest.mark.parametrize('n', [1])\ndef test_it(n): ...",
+            "marks name parameters that are not there: [('test_file.py::test_it', 'none')]",
         ),
         ("from marks import MARKED as pytestmark\ndef test_it(): ...", "write the marks {'real'}"),
     ],

@@ -65,6 +65,7 @@ def test_what_fails_stands_with_why_and_the_command_that_mends_it(taken):
     assert lines[-1].endswith("docs/doctor.md explains each")
 
 
+@pytest.mark.real
 def test_for_programs(taken):
     told = json.loads(doctor(taken, "--json"))
     assert told["level"] == "failure"

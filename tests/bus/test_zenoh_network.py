@@ -44,6 +44,7 @@ def test_a_part_is_a_node_of_its_own_that_takes_all_with_it(pair):
         each.close()
 
 
+@pytest.mark.real
 def test_a_part_sees_the_whole_graph(pair):
     face, _ = pair
     part = face.part("client")

@@ -12,6 +12,7 @@ from tests.console.hand import RELOADED
 pytestmark = pytest.mark.matrix
 
 
+@pytest.mark.real
 def test_the_page_loads_offline_without_a_complaint_and_shows_the_arm(bench, page):
     loaded = page.value("performance.getEntriesByType('resource').map(each => each.name)")
     assert loaded

@@ -72,6 +72,7 @@ def guarded(bench):
         yield server
 
 
+@pytest.mark.real
 def test_a_page_with_the_right_token_comes_in_and_hides_it(guarded, browser):
     address = guarded.address.partition("#")[0]
     with browser.open(f"{address}#t={TOKEN}") as page:

@@ -312,7 +312,7 @@ def test_options_that_are_none_are_refused(kind, key, value):
 # -- on the bus -----------------------------------------------------------------------------------
 
 
-@pytest.mark.matrix
+@pytest.mark.real
 @pytest.mark.parametrize(("driver", "options"), [(Phone, PagePeerOptions), (Xr, XrPeerOptions)])
 def test_a_page_on_the_bus_moves_and_feels(driver, options):
     pytest.importorskip(

@@ -64,6 +64,7 @@ def ready(state):
     return state.ready
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("mode", ["velocity", "stream", "standard"])
 def test_it_connects_is_enabled_moves_and_leaves_the_robot_at_rest(mode):
     begin_s = time.monotonic()
@@ -148,6 +149,7 @@ def test_a_controller_that_is_not_there_is_reported_and_found_later():
         assert not again.joints
 
 
+@pytest.mark.real
 def test_a_controller_that_vanishes_is_lost():
     with contextlib.ExitStack() as stack:
         with controller() as peer:

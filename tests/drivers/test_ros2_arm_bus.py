@@ -67,6 +67,7 @@ def test_a_controller_of_another_name_is_told(meeting):
                 break
 
 
+@pytest.mark.real
 def test_a_node_that_is_started_anew_is_a_new_session(meeting):
     peer = RosArmPeer(RosArmOptions(**meeting, faults={"restart": 1.0}))
     links = []

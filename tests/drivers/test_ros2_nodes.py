@@ -173,7 +173,7 @@ def test_options_that_cannot_be(kind, options, words):
 # -- on the bus ---------------------------------------------------------------------------------
 
 
-@pytest.mark.matrix
+@pytest.mark.real
 @pytest.mark.judged(device="spacenav_node", transport="ROS 2, Zenoh", by="simulated node")
 def test_a_spacenav_node_is_met_on_the_bus_and_its_end_is_seen():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
@@ -188,7 +188,7 @@ def test_a_spacenav_node_is_met_on_the_bus_and_its_end_is_seen():
         assert device.state().axes == NEUTRAL
 
 
-@pytest.mark.matrix
+@pytest.mark.real
 @pytest.mark.judged(device="joy_node", transport="ROS 2, Zenoh", by="simulated node")
 def test_a_joy_node_rumbles():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')

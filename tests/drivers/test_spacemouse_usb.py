@@ -208,6 +208,7 @@ def mouse(**options):
     return SpaceMouse(SpaceMouseOptions(transport="usb", dead_zone=0.0, **options))
 
 
+@pytest.mark.real
 def test_it_takes_the_interface_and_gives_it_back(plug):
     puck = plug(Puck("spacemouse-wireless"))
     interface = puck.interfaces[0]

@@ -109,6 +109,7 @@ def opened(path, **options):
         driver.close()
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Cardan's own server")
 def test_from_one_cardan_to_another(path):
     with in_a_thread(Hand(path)) as hand, opened(path) as driver:
@@ -146,6 +147,7 @@ def test_unplugging_behind_the_daemon_and_plugging_in_again(path):
         hand.touch(driver)
 
 
+@pytest.mark.real
 def test_a_daemon_that_ends_is_found_again(path):
     with in_a_thread(Hand(path)) as hand:
         driver = Spnav(SpnavOptions(socket=str(path), dead_zone=0.0))

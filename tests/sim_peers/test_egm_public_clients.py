@@ -110,6 +110,7 @@ def joints_deg(peer: EgmControllerPeer) -> list[float]:
     return [math.degrees(q) for q in peer.core.joints_rad]
 
 
+@pytest.mark.real
 @pytest.mark.parametrize(
     ("library", "robotware"), [("ABBRobotEGM", "6"), ("abb-robot-client", "7")]
 )

@@ -49,6 +49,7 @@ def converse(pc, count, answer=True):
     return got
 
 
+@pytest.mark.real
 def test_answers_are_taken_and_the_schedule_holds():
     with pc_socket() as pc:
         port = pc.getsockname()[1]

@@ -94,6 +94,7 @@ def write(tmp_path, text):
     return str(path)
 
 
+@pytest.mark.real
 @judged
 def test_it_understands_hands_fingers_and_bones(leapjs, tmp_path):
     script = write(tmp_path, "0.1 enter right 40 220 -30\n0.1 tilt right 20 0 0\n0.5 loop")

@@ -110,6 +110,7 @@ def test_no_extension_is_agreed_on():
             assert leap.protocol.extensions == []
 
 
+@pytest.mark.real
 def test_several_clients_and_the_focus():
     with serving() as peer, client(peer) as first, client(peer, "/v4.json") as second:
         for leap in (first, second):

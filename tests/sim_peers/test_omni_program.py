@@ -156,6 +156,7 @@ def test_signals_go_on_to_the_program(number):
     assert not file.exists()
 
 
+@pytest.mark.real
 @compiled
 def test_a_killed_command_leaves_neither_the_program_nor_a_folder():
     with subprocess.Popen(

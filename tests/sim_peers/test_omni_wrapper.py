@@ -300,6 +300,7 @@ def blocks(language):
     return [text for name, text in found if name == language]
 
 
+@pytest.mark.real
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 def test_the_program_in_c_feels_its_floor(tmp_path):
     (source,) = blocks("c")

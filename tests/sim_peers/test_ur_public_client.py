@@ -47,6 +47,7 @@ def host(request):
         yield request.param, address
 
 
+@pytest.mark.real
 def test_it_reads_writes_and_asks(host):
     robot, address = host
     receive = rtde_receive.RTDEReceiveInterface(address)

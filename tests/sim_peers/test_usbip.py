@@ -347,6 +347,7 @@ def imported(host: Host) -> Host:
     return host
 
 
+@pytest.mark.real
 def test_an_attached_puck_moves_once_it_is_polled_and_takes_its_led(serve, host):
     peer = serve()
     pc = imported(host(peer))

@@ -120,6 +120,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # -- Unix sockets --------------------------------------------------------------------------------
 
 
+@pytest.mark.real
 def test_the_old_and_the_new_way_over_sockets(place, monkeypatch):
     """In virtual time, so that the period of the reports is the remote's and not this machine's."""
     now_s = 100.0

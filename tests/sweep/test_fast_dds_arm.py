@@ -57,6 +57,7 @@ def test_it_reads_the_state(program):
     assert len(joints["position"]) == 6
 
 
+@pytest.mark.real
 def test_its_twist_moves_the_arm_while_it_is_there(program, session):
     topic = f"{NODE}/command/twist"
     program.advertise(topic, TWIST)

@@ -67,6 +67,7 @@ def test_the_table_has_what_a_session_has_on_the_graph(session):
     assert session.wait(wanted) == wanted
 
 
+@pytest.mark.real
 @pytest.mark.shown_on(
     transport="Zenoh",
     by="dora-rs",

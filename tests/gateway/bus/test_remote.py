@@ -107,7 +107,7 @@ def test_two_programs_are_two_sources_and_one_that_leaves_stops_no_other():
         assert first.status().moving
 
 
-@pytest.mark.matrix
+@pytest.mark.real
 def test_a_connection_that_is_lost_is_no_rest():
     with OnTheBus().place() as (arm, end_loop), arm:
         start = arm.stat().pose

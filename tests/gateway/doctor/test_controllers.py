@@ -65,7 +65,7 @@ def free_port():
         return sock.getsockname()[1]
 
 
-@pytest.mark.matrix
+@pytest.mark.real
 def test_a_controller_that_sends_is_heard_and_not_answered():
     endpoint = Endpoint("udp", "127.0.0.1", free_port(), True)
     stop = threading.Event()

@@ -161,6 +161,7 @@ def test_a_right_token_comes_in_by_the_header(target, running):
     assert status(answer(running, request)) == target.welcome
 
 
+@pytest.mark.real("console")
 def test_guesses_are_counted(target, running):
     wrong = target.request(target.path_with("guess-0123456789"))
     assert [status(answer(running, wrong)) for _ in range(BURST)] == [401] * BURST
@@ -293,6 +294,7 @@ def test_as_many_as_come_at_once_are_kept_by_the_system(running):
     assert kept == min(web.BACKLOG, allowed)
 
 
+@pytest.mark.real("rosbridge")
 def test_many_connections_keep_nobody_out(target, running):
     keep_many_open(target, running, 1000)
 

@@ -72,6 +72,7 @@ def robot_and_face():
         yield robot, face
 
 
+@pytest.mark.real
 def test_a_client_meets_a_node_on_the_bus(robot_and_face):
     robot, face = robot_and_face
     description = robot.advertise("/robot_description", STRING, True)

@@ -87,6 +87,7 @@ def test_parameters_of_the_arm_are_seen_set_and_refused(face):
         client.status("allowed")
 
 
+@pytest.mark.real
 def test_a_motion_without_end_ends_with_the_client_that_asked_for_it(face):
     with foxglove_client(face) as watcher:
         status = watcher.subscribe(f"{ARM}/state/status")

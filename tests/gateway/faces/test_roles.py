@@ -67,6 +67,7 @@ def test_a_viewer_of_rosbridge_reads(network, bridge):
         assert client.call("/arm/list_parameters")["result"]
 
 
+@pytest.mark.real("asked3-call /stop")
 @pytest.mark.parametrize(
     ("asked", "may_not"),
     [

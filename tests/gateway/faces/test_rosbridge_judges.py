@@ -200,6 +200,7 @@ ros.terminate()
 """
 
 
+@pytest.mark.real
 def test_roslibpy(world):
     pytest.importorskip("roslibpy", reason="roslibpy is not installed: pip install cardan[test]")
     with rosbridge(world.network) as running:

@@ -45,6 +45,7 @@ def nodes():
         yield robot, face
 
 
+@pytest.mark.real
 def test_a_client_meets_a_node_on_the_bus(nodes):
     robot, face = nodes
     speaker = robot.advertise("/chatter", STRING, False)

@@ -97,6 +97,7 @@ def run_node(path, results, **options):
     return thread
 
 
+@pytest.mark.real
 def test_a_node_serves_a_session(tmp_path, capsys):
     path, results = str(tmp_path / "force.sock"), []
     thread = run_node(path, results, seconds=20.0)  # Before the session: it waits for it.

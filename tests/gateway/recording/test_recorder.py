@@ -131,7 +131,7 @@ def test_a_type_that_cardan_does_not_know_is_recorded_and_named(tmp_path):
     assert message.topic[:3] == ("/strange", "strange_msgs/msg/Thing", mark)
 
 
-@pytest.mark.matrix
+@pytest.mark.real
 def test_a_session_is_recorded_whole(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "session.mcap"
     recorder = recorder_on(endpoint, path)
@@ -204,7 +204,7 @@ def test_a_session_that_a_program_moved_is_replayed_up_to_there(tmp_path):
         )
 
 
-@pytest.mark.matrix
+@pytest.mark.real
 def test_a_recorder_that_is_killed_has_lost_less_than_a_second(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "killed.mcap"
     with BusNode(BusOptions(router="", listen=(endpoint,)), "talker") as node:

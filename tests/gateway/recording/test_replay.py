@@ -218,7 +218,7 @@ def asked(tmp_path, commands, **tables):
         yield session, report, said, answers
 
 
-@pytest.mark.matrix
+@pytest.mark.real
 def test_no_replay_moves_a_live_arm_unasked(tmp_path):
     with asked(tmp_path, commands=False) as (session, report, _, answers):
         cycles = session.snapshot.cycles

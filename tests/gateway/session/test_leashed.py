@@ -61,6 +61,7 @@ def folder():
         yield Path(made)
 
 
+@pytest.mark.real("gofa-0-KILL")
 @pytest.mark.parametrize(
     ("name", "early", "number"),
     [
