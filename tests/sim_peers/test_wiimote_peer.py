@@ -590,6 +590,7 @@ def test_libcwiid_uses_the_remote(place, settings):
     assert seen["remote-mode"] in (0x33, 0x37)
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="Wiimote", transport="Nunchuk", by="Debian libcwiid")
 def test_libcwiid_uses_the_nunchuk(place):
     script = "0 press a\n0 press c\n0 stick 0 1\n"
