@@ -95,9 +95,10 @@ page: $(VENV)/.cardan
 
 # What this demo needs beside the arm's model: extras of Cardan, as its file has them. A page is
 # needed with the extra that serves it.
+DEMO_LOCKS := can console network record
 DEMO_READY := $(VENV)/.cardan-demo-$(subst /,-,$(DEMO_ROBOT))
 
-$(DEMO_READY): $(VENV)/.cardan $(addprefix locks/,can.txt console.txt network.txt record.txt)
+$(DEMO_READY): $(VENV)/.cardan $(DEMO_LOCKS:%=locks/%.txt)
 	extras=$$($(BIN)/cardan demo --extras $(DEMO_ROBOT)) && { [ -z "$$extras" ] || \
 		tools/install "$(VENV)" $$(echo "$$extras" | tr , ' '); }
 	@touch $@
