@@ -72,8 +72,9 @@ help:
 # Versions and hashes are those of locks/; NEWEST=1 installs the newest instead, in a new environment.
 $(VENV)/.cardan: pyproject.toml hatch_build.py tools/environment tools/install tools/native \
 		locks/make.txt locks/uv.txt locks/arm.txt $(C_SOURCES)
-	tools/environment "$(PYTHON)" "$(VENV)"
-	tools/install "$(VENV)" --editable arm
+	tools/native & native=$$!; tools/environment "$(PYTHON)" "$(VENV)" && \
+		{ ! wait $$native || export CARDAN_NATIVE=compiled; } && \
+		tools/install "$(VENV)" --editable arm
 	@touch $@
 
 $(VENV)/.cardan-dev: $(VENV)/.cardan locks/dev.txt
