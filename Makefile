@@ -26,7 +26,7 @@ C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h cardan/*/*/*/*.c cardan/*/
 # tests start compiles them anew, and so does each worker with the tests: minutes.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo page test test-matrix test-kernel test-systemd device-table fault-table \
+.PHONY: help demo page lock test test-matrix test-kernel test-systemd device-table fault-table \
 	fault-table-processes fault-table-network hold-table console-pictures docs-tables \
 	docs-pictures docs-evaluation demo-picture docs release lint types check bench bench-motoros bench-thesis bench-haptics bench-network \
 	bench-console bench-sessions bench-kilohertz bench-peers bench-servo fuzz soak test-pythons \
@@ -37,6 +37,7 @@ help:
 	@echo "make test    the tests of every change: what computes, and one of each mechanism that is real"
 	@echo "make test-matrix  all the others, and all demos, part by part: MATRIX=\"tests browser docs demos pythons kernel lerobot\""
 	@echo "make page    the console's page, where the one that is there is not of these sources"
+	@echo "make lock    the versions that make installs, in locks/ (NEWEST=1: the newest of everything)"
 	@echo "make test-kernel  the drivers against the real Linux kernel, in a virtual machine"
 	@echo "make test-systemd  the service under systemd, which is reloaded, killed and stopped, in that machine"
 	@echo "make check   lint, types and make test (also make lint, make types)"
@@ -69,19 +70,26 @@ help:
 	@echo "make dist    what is released: the source archive and a manylinux wheel, in dist/"
 	@echo "make clean   remove the environment and caches"
 
-$(VENV)/.cardan: pyproject.toml hatch_build.py tools/environment tools/native $(C_SOURCES)
-	tools/environment "$(PYTHON)" "$(VENV)"
-	$(BIN)/python -m pip install --quiet --editable '.[arm]'
+# Versions and hashes are those of locks/; NEWEST=1 installs the newest instead, in a new environment.
+$(VENV)/.cardan: pyproject.toml hatch_build.py tools/environment tools/install tools/native \
+		locks/make.txt locks/uv.txt locks/arm.txt $(C_SOURCES)
+	tools/native & native=$$!; tools/environment "$(PYTHON)" "$(VENV)" && \
+		{ ! wait $$native || export CARDAN_NATIVE=compiled; } && \
+		tools/install "$(VENV)" --editable arm
 	@touch $@
 
-$(VENV)/.cardan-dev: $(VENV)/.cardan
-	$(BIN)/python -m pip install --quiet --editable '.[dev]'
+# Modules are compiled at once: tests that wait for real clocks would be late by it.
+$(VENV)/.cardan-dev: $(VENV)/.cardan locks/dev.txt
+	UV_COMPILE_BYTECODE=1 tools/install "$(VENV)" dev
 	@touch $@
+
+lock: $(VENV)/.cardan
+	tools/lock "$(VENV)"
 
 # By the system's npm, or by one that pip brings where there is none. Wheels have the page.
 define console-page
 $(BIN)/python tools/console $(1) || { [ $$? = 3 ] && \
-	$(BIN)/python -m pip install --quiet --editable '.[page]' && \
+	tools/install "$(VENV)" page && \
 	$(BIN)/python tools/console $(1); }
 endef
 
@@ -90,11 +98,12 @@ page: $(VENV)/.cardan
 
 # What this demo needs beside the arm's model: extras of Cardan, as its file has them. A page is
 # needed with the extra that serves it.
+DEMO_LOCKS := can console network record
 DEMO_READY := $(VENV)/.cardan-demo-$(subst /,-,$(DEMO_ROBOT))
 
-$(DEMO_READY): $(VENV)/.cardan
+$(DEMO_READY): $(VENV)/.cardan $(DEMO_LOCKS:%=locks/%.txt)
 	extras=$$($(BIN)/cardan demo --extras $(DEMO_ROBOT)) && { [ -z "$$extras" ] || \
-		$(BIN)/python -m pip install --quiet --editable ".[$$extras]"; }
+		tools/install "$(VENV)" $$(echo "$$extras" | tr , ' '); }
 	@touch $@
 
 demo: $(if $(filter --list,$(DEMO_ROBOT)),$(VENV)/.cardan,$(DEMO_READY))
@@ -168,8 +177,8 @@ demo-picture: $(VENV)/.cardan-dev
 docs: $(VENV)/.cardan-docs
 	$(BIN)/python tools/docs
 
-$(VENV)/.cardan-docs: $(VENV)/.cardan
-	$(BIN)/python -m pip install --quiet --editable '.[docs]'
+$(VENV)/.cardan-docs: $(VENV)/.cardan locks/docs.txt
+	tools/install "$(VENV)" docs
 	@touch $@
 
 lint: $(VENV)/.cardan-dev

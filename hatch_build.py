@@ -10,6 +10,7 @@ the console says so.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import sysconfig
@@ -54,13 +55,15 @@ class BuiltParts(BuildHookInterface):  # type: ignore[type-arg]
     def _add_native(self, build_data: dict[str, Any]) -> None:
         if not sys.platform.startswith("linux"):
             return
-        done = subprocess.run([Path(self.root, "tools", "native")], check=False)
-        if done.returncode == NO_COMPILER:
-            self.app.display_warning(
-                "cardan is built without the driver for haptic devices and the compiled servo"
-            )
-            return
-        done.check_returncode()
+        # make has compiled them by then, while it made the environment.
+        if os.environ.get("CARDAN_NATIVE") != "compiled":
+            done = subprocess.run([Path(self.root, "tools", "native")], check=False)
+            if done.returncode == NO_COMPILER:
+                self.app.display_warning(
+                    "cardan is built without the driver for haptic devices and the compiled servo"
+                )
+                return
+            done.check_returncode()
         platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")
         build_data["pure_python"] = False
         build_data["tag"] = f"py3-none-{platform}"

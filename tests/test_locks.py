@@ -1,0 +1,136 @@
+"""What make installs is in locks/, by version and hash; it has all that pyproject.toml asks for."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from packaging.markers import default_environment
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+from cardan.gateway.session.examples import find_demos
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+ROOT = Path(__file__).parents[1]
+PYTHONS = ("3.10", "3.11", "3.12", "3.13")
+LOCKS = {path.stem: path.read_text(encoding="utf-8") for path in ROOT.glob("locks/*.txt")}
+OF_TOOLS = {"make", "uv"}
+"""No extras: what makes the environment."""
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+EXTRAS = PROJECT["project"]["optional-dependencies"]
+WRITE = "run `make lock`"
+
+
+def entries(lock: str) -> Iterator[tuple[Requirement, list[str]]]:
+    """Each package of a lock, and its hashes."""
+    for entry in re.sub(r"\\\n|^#.*\n", "", LOCKS[lock], flags=re.MULTILINE).splitlines():
+        requirement, *hashes = entry.split(" --hash=")
+        yield Requirement(requirement), [each.strip() for each in hashes]
+
+
+def environment(python: str) -> dict[str, str]:
+    """A Python on Linux, as markers see it."""
+    return {
+        **default_environment(),
+        "python_version": python,
+        "python_full_version": f"{python}.9",
+        "sys_platform": "linux",
+        "platform_machine": "x86_64",
+    }
+
+
+def versions(lock: str, variables: dict[str, str]) -> dict[str, str]:
+    """What a lock installs in such an environment: versions by name."""
+    found: dict[str, str] = {}
+    for requirement, _ in entries(lock):
+        if requirement.marker is None or requirement.marker.evaluate(variables):
+            (pin,) = requirement.specifier
+            assert pin.operator == "=="
+            assert found.setdefault(requirement.name, pin.version) == pin.version, requirement
+    return found
+
+
+def asked_for(extra: str) -> Iterator[Requirement]:
+    """What an extra of pyproject.toml needs, with what the extras that it names need."""
+    for text in EXTRAS[extra]:
+        requirement = Requirement(text)
+        if requirement.name == "cardan":
+            for other in requirement.extras:
+                yield from asked_for(other)
+        else:
+            yield requirement
+
+
+@pytest.mark.parametrize("lock", LOCKS)
+def test_each_package_has_hashes_and_no_address(lock):
+    assert "://" not in LOCKS[lock]
+    assert not re.search(r"^-", LOCKS[lock], re.MULTILINE), "an option of pip"
+    for requirement, hashes in entries(lock):
+        assert hashes, requirement
+        assert all(re.fullmatch(r"sha256:[0-9a-f]{64}", each) for each in hashes), requirement
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+def test_a_package_has_one_version_in_all_locks(python):
+    together: dict[str, str] = {}
+    for lock in sorted(LOCKS):
+        for name, version in versions(lock, environment(python)).items():
+            assert together.setdefault(name, version) == version, f"{name} in {lock}: {WRITE}"
+
+
+@pytest.mark.parametrize("python", PYTHONS)
+@pytest.mark.parametrize("extra", sorted(LOCKS.keys() - OF_TOOLS))
+def test_a_lock_has_what_its_extra_asks_for(extra, python):
+    variables = environment(python)
+    locked = versions(extra, variables)
+    base = map(Requirement, PROJECT["project"]["dependencies"])
+    for requirement in (*base, *asked_for(extra)):
+        if requirement.marker is None or requirement.marker.evaluate(variables):
+            version = locked.get(canonicalize_name(requirement.name))
+            assert version is not None, f"{requirement} is not in locks/{extra}.txt: {WRITE}"
+            assert requirement.specifier.contains(version, prereleases=True), (
+                f"locks/{extra}.txt has {version}, and {requirement} is asked for: {WRITE}"
+            )
+
+
+def test_what_builds_cardan_is_locked():
+    locked = versions("make", environment("3.10"))
+    for requirement in map(Requirement, PROJECT["build-system"]["requires"]):
+        assert requirement.specifier.contains(locked[requirement.name]), WRITE
+
+
+def test_what_demos_need_is_locked():
+    needed = {extra for demo in find_demos().values() for extra in demo.extras}
+    assert needed <= LOCKS.keys()
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    (listed,) = re.findall(r"^DEMO_LOCKS := (.*)$", makefile, re.MULTILINE)
+    assert needed == set(listed.split())
+
+
+def test_this_environment_is_the_locked_one():
+    made = Path(sys.prefix)
+    if not (made / ".cardan-dev").exists():
+        pytest.skip("this environment is not one that make test made")
+    if (made / ".newest").exists():
+        pytest.skip("NEWEST=1 made this environment")
+    variables = {**default_environment(), "extra": ""}
+    locked = {
+        name: version for lock in LOCKS for name, version in versions(lock, variables).items()
+    }
+    here = {
+        canonicalize_name(each.name): each.version for each in importlib.metadata.distributions()
+    }
+    needed = versions("arm", variables) | versions("dev", variables) | versions("make", variables)
+    assert here.items() >= needed.items()
+    differ = {name for name in here.keys() & locked.keys() if here[name] != locked[name]}
+    assert not differ
