@@ -41,6 +41,7 @@ def test_a_record_is_ended_by_ctrl_c(tmp_path):
     assert names_in(path) == {"/count": 50}
 
 
+@pytest.mark.matrix
 def test_a_session_is_recorded_while_it_runs_from_its_first_cycle_on(tmp_path):
     file = session_file(tmp_path, free_endpoint())
     path = tmp_path / "r.mcap"
