@@ -170,7 +170,6 @@ def run(tmp_path, monkeypatch):
     return run
 
 
-@pytest.mark.real("spacemouse-ur5-simulated.toml", "phone-ur5-simulated.toml")
 @pytest.mark.parametrize("name", DEVICES)
 def test_the_example_runs(run, name):
     lit, dark = LIGHTS.get(name, ("", ""))

@@ -1,4 +1,5 @@
-"""What all tests of the console's page share: one browser, one robot, its session, the server."""
+"""What all tests of the console's page share: one browser, one robot, its session, the server. They
+end with the last of these tests: a browser draws for as long as it runs."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ import pytest
 from cardan.gateway.session.browser import chromium, find_chromium
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def built():
     """The page is built."""
     from cardan.errors import ConfigurationError
@@ -19,7 +20,7 @@ def built():
         pytest.skip(str(error))
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def browser(tmp_path_factory):
     """One for all tests; each opens pages of its own."""
     program = find_chromium()
@@ -29,7 +30,7 @@ def browser(tmp_path_factory):
         yield browser
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def bench(built, browser, tmp_path_factory):
     """A robot, its session, the server, and a network between it and the browser."""
     from tests.console.hold_table import bench

@@ -75,7 +75,7 @@ def test_from_the_page_to_the_driver_and_back(tmp_path, driver, options):
     endpoint = free_endpoint()
     bus = BusOptions(router="", listen=(endpoint,))
     with BusNetwork(bus, "console") as network, console(network, tmp_path) as running:
-        peer = PagePeer(options(console=url(running), script="short"))
+        peer = PagePeer(options(console=url(running), script="strokes"))
         with in_a_thread(peer), driver(router=endpoint, wait_for_device=True) as device:
             until(lambda: device.state().link is DeviceLink.LIVE, "it is live")
             until(lambda: any(device.state().axes), "it is deflected")
