@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import ipaddress
 import os
 import socket
 import stat
 import struct
 import tempfile
+import termios
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
@@ -30,8 +32,22 @@ DRAIN_AT_MOST: Final = 256
 QUEUE_LOOK_S: Final = 0.01
 """Pause before another attempt to come into a queue that is full."""
 
+_INT: Final = struct.Struct("i")
+_NO_BYTES: Final = bytes(_INT.size)
+
 _ANY_PORT: Final = 9
 """For asking the system about an address: nothing is sent."""
+
+
+def waiting_bytes(sock: socket.socket) -> int:
+    """Bytes that came on a stream and were not read; 0 of one that is closed."""
+    if sock.fileno() < 0:
+        return 0
+    try:
+        (waiting,) = _INT.unpack(fcntl.ioctl(sock.fileno(), termios.FIONREAD, _NO_BYTES))
+    except OSError:
+        return 0
+    return int(waiting)
 
 
 def is_loopback(host: str) -> bool:

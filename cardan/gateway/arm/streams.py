@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from cardan.arm_libraries import np
 from cardan.errors import MotionRefusedError
@@ -61,8 +61,46 @@ class _Link:
         self.owner: str | None = None
         self.sequence: int | None = None
         self.sent_s = NEVER_S
-        self.quickest_s = math.inf
-        """The smallest difference seen between reception here and the sender's stamp."""
+
+
+SENDERS = 64
+"""Senders whose delays are kept; the one that was silent longest goes first."""
+
+REMEMBERED_S = 30.0
+"""How long the smallest delay counts, at least; twice this at most. No queue lasts as long; two
+clocks that differ by 100 ppm part by 6 ms meanwhile, and one that was set is believed again."""
+
+
+class _Quickest(NamedTuple):
+    """The smallest delays of one sender, s: of the present period and of the one before."""
+
+    began_s: float
+    now_s: float
+    before_s: float
+
+
+class Delays:
+    """The smallest difference seen lately between reception here and each sender's own stamps."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str | None, _Quickest] = {}
+
+    def waited_s(self, owner: str | None, stamp_s: float, now_s: float) -> float:
+        """How much longer than its sender's quickest a command was on its way, s; 0 for a first."""
+        began_s, quickest_s, before_s = self._kept.pop(owner, _UNHEARD)
+        if now_s - began_s >= 2 * REMEMBERED_S:
+            began_s, quickest_s, before_s = now_s, math.inf, math.inf
+        elif now_s - began_s >= REMEMBERED_S:
+            began_s, quickest_s, before_s = now_s, math.inf, quickest_s
+        delay_s = now_s - stamp_s
+        quickest_s = min(quickest_s, delay_s)
+        if len(self._kept) >= SENDERS:
+            del self._kept[next(iter(self._kept))]
+        self._kept[owner] = _Quickest(began_s, quickest_s, before_s)
+        return delay_s - min(quickest_s, before_s)
+
+
+_UNHEARD = _Quickest(NEVER_S, math.inf, math.inf)
 
 
 class Streams:
@@ -71,11 +109,14 @@ class Streams:
     def __init__(self, controller: ArmController, body: ArmBody, plans: Plans) -> None:
         self._controller, self._body, self._plans = controller, body, plans
         self._link: _Link | None = None
+        self._delays = Delays()
+        """Kept when a stream is chosen again: what waited in a queue is no measure of its delay."""
         self._ended = ""
         self._heard_s = NEVER_S
         """When the newest command came, the robot's time."""
-        self.fell_silent = False
-        """Whether the last stream ended as nothing came, and nothing has happened since."""
+        self.silenced: str | None = None
+        """The owner of the last stream where it ended as nothing came, and nothing has happened
+        since; None otherwise."""
         self.late = 0
         """Streamed commands that came late or twice."""
         self.scaled = 0
@@ -102,10 +143,12 @@ class Streams:
     def end(self, reason: str) -> bool:
         """No streaming command is chosen any more; False when none was."""
         if self._link is None:
-            self.fell_silent = False
+            self.silenced = None
             return False
         silent_s = self._controller.stamp_s - self._heard_s
-        self.fell_silent = silent_s > self._plans.parameters[Parameter.STREAM_TIMEOUT]
+        silent = silent_s > self._plans.parameters[Parameter.STREAM_TIMEOUT]
+        began = self._link.owner is not None
+        self.silenced = self.owner or VERBS if silent and began else None
         self._link, self._ended = None, reason
         return True
 
@@ -296,8 +339,6 @@ class Streams:
             raise MotionRefusedError(
                 f"{name}: choose this streaming command first (parameter cpsc){why}"
             )
-        if link.kind is not kind:
-            raise MotionRefusedError(f"{name}: the streaming command is {vocab_text(link.kind)}")
         if sequence is not None:
             checked_sequence(name, sequence)
         if stamp_s is not None and not (
@@ -310,8 +351,12 @@ class Streams:
         if refusal:
             controller.authority.take(owner or VERBS, controller.stamp_s)  # Notes the refusal.
             raise MotionRefusedError(f"{name}: {refusal}")
+        if link.kind is not kind:
+            raise MotionRefusedError(f"{name}: the streaming command is {vocab_text(link.kind)}")
         if link.owner == owner:
             self._check_order(name, link, sender)
+        if stamp_s is not None:
+            self._check_delay(name, owner, stamp_s)
         return activity
 
     def _check_order(self, name: str, link: _Link, sender: Sender) -> None:
@@ -319,14 +364,14 @@ class Streams:
         if sequence is not None and link.sequence is not None and sequence <= link.sequence:
             self.late += 1
             raise MotionRefusedError(f"{name}: number {sequence} came after number {link.sequence}")
-        if stamp_s is None:
-            return
-        if 0.0 <= link.sent_s - stamp_s < CLOCK_SET_BACK_S:
+        if stamp_s is not None and 0.0 <= link.sent_s - stamp_s < CLOCK_SET_BACK_S:
             self.late += 1
             raise MotionRefusedError(
                 f"{name}: sent at {stamp_s:.6f} s, after one of {link.sent_s:.6f} s"
             )
-        waited_s = self._controller.stamp_s - stamp_s - link.quickest_s
+
+    def _check_delay(self, name: str, owner: str | None, stamp_s: float) -> None:
+        waited_s = self._delays.waited_s(owner, stamp_s, self._controller.stamp_s)
         if QUEUED_S < waited_s < CLOCK_SET_BACK_S * 60.0:
             self.late += 1
             raise MotionRefusedError(
@@ -346,14 +391,12 @@ class Streams:
         assert link is not None
         if link.owner != owner:
             link.owner, link.sequence, link.sent_s = owner, None, NEVER_S
-            link.quickest_s = math.inf
         self._controller.authority.take(owner or VERBS, now_s)
         activity.heard_s = self._heard_s = now_s
         if sequence is not None:
             link.sequence = sequence
         if stamp_s is not None:
             link.sent_s = stamp_s
-            link.quickest_s = min(link.quickest_s, now_s - stamp_s)
 
 
 STREAMED: dict[str, Callable[[Streams, Any, Sender], None]] = {

@@ -81,17 +81,20 @@ class Door:
     def _by_token(self, caller: Caller, now_s: float) -> Role | Denied:
         given = _given(caller)
         # Asked first: one that may not try learns nothing, not even with the right token.
-        if given and (wait_s := self._failed.wait_s(caller.address, now_s)) > 0.0:
+        wait_s = max(
+            (self._failed.wait_s(caller.address, each, now_s) for each in given), default=0.0
+        )
+        if wait_s > 0.0:
             return Denied(
                 HTTPStatus.TOO_MANY_REQUESTS,
-                "there were too many wrong tokens from this address",
+                "there were too many wrong tokens like this one from this address",
                 wait_s,
             )
         role = self._tokens.role(given)
         if role is not None:
             return role
-        if given:
-            self._failed.failed(caller.address, now_s)
+        for each in given:
+            self._failed.failed(caller.address, each, now_s)
         return Denied(
             HTTPStatus.UNAUTHORIZED,
             "the request needs a token of the server: in the address, as /?t=TOKEN or as its path "

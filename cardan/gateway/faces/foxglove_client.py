@@ -20,7 +20,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from websockets.asyncio.client import ClientConnection, connect
-from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
@@ -36,6 +35,7 @@ from cardan.gateway.faces.outbox import LATCHED_DEPTH, Stream
 from cardan.gateway.faces.parameters import REFUSALS as PARAMETER_REFUSALS, NodeParameters
 from cardan.gateway.faces.publishing import Advertisements, RefusedError
 from cardan.gateway.faces.sending import Sender, ready
+from cardan.gateway.faces.web import FrontConnection, is_stale
 from cardan.protocols import foxglove as protocol
 from cardan.protocols.foxglove import CDR, JSON, ROS2MSG
 from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit
@@ -144,7 +144,7 @@ class Client:
 
     def __init__(
         self,
-        connection: ServerConnection,
+        connection: FrontConnection,
         peer: str,
         network: Network,
         caller: Caller,
@@ -267,6 +267,9 @@ class Client:
                     f"more than {MAX_PUBLICATIONS_PER_S} messages in a second; the others are lost",
                 )
                 return
+            if published is not None and self._is_stale(published):
+                self._counts["stale"] += 1
+                return
         else:
             asked = protocol.parse_operation(frame)
             if isinstance(asked, protocol.GetParameters):
@@ -286,6 +289,10 @@ class Client:
             await self._inner.send(frame)
         except ConnectionClosed:
             await self._close("the server of the SDK has ended")
+
+    def _is_stale(self, channel: int) -> bool:
+        known = self._published.get(channel)
+        return known is not None and is_stale(known.topic, self._connection.waited_s)
 
     def _expect(self, asked: protocol.Subscribe) -> bool:
         """Make ready for the messages of subscriptions; false: there are too many."""
@@ -343,6 +350,11 @@ class Client:
         _log.log(logging.DEBUG if self._logged else logging.WARNING, "%s: %s", self._peer, reason)
         self._logged = True
         self._sender.send(protocol.status(protocol.ERROR, reason, identity))
+
+    def tell_refused(self, command: str, reason: str) -> None:
+        """Tell the client that an arm has refused what it published."""
+        if not self._gone:
+            self._refuse(f"command {command}", reason)
 
     # -- what there is on the network ------------------------------------------------------------
 

@@ -11,8 +11,6 @@ from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-from websockets.asyncio.server import ServerConnection
-
 from cardan.bus.network import (
     Answered,
     Failure,
@@ -28,6 +26,7 @@ from cardan.gateway.faces.publishing import Advertisements, RefusedError, agreed
 from cardan.gateway.faces.rosapi import LOG, ROSOUT, SERVICES as ROSAPI_SERVICES, RosApi
 from cardan.gateway.faces.rosbridge_feeds import ClientStream, Feeds, RosbridgeFeed
 from cardan.gateway.faces.sending import Sender
+from cardan.gateway.faces.web import FrontConnection, is_stale
 from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of
 from cardan.protocols.ros2.interfaces import (
     DUMMY_MEMBER,
@@ -124,7 +123,7 @@ class Client:
 
     def __init__(
         self,
-        connection: ServerConnection,
+        connection: FrontConnection,
         peer: str,
         network: Network,
         caller: Caller,
@@ -189,6 +188,11 @@ class Client:
         status = self._session.status("error", refused.id, refused.reason)
         if status is not None:
             self.send(status)
+
+    def tell_refused(self, command: str, reason: str) -> None:
+        """Tell the client that an arm has refused what it published."""
+        if not self._gone:
+            self._refuse(Refused(reason, "publish", None, command))
 
     # -- from the client -------------------------------------------------------------------------
 
@@ -260,6 +264,9 @@ class Client:
 
     def _publish(self, asked: Publish) -> None:
         topic = self._advertised.topic(asked.topic)
+        if is_stale(topic, self.connection.waited_s):
+            self._counts["stale"] += 1
+            return
         advertised = self._advertised.get(topic)
         if advertised is None:
             if not (asked.type or self._advertised.type_of(topic)):

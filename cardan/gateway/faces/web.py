@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
+from functools import partial
 from http import HTTPStatus
 from math import ceil
 from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
@@ -31,7 +32,7 @@ from cardan.files import read_text
 from cardan.gateway.faces import telling
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.door import Caller, Denied, Door
-from cardan.gateway.faces.standstill import StandStill
+from cardan.gateway.faces.standstill import BEAT_S, StandStill
 from cardan.gateway.faces.tokens import (
     Role,
     Tokens,
@@ -41,7 +42,8 @@ from cardan.gateway.faces.tokens import (
     read_tokens,
 )
 from cardan.options import CODE_ONLY, Options, require
-from cardan.sockets import is_loopback
+from cardan.sockets import is_loopback, waiting_bytes
+from cardan.types import NEVER_S
 
 TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"
 """The environment variable that has the token where no option has it."""
@@ -69,6 +71,13 @@ BACKLOG = 1024
 """Connections that the system keeps until this server takes them: who comes then has to try again,
 which systems do after a whole second."""
 
+STALE_S = 0.3
+"""A publication that may have waited for longer is not passed on: it would be acted on late."""
+
+BACKLOGGED_S = 1.0
+"""A client of which something waits for more than STALE_S, for this long, sends more than can be
+handled: it is disconnected."""
+
 MOST_HANDSHAKES = 64
 """Connections that have not said who they are; one more takes the place of the oldest, so that who
 is quick comes in even while somebody opens connections and says nothing."""
@@ -78,6 +87,9 @@ SOCKET_PATH = "/ws"
 
 MOST_DENIALS_SHOWN = 10
 """Later ones are logged for debugging only, so that nobody can fill a disk."""
+
+BACKLOGGED = f"what you send has waited here for more than {STALE_S:g} s: send less often"
+"""The reason that a client is told, of 123 bytes at most."""
 
 _CLIENTS = Range(1, 1000, "", "each costs a connection")
 _FRAME_BYTES = Range(1000, 100_000_000, "bytes", "a frame is read before it is refused")
@@ -213,14 +225,31 @@ class WebOptions(FrontOptions):
         return Allowed(self.topics, self.services, self.parameters)
 
 
-class _Connection(ServerConnection):
-    """A client's connection, of which nothing is read any more once it is cut off."""
+class FrontConnection(ServerConnection):
+    """A client's connection: it tells how long its frames waited, is ended where they wait for too
+    long, and nothing of it is read any more once it is cut off."""
 
     _cut_off = False
+    _ending: asyncio.Task[None] | None = None
+    _drained_s = _backlogged_s = NEVER_S
 
-    def watch(self, look: Callable[[], None]) -> None:
-        """Have `look` called before each frame is handed on."""
-        self._look = look
+    def watch(self, look: Callable[[], None], backlogged: Callable[[], None]) -> None:
+        """Have `look` called before each frame is handed on, and `backlogged` when it is ended as
+        too much waits."""
+        self._look, self._tell_backlogged = look, backlogged
+        self._socket: socket.socket = self.transport.get_extra_info("socket")
+        self._drained_s = self.loop.time()
+
+    @property
+    def waited_s(self) -> float:
+        """Longest time that the frame handed on last, or a part of it, can have waited to be read:
+        since nothing of this client waited."""
+        return self.loop.time() - self._drained_s
+
+    def note_backlog(self) -> None:
+        """Note whether something that the client sent waits now, in the system or here."""
+        if not len(self.recv_messages.frames) and not waiting_bytes(self._socket):
+            self._drained_s, self._backlogged_s = self.loop.time(), NEVER_S
 
     def cut_off(self) -> None:
         """End it at once, with all that has arrived and was not read."""
@@ -232,9 +261,28 @@ class _Connection(ServerConnection):
             self._look()
             if self._cut_off:
                 return
-            yield frame
+            if self._ending is None and self._is_backlogged():
+                self._tell_backlogged()
+                # Reading goes on, or the client's farewell would not be read.
+                self._ending = self.loop.create_task(self.close(1008, BACKLOGGED))
+            if self._ending is None:
+                yield frame
+            self.note_backlog()
             # What waits already is taken without a turn of the loop: others have theirs.
             await asyncio.sleep(0)
+
+    def _is_backlogged(self) -> bool:
+        if self.waited_s <= STALE_S:
+            return False
+        now_s = self.loop.time()
+        if self._backlogged_s == NEVER_S:
+            self._backlogged_s = now_s
+        return now_s - self._backlogged_s > BACKLOGGED_S
+
+
+def is_stale(topic: str, waited_s: float) -> bool:
+    """Whether a publication waited for too long to act on; a stop is never too late."""
+    return waited_s > STALE_S and not topic.endswith("/stop")
 
 
 class WebServer(AbstractAsyncContextManager[Any], Protocol):
@@ -268,7 +316,7 @@ class Front:
         self,
         options: FrontOptions,
         counts: Counter[str],
-        run: Callable[[ServerConnection, str, Role], Awaitable[None]] | None = None,
+        run: Callable[[FrontConnection, str, Role], Awaitable[None]] | None = None,
         subprotocols: Sequence[str] = (),
         *,
         page: Page | None = None,
@@ -288,8 +336,9 @@ class Front:
         self._subprotocols = [Subprotocol(each) for each in subprotocols]
         self._door = Door(options.tokens(), options.hosts, options.origins)
         self._server: Server | None = None
-        self._connections: set[_Connection] = set()
+        self._connections: set[FrontConnection] = set()
         self._standstill = StandStill(self._stood_still)
+        self._watching: asyncio.Task[None] | None = None
         self._telling: asyncio.Task[None] | None = None
         self._roles: dict[ServerConnection, Role] = {}
         """Of connections that were let in and have not begun."""
@@ -336,8 +385,20 @@ class Front:
                 # Not by serve's argument: asyncio takes as many as that in one turn of its loop.
                 listening.listen(BACKLOG)
         self._standstill.start()
+        self._watching = asyncio.get_running_loop().create_task(self._watch_backlogs())
         if telling.is_wanted():
             self._telling = asyncio.get_running_loop().create_task(self._tell())
+
+    async def _watch_backlogs(self) -> None:
+        """See that nothing waits of clients that are silent."""
+        while True:
+            await asyncio.sleep(BEAT_S)
+            for each in self._connections:
+                each.note_backlog()
+
+    def _backlogged(self, peer: str) -> None:
+        self.counts["backlogged"] += 1
+        _log.warning("%s is disconnected: %s", peer, BACKLOGGED)
 
     async def _tell(self) -> None:
         """Tell the daemon of clients, and of what was counted."""
@@ -357,6 +418,8 @@ class Front:
     async def close(self) -> None:
         """Let all clients go."""
         self._standstill.stop()
+        if self._watching is not None:
+            self._watching.cancel()
         if self._telling is not None:
             self._telling.cancel()
         if self._server is not None:
@@ -438,15 +501,15 @@ class Front:
             )
 
     async def _serve(self, connection: ServerConnection) -> None:
-        assert isinstance(connection, _Connection)
+        assert isinstance(connection, FrontConnection)
         role = self._roles.pop(connection)
         self._unknown.pop(connection, None)
         assert self._run is not None
-        connection.watch(self._standstill.look)
+        peer = _peer(connection)
+        connection.watch(self._standstill.look, partial(self._backlogged, peer))
         sending: socket.socket = connection.transport.get_extra_info("socket")
         with contextlib.suppress(OSError):
             sending.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-        peer = _peer(connection)
         self.clients += 1
         self._connections.add(connection)
         _log.info("%s is here as %s", peer, role.word)
@@ -462,10 +525,10 @@ class Front:
 
 def _watched(
     arrived: Callable[[ServerConnection], None], left: Callable[[ServerConnection], None]
-) -> type[_Connection]:
+) -> type[FrontConnection]:
     """Connections that tell when they arrive and leave."""
 
-    class Watched(_Connection):
+    class Watched(FrontConnection):
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
             super().connection_made(transport)
             arrived(self)

@@ -7,7 +7,7 @@ import pytest
 
 from cardan.gateway.arm.codes import Begins, Stream
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.streams import STREAMED
+from cardan.gateway.arm.streams import QUEUED_S, STREAMED, Delays
 from tests.gateway.arm.arms import DT_S, World, quick, streaming, streams, turned
 
 
@@ -36,7 +36,7 @@ def test_a_stream_that_its_sender_has_left_is_in_the_way_of_no_other_one():
     assert world.verbs.stream("joints", [0.0] * joints, owner="one") == ""
     world.rest()
     # While its sender has the authority, its stream stays.
-    assert twist("two") == "twst: the streaming command is jnts"
+    assert twist("two") == "twst: 'one' has authority over the arm"
     world.tick(int(2.5 / DT_S))
     assert world.verbs.status().authority.owner == ""
     assert world.verbs.streams.kind is Stream.JOINT
@@ -209,3 +209,43 @@ def test_sequence_numbers_and_stamps_have_to_be_some():
     assert "no integer from 0" in world.verbs.stream("twist", [0.0] * 6, sequence="a")
     assert "not a time" in world.verbs.stream("twist", [0.0] * 6, stamp_s=math.nan)
     assert world.verbs.stream("twist", [0.0] * 6, sequence=1, stamp_s=1.0) == ""
+
+
+def test_a_queue_is_no_measure_of_the_delay_when_a_stream_is_chosen_again():
+    world = streaming("twst")
+    twist = [0.05, 0.0, 0.0, 0.0, 0.0, 0.0]
+    sent_s = world.verbs.stamp_s
+    assert world.verbs.stream("twist", twist, stamp_s=sent_s) == ""
+    world.tick(250)
+    world.verbs.set_parameter("cpsc", "twst")
+    assert "on its way" in world.verbs.stream("twist", twist, stamp_s=sent_s + 0.01)
+    world.tick(50)
+    assert not world.verbs.servo.moving
+    assert world.verbs.stream("twist", twist, stamp_s=world.verbs.stamp_s) == ""
+
+
+DRIFT = 1e-4
+"""Of a sender's clock against ours: two cheap crystals."""
+
+
+@pytest.mark.parametrize("drift", [DRIFT, -DRIFT])
+def test_a_clock_that_drifts_is_believed_for_hours(drift):
+    delays = Delays()
+    waited_s = [delays.waited_s("a", at_s * (1.0 - drift), at_s) for at_s in range(4 * 3600)]
+    assert max(waited_s) < 0.05 * QUEUED_S
+
+
+def test_a_clock_that_was_set_back_is_believed_again_while_its_sender_goes_on():
+    delays = Delays()
+    for at_s in range(10):
+        delays.waited_s("a", float(at_s), float(at_s))
+    waited_s = [delays.waited_s("a", at_s - 5.0, float(at_s)) for at_s in range(10, 80)]
+    assert waited_s[0] == waited_s[25] == 5.0
+    assert waited_s[-1] == 0.0
+
+
+def test_stamps_of_the_future_are_no_measure_for_other_senders():
+    delays = Delays()
+    delays.waited_s("liar", 1000.0, 0.0)
+    assert delays.waited_s("a", 0.5, 1.0) == delays.waited_s("a", 1.5, 2.0) == 0.0
+    assert delays.waited_s("liar", 3.0, 3.0) == 1000.0

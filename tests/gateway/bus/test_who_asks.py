@@ -1,4 +1,4 @@
-"""Motions without end end with who asked for them, and a stream has one publisher."""
+"""Motions without end end with who asked for them."""
 
 import json
 
@@ -6,8 +6,7 @@ import pytest
 
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.requests import PacketError, Request, encode_request
-from cardan.gateway.bus.arm_server import HELD_AT_MOST, STREAM_KEPT_S, TOKEN_WAIT_S, ArmServer
-from cardan.gateway.bus.arm_topics import OK, WARN
+from cardan.gateway.bus.arm_server import HELD_AT_MOST, TOKEN_WAIT_S, ArmServer
 from cardan.gateway.bus.commands import ASK_TYPE
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.zenoh import CLIENT, PUBLISHER
@@ -182,64 +181,6 @@ def test_a_packet_arm_that_nobody_could_watch_is_told_so():
     assert reply["error"]["kind"] == "MotionRefusedError"
 
 
-# -- two publishers on one stream -------------------------------------------------------------
-
-
-def stream(user):
-    user.publish(default_message(TWIST))
-
-
-def two_streaming(bench):
-    first = bench.user("~/command/twist", user="first")
-    second = bench.user("~/command/twist", zid="c0", user="second")
-    stream(first)
-    bench.cycle()
-    stream(second)
-    bench.cycle()
-    return first, second
-
-
-def test_the_first_publisher_keeps_the_stream_while_it_is_fresh():
-    bench = Bench()
-    first, second = two_streaming(bench)
-    for _ in range(20):
-        stream(first)
-        bench.cycle(STREAM_KEPT_S / 2)
-        stream(second)
-        bench.cycle()
-    assert len(bench.requests) == 21
-    assert bench.server.contested == 21
-    assert bench.told == [
-        ("accepted", ""),
-        ("refused", "twist: /first streams on it; one at a time can"),
-    ]
-
-
-def test_the_second_publisher_has_the_stream_when_the_first_is_silent():
-    bench = Bench()
-    first, second = two_streaming(bench)
-    bench.cycle(STREAM_KEPT_S + CYCLE_S)
-    stream(second)
-    bench.cycle()
-    stream(first)
-    bench.cycle()
-    assert len(bench.requests) == 2
-    assert [outcome for outcome, _ in bench.told] == ["accepted", "refused", "accepted", "refused"]
-
-
-def test_the_diagnostics_warn_of_a_second_publisher_for_some_seconds():
-    bench = Bench()
-    assert bench.server.part().level == OK
-    two_streaming(bench)
-    part = bench.server.part()
-    assert part.level == WARN
-    assert "/first streams on it" in part.message
-    assert part.values["contested"] == 1
-    bench.cycle(10.0)
-    assert bench.server.part().level == OK
-    assert bench.server.part().message == "1 contested"
-
-
 def test_a_motion_without_end_waits_for_the_token_of_who_asked():
     bench = Bench()
     late = bench.user("~/command/movv", appears=False)
@@ -263,13 +204,3 @@ def test_what_comes_after_it_never_overtakes_a_motion_that_waits():
     assert bench.told[0][0] == "refused"
     bench.cycle(TOKEN_WAIT_S)
     assert [request.verb for request in bench.requests] == ["stop"]
-
-
-def test_publishers_without_a_gid_are_told_apart_by_their_sessions():
-    bench = Bench()
-    user = bench.user("~/command/twist")
-    for zid in ("b0", "c0"):
-        user.publish(default_message(TWIST), attached=False, stamp=Stamp(zid))
-        bench.cycle()
-    assert len(bench.requests) == 1
-    assert bench.server.contested == 1
