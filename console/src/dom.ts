@@ -42,14 +42,19 @@ export function stopper(
 ): HTMLButtonElement {
   const element = h("button", { type: "button", ...properties }, label);
   let done = false;
+  let pointer: number | null = null;
   let forget: ReturnType<typeof setTimeout> | undefined;
-  element.addEventListener("pointerdown", () => {
+  element.addEventListener("pointerdown", (event) => {
     clearTimeout(forget);
+    pointer = event.pointerId;
     done = ends();
     if (done) press();
   });
-  for (const name of ["pointerup", "pointercancel", "pointerleave"] as const) {
-    element.addEventListener(name, () => {
+  // Wherever it goes up: one that left the button and came back makes a click, too.
+  for (const name of ["pointerup", "pointercancel"] as const) {
+    window.addEventListener(name, (event) => {
+      if (event.pointerId !== pointer) return;
+      pointer = null;
       clearTimeout(forget);
       forget = setTimeout(() => {
         done = false;

@@ -238,7 +238,9 @@ class Bridge:
             if len(cdr) > MOST_BYTES:
                 self._say(f"{name}: a message of more than {MOST_BYTES} bytes is not passed on")
             elif writer is not None:
-                publisher = self._publisher(writer, name, type_name)
+                # Whoever stops an arm need not say its name first.
+                stops = name.endswith("/stop")
+                publisher = self._publisher(writer, name, type_name, stops)
             if publisher is None:
                 self.counts["refused"] += 1
                 return
@@ -247,11 +249,14 @@ class Bridge:
 
         return self._dds.subscribe_from(name, type_name, passed, history)
 
-    def _publisher(self, writer: Endpoint, name: str, type_name: str) -> Publisher | None:
-        """What a writer on DDS is on the bus; None where it cannot be. From any thread."""
+    def _publisher(
+        self, writer: Endpoint, name: str, type_name: str, at_once: bool = False
+    ) -> Publisher | None:
+        """What a writer on DDS is on the bus; None where it cannot be, or where it waits for its
+        node's name, unless `at_once`. From any thread."""
         node = self._dds.node_of(writer)
         with self._lock:
-            if not node and not self._nameless(writer.guid):
+            if not (node or at_once or self._nameless(writer.guid)):
                 return None
             client = self._client(writer.participant, node)
             if client is None:
