@@ -1,6 +1,6 @@
 # Two commands do everything on a fresh Debian machine with Python, make and gcc:
 #   make demo    environment, install, a demo against simulated peers for half a minute
-#   make test    environment, install with the test judges, all tests
+#   make test    environment, install with the test judges, the tests of every change
 # (DEMO_ROBOT=gp8 shows a Motoman, DEMO_ROBOT=omni a hand that feels what the pen touches,
 # DEMO_ROBOT=ros2 a web client on ROS 2's network, DEMO_ROBOT=lab a daemon with four arms,
 # DEMO_ROBOT=console the page for browsers, DEMO_ROBOT=--list lists all demos)
@@ -11,8 +11,8 @@ HOURS ?= 2
 SEED ?= 1
 DEMO_ROBOT ?= gofa
 PYTEST ?=
-TEST_WORKERS ?= 4
-REALTIME_WORKERS ?= 2
+TEST_WORKERS ?= auto
+MATRIX ?=
 FUZZ_INPUTS ?= 10000000
 FUZZ ?=
 FAULT_LABS ?= 2
@@ -26,7 +26,7 @@ C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h cardan/*/*/*/*.c cardan/*/
 # tests start compiles them anew, and so does each worker with the tests: minutes.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help demo page test test-kernel test-systemd device-table fault-table \
+.PHONY: help demo page test test-matrix test-kernel test-systemd device-table fault-table \
 	fault-table-processes fault-table-network flood-table hold-table console-pictures docs-tables \
 	docs-pictures docs-evaluation demo-picture docs release lint types check bench bench-motoros bench-thesis bench-haptics bench-network \
 	bench-console bench-sessions bench-kilohertz bench-peers bench-servo fuzz soak test-pythons \
@@ -34,12 +34,13 @@ unexport PYTHONDONTWRITEBYTECODE
 
 help:
 	@echo "make demo    run a demo against simulated peers, DEMO_ROBOT=$(DEMO_ROBOT) ($(DEMO_SECONDS) s)"
-	@echo "make test    all tests"
+	@echo "make test    the tests of every change: what computes, and one of each mechanism that is real"
+	@echo "make test-matrix  all the others, and all demos, part by part: MATRIX=\"tests browser docs demos pythons kernel lerobot\""
 	@echo "make page    the console's page, where the one that is there is not of these sources"
 	@echo "make test-kernel  the drivers against the real Linux kernel, in a virtual machine"
 	@echo "make test-systemd  the service under systemd, which is reloaded, killed and stopped, in that machine"
-	@echo "make check   lint, types and tests (also make lint, make types)"
-	@echo "make test-pythons  most tests under the oldest and the newest Python"
+	@echo "make check   lint, types and make test (also make lint, make types)"
+	@echo "make test-pythons  what computes under the oldest and the newest Python"
 	@echo "make test-lerobot  the plug-ins and data sets against LeRobot, in an environment of its own"
 	@echo "make fuzz    10^7 damaged inputs for everything that reads foreign bytes (FUZZ_INPUTS=$(FUZZ_INPUTS))"
 	@echo "make device-table  the table of judges in docs/devices.md, from the tests' marks"
@@ -101,13 +102,17 @@ demo: $(if $(filter --list,$(DEMO_ROBOT)),$(VENV)/.cardan,$(DEMO_READY))
 demo: $(if $(filter console,$(DEMO_ROBOT)),page)
 	$(BIN)/cardan demo $(DEMO_ROBOT) --seconds $(DEMO_SECONDS)
 
-# Side by side, but for those that would be late then: tools/test says which are which.
+# Where a test runs is said by its mark: tests/conftest.py.
 test: $(VENV)/.cardan-dev page
 ifeq ($(strip $(PYTEST)),)
-	TEST_WORKERS=$(TEST_WORKERS) REALTIME_WORKERS=$(REALTIME_WORKERS) tools/test $(BIN)/python
+	TEST_WORKERS=$(TEST_WORKERS) tools/test $(BIN)/python
 else
 	$(BIN)/python -m pytest $(PYTEST)
 endif
+
+# Hours on a small computer, demos and virtual machines included.
+test-matrix:
+	VENV=$(VENV) tools/test-matrix $(MATRIX)
 
 # Minutes, in software emulation; what it needs is installed from Debian, and downloaded once.
 test-kernel: $(VENV)/.cardan-dev

@@ -5,7 +5,8 @@ from __future__ import annotations
 import functools
 import os
 import re
-from collections.abc import Generator, Mapping
+from collections import Counter
+from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
 
 import pytest
@@ -67,37 +68,54 @@ def pytest_make_collect_report() -> Generator[None, None, None]:
             report.outcome, report.longrepr = "failed", _accusation(reason)
 
 
-LONGEST = (
-    "test_ending.py",
-    "test_device_examples.py",
-    "test_fault_table.py",
-    "gateway/daemon/test_serve.py",
-    "test_distribution.py",
-    "test_fault_matrix.py",
-    "test_lost_time.py",
-    "gateway/session/test_arm_session.py",
-    "test_ros2_examples.py",
-    "test_process_faults.py",
-    "sweep/test_sweep.py",
-    "drivers/test_spnav.py",
-    "test_cli.py",
-)
-"""Files that take more than half a minute, the longest first; of those that wait for real clocks,
-too."""
+PARTS = ("computing", "real", "matrix")
+"""Where a test runs, by its mark, or that of its file where it has none of its own.
 
-OUR_MARKS = ("once", "realtime", "judged", "shown_on")
+``computing``  no mark: in ``make test``, on all cores, under every Python
+``real``       in ``make test``, alone: one for each mechanism that needs real clocks, sockets,
+               processes or other people's programs; ``real("id", ...)`` for these parameters only
+``matrix``     in ``make test-matrix``: all the others of that kind, and what computes for long
+"""
 
-ONE_MARK = re.compile(r"(\w+)(?: and not \w+)*")
-"""What -m says where it asks for the tests that have a mark."""
+REAL_AT_MOST = 150
+"""Most tests of ``make test`` that wait for something real."""
+
+OUR_MARKS = ("real", "matrix", "judged", "shown_on")
+
+ALL_MATRIX = re.compile(r"^pytestmark = .*mark\.matrix|^    pytest\.mark\.matrix,$", re.MULTILINE)
+"""What stands in a file of which a test is in the matrix where its own mark says no other thing."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """``--part``."""
+    parser.addoption("--part", choices=PARTS, help="the tests that run there, by their mark")
+
+
+def parts_of(item: pytest.Item, marks: Iterable[pytest.Mark]) -> list[str]:
+    """Where `marks` say that a test runs, in their order."""
+    spec = getattr(item, "callspec", None)
+    return [
+        mark.name
+        for mark in marks
+        if mark.name in PARTS and (not mark.args or (spec is not None and spec.id in mark.args))
+    ]
+
+
+def part_of(item: pytest.Item) -> str:
+    """Where a test runs: the mark nearest to it decides."""
+    return (*parts_of(item, item.iter_markers()), "computing")[0]
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Leave out a file in which the mark that is asked for does not stand: reading and compiling
-    all files takes each worker half a minute."""
-    asked = ONE_MARK.fullmatch(config.option.markexpr)
+    """Leave out a file that has no test of the part that is asked for: reading and compiling all
+    files takes each worker half a minute."""
+    asked = config.getoption("--part")
     if asked is None or not collection_path.match("test_*.py"):
         return None
-    return None if asked[1] in words_of(collection_path) else True
+    text = collection_path.read_text(encoding="utf-8")
+    if asked == "computing":
+        return True if ALL_MATRIX.search(text) else None
+    return None if f"mark.{asked}" in text else True
 
 
 @functools.cache
@@ -106,29 +124,60 @@ def words_of(path: Path) -> frozenset[str]:
     return frozenset(re.findall(r"\w+", path.read_text(encoding="utf-8")))
 
 
-def check_marks(marks: Mapping[Path, set[str]]) -> None:
-    """Raise UsageError where a test has its mark from elsewhere: nobody would find it."""
-    for path, names in marks.items():
-        if strange := names - words_of(path):
-            raise pytest.UsageError(f"{path}: write the marks {strange} of its tests into the file")
-
-
-def marks_of(items: list[pytest.Item]) -> dict[Path, set[str]]:
-    """The files of tests, and those of our marks that their tests have."""
-    found: dict[Path, set[str]] = {}
+def check_marks(items: Sequence[pytest.Item]) -> None:
+    """Raise UsageError where a test has its mark from elsewhere, as nobody would find it, or two of
+    one place that say where it runs, or where too many are ``real``."""
     for item in items:
-        names = found.setdefault(item.path, set())
-        names.update(name for name in OUR_MARKS if item.get_closest_marker(name) is not None)
-    return found
+        names = {name for name in OUR_MARKS if item.get_closest_marker(name) is not None}
+        if strange := names - words_of(item.path):
+            raise pytest.UsageError(f"{item.path}: write the marks {strange} of its tests into it")
+        places = parts_of(item, (mark for mark in item.own_markers if not mark.args))
+        if len(places) > 1:
+            raise pytest.UsageError(f"{item.nodeid} has {places}: one mark says where a test runs")
+    real = sum(part_of(item) == "real" for item in items)
+    if real > REAL_AT_MOST:
+        raise pytest.UsageError(f"{real} tests are marked real, of {REAL_AT_MOST}: move some")
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that take long, so that no worker is left with one in the end."""
-    marks = marks_of(items)
-    check_marks(marks)
-    place = {Path(__file__).parent / name: number for number, name in enumerate(LONGEST)}
-    long = {path for path, names in marks.items() if "once" in names}
-    items.sort(key=lambda item: (place.get(item.path, len(place)), item.path not in long))
+def check_ids(items: Sequence[pytest.Item]) -> None:
+    """Raise UsageError where a mark names parameters that its test has not, among all tests."""
+    asked, there = set(), set()
+    for item in items:
+        test = item.nodeid.partition("[")[0]
+        if spec := getattr(item, "callspec", None):
+            there.add((test, spec.id))
+        asked.update(
+            (test, name) for mark in item.own_markers if mark.name in PARTS for name in mark.args
+        )
+    if missing := asked - there:
+        raise pytest.UsageError(f"marks name parameters that are not there: {sorted(missing)}")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep the part that is asked for."""
+    check_marks(items)
+    if config.args_source is config.ArgsSource.TESTPATHS:
+        check_ids(items)
+    asked = config.getoption("--part")
+    if asked is not None:
+        left_out = [item for item in items if part_of(item) != asked]
+        items[:] = [item for item in items if part_of(item) == asked]
+        config.hook.pytest_deselected(items=left_out)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say once what was left out for want of a program, and what installs it."""
+    missing = Counter(
+        report.longrepr[2].removeprefix("Skipped: ")
+        for report in terminalreporter.getreports("skipped")
+        if isinstance(report.longrepr, tuple) and INSTALLABLE.search(report.longrepr[2])
+    )
+    if missing:
+        reasons = "; ".join(f"{reason} ({number})" for reason, number in sorted(missing.items()))
+        terminalreporter.write_line(
+            f"LEFT OUT, {missing.total()} tests; tools/debian-packages judges installs what Debian "
+            f"has: {reasons}"
+        )
 
 
 @pytest.fixture(autouse=True, scope="session")

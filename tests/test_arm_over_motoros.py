@@ -19,7 +19,7 @@ from cardan.tables import as_table
 from cardan.types import DeviceLink, DeviceState
 from tests.drivers.motoros_rig import Rig
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 REST = (0.0,) * 6

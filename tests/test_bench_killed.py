@@ -4,7 +4,7 @@ import pytest
 
 from bench.killed import SPEEDS_M_S, kill_while_moving
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 SPEED_M_S = SPEEDS_M_S[0]
 

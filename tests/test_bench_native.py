@@ -17,7 +17,7 @@ from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.servo.compiled import CompiledServo
 from tests.serving import free_udp_port
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import pytest
 
 from bench import pages
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = "# A\n\n<!-- one -->\n\nold\n\n<!-- end -->\n\ntext\n\n<!-- two -->\nold\n<!-- end -->\n"

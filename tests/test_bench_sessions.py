@@ -108,7 +108,7 @@ def test_sessions_read_it_the_short_way():
 
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_robots_are_played_and_their_answers_counted():
     with tempfile.TemporaryDirectory(prefix="cardan-test-") as folder, contextlib.ExitStack() as up:
         kinds = (socket.AF_INET, socket.SOCK_DGRAM)

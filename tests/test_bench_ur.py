@@ -4,7 +4,7 @@ import pytest
 
 from bench import ur_latency
 
-pytestmark = [pytest.mark.realtime, pytest.mark.once]
+pytestmark = pytest.mark.matrix
 
 
 def test_everybody_answers():

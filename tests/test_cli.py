@@ -11,7 +11,7 @@ import pytest
 
 from cardan import __version__
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 ENVIRONMENT = {**os.environ, "NO_COLOR": "1", "COLUMNS": "120"}
@@ -65,6 +65,7 @@ def test_version():
     assert cardan("--version") == f"cardan {__version__}\n"
 
 
+@pytest.mark.real
 def test_check_says_what_a_configuration_would_do():
     text = cardan("check", EXAMPLES / "spacemouse-gofa.toml")
     assert "100 mm/s" in text
@@ -137,6 +138,7 @@ def test_run_without_its_device_says_what_to_do():
     assert "start the simulated device first" in text
 
 
+@pytest.mark.real
 def test_the_drivers_are_listed_with_what_they_declare():
     lines = cardan("drivers").splitlines()
     (mouse,) = (line for line in lines if line.split()[:1] == ["spacemouse"])

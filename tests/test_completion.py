@@ -84,7 +84,7 @@ def test_without_a_router_nobody_waits_for_topics(monkeypatch):
     assert completion.topics(context, "") == []
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_topics_of_a_bus(monkeypatch):
     monkeypatch.setattr(completion, "TOPICS_S", 20.0)
     options = BusOptions(router="", listen=(free_endpoint(),))
@@ -124,7 +124,7 @@ def complete(*words, **environment):
     return done.stdout.split()
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 @pytest.mark.parametrize(
     ("words", "found"),
     [
@@ -141,7 +141,7 @@ def test_the_shell_is_told(words, found):
     assert complete(*words) == found
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_sessions_of_a_daemon_that_runs(tmp_path):
     file = tmp_path / "lab.toml"
     file.write_text(
@@ -156,7 +156,7 @@ def test_sessions_of_a_daemon_that_runs(tmp_path):
         assert complete("arm", *own, "o") == ["one"]
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 @pytest.mark.parametrize(
     ("shell", "path", "script"),
     [
@@ -175,7 +175,7 @@ def test_completion_is_installed(tmp_path, shell, path, script):
         assert (tmp_path / path).exists()
 
 
-@pytest.mark.realtime
+@pytest.mark.real
 def test_bash_completes_by_what_was_installed(tmp_path):
     environment = {**ENVIRONMENT, "HOME": str(tmp_path), **SHELL_IS_NAMED}
     shown = subprocess.run(

@@ -2,6 +2,7 @@
 meet the same signals wherever they are started."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from tests.conftest import LONGEST, check_marks, pytest_ignore_collect
+from tests.conftest import pytest_ignore_collect
 
 CONFTEST = Path(__file__).with_name("conftest.py")
 
@@ -169,33 +170,94 @@ def test_signals_act_whatever_the_shell_that_starts_the_tests_ignores(tmp_path):
     assert done.returncode == 0, done.stdout
 
 
-def test_the_files_that_are_begun_first_are_there():
-    assert [name for name in LONGEST if not (CONFTEST.parent / name).is_file()] == []
-
-
 @pytest.mark.parametrize(
     ("asked", "text", "left_out"),
     [
-        ("once", "pytestmark = pytest.mark.once", False),
-        ("once and not realtime", "pytestmark = [pytest.mark.realtime, pytest.mark.once]", False),
-        ("once and not realtime", "pytestmark = pytest.mark.realtime", True),
-        ("realtime", "def test_nonce(): ...", True),
-        ("not once and not realtime", "def test_it(): ...", False),
-        ("not realtime", "def test_it(): ...", False),
-        ("", "def test_it(): ...", False),
+        ("matrix", "pytestmark = pytest.mark.matrix", False),
+        ("matrix", "def test_matrix(): ...", True),
+        ("real", "@pytest.mark.real\ndef test_it(): ...", False),
+        ("real", "pytestmark = pytest.mark.matrix", True),
+        ("computing", "def test_it(): ...", False),
+        ("computing", "@pytest.mark.matrix\ndef test_it(): ...", False),
+        ("computing", "pytestmark = pytest.mark.matrix", True),
+        ("computing", "pytestmark = [pytest.mark.matrix, needs_it]", True),
+        ("computing", "pytestmark = [\n    needs_it,\n    pytest.mark.matrix,\n]", True),
+        (None, "def test_it(): ...", False),
     ],
 )
-def test_only_a_file_without_the_mark_is_left_unread(tmp_path, asked, text, left_out):
+def test_only_a_file_without_a_test_of_the_part_is_left_unread(tmp_path, asked, text, left_out):
     file = tmp_path / "test_file.py"
     file.write_text(text)
-    config = SimpleNamespace(option=SimpleNamespace(markexpr=asked))
+    config = SimpleNamespace(getoption={"--part": asked}.__getitem__)
     assert bool(pytest_ignore_collect(file, config)) == left_out
     assert not pytest_ignore_collect(tmp_path, config)
 
 
-def test_a_mark_from_elsewhere_is_an_error(tmp_path):
-    file = tmp_path / "test_file.py"
-    file.write_text("from tests.marks import MARKED as pytestmark")
-    check_marks({file: set()})
-    with pytest.raises(pytest.UsageError, match=r"test_file\.py: write the marks .'once'. of its"):
-        check_marks({file: {"once"}})
+PARTED = """
+import pytest
+
+pytestmark = pytest.mark.matrix
+
+@pytest.mark.real
+def test_named(): ...
+
+@pytest.mark.real("near")
+@pytest.mark.parametrize("way", ["far", "near"])
+def test_ways(way): ...
+
+def test_other(): ...
+"""
+UNMARKED = "import time\ndef test_computes(): ...\n"
+
+
+def collected(folder, *options):
+    """What pytest says that it would run of a folder's files, and all that it says."""
+    shutil.copy(CONFTEST, folder)
+    (folder / "pytest.ini").write_text("[pytest]\ntestpaths=.\nmarkers =\n    real\n    matrix\n")
+    words = ("--collect-only", "-q", "-p", "no:cacheprovider", *options)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=50,
+        check=False,
+    )
+    return re.findall(r"::(\S+)", done.stdout), done.stdout + done.stderr
+
+
+def test_each_test_runs_in_one_part(tmp_path):
+    (tmp_path / "test_parted.py").write_text(PARTED)
+    (tmp_path / "test_unmarked.py").write_text(UNMARKED)
+    assert collected(tmp_path, "--part=real")[0] == ["test_named", "test_ways[near]"]
+    assert collected(tmp_path, "--part=matrix")[0] == ["test_ways[far]", "test_other"]
+    assert collected(tmp_path, "--part=computing")[0] == ["test_computes"]
+    assert len(collected(tmp_path)[0]) == 5
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("@pytest.mark.real\n@pytest.mark.matrix\ndef test_it(): ...", "one mark says where"),
+        (
+            "@pytest.mark.real\n@pytest.mark.parametrize('n', range(151))\ndef test_it(n): ...",
+            "151 tests are marked real, of 150",
+        ),
+        (
+            "@pytest.mark.real('none')\n@pytest.mark.parametrize('n', [1])\ndef test_it(n): ...",
+            "marks name parameters that are not there: [('test_file.py::test_it', 'none')]",
+        ),
+        ("from marks import MARKED as pytestmark\ndef test_it(): ...", "write the marks {'real'}"),
+    ],
+)
+def test_a_mark_that_misleads_is_an_error(tmp_path, text, words):
+    (tmp_path / "marks.py").write_text("import pytest\nMARKED = getattr(pytest.mark, 're' 'al')\n")
+    (tmp_path / "test_file.py").write_text("import pytest\n" + text)
+    assert words in collected(tmp_path)[1]
+
+
+def test_what_was_left_out_is_said_once(tmp_path):
+    done, _ = outcomes(tmp_path)
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith("LEFT OUT")]
+    assert line.startswith("LEFT OUT, 4 tests; tools/debian-packages judges installs")
+    assert "libx is not installed (Debian package libx0) (1)" in line

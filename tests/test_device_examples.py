@@ -22,7 +22,7 @@ from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
 from tests.serving import in_a_thread
 
 # No watchdog may trip: on a computer with four at a time a device was late once.
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 LONGEST_S = 25.0
@@ -170,6 +170,7 @@ def run(tmp_path, monkeypatch):
     return run
 
 
+@pytest.mark.real("spacemouse-ur5-simulated.toml", "phone-ur5-simulated.toml")
 @pytest.mark.parametrize("name", DEVICES)
 def test_the_example_runs(run, name):
     lit, dark = LIGHTS.get(name, ("", ""))

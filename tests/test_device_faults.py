@@ -30,7 +30,7 @@ from tests.drivers import (
 from tests.drivers.test_spacemouse_serial import Bench as SerialBench
 from tests.drivers.test_spacemouse_simulated import Bench as SpaceMouseBench
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 NEUTRAL_WITHIN_S = 0.1
 STEP_S = 0.002

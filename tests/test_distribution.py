@@ -19,7 +19,7 @@ from cardan.drivers import registry
 from cardan.gateway.faces.console.site import FOLDER as PAGE
 from tests.serving import free_udp_port
 
-pytestmark = [pytest.mark.once, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.matrix, pytest.mark.timeout(400)]
 
 ROOT = Path(__file__).parents[1]
 LARGEST_BYTES = 60_000_000

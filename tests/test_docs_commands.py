@@ -114,7 +114,7 @@ def test_a_command_that_is_done_at_once(line, here, capsys):
     assert run(line, capsys)
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 @pytest.mark.parametrize("line", [each for each in LINES if PEER.match(each) and ran_here(each)])
 def test_a_simulated_peer_serves(line, here, capsys, monkeypatch):
     """At free ports, in this folder, and not as a real-time process."""

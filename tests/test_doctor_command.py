@@ -12,7 +12,7 @@ from tests import installed
 from tests.programs import Program, until
 from tests.test_cli import cardan
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 ROBOT = '[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n'
 
@@ -65,6 +65,7 @@ def test_what_fails_stands_with_why_and_the_command_that_mends_it(taken):
     assert lines[-1].endswith("docs/doctor.md explains each")
 
 
+@pytest.mark.real
 def test_for_programs(taken):
     told = json.loads(doctor(taken, "--json"))
     assert told["level"] == "failure"
@@ -97,7 +98,6 @@ def test_without_files_and_with_plain_characters(tmp_path, monkeypatch):
     assert "  + Python 3." in text
 
 
-@pytest.mark.once
 def test_what_the_daemon_runs_is_known(tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
@@ -119,7 +119,6 @@ def test_what_the_daemon_runs_is_known(tmp_path):
     assert "✓ session gofa is running" in text
 
 
-@pytest.mark.once
 def test_checks_of_other_packages(tmp_path):
     site, file = tmp_path / "site", tmp_path / "gofa.toml"
     site.mkdir()

@@ -22,7 +22,7 @@ from tests.programs import Program
 from tests.test_cli import ENVIRONMENT, EXAMPLES
 from tests.waiting import WITHIN_S, until
 
-pytestmark = pytest.mark.once  # Whole programs; all bounds are generous.
+pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 
 ROBOT = "GP8, MotoROS velocity"
 """It stands as soon as it is commanded to."""
@@ -92,6 +92,7 @@ def assert_it_braked(program, code):
 # -- signals --------------------------------------------------------------------------------------
 
 
+@pytest.mark.real("SIGHUP")
 @pytest.mark.parametrize("number", [signal.SIGHUP, signal.SIGQUIT], ids=signal_name)
 def test_a_signal_to_the_command_brakes_the_arm(moving, number):
     with Program("run", "-v", moving.file) as program:
@@ -101,6 +102,7 @@ def test_a_signal_to_the_command_brakes_the_arm(moving, number):
         assert moving.rests
 
 
+@pytest.mark.real("SIGHUP")
 @pytest.mark.parametrize(
     "number", [signal.SIGHUP, signal.SIGUSR1, signal.SIGALRM, signal.SIGINT], ids=signal_name
 )
@@ -175,6 +177,7 @@ def test_what_serves_ends_in_good_order(tmp_path, name, number):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.real("SIGHUP")
 @pytest.mark.parametrize("number", [signal.SIGQUIT, signal.SIGHUP], ids=signal_name)
 def test_a_demo_that_is_told_to_end_leaves_nothing_behind(number):
     # tmp_path may be longer than a socket's path can be.
@@ -260,6 +263,7 @@ class Reader:
         self._thread.join()
 
 
+@pytest.mark.real("terminal-SIGINT")
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=signal_name)
 @pytest.mark.parametrize("kind", ["terminal", "pipe"])
 def test_a_session_that_nobody_sees_holds_and_ends_when_told(moving, kind, number):
@@ -358,6 +362,7 @@ def test_a_hand_at_a_terminal_that_is_not_read(tmp_path):
 FULL = "cardan: standard output cannot be written: No space left on device\n"
 
 
+@pytest.mark.real("full-run")
 @pytest.mark.parametrize(
     "words",
     [

@@ -150,7 +150,7 @@ def cardan(*words):
     )
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_router_serves_until_a_signal(number):
     endpoint = free_endpoint()
@@ -165,7 +165,7 @@ def test_a_router_serves_until_a_signal(number):
     assert (process.returncode, error) == (0, "")
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_an_attached_router_ends_with_its_standard_input():
     endpoint = free_endpoint()
     with cardan("face", "router", "--endpoint", endpoint, "--attached") as process:

@@ -11,7 +11,7 @@ from cardan.sim_peers.egm_controller import FAULTS as ROBOT_FAULTS
 from cardan.sim_peers.spacemouse import FAULTS as HAND_FAULTS
 from tests.chain import PC_ADDRESS, PUSH, PUSH_AND_REGRIP, Chain
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 SPEED_M_S = 0.05
 FIRST_PULL_M = 0.0424

@@ -29,7 +29,7 @@ def test_what_is_passed_on_after_the_last_byte_is_in_time():
             assert float(cell.rstrip("*")) <= 1e3 * LATE_S
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("name", SERVERS)
 def test_a_flood_moves_nothing_late(name):

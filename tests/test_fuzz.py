@@ -45,7 +45,7 @@ def _words(outcome: Outcome) -> str:
     return "\n".join(f"{each.what} at {each.where}: {each.line[:500]}" for each in outcome.findings)
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 @pytest.mark.parametrize("name", servers.SERVERS)
 def test_a_server_serves_after_garbage(name):
     outcome = servers.SERVERS[name]("short", servers.GOOD_EVERY)

@@ -29,7 +29,7 @@ def needed(program):
     ]
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 @pytest.mark.parametrize("program", PROGRAMS, ids=range(len(PROGRAMS)))
 def test_the_programs_run(program, tmp_path):
     port = free_udp_port()

@@ -34,7 +34,7 @@ from tests.fault_rig import (
     UrBench,
 )
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 SPEED_M_S = 0.1
 ACCELERATION_M_S2 = 1.0

@@ -14,7 +14,7 @@ from cardan.sim_peers.motoros_controller import PORT_KINDS
 from cardan.types import JointVelocityCommand, RobotLink
 from tests.drivers.motoros_rig import Rig
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 SPEED = 0.3
 IPC_S = 0.004

@@ -13,7 +13,7 @@ SECONDS = 5
 """Of the processor's time: for the servo some seven thousand arms of 60 ticks each."""
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 @pytest.mark.parametrize("part", ["servo", "egm"])
 def test_no_nonsense_leaves_the_memory_or_the_bounds_of(part, tmp_path):
     compiler = os.environ.get("CC", "cc")

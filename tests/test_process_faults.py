@@ -7,7 +7,7 @@ from tests.process_faults.cases import GOFA, SHORT, all_cases
 from tests.process_faults.rig import PAIRS, Motion, Trace
 from tests.process_faults.table import BEGIN, PAGE, Row, judged, notes_of, run, tables
 
-pytestmark = [pytest.mark.realtime, pytest.mark.once]  # Whole programs, which move arms.
+pytestmark = pytest.mark.matrix  # Whole programs, which move arms.
 
 CASES = {case.key: case for case in all_cases()}
 

@@ -197,7 +197,7 @@ def publish(words, client, looks, topic, kind, message, how):
         assert told, words
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 @pytest.mark.parametrize(
     ("heading", "name"),
     [("Watch", "session.toml"), ("Command", "session.toml"), ("Other names", "other-names.toml")],
@@ -212,7 +212,7 @@ def test_the_lines_of_ros2_do_what_the_page_says(bus, heading, name):
             run_line(words, client, looks)
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_a_device_of_ours_is_one_of_ros(tmp_path):
     """The session of device.toml, in its own process and with its simulated SpaceMouse."""
     endpoint = free_endpoint()
@@ -249,7 +249,7 @@ def launched_session(folder, name):
         assert process.wait(20.0) == 0
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_the_layout_shows_what_a_session_publishes(bus):
     layout = json.loads((EXAMPLES / "foxglove-layout.json").read_text(encoding="utf-8"))
     assert sorted(panels(layout["layout"])) == sorted(layout["configById"])
@@ -274,8 +274,7 @@ def told(*command):
     return done.stdout
 
 
-@pytest.mark.realtime
-@pytest.mark.once
+@pytest.mark.matrix
 def test_the_programs_move_the_arm(bus):
     endpoint, url = bus
     with session(endpoint):
@@ -293,7 +292,7 @@ def test_the_programs_move_the_arm(bus):
         assert float(re.search(r"at most ([\d.]+) rad from the plan", text)[1]) < 0.05
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_a_record_is_a_regression_test(tmp_path):
     text = (EXAMPLES / "session.toml").read_text(encoding="utf-8")
     (tmp_path / "s.toml").write_text(f'{text}router = "{free_endpoint()}"\n', encoding="utf-8")
@@ -338,8 +337,7 @@ const y = () => Number(/y (-?[\\d.]+)/.exec(shown('pose'))[1]);
 """
 
 
-@pytest.mark.realtime
-@pytest.mark.once
+@pytest.mark.matrix
 def test_the_page_moves_the_arm_while_a_button_is_held(bus):
     endpoint, url = bus
     folder = installed("roslib", "1.4.1")
@@ -391,7 +389,7 @@ def made(tmp_path):
     return make
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_two_computers_by_tls_and_who_may_do_what(made):
     inside, outside, operator_port, viewer_port = (free_tcp_port() for _ in range(4))
     local = "127.0.0.1:7447"
@@ -466,7 +464,7 @@ def test_two_computers_by_tls_and_who_may_do_what(made):
             assert ARM not in looks.nodes()
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_without_a_certificate_nobody_gets_in(made):
     inside, outside = free_tcp_port(), free_tcp_port()
     robot = made(

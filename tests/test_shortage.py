@@ -77,7 +77,7 @@ def test_ctrl_c_during_the_import_is_no_mistake(monkeypatch, tmp_path, capsys):
     assert capsys.readouterr() == ("", "")
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 @pytest.mark.parametrize("limit", ["-n 8", "-v 40960"])
 @pytest.mark.parametrize(
     "words",
@@ -104,7 +104,7 @@ def test_a_command_ends_in_a_line(limit, words):
     assert done.stderr.count("\n") == 1
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 @pytest.mark.parametrize("kilobytes", [49152, 61440])
 def test_with_a_little_more_memory_a_demo_ends_in_lines(kilobytes):
     """How far it comes is the interpreter's matter: to a driver's import, or to its peers."""

@@ -60,7 +60,7 @@ def test_there_are_packages():
     assert FOLDERS
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_it_is_in_every_list(package):
     def listed(*words):
         code, said = installed.cardan(*words, sites=())  # the fixture has set the environment
@@ -125,7 +125,7 @@ def test_its_devices_keep_to_what_every_device_keeps_to(package, tmp_path):
                 rule(**{name: given[name] for name in inspect.signature(rule).parameters})
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_its_driver_meets_its_simulated_peer(package, tmp_path, monkeypatch):
     for name, driver in package.drivers.items():
         with demonstrated(demo_of(name), tmp_path) as tables:
@@ -143,7 +143,7 @@ def test_its_driver_meets_its_simulated_peer(package, tmp_path, monkeypatch):
                     assert next(heard).joints or next(heard).pose
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_its_demos_run(package):
     for name, demo in package.demos.items():
         seconds = max(4.0, demo.shortest_s)

@@ -7,7 +7,7 @@ import pytest
 
 from tests import installed
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 ENTRY_POINTS = {
     "cardan.drivers": {"lever": "lever.driver:Lever"},

@@ -22,7 +22,7 @@ from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment, data_key  # noq
 from tests.serving import free_endpoint  # noqa: E402
 from tests.waiting import until  # noqa: E402
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 TIMEOUT_S = 10.0
 STRING = "std_msgs/msg/String"
@@ -57,6 +57,7 @@ def meet(user, name, node):
     until(lambda: any(part in token for token in tuple(seen)), f"{name} on the graph")
 
 
+@pytest.mark.real
 def test_messages_arrive_with_their_key_and_attachment(bus):
     robot, join = bus
     heard = robot.subscription("~/command", STRING, 8)
@@ -137,6 +138,7 @@ def test_what_was_latched_is_told_to_who_comes_later(bus):
     assert late.poll() is None
 
 
+@pytest.mark.real
 def test_a_call_is_answered_from_any_thread(bus):
     robot, join = bus
     service = robot.service("~/gcmp", TRIGGER)
@@ -351,6 +353,7 @@ def test_the_end_of_a_service_is_told(bus):
     held.close()
 
 
+@pytest.mark.real
 def test_a_node_that_is_killed_leaves_no_shared_memory():
     program = (
         "import threading\n"

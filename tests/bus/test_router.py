@@ -155,7 +155,7 @@ def test_it_looks_once_a_second(monkeypatch):
     assert len(bench.started) == 1
 
 
-@pytest.mark.once
+@pytest.mark.real
 def test_a_router_ends_with_the_process_that_has_started_it():
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))

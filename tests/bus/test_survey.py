@@ -59,7 +59,7 @@ def test_a_session_is_met_by_its_router_or_else_at_its_own_endpoint():
     assert direct == BusOptions(router="tcp/127.0.0.1:2", domain=3)
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_a_node_on_the_bus_is_found_and_the_one_that_looks_is_not():
     endpoint = free_endpoint()
     with BusNetwork(BusOptions(router="", listen=(endpoint,)), "talker") as talker:

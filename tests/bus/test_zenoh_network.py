@@ -9,7 +9,7 @@ from cardan.bus.zenoh_network import BusNetwork
 from tests.serving import free_endpoint
 from tests.waiting import until
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 TIMEOUT_S = 20.0
 TRIGGER = "std_srvs/srv/Trigger"
@@ -44,6 +44,7 @@ def test_a_part_is_a_node_of_its_own_that_takes_all_with_it(pair):
         each.close()
 
 
+@pytest.mark.real
 def test_a_part_sees_the_whole_graph(pair):
     face, _ = pair
     part = face.part("client")

@@ -14,8 +14,7 @@ BY_HAND = {"HDAPI-126", "HDAPI-301"}
 """Of a motion that nobody makes here, and of level 3."""
 
 
-@pytest.mark.once
-@pytest.mark.realtime
+@pytest.mark.matrix
 @needs_library
 def test_a_library_is_judged_in_real_time():
     device = SimulatedOmni(OmniSettings(virtual=False))

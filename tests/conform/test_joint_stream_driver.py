@@ -12,8 +12,7 @@ from cardan.gateway.session.examples import free_ports
 from cardan.types import HoldCommand, JointCommand
 
 
-@pytest.mark.once
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_our_driver_is_judged_over_a_real_socket():
     suite = registry.load("joint-stream-driver")
     port = free_ports()

@@ -9,8 +9,7 @@ from cardan.errors import AddressError, ConfigurationError, DeviceAccessError
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 
 
-@pytest.mark.once
-@pytest.mark.realtime
+@pytest.mark.real
 def test_a_controller_is_judged_over_tcp():
     told = []
     with MotorosControllerPeer(MotorosControllerOptions(base_port=0)) as peer:

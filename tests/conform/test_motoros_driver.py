@@ -38,8 +38,7 @@ def test_a_client_of_trajectories_meets_what_concerns_it(mode):
     assert found["MOTOPC-301"] is Outcome.PASSED
 
 
-@pytest.mark.once
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_our_driver_is_judged_over_real_sockets(monkeypatch):
     velocity = pilot.FIRMWARE[0]
     monkeypatch.setattr(pilot, "FIRMWARE", (velocity._replace(befalls=("estop", "cut")),))

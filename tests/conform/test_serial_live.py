@@ -16,8 +16,7 @@ TIMED = {
 UNPLUGGED = {"MAG-301", "BALL-301", "ORB-301"}
 
 
-@pytest.mark.once
-@pytest.mark.realtime
+@pytest.mark.matrix
 @pytest.mark.parametrize(
     ("suite", "model"),
     [

@@ -16,8 +16,7 @@ UNMET = {"SPNAV-112"}
 """What spacenavd 1.1 does not meet: it tells nobody of a setting that was changed."""
 
 
-@pytest.mark.once
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_spacenavd_meets_what_our_own_server_does():
     """And where it does not, it is known and said in docs/conformance.md."""
     hand = ToldHand()

@@ -32,7 +32,7 @@ def outcomes(report):
     return {each.id: each.outcome for each in report.results}
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_a_cb3_meets_what_concerns_it():
     report, _, _ = ran(Level.BY_HAND, robot="ur5")
     assert report.failed == ()
@@ -93,8 +93,7 @@ def test_what_only_asks_is_told_from_what_does(data, channel, asks):
     assert SUITE.only_asks(Event(0.0, Kind.DATA, True, channel, data)) is asks
 
 
-@pytest.mark.once
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_a_controller_is_judged_over_tcp():
     options = UrControllerOptions(rtde_port=0, primary_port=0, dashboard_port=0)
     told = []

@@ -16,7 +16,7 @@ from tests.console.hand import RELOADED
 from tests.console.hands_rig import hands
 from tests.npm import installed
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 TILT_DEG = 20.0
 

@@ -12,7 +12,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 from tests.console.hand import FINGER, MOUSE, STATE, WHY, enable, hold, jog
 from tests.console.hold_table import ENDS, SPEED_M_S, Pages, tried
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 LATE_S = 1.0
 """What a busy computer adds: none of these programs has a core of its own, in a test."""
@@ -22,6 +22,7 @@ AGAIN_M = 0.003
 """What the position loop of the controller takes up after it first stands."""
 
 
+@pytest.mark.real
 def test_nothing_moves_before_the_deliberate_act(bench, page):
     at = MOUSE.press(page, jog("X"))
     page.until(f"{WHY}.length > 0")
@@ -31,6 +32,7 @@ def test_nothing_moves_before_the_deliberate_act(bench, page):
     MOUSE.let_go(page, at)
 
 
+@pytest.mark.real
 def test_a_script_of_the_page_cannot_hold(bench, page):
     """Only what a person does counts."""
     enable(page)
@@ -97,6 +99,12 @@ def pages(bench):
     pages.close()
 
 
+@pytest.mark.real(
+    "*Stop* pressed with another finger",
+    "mouse button let go",
+    "page's thread blocked for 1 s",
+    "connection cut",
+)
 @pytest.mark.parametrize("name", [name for name, end in ENDS.items() if end.tested])
 def test_every_end_of_a_hold_stops_the_arm(bench, pages, name):
     end = ENDS[name]

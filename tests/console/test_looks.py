@@ -13,7 +13,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 from tests.console.hand import RELOADED, enable, keeps
 from tests.console.pictures import still_arm
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 SCREENS = [(390, 844), (700, 900), (820, 1180), (1440, 900)]
 PHONE = SCREENS[0]

@@ -13,7 +13,7 @@ from tests.console.hand import MOUSE, RELOADED, enable, hold, jog
 from tests.console.served_arm import motion_of, served_arm, stops
 from tests.gateway.faces.rig import WAIT_S
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 AROUND = """
 [limits]
@@ -139,6 +139,7 @@ def test_a_goal_is_looked_at_and_the_arm_goes_there_while_it_is_held(page):
     page.until(f"{VERDICT}.startsWith('Reachable')")
 
 
+@pytest.mark.real
 def test_two_people_ask_for_the_arm_and_hand_it_over_and_both_can_stop_it(bus, browser, moving):
     with browser.open(bus[1]) as one, browser.open(bus[1]) as other:
         for each in (one, other):

@@ -9,9 +9,10 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 
 from tests.console.hand import RELOADED
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 
+@pytest.mark.real
 def test_the_page_loads_offline_without_a_complaint_and_shows_the_arm(bench, page):
     loaded = page.value("performance.getEntriesByType('resource').map(each => each.name)")
     assert loaded

@@ -26,7 +26,7 @@ GREY = base64.b64decode(
 
 IMU = "sensor_msgs/msg/Imu"
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 
 @pytest.fixture(scope="module")

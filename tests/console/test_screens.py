@@ -13,7 +13,7 @@ from tests.console.hand import RELOADED, keeps
 from tests.console.pictures import FOLDER, SCREENS, masks, means, shown, still_arm
 from tests.npm import installed
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 OTHER = 24.0
 """Of 255: two blocks are different from here on."""

@@ -22,7 +22,7 @@ from tests.console.rig import ARM, face
 from tests.serving import free_tcp_port
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 TOKEN = "operators-0123456789"
 VIEWER = "viewers-0123456789"
@@ -75,6 +75,7 @@ def guarded(bench):
         yield server
 
 
+@pytest.mark.real
 def test_a_page_with_the_right_token_comes_in_and_hides_it(guarded, browser):
     address = guarded.address.partition("#")[0]
     with browser.open(f"{address}#t={TOKEN}") as page:

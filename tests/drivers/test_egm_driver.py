@@ -21,7 +21,7 @@ from cardan.types import HoldCommand, JointCommand, JointVelocityCommand, RobotL
 
 from .egm_controller import HOME, PERIOD_S, Controller, sensor_of, speeds_of
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 FAST = JointCommand((1.5, *HOME[1:]))
 ZEROS = (0.0,) * 6
@@ -137,6 +137,7 @@ class TestLoop:
         with pytest.raises(CommandError, match="joint velocity"):
             robot.send(JointVelocityCommand(ZEROS))
 
+    @pytest.mark.real
     def test_of_many_waiting_the_newest_is_answered_once(self, robot: AbbEgm, peer: Peer) -> None:
         peer.say(10)
         state = next(robot.cycles())
@@ -284,6 +285,7 @@ class TestLeaving:
         assert speeds[-1] is not None
         return speeds[-1]
 
+    @pytest.mark.real
     def test_an_application_that_crashes(self, robot: AbbEgm, peer: Peer) -> None:
         def application() -> None:
             for _ in robot.cycles():
@@ -326,6 +328,7 @@ class TestLeaving:
         answers = peer.rest()
         assert speeds_of(answers[-1]) == ZEROS
 
+    @pytest.mark.real
     def test_a_live_controller_sees_a_ramp_within_the_limits(
         self, robot: AbbEgm, peer: Peer
     ) -> None:
@@ -343,6 +346,7 @@ class TestLeaving:
         assert max(changes) <= largest + 1e-9
         assert sum(1 for a, b in itertools.pairwise(speeds) if b < a) > 20
 
+    @pytest.mark.real
     def test_close_from_another_thread(self, robot: AbbEgm, peer: Peer) -> None:
         running = threading.Event()
 

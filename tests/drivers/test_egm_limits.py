@@ -16,7 +16,7 @@ from cardan.drivers.limiters import (
 from cardan.spatial import from_rotation_vector, multiply, normalized, rotation_between
 from cardan.types import IDENTITY, Quaternion, Vector3
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 PERIOD_S = 0.004032
 LONGEST_S = 4 * PERIOD_S

@@ -22,7 +22,7 @@ from cardan.types import DeviceFeedback, DeviceLink
 from tests.drivers.evdev_bench import BY_KEY
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 DEADLINE_S = 5.0
 
@@ -353,6 +353,7 @@ def test_a_pad_over_its_socket(tmp_path, model):
         assert (pad.metrics()["garbled"], pad.metrics()["dropped"]) == (0, 0)
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="Keyboard", transport="socket", by="simulated peer")
 def test_a_keyboard_over_its_socket(tmp_path):
     script = """
@@ -406,6 +407,7 @@ def test_a_pad_that_refuses_effects(tmp_path):
             pad.feedback(DeviceFeedback(led=True))
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="Gamepad", transport="socket", by="simulated peer")
 def test_unplugged_and_back(tmp_path):
     touches = "\n".join(f"{0.2 * n:.1f} hold start for 0.05" for n in range(9, 40))

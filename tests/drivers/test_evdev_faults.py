@@ -9,7 +9,7 @@ from cardan.protocols.evdev import BUS_BLUETOOTH, BUS_USB, InputEvent, encode_ev
 from cardan.types import DeviceLink
 from tests.drivers.evdev_bench import REST, STEP_S, Bench
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 PUSHED = (0.0, 0.8, 0.0, 0.0, 0.0, 0.0)
 

@@ -312,7 +312,7 @@ def test_options_that_are_none_are_refused(kind, key, value):
 # -- on the bus -----------------------------------------------------------------------------------
 
 
-@pytest.mark.realtime
+@pytest.mark.real
 @pytest.mark.parametrize(("driver", "options"), [(Phone, PagePeerOptions), (Xr, XrPeerOptions)])
 def test_a_page_on_the_bus_moves_and_feels(driver, options):
     pytest.importorskip(
@@ -329,7 +329,7 @@ def test_a_page_on_the_bus_moves_and_feels(driver, options):
         assert "hold" in device.capabilities.buttons
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_a_page_that_is_not_there_says_what_to_open():
     pytest.importorskip(
         "zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]"

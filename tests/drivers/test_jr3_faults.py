@@ -8,7 +8,7 @@ from cardan.drivers.jr3_can import Jr3Options
 from cardan.types import DeviceLink
 from tests.drivers.jr3_rig import STEP_S, Rig
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 REST = (0.0,) * 6
 PUSH = (6.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -21,7 +21,7 @@ from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions
 from cardan.types import DeviceLink
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 pytest.importorskip("can", reason='python-can is not installed: pip install "cardan[can]"')
 
@@ -94,6 +94,7 @@ def drive(device, peer):
     wait_for(lambda: device.state().axes == REST and device.state().link is DeviceLink.LIVE)
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="JR3", transport="python-can virtual bus", by="simulated peer")
 def test_on_a_virtual_bus():
     peer = Jr3Peer(Jr3PeerOptions(interface="virtual", channel="jr3-drive", script="rest", **UP))
@@ -106,6 +107,7 @@ def test_on_a_virtual_bus():
     assert device.state().link is DeviceLink.CLOSED
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="JR3", transport="CAN over UDP multicast", by="simulated peer")
 def test_over_udp_multicast():
     need_multicast()
@@ -124,6 +126,7 @@ def test_over_udp_multicast():
         live(device)
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="JR3", transport="CAN over socketcand", by="simulated peer")
 def test_over_socketcand_in_sync_mode():
     peer = Jr3Peer(Jr3PeerOptions(serve_socketcand=True, port=0, script="rest", node_id=40, **UP))

@@ -18,7 +18,7 @@ from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 DEADLINE_S = 15.0
 
@@ -50,6 +50,7 @@ def peer_with(script, faults=None, **options):
     return LeapPeer(LeapPeerOptions(port=0, script=script, faults=faults or {}, **options))
 
 
+@pytest.mark.real
 @simulated
 def test_a_hand_engages_moves_grabs_and_leaves(script):
     path = script(
@@ -99,6 +100,7 @@ def test_an_older_service_is_asked_for_less(script, highest):
         assert any(f"version {highest}" in line for line in leap.diagnosis())
 
 
+@pytest.mark.real
 @simulated
 def test_a_restart_is_lost_then_found_and_needs_neutral(script):
     path = script("0.1 enter right\n.7 restart .1\n1.3 leave right\n1.6 loop")

@@ -13,7 +13,7 @@ from cardan.sim_peers.scripted import play
 from cardan.types import DeviceLink, DeviceState, Quaternion, Vector3
 from tests.drivers.leap_frames import PERIOD_S, PLUGGED, engaged, hand
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 CLUTCHES = ("still", "open", "grab", "pinch")
 HELD = {"still": {}, "open": {}, "grab": {"grab_strength": 1.0}, "pinch": {"pinch_strength": 1.0}}

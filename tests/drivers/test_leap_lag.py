@@ -21,7 +21,7 @@ from cardan.types import DeviceLink
 from tests.drivers.leap_frames import PERIOD_S, PLUGGED, engaged, hand
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 EPOCH_S = 56_257.0
 HELD = {"still": {}, "open": {}, "grab": {"grab_strength": 1.0}, "pinch": {"pinch_strength": 1.0}}

@@ -15,7 +15,7 @@ from cardan.sim_peers.motoros_controller import MotorosControllerOptions, Motoro
 from cardan.types import HoldCommand, JointVelocityCommand, RobotLink
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 10.0
 TURN = JointVelocityCommand((0.4, 0.0, 0.0, 0.0, 0.0, 0.0))
@@ -57,6 +57,7 @@ def ready(state):
     return state.ready
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("mode", ["velocity", "stream", "standard"])
 def test_it_connects_is_enabled_moves_and_leaves_the_robot_at_rest(mode):
     with controller() as peer, driver(peer, mode=mode) as robot:
@@ -130,6 +131,7 @@ def test_a_controller_that_is_not_there_is_reported_and_found_later():
         assert not again.joints
 
 
+@pytest.mark.real
 def test_a_controller_that_vanishes_is_lost():
     with contextlib.ExitStack() as stack:
         with controller() as peer:

@@ -51,7 +51,7 @@ from tests.waiting import until
 
 pytestmark = [
     pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled"),
-    pytest.mark.once,
+    pytest.mark.matrix,
 ]
 
 PATIENCE_S = 5.0
@@ -113,6 +113,7 @@ def bench(monkeypatch):
 # -- opening -----------------------------------------------------------------------------------
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="Omni", transport="HDAPI (libHD)", by="simulated peer")
 def test_open_to_live_with_pose_and_identity(bench):
     bench.sim.hand((0.01, 0.02, 0.03), (0.0, 0.2, 0.0))
@@ -238,6 +239,7 @@ def test_a_calibration_lost_while_force_is_rendered_ends_it(bench):
 # -- force -------------------------------------------------------------------------------------
 
 
+@pytest.mark.real
 def test_a_wrench_is_felt_while_it_is_repeated_and_no_longer(bench):
     omni = bench.live(engage_ramp_s=0.02)
     omni.enable()
@@ -733,6 +735,7 @@ def test_numbers_of_another_locale_are_told_also_after_a_failure(bench, monkeypa
 # -- closing -----------------------------------------------------------------------------------
 
 
+@pytest.mark.real
 def test_close_takes_the_force_down_and_opens_again(bench):
     omni, _ = bench.rendering()
     omni.close()

@@ -14,7 +14,7 @@ from cardan.drivers.omni.library import SIGNATURES, SOMETIMES, ErrorInfo, LibHD,
 from cardan.errors import DeviceAccessError, DeviceNotFoundError
 from cardan.protocols.hdapi import ERROR_INFO, Capability, Error, Info
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="there is no C compiler")
@@ -230,6 +230,7 @@ def test_a_device_driver_of_another_release_is_told(tmp_path):
 # -- one library in a process ------------------------------------------------------------------
 
 
+@pytest.mark.real
 @needs_compiler
 def test_it_is_loaded_once_and_no_other_beside_it(fake_path, tmp_path, monkeypatch):
     found = library.load(fake_path)

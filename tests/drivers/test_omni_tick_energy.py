@@ -28,7 +28,7 @@ from tests.drivers.tick_rig import (
     size,
 )
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 
 class Ledger:

@@ -14,7 +14,7 @@ from cardan.sim_peers.ros2_arm import RosArmOptions, RosArmPeer
 from cardan.types import HoldCommand, JointCommand, RobotLink
 from tests.bus.dds.rig import OPTIONS
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 HOME = load_arm("ur5").home
 WITHIN_S = 20.0
@@ -67,6 +67,7 @@ def test_a_controller_of_another_name_is_told(meeting):
                 break
 
 
+@pytest.mark.real
 def test_a_node_that_is_started_anew_is_a_new_session(meeting):
     peer = RosArmPeer(RosArmOptions(**meeting, faults={"restart": 1.0}))
     links = []

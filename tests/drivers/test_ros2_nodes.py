@@ -173,7 +173,7 @@ def test_options_that_cannot_be(kind, options, words):
 # -- on the bus ---------------------------------------------------------------------------------
 
 
-@pytest.mark.realtime
+@pytest.mark.real
 @pytest.mark.judged(device="spacenav_node", transport="ROS 2, Zenoh", by="simulated node")
 def test_a_spacenav_node_is_met_on_the_bus_and_its_end_is_seen():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
@@ -188,7 +188,7 @@ def test_a_spacenav_node_is_met_on_the_bus_and_its_end_is_seen():
         assert device.state().axes == NEUTRAL
 
 
-@pytest.mark.realtime
+@pytest.mark.real
 @pytest.mark.judged(device="joy_node", transport="ROS 2, Zenoh", by="simulated node")
 def test_a_joy_node_rumbles():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
@@ -203,7 +203,7 @@ def test_a_joy_node_rumbles():
         until(lambda: peer.device.rumble == 0.0, "end of the rumble")
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_without_its_node_it_says_what_to_start():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
     with pytest.raises(DeviceNotFoundError, match="nobody publishes /joy: start joy_node"):

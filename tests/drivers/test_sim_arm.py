@@ -31,7 +31,7 @@ from cardan.types import (
 from tests.serving import in_a_thread
 from tests.test_docs import rows, section, text, written
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 ROBOT = "gofa_crb15000_5"
 START = tuple(map(math.radians, (0.0, 40.0, 0.0, 0.0, 30.0, 0.0)))
@@ -185,6 +185,7 @@ def test_contact_is_reported():
         assert drive(robot, 1)[0].wrench.force.z == pytest.approx(-100.0)
 
 
+@pytest.mark.real
 def test_real_time_keeps_an_absolute_schedule():
     with arm(pacing="real-time", drive="ideal", period_s=0.004) as robot:
         start_s = time.monotonic()
@@ -413,6 +414,7 @@ def over_udp(endpoint):
     return SimArm(SimArmOptions(robot=ROBOT, transport="udp", endpoint=endpoint, period_s=0.004))
 
 
+@pytest.mark.real
 def test_over_udp_it_is_the_same_arm():
     with served() as peer, over_udp(peer.endpoint) as robot:
         assert robot.arm is None

@@ -35,7 +35,7 @@ from cardan.types import DeviceFeedback, DeviceLink
 from tests.serving import in_a_thread
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 STEP_S = 0.004
 PATIENCE_S = 10.0
@@ -645,6 +645,7 @@ def follow(mouse):
     assert [event.pressed for event in mouse.button_events()][:2] == [True, False]
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="Magellan", transport="pseudo-terminal", by="simulated peer")
 def test_a_magellan_from_hand_to_state(tmp_path):
     with in_a_thread(peer_at(tmp_path, "magellan", TOUCH_AND_HOLD)) as peer:
@@ -659,6 +660,7 @@ def test_a_magellan_from_hand_to_state(tmp_path):
         until(lambda: not peer.device.powered)
 
 
+@pytest.mark.real
 @pytest.mark.judged(
     device="Spaceball 2003, 3003, 4000 FLX", transport="pseudo-terminal", by="simulated peer"
 )

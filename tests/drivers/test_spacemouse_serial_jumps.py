@@ -20,7 +20,7 @@ from cardan.protocols.connexion_serial import (
 )
 from cardan.types import DeviceLink
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 MODELS = [model.key for model in SERIAL_MODELS]
 SPACEBALLS = [model.key for model in SERIAL_MODELS if model.protocol == "spaceball"]

@@ -41,7 +41,7 @@ from cardan.protocols.connexion import (
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 10.0
 REST = encode_motion(0, 0, 0, 0, 0, 0)
@@ -801,6 +801,7 @@ def puck(tmp_path):
     puck.close()
 
 
+@pytest.mark.real
 def test_socket_both_ways(puck, open_mouse):
     mouse = open_mouse(transport="socket", path=puck.path, dead_zone=0.0, led="on")
     puck.accept()
@@ -827,6 +828,7 @@ def test_socket_model_names_the_buttons(puck, open_mouse):
     until(lambda: mouse.state().buttons == {"rotate-lock"})
 
 
+@pytest.mark.real
 def test_socket_unplug_and_replug(puck, tmp_path, open_mouse, monkeypatch):
     monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.005)
     mouse = open_mouse(transport="socket", path=puck.path)

@@ -29,7 +29,7 @@ from cardan.protocols.connexion import (
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 10.0
 REST = encode_motion(0, 0, 0, 0, 0, 0)
@@ -208,6 +208,7 @@ def mouse(**options):
     return SpaceMouse(SpaceMouseOptions(transport="usb", dead_zone=0.0, **options))
 
 
+@pytest.mark.real
 def test_it_takes_the_interface_and_gives_it_back(plug):
     puck = plug(Puck("spacemouse-wireless"))
     interface = puck.interfaces[0]

@@ -34,7 +34,7 @@ from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 from tests.serving import in_a_thread
 from tests.spacenavd import TIMEOUT_S, spacenavd
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -108,6 +108,7 @@ def opened(path, **options):
         driver.close()
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Cardan's own server")
 def test_from_one_cardan_to_another(path):
     with in_a_thread(Hand(path)) as hand, opened(path) as driver:
@@ -145,6 +146,7 @@ def test_unplugging_behind_the_daemon_and_plugging_in_again(path):
         hand.touch(driver)
 
 
+@pytest.mark.real
 def test_a_daemon_that_ends_is_found_again(path):
     with in_a_thread(Hand(path)) as hand:
         driver = Spnav(SpnavOptions(socket=str(path), dead_zone=0.0))

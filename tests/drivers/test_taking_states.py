@@ -313,8 +313,7 @@ def simulated(name, folder):
             yield {key: value for key, value in tables["device"].items() if key != "driver"}
 
 
-@pytest.mark.once
-@pytest.mark.realtime
+@pytest.mark.matrix
 @pytest.mark.parametrize("name", DEVICES)
 def test_who_reads_a_device_is_woken_by_its_reader(name, tmp_path, monkeypatch):
     monkeypatch.setattr(base, "RECHECK_S", PATIENCE_S)

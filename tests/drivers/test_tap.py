@@ -71,7 +71,7 @@ def test_datagrams_of_the_simulated_arm(tap):
     assert all(sent for _, sent, _ in tap[13:])
 
 
-@pytest.mark.realtime
+@pytest.mark.real
 def test_datagrams_of_egm(tap):
     controller = EgmController(EgmControllerOptions())
     with (
@@ -96,7 +96,7 @@ def test_datagrams_of_egm(tap):
         cycles.close()
 
 
-@pytest.mark.realtime
+@pytest.mark.real
 def test_messages_of_motoros_with_their_connection(tap):
     ours, theirs = socket.socketpair()
     robot = Motoros(host="127.0.0.1")

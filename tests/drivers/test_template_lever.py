@@ -100,7 +100,7 @@ def test_a_port_that_is_not_there(module, tmp_path):
         lever.open()
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_unplugged_and_back_it_has_to_be_seen_at_rest_again(module, tmp_path):
     peer = module("peer")
     faults = {"unplug": 0.3, "replug": 0.6, "cut": 3.0}

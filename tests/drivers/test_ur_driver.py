@@ -19,7 +19,7 @@ from cardan.types import HoldCommand, JointVelocityCommand, RobotLink
 from tests.serving import free_tcp_port
 from tests.waiting import until
 
-pytestmark = [pytest.mark.realtime, pytest.mark.once]
+pytestmark = pytest.mark.matrix
 
 SPEED = 0.3
 
@@ -36,6 +36,7 @@ def driver_of(peer, **options):
     return UrRtde(rate_hz=125.0, watchdog_s=0.5, robot=peer.options.robot, **{**ports, **options})
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("robot", ["ur5e", "ur5"])
 def test_it_starts_moves_and_leaves(robot):
     with any_ports(robot=robot, boot_s=0.1, release_s=0.1) as peer:
@@ -161,6 +162,7 @@ def test_nobody_is_there():
         states.close()
 
 
+@pytest.mark.real
 def test_a_controller_that_comes_later_and_goes():
     peer = any_ports(running=True)
     peer.open()

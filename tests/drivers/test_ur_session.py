@@ -20,7 +20,7 @@ from cardan.types import (
 )
 from tests.drivers.ur_rig import Rig
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 SPEED = 0.3
 ACCELERATION = 5.0

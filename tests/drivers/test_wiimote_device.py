@@ -15,7 +15,7 @@ from tests.drivers.wiimote_bench import REST, fault_default
 from tests.serving import in_a_thread
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 15.0
 SOON = {
@@ -139,6 +139,7 @@ def test_a_script_is_followed(tmp_path):
         assert wiimote.state().axes in (REST, pytest.approx((0, 0, 1, 0.5, 0, 0), abs=0.04))
 
 
+@pytest.mark.real
 def test_feedback_reaches_the_remote(tmp_path, idle):
     with in_a_thread(peer_of(tmp_path, idle)) as peer, driver_of(tmp_path, led=4) as wiimote:
         live(wiimote)
@@ -159,6 +160,7 @@ def test_feedback_reaches_the_remote(tmp_path, idle):
         assert "rumble off" in told[motor[-1]]
 
 
+@pytest.mark.real
 def test_the_remote_comes_and_goes(tmp_path, idle):
     with driver_of(tmp_path, wait_for_device=True) as wiimote:
         assert wiimote.state().link is DeviceLink.LOST

@@ -11,7 +11,7 @@ from cardan.sim_peers.wiimote import FAULTS
 from cardan.types import DeviceLink
 from tests.drivers.wiimote_bench import REST, Bench, fault_default
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 NEUTRAL_WITHIN_S = 0.1
 OPTIONS = WiimoteOptions(dead_zone=0.0)

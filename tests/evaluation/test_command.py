@@ -11,7 +11,7 @@ from cardan.evaluation.report import Part, Report, read, write
 from cardan.evaluation.result import Figure
 from cardan.evaluation.thesis import study
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 
 def cardan(*words, monkeypatch):

@@ -20,7 +20,7 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.types import JointCommand
 from tests.drivers.motoros_rig import Rig
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 FIRST_S = 1.0
 SPEED = 0.3

@@ -24,7 +24,7 @@ from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.gateway.session.supervisor import Outcome
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 
 def by_name(figures):

@@ -6,7 +6,7 @@ import pytest
 from cardan.evaluation.thesis import arbitrary, collision, eight, faults, line
 from cardan.evaluation.thesis.rig import DT_S, Metronome, published_mechanism, signed_delays, table
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 
 def test_the_published_mechanism_has_the_published_delay():

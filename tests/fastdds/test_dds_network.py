@@ -18,7 +18,7 @@ from tests.bus.dds.rig import OPTIONS, STRING, TRIGGER, encoded, network
 from tests.fastdds import FastNode, user_data
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 DOMAIN = OPTIONS.number
 JOINTS = "sensor_msgs/msg/JointState"
@@ -108,6 +108,7 @@ def test_nodes_know_each_other_by_name(options, length):
     assert length == len(named) // 2
 
 
+@pytest.mark.real
 def test_what_is_latched_comes_to_who_is_late(ours):
     ours.advertise("/arm/description", STRING, True).publish(encoded(STRING, data="<robot/>"))
     with FastNode(DOMAIN) as theirs:

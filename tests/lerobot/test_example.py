@@ -15,8 +15,7 @@ ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "lerobot" / "three_episodes.py"
 
 
-@pytest.mark.once
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_the_example_records_and_loads(tmp_path):
     folder = tmp_path / "out"
     done = subprocess.run(

@@ -13,7 +13,7 @@ from tests.dissect.worked import C1, F7, R0, R1, S1, S2, S3, S4
 
 from . import egm_values as values
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 egm_pb2 = importlib.import_module("ABBRobotEGM._egm_protobuf.egm_pb2")
 bounded = settings(max_examples=100, derandomize=True)

@@ -17,7 +17,7 @@ from cardan.robots import load_arm
 from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 HELLO = encode_command(ArmCommand(0, 1, 0.0, ControlMode.HOLD), 6)
 
@@ -73,6 +73,7 @@ def test_a_taken_port_is_named():
     peer.step(time.monotonic() + 0.1)
 
 
+@pytest.mark.real
 def test_the_command_serves_it():
     command = (sys.executable, "-m", "cardan", "sim", "arm")
     arguments = ("--listen", "127.0.0.1:0", "--seconds", "20", "--drive", "ideal")

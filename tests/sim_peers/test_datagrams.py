@@ -12,7 +12,7 @@ from cardan.errors import AddressError
 from cardan.sim_peers.datagrams import DatagramPeer
 from cardan.sockets import DRAIN_AT_MOST, opened, waiting
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 
 class Echo(DatagramPeer):

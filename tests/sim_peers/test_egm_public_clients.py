@@ -21,7 +21,7 @@ from tests.sim_peers.egm_public_client import (
     TARGET_DEG,
 )
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PROGRAM = Path(__file__).with_name("egm_public_client.py")
 AT_MOST_S = 20.0
@@ -53,6 +53,7 @@ def joints_deg(peer: EgmControllerPeer) -> list[float]:
     return [math.degrees(q) for q in peer.core.joints_rad]
 
 
+@pytest.mark.real
 @pytest.mark.parametrize(
     ("library", "robotware"), [("ABBRobotEGM", "6"), ("abb-robot-client", "7")]
 )

@@ -16,7 +16,7 @@ from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerP
 from tests.serving import in_a_thread
 from tests.sim_peers.egm_pc import TS, echo
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 
 @contextmanager
@@ -49,6 +49,7 @@ def converse(pc, count, answer=True):
     return got
 
 
+@pytest.mark.real
 def test_answers_are_taken_and_the_schedule_holds():
     with pc_socket() as pc:
         port = pc.getsockname()[1]

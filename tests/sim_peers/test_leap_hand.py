@@ -10,7 +10,7 @@ from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.leap import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService
 from cardan.sim_peers.scripted import play
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 
 def frames(text, until_s, step_s=None):

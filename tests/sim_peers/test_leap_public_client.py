@@ -12,7 +12,7 @@ from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from tests.npm import installed
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 LEAPJS = "1.1.1"
 RUN_TIMEOUT_S = 20.0
@@ -94,6 +94,7 @@ def write(tmp_path, text):
     return str(path)
 
 
+@pytest.mark.real
 @judged
 def test_it_understands_hands_fingers_and_bones(leapjs, tmp_path):
     script = write(tmp_path, "0.1 enter right 40 220 -30\n0.1 tilt right 20 0 0\n0.5 loop")

@@ -17,7 +17,7 @@ from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from cardan.sim_peers.leap.websocket import MAX_CLIENTS
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 TIMEOUT_S = 10.0
 CLOSE_TIMEOUT_S = 0.1
@@ -110,6 +110,7 @@ def test_no_extension_is_agreed_on():
             assert leap.protocol.extensions == []
 
 
+@pytest.mark.real
 def test_several_clients_and_the_focus():
     with serving() as peer, client(peer) as first, client(peer, "/v4.json") as second:
         for leap in (first, second):

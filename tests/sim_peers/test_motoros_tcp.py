@@ -36,7 +36,7 @@ from cardan.sim_peers.motoros_controller import (
 )
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PING = request(Empty(), MessageType.PING)
 READY = request(MotionCtrl(0, 7, MotionCommand.CHECK_MOTION_READY))
@@ -83,6 +83,7 @@ def serving(**changes):
         yield peer
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("order", ByteOrder)
 def test_the_three_ports_serve(order):
     with (
@@ -112,6 +113,7 @@ def test_split_and_merged_segments():
         assert {motion.next().body.sequence for _ in range(51)} == {7}
 
 
+@pytest.mark.real
 def test_a_second_motion_client_takes_over():
     with serving() as peer, Client(peer.motion_port) as first:
         assert first.ask(PING) is not None

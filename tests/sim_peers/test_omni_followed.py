@@ -21,7 +21,7 @@ from cardan.types import ZERO3, Vector3
 from tests.gateway.force.test_omni import TABLE, VirtualOmni
 from tests.sim_peers.omni_virtual import LibHD, needs_library
 
-pytestmark = [needs_library, pytest.mark.once]
+pytestmark = [needs_library, pytest.mark.matrix]
 
 PRESSED_S, SECONDS = 0.2, 3.2
 TURN_RAD = 0.3

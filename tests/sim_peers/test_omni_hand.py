@@ -22,7 +22,7 @@ from cardan.sim_peers.omni import (
 from cardan.spatial import from_euler_zyx
 from cardan.types import Vector3
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 USABLE_M = Vector3(0.035, 0.08, 0.06)
 """Half the usable workspace, hand frame."""

@@ -33,7 +33,7 @@ from tests.sim_peers.omni_virtual import (
     program,
 )
 
-pytestmark = [needs_library, pytest.mark.once]
+pytestmark = [needs_library, pytest.mark.matrix]
 
 INKWELL = 4
 FORCE = int(State.CURRENT_FORCE)

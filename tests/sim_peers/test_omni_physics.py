@@ -15,7 +15,7 @@ from hypothesis import example, given, settings, strategies as st
 from cardan.protocols.hdapi import Error, Info, State
 from tests.sim_peers.omni_virtual import LibHD, needs_library, program
 
-pytestmark = [needs_library, pytest.mark.once]
+pytestmark = [needs_library, pytest.mark.matrix]
 
 Floats = npt.NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from cardan.errors import ConfigurationError, DeviceNotFoundError
 from cardan.sim_peers import omni
 from cardan.sim_peers.omni import OmniSettings, environment, library_path
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 compiled = pytest.mark.skipif(not omni.available(), reason="the C parts were not compiled")
 COMMAND = [sys.executable, "-m", "cardan", "sim", "omni"]
@@ -156,6 +156,7 @@ def test_signals_go_on_to_the_program(number):
     assert not file.exists()
 
 
+@pytest.mark.real
 @compiled
 def test_a_killed_command_leaves_neither_the_program_nor_a_folder():
     with subprocess.Popen(

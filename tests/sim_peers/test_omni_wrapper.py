@@ -39,7 +39,7 @@ from cardan.sim_peers.omni import (
 
 pytestmark = [
     pytest.mark.skipif(not omni.available(), reason="the C parts were not compiled"),
-    pytest.mark.once,
+    pytest.mark.matrix,
 ]
 
 PAGE = Path(__file__).parents[2] / "docs" / "simulated-devices.md"
@@ -300,6 +300,7 @@ def blocks(language):
     return [text for name, text in found if name == language]
 
 
+@pytest.mark.real
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 def test_the_program_in_c_feels_its_floor(tmp_path):
     (source,) = blocks("c")

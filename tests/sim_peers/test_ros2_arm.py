@@ -165,7 +165,7 @@ def free_tcp_port():
 # -- on the bus ---------------------------------------------------------------------------------
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_it_is_on_the_bus_as_nodes_of_ros_are(free_tcp_port):
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
     peer = RosArmPeer(RosArmOptions(port=free_tcp_port, faults={"restart": 1.5}))
@@ -203,7 +203,7 @@ def test_it_is_on_the_bus_as_nodes_of_ros_are(free_tcp_port):
         until(two_senders, "second publisher")
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_a_wait_ends_in_time_and_at_once_when_woken(free_tcp_port):
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
     with BusNode(BusOptions(router="", listen=(f"tcp/127.0.0.1:{free_tcp_port}",)), "one") as node:

@@ -20,7 +20,7 @@ from cardan.sim_peers.spacemouse import (
 )
 from tests.sim_peers.spacemouse_virtual import make, motions, perform, run
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 FULL_SPEED = (0.1,) * 3 + (0.4,) * 3
 """m/s and rad/s that the gateway makes of full deflection in the demonstration."""

@@ -39,7 +39,7 @@ from cardan.sim_peers.spacemouse.keyboard import status_line
 from tests.serving import in_a_thread
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 10.0
 STEP_S = 0.001

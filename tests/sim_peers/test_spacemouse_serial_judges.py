@@ -15,7 +15,7 @@ import pytest
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 15.0
 MODELS = {
@@ -118,6 +118,7 @@ def judgements():
             yield dict(zip(MODELS, found, strict=True))
 
 
+@pytest.mark.real
 @pytest.mark.judged(
     device="Magellan and Spaceball 5000", transport="pseudo-terminal", by="Debian spacenavd"
 )
@@ -148,6 +149,7 @@ def check(events, expected):
     assert motions[-1] == (0,) * 6
 
 
+@pytest.mark.real("spaceball-2003")
 @pytest.mark.judged(
     device="Spaceball 2003, 3003, 4000 FLX", transport="pseudo-terminal", by="Debian inputattach"
 )

@@ -21,7 +21,7 @@ from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.sim_peers.carriers.unix_socket import MAX_CLIENTS, QUEUE_REPORTS
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 PATIENCE_S = 10.0
 """How long a test waits at most for something that takes milliseconds."""
@@ -96,6 +96,7 @@ class Reader:
         return self.reports
 
 
+@pytest.mark.real
 def test_all_clients_get_all_reports_and_outputs_reach_the_device(path: str) -> None:
     with served(path, "0.05 axes 1 0 0 0 0 0\n0.15 neutral\n0.3 press left", jitter_lsb=0) as peer:
         assert peer.endpoint == path

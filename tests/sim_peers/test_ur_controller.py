@@ -25,7 +25,7 @@ from cardan.robots import load_arm
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 from cardan.sim_peers.ur_controller.kinematics import TABLES, tcp_pose
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 
 class World:

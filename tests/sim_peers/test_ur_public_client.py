@@ -17,8 +17,7 @@ from tests.serving import free_tcp_port, served
 from tests.waiting import until
 
 pytestmark = [
-    pytest.mark.realtime,
-    pytest.mark.once,
+    pytest.mark.matrix,
     pytest.mark.skipif(sys.platform != "linux", reason="only Linux has all of 127.0.0.0/8"),
 ]
 
@@ -48,6 +47,7 @@ def host(request):
         yield request.param, address
 
 
+@pytest.mark.real
 def test_it_reads_writes_and_asks(host):
     robot, address = host
     receive = rtde_receive.RTDEReceiveInterface(address)

@@ -18,7 +18,7 @@ from cardan.sim_peers.carriers.usbip import ENDPOINT_REPORTS, Setup, Speed, Usbi
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 DEVLIST = bytes.fromhex("0111 8005 00000000")
 IMPORT = bytes.fromhex("0111 8003 00000000") + b"1-1".ljust(32, b"\0")
@@ -347,6 +347,7 @@ def imported(host: Host) -> Host:
     return host
 
 
+@pytest.mark.real
 def test_an_attached_puck_moves_once_it_is_polled_and_takes_its_led(serve, host):
     peer = serve()
     pc = imported(host(peer))

@@ -54,7 +54,7 @@ from cardan.sim_peers.carriers.uhid import (
 from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions, peer as peer_module
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 CLIENT = Path(__file__).with_name("wiimote_cwiid_client.py")
 DEADLINE_S = 5.0
@@ -118,6 +118,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
 # -- Unix sockets --------------------------------------------------------------------------------
 
 
+@pytest.mark.real
 def test_the_old_and_the_new_way_over_sockets(place):
     with in_a_thread(served(place, script="rest")) as peer, link(place) as (control, interrupt):
         assert peer.endpoint == str(place)
@@ -563,6 +564,7 @@ def test_libcwiid_uses_the_remote(place, settings):
     assert seen["remote-mode"] in (0x33, 0x37)
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="Wiimote", transport="Nunchuk", by="Debian libcwiid")
 def test_libcwiid_uses_the_nunchuk(place):
     script = "0 press a\n0 press c\n0 stick 0 1\n"

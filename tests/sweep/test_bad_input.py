@@ -21,7 +21,7 @@ from tests.gateway.faces.rig import plain_client  # noqa: E402
 from tests.sweep.plan import NODE, RESULT, full_name  # noqa: E402
 from tests.waiting import until  # noqa: E402
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.matrix, pytest.mark.timeout(120)]
 
 TIMEOUT_S = 20.0
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"

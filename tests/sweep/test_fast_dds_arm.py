@@ -10,7 +10,7 @@ from tests.fastdds import FastNode
 from tests.sweep.plan import NODE, RESULT
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.matrix, pytest.mark.timeout(120)]
 
 POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Twist"
 JOINTS, EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Empty"
@@ -57,6 +57,7 @@ def test_it_reads_the_state(program):
     assert len(joints["position"]) == 6
 
 
+@pytest.mark.real
 def test_its_twist_moves_the_arm_while_it_is_there(program, session):
     topic = f"{NODE}/command/twist"
     program.advertise(topic, TWIST)

@@ -22,7 +22,7 @@ from tests.ros2_packages import write_packages
 from tests.sweep.plan import NODE, RESULT, command, plan, wanted_rows
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]
 
 MODULE = (Path(__file__).parent / "roslib_judge.mjs").read_text(encoding="utf-8")
 LATCHED = ("_static", "_description", "/configuration", "/surroundings")
@@ -67,6 +67,7 @@ def test_the_table_has_what_a_session_has_on_the_graph(session):
     assert session.wait(wanted) == wanted
 
 
+@pytest.mark.real
 @pytest.mark.shown_on(
     transport="Zenoh",
     by="dora-rs",

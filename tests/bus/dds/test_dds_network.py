@@ -17,7 +17,7 @@ from cardan.protocols.ros2.zenoh import Qos
 from tests.bus.dds.rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 HELLO = encoded(STRING, data="hello")
 REQUEST = encoded(f"{TRIGGER}_Request")
@@ -38,6 +38,7 @@ def hears(subscriber, topic, type_name=STRING):
     return heard, handle
 
 
+@pytest.mark.real
 def test_a_message_arrives_as_it_was_sent(pair):
     talker, listener = pair
     heard, handle = hears(listener, "/chatter")
@@ -89,6 +90,7 @@ def test_one_that_is_deaf_does_not_hear_itself(pair):
         assert own == []
 
 
+@pytest.mark.real
 def test_a_service_answers(pair):
     talker, listener = pair
     served = talker.serve("/ready", TRIGGER, lambda request, answer: answer((request, REPLY)[1]))

@@ -10,7 +10,7 @@ from cardan.evaluation.haptics import earlier
 from cardan.evaluation.haptics.earlier import CONTACTS, SURPLUS_J, Before
 from cardan.evaluation.haptics.stability import HELD, LIGHTLY, OURS, PLAIN, RESTLESS_M_S
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 STIRS = Before("stirs for 10 s", 10.0)
 NOISE = Before("stirs for 10 s, noise 0.05 N", 10.0, 0.05)

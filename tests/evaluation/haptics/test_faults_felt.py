@@ -14,7 +14,7 @@ from cardan.evaluation.haptics.faults import FAULT_S, FAULTS, LIMITS, feel, tabl
 from cardan.evaluation.haptics.loop import TICK_S
 from cardan.haptics import OperatingState
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 BY_NAME = {fault.name: fault for fault in FAULTS}
 SILENT = "commands stopped coming"

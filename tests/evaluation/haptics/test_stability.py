@@ -37,7 +37,7 @@ from cardan.evaluation.haptics.zwidth import FRICTIONLESS
 from cardan.haptics import HapticCommand, Plane
 from cardan.types import ZERO3, Vector3
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 UP = Vector3(0.0, 0.0, 1.0)
 MOST_J = OURS.energy_budget_j + 0.0005

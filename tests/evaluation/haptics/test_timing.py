@@ -13,7 +13,7 @@ from cardan.evaluation.haptics import timing, zwidth
 from cardan.evaluation.haptics.faults import FAULTS
 from cardan.evaluation.haptics.stability import PUSHES, link_words
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 PAGE = Path(__file__).parents[3] / "docs" / "stability.md"
 

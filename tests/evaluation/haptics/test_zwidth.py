@@ -11,7 +11,7 @@ from cardan.evaluation.haptics import theory, zwidth
 from cardan.evaluation.haptics.loop import TICK_S
 from cardan.evaluation.haptics.stability import CONTROLLER_OFF, OURS, PLAIN, UNHELD, judge, local
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 
 QUICK_AND_OFF = dataclasses.replace(CONTROLLER_OFF, slew_rise_n_s=PLAIN.slew_rise_n_s)

@@ -53,7 +53,7 @@ DOWN = np.array([0.0, 0.0, -0.1])
 QUICK = {"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5}
 
 
-@pytest.fixture(params=[Here, pytest.param(OnTheBus, marks=pytest.mark.realtime)])
+@pytest.fixture(params=[Here, pytest.param(OnTheBus, marks=pytest.mark.matrix)])
 def reach(request, monkeypatch):
     """Opens an arm here, or on the bus."""
     for kind in (Gripping, Failing, AtRest):

@@ -10,7 +10,7 @@ from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.robots import arm_names, load_arm
 from cardan.types import Pose, TorqueCommand
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 
 class Arm:

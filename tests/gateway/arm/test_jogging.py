@@ -12,7 +12,7 @@ from cardan.spatial import from_rotation_vector, multiply, to_rotation_vector
 from cardan.types import Pose, Vector3
 from tests.gateway.arm.arms import DT_S, World, streams
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 
 def streaming(kind, arm="ur5", **more):

@@ -148,7 +148,7 @@ def test_rumble_is_asked_for_and_ends_by_itself():
     assert topics.rumble(3.0) == pytest.approx(0.7)
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_our_own_drivers_read_it_from_the_bus():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
     port = free_ports()

@@ -22,7 +22,7 @@ from tests.bus.dds.rig import OPTIONS
 from tests.gateway.bus.asker import SERVICE, slow_twist
 from tests.serving import PATIENT, free_endpoint, served as router
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 ARM = f"/{DEFAULT_NAME}"
 RESULT = "cardan_msgs/msg/CommandResult"
@@ -111,6 +111,7 @@ def asking(here, way, mode="peer", endpoint=""):
             process.kill()
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("way", ["topic", "service", "remote"])
 def test_the_arm_brakes_when_who_asked_for_movv_is_killed(way):
     with served() as here, asking(here, way) as process:
@@ -135,6 +136,7 @@ def test_who_asks_through_a_router_is_missed_as_well(mode):
         here.until(lambda: here.rests)
 
 
+@pytest.mark.real
 def test_a_stopped_process_is_gone_after_its_lease():
     with served() as here, asking(here, "topic") as process:
         here.until(lambda: here.phase is Phase.MOVING)
@@ -182,6 +184,7 @@ def on_dds():
         yield here, there
 
 
+@pytest.mark.real
 @pytest.mark.parametrize("way", ["topic", "service"])
 def test_the_arm_brakes_when_a_participant_on_dds_leaves(way):
     with on_dds() as (here, there), asking(here, way, endpoint=there) as process:

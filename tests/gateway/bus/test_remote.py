@@ -96,7 +96,7 @@ def test_it_needs_no_libraries_of_an_arms_model():
     assert done.stdout.split() == [b"1.0", b"RemoteCartesianDevice"], done.stderr.decode()
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_two_programs_are_two_sources_and_one_that_leaves_stops_no_other():
     with OnTheBus().place() as (first, _), first:
         with RemoteCartesianDevice(first.address) as second:
@@ -107,7 +107,7 @@ def test_two_programs_are_two_sources_and_one_that_leaves_stops_no_other():
         assert first.status().moving
 
 
-@pytest.mark.realtime
+@pytest.mark.real
 def test_a_connection_that_is_lost_is_no_rest():
     with OnTheBus().place() as (arm, end_loop), arm:
         start = arm.stat().pose
@@ -121,7 +121,7 @@ def test_a_connection_that_is_lost_is_no_rest():
             arm.stop()
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_an_arm_that_is_not_there_is_named(monkeypatch):
     monkeypatch.setattr("cardan.gateway.bus.remote.MEET_TIMEOUT_S", 1.0)
     with pytest.raises(DriverError, match="nobody else is on the bus at tcp"):
@@ -132,7 +132,7 @@ def test_an_arm_that_is_not_there_is_named(monkeypatch):
             absent.open()
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_the_example_runs(capsys, monkeypatch):
     with OnTheBus().place() as (arm, _):
         path = EXAMPLES / "ros2" / "remote_arm.py"

@@ -198,8 +198,7 @@ def test_a_daemon_that_fails_is_found_fault_with(monkeypatch, capsys):
     assert "ended with status 3: another one has the socket" in capsys.readouterr().err
 
 
-@pytest.mark.realtime
-@pytest.mark.once
+@pytest.mark.matrix
 @pytest.mark.timeout(300)
 def test_the_whole_of_it():
     done = subprocess.run(
@@ -216,8 +215,7 @@ def test_the_whole_of_it():
     assert "\x1b" not in done.stdout
 
 
-@pytest.mark.realtime
-@pytest.mark.once
+@pytest.mark.matrix
 @pytest.mark.timeout(300)
 def test_ctrl_c_ends_it_and_leaves_nothing():
     with Program("demo", "lab", "--seconds", "60") as program:

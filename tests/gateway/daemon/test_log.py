@@ -13,7 +13,7 @@ from cardan.gateway.daemon.events import read_events
 from tests.programs import Program
 from tests.waiting import WITHIN_S, until
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 RIGHT, WRONG = "right-token-0123456789abcdef", "wrong-token-0123456789abcdef"
 

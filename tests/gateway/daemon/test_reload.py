@@ -264,7 +264,7 @@ def test_changes_travel_as_tables():
     )
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_files_are_read_in_a_process_of_their_own(tmp_path):
     file = tmp_path / "lab.toml"
     file.write_text(SESSION.format(name="one", speed=0.1))

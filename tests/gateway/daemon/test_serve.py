@@ -23,7 +23,7 @@ from tests.serving import free_endpoint
 from tests.test_cli import ENVIRONMENT
 from tests.waiting import WITHIN_S, until
 
-pytestmark = pytest.mark.once  # Whole programs; all bounds are generous.
+pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 
 ARM = """
 [[sessions]]
@@ -97,6 +97,7 @@ def one(lab):
     return lab.write(ARM.format(name="one", more="")).start()
 
 
+@pytest.mark.real
 def test_sessions_run_and_are_listed(lab):
     lab.write(ARM.format(name="one", more=""), ARM.format(name="two", more="start = false")).start()
     row = lab.until("one", phase="disarmed", robot_link="live")
@@ -110,6 +111,7 @@ def test_sessions_run_and_are_listed(lab):
     assert "there is no 'three'; there are: one, two" in lab.cardan("ps", "three", code=2)
 
 
+@pytest.mark.real
 def test_a_session_that_is_killed_comes_back_disarmed(one):
     one.until("one", phase="disarmed")
     with DaemonArm("one", path=one.socket) as arm:
@@ -214,6 +216,7 @@ def test_who_waits_for_a_session_that_is_killed_is_told_at_once(one):
         assert "one has ended" in motion.reason
 
 
+@pytest.mark.real
 def test_a_motion_that_waited_while_its_session_stood_still_is_not_begun(one):
     one.until("one", phase="disarmed")
     with DaemonArm("one", path=one.socket) as arm:
@@ -273,6 +276,7 @@ def test_no_request_ends_the_daemon(one):
     assert one.row("one")["state"] == "running"
 
 
+@pytest.mark.real
 def test_the_end_of_the_daemon_is_the_end_of_its_sessions(one):
     pid = one.until("one", phase="disarmed")["pid"]
     assert one.program.end(signal.SIGTERM) == 0
@@ -310,6 +314,7 @@ def test_what_cannot_be_started_is_tried_again_and_says_why(lab):
 LIMITS = "[sessions.limits]\nlinear_speed_m_s = {speed}\nleash_m = {leash}\n"
 
 
+@pytest.mark.real
 def test_a_reload_says_of_each_key_when_it_takes_effect(one):
     one.until("one", phase="disarmed")
     text = one.file.read_text()
@@ -392,6 +397,7 @@ def test_its_socket_is_its_owners(one):
     assert Path(one.socket).stat().st_mode & 0o777 == 0o600
 
 
+@pytest.mark.real
 def test_metrics_and_the_log_of_a_lab(lab):
     parser = pytest.importorskip("prometheus_client.parser", reason="cardan[metrics]")
     lab.write(

@@ -20,7 +20,7 @@ from tests.programs import Program
 from tests.waiting import until
 
 # Whole programs, which begin one after the other; all bounds are generous.
-pytestmark = [pytest.mark.once, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]
 
 EXAMPLE = Path(__file__).parents[3] / "examples/two-arms"
 
@@ -198,7 +198,6 @@ deadman = "left"
 """
 
 
-@pytest.mark.realtime
 def test_a_device_that_is_plugged_in_is_open_within_a_second(lab):
     (mouse,) = lab.plug("mouse")
     session = lab.folder / "one.toml"

@@ -70,7 +70,7 @@ def free_port():
         return sock.getsockname()[1]
 
 
-@pytest.mark.realtime
+@pytest.mark.real
 def test_a_controller_that_sends_is_heard_and_not_answered():
     endpoint = Endpoint("udp", "127.0.0.1", free_port(), True)
     stop = threading.Event()
@@ -93,7 +93,7 @@ def test_a_controller_that_sends_is_heard_and_not_answered():
             controller.recv(100)
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_silence_and_ports_that_cannot_be_had():
     with udp() as other:
         port = other.getsockname()[1]
@@ -114,7 +114,7 @@ def test_silence_and_ports_that_cannot_be_had():
         again.bind(("127.0.0.1", quiet.port))  # It was closed.
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_a_server_is_connected_to_and_told_nothing():
     with socket.create_server(("127.0.0.1", 0)) as server:
         endpoint = Endpoint("tcp", "127.0.0.1", server.getsockname()[1])
@@ -127,7 +127,7 @@ def test_a_server_is_connected_to_and_told_nothing():
     assert connect(Endpoint("tcp", "no host of this name", 1)) == Heard(error=errno.EHOSTUNREACH)
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_the_check(tmp_path):
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]

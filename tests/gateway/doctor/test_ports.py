@@ -115,7 +115,7 @@ def test_which_ports_files_want(tmp_path):
     ]
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_a_socket_of_this_process_is_seen(tmp_path):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))

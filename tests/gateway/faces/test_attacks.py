@@ -30,7 +30,7 @@ from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.gateway.faces.rig import WAIT_S, rosbridge, served
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 TOKEN = "0123456789abcdef-token"
 UPGRADE = (
@@ -161,6 +161,7 @@ def test_a_right_token_comes_in_by_the_header(target, running):
     assert status(answer(running, request)) == target.welcome
 
 
+@pytest.mark.real("console")
 def test_guesses_are_counted(target, running):
     wrong = target.request(target.path_with("guess-0123456789"))
     assert [status(answer(running, wrong)) for _ in range(BURST)] == [401] * BURST
@@ -295,11 +296,11 @@ def test_as_many_as_come_at_once_are_kept_by_the_system(running):
     assert kept == min(web.BACKLOG, allowed)
 
 
+@pytest.mark.real("rosbridge")
 def test_many_connections_keep_nobody_out(target, running):
     keep_many_open(target, running, 1000)
 
 
-@pytest.mark.once
 @pytest.mark.timeout(180)
 def test_ten_thousand_connections_keep_nobody_out():
     target = TARGETS["rosbridge"]

@@ -19,7 +19,7 @@ from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.gateway.faces.rig import plain_client, rosbridge
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 TWIST, EMPTY = "geometry_msgs/msg/Twist", "std_msgs/msg/Empty"
 STALLED_S = STALE_S + 0.3

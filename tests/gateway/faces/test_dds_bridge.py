@@ -24,7 +24,7 @@ from tests.bus.dds.rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, netw
 from tests.serving import free_endpoint
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 REQUEST = encoded(f"{TRIGGER}_Request")
 REPLY = encoded(f"{TRIGGER}_Response", success=True, message="stopped")
@@ -103,6 +103,7 @@ def test_a_latched_topic_begins_with_its_last_message_of_each_publisher(sides):
     until(lambda: {text("<robot 0/>"), text("<robot 1/>")} <= set(heard))
 
 
+@pytest.mark.real
 def test_commands_come_in_in_order_each_publisher_as_a_node_of_its_participant(sides):
     robot, user = sides
     heard, _handle = hears(robot, "/arm/command")
@@ -140,7 +141,6 @@ with DdsNetwork(DdsOptions(dds_domain=int(sys.argv[1])), "guest") as guest:
 """
 
 
-@pytest.mark.once
 def test_a_participant_that_is_killed_is_missed_after_its_lease(sides):
     robot, user = sides
     _, _handle = hears(robot, "/arm/command")

@@ -29,7 +29,7 @@ from tests.gateway.faces.nodes import Parameters
 from tests.gateway.faces.rig import WAIT_S
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TwistStamped"
 STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"

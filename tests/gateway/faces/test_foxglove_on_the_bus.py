@@ -21,7 +21,7 @@ from tests.gateway.faces.nodes import Parameters
 from tests.gateway.faces.rig import WAIT_S
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 STRING, TRIGGER, TF = "std_msgs/msg/String", "std_srvs/srv/Trigger", "tf2_msgs/msg/TFMessage"
 
@@ -72,6 +72,7 @@ def robot_and_face():
         yield robot, face
 
 
+@pytest.mark.real
 def test_a_client_meets_a_node_on_the_bus(robot_and_face):
     robot, face = robot_and_face
     description = robot.advertise("/robot_description", STRING, True)

@@ -21,7 +21,7 @@ from tests.gateway.faces.foxglove_rig import foxglove_client
 from tests.gateway.faces.rig import WAIT_S
 from tests.serving import ARM_SESSION, free_endpoint, free_tcp_port
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 ARM = "/left/arm"
 STATUS = "cardan_msgs/msg/ArmStatus"
@@ -87,6 +87,7 @@ def test_parameters_of_the_arm_are_seen_set_and_refused(face):
         client.status("allowed")
 
 
+@pytest.mark.real
 def test_a_motion_without_end_ends_with_the_client_that_asked_for_it(face):
     with foxglove_client(face) as watcher:
         status = watcher.subscribe(f"{ARM}/state/status")

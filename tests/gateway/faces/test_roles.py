@@ -14,7 +14,7 @@ from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.gateway.faces.nodes import MOVE, Mover, Parameters
 from tests.gateway.faces.rig import plain_client, rosbridge
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"
 VIEWER, OPERATOR, ADMIN = "viewers-0123456789", "operators-0123456789", "admins-0123456789"
@@ -67,6 +67,7 @@ def test_a_viewer_of_rosbridge_reads(network, bridge):
         assert client.call("/arm/list_parameters")["result"]
 
 
+@pytest.mark.real("asked3-call /stop")
 @pytest.mark.parametrize(
     ("asked", "may_not"),
     [

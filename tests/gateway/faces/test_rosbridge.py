@@ -32,7 +32,7 @@ from tests.gateway.faces.nodes import MOVE, Mover, Parameters  # noqa: E402
 from tests.gateway.faces.rig import WAIT_S, PlainClient, plain_client, rosbridge  # noqa: E402
 from tests.waiting import until  # noqa: E402
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Twist"
 STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"
@@ -168,6 +168,7 @@ def test_fragments_go_both_ways(network, client):
     assert network.published == [("/chatter", {"data": "z"})]
 
 
+@pytest.mark.real
 def test_a_client_publishes(network, client):
     client.send("advertise", id="a", topic="/cmd", type="geometry_msgs/Twist", latch=True)
     client.send("publish", topic="/cmd", msg={"linear": {"x": 1}})
@@ -437,6 +438,7 @@ def test_a_goal_has_feedback_and_a_result(network, client):
     assert network.subscriptions == []
 
 
+@pytest.mark.real
 def test_a_goal_is_cancelled_and_ends_as_its_server_says(network, client):
     mover = Mover(network)
     send_goal(client)

@@ -20,7 +20,7 @@ from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from tests.gateway.faces.rig import plain_client, rosbridge  # noqa: E402
 from tests.npm import installed  # noqa: E402
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 RUN_TIMEOUT_S = 30.0
 POSE, JOINTS = "geometry_msgs/msg/PoseStamped", "sensor_msgs/msg/JointState"
@@ -200,6 +200,7 @@ ros.terminate()
 """
 
 
+@pytest.mark.real
 def test_roslibpy(world):
     pytest.importorskip("roslibpy", reason="roslibpy is not installed: pip install cardan[test]")
     with rosbridge(world.network) as running:

@@ -17,7 +17,7 @@ from cardan.protocols.ros2.messages import completed
 from tests.gateway.faces.rig import WAIT_S, plain_client, rosbridge
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"
 
@@ -45,6 +45,7 @@ def nodes():
         yield robot, face
 
 
+@pytest.mark.real
 def test_a_client_meets_a_node_on_the_bus(nodes):
     robot, face = nodes
     speaker = robot.advertise("/chatter", STRING, False)

@@ -40,7 +40,7 @@ def stand_still(stands):
     time.sleep(STOOD_STILL_S + 0.5)
 
 
-@pytest.mark.realtime
+@pytest.mark.real
 def test_what_came_meanwhile_is_dropped_and_the_client_is_cut_off():
     network = MemoryNetwork()
     with rosbridge(network) as running, plain_client(running) as client:

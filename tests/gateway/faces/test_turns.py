@@ -7,7 +7,7 @@ import pytest
 from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.gateway.faces.rig import plain_client, rosbridge
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 FRAMES = 300
 

@@ -25,7 +25,7 @@ from tests.gateway.faces.foxglove_rig import foxglove_client, foxglove_face
 from tests.gateway.faces.rig import plain_client, rosbridge
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 TOPIC, TWIST = "/servo_node/delta_twist_cmds", "geometry_msgs/msg/TwistStamped"
 PERIOD_S, WATCHED_S = 0.02, 2.0

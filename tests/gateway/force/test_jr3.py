@@ -29,7 +29,7 @@ from tests.gateway.force.fakes import PERIOD_S, robot_state
 from tests.gateway.force.test_session import ScriptedRobot, drivers, session as fake_session  # noqa: F401
 from tests.serving import in_a_thread
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 PEN_DOWN = from_euler_zyx(3.141592653589793, 0.0, 0.0)

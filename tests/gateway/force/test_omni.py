@@ -19,7 +19,7 @@ from tests.gateway.force.fakes import REST, FakeHaptic
 
 pytestmark = [
     pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled"),
-    pytest.mark.once,
+    pytest.mark.matrix,
 ]
 
 SECONDS = 5.4

@@ -22,7 +22,7 @@ from cardan.tables import read_table
 from cardan.types import IDENTITY, Frame, Pose, Vector3, Wrench
 from tests.gateway.force.fakes import PERIOD_S, robot_state
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 SPHERE = {"shape": "sphere", "centre_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
 SURFACE = {"shape": "plane", "at": "start", "normal": [0.0, 0.0, 1.0], "stiffness_n_m": 100.0}
@@ -97,6 +97,7 @@ def run_node(path, results, **options):
     return thread
 
 
+@pytest.mark.real
 def test_a_node_serves_a_session(tmp_path, capsys):
     path, results = str(tmp_path / "force.sock"), []
     thread = run_node(path, results, seconds=20.0)  # Before the session: it waits for it.

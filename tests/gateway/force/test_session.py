@@ -30,7 +30,7 @@ from cardan.types import (
 from tests.gateway.fakes import FakeRobotOptions
 from tests.gateway.force.fakes import PERIOD_S, robot_state
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 SPHERE = {"shape": "sphere", "centre_m": [0.3, 0.0, 0.4], "radius_m": 0.1, "stiffness_n_m": 100.0}
 START = Vector3(0.5, 0.0, 0.4)

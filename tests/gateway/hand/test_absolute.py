@@ -13,7 +13,7 @@ from cardan.types import DeviceLink, Vector3
 from tests.gateway.hand.test_differential import plans, play, rpys
 from tests.gateway.hand_rig import HAND, HandRig, close, displaced
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 ORIGIN = Vector3(0.45, 0.05, 0.35)
 CENTRE = Vector3(0.1, -0.1, 0.2)

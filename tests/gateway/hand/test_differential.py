@@ -38,7 +38,7 @@ from cardan.types import (
 )
 from tests.gateway.hand_rig import DEFLECTIONS, DT_S, HAND, HandRig, close, displaced
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 NAN_AXES = (math.nan,) * 6
 

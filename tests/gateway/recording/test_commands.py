@@ -25,7 +25,7 @@ def cardan(*words):
     return subprocess.run([*CARDAN, *words], capture_output=True, text=True, timeout=50)
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_a_record_is_ended_by_ctrl_c(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "r.mcap"
     with BusNode(BusOptions(router="", listen=(endpoint,)), "talker") as node:
@@ -41,7 +41,6 @@ def test_a_record_is_ended_by_ctrl_c(tmp_path):
     assert names_in(path) == {"/count": 50}
 
 
-@pytest.mark.once
 def test_a_session_is_recorded_while_it_runs_from_its_first_cycle_on(tmp_path):
     file = session_file(tmp_path, free_endpoint())
     path = tmp_path / "r.mcap"
@@ -66,7 +65,7 @@ def test_a_session_that_is_on_no_network_is_not_recorded(tmp_path):
     assert f"--record: {file} has no table [network]: add one" in done.stderr
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_a_router_is_an_other_way_to_join(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "r.mcap"
     done = cardan("record", "-o", str(path), "--router", endpoint, "--seconds", "0.2")
@@ -75,7 +74,7 @@ def test_a_router_is_an_other_way_to_join(tmp_path):
     assert (done.returncode, "give one of them" in done.stderr) == (2, True)
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_a_record_of_nothing_says_so(tmp_path):
     file = session_file(tmp_path, free_endpoint())
     path = tmp_path / "r.mcap"
@@ -84,7 +83,7 @@ def test_a_record_of_nothing_says_so(tmp_path):
     assert "nothing was heard: `cardan network` tells" in done.stdout
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_the_engine_is_replayed_in_another_process(tmp_path):
     """With another seed of Python's hashes than the session had."""
     path = Recorded(seconds=1.2).write(tmp_path / "r.mcap")
@@ -93,7 +92,7 @@ def test_the_engine_is_replayed_in_another_process(tmp_path):
     assert "300 cycles, each command bit for bit the recorded one" in done.stdout
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_a_command_that_differs_is_a_failure(tmp_path):
     session = Recorded(seconds=1.2)
     session.tables = session.tables | {"limits": {"linear_speed_m_s": 0.02}}
@@ -102,7 +101,7 @@ def test_a_command_that_differs_is_a_failure(tmp_path):
     assert "differs, after" in done.stdout
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 @pytest.mark.parametrize(
     "words", [("replay",), ("replay", "--engine"), ("plot",)], ids=lambda words: " ".join(words)
 )

@@ -34,7 +34,7 @@ def test_a_folder_that_cannot_be_made(tmp_path):
         new_file(tmp_path / "file" / "records", NOON_S)
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_it_records_until_it_is_told_to_end_and_tells_how_much(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv(telling.TELLS_VARIABLE, "1")
     stop, told, ready = threading.Event(), [], []

@@ -59,7 +59,7 @@ def names_in(path):
     return Counter(message.topic.name for message in RecordReader(path))
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_every_message_of_every_topic_also_of_one_that_appears_later(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "all.mcap"
     recorder = recorder_on(endpoint, path)
@@ -80,7 +80,7 @@ def test_every_message_of_every_topic_also_of_one_that_appears_later(tmp_path):
     assert stamps == sorted(stamps)
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_what_was_latched_before_is_there_once(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "latched.mcap"
     with BusNode(BusOptions(router="", listen=(endpoint,)), "before") as node:
@@ -97,7 +97,7 @@ def test_what_was_latched_before_is_there_once(tmp_path):
     assert found[0].topic.latched
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_arms_by_name_and_what_all_share(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "left.mcap"
     recorder = recorder_on(endpoint, path, ["/left"])
@@ -112,7 +112,7 @@ def test_arms_by_name_and_what_all_share(tmp_path):
     assert names_in(path) == {"/left/server/pose": 5, "/tf": 5}
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_a_type_that_cardan_does_not_know_is_recorded_and_named(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "strange.mcap"
     recorder = recorder_on(endpoint, path)
@@ -131,7 +131,7 @@ def test_a_type_that_cardan_does_not_know_is_recorded_and_named(tmp_path):
     assert message.topic[:3] == ("/strange", "strange_msgs/msg/Thing", mark)
 
 
-@pytest.mark.once
+@pytest.mark.real
 def test_a_session_is_recorded_whole(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "session.mcap"
     recorder = recorder_on(endpoint, path)
@@ -168,7 +168,7 @@ def test_a_session_is_recorded_whole(tmp_path):
     assert engine.cycles >= 400
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_a_session_that_a_program_moved_is_replayed_up_to_there(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "moved.mcap"
     recorder = recorder_on(endpoint, path)
@@ -204,7 +204,7 @@ def test_a_session_that_a_program_moved_is_replayed_up_to_there(tmp_path):
         )
 
 
-@pytest.mark.once
+@pytest.mark.real
 def test_a_recorder_that_is_killed_has_lost_less_than_a_second(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "killed.mcap"
     with BusNode(BusOptions(router="", listen=(endpoint,)), "talker") as node:
@@ -250,7 +250,7 @@ class Sample:
             return b"\0\1\0\0\1\0\0\0\0"
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_what_comes_faster_than_it_is_written_is_dropped_and_counted(tmp_path, monkeypatch):
     blocked, going = threading.Event(), threading.Event()
     add = RecordWriter.add
@@ -275,7 +275,7 @@ def test_what_comes_faster_than_it_is_written_is_dropped_and_counted(tmp_path, m
     assert "100 messages dropped: they came faster than they were written" in report.lines()
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_messages_that_did_not_arrive_are_counted(tmp_path):
     endpoint = free_endpoint()
     recorder = recorder_on(endpoint, tmp_path / "lost.mcap")
@@ -290,7 +290,7 @@ def test_messages_that_did_not_arrive_are_counted(tmp_path):
     assert not report.complete
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_a_full_disk_ends_the_record_and_is_said(tmp_path, monkeypatch):
     def full(self):
         raise OSError(28, "No space left on device")
@@ -304,7 +304,7 @@ def test_a_full_disk_ends_the_record_and_is_said(tmp_path, monkeypatch):
     assert not report.complete
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_a_file_that_exists_is_refused_and_the_bus_left(tmp_path):
     path = tmp_path / "there.mcap"
     path.touch()

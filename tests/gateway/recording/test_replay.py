@@ -86,7 +86,7 @@ def test_what_may_command_something_is_held_back(commanding):
 # -- on the bus ----------------------------------------------------------------------------------
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_messages_come_with_their_spacing_under_their_names(tmp_path):
     endpoint = free_endpoint()
     rows = [(0.0, CONFIGURATION, {"data": "{}"})]
@@ -121,7 +121,7 @@ def test_messages_come_with_their_spacing_under_their_names(tmp_path):
     ]
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_topics_can_be_chosen(tmp_path):
     endpoint = free_endpoint()
     path = write(tmp_path / "r.mcap", [(0.0, CONFIGURATION, {"data": "{}"}), (0.0, STATE, {})])
@@ -131,7 +131,7 @@ def test_topics_can_be_chosen(tmp_path):
     assert report.messages == 1
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_types_that_cardan_does_not_know_are_replayed_with_their_hash(tmp_path):
     endpoint, mark = free_endpoint(), "RIHS01_" + "34" * 32
     strange = RecordedTopic(f"{NODE}/strange", "strange_msgs/msg/Thing", mark, False, ARM)
@@ -156,7 +156,7 @@ def test_types_that_cardan_does_not_know_are_replayed_with_their_hash(tmp_path):
     assert heard == [(f"0{strange.name}/strange_msgs::msg::dds_::Thing_/{mark}", b"\0\1\0\0abc")]
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_what_somebody_publishes_now_is_held_back(tmp_path):
     endpoint = free_endpoint()
     path = write(tmp_path / "r.mcap", [(0.0, CONFIGURATION, {"data": "{}"}), (0.0, STATE, {})])
@@ -218,7 +218,7 @@ def asked(tmp_path, commands, **tables):
         yield session, report, said, answers
 
 
-@pytest.mark.once
+@pytest.mark.real
 def test_no_replay_moves_a_live_arm_unasked(tmp_path):
     with asked(tmp_path, commands=False) as (session, report, _, answers):
         cycles = session.snapshot.cycles
@@ -228,7 +228,7 @@ def test_no_replay_moves_a_live_arm_unasked(tmp_path):
         assert session.snapshot.path_m == 0.0
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_commands_that_are_asked_for_are_refused_where_their_source_is_not_to_move_the_arm(
     tmp_path,
 ):
@@ -243,7 +243,7 @@ def test_commands_that_are_asked_for_are_refused_where_their_source_is_not_to_mo
     assert "authority over the arm is reserved" in told["movl"]["reason"]
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_commands_that_are_asked_for_move_an_arm_that_takes_them_from_anybody(tmp_path):
     with asked(tmp_path, commands=True) as (session, _, _, answers):
         until(lambda: session.snapshot.path_m > 0.029)

@@ -8,7 +8,7 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.servo.bounds import JointBounds
 from cardan.robots import load_arm
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 ARM = ArmKinematics(load_arm("gofa_crb15000_5"))
 N = ARM.joints

@@ -28,7 +28,7 @@ from cardan.types import (
     Vector3,
 )
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 REST = (0.0,) * 6
 

@@ -124,8 +124,7 @@ def page():
         pytest.skip("the page is not built: run tools/console")
 
 
-@pytest.mark.once
-@pytest.mark.realtime
+@pytest.mark.matrix
 @pytest.mark.timeout(200)
 def test_a_browser_moves_the_arm_by_the_page_and_pictures_of_it_are_left(page, tmp_path):
     if find_chromium() is None:
@@ -143,8 +142,7 @@ def test_a_browser_moves_the_arm_by_the_page_and_pictures_of_it_are_left(page, t
     assert len(set(made.values())) == len(made)
 
 
-@pytest.mark.once
-@pytest.mark.realtime
+@pytest.mark.matrix
 @pytest.mark.parametrize("encrypted", [True, False], ids=["openssl", "no openssl"])
 def test_without_a_browser_the_page_waits_for_a_person_and_says_where(page, tmp_path, encrypted):
     programs, packages = tmp_path / "bin", tmp_path / "packages"

@@ -19,7 +19,7 @@ from tests.ros2_packages import write_packages
 from tests.serving import ARM_SESSION, free_endpoint, served
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 ARM = "/left/arm"
 MOVE, POSE = "cardan_msgs/action/MovePose", "geometry_msgs/msg/Pose"
@@ -62,6 +62,7 @@ def called(user, name, kind, **request):
     return codec_of(f"{kind}_Response").decode(replies[0])
 
 
+@pytest.mark.real
 def test_services_and_parameters(user):
     assert called(user, "stop", "std_srvs/srv/Trigger") == {"success": True, "message": ""}
     kinds = called(

@@ -151,7 +151,7 @@ def test_a_file_that_is_no_demo_is_refused():
         run_demo(10.0, str(file))
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_what_does_not_serve_is_told(capsys):
     with (
         pytest.raises(DriverError, match="`cardan sim spacemouse` ended before it served"),
@@ -161,7 +161,7 @@ def test_what_does_not_serve_is_told(capsys):
     assert "--hid" in capsys.readouterr().err
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_what_a_demo_launches_serves_what_its_configuration_has():
     with simulated_hardware(choose_demo("leap-ur5"), 1.0) as (config, through):
         assert config.device is not None
@@ -171,8 +171,7 @@ def test_what_a_demo_launches_serves_what_its_configuration_has():
             assert through == ()
 
 
-@pytest.mark.realtime
-@pytest.mark.once
+@pytest.mark.matrix
 @pytest.mark.timeout(180)  # Eight processes begin one after the other.
 def test_a_program_at_rosbridge_moves_the_robot_and_the_record_is_exact():
     ran = subprocess.run(
@@ -303,7 +302,7 @@ def test_the_extras_of_a_demo_are_told(name, extras):
     assert told.stdout == extras
 
 
-@pytest.mark.once
+@pytest.mark.matrix
 def test_the_drawing_runs_and_is_felt():
     # A busy machine may find fault with much, never with the force and the energy.
     ran = subprocess.run(

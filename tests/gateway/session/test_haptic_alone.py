@@ -162,7 +162,7 @@ def test_a_file_needs_a_device_that_gives_force(tmp_path):
 
 
 @pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled")
-@pytest.mark.once
+@pytest.mark.matrix
 def test_the_devices_own_limits_hold_of_what_a_program_asks(monkeypatch):
     """5 N at once, then 5 N the other way, then silence, on the simulated Omni and its tick."""
     from cardan.evaluation.haptics.loop import Rig as OmniRig
@@ -342,7 +342,7 @@ def simulated(tmp_path):
     return "sim", "omni", "--script", str(script), "--", sys.executable, "-m", "cardan"
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_a_program_makes_a_wall_over_the_bus(simulated, tmp_path):
     endpoint = free_endpoint()
     file = tmp_path / "haptic.toml"
@@ -370,7 +370,7 @@ def test_a_program_makes_a_wall_over_the_bus(simulated, tmp_path):
         user.until(lambda: abs(user.forces[-1]["x"]) < 0.01, "the end of the force")
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_the_example_is_a_wall(simulated, tmp_path):
     endpoint = free_endpoint()
     file = tmp_path / "haptic.toml"
@@ -388,7 +388,7 @@ def test_the_example_is_a_wall(simulated, tmp_path):
     assert 0.5 < float(said[1]) < 3.0
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_a_program_makes_a_wall_for_the_hand_that_drives_an_arm(simulated, tmp_path):
     """Until it falls silent: then the session lets go, as with every force that is lost."""
     endpoint = free_endpoint()

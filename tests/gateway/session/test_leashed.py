@@ -15,7 +15,7 @@ import pytest
 
 from cardan.gateway.session.demo import launched
 
-pytestmark = pytest.mark.once  # Whole programs; all bounds are generous.
+pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 
 GONE_WITHIN_S = 20.0
 MARK = "CARDAN_TEST_MARK"
@@ -61,6 +61,7 @@ def folder():
         yield Path(made)
 
 
+@pytest.mark.real("gofa-0-KILL")
 @pytest.mark.parametrize(
     ("name", "early", "number"),
     [

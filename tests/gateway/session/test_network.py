@@ -25,7 +25,7 @@ from tests.ros2_packages import write_packages  # noqa: E402
 from tests.serving import ARM_SESSION, free_endpoint  # noqa: E402
 from tests.waiting import until  # noqa: E402
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 ARM = "/left/arm"
 SESSION = f'{ARM_SESSION}other_names = ["servo", "crtk", "fzi", "cmd_vel"]\n'
@@ -223,6 +223,7 @@ def test_the_arm_is_on_the_graph(user):
     assert "<robot" in codec_of("std_msgs/msg/String").decode(urdf.data)["data"]
 
 
+@pytest.mark.real
 def test_a_topic_moves_the_arm_and_its_result_tells(user):
     target = user.moved(-0.04)
     number = user.publish("/command/movl", POSE, target)
@@ -288,6 +289,7 @@ def test_setting_waits_until_the_arm_rests(user):
     assert user.set("frame", "tcp") == {"successful": True, "reason": ""}
 
 
+@pytest.mark.real
 def test_an_action_moves_the_arm_with_feedback_and_can_be_cancelled(user):
     action = f"{ARM}/action/movl"
     target = user.moved(-0.04)
@@ -489,6 +491,7 @@ def test_a_flood_is_survived_counted_and_moves_nothing_wrong(user):
     assert user.outcome("movl", number, "done") == ""
 
 
+@pytest.mark.real
 def test_a_publisher_that_dies_in_midst_of_a_stream_brakes_the_arm(user):
     assert user.set("preset_streaming_cmd", "twist")["successful"]
     script = f"""

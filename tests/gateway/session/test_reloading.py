@@ -221,7 +221,7 @@ def running(fake_drivers):
     made.end()
 
 
-@pytest.mark.realtime
+@pytest.mark.matrix
 def test_a_session_that_is_driven_takes_what_is_tighter_and_nothing_else(running):
     controller = running.session.controller
     assert running.prepare(1, mapping={"deadman": "z"}).error == (

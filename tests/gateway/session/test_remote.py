@@ -43,7 +43,7 @@ from cardan.types import DeviceCapabilities, DeviceLink, DeviceState
 from tests.serving import PATIENT, in_a_thread
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "verbs-ur5-simulated.toml"
 QUICK = {"cpts": 0.2, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0}
@@ -364,6 +364,7 @@ def test_what_the_session_cannot_open_comes_as_its_own_error():
         RemoteArm(parse_config(table)).open()
 
 
+@pytest.mark.real
 def test_a_session_that_dies_ends_motions_and_requests():
     with RemoteArm(EXAMPLE) as arm:
         motion = arm.movv([0.0, 0.0, -0.01, 0.0, 0.0, 0.0])
@@ -484,6 +485,7 @@ def assert_it_rested(at_s, said, seconds):
     assert while_stopped[0].phase == "moving"
 
 
+@pytest.mark.real
 def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
     with Supervising(PROGRAM, EXAMPLE) as program:
         until(program.is_moving, "motion")

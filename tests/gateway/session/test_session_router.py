@@ -13,7 +13,7 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import SessionProcess
 from tests.serving import free_endpoint
 
-pytestmark = pytest.mark.once
+pytestmark = pytest.mark.matrix
 
 TIMEOUT_S = 30.0
 
@@ -40,6 +40,7 @@ def meets(endpoint, name):
         return observer.wait_for_service(f"/{name}/stop", TIMEOUT_S)
 
 
+@pytest.mark.real
 def test_a_session_is_met_by_the_router_that_it_brings_while_it_runs():
     endpoint = free_endpoint()
     address = router_address(BusOptions(router=endpoint))

@@ -18,7 +18,7 @@ from cardan.gateway.session.supervisor import SessionProcess, supervise
 from cardan.logs import LogFormat
 from cardan.tables import as_table
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 
 @pytest.fixture
@@ -73,6 +73,7 @@ def test_poll_stops_it_even_before_it_has_begun(waiting):
     assert outcome.last.message == "stopped before it began"
 
 
+@pytest.mark.real
 def test_an_interrupt_stops_it(waiting):
     outcome = supervise(waiting, 30.0, lambda _snapshot: os.kill(os.getpid(), signal.SIGINT))
     assert outcome.exit_code == 0
@@ -91,12 +92,14 @@ def signal_session(number):
                 os.kill(int(child), number)
 
 
+@pytest.mark.real
 def test_a_session_that_dies_is_an_error(waiting):
     outcome = supervise(waiting, 30.0, lambda _snapshot: signal_session(signal.SIGKILL))
     assert outcome.exit_code == 1
     assert "ended with status -9" in outcome.last.error
 
 
+@pytest.mark.real
 def test_a_session_that_does_not_react_is_ended_by_force(waiting, monkeypatch):
     monkeypatch.setattr(supervisor, "KILL_AFTER_S", 0.3)
     seen = []

@@ -40,7 +40,7 @@ from cardan.protocols.spnav import (
 )
 from cardan.types import ButtonEvent, DeviceCapabilities, DeviceLink, DeviceState
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PUSH = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
@@ -452,6 +452,7 @@ def next_event(library, kind, wanted=lambda event: True):
     raise AssertionError("no such event")
 
 
+@pytest.mark.real
 @pytest.mark.judged(device="spacenavd clients", transport="socket", by="Debian libspnav")
 def test_libspnav_opens_asks_and_gets_motion_and_buttons(path, library):
     core_options = {"axes": PUSH, "name": "A hand of a rather long and descriptive name"}

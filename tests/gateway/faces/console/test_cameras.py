@@ -27,7 +27,7 @@ from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.gateway.faces.rig import WAIT_S
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 VIEWER = "viewers-0123456789"
 ALLOWED = "Basic " + base64.b64encode(b"me:secret").decode()

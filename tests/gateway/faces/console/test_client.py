@@ -23,7 +23,7 @@ from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.protocols.test_handheld import TELEOP
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 REST = (0.0,) * 6
 VIEWER, OPERATOR = "viewers-0123456789", "operators-0123456789"
@@ -160,6 +160,7 @@ def test_zero_begins_nothing(arm, page):
     assert arm.requests == []
 
 
+@pytest.mark.real
 def test_silence_ends_it_at_once_and_it_stays_ended(arm, page):
     held(page)
     began_s = time.monotonic()
@@ -215,6 +216,7 @@ def test_the_page_is_told_the_rate_that_arrives(arm, page):
     assert 0.0 <= told["round_ms"] < 1000.0
 
 
+@pytest.mark.real
 def test_a_closed_socket_rests_and_releases(arm, running):
     with page_program(running) as page:
         page.begin()
@@ -224,6 +226,7 @@ def test_a_closed_socket_rests_and_releases(arm, running):
     assert numbers(arm.requests[-2]) == REST
 
 
+@pytest.mark.real
 def test_a_cut_socket_rests_and_releases(arm, running):
     with page_program(running) as page:
         page.begin()

@@ -28,7 +28,7 @@ from tests.gateway.faces.rig import WAIT_S
 from tests.serving import ARM_SESSION, free_endpoint
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 CARDAN = [sys.executable, "-m", "cardan"]
 
@@ -141,6 +141,7 @@ def test_this_computer_needs_neither(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.real
 def test_a_session_runs_with_its_console(tmp_path):
     pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
     path = tmp_path / "session.toml"

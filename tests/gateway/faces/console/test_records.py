@@ -17,7 +17,7 @@ from tests.gateway.faces.console.rig import console, page_program
 from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 VIEWER, OPERATOR = "viewers-0123456789", "operators-0123456789"
 STRING = "std_msgs/msg/String"

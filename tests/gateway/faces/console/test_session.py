@@ -21,7 +21,7 @@ from tests.gateway.faces.rig import WAIT_S
 from tests.serving import ARM_SESSION, free_endpoint
 from tests.waiting import until
 
-pytestmark = [pytest.mark.once, pytest.mark.realtime]
+pytestmark = pytest.mark.matrix
 
 ARM = "/left/arm"
 STATUS = "cardan_msgs/msg/ArmStatus"
@@ -102,6 +102,7 @@ def cut(page):
     page.connection.socket.shutdown(2)
 
 
+@pytest.mark.real("fall_silent", "cut")
 @pytest.mark.parametrize("end", [let_go, fall_silent, hide, lose_tracking, cut])
 def test_every_end_of_a_hold_stops_the_arm(running, end):
     with page_program(running) as page, page_program(running) as other:

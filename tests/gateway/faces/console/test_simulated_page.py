@@ -20,7 +20,7 @@ from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.serving import free_endpoint, in_a_thread
 from tests.waiting import until
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 TOKEN = "operators-0123456789"
 
@@ -69,6 +69,7 @@ def test_a_console_that_is_not_there_or_asks_for_a_token(tmp_path, monkeypatch):
             pass
 
 
+@pytest.mark.real
 @pytest.mark.parametrize(("driver", "options"), [(Phone, PagePeerOptions), (Xr, XrPeerOptions)])
 def test_from_the_page_to_the_driver_and_back(tmp_path, driver, options):
     endpoint = free_endpoint()

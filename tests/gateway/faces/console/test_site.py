@@ -16,7 +16,7 @@ from tests.gateway.faces.console.rig import console
 from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.gateway.faces.rig import WAIT_S
 
-pytestmark = pytest.mark.realtime
+pytestmark = pytest.mark.matrix
 
 
 def get(running, path="/", **headers):
