@@ -70,6 +70,9 @@ class Authority:
 
     def __init__(self, options: AuthorityOptions | None = None) -> None:
         self.tune(options or AuthorityOptions())
+        self.network = ""
+        """First word of the sources of the arm's network, which no other source may have; empty:
+        none commands it."""
         self._owner = ""
         self._since_s = self._renewed_s = NEVER_S
         self._handed_to = ""
@@ -111,9 +114,10 @@ class Authority:
 
     def _is_named(self, source: str) -> bool:
         """Whether the arm is reserved for `source`, or for the network that it is a node of."""
-        return source in (self.named, self._handed_to) or source.startswith(
-            (f"{self.named} /", f"{self.named} #")
-        )
+        if source in (self.named, self._handed_to):
+            return True
+        is_network = bool(self.network) and self.named == self.network
+        return is_network and source.startswith((f"{self.named} /", f"{self.named} #"))
 
     def take(self, source: str, now_s: float) -> str:
         """Give it to `source`, or renew it; returns why not, or ""."""

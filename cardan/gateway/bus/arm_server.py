@@ -13,7 +13,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from cardan.bus.node import BusNode, Received, ServiceRequest
 from cardan.errors import CardanError, MotionRefusedError
@@ -50,7 +50,7 @@ from cardan.gateway.bus.commands import (
     TopicCommand,
 )
 from cardan.gateway.bus.serving import key_end
-from cardan.gateway.bus.sources import STREAM_KEPT_S, Source, Sources
+from cardan.gateway.bus.sources import STREAM_KEPT_S, Source, Sources, Unnamed
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.types import NEVER_S, Twist, Wrench
@@ -86,23 +86,25 @@ Offer = Callable[[Any, Any, float], None]
 """`offer(client, packet, now_s)` of the worker of requests."""
 
 
-TOKEN_WAIT_S = 0.2
-"""How long a motion without end waits for the token of who asked: tokens and messages travel by
-different queues of Zenoh."""
-
 HELD_AT_MOST = 32
-"""Most requests that wait for such a token: more go on without it, as a stop waits for all that
-came before it."""
+"""Most packets that wait for the token of who sent them: the oldest goes on without it."""
 
 _Input = tuple[Callable[[], Any], Any]
 """A poll, and the client of the worker that takes what it gives."""
 
-_ENDLESS_WORDS = tuple(f'"{verb}"'.encode() for verb in ENDLESS)
 
+class _Held(NamedTuple):
+    """A packet that waits for the token of who sent it."""
 
-def _asks_for_endless(packet: ServiceRequest) -> bool:
-    """Whether a packet of verbs may be about a motion without end."""
-    return any(word in packet.data for word in _ENDLESS_WORDS)
+    client: Any
+    packet: Received | ServiceRequest
+    came_s: float
+    until_s: float
+
+    @property
+    def stream(self) -> tuple[Any, bytes]:
+        """What tells the packets of its publisher from others."""
+        return self.client, b"" if self.packet.attachment is None else self.packet.attachment.gid
 
 
 class ArmServer:
@@ -150,37 +152,34 @@ class ArmServer:
         self._results = node.publisher("~/result", RESULT_TYPE)
         self._telling = threading.Lock()
         self._inputs: list[_Input] = []
-        self._endless: dict[Any, Callable[[Any], bool]] = {}
-        """Of clients that may ask for a motion without end: whether a packet does."""
-        self._held: list[tuple[Any, Any]] = []
-        self._held_until_s = NEVER_S
+        self._held: list[_Held] = []
+        """In the order in which they came."""
+        self.unnamed = Unnamed()
         self._notes = node.publisher(f"~/{MOTIONS_TOPIC}", MOTIONS_TYPE)
         asked = node.service(f"~/{ASK_SERVICE}", ASK_TYPE)
-        packets = _PacketClient(self)
-        self._inputs.append((asked.poll, packets))
-        self._endless[packets] = _asks_for_endless
+        self._inputs.append((asked.poll, _PacketClient(self)))
         self._stops: list[_Input] = []
+        self._streamed: set[Any] = set()
+        """Clients of which only the newest packet counts."""
         for command in topics:
             subscription = node.subscription(command.topic, command.type_name, command.depth)
             inputs = self._stops if command.verb == "stop" else self._inputs
-            self._add(inputs, (subscription.poll, _TopicClient(self, command)), command.verb)
+            client = _TopicClient(self, command)
+            inputs.append((subscription.poll, client))
+            if command.verb in SEQUENCED:
+                self._streamed.add(client)
         for service in services:
             server = node.service(service.service, service.type_name)
             inputs = self._stops if service.verb == "stop" else self._inputs
-            self._add(inputs, (server.poll, _ServiceClient(self, service)), service.verb)
+            inputs.append((server.poll, _ServiceClient(self, service)))
         self._actions = [ArmAction(node, self, action) for action in actions]
         self.parameters = ArmParameters(node, self)
         self._rare_inputs: list[_Input] = list(self.parameters.inputs)
         for each in self._actions:
-            self._add(self._rare_inputs, each.offers, each.verb)
-            self._rare_inputs.append(each.results)
+            self._rare_inputs += [each.offers, each.results]
         self._rare_stops = [each.cancels for each in self._actions]
+        self._never_wait = {client for _, client in (*self._stops, *self._rare_stops)}
         self._rare_due_s = -math.inf
-
-    def _add(self, inputs: list[_Input], added: _Input, verb: str) -> None:
-        inputs.append(added)
-        if verb in ENDLESS:
-            self._endless[added[1]] = lambda _packet: True
 
     def poll(self, now_s: float) -> None:
         """Pass on what has arrived, while the worker has enough to do only what stops the arm; and
@@ -193,6 +192,10 @@ class ArmServer:
         if rare:
             self._rare_due_s = now_s + GOALS_PERIOD_S
             self._collect(self._rare_stops)
+        if self._arrived:
+            # What is held came first, and what stops comes after it, at once.
+            self._let_go(lambda _held: True)
+            self._pass_on()
         if not self._full():
             self._collect(self._inputs)
             if rare:
@@ -203,32 +206,47 @@ class ArmServer:
             if told is None:
                 break
             self._askers.take(*told)
-        if self._held and (now_s >= self._held_until_s or self._known(*self._held[-1])):
-            self._let_go(now_s)
+        if self._held:
+            self._let_go(lambda held: self._askers.knows(held.packet) or now_s >= held.until_s)
+        if self._arrived:
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Offer what has arrived, but for what waits for the token of who sent it."""
+        now_s = self.now_s
         for client, packet in self._arrived:
-            if self._known(client, packet):
-                # What was held came first, and a stop must come after it.
-                self._let_go(now_s)
+            until_s = NEVER_S if client in self._never_wait else self._named_s(packet)
+            if until_s <= now_s:
                 self._offer(client, packet, now_s)
             else:
-                if len(self._held) >= HELD_AT_MOST:
-                    self._let_go(now_s)
-                if not self._held:
-                    self._held_until_s = now_s + TOKEN_WAIT_S
-                self._held.append((client, packet))
+                self._hold(_Held(client, packet, now_s, until_s))
         self._arrived.clear()
 
-    def _known(self, client: Any, packet: Any) -> bool:
-        """Whether who sent `packet` is known, where that matters."""
-        endless = self._endless.get(client)
-        if endless is None or self._endless_without_watch or not endless(packet):
-            return True
-        return self._asker(packet) is not None
+    def _named_s(self, packet: Received | ServiceRequest) -> float:
+        """Until when `packet` waits for the token of who sent it."""
+        if self._askers.knows(packet):
+            return NEVER_S
+        gid = b"" if packet.attachment is None else packet.attachment.gid
+        zid = packet.zid if isinstance(packet, Received) else ""
+        return self.unnamed.until_s((gid, zid), self.now_s)
 
-    def _let_go(self, now_s: float) -> None:
-        for client, packet in self._held:
-            self._offer(client, packet, now_s)
-        self._held.clear()
+    def _hold(self, held: _Held) -> None:
+        """Have a packet wait; of a stream that it belongs to, the newest one waits."""
+        if held.client in self._streamed:
+            self._held = [each for each in self._held if each.stream != held.stream]
+        if len(self._held) >= HELD_AT_MOST:
+            oldest = self._held.pop(0)
+            self._offer(oldest.client, oldest.packet, oldest.came_s)
+        self._held.append(held)
+
+    def _let_go(self, ready: Callable[[_Held], bool]) -> None:
+        """Offer what has waited and is `ready`, by the time when it came."""
+        held, self._held = self._held, []
+        for each in held:
+            if ready(each):
+                self._offer(each.client, each.packet, each.came_s)
+            else:
+                self._held.append(each)
 
     def _collect(self, inputs: Sequence[_Input]) -> None:
         for poll, client in inputs:

@@ -99,6 +99,13 @@ class Askers:
         token = self._tokens.get(gid)
         return None if token is None else token.owners[1]
 
+    def knows(self, packet: Received | ServiceRequest) -> bool:
+        """Whether the token of who sent a packet is there, or none can tell who did."""
+        if packet.attachment is not None:
+            return packet.attachment.gid in self._tokens
+        zid = packet.zid if isinstance(packet, Received) else ""
+        return not zid or zid in self._owners
+
     def session(self, zid: str) -> Presence | None:
         """The Zenoh session with this id."""
         return self._owners.get(zid)

@@ -10,7 +10,7 @@ import re
 from collections.abc import Callable, Hashable
 
 from cardan.bounds import LONGEST_BLIND_S
-from cardan.bus.node import Received, ServiceRequest
+from cardan.bus.node import LEASE_MS, Received, ServiceRequest
 from cardan.gateway.arm.checks import LONGEST_NAME
 from cardan.gateway.bus.askers import Askers, Identity
 from cardan.types import NEVER_S
@@ -23,6 +23,14 @@ BEGINS_S = 3.0
 """How long a stream that chooses its preset tries to, from its first message on: opening the arm's
 model takes a second, and waiting for the lease of a source that is gone two. One that goes on for
 longer does not move an arm unexpectedly later."""
+
+NAMED_WITHIN_S = 0.2
+"""How long a packet waits for the token of who sent it, as tokens and packets travel by different
+queues of Zenoh: less than a streamed command may be on its way. A stop does not wait."""
+
+UNNAMED_KEPT = 256
+"""Endpoints without a token that are remembered, so that each waits once; that which sent longest
+ago is forgotten first."""
 
 SOURCES_KEPT = 64
 """Programs that are known at a time; the one that was silent longest goes first."""
@@ -53,7 +61,8 @@ class Source:
         self._rests = False
 
     def gone(self, now_s: float) -> bool:
-        """Whether somebody else may come back under its name."""
+        """Whether somebody else may come back under its name. A program that was killed is there
+        until its computer closes its connections, which it does at once."""
         presence = self.identity.presence
         if presence is None:
             return now_s - self.heard_s > STREAM_KEPT_S
@@ -83,6 +92,22 @@ class Source:
         self._may_begin_s = NEVER_S
 
 
+class Unnamed:
+    """Endpoints whose tokens have not come, and until when their packets wait for them."""
+
+    def __init__(self) -> None:
+        self._until_s: dict[Hashable, float] = {}
+
+    def until_s(self, endpoint: Hashable, now_s: float) -> float:
+        """When a packet of `endpoint`, whose token is not there, waits no longer: once for all of
+        its packets."""
+        until_s = self._until_s.pop(endpoint, now_s + NAMED_WITHIN_S)
+        if len(self._until_s) >= UNNAMED_KEPT:
+            del self._until_s[next(iter(self._until_s))]
+        self._until_s[endpoint] = until_s
+        return until_s
+
+
 class Sources:
     """All programs that command the arm. For one thread, but for `spend`."""
 
@@ -96,6 +121,16 @@ class Sources:
     def of(self, packet: Received | ServiceRequest, now_s: float) -> Source:
         """The source that sent a packet."""
         identity = self._askers.identity(packet)
+        if identity.presence is None and not isinstance(packet, Received):
+            # It may be of any program without a token, also of the one that streams.
+            source = Source(identity)
+            source.name = self._network
+            return source
+        return self._identified(identity, packet, now_s)
+
+    def _identified(
+        self, identity: Identity, packet: Received | ServiceRequest, now_s: float
+    ) -> Source:
         source = self._kept.get(identity.key)
         if source is None and packet.attachment is not None:
             # Its token came after its first packet.
@@ -126,9 +161,13 @@ class Sources:
         when it may."""
         if name == self._network or name.startswith(f"{self._network} "):
             return f"{name!r} is the name of a node of ROS 2: choose another one"
-        if self._take_name(name, self.of(packet, now_s), now_s):
+        source = self._identified(self._askers.identity(packet), packet, now_s)
+        if self._take_name(name, source, now_s):
             return ""
-        return f"another program is the source {name!r}: choose another name"
+        return (
+            f"another program is the source {name!r}: choose another name; where it is one that "
+            f"has died, or whose computer is gone, the name is free after {LEASE_MS / 1000:g} s"
+        )
 
     def _take_name(self, name: str, source: Source, now_s: float) -> bool:
         holder = self._names.get(name)

@@ -17,6 +17,7 @@ from cardan.gateway.bus.trajectories import follow_joint_trajectory
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan.protocols.ros2.zenoh import DEFAULT_QOS, PUBLISHER, Attachment, Entity, data_key
+from cardan.types import NEVER_S
 from tests.gateway.arm.arms import World
 from tests.gateway.bus.fakes import Stamp
 
@@ -133,6 +134,8 @@ class Bench:
             endless_without_watch=True,
             owner=lambda: self.world.verbs.controller.authority.owner,
         )
+        # Who publishes and calls here without a node of its own has no token: that is known.
+        self.server.unnamed.until_s((GID, ""), NEVER_S)
         self.now_s = 0.0
         self._endpoints = itertools.count(1)
 

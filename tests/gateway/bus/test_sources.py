@@ -2,13 +2,14 @@
 
 import pytest
 
-from cardan.bus.node import gid_of_token
+from cardan.bus.node import LEASE_MS, gid_of_token
 from cardan.gateway.arm.authority import LEASE_S
 from cardan.gateway.arm.codes import Stream
 from cardan.gateway.bus.arm_topics import OK, WARN
 from cardan.gateway.bus.commands import ASK_TYPE
-from cardan.gateway.bus.sources import BEGINS_S, SOURCES_KEPT, STREAM_KEPT_S
+from cardan.gateway.bus.sources import BEGINS_S, NAMED_WITHIN_S, SOURCES_KEPT, STREAM_KEPT_S
 from cardan.protocols.ros2.zenoh import CLIENT
+from cardan.types import NEVER_S
 from tests.gateway.bus.rig import Bench
 
 DT_S, PERIOD_CYCLES = 0.004, 5
@@ -280,7 +281,7 @@ def test_publishers_without_a_node_are_told_apart_and_one_comes_back(bench):
     assert outcomes(bench)[-1][0].startswith("ros2 #")
     together(bench, 0.6)
     again = Node(bench, "", "d0", -SPEED_M_S, appears=False)
-    assert together(bench, 0.5, again) < -0.03
+    assert together(bench, NAMED_WITHIN_S + 0.5, again) < -0.03
 
 
 def test_a_long_name_is_no_reason_to_refuse(bench):
@@ -302,16 +303,89 @@ def test_the_name_that_a_program_chooses_is_its_own_while_it_is_there(bench):
     assert "choose another one" in ask(second, "ros2")
 
 
-def test_a_node_whose_token_comes_after_its_first_message_is_one_source(bench):
-    node = Node(bench, "/joystick", "b0", -SPEED_M_S)
+def late(bench, name, zid, speed_m_s):
+    """A node, and its token, which has not come."""
+    node = Node(bench, name, zid, speed_m_s)
     token, _ = bench.node.tokens.waiting.pop()
-    together(bench, 0.2, node)
-    assert owner(bench) == "ros2"
-    bench.node.tokens.waiting.append((token, True))
-    assert together(bench, 1.0, node) < -0.09
-    together(bench, 0.7)
-    assert node.call("/release").answer["success"]
+    return node, token
+
+
+def test_a_node_whose_token_comes_after_its_first_message_is_named_first(bench):
+    node, token = late(bench, "/joystick", "b0", -SPEED_M_S)
+    assert together(bench, NAMED_WITHIN_S / 2, node) == 0.0
     assert owner(bench) == ""
-    together(bench, 0.6)
-    assert together(bench, 1.0, node) < -0.09
+    bench.node.tokens.waiting.append((token, True))
+    assert together(bench, 1.0, node) < -0.08
     assert owner(bench) == "ros2 /joystick"
+    assert {source for source, *_ in outcomes(bench)} == {"ros2 /joystick"}
+    node.leave()
+    together(bench, 0.2)
+    # Its restart goes on within the lease.
+    assert together(bench, 1.0, node.again("d0")) < -0.08
+    assert owner(bench) == "ros2 /joystick"
+
+
+def test_others_do_not_end_the_wait_for_a_token_nor_wait_themselves(bench):
+    node, token = late(bench, "/late", "b0", -SPEED_M_S)
+    other = Node(bench, "/other", "c0", SPEED_M_S)
+    assert together(bench, NAMED_WITHIN_S / 2, node, other) > 0.0
+    assert {source for source, *_ in outcomes(bench)} == {"ros2 /other"}
+    bench.node.tokens.waiting.append((token, True))
+    together(bench, 0.1, node, other)
+    assert outcomes(bench)[-1][:2] == ("ros2 /late", "refused")
+
+
+def test_a_stop_waits_for_no_token_and_what_waits_does_not_begin_after_it(bench):
+    node, token = late(bench, "/late", "b0", -SPEED_M_S)
+    node.send()
+    bench.poll(DT_S)
+    assert bench.requests == []
+    bench.publish("/command/stop", gid=b"s" * 16, zid="e0")
+    bench.poll(DT_S)
+    assert [each.verb for each in bench.requests] == ["twist", "stop"]
+    bench.node.tokens.waiting.append((token, True))
+    bench.poll(DT_S)
+    assert len(bench.requests) == 2
+
+
+def test_a_program_without_tokens_is_not_in_its_own_way(bench):
+    node = Node(bench, "", "b0", -SPEED_M_S, appears=False)
+    assert together(bench, 1.0, node) < -0.05
+    assert owner(bench) == "ros2"
+    client = b"c" * 16
+    bench.server.unnamed.until_s((client, ""), NEVER_S)
+    given = [{"name": "gain", "value": {"type": 3, "double_value": 0.06}}]
+    answer = bench.call("/set_parameters", {"parameters": given}, gid=client).answer
+    assert answer["results"][0]["successful"], answer
+    together(bench, 0.7)
+    assert bench.call("/release", gid=client).answer["success"]
+    assert owner(bench) == ""
+
+
+def test_of_a_stream_that_waits_for_its_token_the_newest_message_counts(bench):
+    node, _ = late(bench, "/late", "b0", -SPEED_M_S)
+    for _ in range(8):
+        node.send()
+        bench.poll(NAMED_WITHIN_S / 10)
+    assert bench.requests == []
+    bench.poll(NAMED_WITHIN_S)
+    assert [each.verb for each in bench.requests] == ["twist"]
+
+
+def test_the_name_of_a_program_that_was_killed_is_free_when_its_token_goes(bench):
+    def ask(node):
+        packet = '{"id":7,"source":"pendant","verb":"acquire"}'
+        return node.call("/ask", {"request": packet}).answer["reply"]
+
+    first = Node(bench, "/pendant_1", "b0")
+    client = bench.appear(first.name, CLIENT, "b0")
+    packet = {"request": '{"id":7,"source":"pendant","verb":"acquire"}'}
+    assert '"error"' not in bench.call("/ask", packet, gid=gid_of_token(client)).answer["reply"]
+    again = Node(bench, "/pendant_2", "c0")
+    refusal = ask(again)
+    assert "another program is the source 'pendant'" in refusal
+    assert f"free after {LEASE_MS / 1000:g} s" in refusal
+    bench.vanish(client)
+    first.leave()
+    bench.poll(DT_S)
+    assert '"error"' not in ask(again)
