@@ -617,6 +617,7 @@ class ArmVerbs:
         one that its sender has left, it chooses its own; None: never.
         """
         sender = Sender(owner, sequence, stamp_s, self.stamp_s)
+        self.streams.hear(sender)
         began = False
         if begins is not None and self.may_choose(verb, begins, owner):
             try:

@@ -1,10 +1,12 @@
 """Bounds how fast tokens can be guessed: so many wrong ones with the same beginning from an
-address, then only one in a while. All times are monotonic, in seconds."""
+address, then only one in a while; and more coarsely all wrong ones from an address. All times are
+monotonic, in seconds."""
 
 from __future__ import annotations
 
 import ipaddress
 from collections import OrderedDict
+from collections.abc import Collection
 from typing import NamedTuple
 
 BURST = 20
@@ -21,6 +23,14 @@ MOST_BEGINNINGS = 4096
 """Beginnings that are kept in mind; further ones take the place of that tried least lately."""
 
 
+ADDRESS_BURST = 200
+"""Wrong tokens in a row, whatever they are, that an address may try: more are not even told apart
+from one that must wait. The right one comes in nevertheless."""
+
+ADDRESS_FORGOTTEN_S = 1.0
+"""After so long one of them is forgotten."""
+
+
 class _Tries(NamedTuple):
     level: float
     at_s: float
@@ -35,21 +45,54 @@ class FailedTokens:
         burst: int = BURST,
         forgotten_s: float = FORGOTTEN_S,
         most_beginnings: int = MOST_BEGINNINGS,
+        right: Collection[str] = (),
     ) -> None:
-        self._burst, self._forgotten_s, self._most = burst, forgotten_s, most_beginnings
+        """`right`: the beginnings of right tokens, which are kept apart: other ones, however many,
+        do not take their place."""
+        self._right = right
+        self._known = _Levels(burst, forgotten_s, most_beginnings)
+        self._others = _Levels(burst, forgotten_s, most_beginnings)
+        self._addresses = _Levels(ADDRESS_BURST, ADDRESS_FORGOTTEN_S, most_beginnings)
+
+    def __len__(self) -> int:
+        return len(self._known) + len(self._others)
+
+    def wait_s(self, address: str, token: str, now_s: float) -> float:
+        """How long until this address may try a token that begins so; 0: it may now."""
+        key = _key(address, token)
+        return self._of(key).wait_s(key, now_s)
+
+    def wrong_wait_s(self, address: str, now_s: float) -> float:
+        """How long until this address may try a wrong token; 0: it may now."""
+        return self._addresses.wait_s((_network(address), ""), now_s)
+
+    def failed(self, address: str, token: str, now_s: float) -> None:
+        """This token from this address was wrong."""
+        key = _key(address, token)
+        counts = self.wrong_wait_s(address, now_s) == 0.0
+        if counts or key[1] in self._right:
+            self._of(key).add(key, now_s)
+        if counts:
+            self._addresses.add((key[0], ""), now_s)
+
+    def _of(self, key: tuple[str, str]) -> _Levels:
+        return self._known if key[1] in self._right else self._others
+
+
+class _Levels:
+    """How many wrong tokens are counted of each key."""
+
+    def __init__(self, burst: int, forgotten_s: float, most: int) -> None:
+        self._burst, self._forgotten_s, self._most = burst, forgotten_s, most
         self._tries: OrderedDict[tuple[str, str], _Tries] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._tries)
 
-    def wait_s(self, address: str, token: str, now_s: float) -> float:
-        """How long until this address may try this token; 0: it may now."""
-        level = self._level(_key(address, token), now_s)
-        return max(0.0, (level + 1.0 - self._burst) * self._forgotten_s)
+    def wait_s(self, key: tuple[str, str], now_s: float) -> float:
+        return max(0.0, (self._level(key, now_s) + 1.0 - self._burst) * self._forgotten_s)
 
-    def failed(self, address: str, token: str, now_s: float) -> None:
-        """This token from this address was wrong."""
-        key = _key(address, token)
+    def add(self, key: tuple[str, str], now_s: float) -> None:
         self._tries[key] = _Tries(self._level(key, now_s) + 1.0, now_s)
         self._tries.move_to_end(key)
         while len(self._tries) > self._most:

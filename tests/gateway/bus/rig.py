@@ -135,7 +135,8 @@ class Bench:
             owner=lambda: self.world.verbs.controller.authority.owner,
         )
         # Who publishes and calls here without a node of its own has no token: that is known.
-        self.server.unnamed.until_s((GID, ""), NEVER_S)
+        for gid in (GID, b"b" * 16):
+            self.server.unnamed.until_s((gid, ""), NEVER_S)
         self.now_s = 0.0
         self._endpoints = itertools.count(1)
 

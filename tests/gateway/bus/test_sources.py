@@ -354,6 +354,8 @@ def test_a_program_without_tokens_is_not_in_its_own_way(bench):
     assert owner(bench) == "ros2"
     client = b"c" * 16
     bench.server.unnamed.until_s((client, ""), NEVER_S)
+    node.speed_m_s = 0.0
+    together(bench, 0.3, node)
     given = [{"name": "gain", "value": {"type": 3, "double_value": 0.06}}]
     answer = bench.call("/set_parameters", {"parameters": given}, gid=client).answer
     assert answer["results"][0]["successful"], answer

@@ -5,7 +5,14 @@ from __future__ import annotations
 import pytest
 
 from cardan.gateway.faces.door import Caller, Denied, Door
-from cardan.gateway.faces.guessing import BURST, FORGOTTEN_S, FailedTokens
+from cardan.gateway.faces.guessing import (
+    ADDRESS_BURST,
+    ADDRESS_FORGOTTEN_S,
+    BURST,
+    FORGOTTEN_S,
+    MOST_BEGINNINGS,
+    FailedTokens,
+)
 from cardan.gateway.faces.tokens import WITHOUT_TOKEN, Role, Tokens
 
 VIEWER, OPERATOR, ADMIN = "viewers-0123456789", "operators-0123456789", "admins-0123456789"
@@ -86,6 +93,30 @@ def test_who_knows_how_a_token_begins_guesses_the_rest_slowly():
         assert one.check(asked(f"/?t={ADMIN[:8]}{number}"), 5.0).status == 401
     assert one.check(asked(f"/?t={ADMIN}"), 5.0).status == 429, "the right one is not told either"
     assert one.check(asked(f"/?t={ADMIN}"), 5.0 + FORGOTTEN_S) is Role.ADMIN
+
+
+def test_wrong_ones_of_any_beginning_are_bounded_and_hold_up_no_right_one():
+    one = door()
+    answers = [
+        one.check(asked(f"/?t={number:08}-guess-67"), 5.0).status
+        for number in range(2 * ADDRESS_BURST)
+    ]
+    assert answers == [401] * ADDRESS_BURST + [429] * ADDRESS_BURST
+    assert one.check(asked(f"/?t={ADMIN[:8]}-wrong"), 5.0).status == 429, "no sign of a beginning"
+    assert one.check(asked(f"/?t={ADMIN}"), 5.0) is Role.ADMIN
+    later_s = 5.0 + ADDRESS_FORGOTTEN_S
+    assert one.check(asked("/?t=another--guess-67"), later_s).status == 401
+
+
+def test_other_beginnings_do_not_displace_the_count_of_a_right_one():
+    one = door()
+    for number in range(BURST):
+        assert one.check(asked(f"/?t={ADMIN[:8]}{number}"), 5.0).status == 401
+    for number in range(2 * MOST_BEGINNINGS):
+        address = f"10.2.{number % 100}.1"
+        one.check(asked(f"/?t={number:08}-guess-67", address), 5.0)
+        one.check(asked(f"/?t={number:08}-guess-67"), 5.0)
+    assert one.check(asked(f"/?t={ADMIN}"), 5.0).status == 429
 
 
 def test_each_token_of_a_request_is_a_guess():
