@@ -14,6 +14,7 @@ import os
 import socket
 import stat
 import struct
+import sys
 import tempfile
 import termios
 import time
@@ -35,6 +36,10 @@ QUEUE_LOOK_S: Final = 0.01
 _INT: Final = struct.Struct("i")
 _NO_BYTES: Final = bytes(_INT.size)
 
+_TWO: Final = struct.Struct("II")
+_MEMINFO: Final = 55 if sys.platform == "linux" else None
+"""Linux' SO_MEMINFO: the memory that what waits to be read takes, and how much it may, and more."""
+
 _ANY_PORT: Final = 9
 """For asking the system about an address: nothing is sent."""
 
@@ -48,6 +53,19 @@ def waiting_bytes(sock: socket.socket) -> int:
     except OSError:
         return 0
     return int(waiting)
+
+
+def has_room(sock: socket.socket) -> bool:
+    """Whether a stream's buffer for reading is far from full, so that what its sender has handed
+    over waits nowhere else."""
+    try:
+        if _MEMINFO is None:
+            size = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+            return waiting_bytes(sock) < size // 8
+        held, size = _TWO.unpack(sock.getsockopt(socket.SOL_SOCKET, _MEMINFO, _TWO.size))
+    except OSError:  # It is closed.
+        return True
+    return bool(held < size // 4)
 
 
 def is_loopback(host: str) -> bool:

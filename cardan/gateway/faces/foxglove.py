@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import itertools
 import logging
 import threading
 from collections import Counter
@@ -29,6 +28,7 @@ from cardan.gateway.faces.base import Face, Ready
 from cardan.gateway.faces.calls import Caller, Mailbox
 from cardan.gateway.faces.foxglove_client import Client, Shown, sdk, shared_feeds
 from cardan.gateway.faces.graph import VisibleGraph
+from cardan.gateway.faces.numbers import ClientNumbers
 from cardan.gateway.faces.parameters import EVENT, EVENTS
 from cardan.gateway.faces.reading import network_for
 from cardan.gateway.faces.refusals import Refusals
@@ -85,7 +85,7 @@ class FoxgloveServer:
             compress=self.options.compress,
         )
         self._clients: set[Client] = set()
-        self._numbers = itertools.count(1)
+        self._numbers = ClientNumbers()
         self._mailbox: Mailbox | None = None
         self._looking: asyncio.Task[None] | None = None
         self._events: Handle | None = None
@@ -128,8 +128,15 @@ class FoxgloveServer:
 
     async def _run(self, connection: FrontConnection, peer: str, role: Role) -> None:
         assert self._mailbox is not None
+        address = connection.remote_address
+        with self._numbers.of(address[0] if address else "") as number:
+            await self._run_as(f"foxglove_client_{number}", connection, peer, role, self._mailbox)
+
+    async def _run_as(
+        self, name: str, connection: FrontConnection, peer: str, role: Role, mailbox: Mailbox
+    ) -> None:
+        """Serve a client as the node `name`."""
         # A node of its own: a motion without end that it asked for ends with it.
-        name = f"foxglove_client_{next(self._numbers)}"
         part = self._network.part(name)
         network = network_for(role, part)
         try:
@@ -137,8 +144,8 @@ class FoxgloveServer:
                 connection,
                 peer,
                 network,
-                Caller(network, self._mailbox),
-                self._mailbox,
+                Caller(network, mailbox),
+                mailbox,
                 self._feeds,
                 self._allowed,
                 self._packages,

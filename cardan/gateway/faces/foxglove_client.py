@@ -34,8 +34,9 @@ from cardan.gateway.faces.graph import definition
 from cardan.gateway.faces.outbox import LATCHED_DEPTH, Stream
 from cardan.gateway.faces.parameters import REFUSALS as PARAMETER_REFUSALS, NodeParameters
 from cardan.gateway.faces.publishing import Advertisements, RefusedError
+from cardan.gateway.faces.reading import READING_SERVICES
 from cardan.gateway.faces.sending import Sender, ready
-from cardan.gateway.faces.web import FrontConnection, is_stale
+from cardan.gateway.faces.web import STALE_S, FrontConnection, is_stale, stale_words
 from cardan.protocols import foxglove as protocol
 from cardan.protocols.foxglove import CDR, JSON, ROS2MSG
 from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit
@@ -178,6 +179,8 @@ class Client:
         self._channels: dict[str, _Channel] = {}
         self._topic_of: dict[int, str] = {}
         self._joined: dict[int, FoxgloveFeed] = {}
+        self._late_calls: dict[int, float] = {}
+        """How long calls waited, in s, that waited for too long to act on, by their numbers."""
         self._services: dict[str, str] = {}
         self._graph: Shown | None = None
         self._streams: dict[int, Stream[Pace, bytes]] = {}
@@ -270,10 +273,18 @@ class Client:
             if published is not None and self._is_stale(published):
                 self._counts["stale"] += 1
                 return
+            called = protocol.call_number(frame)
+            if called is not None:
+                self._note_late(called)
         else:
             asked = protocol.parse_operation(frame)
+            waited_s = self._connection.waited_s
             if isinstance(asked, protocol.GetParameters):
                 self._ask(self._get_parameters(asked))
+                return
+            if isinstance(asked, protocol.SetParameters) and is_stale("", waited_s):
+                self._counts["stale"] += 1
+                self._refuse("parameters", stale_words("setting parameters", waited_s))
                 return
             if isinstance(asked, protocol.SetParameters):
                 self._ask(self._set_parameters(asked))
@@ -293,6 +304,16 @@ class Client:
     def _is_stale(self, channel: int) -> bool:
         known = self._published.get(channel)
         return known is not None and is_stale(known.topic, self._connection.waited_s)
+
+    def _note_late(self, number: int) -> None:
+        """Note how long a call of a service waited, for when the SDK has read it."""
+        waited_s = self._connection.waited_s
+        if waited_s > STALE_S:
+            if len(self._late_calls) > MAX_CALLS:
+                del self._late_calls[next(iter(self._late_calls))]
+            self._late_calls[number] = waited_s
+        else:
+            self._late_calls.pop(number, None)
 
     def _expect(self, asked: protocol.Subscribe) -> bool:
         """Make ready for the messages of subscriptions; false: there are too many."""
@@ -500,7 +521,7 @@ class Client:
             raise CallError("come in by the front")
         if self._gone:
             raise CallError("the client has left")
-        waiting = self._call(name, type_name, request.payload)
+        waiting = self._call(name, type_name, request.payload, request.call_id)
         call = asyncio.run_coroutine_threadsafe(waiting, self._loop)
         self._calls.add(call)
         try:
@@ -510,7 +531,11 @@ class Client:
         finally:
             self._calls.discard(call)
 
-    async def _call(self, name: str, type_name: str, data: bytes) -> bytes:
+    async def _call(self, name: str, type_name: str, data: bytes, number: int) -> bytes:
+        waited_s = self._late_calls.pop(number, 0.0)
+        if type_name not in READING_SERVICES and is_stale(name, waited_s):
+            self._counts["stale"] += 1
+            raise CallError(stale_words(name, waited_s))
         if len(self._calls) > MAX_CALLS:
             raise CallError(f"{MAX_CALLS} calls have no answer yet; no more are taken")
         kind = service_type(type_name)

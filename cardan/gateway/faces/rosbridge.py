@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import threading
 from collections import Counter
 from collections.abc import Callable
@@ -21,6 +20,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.faces.base import Face, Ready
 from cardan.gateway.faces.calls import Caller, Mailbox
+from cardan.gateway.faces.numbers import ClientNumbers
 from cardan.gateway.faces.reading import network_for
 from cardan.gateway.faces.refusals import Refusals
 from cardan.gateway.faces.rosapi import RosApi
@@ -57,7 +57,7 @@ class RosbridgeServer:
         self._allowed = self.options.allowed
         self._front = self._make_front()
         self._clients: set[Client] = set()
-        self._numbers = itertools.count(1)
+        self._numbers = ClientNumbers()
         self._mailbox: Mailbox | None = None
 
     def _make_front(self, page: Page | None = None) -> Front:
@@ -105,8 +105,15 @@ class RosbridgeServer:
 
     async def _run(self, connection: FrontConnection, peer: str, role: Role) -> None:
         assert self._mailbox is not None
+        address = connection.remote_address
+        with self._numbers.of(address[0] if address else "") as number:
+            await self._run_as(f"rosbridge_client_{number}", connection, peer, role, self._mailbox)
+
+    async def _run_as(
+        self, name: str, connection: FrontConnection, peer: str, role: Role, mailbox: Mailbox
+    ) -> None:
+        """Serve a client as the node `name`."""
         # A node of its own: a motion without end that it asked for ends with it.
-        name = f"rosbridge_client_{next(self._numbers)}"
         part = self._network.part(name)
         network = network_for(role, part)
         try:
@@ -114,10 +121,10 @@ class RosbridgeServer:
                 connection,
                 peer,
                 network,
-                Caller(network, self._mailbox),
+                Caller(network, mailbox),
                 self._rosapis[role],
                 self._feeds,
-                self._mailbox,
+                mailbox,
                 self._allowed,
                 self.counts,
                 max_bytes=self.options.max_frame_bytes,

@@ -11,7 +11,7 @@ import socket
 import ssl
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
@@ -23,7 +23,9 @@ from urllib.parse import SplitResult, urlsplit
 
 from websockets.asyncio.server import Server, ServerConnection, serve as serve_websocket
 from websockets.datastructures import Headers
+from websockets.frames import DATA_OPCODES, Frame
 from websockets.http11 import Request, Response
+from websockets.protocol import Event
 from websockets.typing import Data, Subprotocol
 
 from cardan.bounds import ANY_PORT, LISTEN_HOST, Range
@@ -42,7 +44,7 @@ from cardan.gateway.faces.tokens import (
     read_tokens,
 )
 from cardan.options import CODE_ONLY, Options, require
-from cardan.sockets import is_loopback, waiting_bytes
+from cardan.sockets import has_room, is_loopback, waiting_bytes
 from cardan.types import NEVER_S
 
 TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"
@@ -74,9 +76,17 @@ which systems do after a whole second."""
 STALE_S = 0.3
 """A publication that may have waited for longer is not passed on: it would be acted on late."""
 
+NEVER_STALE = "/stop", "/release", "/cancel_goal"
+"""How names end of what only ends something."""
+
 BACKLOGGED_S = 1.0
 """A client of which something waits for more than STALE_S, for this long, sends more than can be
 handled: it is disconnected."""
+
+ARRIVALS_KEPT = 256
+ARRIVALS_PERIOD_S = 0.01
+"""How many times it is kept in mind what had arrived, and how far they are apart: longer together
+than a client may be backlogged."""
 
 MOST_HANDSHAKES = 64
 """Connections that have not said who they are; one more takes the place of the oldest, so that who
@@ -225,31 +235,85 @@ class WebOptions(FrontOptions):
         return Allowed(self.topics, self.services, self.parameters)
 
 
+class Arrivals:
+    """When the bytes of one client can have arrived at the earliest. All times are the loop's."""
+
+    def __init__(self, now_s: float) -> None:
+        self._read = self._before = 0
+        """Bytes that were read, and those without the newest portion."""
+        self._seen: deque[tuple[float, int]] = deque([(now_s, 0)])
+        """When it was looked how many bytes had arrived, and how many."""
+        self._frames: deque[int] = deque()
+        """Of frames that were not handed on yet, how many bytes had been read before the portion
+        that has their end."""
+
+    def read(self, count: int) -> None:
+        """A portion was read."""
+        self._before = self._read
+        self._read += count
+
+    def note(self, waiting: int, now_s: float) -> None:
+        """`waiting` bytes are there to be read, and nothing has to wait at the sender."""
+        arrived = self._read + waiting
+        newest_s, before = self._seen[-1]
+        if now_s - newest_s < ARRIVALS_PERIOD_S:
+            return  # What has arrived since counts as that much older.
+        if len(self._seen) >= ARRIVALS_KEPT:
+            del self._seen[1]
+        self._seen.append((now_s, max(arrived, before)))
+
+    def end_frame(self) -> None:
+        """The newest portion has the end of a frame."""
+        self._frames.append(self._before)
+
+    def take_frame(self) -> float:
+        """The next frame is handed on; since when its end can have been there at the earliest."""
+        before = self._frames.popleft()
+        while len(self._seen) > 1 and self._seen[1][1] <= before:
+            self._seen.popleft()
+        return self._seen[0][0]
+
+
 class FrontConnection(ServerConnection):
     """A client's connection: it tells how long its frames waited, is ended where they wait for too
     long, and nothing of it is read any more once it is cut off."""
 
     _cut_off = False
     _ending: asyncio.Task[None] | None = None
-    _drained_s = _backlogged_s = NEVER_S
+    _socket: socket.socket | None = None
+    _since_s = _backlogged_s = NEVER_S
+
+    def __init__(self, *given: Any, **options: Any) -> None:
+        super().__init__(*given, **options)
+        self.arrivals = Arrivals(self.loop.time())
 
     def watch(self, look: Callable[[], None], backlogged: Callable[[], None]) -> None:
         """Have `look` called before each frame is handed on, and `backlogged` when it is ended as
         too much waits."""
         self._look, self._tell_backlogged = look, backlogged
-        self._socket: socket.socket = self.transport.get_extra_info("socket")
-        self._drained_s = self.loop.time()
+        self._socket = self.transport.get_extra_info("socket")
+        self._since_s = self.loop.time()
 
     @property
     def waited_s(self) -> float:
-        """Longest time that the frame handed on last, or a part of it, can have waited to be read:
-        since nothing of this client waited."""
-        return self.loop.time() - self._drained_s
+        """Longest time that the end of the frame handed on last can have waited to be read: since
+        it had not arrived yet."""
+        return self.loop.time() - self._since_s
+
+    def data_received(self, data: bytes) -> None:
+        self.arrivals.read(len(data))
+        super().data_received(data)
+        self.note_backlog()
+
+    def process_event(self, event: Event) -> None:
+        if isinstance(event, Frame) and event.fin and event.opcode in DATA_OPCODES:
+            self.arrivals.end_frame()
+        super().process_event(event)
 
     def note_backlog(self) -> None:
-        """Note whether something that the client sent waits now, in the system or here."""
-        if not len(self.recv_messages.frames) and not waiting_bytes(self._socket):
-            self._drained_s, self._backlogged_s = self.loop.time(), NEVER_S
+        """Note what has arrived until now, read or not."""
+        if self._socket is not None and has_room(self._socket):
+            self.arrivals.note(waiting_bytes(self._socket), self.loop.time())
 
     def cut_off(self) -> None:
         """End it at once, with all that has arrived and was not read."""
@@ -259,6 +323,7 @@ class FrontConnection(ServerConnection):
     async def __aiter__(self) -> AsyncIterator[Data]:
         async for frame in super().__aiter__():
             self._look()
+            self._since_s = self.arrivals.take_frame()
             if self._cut_off:
                 return
             if self._ending is None and self._is_backlogged():
@@ -272,17 +337,24 @@ class FrontConnection(ServerConnection):
             await asyncio.sleep(0)
 
     def _is_backlogged(self) -> bool:
-        if self.waited_s <= STALE_S:
-            return False
         now_s = self.loop.time()
+        if self.waited_s <= STALE_S:
+            self._backlogged_s = NEVER_S
+            return False
         if self._backlogged_s == NEVER_S:
             self._backlogged_s = now_s
         return now_s - self._backlogged_s > BACKLOGGED_S
 
 
-def is_stale(topic: str, waited_s: float) -> bool:
-    """Whether a publication waited for too long to act on; a stop is never too late."""
-    return waited_s > STALE_S and not topic.endswith("/stop")
+def is_stale(name: str, waited_s: float) -> bool:
+    """Whether what a client published, called or asked of an action waited for too long to act on;
+    what stops is never too late."""
+    return waited_s > STALE_S and not name.endswith(NEVER_STALE)
+
+
+def stale_words(name: str, waited_s: float) -> str:
+    """Why a call or a goal that `is_stale` is refused."""
+    return f"{name}: it waited here for up to {waited_s:.1f} s; that is too late to act on"
 
 
 class WebServer(AbstractAsyncContextManager[Any], Protocol):

@@ -83,6 +83,45 @@ def test_what_waited_at_foxglove_is_dropped():
         until(lambda: len(network.published) == 1)
 
 
+def test_calls_and_goals_that_waited_are_refused_but_for_what_ends_something():
+    network, called = MemoryNetwork(), []
+    trigger, stat = "std_srvs/srv/Trigger", "cardan_msgs/srv/Stat"
+    for name, kind in (("movl", trigger), ("stop", trigger), ("stat", stat)):
+        network.offer(f"/arm/{name}", kind, lambda _asked, name=name: called.append(name) or {})
+    fibonacci = "example_interfaces/action/Fibonacci"
+    with rosbridge(network) as running, plain_client(running) as client:
+        client.settle()
+        stall(running)
+        for name in ("movl", "stop", "stat"):
+            client.send("call_service", service=f"/arm/{name}", id=name)
+        client.send("send_action_goal", action="/fib", action_type=fibonacci, args={}, id="goal")
+        answers = {}
+        while len(answers) < 4:
+            told = client.receive()
+            if told["op"] in ("service_response", "action_result"):
+                answers[told["id"]] = told
+        assert called == ["stop", "stat"]
+        assert "too late to act on" in str(answers["movl"]["values"])
+        assert "too late to act on" in str(answers["goal"]["values"])
+        assert client.call("/arm/movl")
+        assert called[-1] == "movl"
+
+
+def test_calls_that_waited_at_foxglove_are_refused():
+    network, called = MemoryNetwork(), []
+    network.offer("/arm/movl", "std_srvs/srv/Trigger", lambda _asked: called.append(1) or {})
+    with foxglove_face(network) as running, foxglove_client(running) as client:
+        client.settle()
+        client.service("/arm/movl")
+        request = "std_srvs/srv/Trigger_Request"
+        data = codec_of(request).encode(default_message(request))
+        stall(running)
+        assert "too late to act on" in client.call("/arm/movl", data)["message"]
+        assert called == []
+        client.call("/arm/movl", data)
+        assert called == [1]
+
+
 FLOOD = """
 import socket, sys, time
 sending = socket.socket(fileno=int(sys.argv[1]))

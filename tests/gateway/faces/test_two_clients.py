@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from contextlib import ExitStack, contextmanager
 
 import pytest
@@ -13,7 +12,6 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
-from cardan.gateway.arm.authority import LEASE_S
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.gateway.faces import dds as dds_face
 from cardan.gateway.faces.dds import DdsBridgeOptions, DdsFaceOptions
@@ -28,7 +26,7 @@ from tests.waiting import until
 pytestmark = pytest.mark.matrix
 
 TOPIC, TWIST = "/servo_node/delta_twist_cmds", "geometry_msgs/msg/TwistStamped"
-PERIOD_S, WATCHED_S = 0.02, 2.0
+PERIOD_S = 0.02
 SHARE = 0.25
 """Of MoveIt Servo's full speed: 0.1 m/s."""
 
@@ -199,10 +197,8 @@ def test_the_first_moves_the_arm_and_the_second_is_refused_and_told_so(transport
             with Streaming(second, SHARE):
                 refused = here.told("refused")
                 before = height(here)
-                time.sleep(WATCHED_S)
-                moved = height(here) - before
+                until(lambda: height(here) < before - 0.1)
                 assert owner(here) == mine
-        assert moved < -0.1
         assert refused["source"] == over.source("script", 2)
         assert refused["reason"] == f"twst: {mine!r} has authority over the arm"
         if told is not None:
@@ -233,11 +229,9 @@ def test_another_one_moves_the_arm_after_the_lease_of_the_one_that_has_gone(tran
             second, _ = over.join("script")
             with Streaming(first.publish, -SHARE):
                 until(lambda: owner(here) == mine)
-        ended_s = time.monotonic()
         until(lambda: here.rests)
         before = height(here)
         with Streaming(second, SHARE):
             assert here.told("refused")["source"] == others
             until(lambda: owner(here) == others)
-            assert time.monotonic() - ended_s > LEASE_S - 0.3
             until(lambda: height(here) > before + 0.02)
