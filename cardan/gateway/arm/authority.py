@@ -68,11 +68,11 @@ class AuthorityState(NamedTuple):
 class Authority:
     """The one source that may move the arm, and its lease. All times are the robot's stamps, s."""
 
-    def __init__(self, options: AuthorityOptions | None = None) -> None:
+    def __init__(self, options: AuthorityOptions | None = None, network: str = "") -> None:
+        """`network`: the first word of the sources of the arm's network, which no other source may
+        have; empty: none commands it."""
         self.tune(options or AuthorityOptions())
-        self.network = ""
-        """First word of the sources of the arm's network, which no other source may have; empty:
-        none commands it."""
+        self.network = network
         self._owner = ""
         self._since_s = self._renewed_s = NEVER_S
         self._handed_to = ""

@@ -143,7 +143,6 @@ class SessionNetwork:
         )
         self._taps = SessionTaps(self._node, self._tables, controller, robot, device)
         if options.commands:
-            controller.authority.network = options.source
             follow = follow_joint_trajectory(options.trajectory_controller, self._names.joints)
             self._server = ArmServer(
                 self._node,

@@ -76,8 +76,7 @@ def test_only_the_owner_gives_it_up():
 
 
 def test_a_network_that_is_named_is_each_of_its_nodes():
-    authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="ros2"))
-    authority.network = "ros2"
+    authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="ros2"), "ros2")
     for other in ("ros2x /joystick", "ros2-joystick", "ros2 joystick", "/joystick", "pendant"):
         assert "reserved for 'ros2'" in authority.refuses(other)
     for node in ("ros2", "ros2 /left/joystick", "ros2 #3f9a01bc"):
@@ -209,12 +208,11 @@ TestOneOwnerNamed = OneOwnerNamed.TestCase
 
 
 def test_only_a_network_is_reserved_for_with_its_nodes():
-    authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="pendant"))
-    authority.network = "ros2"
+    authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="pendant"), "ros2")
     assert "reserved for 'pendant'" in authority.take("pendant /other", 0.0)
     assert "reserved for 'pendant'" in authority.take("pendant #1", 0.0)
     assert authority.take("pendant", 0.0) == ""
     authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="ros2"))
     assert authority.take("ros2 /joystick", 0.0)
-    authority.network = "ros2"
+    authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="ros2"), "ros2")
     assert authority.take("ros2 /joystick", 0.0) == ""

@@ -195,7 +195,7 @@ def test_the_first_moves_the_arm_and_the_second_is_refused_and_told_so(transport
         with Streaming(first, -SHARE):
             until(lambda: owner(here) == mine)
             with Streaming(second, SHARE):
-                refused = here.told("refused")
+                refused = here.told("refused", over.source("script", 2))
                 before = height(here)
                 until(lambda: height(here) < before - 0.1)
                 assert owner(here) == mine
@@ -232,6 +232,6 @@ def test_another_one_moves_the_arm_after_the_lease_of_the_one_that_has_gone(tran
         until(lambda: here.rests)
         before = height(here)
         with Streaming(second, SHARE):
-            assert here.told("refused")["source"] == others
+            assert here.told("refused", others)
             until(lambda: owner(here) == others)
             until(lambda: height(here) > before + 0.02)
