@@ -27,7 +27,7 @@ C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h cardan/*/*/*/*.c cardan/*/
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo page lock test test-matrix test-kernel test-systemd device-table fault-table \
-	fault-table-processes fault-table-network hold-table console-pictures docs-tables \
+	fault-table-processes fault-table-network flood-table hold-table console-pictures docs-tables \
 	docs-pictures docs-evaluation demo-picture docs release lint types check bench bench-motoros bench-thesis bench-haptics bench-network \
 	bench-console bench-sessions bench-kilohertz bench-peers bench-servo fuzz soak test-pythons \
 	test-lerobot dist clean
@@ -48,6 +48,7 @@ help:
 	@echo "make fault-table  the tables of docs/faults.md: what each robot does when something fails"
 	@echo "make fault-table-processes  the same with whole programs, for half an hour: FAULT_LABS=$(FAULT_LABS) side by side"
 	@echo "make fault-table-network  the same on a bad network, in the virtual machine of test-kernel"
+	@echo "make flood-table  its table of floods: clients that send more than a server can handle"
 	@echo "make hold-table  the table of docs/console-hold.md: every end of a hold on the page, by a real browser"
 	@echo "make console-pictures  docs/images/console-*.webp, which the tests compare the page with"
 	@echo "make docs-tables  the tables of drivers, simulated peers and demos, from their declarations"
@@ -149,6 +150,9 @@ fault-table-network: $(VENV)/.cardan-dev
 	tools/debian-packages kernel
 	tools/kernel-vm tests/kernel/network_faults.py | tee build/network-faults.log
 	$(BIN)/python -m tests.process_faults --kernel build/network-faults.log --json build/faults.json --pages
+
+flood-table: $(VENV)/.cardan-dev
+	$(BIN)/python -m tests.flood_table
 
 # Real clocks, too: on a computer that has nothing else to do.
 hold-table: $(VENV)/.cardan-dev

@@ -46,6 +46,12 @@ class Played:
         options = UrControllerOptions(running=True)
         self.controller = UrController(options)
         self.servers = UrServers(self.controller, options)
+        telemetry, began_s = self.servers.telemetry, time.monotonic()
+        value = telemetry.value
+        # Frames come faster than a controller's without a pause; its clock may not run faster.
+        telemetry.value = lambda name: (  # type: ignore[method-assign]
+            time.monotonic() - began_s if name == "timestamp" else value(name)
+        )
         self.now_s = 0.0
         self._selector = selectors.DefaultSelector()
         self._sockets: dict[int, socket.socket] = {}

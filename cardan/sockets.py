@@ -8,12 +8,15 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import fcntl
 import ipaddress
 import os
 import socket
 import stat
 import struct
+import sys
 import tempfile
+import termios
 import time
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
@@ -30,8 +33,39 @@ DRAIN_AT_MOST: Final = 256
 QUEUE_LOOK_S: Final = 0.01
 """Pause before another attempt to come into a queue that is full."""
 
+_INT: Final = struct.Struct("i")
+_NO_BYTES: Final = bytes(_INT.size)
+
+_TWO: Final = struct.Struct("II")
+_MEMINFO: Final = 55 if sys.platform == "linux" else None
+"""Linux' SO_MEMINFO: the memory that what waits to be read takes, and how much it may, and more."""
+
 _ANY_PORT: Final = 9
 """For asking the system about an address: nothing is sent."""
+
+
+def waiting_bytes(sock: socket.socket) -> int:
+    """Bytes that came on a stream and were not read; 0 of one that is closed."""
+    if sock.fileno() < 0:
+        return 0
+    try:
+        (waiting,) = _INT.unpack(fcntl.ioctl(sock.fileno(), termios.FIONREAD, _NO_BYTES))
+    except OSError:
+        return 0
+    return int(waiting)
+
+
+def has_room(sock: socket.socket) -> bool:
+    """Whether a stream's buffer for reading is far from full, so that what its sender has handed
+    over waits nowhere else."""
+    try:
+        if _MEMINFO is None:
+            size = sock.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
+            return waiting_bytes(sock) < size // 8
+        held, size = _TWO.unpack(sock.getsockopt(socket.SOL_SOCKET, _MEMINFO, _TWO.size))
+    except OSError:  # It is closed.
+        return True
+    return bool(held < size // 4)
 
 
 def is_loopback(host: str) -> bool:

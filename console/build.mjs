@@ -66,6 +66,8 @@ const bundle = await build({
   bundle: true,
   minify: true,
   format: "esm",
+  // The 3-D scene is loaded once all else is drawn.
+  splitting: true,
   target: "es2022",
   // Descriptions here are made of primitives: no loader of meshes is needed.
   alias: Object.fromEntries(

@@ -61,6 +61,20 @@ JUMP_M = 0.2
 
 _START_S = 100.0
 
+CLOCKS: dict[str, Callable[[float], float]] = {
+    "jumps ahead by 0.14 s": lambda since_s: 0.14,
+    "jumps back by 0.14 s": lambda since_s: -0.14,
+    "stands still": lambda since_s: -since_s,
+    "0.5 times as fast": lambda since_s: -0.5 * since_s,
+    "1.02 times as fast": lambda since_s: 0.02 * since_s,
+    "1.6 times as fast": lambda since_s: 0.6 * since_s,
+    "4 times as fast": lambda since_s: 3.0 * since_s,
+    "is off by up to 20 ms, at random": lambda since_s: (
+        0.04 * (math.sin(1e5 * since_s) * 1e4 % 1.0 - 0.5)
+    ),
+}
+"""What the time that a controller tells differs by, s, by the time since that began."""
+
 
 class Motion(NamedTuple):
     """What the TCP did from one time on."""
@@ -96,6 +110,9 @@ class Bench(ABC):
         self.bad: str = ""
         """What is wrong with what the robot tells: "nan", "jump", or a reason why commands would
         not act although they do."""
+        self.clock = ""
+        """What is wrong with the controller's clock, of CLOCKS."""
+        self._lies_since_s = math.inf
         self.flooded = False
         self.states: list[RobotState] = []
         self.times: list[float] = []
@@ -177,6 +194,15 @@ class Bench(ABC):
     @abstractmethod
     def unpower(self) -> None:
         """Its motors lose their power."""
+
+    def lie(self, clock: str) -> None:
+        """The time that the controller tells goes wrong from now on."""
+        self.clock, self._lies_since_s = clock, self.now_s
+
+    def lied_s(self, time_s: float) -> float:
+        """What the time that the controller tells at `time_s` differs by."""
+        since_s = time_s - self._lies_since_s
+        return CLOCKS[self.clock](since_s) if self.clock and since_s >= 0.0 else 0.0
 
     def hold(self) -> None:
         """The driver has to say that commands do not act, although the controller obeys them."""
@@ -288,7 +314,7 @@ class _Datagrams(Bench):
         now_s = self._next_s
         self._next_s += self.period_s
         for data in self._cycle(now_s):
-            self.deliver(self._told(data))
+            self.deliver(self._told(self._timed(data, self.lied_s(now_s)) if self.clock else data))
         if self.flooded:
             for _ in range(20):
                 self.deliver(b"garbage")
@@ -311,6 +337,10 @@ class _Datagrams(Bench):
     @abstractmethod
     def _told(self, data: bytes) -> bytes:
         """`data` as it arrives, with what is `bad` about it."""
+
+    @abstractmethod
+    def _timed(self, data: Any, by_s: float) -> Any:
+        """`data` with a time that differs by `by_s`."""
 
     @abstractmethod
     def _true_joints(self) -> Sequence[float]: ...
@@ -433,6 +463,18 @@ class EgmBench(_Datagrams):
             return encode_robot(message._replace(feed_back=found))
         return encode_robot(message._replace(mci_state=MCIState.STOPPED))
 
+    def _timed(self, data: bytes, by_s: float) -> bytes:
+        message = decode_robot(data)
+        assert isinstance(message, EgmRobot)
+        header, motion = message.header, message.feed_back
+        assert header is not None
+        assert header.tm_ms is not None
+        assert motion is not None
+        assert motion.time_us is not None
+        tm_ms = (header.tm_ms + round(1e3 * by_s)) & 0xFFFFFFFF
+        motion = motion._replace(time_us=motion.time_us + round(1e6 * by_s))
+        return encode_robot(message._replace(header=header._replace(tm_ms=tm_ms), feed_back=motion))
+
     def _true_joints(self) -> Sequence[float]:
         return self.controller.joints_rad
 
@@ -521,6 +563,10 @@ class JointStreamBench(_Datagrams):
             return encode_state(state._replace(positions=joints, pose=pose))
         return encode_state(state._replace(reason=self.bad))
 
+    def _timed(self, data: bytes, by_s: float) -> bytes:
+        state = decode_state(data)
+        return encode_state(state._replace(stamp_s=state.stamp_s + by_s))
+
     def _true_joints(self) -> Sequence[float]:
         return self.peer.plant.positions
 
@@ -585,6 +631,14 @@ class Ros2Bench(_Datagrams):
             jumped = self._jumped([position[index] for index in order])
             for index, value in zip(order, jumped, strict=True):
                 position[index] = value
+        return data._replace(data=codec.encode(message))
+
+    def _timed(self, data: Any, by_s: float) -> Any:
+        codec = codec_of(STATE_TYPE)
+        message = codec.decode(data.data)
+        stamp = message["header"]["stamp"]
+        ns = stamp["sec"] * 1_000_000_000 + stamp["nanosec"] + round(1e9 * by_s)
+        stamp["sec"], stamp["nanosec"] = divmod(ns, 1_000_000_000)
         return data._replace(data=codec.encode(message))
 
     def _true_joints(self) -> Sequence[float]:
@@ -710,6 +764,8 @@ class MotorosBench(Bench):
         self.now_s = rig.now_s
 
     def _told(self, feedback: object) -> object:
+        time_s = feedback.time + self.lied_s(self.now_s)  # type: ignore[attr-defined]
+        feedback = feedback._replace(time=time_s)  # type: ignore[attr-defined]
         if self.bad not in ("nan", "jump"):
             return feedback
         pos = feedback.pos  # type: ignore[attr-defined]
@@ -818,6 +874,8 @@ class UrBench(Bench):
         self.rig.stall(until_s - self.rig.now_s)
 
     def _told(self, name: str, value: Any) -> Any:
+        if name == "timestamp":
+            return value + self.lied_s(self.rig.now_s)
         if name != "actual_q" or self.bad not in ("nan", "jump"):
             return value
         if self.bad == "nan":

@@ -20,6 +20,7 @@ from tests.docs_tables import replaced
 from tests.fault_pilots import PILOTS, SPEED_M_S, Make, Pilot, make
 from tests.fault_rig import (
     BENCHES,
+    CLOCKS,
     MARGIN,
     Bench,
     EgmBench,
@@ -78,8 +79,15 @@ def _stall(ms: int) -> Callable[[Bench, Pilot], None]:
     return lambda bench, pilot: bench.stall(1e-3 * ms)
 
 
+def _clock(name: str) -> Callable[[Bench, Pilot], None]:
+    return lambda bench, pilot: bench.lie(name)
+
+
 _UDP = (EgmBench, EgmJointBench, JointStreamBench, Ros2Bench)
 _MOTOROS = (MotorosStreamBench, MotorosBench)
+
+_STOPPED_BY_CLOCK = (EgmBench, EgmJointBench, UrBench, JointStreamBench, Ros2Bench)
+"""Robots whose driver brakes at its own limits, or ends motion, when clocks do not agree."""
 
 FAULTS: dict[str, Fault] = {
     "device or sender silent": Fault(_silence, ("operator", "twist")),
@@ -100,6 +108,10 @@ FAULTS: dict[str, Fault] = {
     "authority taken": Fault(lambda bench, pilot: pilot.lose_authority()),
     "supervisor stopped": Fault(lambda bench, pilot: pilot.stop_supervisor()),
     "process killed": Fault(lambda bench, pilot: bench.kill(), own=BENCHES),
+    **{
+        f"clock {name}": Fault(_clock(name), ("operator", "twist"), own=_STOPPED_BY_CLOCK)
+        for name in CLOCKS
+    },
 }
 
 

@@ -75,5 +75,14 @@ def test_a_measured_place_that_jumps_makes_nothing_faster_or_harder(rows):
 def test_what_stops_stops_soon(rows):
     """Whatever ends the motion, the arm rests within a second; only a short stall does not."""
     for row in rows:
-        if not re.search(r"stalls|jumps", row.fault):
+        if not re.search(r"stalls|jumps|^clock", row.fault):
             assert row.motion.stop_s < 1.0, row
+
+
+def test_a_wrong_clock_ends_motion(rows):
+    """2 % are no fault, MotoROS' clock is not used, and one that is slow is sure after 1.5 s only:
+    tests/drivers/test_agreed_time.py."""
+    for row in rows:
+        other = row.robot.startswith("MotoROS") or row.fault.startswith(("clock 0.5", "clock 1.02"))
+        if row.fault.startswith("clock") and not other:
+            assert row.motion.stop_s < 0.6, row

@@ -283,7 +283,7 @@ def test_the_programs_move_the_arm(bus):
         assert 5 < int(re.search(r"streamed (\d+) mm", text)[1]) < 30
 
         text = told(EXAMPLES / "rosbridge_client.py", "--url", url, "--seconds", "2")
-        assert "result: twist of ros2 accepted: fine" in text
+        assert "result: twist of ros2 /rosbridge_client_1 accepted: fine" in text
         way_mm = int(re.search(r"the TCP moved by (\d+) mm and is stopped: True", text)[1])
         assert 25 < way_mm < 60
 

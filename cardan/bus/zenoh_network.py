@@ -84,11 +84,11 @@ class BusNetwork:
         self._clients.clear()
         self.node.close()
 
-    def part(self, name: str) -> BusNetwork:
+    def part(self, name: str, namespace: str = "/") -> BusNetwork:
         """The same network as a node of its own, open until it is closed: of one client of a face,
         so that a motion without end which the client asks for ends with the client and not with the
         face. The network itself must be closed after it."""
-        return _Part(self, name)
+        return _Part(self, name, namespace)
 
     def __enter__(self) -> BusNetwork:
         self.open()
@@ -316,9 +316,9 @@ class BusNetwork:
 class _Part(BusNetwork):
     """A node beside another one, which sees the graph for both."""
 
-    def __init__(self, whole: BusNetwork, name: str) -> None:
+    def __init__(self, whole: BusNetwork, name: str, namespace: str) -> None:
         super().__init__(whole.node.options, name, whole._deaf)
-        self.node = BusNode(whole.node.options, name, beside=whole.node)
+        self.node = BusNode(whole.node.options, name, namespace, beside=whole.node)
         self._whole = whole
         self._graph, self._lock, self._changed = whole._graph, whole._lock, whole._changed
         self._watches = whole._watches

@@ -52,6 +52,10 @@ class Endpoint(NamedTuple):
     it."""
     peer: str | None = None
     """The only computer that it listens to; None: any."""
+    request: bytes = b""
+    """What a server is asked that answers only then."""
+    answer: bytes = b""
+    """What a server's first words begin with; empty: none are waited for."""
 
 
 class Driver(Openable):
@@ -123,7 +127,7 @@ class Driver(Openable):
     def endpoints(self) -> tuple[Endpoint, ...]:
         """Where it listens, and what it connects to, as its options have it: `cardan doctor` looks
         whether these can be had. Only those are named at which one more connection, that is closed
-        again without a word, disturbs nobody. Open or not."""
+        again after `request` at most, disturbs nobody. Open or not."""
         return ()
 
     def metrics(self) -> dict[str, float]:

@@ -7,6 +7,7 @@ A :class:`DatagramSession` has the protocol, without sockets, clocks and threads
 from __future__ import annotations
 
 import contextlib
+import math
 import select
 import socket
 import time
@@ -16,6 +17,7 @@ from collections.abc import Generator, Sequence
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
 from cardan.bounds import LONGEST_BLIND_S
+from cardan.drivers.lost_time import AgreedTime
 from cardan.drivers.robot_core import WAKE_S, LoopingRobot, implausible
 from cardan.protocols.joint_stream import is_newer
 from cardan.sockets import opened, waiting
@@ -88,6 +90,8 @@ class DatagramSession(ABC, Generic[MessageT]):
         self.sessions = 0
         """So many sessions of the controller were heard; the number that states have."""
         self._skipped = self._flood = 0
+        self.clock = AgreedTime(capabilities.period_s)
+        """Time between states, by the controller's clock, where they tell it, and ours."""
 
     # -- what a protocol gives ------------------------------------------------------------------
 
@@ -99,7 +103,12 @@ class DatagramSession(ABC, Generic[MessageT]):
     @abstractmethod
     def _state_of(self, message: MessageT, before: MessageT | None, now_s: float) -> RobotState:
         """The state, stamped `now_s`, its session `sessions`; `before` is the message before it in
-        the same session. Changes nothing: a state that no robot measures is ignored."""
+        the same session. Changes nothing: a state that no robot measures is ignored. `period_s` is
+        what it is by the controller's word, and becomes what our clock agrees with."""
+
+    def _time_s(self, message: MessageT) -> float | None:
+        """When the controller sent `message`, by its own clock; None: it does not tell."""
+        return None
 
     @abstractmethod
     def _begin(self, message: MessageT) -> None:
@@ -153,6 +162,7 @@ class DatagramSession(ABC, Generic[MessageT]):
             self.last_implausible = wrong
             self._ignore(_IMPLAUSIBLE)
             return None
+        state = self._agreed(state, message, before)
         if begins or state.hold_reason:
             self._begin(message)
         if before is not None:
@@ -164,6 +174,17 @@ class DatagramSession(ABC, Generic[MessageT]):
             state = state._replace(alarm="the port is flooded with other datagrams")
         self.state = state
         return state
+
+    def _agreed(self, state: RobotState, message: MessageT, before: MessageT | None) -> RobotState:
+        """`state` with the period that both clocks agree on; held where they have parted."""
+        clock, clock_s = self.clock, self._time_s(message)
+        if clock_s is None or before is None:
+            clock.begin(math.nan if clock_s is None else clock_s, state.stamp_s)
+            return state
+        states = (message.sequence - before.sequence) & 0xFFFFFFFF
+        period_s = min(clock.passed(clock_s, state.stamp_s, states), state.period_s)
+        fault = clock.fault
+        return state._replace(period_s=period_s, hold_reason=state.hold_reason or fault)
 
     def _ignore(self, reason: str) -> None:
         self.ignored[reason] += 1

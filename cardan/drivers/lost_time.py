@@ -7,6 +7,9 @@ jerk, and a robot that made up for lost time would be faster than commanded.
 
 So the difference is kept, and added to every command. A robot that is ahead of its
 command is slowed a little until it is not; one that is behind stays behind until it rests.
+
+How much time has passed is never the controller's word alone: `AgreedTime` counts what its clock
+and this computer's both say.
 """
 
 from __future__ import annotations
@@ -31,6 +34,175 @@ SLOW_DOWN_S: Final = 0.1
 
 _NOTHING = 1e-7
 """Smallest difference that counts: m, rad, and per s."""
+
+
+SLACK_S: Final = 0.001
+"""Time beyond this computer's own by which a robot may be advanced at once: what arrival jitters by
+on an idle computer. At 0.5 rad/s it is 0.5 mrad."""
+
+PARTED_SHARE: Final = 0.02
+"""Difference in speed of two clocks that count as parted: quartzes differ by 0.0001."""
+
+WINDOW_S: Final = 0.5
+"""Time over which clocks are compared, by the states that came quickest in it."""
+
+JUMP_S: Final = 0.05
+"""Lead of a clock over the quickest arrival of a window that no delay explains."""
+
+PAUSE_S: Final = 0.1
+"""States apart by more are a pause, after which clocks are compared anew: this computer or a
+simulated controller may have been stopped. A clock that shows the same time for so long, while
+states come, stands still; and no state is made up for that comes later than that."""
+
+
+def believed_s(step_s: float, due_s: float, waited_s: float, spare_s: float) -> float:
+    """Time between two states of which a controller says that it was `step_s`.
+
+    They came `waited_s` apart, and `due_s` is the time that so many states take: states that were
+    kept back come faster. `spare_s`: what may be believed beyond `waited_s`.
+    cardan/drivers/abb_egm/kernel/take.c has the same.
+    """
+    return min(step_s, max(due_s, waited_s + spare_s))
+
+
+def spare_left_s(spare_s: float, waited_s: float, found_s: float) -> float:
+    """What may be believed beyond the wait for the next state: what was not, SLACK_S at most."""
+    return min(max(spare_s + waited_s - found_s, 0.0), SLACK_S)
+
+
+class ClockWatch:
+    """Compares a controller's clock with this computer's; `fault` says what is wrong with it.
+
+    Delays are no fault: a state may come late, several may come at once, and either computer may
+    stand still. So only the state that came quickest in each window counts, and a small difference
+    has to be there in two windows.
+    """
+
+    __slots__ = (
+        "_ahead_s",
+        "_ahead_to_s",
+        "_best_s",
+        "_best_to_s",
+        "_controller_s",
+        "_end_s",
+        "_local_s",
+        "_parting",
+        "_rose_s",
+        "fault",
+    )
+
+    def __init__(self) -> None:
+        self.begin()
+
+    def begin(self, controller_s: float = math.nan, local_s: float = math.nan) -> None:
+        """Compare anew from a first state on; without one, from the next on."""
+        self.fault = ""
+        self._controller_s, self._local_s = controller_s, local_s
+        self._rose_s = local_s
+        self._compare(local_s)
+
+    def _compare(self, local_s: float) -> None:
+        """Forget earlier windows; the present one begins."""
+        self._ahead_s = self._best_s = -math.inf
+        self._ahead_to_s = self._best_to_s = local_s
+        self._end_s = local_s + WINDOW_S
+        self._parting = 0.0
+
+    def heard(self, controller_s: float, local_s: float) -> None:
+        """Take a state of `controller_s` that came at `local_s`."""
+        step_s, waited_s = controller_s - self._controller_s, local_s - self._local_s
+        ahead_s = controller_s - local_s
+        if step_s > 0.0 and waited_s <= PAUSE_S and local_s < self._end_s:
+            if ahead_s <= self._best_s:
+                self._controller_s, self._local_s = controller_s, local_s
+                self._rose_s = local_s
+                return
+        elif math.isnan(self._controller_s):
+            self.begin(controller_s, local_s)
+            return
+        self._controller_s, self._local_s = controller_s, local_s
+        self._look(step_s, waited_s, ahead_s)
+
+    def _look(self, step_s: float, waited_s: float, ahead_s: float) -> None:
+        """Compare the clocks where something may be new."""
+        local_s = self._local_s
+        if step_s < 0.0:
+            self._note(f"went back by {-step_s:.3g} s: it was restarted, or its clock is wrong")
+            return
+        if step_s > 0.0:
+            self._rose_s = local_s
+        elif local_s - self._rose_s > PAUSE_S and waited_s <= PAUSE_S:
+            self._note("stands still while states come")
+            return
+        # Of a first window it is not known how late its quickest state was.
+        lead_s = ahead_s - max(self._best_s, self._ahead_s)
+        if self._ahead_s > -math.inf and min(lead_s, 2.0 * (step_s - waited_s)) > JUMP_S:
+            self._note(f"jumped ahead by {step_s - waited_s:.3g} s")
+            return
+        if waited_s > PAUSE_S:
+            self._compare(local_s)
+        if ahead_s > self._best_s:
+            self._best_s, self._best_to_s = ahead_s, local_s
+        if local_s >= self._end_s:
+            self._end_window(local_s)
+
+    def _end_window(self, local_s: float) -> None:
+        """Compare the quickest states of this window and of the one before."""
+        between_s = self._best_to_s - self._ahead_to_s
+        gained_s = self._best_s - self._ahead_s
+        if math.isfinite(gained_s):
+            before, self._parting = self._parting, 0.0
+            if abs(gained_s) > PARTED_SHARE * between_s + SLACK_S:
+                self._parting = gained_s
+                if gained_s > JUMP_S or gained_s * before > 0.0:
+                    speed = 1.0 + gained_s / between_s
+                    self.fault = _fault(f"runs {speed:.3g} times as fast as this computer's")
+            else:
+                self.fault = ""
+        self._ahead_s, self._ahead_to_s = self._best_s, self._best_to_s
+        self._best_s, self._end_s = -math.inf, local_s + WINDOW_S
+
+    def _note(self, what: str) -> None:
+        self.fault = _fault(what)
+        self._compare(self._local_s)
+
+
+class AgreedTime(ClockWatch):
+    """Time that has passed by a controller's clock and by this computer's: the smaller of the two,
+    and SLACK_S at most beyond the latter."""
+
+    __slots__ = ("_credit_s", "period_s", "time_s")
+
+    def __init__(self, period_s: float) -> None:
+        self.period_s = period_s
+        """Between two states."""
+        self.time_s = 0.0
+        """What has passed."""
+        super().__init__()
+
+    def begin(self, controller_s: float = math.nan, local_s: float = math.nan) -> None:
+        super().begin(controller_s, local_s)
+        self._credit_s = SLACK_S
+
+    def passed(self, controller_s: float, local_s: float, states: int = 1) -> float:
+        """Time between the state before and one that came at `local_s`, which is the number
+        `states` from that one on; s, 0 for the first."""
+        step_s, waited_s = controller_s - self._controller_s, local_s - self._local_s
+        first = math.isnan(step_s)
+        self.heard(controller_s, local_s)
+        if first:
+            return 0.0
+        # What this computer counted and the controller did not, for as long as a state may be late.
+        credit_s = self._credit_s + waited_s
+        found_s = believed_s(step_s, states * self.period_s, waited_s, SLACK_S)
+        found_s = max(min(found_s, credit_s), 0.0)
+        self._credit_s = min(credit_s - found_s, PAUSE_S)
+        self.time_s += found_s
+        return found_s
+
+
+def _fault(what: str) -> str:
+    return f"the controller's clock {what}"
 
 
 class LostTime:

@@ -16,6 +16,8 @@ export type Snapshot = {
   authority: string;
   authority_s: number | null;
   authority_refused: string;
+  stops: number;
+  stopped_by: string;
   device_link: string;
   device_reason: string;
   axes: number[];
@@ -97,12 +99,16 @@ export class Arm {
   onDescription: () => void = () => {};
   onState: () => void = () => {};
   onSurroundings: () => void = () => {};
+  /** The arm was stopped, by this source; empty: by this page. */
+  onStop: (by: string) => void = () => {};
   onRequest: (request: AuthorityRequest) => void = () => {};
   /** The authority is not ours for a moment, as its parameters are set. */
   lends = false;
   private readonly link: Source;
   private readonly ends: (() => void)[] = [];
   private requests = 0;
+  /** Own stops that the snapshot does not count yet. */
+  private ownStops = 0;
 
   constructor(link: Source, name: string) {
     this.link = link;
@@ -156,7 +162,13 @@ export class Arm {
       this.onRequest(m);
     }, 0);
     hear(`${name}/state/snapshot`, "std_msgs/msg/String", (m: { data: string }) => {
+      const before = this.snapshot?.stops;
       this.snapshot = JSON.parse(m.data) as Snapshot;
+      const { stops, stopped_by } = this.snapshot;
+      if (before !== undefined && stops !== before) {
+        this.onStop(stops - before > this.ownStops ? stopped_by : "");
+        this.ownStops = 0;
+      }
       this.heard();
     }, 0);
   }
@@ -184,6 +196,7 @@ export class Arm {
 
   /** Brake the arm, whoever has the authority. Rejects with why that is not known to have worked. */
   async stop(): Promise<void> {
+    this.ownStops++;
     const answer = await this.link.bridge.call(`${this.name}/stop`, {});
     if (!answer["success"]) throw new Error(String(answer["message"]));
   }

@@ -4,6 +4,9 @@ import { t } from "./i18n.ts";
 import { KEPT_S, type Recording } from "./recording.ts";
 import { Span } from "./span.ts";
 
+/** How often a plot steps where the person has asked their system for less motion. */
+const CALM_MS = 1000;
+
 const COLOURS = ["#3b82f6", "#e5484d", "#30a46c", "#f59e0b", "#a855f7", "#0ea5e9", "#ec4899", "#84cc16"];
 
 const USUAL_S = 60;
@@ -21,6 +24,8 @@ export class Chart {
   private readonly bar: HTMLElement;
   private readonly pause: HTMLButtonElement;
   private readonly span = new Span(USUAL_S, SHORTEST_S, KEPT_S);
+  private readonly calm = matchMedia("(prefers-reduced-motion: reduce)");
+  private drawnMs = -Infinity;
   private plot: uPlot | null = null;
   private recording: Recording | null = null;
   private name = "";
@@ -60,6 +65,9 @@ export class Chart {
   /** Bring it up to date. */
   draw(): void {
     if (this.span.stands || this.element.offsetParent === null) return;
+    const nowMs = performance.now();
+    if (this.calm.matches && nowMs - this.drawnMs < CALM_MS) return;
+    this.drawnMs = nowMs;
     this.redraw();
   }
 

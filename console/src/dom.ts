@@ -28,6 +28,47 @@ export function button(
   return h("button", { type: "button", onclick: () => press(), ...properties }, label);
 }
 
+/** The click that follows a press comes so soon after it was let go. */
+const CLICK_MS = 500;
+
+/** A button that stops or ends something. While `ends()`, `press` is called when any pointer goes
+ * down on it: also the second finger, of which browsers make no click while the first one is held.
+ * Keys act, too; and a click, which alone begins something. */
+export function stopper(
+  label: string,
+  ends: () => boolean,
+  press: () => void,
+  properties: Properties = {},
+): HTMLButtonElement {
+  const element = h("button", { type: "button", ...properties }, label);
+  let done = false;
+  let pointer: number | null = null;
+  let forget: ReturnType<typeof setTimeout> | undefined;
+  element.addEventListener("pointerdown", (event) => {
+    clearTimeout(forget);
+    pointer = event.pointerId;
+    done = ends();
+    if (done) press();
+  });
+  // Wherever it goes up: one that left the button and came back makes a click, too.
+  for (const name of ["pointerup", "pointercancel"] as const) {
+    window.addEventListener(name, (event) => {
+      if (event.pointerId !== pointer) return;
+      pointer = null;
+      clearTimeout(forget);
+      forget = setTimeout(() => {
+        done = false;
+      }, CLICK_MS);
+    });
+  }
+  element.addEventListener("click", (event) => {
+    // A key's click has no count of presses.
+    if (!done || event.detail === 0) press();
+    done = false;
+  });
+  return element;
+}
+
 export function section(title: Word, ...children: Child[]): HTMLElement {
   return h("section", { class: "card" }, h("h2", {}, t(title)), ...children);
 }
@@ -68,6 +109,9 @@ export type SliderOptions = {
   digits: number;
   /** Whether its ends are written below its label. */
   ends?: boolean;
+  /** What is written below its label of a value. */
+  says?: (value: number) => string;
+  class?: string;
   change: (value: number) => void;
 };
 
@@ -77,6 +121,7 @@ export class Slider {
   private readonly range: HTMLInputElement;
   private readonly number: HTMLInputElement;
   private readonly mark: HTMLElement;
+  private readonly note = h("small");
   private readonly options: SliderOptions;
 
   constructor(options: SliderOptions) {
@@ -96,12 +141,13 @@ export class Slider {
     this.number.addEventListener("change", () => this.changed(this.number));
     this.element = h(
       "div",
-      { class: "slider" },
+      { class: `slider ${options.class ?? ""}`.trim() },
       h(
         "span",
         { class: "slider-label" },
         label,
         options.ends ? h("small", {}, `${min} … ${max}`) : null,
+        options.says ? this.note : null,
       ),
       h("span", { class: "track" }, this.mark, this.range),
       h("span", { class: "slider-number" }, this.number, h("span", { class: "unit" }, unit)),
@@ -111,14 +157,16 @@ export class Slider {
 
   /** Show a value that something else has set. */
   set(given: number): void {
-    // Not "-0.0".
     const value = Number(given.toFixed(6)) || 0;
-    const shown = value.toFixed(this.options.digits).replace(/^-(?=[0.]+$)/, "");
+    const shown = fixed(value, this.options.digits);
     this.range.value = String(value);
     if (document.activeElement !== this.number) {
       this.number.value = shown;
     }
-    this.range.setAttribute("aria-valuetext", `${shown} ${this.options.unit}`);
+    const told = this.options.says?.(value) ?? "";
+    setText(this.note, told);
+    const more = told ? `, ${told}` : "";
+    this.range.setAttribute("aria-valuetext", `${shown} ${this.options.unit}${more}`);
   }
 
   /** Where the robot is, as a mark on the track. */
@@ -136,6 +184,11 @@ export class Slider {
     this.set(kept);
     change(kept);
   }
+}
+
+/** A number with so many digits, and never "-0.0". */
+export function fixed(value: number, digits: number): string {
+  return value.toFixed(digits).replace(/^-(?=[0.]+$)/, "");
 }
 
 /** Set text only where it differs, so that screen readers and the layout are left alone. */

@@ -1,6 +1,7 @@
 import type { Body } from "./frames.ts";
 import { FRAME_MS, Holding, endWithPage } from "./hold.ts";
 import type { Link, Target } from "./link.ts";
+import { Pulse } from "./pulse.ts";
 
 /** A hand whose raw frames go to the driver of a session, which judges them by itself. */
 export class Hand {
@@ -13,6 +14,7 @@ export class Hand {
   private readonly body: () => Body | null;
   private timer: ReturnType<typeof setInterval> | undefined;
   private opening = false;
+  private readonly pulse = new Pulse();
 
   /** `body`: its state now; null: there is none, and nothing is sent. */
   constructor(channel: number, link: Link, body: () => Body | null) {
@@ -50,6 +52,7 @@ export class Hand {
     if (!this.open || this.link.slow) return false;
     const nowMs = performance.now();
     if (!this.holding.armed) this.holding.arm(nowMs);
+    this.pulse.begin(nowMs);
     return this.holding.press(() => this.body(), nowMs);
   }
 
@@ -65,7 +68,12 @@ export class Hand {
 
   private send(): void {
     if (this.link.blind) this.holding.end("slow");
-    const due = this.holding.tick(performance.now());
+    const nowMs = performance.now();
+    let due = this.holding.tick(nowMs);
+    if (this.holding.held && !this.pulse.beat(nowMs)) {
+      this.holding.end("hung");
+      due = this.holding.tick(nowMs);
+    }
     const body = this.body();
     if (body) this.link.send(this.channel, body, due?.hold ?? false, this.tracking);
     if (this.link.state !== "live") this.stop();

@@ -22,6 +22,9 @@ export type End =
   | "released"
   | "cancelled"
   | "left"
+  | "chord"
+  | "moved"
+  | "hung"
   | "blur"
   | "hidden"
   | "closed"
@@ -33,7 +36,15 @@ export type End =
   | "arrived";
 
 /** After these the page is disarmed: going on takes the deliberate act again. */
-const DISARMING: ReadonlySet<End> = new Set(["hidden", "closed", "stalled", "slow", "stopped", "idle"]);
+const DISARMING: ReadonlySet<End> = new Set([
+  "hidden",
+  "closed",
+  "stalled",
+  "hung",
+  "slow",
+  "stopped",
+  "idle",
+]);
 
 /** What a control asks for now; null: it has arrived, and the hold is over. */
 export type Asks = (nowMs: number) => Body | null;
@@ -137,16 +148,18 @@ export function whileHeld(
   begin: () => boolean,
   end: (why: End) => void,
 ): void {
-  let pointer: number | null = null;
-  let key: string | null = null;
+  let pointer: { id: number; x: number; y: number; mouse: boolean; onIt: boolean } | null = null;
+  let key = false;
+  let watch: ReturnType<typeof setInterval> | undefined;
   const over = (why: End) => {
-    if (pointer === null && key === null) return;
-    const captured = pointer;
+    if (!pointer && !key) return;
+    const captured = pointer?.id;
     pointer = null;
-    key = null;
+    key = false;
+    clearInterval(watch);
     element.classList.remove("held");
     element.removeAttribute("aria-pressed");
-    if (captured !== null && element.hasPointerCapture(captured)) {
+    if (captured !== undefined && element.hasPointerCapture(captured)) {
       element.releasePointerCapture(captured);
     }
     end(why);
@@ -160,43 +173,64 @@ export function whileHeld(
     element.setAttribute("aria-pressed", "true");
     return true;
   };
+  const isOn = (x: number, y: number): boolean => element.contains(document.elementFromPoint(x, y));
+  const isInside = (x: number, y: number): boolean => {
+    const box = element.getBoundingClientRect();
+    return (
+      x > box.left - MARGIN_PX &&
+      x < box.right + MARGIN_PX &&
+      y > box.top - MARGIN_PX &&
+      y < box.bottom + MARGIN_PX
+    );
+  };
+  // The pointer rests and the page does not: something lies over the control, or it went elsewhere.
+  const look = () => {
+    if (!pointer) return;
+    const { x, y, onIt } = pointer;
+    if (!isInside(x, y) || (onIt && !isOn(x, y))) over("moved");
+  };
 
   element.classList.add("hold");
   element.addEventListener("pointerdown", (event) => {
-    if (event.button !== 0 || pointer !== null || key !== null) return;
+    if (event.button !== 0 || event.buttons !== 1 || pointer || key) return;
     if (!event.isTrusted || !start()) return;
-    pointer = event.pointerId;
-    element.setPointerCapture(event.pointerId);
+    const { pointerId: id, clientX: x, clientY: y } = event;
+    pointer = { id, x, y, mouse: event.pointerType === "mouse", onIt: isOn(x, y) };
+    element.setPointerCapture(id);
+    watch = setInterval(look, FRAME_MS);
   });
-  element.addEventListener("pointermove", (event) => {
-    if (event.pointerId !== pointer) return;
-    const box = element.getBoundingClientRect();
-    const inside =
-      event.clientX > box.left - MARGIN_PX &&
-      event.clientX < box.right + MARGIN_PX &&
-      event.clientY > box.top - MARGIN_PX &&
-      event.clientY < box.bottom + MARGIN_PX;
-    if (!inside) over("left");
-  });
-  const ends: [keyof HTMLElementEventMap, End][] = [
-    ["pointerup", "released"],
-    ["pointercancel", "cancelled"],
-    ["lostpointercapture", "cancelled"],
-  ];
-  for (const [name, why] of ends) {
-    element.addEventListener(name, (event) => {
-      if ((event as PointerEvent).pointerId === pointer) over(why);
+  // Of a mouse with several buttons down, browsers say pointerup for the last one only: which are
+  // down is in every event, wherever on the page it is.
+  const buttons = (event: MouseEvent) => {
+    if (event.buttons === 1) return;
+    over((event.buttons & 1) === 0 ? "released" : "chord");
+  };
+  for (const name of ["pointerdown", "pointermove", "pointerup", "pointercancel"] as const) {
+    listen(name, (event) => {
+      if (event.pointerId !== pointer?.id) return;
+      if (name === "pointercancel") return over("cancelled");
+      buttons(event);
+      if (!pointer) return;
+      const { clientX: x, clientY: y } = event;
+      if (isInside(x, y)) pointer = { ...pointer, x, y, onIt: isOn(x, y) };
+      else over("left");
     });
   }
+  for (const name of ["mousedown", "mouseup"] as const) {
+    listen(name, (event) => pointer?.mouse && buttons(event));
+  }
+  element.addEventListener("lostpointercapture", (event) => {
+    if (event.pointerId === pointer?.id) over("cancelled");
+  });
   element.addEventListener("keydown", (event) => {
     if (!KEYS.has(event.key)) return;
     event.preventDefault();
-    if (event.repeat || !event.isTrusted || pointer !== null || key !== null) return;
-    if (start()) key = event.key;
+    if (event.repeat || !event.isTrusted || pointer || key) return;
+    key = start();
   });
-  element.addEventListener("keyup", (event) => {
-    if (event.key === key) over("released");
-  });
+  // A key may go up as another one: with AltGr down, Space ends as a no-break space, and some
+  // keyboards do not say which key it was. Any key that goes up ends it, wherever the focus is.
+  listen("keyup", () => key && over("released"));
   element.addEventListener("blur", () => over("blur"));
   // Chromium holds all timers back for 100 ms after a touch that may become a gesture of its own: no
   // frame would go out, and the arm's stream be silent.
@@ -205,7 +239,20 @@ export function whileHeld(
   element.addEventListener("dragstart", (event) => event.preventDefault());
   // Whatever ends the hold of the page lets go of its control, too.
   element.addEventListener("let-go", () => over("released"));
+  listen("contextmenu", () => over("cancelled"));
   window.addEventListener("blur", () => over("blur"));
+  window.addEventListener("resize", () => over("moved"));
+  window.addEventListener("orientationchange", () => over("moved"));
+  // The keyboard of a phone, which leaves the window as large as it was.
+  window.visualViewport?.addEventListener("resize", () => over("moved"));
+}
+
+/** Hear an event of the window before any element does, so that none can keep it back. */
+function listen<K extends keyof WindowEventMap>(
+  name: K,
+  heard: (event: WindowEventMap[K]) => unknown,
+): void {
+  window.addEventListener(name, (event) => void heard(event), { capture: true });
 }
 
 /** Let go of every control that is pressed. */

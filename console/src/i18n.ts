@@ -47,6 +47,16 @@ const WORDS = {
     "The connection to the server is lost; trying again.",
     "Se perdió la conexión con el servidor; reintentando.",
   ],
+  wrongToken: [
+    "The server does not know this token: enter the one that it has now.",
+    "El servidor no conoce este código: introduzca el que tiene ahora.",
+  ],
+  noToken: [
+    "The server asks for a token: open the address that it printed, or enter the token.",
+    "El servidor pide un código: abra la dirección que mostró, o introdúzcalo.",
+  ],
+  token: ["Token", "Código"],
+  enter: ["Enter", "Entrar"],
   silent: ["The arm's session is silent.", "La sesión del brazo no responde."],
   ended: ["The session has ended", "La sesión ha terminado"],
   moving: ["Moving", "En movimiento"],
@@ -61,6 +71,9 @@ const WORDS = {
   end_released: ["released", "soltado"],
   end_cancelled: ["the touch was cancelled", "el toque se canceló"],
   end_left: ["the finger left the control", "el dedo salió del control"],
+  end_chord: ["another button went down", "se pulsó otro botón"],
+  end_moved: ["the control moved away from the pointer", "el control se movió del puntero"],
+  end_hung: ["the browser stood still: enable again", "el navegador se detuvo: habilite de nuevo"],
   end_blur: ["the window lost the focus", "la ventana perdió el foco"],
   end_hidden: ["the page was hidden: enable again", "la página se ocultó: habilite de nuevo"],
   end_closed: ["the connection was lost: enable again", "se perdió la conexión: habilite de nuevo"],
@@ -92,8 +105,10 @@ const WORDS = {
   continuous: ["Continuous", "Continuo"],
   step: ["Step", "Paso"],
   speed: ["Speed", "Velocidad"],
-  translation: ["Move", "Trasladar"],
+  gizmo: ["Arrows at the goal", "Flechas en la meta"],
+  translation: ["Shift", "Trasladar"],
   rotation: ["Turn", "Girar"],
+  controls: ["Controls", "Controles"],
   joints: ["Joints", "Articulaciones"],
   pose: ["TCP pose", "Pose del TCP"],
   linear: ["Straight line", "Línea recta"],
@@ -292,12 +307,35 @@ const WORDS = {
     "Collision shapes, with the distance that is kept",
     "Formas de colisión, con la distancia que se guarda",
   ],
+  robotTold: ["What the robot's driver says", "Lo que dice el controlador del robot"],
   server: ["Server", "Servidor"],
   role: ["role", "rol"],
   picture3d: ["The arm in three dimensions", "El brazo en tres dimensiones"],
   no3d: ["This browser shows no WebGL; all else works.", "Sin WebGL en este navegador; lo demás funciona."],
   clearance: ["clearance", "holgura"],
 } as const satisfies Record<string, readonly [string, string]>;
+
+/** Parameters of an arm in words; their units are the arm's own. */
+const PARAMETERS: Record<string, readonly [string, string]> = {
+  preset_streaming_cmd: ["Streaming command", "Orden en continuo"],
+  frame: ["Frame of commands", "Sistema de las órdenes"],
+  gain: ["Gain on the position error", "Ganancia del error de posición"],
+  trajectory_duration: ["Shortest duration of a line", "Duración mínima de una línea"],
+  trajectory_reference_speed: ["Speed along lines", "Velocidad en líneas"],
+  trajectory_reference_acceleration: ["Acceleration along lines", "Aceleración en líneas"],
+  cmc_period: ["Loop period", "Periodo del lazo"],
+  wait_period: ["Period of looks while waiting", "Periodo de consulta al esperar"],
+  rotation_reference_speed: ["Angular speed along lines", "Velocidad angular en líneas"],
+  rotation_reference_acceleration: ["Angular acceleration along lines", "Aceleración angular en líneas"],
+  trajectory_reference_jerk: ["Jerk along lines", "Sobreaceleración en líneas"],
+  rotation_reference_jerk: ["Angular jerk along lines", "Sobreaceleración angular en líneas"],
+  trajectory_profile: ["Speed profile of lines", "Perfil de velocidad de las líneas"],
+  servo_policy: ["Kept at the arm's limits", "Se conserva en los límites del brazo"],
+  stream_timeout: ["Silence until the arm brakes", "Silencio hasta que el brazo frena"],
+  joint_speed_share: ["Share of the joints' speed", "Parte de la velocidad articular"],
+  joint_acceleration_share: ["Share of the joints' acceleration", "Parte de la aceleración articular"],
+  pose_damping: ["Smoothing of streamed poses", "Suavizado de poses en continuo"],
+};
 
 export type Word = keyof typeof WORDS;
 export const LANGUAGES = { en: "English", es: "Español" } as const;
@@ -312,6 +350,11 @@ export function setLanguage(chosen: Language): void {
 /** The word in the page's language. */
 export function t(word: Word): string {
   return WORDS[word][language === "es" ? 1 : 0];
+}
+
+/** The name of an arm's parameter in the page's language; null: it is none that the page knows. */
+export function parameterWord(name: string): string | null {
+  return PARAMETERS[name]?.[language === "es" ? 1 : 0] ?? null;
 }
 
 /** The browser's language, where the page has it. */

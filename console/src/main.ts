@@ -1,11 +1,11 @@
 import { Arm, findArms } from "./arm.ts";
-import { button, choice, h, setText } from "./dom.ts";
+import { button, choice, fixed, h, setText, stopper } from "./dom.ts";
 import { Goal } from "./goal.ts";
 import { type Word, setLanguage, t } from "./i18n.ts";
 import { quality } from "./latency.ts";
 import { Link } from "./link.ts";
 import { Motion } from "./motion.ts";
-import { GoalPanel } from "./panels/goal.ts";
+import { GoalPanel, shown as inWords } from "./panels/goal.ts";
 import { HandPanel } from "./panels/hand.ts";
 import { JogPanel } from "./panels/jog.ts";
 import { PlotsPanel } from "./panels/plots.ts";
@@ -14,9 +14,9 @@ import { SensorsPanel } from "./panels/sensors.ts";
 import { SetupPanel } from "./panels/setup.ts";
 import { Replay } from "./replay.ts";
 import { Rosbridge } from "./rosbridge.ts";
-import { Scene, type View } from "./scene.ts";
+import type { Scene, View } from "./scene.ts";
 import { loadSettings, saveSettings } from "./settings.ts";
-import { takeToken } from "./token.ts";
+import { giveToken, takeToken } from "./token.ts";
 import { why } from "./why.ts";
 
 /** How often what stands there in words and numbers is brought up to date. */
@@ -24,6 +24,12 @@ const REFRESH_MS = 100;
 
 /** How often the bus is asked which arms there are. */
 const LOOK_MS = 2000;
+
+/** A page that is not drawn after so long is hidden. */
+const HIDDEN_MS = 500;
+
+/** Where no arm is found in this time the picture is made without one. */
+const NO_ARM_MS = 1500;
 
 const JOG_CHANNEL = 1;
 
@@ -53,8 +59,8 @@ const linkChip = h("details", { class: "chip link" });
 const linkText = h("span");
 const linkFigures = h("dl");
 linkChip.append(h("summary", {}, h("i", { class: "dot", "aria-hidden": "true" }), linkText), linkFigures);
-const authorityText = h("span");
-const release = button(t("release"), () => void motion.release(), {
+const authorityText = h("span", { class: "who" });
+const release = stopper(t("release"), () => true, () => void motion.release(), {
   title: t("releaseHelp"),
   class: "quiet",
 });
@@ -65,8 +71,7 @@ const askButton = button(t("askFor"), () => motion.askFor(arm?.status?.authority
 const authority = h(
   "div",
   { class: "chip authority" },
-  h("span", { class: "caption" }, t("authority")),
-  authorityText,
+  h("span", { class: "owner" }, h("span", { class: "caption" }, t("authority")), authorityText),
   release,
   askButton,
 );
@@ -75,16 +80,34 @@ const asker = h(
   "div",
   { class: "asker", role: "alert", hidden: true },
   askerText,
-  button(t("handOver"), () => void answer(true)),
+  stopper(t("handOver"), () => true, () => void answer(true)),
   button(t("keep"), () => void answer(false)),
 );
-const whyLine = h("p", { class: "why", role: "status", "aria-live": "polite" });
+const tokenInput = h("input", { type: "password", autocomplete: "off", spellcheck: "false" });
+const tokenForm = h(
+  "form",
+  { class: "token", hidden: true },
+  h("label", { class: "field" }, h("span", {}, t("token")), tokenInput),
+  h("button", { type: "submit" }, t("enter")),
+);
+tokenForm.addEventListener("submit", (event) => {
+  event.preventDefault();
+  if (tokenInput.value.trim()) giveToken(tokenInput.value.trim());
+});
+const whyText = h("span");
+const whyLine = h("p", { class: "why", role: "status", "aria-live": "polite" }, whyText);
+whyLine.addEventListener("click", () => whyLine.toggleAttribute("data-whole"));
 const picture = h("div", { class: "picture" });
 const readout = h("div", { class: "readout", "aria-hidden": "true" });
-const stopButton = button("", () => void stop(), { class: "stop", "aria-keyshortcuts": "Escape" });
+const stopButton = stopper("", () => true, () => void stop(), {
+  class: "stop",
+  "aria-keyshortcuts": "Escape",
+});
 const stopLabel = h("b", {}, t("stop"));
 stopButton.append(stopLabel, h("kbd", { "aria-hidden": "true" }, t("stopHint")));
-const enableButton = button(t("enable"), () => void enable(), { class: "enable" });
+const enableButton = stopper(t("enable"), () => motion.holding.armed, () => void enable(), {
+  class: "enable",
+});
 
 const address = new URL("/ws", location.href);
 address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
@@ -94,19 +117,27 @@ if (token) address.searchParams.set("t", token);
 const link = new Link(new Rosbridge(address.href));
 link.name(settings.person);
 const motion = new Motion(link);
-const scene = makeScene();
+/** Null until it is loaded, and where there is no WebGL. */
+let scene: Scene | null = null;
+/** Whether it is known which. */
+let pictured = false;
+const theScene = () => scene;
+let tab: Word = "move";
 let arm: Arm | null = null;
+let tellArmChosen: () => void = () => {};
+const armChosen = new Promise<void>((resolve) => {
+  tellArmChosen = resolve;
+});
 let goal: Goal | null = null;
 
-const jog = new JogPanel(motion, () => arm, scene, settings, keep);
-const goalPanel = new GoalPanel(motion, scene, settings, keep);
+const jog = new JogPanel(motion, () => arm, theScene, settings, keep);
+const goalPanel = new GoalPanel(motion, theScene, settings, keep);
 const replay = new Replay(link);
 const records = new RecordsCard(link, replay);
 const plots = new PlotsPanel(link, records.element);
 const sensors = new SensorsPanel(link, address.href, settings, keep);
 const hand = new HandPanel(link, settings, keep);
 const setup = new SetupPanel(link, settings, keep, (part, on) => scene?.show(part, on));
-for (const part of settings.hides) scene?.show(part, false);
 
 const TABS: [Word, HTMLElement][] = [
   ["move", jog.element],
@@ -142,6 +173,9 @@ tabList.addEventListener("keydown", (event) => {
 });
 
 function showTab(chosen: Word): void {
+  tab = chosen;
+  gizmoBar.hidden = chosen !== "goal";
+  scene?.edit(chosen === "goal");
   for (const [word, element] of TABS) {
     element.hidden = word !== chosen;
     const tab = document.getElementById(`tab-${word}`);
@@ -160,7 +194,7 @@ const viewBar = h(
 );
 const timeBar = replayBar(replay);
 const gizmoBar = choice<"translate" | "rotate">(
-  t("goal"),
+  t("gizmo"),
   [
     ["translate", t("translation")],
     ["rotate", t("rotation")],
@@ -180,24 +214,53 @@ document.body.append(
     authority,
     linkChip,
   ),
-  h("div", { class: "lines" }, whyLine, asker),
+  h("div", { class: "lines" }, whyLine, tokenForm, asker),
   h(
     "main",
     {},
-    h("section", { class: "view", "aria-label": t("view") }, picture, readout, viewBar, gizmoBar, timeBar.element),
-    h("section", { class: "controls", "aria-label": t("move") }, tabList, panels),
+    h("section", { class: "view", "aria-label": t("view") }, picture, readout, h("div", { class: "view-tools" }, viewBar, gizmoBar), timeBar.element),
+    h("section", { class: "controls", "aria-label": t("controls") }, tabList, panels),
   ),
   h("footer", { class: "dock" }, enableButton, stopButton),
 );
 showTab("move");
 
-function makeScene(): Scene | null {
+/** The picture comes last: what stops and moves is drawn, and has its arm, before it. */
+async function makeScene(): Promise<void> {
+  await Promise.all([drawn(), Promise.race([armChosen, later(NO_ARM_MS)])]);
   try {
-    return new Scene(picture, t("picture3d"));
+    const { Scene } = await import("./scene.ts");
+    const made = new Scene(picture, t("picture3d"));
+    made.onDrag = (pose) => goal?.setPose(pose);
+    made.beforeDraw = () => {
+      const shown = replay.open ? replay.arm : arm;
+      if (shown) made.follow(shown);
+    };
+    for (const part of settings.hides) made.show(part, false);
+    made.edit(tab === "goal");
+    scene = made;
   } catch {
     picture.append(h("p", { class: "hint" }, t("no3d")));
-    return null;
   }
+  pictured = true;
+  const shown = replay.open ? replay.arm : arm;
+  if (shown?.description) shown.onDescription();
+  shown?.onState();
+}
+void makeScene();
+
+/** Resolves when the browser has drawn the page; soon where it draws nothing, as it is hidden. */
+function drawn(): Promise<void> {
+  const frames = new Promise<void>((resolve) => {
+    requestAnimationFrame(() => requestAnimationFrame(() => setTimeout(resolve)));
+  });
+  return Promise.race([frames, later(HIDDEN_MS)]);
+}
+
+function later(ms: number): Promise<void> {
+  return new Promise((resolve) => {
+    setTimeout(resolve, ms);
+  });
 }
 
 // -- arms -----------------------------------------------------------------------------------------
@@ -207,6 +270,7 @@ function choose(name: string): void {
   const chosen = new Arm(link, name);
   arm = chosen;
   motion.choose(chosen);
+  tellArmChosen();
   scene?.empty();
   goal = null;
   let loaded = false;
@@ -223,6 +287,10 @@ function choose(name: string): void {
     if (!replay.open) scene?.surround(chosen);
     if (goal) goalPanel.surround();
   };
+  chosen.onStop = (by) => {
+    motion.stopped(by);
+    hand.halt();
+  };
   chosen.onState = () => {
     if (replay.open) return;
     scene?.news(chosen);
@@ -230,7 +298,7 @@ function choose(name: string): void {
     if (moved && !moves) goal?.rested();
     moved = Boolean(moves);
     // Sliders need the joints' names, and their limits, which the description has.
-    if (loaded || !chosen.joints || (scene && !described)) return;
+    if (loaded || !pictured || !chosen.joints || (scene && !described)) return;
     loaded = true;
     goal = new Goal(chosen, scene);
     jog.load();
@@ -260,7 +328,6 @@ async function look(): Promise<void> {
 armSelect.hidden = true;
 armSelect.addEventListener("change", () => choose(armSelect.value));
 setInterval(() => void look(), LOOK_MS);
-setTimeout(() => void look(), 300);
 
 /** A record is shown instead of the arm: nothing of the page moves anything until it is closed. */
 replay.onArm = () => {
@@ -299,14 +366,6 @@ function showMotion(): void {
   if (scene) scene.hurried = armed;
 }
 
-if (scene) {
-  scene.onDrag = (pose) => goal?.setPose(pose);
-  scene.beforeDraw = () => {
-    const shown = replay.open ? replay.arm : arm;
-    if (shown) scene.follow(shown);
-  };
-}
-
 // -- what moves and stops -------------------------------------------------------------------------
 
 async function enable(): Promise<void> {
@@ -323,6 +382,7 @@ let stopShown: ReturnType<typeof setTimeout> | undefined;
 
 async function stop(): Promise<void> {
   motion.holding.end("stopped");
+  hand.halt();
   stopLabel.textContent = t("stopping");
   stopButton.classList.remove("failed");
   try {
@@ -349,12 +409,17 @@ window.addEventListener("keydown", (event) => {
 const ms = (value: number | null | undefined) =>
   value === null || value === undefined ? "–" : `${value.toFixed(value < 10 ? 1 : 0)} ms`;
 
+let live = false;
+
 function refresh(): void {
+  if (!live && link.bridge.live) void look();
+  live = link.bridge.live;
   const now = performance.now();
   const ageMs = arm ? now - arm.heardMs : Infinity;
   const median = link.roundTrips.median;
   const facts = why({
     link: link.state,
+    hasToken: token !== "",
     chosen: arm !== null,
     stateAgeMs: ageMs,
     roundTripMs: link.roundTrips.recent,
@@ -364,17 +429,20 @@ function refresh(): void {
     armed: motion.holding.armed,
     held: motion.holding.held,
     ended: motion.holding.ended,
+    stoppedBy: motion.stoppedBy,
     refused: motion.refused,
     snapshot: arm?.snapshot ?? null,
     status: arm?.status ?? null,
   });
-  setText(whyLine, replay.open ? t("replayWhy") : facts.text);
+  setText(whyText, replay.open ? t("replayWhy") : facts.text);
   whyLine.dataset["level"] = replay.open ? "note" : facts.level;
 
   linkChip.dataset["quality"] = link.state === "live" ? quality(median, ageMs) : "bad";
   setText(linkText, link.state === "live" ? ms(median) : t("link"));
   if (linkChip.open) showFigures(ageMs);
   showAuthority();
+
+  tokenForm.hidden = link.state !== "refused";
 
   showMotion();
   document.body.dataset["link"] = link.state;
@@ -409,8 +477,10 @@ function showAuthority(): void {
   const own = owner !== "" && owner === link.hello?.source;
   const since = arm?.snapshot?.authority_s;
   const time = owner && since ? ` · ${since.toFixed(0)} s` : "";
-  setText(authorityText, (own ? t("you") : owner || t("nobody")) + time);
-  authority.dataset["own"] = String(own);
+  const who = (own ? t("you") : owner || t("nobody")) + time;
+  setText(authorityText, who);
+  authorityText.title = who;
+  authority.dataset["owner"] = own ? "own" : owner ? "other" : "nobody";
   release.hidden = !own;
   const { lease } = motion;
   // Others are no people who could answer: a device lets go, and a program ends.
@@ -423,15 +493,17 @@ function showAuthority(): void {
 
 function showReadout(): void {
   const shown = replay.open ? replay.arm : arm;
-  const position = shown?.measured?.position;
-  const lines = position
-    ? ["X", "Y", "Z"].map((name, index) => `${name} ${(1000 * (position[index] ?? 0)).toFixed(1)}`)
-    : [];
+  const lines: string[] = [];
+  if (shown?.measured) {
+    const [x, y, z, ...turn] = inWords(shown.measured).map((each) => fixed(each, 1));
+    const [roll, pitch, yaw] = turn;
+    lines.push(`X ${x} mm   Y ${y} mm   Z ${z} mm`, `Roll ${roll}°   Pitch ${pitch}°   Yaw ${yaw}°`);
+  }
   const clearance = shown?.snapshot?.clearance_m;
   if (clearance !== null && clearance !== undefined) {
     lines.push(`${t("clearance")} ${(1000 * clearance).toFixed(0)} mm`);
   }
-  setText(readout, lines.join("   "));
+  setText(readout, lines.join("\n"));
 }
 
 setInterval(refresh, REFRESH_MS);

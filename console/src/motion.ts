@@ -3,12 +3,10 @@ import { type Asks, FRAME_MS, Holding, endWithPage, letGoOfAll } from "./hold.ts
 import { Lease, RENEW_MS } from "./lease.ts";
 import type { Link } from "./link.ts";
 import type { Speeds } from "./approach.ts";
+import { Pulse } from "./pulse.ts";
 
 /** The channel of the jog frames. */
 const CHANNEL = 1;
-
-/** Full speed of a jog, the arm's own limit of streams. */
-const FULL: Speeds = { linear: 0.25, angular: 1.0 };
 
 /** Of a joint's own speed, at full speed: the default of the parameter jointSpeedShare. */
 const JOINT_SHARE = 0.25;
@@ -18,8 +16,12 @@ export class Motion {
   readonly holding = new Holding();
   /** Why the server or the arm took the newest hold away; empty: it did not. */
   refused = "";
+  /** The source that stopped the arm last; empty: none has, or this page did. */
+  stoppedBy = "";
   /** Speed override, 0 to 1. */
   override = 0.2;
+  /** Full speed of a jog, the arm's own limit of streams; m/s and rad/s. */
+  readonly full: Speeds = { linear: 0.25, angular: 1.0 };
   onChange: () => void = () => {};
   readonly lease = new Lease();
   private renewedMs = -Infinity;
@@ -28,6 +30,7 @@ export class Motion {
   private readonly link: Link;
   private opening = false;
   private wakeLock: WakeLockSentinel | null = null;
+  private readonly pulse = new Pulse();
 
   constructor(link: Link) {
     this.link = link;
@@ -50,11 +53,19 @@ export class Motion {
   }
 
   get speeds(): Speeds {
-    return { linear: FULL.linear * this.override, angular: FULL.angular * this.override };
+    return { linear: this.full.linear * this.override, angular: this.full.angular * this.override };
   }
 
   jointSpeed(velocity: number): number {
     return velocity * JOINT_SHARE * this.override;
+  }
+
+  /** Somebody has stopped the arm: going on takes the deliberate act, on every page. */
+  stopped(by: string): void {
+    this.stoppedBy = by;
+    // What the arm refused since was refused because of the stop.
+    this.refused = "";
+    this.holding.end("stopped");
   }
 
   /** Another arm is chosen: nothing is armed for it. */
@@ -166,12 +177,18 @@ export class Motion {
   press(asks: Asks): boolean {
     if (this.link.slow) return false;
     this.refused = "";
+    this.pulse.begin(performance.now());
     return this.holding.press(asks, performance.now());
   }
 
   private tick(): void {
     const nowMs = performance.now();
+    // After this thread's own pause, which tick() notices, the echoes still wait.
     let due = this.holding.tick(nowMs);
+    if (this.holding.held && !this.pulse.beat(nowMs)) {
+      this.holding.end("hung");
+      due = this.holding.tick(nowMs);
+    }
     if (this.link.blind && this.holding.armed) {
       this.holding.end("slow");
       due = this.holding.tick(nowMs);

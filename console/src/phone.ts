@@ -5,6 +5,11 @@ import { DEGREE, type Vec3 } from "./spatial.ts";
 /** Longest wait for the first angles after they were allowed. */
 const FIRST_ANGLES_MS = 1500;
 
+/** Sensors that said nothing for so long are lost: browsers tell of them 50 to 60 times a second. */
+const SILENT_MS = 150;
+
+/** Slower turns may come without new angles: Chromium leaves out those of less than 0.1°. */
+const STILL_RAD_S = 3 * DEGREE;
 
 /** Bits of a phone's buttons. */
 export const BUTTONS = { a: 1, b: 2, align: 4 } as const;
@@ -16,6 +21,8 @@ export class PhoneSensors {
   private angles: Vec3 | null = null;
   private rates: Vec3 | null = null;
   private acceleration: Vec3 | null = null;
+  private turnedMs = -Infinity;
+  private movedMs = -Infinity;
   private dragRight = 0;
   private dragUp = 0;
   buttons = 0;
@@ -58,14 +65,18 @@ export class PhoneSensors {
     this.buttons = 0;
   }
 
-  body(): Body {
+  /** The phone's state at `nowMs` of `performance.now()`; null in it: not measured, or silent. */
+  body(nowMs = performance.now()): Body {
+    const moves = nowMs - this.movedMs <= SILENT_MS;
+    const rates = moves ? this.rates : null;
+    const still = rates !== null && Math.hypot(...rates) < STILL_RAD_S;
     return {
       kind: "phone",
-      anglesDeg: this.angles,
+      anglesDeg: still || nowMs - this.turnedMs <= SILENT_MS ? this.angles : null,
       dragRight: this.dragRight,
       dragUp: this.dragUp,
-      ratesRadS: this.rates,
-      accelerationMS2: this.acceleration,
+      ratesRadS: rates,
+      accelerationMS2: moves ? this.acceleration : null,
       buttons: this.buttons,
       screenQuarters: Math.round((screen.orientation?.angle ?? 0) / 90) % 4,
     };
@@ -73,12 +84,14 @@ export class PhoneSensors {
 
   private readonly turned = (event: DeviceOrientationEvent): void => {
     const { alpha, beta, gamma } = event;
+    this.turnedMs = performance.now();
     // Null is "no sensor, or not allowed", never zero.
     this.angles = alpha === null || beta === null || gamma === null ? null : [alpha, beta, gamma];
   };
 
   private readonly moved = (event: DeviceMotionEvent): void => {
     const turning = event.rotationRate;
+    this.movedMs = performance.now();
     // Of this event alpha is about x, beta about y, gamma about z.
     this.rates =
       turning && turning.alpha !== null && turning.beta !== null && turning.gamma !== null

@@ -1,4 +1,5 @@
-export type LinkState = "connecting" | "live" | "lost";
+/** "refused": the server does not know the token, and is not asked again. */
+export type LinkState = "connecting" | "live" | "lost" | "refused";
 
 /** What the server publishes: messages of a topic as JSON has them. */
 export type Message = Record<string, unknown>;
@@ -8,6 +9,10 @@ type Topic = { type: string; everyMs: number; heard: Set<Heard> };
 type Answered = { resolve: (values: Message) => void; reject: (reason: Error) => void };
 
 const RECONNECT_MS = 1000;
+
+/** Of HTTP: no token, or a wrong one; too many wrong ones. */
+const UNAUTHORIZED = 401;
+const TOO_MANY = 429;
 
 /** A client of rosbridge v2 in JSON, which connects again by itself and subscribes again. Calls that
  * had no answer when the link was lost are refused; nothing is sent later than it was asked for. */
@@ -82,7 +87,9 @@ export class Rosbridge {
     const socket = new WebSocket(this.address);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
+    let opened = false;
     socket.onopen = () => {
+      opened = true;
       for (const [topic, known] of this.topics) this.ask(topic, known);
       this.onState("live");
     };
@@ -93,8 +100,24 @@ export class Rosbridge {
       for (const each of this.calls.values()) each.reject(new Error("the connection was lost"));
       this.calls.clear();
       this.onState("lost");
-      setTimeout(() => this.connect(), RECONNECT_MS);
+      void this.again(opened);
     };
+  }
+
+  /** Connect again, if that can help: of a socket that was never open only HTTP says why. */
+  private async again(opened: boolean): Promise<void> {
+    let waitMs = RECONNECT_MS;
+    if (!opened) {
+      const answer = await fetch(this.address.replace(/^ws/, "http")).catch(() => null);
+      if (answer?.status === UNAUTHORIZED) {
+        this.onState("refused");
+        return;
+      }
+      if (answer?.status === TOO_MANY) {
+        waitMs = Math.max(waitMs, 1000 * Number(answer.headers.get("Retry-After")));
+      }
+    }
+    setTimeout(() => this.connect(), waitMs);
   }
 
   private receive(operation: Message): void {

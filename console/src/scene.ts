@@ -77,13 +77,19 @@ export class Scene {
   private dirty = true;
   private dragging = false;
   private hasGoal = false;
+  /** Whether the goal can be dragged. */
+  private edits = false;
+  private readonly place: HTMLElement;
   private hasGhost = false;
   private reach = 1;
 
   /** Raises where the browser has no WebGL. */
   constructor(place: HTMLElement, label: string) {
+    this.place = place;
     this.slow = drawsBySoftware();
     this.renderer = new THREE.WebGLRenderer({ antialias: !this.slow, alpha: true });
+    // Shaders are three's own; asking whether they are right waits for the compiler.
+    this.renderer.debug.checkShaderErrors = false;
     const canvas = this.renderer.domElement;
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", label);
@@ -139,7 +145,7 @@ export class Scene {
     this.gizmo.addEventListener("objectChange", () => this.onDrag(poseOf(this.handle)));
     this.gizmo.addEventListener("change", () => this.redraw());
     this.scene.add(this.gizmo.getHelper());
-    this.gizmo.getHelper().visible = false;
+    this.edit(false);
 
     new ResizeObserver(() => this.resize(place)).observe(place);
     this.resize(place);
@@ -214,7 +220,7 @@ export class Scene {
       place(this.measured, arm.measured);
       this.extendTrail(arm.measured.position);
       if (!this.hasGoal && !this.dragging) place(this.handle, arm.measured);
-      this.gizmo.getHelper().visible = true;
+      this.gizmo.getHelper().visible = this.edits;
     }
     const moves = arm.commanded !== null && Boolean(arm.status?.moving);
     this.commanded.visible = moves && this.shows("commanded");
@@ -262,6 +268,15 @@ export class Scene {
       velocity: joint.limit.velocity || 1,
       slides,
     };
+  }
+
+  /** Let the goal be dragged by its arrows; otherwise they are not there. */
+  edit(on: boolean): void {
+    this.edits = on;
+    this.gizmo.enabled = on;
+    this.gizmo.getHelper().visible = on && this.robot !== null;
+    this.place.dataset["gizmo"] = String(on);
+    this.redraw();
   }
 
   setGizmo(mode: "translate" | "rotate", space: "world" | "local"): void {

@@ -14,6 +14,8 @@ type Solid = {
 /** What an arm's session tells of what is around it: base axes, m and rad. */
 export type Surroundings = {
   workspace_m: readonly (Range | null)[];
+  /** Of the TCP, for x, y and z; null: no arm is known. */
+  reach_m?: readonly Range[] | null;
   obstacles: Solid[];
   /** Of the arm, each in the frame of the link after its joint; "" is the base. */
   shapes: (Solid & { joint: string })[];

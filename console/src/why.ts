@@ -11,6 +11,8 @@ export type Why = { level: Level; text: string };
 /** All that decides whether an arm moves, as the page knows it. */
 export type Facts = {
   link: LinkState;
+  /** Whether a token was given to the page. */
+  hasToken: boolean;
   chosen: boolean;
   stateAgeMs: number;
   roundTripMs: number | null;
@@ -21,6 +23,8 @@ export type Facts = {
   armed: boolean;
   held: boolean;
   ended: End | "";
+  /** The source that stopped the arm last; empty: none has, or this page did. */
+  stoppedBy: string;
   /** Why the server or the arm took the newest hold away; empty: it did not. */
   refused: string;
   snapshot: Snapshot | null;
@@ -35,6 +39,9 @@ export function why(facts: Facts): Why {
   const { snapshot, status } = facts;
   if (facts.link === "connecting") return { level: "warn", text: t("connecting") };
   if (facts.link === "lost") return { level: "bad", text: t("lost") };
+  if (facts.link === "refused") {
+    return { level: "bad", text: t(facts.hasToken ? "wrongToken" : "noToken") };
+  }
   if (!facts.chosen) return { level: "note", text: `${t("noArms")}. ${t("noArmsHelp")}` };
   if (facts.stateAgeMs > SILENT_MS) return { level: "bad", text: t("silent") };
   if (snapshot?.finished) {
@@ -62,12 +69,11 @@ export function why(facts: Facts): Why {
   if (facts.ended && facts.ended !== "released" && !facts.held) {
     const word = `end_${facts.ended}` satisfies Word;
     const level = facts.ended === "arrived" ? "ok" : "warn";
-    return { level, text: `${t("holdEnded")}: ${t(word)}` };
+    const by = facts.ended === "stopped" && facts.stoppedBy ? ` (${facts.stoppedBy})` : "";
+    return { level, text: `${t("holdEnded")}: ${t(word)}${by}` };
   }
   if (facts.armed) return { level: "ok", text: t("ready") };
-  // Of a robot that is ready, what is told of it keeps nothing from moving.
-  const told = snapshot?.diagnosis.find(Boolean);
-  return { level: "note", text: told ? `${t("notEnabled")} (${told})` : t("notEnabled") };
+  return { level: "note", text: t("notEnabled") };
 }
 
 /** The arm's word for a command that came too late, as people have to hear it. */

@@ -25,6 +25,7 @@ const SNAPSHOT = {
 } as unknown as Snapshot;
 const FACTS: Facts = {
   link: "live",
+  hasToken: true,
   chosen: true,
   stateAgeMs: 20,
   roundTripMs: 5,
@@ -34,6 +35,7 @@ const FACTS: Facts = {
   armed: true,
   held: false,
   ended: "",
+  stoppedBy: "",
   refused: "",
   snapshot: SNAPSHOT,
   status: STATUS,
@@ -51,11 +53,16 @@ test("the nearest cause comes first", () => {
   assert.match(says({ refused: late }).text, /came too late/);
   assert.match(says({ roundTripMs: 400 }).text, /too long.*400 ms/);
   assert.match(says({ ended: "hidden", armed: false }).text, /hidden: enable again/);
+  const stopped = { ended: "stopped", armed: false } as const;
+  assert.match(says({ ...stopped, stoppedBy: "console 2" }).text, /stopped: enable again \(console 2\)$/);
+  assert.match(says({ ...stopped, stoppedBy: "" }).text, /stopped: enable again$/);
   assert.match(says(status({ authority: "hand" })).text, /^hand has the authority/);
   assert.match(says({ asked: "given", armed: false }).text, /handed to you: enable/);
   assert.equal(says({ held: true, ...status({ limits: ["collision"] }) }).text, "Limited by collision");
   assert.match(says({ role: "viewer" }).text, /watch only/);
   assert.match(says({ armed: false }).text, /Enable motion/);
+  const told = { ...SNAPSHOT, diagnosis: ["the controller has begun 2 sessions"] };
+  assert.equal(says({ armed: false, snapshot: told }).text, "At rest. Enable motion to move it.");
   assert.equal(says({}).level, "ok");
 });
 

@@ -75,6 +75,10 @@ def jog(ros: roslibpy.Ros, arm: str, seconds: float) -> None:
     stopped = roslibpy.Service(ros, f"{arm}/stop", "std_srvs/Trigger").call(
         roslibpy.ServiceRequest(), timeout=10
     )
+    # Others need not wait until the lease of this client's authority ends.
+    roslibpy.Service(ros, f"{arm}/release", "std_srvs/Trigger").call(
+        roslibpy.ServiceRequest(), timeout=10
+    )
     way_m = max(each["y"] for each in places) - min(each["y"] for each in places)
     print(f"the TCP moved by {1e3 * way_m:.0f} mm and is stopped: {stopped['success']}")
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import statistics
 import sys
 import tempfile
@@ -80,6 +81,24 @@ class End(NamedTuple):
     tested: bool = True
     """False: it ends as another one does, and is in the table alone, to keep the tests short."""
     bound_s: float = BOUND_S
+    logged: str = ""
+    """Pattern of what the page itself must have been told, in EVENTS' words."""
+    unheard: str = ""
+    """Pattern of what it must not have been told."""
+
+
+EVENTS = """
+window.told = [];
+for (const name of [
+  "pointerdown", "pointerup", "pointercancel", "mousedown", "mouseup", "keydown", "keyup", "blur",
+  "contextmenu", "resize", "pagehide", "lostpointercapture",
+]) window.addEventListener(name, (event) => {
+  const on = event.target?.closest?.("button")?.className ?? "";
+  const what = event.code ?? event.pointerId ?? "";
+  told.push(`${name} ${what} ${JSON.stringify(event.key ?? "")} ${event.buttons ?? 0} [${on}]`);
+}, true);
+"""
+"""Each event as "type key-or-pointer key buttons [classes of its element]"."""
 
 
 def _let_go(held: Held) -> None:
@@ -158,26 +177,96 @@ def _stall(*, up: bool, down: bool, seconds: float = STALL_S) -> Callable[[Held]
     return act
 
 
-def _press_stop(held: Held) -> None:
-    # A second finger; the first one holds on.
-    stop = held.page.value(
-        "(b => [b.x + b.width / 2, b.y + b.height / 2])"
-        "(document.querySelector('.stop').getBoundingClientRect())"
-    )
-    held.page.touch("touchStart", held.at, tuple(stop))
-    held.page.touch("touchEnd", held.at)
+def _second_finger(selector: str) -> Callable[[Held], None]:
+    """A second finger taps a button, and the first one holds on."""
 
+    def act(held: Held) -> None:
+        other = held.page.value(
+            "(b => [b.x + b.width / 2, b.y + b.height / 2])"
+            f"(document.querySelector('{selector}').getBoundingClientRect())"
+        )
+        held.page.fingers("touchStart", {0: held.at, 1: tuple(other)})
+        held.page.fingers("touchMove", {0: held.at})
+
+    return act
+
+
+def _chord(button: str, number: int) -> Callable[[Held], None]:
+    """Another button of the mouse goes down; the left one goes up while that one stays down."""
+
+    def act(held: Held) -> None:
+        held.page.mouse("mousePressed", held.at, button, 1 + number)
+        held.page.mouse("mouseReleased", held.at, "left", number)
+
+    return act
+
+
+def _second_button(held: Held) -> None:
+    held.page.mouse("mousePressed", held.at, "right", 3)
+
+
+def _key_up_as(key: str, code: str) -> Callable[[Held], None]:
+    return lambda held: held.page.key("keyUp", key, code)
+
+
+def _resize(held: Held) -> None:
+    held.page.resize(1000, 900)
+
+
+def _push_away(held: Held) -> None:
+    """Something is shown above it, and the button goes down by its height."""
+    held.page.value("document.querySelector('header').style.marginBottom = '160px'")
+
+
+def _context_menu(held: Held) -> None:
+    held.page.value(
+        f"document.elementFromPoint({held.at[0]}, {held.at[1]}).dispatchEvent("
+        "new MouseEvent('contextmenu', {bubbles: true, cancelable: true}))"
+    )
+
+
+HOLDING_UP = r"^pointer(up|cancel) .*\[jog"
+"""The finger on the button went up, which a second one must not be mistaken for."""
 
 ENDS: dict[str, End] = {
-    "mouse button let go": End(_let_go),
-    "finger lifted": End(_lift, FINGER, tested=False),
-    "key let go": End(_release_key, KEY, tested=False),
+    "mouse button let go": End(_let_go, logged=r"^pointerup 1 \"\" 0"),
+    "finger lifted": End(_lift, FINGER, tested=False, logged=r"^pointerup .*held"),
+    "key let go": End(_release_key, KEY, tested=False, logged="^keyup Space"),
     "key let go while something else has the focus": End(_focus_elsewhere, KEY),
-    "touch cancelled: a gesture of the system, a call, a palm": End(_cancel, FINGER),
+    "touch cancelled: a gesture of the system, a call, a palm": End(
+        _cancel, FINGER, logged="^pointercancel", unheard="^pointerup"
+    ),
     "pointer captured by something else": End(_take_the_capture),
     "mouse slides off the button": End(_slide, tested=False),
     "finger slides off the button": End(_slide_finger, FINGER),
-    "*Stop* pressed with another finger": End(_press_stop, FINGER),
+    "*Stop* tapped with another finger": End(
+        _second_finger(".stop"), FINGER, logged=r"^pointerdown .*\[stop", unheard=HOLDING_UP
+    ),
+    "*Disable* tapped with another finger": End(
+        _second_finger(".enable"), FINGER, logged=r"^pointerdown .*\[enable", unheard=HOLDING_UP
+    ),
+    "right button goes down, too": End(
+        _second_button, logged="^mousedown .* 3 ", unheard="^(mouse|pointer)up"
+    ),
+    "left button let go while the right one is down": End(
+        _chord("right", 2), logged="^mouseup .* 2 ", unheard="^pointerup"
+    ),
+    "left button let go while the middle one is down": End(_chord("middle", 4), tested=False),
+    "Space let go while AltGr is down": End(
+        _key_up_as("\xa0", "Space"), KEY, logged='^keyup Space "\xa0"', unheard='^keyup Space " "'
+    ),
+    "key let go that the keyboard does not name": End(
+        _key_up_as("Unidentified", ""), KEY, tested=False
+    ),
+    "window of another size, or turned": End(
+        _resize, lives=False, logged="^resize", unheard="^pointerup"
+    ),
+    "the button moves away from the pointer": End(
+        _push_away, lives=False, unheard="^(pointer|mouse)|^blur"
+    ),
+    "context menu, as by a long press": End(
+        _context_menu, FINGER, logged="^contextmenu", unheard="^pointer(up|cancel)"
+    ),
     "Escape": End(lambda held: held.page.key("keyDown", "Escape")),
     "window loses the focus": End(_blur),
     "another tab in front for 1 s": End(_hide),
@@ -185,6 +274,9 @@ ENDS: dict[str, End] = {
     "page frozen for 1 s": End(_freeze, lives=False),
     "a dialogue of the browser for 1 s": End(_open_a_dialogue, tested=False),
     "page's thread blocked for 1 s": End(_block),
+    "browser's main process alone stopped for 2.5 s": End(
+        lambda held: held.bench.browser.hang(2.5)
+    ),
     "browser stopped for 1 s, as by a computer that sleeps": End(
         lambda held: held.bench.browser.stand_still(STALL_S), tested=False
     ),
@@ -230,7 +322,7 @@ class Pages:
         """A page that shows the arm."""
         if self._page is None:
             opened = self._bench.browser.open(
-                self._bench.address, scripts=[keeps(speed=SPEED_PERCENT)]
+                self._bench.address, scripts=[keeps(speed=SPEED_PERCENT), EVENTS]
             )
             self._page = self._stack.enter_context(opened)
         self._page.until(RELOADED)
@@ -248,10 +340,16 @@ def tried(bench: Bench, pages: Pages, end: End, watched_s: float) -> Stop:
     began_s = time.monotonic()
     sign = 1 if tcp.here[0] < 0.5 else -1
     at = hold(page, end.hand, jog("X", sign), lambda: _runs(bench, began_s))
+    if end.logged or end.unheard:
+        page.value("told.length = 0")
     at_s = time.monotonic()
     end.act(Held(page, at, bench))
     threading.Event().wait(watched_s)
     found = tcp.stop_since(at_s)
+    if end.logged or end.unheard:
+        told = "\n".join(page.value("told"))
+        assert re.search(end.logged, told, re.MULTILINE), told
+        assert not (end.unheard and re.search(end.unheard, told, re.MULTILINE)), told
     if not end.lives:
         pages.close()
         return found

@@ -32,6 +32,18 @@ def allow_sensors(browser, lab):
         control.ask("Browser.grantPermissions", permissions=["sensors"], origin=lab.face.address)
 
 
+SPEAKING = """
+window.silent = false;
+let newest = null;
+addEventListener("deviceorientation", (event) => { if (event.isTrusted) newest = event; });
+setInterval(() => {
+  if (!newest || window.silent) return;
+  dispatchEvent(new DeviceOrientationEvent("deviceorientation", newest));
+}, 16);
+"""
+"""A phone's sensor tells its angles anew also when it lies still; the emulated one does not."""
+
+
 def turn(page, alpha=0.0, beta=0.0, gamma=0.0):
     """The phone is turned."""
     page.ask("DeviceOrientation.setDeviceOrientationOverride", alpha=alpha, beta=beta, gamma=gamma)
@@ -113,7 +125,7 @@ class Phone:
 def started(lab, browser):
     """A phone's page that is aligned."""
     allow_sensors(browser, lab)
-    with browser.open(lab.face.address, 360, 740) as page:
+    with browser.open(lab.face.address, 360, 740, scripts=[SPEAKING]) as page:
         phone = Phone(page, lab.phone)
         phone.start()
         yield phone
@@ -161,7 +173,7 @@ def test_a_phone_turns_the_tool_while_it_is_held(phone):
     # About the axis to the right, which is -y of an operator who looks along x.
     now = phone.turned()
     assert max(map(abs, (*now.axes[:4], now.axes[5]))) < 0.05
-    # A phone at rest sends no events, and is as alive as before.
+    # A phone at rest tells the same angles, and is as alive as before.
     end_s = time.monotonic() + 0.6
     while time.monotonic() < end_s:
         assert phone.session.now.device_link == "live", phone.session.now
@@ -210,11 +222,25 @@ def test_a_page_that_was_hidden_needs_a_new_press(phone, browser):
 
 def test_a_sensor_that_ends_disarms(phone):
     phone.turned()
+    phone.page.value("window.silent = true")
     phone.page.value(
         "window.dispatchEvent(new DeviceOrientationEvent('deviceorientation', {alpha: null}))"
     )
     phone.session.until("device_link == 'needs neutral' and not any(axes)")
     phone.session.rests()
+    phone.page.value("window.silent = false")
+
+
+def test_sensors_that_fall_silent_are_lost_and_need_a_new_press(phone):
+    """The thumb stays down on a phone that is tilted, and its sensors tell nothing any more."""
+    phone.turned()
+    phone.page.value("window.silent = true")
+    phone.session.until("device_link == 'needs neutral' and not any(axes)")
+    phone.session.rests()
+    phone.page.value("window.silent = false")
+    phone.session.rests()
+    phone.let_go()
+    phone.session.until("device_link == 'live'")
 
 
 # -- headsets -------------------------------------------------------------------------------------

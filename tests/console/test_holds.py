@@ -100,7 +100,7 @@ def pages(bench):
 
 
 @pytest.mark.real(
-    "*Stop* pressed with another finger",
+    "*Stop* tapped with another finger",
     "mouse button let go",
     "page's thread blocked for 1 s",
     "connection cut",

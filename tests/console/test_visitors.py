@@ -25,6 +25,8 @@ from tests.waiting import until
 pytestmark = pytest.mark.matrix
 
 TOKEN = "operators-0123456789"
+VIEWER = "viewers-0123456789"
+TOKEN_FORM = "document.querySelector('form.token')"
 LINK = "document.body?.dataset.link"
 
 OTHER_PAGE = """
@@ -68,7 +70,8 @@ def enable_anyway(page):
 @pytest.fixture(scope="module")
 def guarded(bench):
     """A server that asks for a token, on the same bus."""
-    with face(bench.rig.endpoint, environment={"CARDAN_FACE_TOKEN": TOKEN}) as server:
+    tokens = f"operator {TOKEN}\nviewer {VIEWER}"
+    with face(bench.rig.endpoint, environment={"CARDAN_FACE_TOKEN": tokens}) as server:
         yield server
 
 
@@ -82,10 +85,57 @@ def test_a_page_with_the_right_token_comes_in_and_hides_it(guarded, browser):
         page.ask("Page.reload")
         page.until(RELOADED)
     with browser.open(f"{address}#t=wrong-0123456789") as page:
-        page.until(f"{LINK} === 'lost'")
+        page.until(f"{LINK} === 'refused'")
         assert page.value("document.querySelector('.enable').disabled")
         assert page.value(f"{WHY}.length > 0")
         assert not page.value(RELOADED)
+
+
+ASKED = (
+    "performance.getEntriesByType('resource').filter((each) => each.name.includes('/ws')).length"
+)
+
+
+@pytest.mark.parametrize(
+    ("fragment", "says"),
+    [("#t=wrong-0123456789", "The server does not know this token"), ("", "The server asks for a")],
+)
+def test_a_page_with_a_wrong_token_or_none_asks_for_the_right_one(guarded, browser, fragment, says):
+    address = guarded.address.partition("#")[0]
+    with browser.open(f"{address}{fragment}") as page:
+        page.until(f"{LINK} === 'refused'")
+        page.until(f"{WHY}.includes({says!r})")
+        page.value("new Promise((resolve) => setTimeout(resolve, 2500))")
+        assert page.value(ASKED) == 1, "it tries again by itself"
+        assert page.value(LINK) == "refused"
+        page.value(f"{TOKEN_FORM}.querySelector('input').value = {TOKEN!r}")
+        page.value(f"{TOKEN_FORM}.requestSubmit()")
+        page.until(RELOADED)
+        assert page.value(f"{TOKEN_FORM}.hidden")
+
+
+def test_another_token_in_the_address_of_an_open_page_counts(guarded, browser):
+    address = guarded.address.partition("#")[0]
+    with browser.open(f"{address}#t=wrong-0123456789") as page:
+        page.until(f"{LINK} === 'refused'")
+        page.value(f"location.hash = 't={TOKEN}'")
+        page.until(RELOADED)
+
+
+def test_a_viewers_stop_stops_the_arm(bench, guarded, page, browser):
+    """Stopping needs no authority, and no operator's token."""
+    address, tcp = guarded.address.partition("#")[0], bench.rig.tcp
+    with browser.open(f"{address}#t={VIEWER}") as viewer:
+        viewer.until(RELOADED)
+        at = hold(page, MOUSE, jog("X", -1), lambda: tcp.moving)
+        viewer.click(".stop")
+        until(lambda: not tcp.moving, "rest")
+        viewer.until(
+            "document.querySelector('.stop').textContent.startsWith('Stop was sent and taken')"
+        )
+        page.until(f"{STATE} === 'watching'")
+        page.until(f"/stopped: enable again \\(ros2 .*rosbridge_client/.test({WHY})")
+        MOUSE.let_go(page, at)
 
 
 def test_a_page_from_elsewhere_does_not_come_in(bench, guarded, browser):

@@ -164,9 +164,9 @@ def test_late_and_double_messages_have_no_effect():
 def test_the_stamps_give_the_period_whatever_their_clock():
     ours = session()
     ours.receive(message(stamp_s=5e8), 0.0)
-    state = ours.receive(message(sequence=2, stamp_s=5e8 + 0.008), 0.0)
+    state = ours.receive(message(sequence=2, stamp_s=5e8 + 0.008), 0.008)
     assert state.period_s == pytest.approx(0.008, abs=1e-6)
-    state = ours.receive(message(sequence=3, stamp_s=9e8), 0.0)
+    state = ours.receive(message(sequence=3, stamp_s=9e8), 0.018)
     assert state.period_s == pytest.approx(0.01)
     assert state.session == 1
 
@@ -379,7 +379,6 @@ def test_what_the_application_does_not_answer_brakes():
         ("extra", 1.0),
         ("gripper", 1.0),
         ("no-stamps", 1.0),
-        ("clock-step", 3600.0),
     ],
 )
 def test_faults_that_are_ridden_out(fault, value):
@@ -393,6 +392,18 @@ def test_faults_that_are_ridden_out(fault, value):
     assert wire.rests()
     moved = wire.core.plant.positions[0] - HOME[0]
     assert moved == pytest.approx(SPEED * (6.5 - BEGINS_S), rel=0.06)
+
+
+def test_stamps_that_jump_ahead_are_said_and_end_readiness():
+    wire = Wire({"clock-step": 3600.0})
+    with WiredArm(wire) as robot:
+        states = follow(robot, 10.0, Ramp(ends_s=6.5))
+    assert {state.session for state in states if state.link is RobotLink.LIVE} == {1}
+    held = [state for state in states if "clock jumped ahead by 3.6e+03 s" in state.hold_reason]
+    assert held[0].stamp_s - states[0].stamp_s == pytest.approx(5.0, abs=0.1)
+    assert held[-1].stamp_s - held[0].stamp_s <= 1.5, "clocks that agree again are no fault"
+    assert states[-1].ready
+    assert wire.fastest() <= 1.05 * SPEED
 
 
 @pytest.mark.parametrize(

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+import multiprocessing
+import select
 import socket
+import struct
 import threading
 
 import pytest
 
 from cardan.drivers.ur_rtde import UrRtde
 from cardan.errors import AddressError, NotOpenError
+from cardan.protocols.ur.rtde import PacketType
 from cardan.sim_peers.ur_controller import UrControllerOptions, UrControllerPeer
 from cardan.types import HoldCommand, JointVelocityCommand, RobotLink
 from tests.serving import free_tcp_port
@@ -56,6 +61,94 @@ def test_it_starts_moves_and_leaves(robot):
         until(lambda: not peer.controller.has_program, "the program's end")
         until(lambda: not peer.controller.servo.moving, "the arm's rest")
         assert peer.controller.servo.target_q[1:] == pytest.approx(home[1:], abs=1e-6)
+
+
+class LyingProxy:
+    """Passes RTDE on, in a process of its own; the time in states goes wrong once `lies` is set."""
+
+    def __init__(self, port, clock):
+        context = multiprocessing.get_context("spawn")
+        self.lies = context.Event()
+        ours, theirs = context.Pipe()
+        self._process = context.Process(target=_pass_on, args=(port, clock, self.lies, theirs))
+        self._process.start()
+        self.port = ours.recv()
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *error):
+        self._process.terminate()
+        self._process.join()
+
+
+def _pass_on(port, clock, lies, told):
+    jump_s, share = clock
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        told.send(listener.getsockname()[1])
+        while True:
+            client, _ = listener.accept()
+            server = socket.create_connection(("127.0.0.1", port))
+            with client, server:
+                pending, began_s = b"", None
+                while True:
+                    ready = select.select([client, server], [], [])[0]
+                    data = ready[0].recv(65536)
+                    if not data:
+                        break
+                    if ready[0] is client:
+                        server.sendall(data)
+                        continue
+                    pending += data
+                    out = b""
+                    while len(pending) >= 3 and len(pending) >= (
+                        size := _SIZE.unpack_from(pending)[0]
+                    ):
+                        packet, pending = bytearray(pending[:size]), pending[size:]
+                        if packet[2] == PacketType.DATA and lies.is_set():
+                            (time_s,) = _TIME.unpack_from(packet, 4)
+                            began_s = time_s if began_s is None else began_s
+                            lied_s = time_s + jump_s + share * (time_s - began_s)
+                            _TIME.pack_into(packet, 4, lied_s)
+                        out += packet
+                    client.sendall(out)
+
+
+_SIZE, _TIME = struct.Struct(">H"), struct.Struct(">d")
+
+
+@pytest.mark.parametrize("clock", [(0.14, 0.0), (1.0, 0.0), (0.0, 0.6), (0.0, 3.0)])
+def test_a_proxy_whose_time_stamps_lie_makes_nothing_faster(clock):
+    with (
+        any_ports(running=True) as peer,
+        LyingProxy(peer.port("rtde"), clock) as proxy,
+        driver_of(peer, enable="at-start", rtde_port=proxy.port, lookahead_s=0.2) as driver,
+    ):
+        began_s = before = None
+        said_s, fastest = math.inf, 0.0
+        for state in driver.cycles():
+            if state.ready:
+                driver.send(JointVelocityCommand((SPEED, 0.0, 0.0, 0.0, 0.0, 0.0)))
+                began_s = state.stamp_s if began_s is None else began_s
+            if began_s is None:
+                continue
+            # The arm's own clock has frames of 2 ms, however late this computer is.
+            controller = peer.controller
+            now = (controller.frames, controller.servo.actual_q[0])
+            if state.stamp_s - began_s > 1.0:
+                proxy.lies.set()
+                if before is None:
+                    before = now
+                elif now[0] - before[0] >= 25:
+                    frames_s = (now[0] - before[0]) * controller.period_s
+                    fastest = max(fastest, (now[1] - before[1]) / frames_s)
+                    before = now
+                if "the controller's clock" in state.hold_reason:
+                    said_s = min(said_s, state.stamp_s)
+                if state.stamp_s > min(said_s + 0.5, began_s + 6.0):
+                    break
+        assert said_s < began_s + 5.0
+        assert 0.0 < fastest <= 1.1 * SPEED
 
 
 def test_nobody_is_there():

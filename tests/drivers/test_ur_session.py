@@ -602,3 +602,72 @@ def test_numbers_that_no_robot_measures_are_no_state():
 def test_options_that_are_refused(options, words):
     with pytest.raises(OptionError, match=words):
         UrRtdeOptions(**options)
+
+
+# -- what is said ----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("stop", ["protective_stop", "safeguard_stop"])
+def test_what_to_do_is_said_once(stop):
+    rig = turning()
+    getattr(rig.controller, stop)(*(["a person"] if stop == "protective_stop" else []))
+    rig.run(0.5)
+    assert rig.session.end_reason.count("enable again") == 1
+
+
+def test_reduced_mode_is_said_and_stops_nothing():
+    rig = turning()
+    rig.controller.safety = SafetyMode.REDUCED
+    rig.run(0.2)
+    assert rig.states[-1].ready
+    assert any("reduced mode" in each for each in rig.session.diagnosis(rig.now_s))
+    rig.session.ask("disable", rig.now_s)
+    rig.run(1.0)
+    assert "reduced mode" in rig.states[-1].hold_reason
+
+
+@pytest.mark.parametrize(
+    ("robot", "peer", "words"),
+    [
+        ("ur5e", "ur5", 'set robot = "ur5"'),
+        ("ur5", "ur5e", 'set robot = "ur5e"'),
+        ("ur5e", "ur5e", ""),
+        ("ur5", "ur5", ""),
+    ],
+)
+def test_an_arm_of_another_generation_is_said(robot, peer, words):
+    rig = Rig({"robot": robot, "rate_hz": 125.0}, robot=peer).run(0.5)
+    said = [each for each in rig.session.diagnosis(rig.now_s) if "set robot" in each]
+    assert [words in each for each in said] == [True] * bool(words)
+
+
+def test_an_arm_that_is_off_its_target_for_good_ends_motion():
+    rig = turning()
+    value = rig.servers.telemetry.value
+    off = {"rad": 0.3}
+    rig.servers.telemetry.value = lambda name: (
+        tuple(q + off["rad"] for q in value(name)) if name == "actual_q" else value(name)
+    )
+    rig.run(0.2)
+    assert rig.states[-1].ready
+    rig.run(0.2)
+    assert "0.3" in rig.states[-1].hold_reason
+    assert "from its target" in rig.states[-1].hold_reason
+    assert not rig.session.enabled
+
+
+def test_a_wrong_clock_is_said_and_is_not_enabled_with():
+    rig = turning()
+    value = rig.servers.telemetry.value
+    began_s = rig.now_s
+    rig.servers.telemetry.value = lambda name: (
+        value(name) + (0.6 * (rig.now_s - began_s) if name == "timestamp" else 0.0)
+        if name == "timestamp"
+        else value(name)
+    )
+    rig.run(1.2)
+    assert "1.6 times as fast" in rig.states[-1].hold_reason
+    assert rig.states[-1].hold_reason.count("enable again") == 1
+    rig.session.ask("enable", rig.now_s)
+    rig.run(1.0)
+    assert rig.session.phase is Phase.IDLE

@@ -8,7 +8,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, get_args
 
@@ -134,21 +134,24 @@ class World:
             {"name": "preset_streaming_cmd", "value": chosen},
         ]
         self._call("release", "std_srvs/srv/Trigger", {})
+        # Who moved it before, and was killed, has it for the lease.
+        self._await_status(lambda status: not status["authority"], "that nobody has the arm")
         answer = self._call("set_parameters", SET, {"parameters": parameters})
         assert all(each["successful"] for each in answer["results"]), answer
 
     def rest(self) -> None:
         """Wait until the arm has come to rest, whatever moved it."""
+        self._await_status(lambda status: status["phase"] in ("holding", "disarmed"), "the rest")
+
+    def _await_status(self, found: Callable[[Any], bool], what: str) -> None:
         with BusNode(BusOptions(router=self.endpoint, listen=()), "waits") as node:
             status = node.subscription(f"{NODE}/state/status", STATUS, 1)
 
-            def rests() -> bool:
+            def is_found() -> bool:
                 received = status.poll()
-                if received is None:
-                    return False
-                return codec_of(STATUS).decode(received.data)["phase"] in ("holding", "disarmed")
+                return received is not None and found(codec_of(STATUS).decode(received.data))
 
-            until(rests, "the rest")
+            until(is_found, what)
 
     def _ask(self, number: int, verb: str, **more: Any) -> None:
         packet = {"id": number, "source": "stick", "verb": verb, **more}

@@ -37,6 +37,7 @@ from cardan.bus.network import (
 )
 from cardan.errors import DriverError
 from cardan.protocols.ros2.dds import (
+    BARE_NODE,
     CYCLONE,
     DISCOVERY_TOPIC,
     DISCOVERY_TYPE,
@@ -200,6 +201,13 @@ class DdsNetwork:
         hub = self.hub
         with hub.lock:
             return hub.sides(TOPIC, topic, others=True)
+
+    def node_of(self, endpoint: Endpoint) -> str:
+        """Full name of the node that has an endpoint; empty while nobody has told it."""
+        hub = self.hub
+        with hub.lock:
+            name = hub.graph.node_of(endpoint)
+        return "" if name == BARE_NODE else name
 
     def participants(self) -> set[bytes]:
         """GUIDs of the participants that have anything."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final, Protocol
 
+from cardan.drivers.lost_time import SLACK_S
 from cardan.types import NEVER_S
 
 UNKNOWN: Final = -1
@@ -22,9 +23,11 @@ class Book(Protocol):
     """The controller's clock in the newest header; UNKNOWN: it sends none. Likewise:"""
     time_us: int
     last_step_s: float
-    """Time between the two newest datagrams, by the controller's clock."""
+    """Time between the two newest datagrams, as both clocks agree."""
     since_reply_s: float
     """Time since the last answer, likewise."""
+    spare_s: float
+    """As `believed_s` of lost_time.py has it."""
     replied_s: float
     """When that was sent, local time."""
     out_seqno: int
@@ -47,6 +50,7 @@ class PlainBook:
         "replied_s",
         "said_speed",
         "since_reply_s",
+        "spare_s",
         "states",
         "steady",
         "time_us",
@@ -57,6 +61,7 @@ class PlainBook:
         self.states = list(NO_STATES)
         self.tm_ms = self.time_us = UNKNOWN
         self.last_step_s = self.since_reply_s = 0.0
+        self.spare_s = SLACK_S
         self.replied_s = NEVER_S
         self.out_seqno = 0
         self.known = self.said_speed = self.steady = False

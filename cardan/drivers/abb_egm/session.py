@@ -20,6 +20,7 @@ from cardan.drivers.abb_egm.guidance import guidance_for, wire_factors
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.slow_motion import SlowMotionWatch
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
+from cardan.drivers.lost_time import SLACK_S, ClockWatch, believed_s, spare_left_s
 from cardan.drivers.robot_core import check_command, implausible, no_rotation, outside
 from cardan.errors import CommandError
 from cardan.histogram import LatencyHistogram
@@ -128,6 +129,10 @@ class EgmSession:
         self.reply_latency = LatencyHistogram()
         """From the reception of a datagram to its answer being sent."""
         self.slow_motion = SlowMotionWatch()
+        self.clock = ClockWatch()
+        """Of the ms clock in the headers; the wall clock may be set at any time."""
+        self._tm_ms, self._tm_s = UNKNOWN, 0.0
+        """That clock when it was looked at last, and time since the first look."""
         self.port = options.listen_port
         """The UDP port in use, where the options leave the choice (0: any)."""
         self._foreign: Address | None = None
@@ -194,6 +199,8 @@ class EgmSession:
             leap_per_s=_LEAP_PER_S,
             usual=_USUAL,
             rounding=_ROUNDING,
+            slack_s=SLACK_S,
+            spare_s=SLACK_S,
             by_joints=self._needs_joints,
             tm_ms=UNKNOWN,
             time_us=UNKNOWN,
@@ -205,7 +212,7 @@ class EgmSession:
     def receive(self, data: bytes, source: Address, now_s: float) -> RobotState | None:
         """Take one datagram; the robot's state if it is to be answered, None if it is refused."""
         peer = self.peer
-        if source == peer and not self.owes_answer and not self._flood:
+        if source == peer and not (self.owes_answer or self._flood or self.clock.fault):
             # As nearly all come: the next one of a controller that obeys.
             found = self._take(data, now_s, self.state)
             if found is not None:
@@ -294,7 +301,7 @@ class EgmSession:
             self._session_s = now_s
             self._session_first = self.counters.accepted
         else:
-            period_s = self._period(time_us, step)
+            period_s = self._period(time_us, step, now_s - self._last_s)
             jitter_s = abs(now_s - self._last_s - period_s)
             superseded = self.state if self.owes_answer else None
             if superseded is not None:
@@ -328,7 +335,7 @@ class EgmSession:
                 joints,
                 external,
                 pose,
-                self._hold_reason or (FIRST_ANSWER if self._fresh else ""),
+                self._hold_reason or self.clock.fault or (FIRST_ANSWER if self._fresh else ""),
                 wrench,
                 None if rate is None else 0.01 * rate,
                 None if time_us is None else 1e-6 * time_us,
@@ -466,16 +473,19 @@ class EgmSession:
             return max(clocks) > 0.0 or step < -_LATE_MAX
         return step < -_REORDERED_MAX
 
-    def _period(self, time_us: int | None, step: int) -> float:
-        """Time since the message before, by the controller's clock if that is plausible, s."""
-        nominal_s = self._nominal_s * step
-        before_us = self._book.time_us
+    def _period(self, time_us: int | None, step: int, waited_s: float) -> float:
+        """Time since the message before, which came `waited_s` earlier, by the controller's clock
+        as far as it is plausible, s."""
+        book = self._book
+        found_s = nominal_s = self._nominal_s * step
+        before_us = book.time_us
         if time_us is not None and before_us != UNKNOWN:
             measured_s = (time_us - before_us) * 1e-6
             # Outside of this its clock was set.
             if 0.25 * nominal_s < measured_s < 4.0 * nominal_s:
-                return measured_s
-        return nominal_s
+                found_s = believed_s(measured_s, nominal_s, waited_s, book.spare_s)
+        book.spare_s = spare_left_s(book.spare_s, waited_s, found_s)
+        return found_s
 
     def _begin(self, cause: str, source: Address) -> None:
         if self._sessions and not self._silent:
@@ -485,6 +495,9 @@ class EgmSession:
         self.peer = source
         self._silent = False
         self._fresh = True
+        self.clock.begin()
+        self._tm_ms, self._tm_s = UNKNOWN, 0.0
+        self._book.spare_s = SLACK_S
         self._book.since_reply_s = 0.0
         self._book.replied_s = NEVER_S
         self._book.states[:] = NO_STATES
@@ -660,6 +673,12 @@ class EgmSession:
         self.reply_latency.add(now_s - state.stamp_s)
         self.jitter.add(self._newest[2])
         self._reader.learn()
+        tm_ms, before_ms = self._book.tm_ms, self._tm_ms
+        if tm_ms != UNKNOWN:
+            self._tm_ms = tm_ms
+            if before_ms != UNKNOWN:
+                self._tm_s += 1e-3 * (((tm_ms - before_ms + _HALF) & _MASK) - _HALF)
+            self.clock.heard(self._tm_s, state.stamp_s)
         if not state.hold_reason and self.slow_motion.due():
             heading = self._heading(self.message, state)
             self.slow_motion.look(heading and self._guidance.progress(heading), now_s)

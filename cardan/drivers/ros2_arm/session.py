@@ -236,6 +236,9 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             self.state = state = state._replace(session=self.sessions)
         return state
 
+    def _time_s(self, message: JointStates) -> float | None:
+        return message.stamp_ns / NS if message.stamp_ns else None
+
     def _state_of(
         self, message: JointStates, before: JointStates | None, now_s: float
     ) -> RobotState:
@@ -249,7 +252,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             external_axes=(),
             pose=None,
             hold_reason=self._hold_reason(message),
-            clock_s=message.stamp_ns / NS if message.stamp_ns else None,
+            clock_s=self._time_s(message),
             velocities=message.velocities,
             torques=message.efforts,
         )

@@ -77,7 +77,7 @@ class SimArmSession(DatagramSession[ArmState]):
         self._sequence = 0
         self._lost = LostTime(n)
         self._asked: tuple[JointCommand, float] | None = None
-        """The positions commanded last, and the arm's time of the state that they answered."""
+        """The positions commanded last, and the agreed time of the state that they answered."""
 
     # -- states ---------------------------------------------------------------------------------
 
@@ -92,6 +92,9 @@ class SimArmSession(DatagramSession[ArmState]):
     def _begin(self, message: ArmState) -> None:
         self._asked = None
         self._lost.reset()
+
+    def _time_s(self, message: ArmState) -> float:
+        return message.stamp_s
 
     def _state_of(self, message: ArmState, before: ArmState | None, now_s: float) -> RobotState:
         period_s = message.period_s
@@ -143,10 +146,11 @@ class SimArmSession(DatagramSession[ArmState]):
         self, command: JointCommand, state: ArmState
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Positions and speeds of `command`, of which time that was lost is not made up for."""
-        asked, self._asked = self._asked, (command, state.stamp_s)
+        time_s = self.clock.time_s
+        asked, self._asked = self._asked, (command, time_s)
         lost, speeds = self._lost, command.velocities
         if asked is not None and asked[0].velocities is not None and speeds is not None:
-            gap_s = state.stamp_s - asked[1] - state.period_s
+            gap_s = time_s - asked[1] - state.period_s
             if gap_s > 0.5 * state.period_s:
                 self._pass(gap_s, asked[0].velocities, state)
         if not lost.working:

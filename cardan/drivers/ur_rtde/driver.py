@@ -7,6 +7,8 @@ from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.drivers.tcp_robot import TcpRobot
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.session import CHANNELS, Channel, Task, UrSession
+from cardan.protocols.ur.dashboard import GREETING
+from cardan.protocols.ur.rtde import PacketType, ask_version, reply_accepted
 from cardan.types import RobotCommand
 
 
@@ -70,8 +72,14 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
         send its states."""
         options = self.options
         return (
-            Endpoint("tcp", options.host, options.rtde_port),
-            Endpoint("tcp", options.host, options.dashboard_port),
+            Endpoint(
+                "tcp",
+                options.host,
+                options.rtde_port,
+                request=ask_version(),
+                answer=reply_accepted(PacketType.PROTOCOL_VERSION, True),
+            ),
+            Endpoint("tcp", options.host, options.dashboard_port, answer=GREETING.encode()),
         )
 
     def metrics(self) -> dict[str, float]:

@@ -8,9 +8,11 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from cardan.bounds import JOINT_POSITION, JOINT_VELOCITY, Range
+from cardan.drivers.lost_time import AgreedTime
 from cardan.drivers.robot_core import outside
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.program import input_names, report_names
+from cardan.errors import shown
 from cardan.protocols.ur.rtde import (
     IN_USE,
     NOT_FOUND,
@@ -59,6 +61,17 @@ IMPLAUSIBLE: Final = "implausible"
 
 def _implausible(values: dict[str, Any]) -> str:
     """Which numbers of a package no robot measures, in words; empty where all may be."""
+    # The usual case by sums, which a NaN does not pass.
+    positions = values["actual_q"] + values["target_q"]
+    speeds = values["actual_qd"] + values["target_qd"]
+    scales = abs(values["speed_scaling"]) + abs(values["target_speed_fraction"])
+    if (
+        sum(map(abs, positions)) <= JOINT_POSITION.highest
+        and sum(map(abs, speeds)) <= JOINT_VELOCITY.highest
+        and scales <= _SCALE.highest
+        and abs(values["timestamp"]) <= _TIME_S.highest
+    ):
+        return ""
     return (
         outside("timestamp", (values["timestamp"],), _TIME_S)
         or outside("actual_q", values["actual_q"], JOINT_POSITION)
@@ -89,6 +102,8 @@ class RtdeFeed:
         self.heard_s = NEVER_S
         self.values: dict[str, Any] = {}
         """Of the newest package, by the names of `STATES`, and "token", "report" and "beat"."""
+        self.clock = AgreedTime(1.0 / self.rate_hz)
+        """Time between packages, by the controller's clock and ours."""
         self.skipped = 0
         """Packages that the controller left out."""
         self.last_implausible = ""
@@ -101,11 +116,16 @@ class RtdeFeed:
         self.failure = ""
         """Why this connection is of no use; empty: it may be."""
         self.streaming = False
+        self.answered = False
+        """Whether anything of RTDE came over this connection."""
+        self.foreign = ""
+        """What says that the server speaks something else, in words."""
         self._reader = PacketReader()
         self._outputs: Recipe | None = None
         self._inputs: Recipe | None = None
         self._deadline_s = math.inf
         self._timestamp = math.nan
+        self.clock.begin()
         self.out.clear()
 
     @property
@@ -144,6 +164,11 @@ class RtdeFeed:
         while not self.failure and (found := reader.take()) is not None:
             self._take(*found, now_s)
         self.failure = self.failure or reader.failure
+        if not self.answered and (reader.foreign or reader.failure):
+            self.failure = self.foreign = (
+                f"{reader.failure or 'it does not speak RTDE'}; it says {shown(data[:40])}: is "
+                "rtde_port the controller's (30004)?"
+            )
 
     def write(self, values: Sequence[Any]) -> None:
         """Write the registers of `input_names`."""
@@ -157,6 +182,7 @@ class RtdeFeed:
         self._deadline_s = now_s + self.options.request_timeout_s
 
     def _take(self, kind: int, payload: bytes, now_s: float) -> None:
+        self.answered = True
         reply = read_reply(kind, payload)
         if isinstance(reply, Data):
             self._take_data(reply, now_s)
@@ -186,6 +212,7 @@ class RtdeFeed:
         elif reply.kind is PacketType.START:
             self._deadline_s = math.inf
             self.streaming = reply.accepted
+            self.clock.period_s = 1.0 / self.rate_hz
             if not reply.accepted:
                 self.failure = f"it does not begin to send states{self._told}"
 
@@ -197,7 +224,8 @@ class RtdeFeed:
             self.failure = self._refused(names, reply.types)
             return
         try:
-            recipe = Recipe(reply.recipe, names, reply.types)
+            called = (*STATES, "token", "report", "beat") if outputs else names
+            recipe = Recipe(reply.recipe, called, reply.types)
         except ValueError:
             self.failure = self._refused(names, reply.types)
             return
@@ -243,12 +271,6 @@ class RtdeFeed:
         if values is None:
             self.ignored[f"a data package of {len(data.values)} bytes, not {recipe.size}"] += 1
             return
-        token, report, beat = self._reports
-        values["token"], values["report"], values["beat"] = (
-            values.pop(token),
-            values.pop(report),
-            values.pop(beat),
-        )
         timestamp = values["timestamp"]
         if wrong := _implausible(values):
             self.ignored[IMPLAUSIBLE] += 1
@@ -258,6 +280,7 @@ class RtdeFeed:
             missed = round((timestamp - self._timestamp) * self.rate_hz) - 1
             self.skipped += max(missed, 0)
         self._timestamp = timestamp
+        self.clock.passed(timestamp, now_s)
         self.values = values
         self.packages += 1
         self.heard_s = now_s

@@ -17,7 +17,7 @@ _SAME_CYCLE: Final = 1.5
 
 
 class Motion:
-    """One run of the program, from its first report on. Times are the controller's."""
+    """One run of the program, from its first report on. Times are what both clocks agree on."""
 
     def __init__(self, options: UrRtdeOptions, token: int, beat: int) -> None:
         self._token = token

@@ -24,6 +24,7 @@ LOOKAHEAD_S = Range(0.03, 0.2, "s", "servoj takes no other")
 GAIN = Range(100, 2000, "", "servoj takes no other")
 WATCHDOG_S = Range(0.02, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s goes 12 cm meanwhile, unseen")
 STOP_RAD_S2 = Range(0.5, 40.0, "rad/s²", "a harder stop than the joints can, or none to speak of")
+FOLLOWING_RAD = Range(0.02, 2.0, "rad", "an arm in good order lags by that, or is not obeying")
 REQUEST_TIMEOUT_S = Range(0.05, 10.0, "s", "a controller that answers later counts as lost")
 START_TIMEOUT_S = Range(1.0, 120.0, "s", "power is on and the brakes are released sooner")
 
@@ -62,6 +63,8 @@ class UrRtdeOptions(Options):
     """servoj's `gain`."""
     state_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Time without a state after which the link is LOST."""
+    following_error_rad: Annotated[float, FOLLOWING_RAD] = 0.2
+    """Distance of a joint from the controller's target, for FOLLOWING_S, that ends motion."""
     request_timeout_s: Annotated[float, REQUEST_TIMEOUT_S] = 1.0
     start_timeout_s: Annotated[float, START_TIMEOUT_S] = 30.0
     """Longest start of motion: power may have to be switched on and brakes released."""

@@ -25,11 +25,18 @@ from cardan.drivers.ur_rtde.motion import Motion, nobody
 from cardan.drivers.ur_rtde.options import JOINTS, UrRtdeOptions
 from cardan.drivers.ur_rtde.program import Report, program
 from cardan.drivers.ur_rtde.starting import Starting
-from cardan.drivers.ur_rtde.words import ENDS, mode_words, safety_words
+from cardan.drivers.ur_rtde.words import (
+    ENDS,
+    REDUCED,
+    again,
+    mode_words,
+    other_generation,
+    safety_words,
+)
 from cardan.histogram import LatencyHistogram
 from cardan.protocols.ur.dashboard import UNLOCK_PROTECTIVE_STOP, LineReader, refusal, request
 from cardan.protocols.ur.primary import MessageKind, PackageReader, RobotMessage, read_message
-from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState
+from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.types import (
     NEVER_S,
     CommandKind,
@@ -52,6 +59,12 @@ SLOWEST_SHARE: Final = 0.01
 """Of the speed slider: below it commands do not act."""
 ANSWER_S: Final = 0.3
 """A program that obeys no command for so long is not there any more."""
+FOLLOWING_S: Final = 0.25
+"""Time for which a joint may be farther from its target than `following_error_rad`: a hard start is
+over sooner."""
+MUTE: Final = 3
+"""Connections without any answer after which a server may speak something else: a controller that
+starts closes one or two."""
 _JITTERED: Final = 10
 """Periods: a longer pause is none of the network's."""
 
@@ -108,12 +121,16 @@ class UrSession:
         self._said_s = self._counted_s = NEVER_S
         self._said_link: RobotLink | None = None
         self._before_s: float | None = None
-        """The controller's time of the state given last."""
+        """The agreed time of the state given last."""
         self._answered = (0, 0.0)
-        """The beat that the program obeyed last, and when, by the controller's time."""
+        """The beat that the program obeyed last, and when, by the agreed time."""
         self._acts = False
         """Commands acted in the state given last."""
         self._braked_by_s = math.inf
+        self._followed_s = NEVER_S
+        """When the arm was last near its target."""
+        self._mute = 0
+        """Connections in a row that ended before anything of RTDE came."""
 
     # -- what the robot can do, and is ------------------------------------------------------------
 
@@ -162,6 +179,8 @@ class UrSession:
         values = self.feed.values
         if values["safety_mode"] not in MOVES_IN:
             return safety_words(values["safety_mode"])
+        if fault := self.feed.clock.fault:
+            return again(fault)
         if self.phase is Phase.STARTING and self._starting is not None:
             return f"starting: {self._starting.wish}"
         if self.phase is Phase.BRAKING:
@@ -174,6 +193,8 @@ class UrSession:
             return self.end_reason
         if values["robot_mode"] != RobotMode.RUNNING:
             return f"{mode_words(values['robot_mode'])}; not enabled"
+        if values["safety_mode"] == SafetyMode.REDUCED:
+            return f"not enabled; {REDUCED}"
         return "not enabled"
 
     # -- connections ------------------------------------------------------------------------------
@@ -221,19 +242,33 @@ class UrSession:
         link = self._links[channel]
         if not link.up:
             return
-        link.lost(reason, now_s)
         self._out = deque(item for item in self._out if item[0] != channel)
         if channel == "rtde":
+            reason = self._refused_rtde(reason)
+        link.lost(reason, now_s)
+        if channel == "rtde":
+            if self.feed.foreign:
+                link.retry_s = math.inf
             moved = self.phase in (Phase.MOVING, Phase.BRAKING)
             self.feed.disconnected()
-            self._end(
-                f"the RTDE connection was lost in motion: {reason}; enable again" if moved else ""
-            )
+            self._end(again(f"the RTDE connection was lost in motion: {reason}") if moved else "")
             self.phase = Phase.DOWN
         elif self.phase is Phase.STARTING and channel == "dashboard":
             self._fail(f"the dashboard server closed its connection: {reason}")
         elif channel == "dashboard":
             self._unlocks = False
+
+    def _refused_rtde(self, reason: str) -> str:
+        """Why the RTDE connection ended with `reason`, where the server may be another."""
+        self._mute = 0 if self.feed.answered else self._mute + 1
+        if self.feed.foreign:
+            return f"{self.feed.foreign}; not tried again before motion is enabled"
+        if self._mute < MUTE:
+            return reason
+        return (
+            f"{reason}, {self._mute} times without an answer: it does not seem to speak RTDE; is "
+            "rtde_port the controller's?"
+        )
 
     def _drop(self, channel: Channel, reason: str, now_s: float) -> None:
         if self._links[channel].up:
@@ -314,6 +349,8 @@ class UrSession:
     def _look(self, now_s: float) -> None:
         """Act on the newest state."""
         values = self.feed.values
+        if self.phase not in (Phase.DOWN, Phase.IDLE) and self.feed.clock.fault:
+            self._end(again(self.feed.clock.fault))
         if self.phase is Phase.DOWN:
             self.phase = Phase.IDLE
             self.sessions += 1
@@ -347,19 +384,37 @@ class UrSession:
             why = "the program was stopped at the controller"
         elif self._stuck(values, motion):
             why = "the program at the controller does not answer: another has taken its place"
+        else:
+            why = self._astray(values, now_s)
         while self._sent and self._sent[0][0] <= values["beat"]:
             beat, sent_s = self._sent.popleft()
             if beat == values["beat"]:
                 self.command_latency.add(now_s - sent_s)
         if why:
-            self._end("" if self.phase is Phase.BRAKING and self._ended else f"{why}; enable again")
+            self._end("" if self.phase is Phase.BRAKING and self._ended else again(why))
         elif self.phase is Phase.BRAKING:
             self._brake(motion, now_s)
+
+    def _astray(self, values: dict[str, Any], now_s: float) -> str:
+        """Which joint has been too far from its target for too long, in words; empty: none."""
+        farthest = 0.0
+        joint = 0
+        for n, (q, target) in enumerate(zip(values["actual_q"], values["target_q"], strict=True)):
+            if abs(q - target) > farthest:
+                farthest, joint = abs(q - target), n
+        if farthest <= self.options.following_error_rad:
+            self._followed_s = now_s
+        if now_s - self._followed_s <= FOLLOWING_S:
+            return ""
+        return (
+            f"joint {joint + 1} is {farthest:.2f} rad from its target: something holds it, or it "
+            "is measured wrongly"
+        )
 
     def _stuck(self, values: dict[str, Any], motion: Motion) -> bool:
         """Whether commands were sent and none was obeyed for a while."""
         beat, at_s = self._answered
-        timestamp = values["timestamp"]
+        timestamp = self.feed.clock.time_s
         slow = self.slider < SLOWEST_SHARE
         if values["beat"] != beat or values["beat"] == motion.beat or slow or timestamp < at_s:
             self._answered = (values["beat"], timestamp)
@@ -405,6 +460,7 @@ class UrSession:
     def ask(self, task: Task, now_s: float) -> None:
         """Do one of the tasks that only the application may request."""
         if task == "enable":
+            self._links["rtde"].retry_s = min(self._links["rtde"].retry_s, now_s)
             self._enable(now_s)
         elif task == "disable":
             self.leave(now_s)
@@ -414,6 +470,9 @@ class UrSession:
     def _enable(self, now_s: float) -> None:
         """A controller that is not connected is not asked later instead."""
         if self.phase is not Phase.IDLE:
+            return
+        if self.feed.clock.fault:
+            self.end_reason = again(self.feed.clock.fault)
             return
         self.end_reason = ""
         self._token = self._draw()
@@ -452,8 +511,9 @@ class UrSession:
         self.sessions += 1
         self._motion = Motion(self.options, self._token, self._beat)
         self._motion.begin(values["target_q"])
-        self._answered = (values["beat"], values["timestamp"])
+        self._answered = (values["beat"], self.feed.clock.time_s)
         self._starting = None
+        self._followed_s = now_s
         self.phase = Phase.MOVING
         self._acts = True
         self._ended = False
@@ -492,7 +552,7 @@ class UrSession:
             if self.feed.failure:
                 self._drop("rtde", self.feed.failure, now_s)
         if self.phase in (Phase.MOVING, Phase.BRAKING) and not self._live(now_s):
-            self._end(f"{self._silence()}; enable again")
+            self._end(again(self._silence()))
         elif self.phase is Phase.STARTING:
             self._go_on(now_s)
         self._flush()
@@ -529,13 +589,10 @@ class UrSession:
             # States are late and not lost yet: nothing is new, and nothing is answered.
             return self._state(now_s, RobotLink.LIVE, 0.0, "waiting for the controller")
         self._told_packages = feed.packages
-        timestamp = feed.values["timestamp"]
-        before_s, self._before_s = self._before_s, timestamp
-        if before_s is not None and timestamp < before_s:
-            self._end("the controller was restarted; enable again")
-            before_s = None
+        time_s = feed.clock.time_s
+        before_s, self._before_s = self._before_s, time_s
         hold_reason = self.hold_reason
-        period_s = 1.0 / feed.rate_hz if before_s is None else timestamp - before_s
+        period_s = 1.0 / feed.rate_hz if before_s is None else time_s - before_s
         state = self._state(now_s, RobotLink.LIVE, period_s, hold_reason)
         if self.phase is Phase.MOVING and self._motion is not None:
             self.owes_answer = True
@@ -583,9 +640,8 @@ class UrSession:
         self._send(command, motion, now_s)
 
     def _send(self, command: RobotCommand, motion: Motion, now_s: float) -> None:
-        timestamp = self.feed.values["timestamp"]
         scale = max(min(self.slider, 1.0), SLOWEST_SHARE)
-        values = motion.command(command, timestamp, 1.0 / self.feed.rate_hz, scale)
+        values = motion.command(command, self.feed.clock.time_s, 1.0 / self.feed.rate_hz, scale)
         if values is not None:
             self._beat = motion.beat
             self.commands += 1
@@ -629,6 +685,11 @@ class UrSession:
                 f"the speed slider is at {100.0 * self.slider:.0f} %: the arm's highest speeds are "
                 "so much lower, and it lags behind so much more"
             )
+        if self._live(now_s) and self.feed.values["safety_mode"] == SafetyMode.REDUCED:
+            found.append(REDUCED)
+        version = self.feed.version
+        if version is not None and (wrong := other_generation(self.options.robot, version.major)):
+            found.append(wrong)
         for why, count in self.feed.ignored.most_common():
             last = f" ({self.feed.last_implausible})" if why == IMPLAUSIBLE else ""
             found.append(f"{count} packets ignored: {why}{last}")

@@ -64,6 +64,39 @@ ENDS: Final[Mapping[int, str]] = {
 }
 
 
+_AGAIN: Final = "enable again"
+
+
+def again(reason: str) -> str:
+    """`reason`, and what to do when it is over, which some reasons say already."""
+    return reason if _AGAIN in reason else f"{reason}; {_AGAIN}"
+
+
+REDUCED: Final = (
+    "reduced mode: the controller keeps to its reduced limits, and stops an arm that is commanded "
+    "beyond them; what reduces it (a plane, an input) is in its safety configuration"
+)
+
+_CB3: Final = frozenset({"ur3", "ur5", "ur10"})
+_CB3_MAJOR: Final = 3
+
+
+def other_generation(robot: str, major: int) -> str:
+    """Why a controller of this software cannot have this arm, in words; empty: it can, or the arm
+    is none that is known by its name."""
+    if major <= _CB3_MAJOR and robot.removesuffix("e") in _CB3 and robot.endswith("e"):
+        return (
+            f"the controller is a CB3 (PolyScope {major}), and {robot} is an e-Series arm: poses "
+            f'and limits are wrong; set robot = "{robot.removesuffix("e")}"'
+        )
+    if major > _CB3_MAJOR and robot in _CB3:
+        return (
+            f"the controller is an e-Series (PolyScope {major}), and {robot} is an arm of a CB3: "
+            f'poses and limits are wrong; set robot = "{robot}e"'
+        )
+    return ""
+
+
 def safety_words(mode: int) -> str:
     """Why nothing may move in a safety mode."""
     return SAFETY.get(mode, f"safety mode {mode}: look at the pendant")

@@ -33,10 +33,17 @@ START = EgmMotion(
 )
 
 
-def datagram(cycle: int, at: EgmMotion = START, force: EgmMeasuredForce | None = None) -> bytes:
-    """What a RobotWare 7 controller sends in this cycle (joints, pose, clock, states)."""
+def datagram(
+    cycle: int,
+    at: EgmMotion = START,
+    force: EgmMeasuredForce | None = None,
+    time_ms: int | None = None,
+) -> bytes:
+    """What a RobotWare 7 controller sends in this cycle (joints, pose, clock, states); its ms clock
+    shows `time_ms` where cycles do not come every 4 ms."""
     motion = at._replace(time_us=1_700_000_000_000_000 + cycle * 4000)
-    header = EgmHeader(seqno=cycle, tm_ms=1_000_000 + cycle * 4, mtype=2)
+    tm_ms = 1_000_000 + (cycle * 4 if time_ms is None else time_ms)
+    header = EgmHeader(seqno=cycle, tm_ms=tm_ms, mtype=2)
     return encode_robot(
         EgmRobot(
             header=header,

@@ -30,7 +30,8 @@ class AuthorityPolicy(enum.Enum):
     FIRST = "first"
     """Any source takes it when it is free, the operator device too."""
     NAMED = "named"
-    """Only the named source may have it, and the one that this hands it over to."""
+    """Only the named source may have it, and the one that this hands it over to; where a network is
+    named ("ros2"), each of its nodes ("ros2 /joystick")."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,8 +68,11 @@ class AuthorityState(NamedTuple):
 class Authority:
     """The one source that may move the arm, and its lease. All times are the robot's stamps, s."""
 
-    def __init__(self, options: AuthorityOptions | None = None) -> None:
+    def __init__(self, options: AuthorityOptions | None = None, network: str = "") -> None:
+        """`network`: the first word of the sources of the arm's network, which no other source may
+        have; empty: none commands it."""
         self.tune(options or AuthorityOptions())
+        self.network = network
         self._owner = ""
         self._since_s = self._renewed_s = NEVER_S
         self._handed_to = ""
@@ -104,9 +108,16 @@ class Authority:
             return ""
         if self._owner and not (self.policy is AuthorityPolicy.HAND and source == HAND):
             return f"{self._owner!r} has authority over the arm"
-        if self.policy is AuthorityPolicy.NAMED and source not in (self.named, self._handed_to):
+        if self.policy is AuthorityPolicy.NAMED and not self._is_named(source):
             return f"authority over the arm is reserved for {self.named!r}"
         return ""
+
+    def _is_named(self, source: str) -> bool:
+        """Whether the arm is reserved for `source`, or for the network that it is a node of."""
+        if source in (self.named, self._handed_to):
+            return True
+        is_network = bool(self.network) and self.named == self.network
+        return is_network and source.startswith((f"{self.named} /", f"{self.named} #"))
 
     def take(self, source: str, now_s: float) -> str:
         """Give it to `source`, or renew it; returns why not, or ""."""

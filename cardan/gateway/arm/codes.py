@@ -68,7 +68,8 @@ class Begins(enum.Enum):
         "the stream was ended, and does not begin again by itself: let it be silent for 0.5 s, or "
         "send zero, first"
     )
-    """It chooses only where the stream before fell silent: one that was stopped stays so."""
+    """It chooses only where its own stream fell silent: one that was stopped stays so, and that of
+    somebody else is not taken up."""
     REST = "zero begins no stream; the first command that moves the arm does"
 
 

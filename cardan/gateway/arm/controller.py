@@ -149,6 +149,8 @@ class ArmController:
         """Whether the robot became ready elsewhere than commanded, and is placed by the act."""
         self._disengage_reason = self._held_off = ""
         self._stop_reason = ""
+        self.stops, self.stopped_by = 0, ""
+        """Stops that sources asked for, and which did last."""
         self._suspended = False
         self._filter_fault = ""
 
@@ -282,10 +284,13 @@ class ArmController:
             self._stop_reason = self._message = reason
             self._stop(reason)
 
-    def stop(self, reason: str) -> None:
-        """Brake along the path, then hold; a recovery ends as well. Needs no authority."""
+    def stop(self, reason: str, source: str = "") -> None:
+        """Brake along the path, then hold; a recovery ends as well. Needs no authority. A stop that
+        `source` asks for is counted."""
         with self.lock:
             self.note("stop", reason)
+            if source:
+                self.stops, self.stopped_by = self.stops + 1, source
             self._stop(reason)
 
     def _stop(self, reason: str) -> None:

@@ -162,7 +162,7 @@ _PERFORMED: dict[str, Callable[[VerbDesk, str, Any], Any]] = {
     "gcmp": lambda desk, source, _value: desk.start(lambda: desk.verbs.gcmp(source=source)),
     "forc": lambda desk, source, fd: desk.start(lambda: desk.verbs.forc(fd, source=source)),
     "wait": _wait,
-    "stop": lambda desk, _source, _value: desk.verbs.stop(),
+    "stop": lambda desk, source, _value: desk.verbs.stop(source=source),
     "tool": lambda desk, source, x: desk.settled(lambda: desk.verbs.tool(x, source=source)),
     "act": lambda desk, source, code: desk.verbs.act(code, source=source),
     "acknowledge": lambda desk, _source, _value: desk.verbs.acknowledge(),

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from cardan.arm_libraries import np
 from cardan.errors import MotionRefusedError
@@ -20,6 +20,7 @@ from cardan.gateway.arm.activities.twist_stream import FollowTwistStream
 from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.checks import (
+    LONGEST_NAME,
     FramedPose,
     Target,
     check_workspace,
@@ -61,8 +62,98 @@ class _Link:
         self.owner: str | None = None
         self.sequence: int | None = None
         self.sent_s = NEVER_S
-        self.quickest_s = math.inf
-        """The smallest difference seen between reception here and the sender's stamp."""
+
+
+SENDERS = 64
+"""Senders whose delays are kept; the one that was silent longest goes first."""
+
+REMEMBERED_S = 30.0
+"""How long the smallest delay of a sender that goes on counts, at least; twice this at most. Two
+clocks that differ by 100 ppm part by 6 ms meanwhile, and one that was set is believed again."""
+
+FORGOTTEN_S = 3600.0
+"""After so long a silence nothing is known of a sender's clock any more."""
+
+DRIFT = 1e-4
+"""By how much two clocks may part while their sender is silent."""
+
+AGREE_S = 0.005
+"""Shortest time between two stamps that says something."""
+
+
+class _Quickest(NamedTuple):
+    """The smallest delays of one sender, s: of the present period and of the one before."""
+
+    began_s: float
+    now_s: float
+    before_s: float
+    heard_s: float
+    """When its newest command came."""
+    unproven_s: float
+    """When its first command came, while nothing shows that its stamps are live; else infinite."""
+    anchor: tuple[float, float]
+    """Of a command that the next ones are compared with: its stamp, and when it came."""
+    waited_s: float = 0.0
+    """Of its newest command: how much longer than its quickest it was on its way."""
+
+
+class Delays:
+    """The smallest difference seen lately between reception here and each sender's own stamps."""
+
+    def __init__(self) -> None:
+        self._kept: dict[str | None, _Quickest] = {}
+
+    def hear(self, owner: str | None, stamp_s: float, now_s: float, kept: str = "") -> float:
+        """Learn from a command, taken or not; how much longer than its sender's quickest it was on
+        its way, s; 0 for a first. `kept`: a sender that is not forgotten for others."""
+        known = self._kept.pop(owner, None)
+        if known is None or now_s - known.heard_s > FORGOTTEN_S:
+            # Between a program without a name, which is this one, and the arm there is no queue.
+            unproven_s = now_s if owner else math.inf
+            known = _Quickest(now_s, math.inf, math.inf, now_s, unproven_s, (stamp_s, now_s))
+        began_s, quickest_s, before_s, heard_s, unproven_s, anchor, _ = known
+        if now_s - began_s >= REMEMBERED_S:
+            began_s, quickest_s, before_s = now_s, math.inf, quickest_s
+        silent_s = now_s - heard_s
+        delay_s = now_s - stamp_s
+        waited_s = delay_s - min(quickest_s, before_s, delay_s)
+        if silent_s > REMEMBERED_S:
+            waited_s = max(0.0, waited_s - DRIFT * silent_s)
+        if unproven_s < math.inf:
+            step_s, passed_s = stamp_s - anchor[0], now_s - anchor[1]
+            if now_s - unproven_s > QUEUED_S or (
+                step_s >= AGREE_S and abs(passed_s - step_s) <= 0.5 * step_s
+            ):
+                unproven_s = math.inf
+            elif abs(step_s) >= AGREE_S:
+                anchor = stamp_s, now_s
+        if len(self._kept) >= SENDERS:
+            del self._kept[next(each for each in self._kept if each != kept)]
+        self._kept[owner] = _Quickest(
+            began_s, min(quickest_s, delay_s), before_s, now_s, unproven_s, anchor, waited_s
+        )
+        return waited_s
+
+    def late(self, owner: str | None) -> str:
+        """Why the newest command of a sender is too late to act on; empty: it is not."""
+        known = self._kept.get(owner)
+        if known is None:
+            return ""
+        if known.waited_s > QUEUED_S:
+            return (
+                f"it waited for {known.waited_s:.2f} s on its way; more than {QUEUED_S:g} s is too "
+                "late to act on"
+            )
+        if known.unproven_s < math.inf:
+            return (
+                "the clock of its sender is not known yet, so it may have waited on its way: "
+                f"commands count once two stamps agree with their arrival, or after {QUEUED_S:g} s"
+            )
+        return ""
+
+
+def _is_time(stamp_s: object) -> bool:
+    return isinstance(stamp_s, (int, float)) and math.isfinite(stamp_s)
 
 
 class Streams:
@@ -71,11 +162,14 @@ class Streams:
     def __init__(self, controller: ArmController, body: ArmBody, plans: Plans) -> None:
         self._controller, self._body, self._plans = controller, body, plans
         self._link: _Link | None = None
+        self._delays = Delays()
+        """Kept when a stream is chosen again: what waited in a queue is no measure of its delay."""
         self._ended = ""
         self._heard_s = NEVER_S
         """When the newest command came, the robot's time."""
-        self.fell_silent = False
-        """Whether the last stream ended as nothing came, and nothing has happened since."""
+        self.silenced: str | None = None
+        """The owner of the last stream where it ended as nothing came, and nothing has happened
+        since; None otherwise."""
         self.late = 0
         """Streamed commands that came late or twice."""
         self.scaled = 0
@@ -102,10 +196,12 @@ class Streams:
     def end(self, reason: str) -> bool:
         """No streaming command is chosen any more; False when none was."""
         if self._link is None:
-            self.fell_silent = False
+            self.silenced = None
             return False
         silent_s = self._controller.stamp_s - self._heard_s
-        self.fell_silent = silent_s > self._plans.parameters[Parameter.STREAM_TIMEOUT]
+        silent = silent_s > self._plans.parameters[Parameter.STREAM_TIMEOUT]
+        began = self._link.owner is not None
+        self.silenced = self.owner or VERBS if silent and began else None
         self._link, self._ended = None, reason
         return True
 
@@ -163,6 +259,16 @@ class Streams:
         return FollowTwistStream(body, reference, plans.deceleration)
 
     # -- commands --------------------------------------------------------------------------------
+
+    def hear(self, sender: Sender) -> None:
+        """Learn from the stamp of a command, before anything decides whether it is taken: what
+        waited in a queue while its sender was refused is no measure of its delay."""
+        owner, _, stamp_s, heard_s = sender
+        if isinstance(owner, str) and len(owner) <= LONGEST_NAME and _is_time(stamp_s):
+            assert stamp_s is not None
+            with self._controller.lock:
+                kept = self._controller.authority.owner
+                self._delays.hear(owner, stamp_s, heard_s, kept)
 
     def pose(self, x: Target | FramedPose, sender: Sender) -> None:
         """Go to the pose `x` now. Raises MotionRefusedError, as all of these do."""
@@ -296,13 +402,9 @@ class Streams:
             raise MotionRefusedError(
                 f"{name}: choose this streaming command first (parameter cpsc){why}"
             )
-        if link.kind is not kind:
-            raise MotionRefusedError(f"{name}: the streaming command is {vocab_text(link.kind)}")
         if sequence is not None:
             checked_sequence(name, sequence)
-        if stamp_s is not None and not (
-            isinstance(stamp_s, (int, float)) and math.isfinite(stamp_s)
-        ):
+        if stamp_s is not None and not _is_time(stamp_s):
             raise MotionRefusedError(f"{name}: the stamp {stamp_s!r} is not a time in seconds")
         if owner:
             checked_source(name, owner)
@@ -310,8 +412,14 @@ class Streams:
         if refusal:
             controller.authority.take(owner or VERBS, controller.stamp_s)  # Notes the refusal.
             raise MotionRefusedError(f"{name}: {refusal}")
+        if link.kind is not kind:
+            raise MotionRefusedError(f"{name}: the streaming command is {vocab_text(link.kind)}")
         if link.owner == owner:
             self._check_order(name, link, sender)
+        late = self._delays.late(owner) if stamp_s is not None else ""
+        if late:
+            self.late += 1
+            raise MotionRefusedError(f"{name}: {late}")
         return activity
 
     def _check_order(self, name: str, link: _Link, sender: Sender) -> None:
@@ -319,19 +427,10 @@ class Streams:
         if sequence is not None and link.sequence is not None and sequence <= link.sequence:
             self.late += 1
             raise MotionRefusedError(f"{name}: number {sequence} came after number {link.sequence}")
-        if stamp_s is None:
-            return
-        if 0.0 <= link.sent_s - stamp_s < CLOCK_SET_BACK_S:
+        if stamp_s is not None and 0.0 <= link.sent_s - stamp_s < CLOCK_SET_BACK_S:
             self.late += 1
             raise MotionRefusedError(
                 f"{name}: sent at {stamp_s:.6f} s, after one of {link.sent_s:.6f} s"
-            )
-        waited_s = self._controller.stamp_s - stamp_s - link.quickest_s
-        if QUEUED_S < waited_s < CLOCK_SET_BACK_S * 60.0:
-            self.late += 1
-            raise MotionRefusedError(
-                f"{name}: it waited for {waited_s:.2f} s on its way; more than {QUEUED_S:g} s is "
-                "too late to act on"
             )
 
     def _tell(self, name: str, *values: Any, sender: Sender) -> None:
@@ -346,14 +445,12 @@ class Streams:
         assert link is not None
         if link.owner != owner:
             link.owner, link.sequence, link.sent_s = owner, None, NEVER_S
-            link.quickest_s = math.inf
         self._controller.authority.take(owner or VERBS, now_s)
         activity.heard_s = self._heard_s = now_s
         if sequence is not None:
             link.sequence = sequence
         if stamp_s is not None:
             link.sent_s = stamp_s
-            link.quickest_s = min(link.quickest_s, now_s - stamp_s)
 
 
 STREAMED: dict[str, Callable[[Streams, Any, Sender], None]] = {

@@ -426,10 +426,10 @@ class ArmVerbs:
             "forc", False, lambda q: self.plans.torque(State.FORCE, wrench, q), source
         )
 
-    def stop(self) -> None:
-        """Brake along the path, then hold. Always works, also without a robot."""
+    def stop(self, *, source: str = VERBS) -> None:
+        """Brake along the path, then hold. Always works, also without a robot or authority."""
         with self.controller.lock:
-            self.controller.stop("stopped")
+            self.controller.stop("stopped", source)
 
     def tool(self, x: Target, *, source: str = VERBS) -> None:
         """Fix a link to the arm's own TCP: it replaces the one before, zeros take it off.
@@ -578,7 +578,9 @@ class ArmVerbs:
             self._require_idle(f"setting {names}")
             stream = found.pop(Parameter.STREAM, None)
             if stream is None:
-                self._require_authority(f"setting {names}", source)
+                # It moves nothing: who sets one does not keep others from the arm afterwards.
+                holds = self.controller.authority.owner == source
+                self._require_authority(f"setting {names}", source, claims=holds)
             before = dict(self.parameters)
             self.parameters.update(found)
             try:
@@ -615,6 +617,7 @@ class ArmVerbs:
         one that its sender has left, it chooses its own; None: never.
         """
         sender = Sender(owner, sequence, stamp_s, self.stamp_s)
+        self.streams.hear(sender)
         began = False
         if begins is not None and self.may_choose(verb, begins, owner):
             try:
@@ -645,13 +648,16 @@ class ArmVerbs:
             return False
         return streams.owner == source or streams.owner != self.controller.authority.owner
 
+    def goes_on(self, begins: Begins, source: str) -> bool:
+        """Whether the stream that fell silent last is that of `source`, which goes on with it."""
+        return begins is Begins.GOING_ON and self.streams.silenced == source
+
     def _begin_stream(self, verb: str, begins: Begins, source: str) -> bool:
         """Choose the preset of `verb`; False where one was chosen meanwhile."""
         with self.planning, self.controller.lock:
             if not self.may_choose(verb, begins, source):
                 return False
-            going_on = begins is Begins.GOING_ON and self.streams.fell_silent
-            why_not = "" if going_on else begins.value
+            why_not = "" if self.goes_on(begins, source) else begins.value
             refusal = why_not or self.controller.authority.refuses(source)
             if refusal:
                 with self._counted():
@@ -784,9 +790,13 @@ class ArmVerbs:
         if isinstance(self.controller.activity, TorqueMotion):
             raise MotionRefusedError(f"{verb}: refused while torques are commanded; stop first")
 
-    def _require_authority(self, verb: str, source: str) -> None:
+    def _require_authority(self, verb: str, source: str, claims: bool = True) -> None:
+        """`source` may act; `claims`: it takes the authority for it, or renews it."""
         controller = self.controller
-        refusal = controller.barred or controller.authority.take(source, controller.stamp_s)
+        authority = controller.authority
+        refusal = controller.barred
+        if not refusal and (claims or authority.refuses(source)):
+            refusal = authority.take(source, controller.stamp_s)
         if refusal:
             raise MotionRefusedError(f"{verb}: {refusal}")
 

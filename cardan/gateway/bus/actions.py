@@ -179,9 +179,11 @@ class ArmAction:
             raise PacketError(f"{self._command.action}: {message.reason}")
         return message
 
-    def request(self, number: int, verb: str, value: Any = None) -> Request:
-        """A request to the arm."""
-        return Request(number, self._server.source, verb, value)
+    def request(self, number: int, value: Any, packet: ServiceRequest) -> Request:
+        """The goal of `packet` as a request to the arm, which ends with who asked where it has no
+        end of its own."""
+        server = self._server
+        return server.watched(Request(number, server.source(packet), self.verb, value), packet)
 
     @property
     def verb(self) -> str:
@@ -196,10 +198,6 @@ class ArmAction:
     def next_id(self) -> int:
         """Of the next request."""
         return self._server.next_id()
-
-    def watched(self, request: Request, packet: ServiceRequest) -> Request:
-        """`request`, which ends with who asked where it has no end of its own."""
-        return self._server.watched(request, packet)
 
 
 class _GoalClient:
@@ -217,7 +215,7 @@ class _GoalClient:
             return None
         number, goal, value = taken
         self._asked[number] = goal
-        return self._action.watched(self._action.request(number, self._action.verb, value), packet)
+        return self._action.request(number, value, packet)
 
     def done(self, request: Request, result: Any) -> None:
         goal = self._asked.pop(request.id)
@@ -257,7 +255,7 @@ class _CancelClient:
             packet.reply(codec_of(f"{CANCEL_TYPE}_Response").encode(response), time.time_ns())
             if not moving:
                 return None
-        return action.request(action.next_id(), "stop")
+        return Request(action.next_id(), "", "stop")
 
     def done(self, request: Request, result: Any) -> None:
         """The goal tells of its end."""

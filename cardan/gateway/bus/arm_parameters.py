@@ -247,7 +247,7 @@ class _GetClient(_ServiceEnd):
 
     def decode(self, packet: ServiceRequest) -> Request:
         number, _ = self.take(packet)
-        return Request(number, self.server.source, "get_parameters")
+        return Request(number, self.server.source(packet), "get_parameters")
 
     def done(self, request: Request, result: Mapping[str, float]) -> None:
         self._answer(request.id, to_ros(result))
@@ -271,6 +271,7 @@ class _Change:
     """Of the whole."""
     index: int
     values: Mapping[Parameter, float]
+    source: str
 
 
 def _values_of(group: Mapping[str, Value]) -> dict[Parameter, float]:
@@ -289,7 +290,7 @@ class _SetClient(_ServiceEnd):
 
     def decode(self, packet: ServiceRequest | _Change) -> Request | None:
         if isinstance(packet, _Change):
-            return Request(packet.number, self.server.source, "set_parameters", packet.values)
+            return Request(packet.number, packet.source, "set_parameters", packet.values)
         number, message = self.take(packet)
         asked = message["parameters"]
         if len(asked) > MAX_SET:
@@ -297,7 +298,7 @@ class _SetClient(_ServiceEnd):
             self.respond(number, {"results": [why] * len(asked)})
             return None
         results: list[Message | None] = []
-        changes = []
+        changes, source = [], self.server.source(packet)
         for index, parameter in enumerate(asked):
             try:
                 name, value = self._table.checked(parameter)
@@ -306,7 +307,7 @@ class _SetClient(_ServiceEnd):
                 continue
             results.append(None)
             values = _values_of({name: value})
-            changes.append(_Change(self.server.next_id(), number, index, values))
+            changes.append(_Change(self.server.next_id(), number, index, values, source))
         with self._lock:
             self._results[number] = results
             self._changes |= {change.number: change for change in changes}
@@ -358,7 +359,7 @@ class _SetAllClient(_ServiceEnd):
         if not group:
             self.respond(number, {"result": set_result()})
             return None
-        return Request(number, self.server.source, "set_parameters", _values_of(group))
+        return Request(number, self.server.source(packet), "set_parameters", _values_of(group))
 
     def done(self, request: Request, result: Any) -> None:
         self.respond(request.id, {"result": set_result()})

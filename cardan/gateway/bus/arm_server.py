@@ -13,15 +13,15 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
-from cardan.bounds import LONGEST_BLIND_S
 from cardan.bus.node import BusNode, Received, ServiceRequest
 from cardan.errors import CardanError, MotionRefusedError
 from cardan.gateway.arm.codes import Begins
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
     ENDLESS,
+    NEW_MOTION,
     SEQUENCED,
     MotionNote,
     PacketError,
@@ -50,6 +50,7 @@ from cardan.gateway.bus.commands import (
     TopicCommand,
 )
 from cardan.gateway.bus.serving import key_end
+from cardan.gateway.bus.sources import STREAM_KEPT_S, Source, Sources, Unnamed
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.types import NEVER_S, Twist, Wrench
@@ -67,7 +68,12 @@ TOKENS_AT_ONCE = 32
 in 0.13 s at 250 Hz."""
 
 CONTEST_SHOWN_S = 5.0
-"""How long the diagnostics, which come once a second, warn of two publishers on one stream."""
+"""How long the diagnostics, which come once a second, warn of two that stream at once."""
+
+NAMED = (
+    NEW_MOTION | SEQUENCED | {"set_parameters", "acquire", "hand_over", "release", "tool", "act"}
+)
+"""Verbs of packets that act by the name which their program chose: two must not have the same."""
 
 GOALS_PERIOD_S = 0.01
 """How often goals and parameters are looked for: looking costs 0.5 µs for each of their services,
@@ -76,35 +82,29 @@ which are many, and nobody notices 10 ms."""
 SENDERS_KEPT = 64
 """Publishers of a topic whose sequence numbers are remembered."""
 
-STREAM_KEPT_S = LONGEST_BLIND_S
-"""How long a publisher keeps a stream after its newest message: no stream is fresh for longer,
-whatever streamTimeout says."""
-
-BEGINS_S = 3.0
-"""How long a stream that chooses its preset tries to, from its first message on: opening the arm's
-model takes a second. One that goes on for longer does not move an arm unexpectedly later."""
-
 Offer = Callable[[Any, Any, float], None]
 """`offer(client, packet, now_s)` of the worker of requests."""
 
 
-TOKEN_WAIT_S = 0.2
-"""How long a motion without end waits for the token of who asked: tokens and messages travel by
-different queues of Zenoh."""
-
 HELD_AT_MOST = 32
-"""Most requests that wait for such a token: more go on without it, as a stop waits for all that
-came before it."""
+"""Most packets that wait for the token of who sent them: the oldest goes on without it."""
 
 _Input = tuple[Callable[[], Any], Any]
 """A poll, and the client of the worker that takes what it gives."""
 
-_ENDLESS_WORDS = tuple(f'"{verb}"'.encode() for verb in ENDLESS)
 
+class _Held(NamedTuple):
+    """A packet that waits for the token of who sent it."""
 
-def _asks_for_endless(packet: ServiceRequest) -> bool:
-    """Whether a packet of verbs may be about a motion without end."""
-    return any(word in packet.data for word in _ENDLESS_WORDS)
+    client: Any
+    packet: Received | ServiceRequest
+    came_s: float
+    until_s: float
+
+    @property
+    def stream(self) -> tuple[Any, bytes]:
+        """What tells the packets of its publisher from others."""
+        return self.client, b"" if self.packet.attachment is None else self.packet.attachment.gid
 
 
 class ArmServer:
@@ -119,29 +119,29 @@ class ArmServer:
         offer: Offer,
         *,
         source: str = "ros2",
+        owner: Callable[[], str] = lambda: "",
         endless_without_watch: bool = False,
         topics: Sequence[TopicCommand] = TOPICS,
         services: Sequence[ServiceCommand] = SERVICES,
         actions: Sequence[ActionCommand] = ACTIONS,
         full: Callable[[], bool] = lambda: False,
     ) -> None:
-        """`node` is open. `source`: the name of all of them in the arm's authority. `full`: whether
-        what arrives should stay where it is for now."""
+        """`node` is open. `source`: the first word of all of them in the arm's authority, `owner`:
+        the source that has it now. `full`: whether what arrives should stay where it is for now."""
         self._full = full
         self.now_s = NEVER_S
         """Time of the newest poll."""
-        self.source = source
+        self._owner = owner
         self.refused = 0
         """Messages and requests that were none: wrong type, wrong length."""
         self.late = 0
         """Messages that came twice, or after a newer one of the same publisher."""
         self.contested = 0
-        """Streamed messages that were refused as another publisher has the stream."""
-        self._streams: dict[str, _Stream] = {}
-        """The streams, by their verbs."""
+        """Streamed messages that were refused as another source has the authority."""
         self._contest = ""
         self._contest_s = NEVER_S
         self._askers = Askers(node.zid)
+        self.sources = Sources(source, self._askers, owner)
         self._tokens = node.watch_tokens()
         self._endless_without_watch = endless_without_watch
         self._arrived: list[tuple[Any, Any]] = []
@@ -152,37 +152,34 @@ class ArmServer:
         self._results = node.publisher("~/result", RESULT_TYPE)
         self._telling = threading.Lock()
         self._inputs: list[_Input] = []
-        self._endless: dict[Any, Callable[[Any], bool]] = {}
-        """Of clients that may ask for a motion without end: whether a packet does."""
-        self._held: list[tuple[Any, Any]] = []
-        self._held_until_s = NEVER_S
+        self._held: list[_Held] = []
+        """In the order in which they came."""
+        self.unnamed = Unnamed()
         self._notes = node.publisher(f"~/{MOTIONS_TOPIC}", MOTIONS_TYPE)
         asked = node.service(f"~/{ASK_SERVICE}", ASK_TYPE)
-        packets = _PacketClient(self)
-        self._inputs.append((asked.poll, packets))
-        self._endless[packets] = _asks_for_endless
+        self._inputs.append((asked.poll, _PacketClient(self)))
         self._stops: list[_Input] = []
+        self._streamed: set[Any] = set()
+        """Clients of which only the newest packet counts."""
         for command in topics:
             subscription = node.subscription(command.topic, command.type_name, command.depth)
             inputs = self._stops if command.verb == "stop" else self._inputs
-            self._add(inputs, (subscription.poll, _TopicClient(self, command)), command.verb)
+            client = _TopicClient(self, command)
+            inputs.append((subscription.poll, client))
+            if command.verb in SEQUENCED:
+                self._streamed.add(client)
         for service in services:
             server = node.service(service.service, service.type_name)
             inputs = self._stops if service.verb == "stop" else self._inputs
-            self._add(inputs, (server.poll, _ServiceClient(self, service)), service.verb)
+            inputs.append((server.poll, _ServiceClient(self, service)))
         self._actions = [ArmAction(node, self, action) for action in actions]
         self.parameters = ArmParameters(node, self)
         self._rare_inputs: list[_Input] = list(self.parameters.inputs)
         for each in self._actions:
-            self._add(self._rare_inputs, each.offers, each.verb)
-            self._rare_inputs.append(each.results)
+            self._rare_inputs += [each.offers, each.results]
         self._rare_stops = [each.cancels for each in self._actions]
+        self._never_wait = {client for _, client in (*self._stops, *self._rare_stops)}
         self._rare_due_s = -math.inf
-
-    def _add(self, inputs: list[_Input], added: _Input, verb: str) -> None:
-        inputs.append(added)
-        if verb in ENDLESS:
-            self._endless[added[1]] = lambda _packet: True
 
     def poll(self, now_s: float) -> None:
         """Pass on what has arrived, while the worker has enough to do only what stops the arm; and
@@ -191,11 +188,14 @@ class ArmServer:
         rare = now_s >= self._rare_due_s
         self._collect(self._stops)
         if self._arrived:
-            for stream in tuple(self._streams.values()):
-                stream.spend()
+            self.sources.spend()
         if rare:
             self._rare_due_s = now_s + GOALS_PERIOD_S
             self._collect(self._rare_stops)
+        if self._arrived:
+            # What is held came first, and what stops comes after it, at once.
+            self._let_go(lambda _held: True)
+            self._pass_on()
         if not self._full():
             self._collect(self._inputs)
             if rare:
@@ -206,32 +206,47 @@ class ArmServer:
             if told is None:
                 break
             self._askers.take(*told)
-        if self._held and (now_s >= self._held_until_s or self._known(*self._held[-1])):
-            self._let_go(now_s)
+        if self._held:
+            self._let_go(lambda held: self._askers.knows(held.packet) or now_s >= held.until_s)
+        if self._arrived:
+            self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Offer what has arrived, but for what waits for the token of who sent it."""
+        now_s = self.now_s
         for client, packet in self._arrived:
-            if self._known(client, packet):
-                # What was held came first, and a stop must come after it.
-                self._let_go(now_s)
+            until_s = NEVER_S if client in self._never_wait else self._named_s(packet)
+            if until_s <= now_s:
                 self._offer(client, packet, now_s)
             else:
-                if len(self._held) >= HELD_AT_MOST:
-                    self._let_go(now_s)
-                if not self._held:
-                    self._held_until_s = now_s + TOKEN_WAIT_S
-                self._held.append((client, packet))
+                self._hold(_Held(client, packet, now_s, until_s))
         self._arrived.clear()
 
-    def _known(self, client: Any, packet: Any) -> bool:
-        """Whether who sent `packet` is known, where that matters."""
-        endless = self._endless.get(client)
-        if endless is None or self._endless_without_watch or not endless(packet):
-            return True
-        return self._asker(packet) is not None
+    def _named_s(self, packet: Received | ServiceRequest) -> float:
+        """Until when `packet` waits for the token of who sent it."""
+        if self._askers.knows(packet):
+            return NEVER_S
+        gid = b"" if packet.attachment is None else packet.attachment.gid
+        zid = packet.zid if isinstance(packet, Received) else ""
+        return self.unnamed.until_s((gid, zid), self.now_s)
 
-    def _let_go(self, now_s: float) -> None:
-        for client, packet in self._held:
-            self._offer(client, packet, now_s)
-        self._held.clear()
+    def _hold(self, held: _Held) -> None:
+        """Have a packet wait; of a stream that it belongs to, the newest one waits."""
+        if held.client in self._streamed:
+            self._held = [each for each in self._held if each.stream != held.stream]
+        if len(self._held) >= HELD_AT_MOST:
+            oldest = self._held.pop(0)
+            self._offer(oldest.client, oldest.packet, oldest.came_s)
+        self._held.append(held)
+
+    def _let_go(self, ready: Callable[[_Held], bool]) -> None:
+        """Offer what has waited and is `ready`, by the time when it came."""
+        held, self._held = self._held, []
+        for each in held:
+            if ready(each):
+                self._offer(each.client, each.packet, each.came_s)
+            else:
+                self._held.append(each)
 
     def _collect(self, inputs: Sequence[_Input]) -> None:
         for poll, client in inputs:
@@ -263,16 +278,17 @@ class ArmServer:
             return known or askers.session(packet.zid)
         return None if attachment is None else askers.node(attachment.gid)
 
-    def stream(self, verb: str) -> _Stream:
-        """The stream of a verb, which all topics that mean it share."""
-        return self._streams.setdefault(verb, _Stream())
+    def source(self, packet: Received | ServiceRequest) -> str:
+        """Name of who sent `packet` in the arm's authority. In the thread that decodes."""
+        return self.sources.of(packet, self.now_s).name
 
-    def name(self, gid: bytes) -> str:
-        """Who sends with this GID, in words."""
-        return self._askers.name(gid) or "a publisher without a node"
+    def contested_by(self, source: str) -> str:
+        """The other source that has the authority; empty: none, or `source` itself."""
+        owner = self._owner()
+        return "" if owner == source else owner
 
     def contest(self, words: str) -> None:
-        """Count a streamed message that another publisher's stream was in the way of."""
+        """Count a streamed message that another source was in the way of."""
         self.contested += 1
         self._contest, self._contest_s = words, self.now_s
 
@@ -315,14 +331,16 @@ class ArmServer:
         """Of the next request."""
         return next(self._ids)
 
-    def tell(self, command: str, sequence: int, outcome: str, reason: str = "") -> None:
-        """Publish what became of a command that came on a topic. From any thread."""
+    def tell(
+        self, command: str, sequence: int, outcome: str, reason: str = "", source: str = ""
+    ) -> None:
+        """Publish what became of a command of `source` that came on a topic. From any thread."""
         now_ns = time.time_ns()
         message: Message = {
             "header": default_message("std_msgs/msg/Header"),
             "command": command,
             "sequence": sequence,
-            "source": self.source,
+            "source": source,
             "outcome": outcome,
             "success": outcome in ("accepted", "done"),
             "reason": reason,
@@ -367,6 +385,10 @@ class _PacketClient:
             self._waiting[number] = packet, error.request or 0, ""
             raise PacketError(str(error), number) from error.__cause__
         self._waiting[number] = packet, request.id, request.source
+        if request.verb in NAMED:
+            why = self._server.sources.claim(request.source, packet, self._server.now_s)
+            if why:
+                raise PacketError(why, number) from MotionRefusedError(f"{request.verb}: {why}")
         return self._server.watched(request._replace(id=number), packet)
 
     def done(self, request: Request, result: Any) -> None:
@@ -398,9 +420,12 @@ class _PacketClient:
 class _Sender:
     """A publisher of a topic."""
 
-    def __init__(self, gid: bytes = b"") -> None:
-        self.gid = gid
-        """Of one that sends no GID, the id of its Zenoh session."""
+    def __init__(self, key: tuple[bytes, str] = (b"", "")) -> None:
+        self.key = key
+        """Its GID, and the Zenoh session that gave its messages their timestamps: with another one
+        it is another publisher, whatever GID it gives."""
+        self.source: Source | None = None
+        """The program that it belongs to."""
         self.sequence, self.source_ns = -1, -1
         self.heard_s = NEVER_S
         """When its newest message came."""
@@ -408,39 +433,6 @@ class _Sender:
         """What the result topic said last of its stream."""
         self.note = ""
         """What is told with the next command that is accepted."""
-
-
-class _Stream:
-    """Who has the stream of a verb, and whether it may begin."""
-
-    def __init__(self) -> None:
-        self._holder = b""
-        """GID of its publisher."""
-        self._heard_s = NEVER_S
-        self._may_begin_s = NEVER_S
-        """Until when it may choose its preset."""
-
-    def take(self, gid: bytes, now_s: float) -> bytes | None:
-        """Who has it, where that is another one than `gid`, who gets it otherwise."""
-        silent = now_s - self._heard_s > STREAM_KEPT_S
-        if gid != self._holder and not silent:
-            return self._holder
-        self._holder, self._heard_s = gid, now_s
-        if silent:
-            self._may_begin_s = now_s + BEGINS_S
-        return None
-
-    def rest(self, now_s: float) -> None:
-        """Its newest message asks for no motion."""
-        self._may_begin_s = now_s + BEGINS_S
-
-    def may_begin(self, now_s: float) -> bool:
-        """Whether it has just begun, so that one that was stopped does not go on by itself."""
-        return now_s <= self._may_begin_s
-
-    def spend(self) -> None:
-        """A message was taken, or the arm was stopped: it does not begin any more."""
-        self._may_begin_s = NEVER_S
 
 
 NO_STAMP = "its stamp is zero: it counts as sent when it came"
@@ -458,30 +450,27 @@ class _TopicClient:
         types = ((command.type_name, command.value), *command.also)
         self._types = {server.key_end(name): (codec_of(name), value) for name, value in types}
         self._streamed = command.verb in SEQUENCED
-        self._senders: dict[bytes, _Sender] = {}
+        self._senders: dict[tuple[bytes, str], _Sender] = {}
         self._asked: dict[int, tuple[int, _Sender]] = {}
         """The senders and their sequence numbers, by request and later by motion."""
         self._nobody = _Sender()
-        self._stream = server.stream(command.verb)
 
     def decode(self, packet: Received) -> Request | None:
         """The request in a message; None for one that came twice. Raises PacketError."""
         server, command = self._server, self._command
         attachment = packet.attachment
         if attachment is None:
-            sequence, sender = 0, self._sender(packet.zid.encode())
+            sequence, sender = 0, self._sender((b"", packet.zid))
         else:
-            sequence, sender = attachment.sequence, self._sender(attachment.gid)
+            sequence, sender = attachment.sequence, self._sender((attachment.gid, packet.zid))
             if not attachment.follows(sender.sequence, sender.source_ns):
                 server.late += 1
                 if not command.always:
                     return None
             if 0 <= sender.sequence < sequence - 1:
-                self._note_lost(sender.sequence + 1, sequence - 1)
+                self._note_lost(sender, sender.sequence + 1, sequence - 1)
             sender.sequence, sender.source_ns = sequence, attachment.source_ns
-        if server.now_s - sender.heard_s > STREAM_KEPT_S:
-            sender.told = ""
-        sender.heard_s = server.now_s
+        source = self._source(sender, packet)
         number = server.next_id()
         self._asked[number] = sequence, sender
         codec, value_of = self._types.get(key_end(packet.key), (None, command.value))
@@ -496,57 +485,66 @@ class _TopicClient:
             value = value_of(message)
         except CardanError as error:
             raise PacketError(str(error), number) from error
-        if self._streamed and (other := self._other_holder(sender)):
-            why = MotionRefusedError(f"{command.verb}: {other} streams on it; one at a time can")
+        if self._streamed and not source.stream(sender.key, server.now_s):
+            why = MotionRefusedError(
+                f"{command.verb}: another publisher of {source.name!r} streams; one at a time can"
+            )
             server.contest(str(why))
             raise PacketError(str(why), number) from why
         if isinstance(value, Asks):
-            return self._asked_for(value, number)
-        request = Request(number, server.source, command.verb, value)
+            return self._asked_for(value, number, source.name)
+        request = Request(number, source.name, command.verb, value)
         if command.begins:
-            request = request._replace(begins=self._begins(value))
+            request = request._replace(begins=self._begins(source, value))
         if command.stamped and "header" in message:
             stamp_s = _seconds(message["header"]["stamp"])
             sender.note = "" if stamp_s else NO_STAMP
             request = request._replace(stamp_s=stamp_s or None)
         return server.watched(request, packet)
 
-    def _asked_for(self, asks: Asks, number: int) -> Request | None:
-        request = Request(number, self._server.source, asks.verb)
+    def _asked_for(self, asks: Asks, number: int, source: str) -> Request | None:
+        request = Request(number, source, asks.verb)
         if asks.verb:
             return request
         self.done(request, None)
         return None
 
-    def _begins(self, value: Any) -> Begins:
+    def _begins(self, source: Source, value: Any) -> Begins:
         """What becomes of a streamed command where none is chosen."""
         now_s = self._server.now_s
         if _asks_nothing(value):
-            self._stream.rest(now_s)
+            source.rest(now_s)
             return Begins.REST
-        return Begins.NEW if self._stream.may_begin(now_s) else Begins.GOING_ON
+        return Begins.NEW if source.may_begin(now_s) else Begins.GOING_ON
 
-    def _sender(self, gid: bytes) -> _Sender:
-        sender = self._senders.get(gid)
+    def _sender(self, key: tuple[bytes, str]) -> _Sender:
+        sender = self._senders.pop(key, None)
         if sender is None:
             if len(self._senders) >= SENDERS_KEPT:
                 self._senders.pop(next(iter(self._senders)))
-            sender = self._senders[gid] = _Sender(gid)
+            sender = _Sender(key)
+        self._senders[key] = sender
         return sender
 
-    def _other_holder(self, sender: _Sender) -> str:
-        """Who has the stream, where it is another one than `sender`, who gets it otherwise."""
-        holder = self._stream.take(sender.gid, self._server.now_s)
-        return "" if holder is None else self._server.name(holder)
+    def _source(self, sender: _Sender, packet: Received) -> Source:
+        """Whose publisher `sender` is: it stays so until it was silent."""
+        server = self._server
+        if server.now_s - sender.heard_s > STREAM_KEPT_S:
+            sender.told, sender.source = "", None
+        sender.heard_s = server.now_s
+        if sender.source is None or sender.source.identity.presence is None:
+            # The token of a node may come after its first message.
+            sender.source = server.sources.of(packet, server.now_s)
+        return server.sources.heard(sender.source, server.now_s)
 
-    def _note_lost(self, first: int, last: int) -> None:
+    def _note_lost(self, sender: _Sender, first: int, last: int) -> None:
         """Messages have been displaced; of a stream, whose newest one counts, that is no news."""
         server, verb = self._server, self._command.verb
         server.lost += last - first + 1
         if not self._streamed:
             numbers = f"{verb}: numbers {first} to {last}"
             reason = f"{numbers} were lost on their way, or displaced by newer ones"
-            server.tell(verb, last, "refused", reason)
+            server.tell(verb, last, "refused", reason, _name(sender))
 
     def _wrong_type(self, key: str) -> str:
         type_name, mark = key.split("/")[-2:]
@@ -558,12 +556,17 @@ class _TopicClient:
         if isinstance(result, MotionNote):
             if result.outcome is Outcome.RUNNING:
                 self._asked[-result.id] = sequence, sender
-            self._server.tell(request.verb, sequence, "accepted", _both(result.note, sender.note))
+            note = _both(result.note, sender.note)
+            self._server.tell(request.verb, sequence, "accepted", note, request.source)
         elif not self._streamed:
-            self._server.tell(request.verb or self._command.verb, sequence, "done")
+            verb = request.verb or self._command.verb
+            self._server.tell(verb, sequence, "done", source=request.source)
         else:
             if not result:
-                self._stream.spend()
+                if sender.source is not None:
+                    sender.source.spend()
+            elif self._server.contested_by(request.source):
+                self._server.contest(str(result))
             self._tell_change(sender, sequence, str(result or ""))
 
     def refused(self, number: int | None, error: CardanError) -> None:
@@ -572,13 +575,13 @@ class _TopicClient:
         if self._streamed:
             self._tell_change(sender, sequence, str(error))
         else:
-            self._server.tell(self._command.verb, sequence, "refused", str(error))
+            self._server.tell(self._command.verb, sequence, "refused", str(error), _name(sender))
 
     def ended(self, note: MotionNote) -> None:
         """Tell that a motion has ended."""
         sequence, _ = self._pop(-note.id)
         outcome = "done" if note.outcome is Outcome.DONE else "aborted"
-        self._server.tell(note.verb, sequence, outcome, note.reason)
+        self._server.tell(note.verb, sequence, outcome, note.reason, note.source)
 
     def _pop(self, number: int) -> tuple[int, _Sender]:
         return self._asked.pop(number, (0, self._nobody))
@@ -588,7 +591,8 @@ class _TopicClient:
         if told != sender.told:
             sender.told = told
             outcome = "refused" if reason else "accepted"
-            self._server.tell(self._command.verb, sequence, outcome, reason or sender.note)
+            told = reason or sender.note
+            self._server.tell(self._command.verb, sequence, outcome, told, _name(sender))
 
 
 class _ServiceClient:
@@ -614,9 +618,10 @@ class _ServiceClient:
             value = command.value(message)
         except CardanError as error:
             raise PacketError(str(error), number) from error
+        source = server.source(packet)
         if not isinstance(value, Asks):
-            return server.watched(Request(number, server.source, command.verb, value), packet)
-        request = Request(number, server.source, value.verb)
+            return server.watched(Request(number, source, command.verb, value), packet)
+        request = Request(number, source, value.verb)
         if value.verb:
             return request
         self.done(request, None)
@@ -645,6 +650,10 @@ class _ServiceClient:
         waiting = self._waiting.pop(number or 0, None)
         if waiting is not None:
             waiting.reply(self._response.encode(response), time.time_ns())
+
+
+def _name(sender: _Sender) -> str:
+    return "" if sender.source is None else sender.source.name
 
 
 def _both(*notes: str) -> str:

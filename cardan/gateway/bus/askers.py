@@ -7,9 +7,10 @@ fails.
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from typing import NamedTuple
 
-from cardan.bus.node import gid_of_token
+from cardan.bus.node import Received, ServiceRequest, gid_of_token
 from cardan.protocols.ros2.zenoh import LIVELINESS, Entity
 
 UNKNOWN = (
@@ -32,6 +33,19 @@ class Presence:
     def there(self) -> bool:
         """Whether it is still on the bus. From any thread."""
         return self.tokens > 0
+
+
+class Identity(NamedTuple):
+    """What tells one program on the bus from all others."""
+
+    key: Hashable
+    """Its node, or else its session, or else its endpoint."""
+    node: str
+    """Full name; empty: it has none."""
+    presence: Presence | None
+    """None where nobody could see it go."""
+    mark: str
+    """Tells it from others of the same name."""
 
 
 class _Token(NamedTuple):
@@ -85,12 +99,37 @@ class Askers:
         token = self._tokens.get(gid)
         return None if token is None else token.owners[1]
 
+    def knows(self, packet: Received | ServiceRequest) -> bool:
+        """Whether the token of who sent a packet is there, or none can tell who did."""
+        if packet.attachment is not None:
+            return packet.attachment.gid in self._tokens
+        zid = packet.zid if isinstance(packet, Received) else ""
+        return not zid or zid in self._owners
+
     def session(self, zid: str) -> Presence | None:
         """The Zenoh session with this id."""
         return self._owners.get(zid)
 
-    def name(self, gid: bytes) -> str:
-        """Full name of the node that has the endpoint with this GID; empty: not known."""
+    def identity(self, packet: Received | ServiceRequest) -> Identity:
+        """Who sent a packet: the node that has its GID; of a GID that is not known, as old releases
+        of rmw_zenoh name publishers at random, or that is another session's, the session."""
+        gid = b"" if packet.attachment is None else packet.attachment.gid
+        zid = packet.zid if isinstance(packet, Received) else ""
+        session = self._owners.get(zid)
         token = self._tokens.get(gid)
         entity = None if token is None else Entity.parse(token.text)
-        return "" if entity is None else entity.full_node
+        if token is not None and entity is not None and (session is None or zid == entity.zid):
+            node = token.owners[1]
+            return Identity(node, entity.full_node, node, f"{entity.zid}{entity.node_id}")
+        if session is not None:
+            return Identity(session, self._only_node(zid), session, zid)
+        return Identity(gid or zid, "", None, gid.hex() or zid)
+
+    def _only_node(self, zid: str) -> str:
+        """Full name of the one node that a session has; empty where it has none or several."""
+        found = {
+            entity.full_node
+            for entity in map(Entity.parse, [each.text for each in tuple(self._tokens.values())])
+            if entity is not None and entity.zid == zid
+        }
+        return found.pop() if len(found) == 1 else ""

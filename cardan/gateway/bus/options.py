@@ -40,7 +40,7 @@ class NetworkOptions(BusOptions):
     """True: motions without end (movv, gcmp, forc) are taken of anybody, though nobody notices when
     who asked is gone; only a stop then ends them."""
     source: str = "ros2"
-    """Name of all commands of the network in the arm's authority."""
+    """First word of all names that nodes have in the arm's authority: "ros2 /joystick"."""
     trajectory_controller: str = "joint_trajectory_controller"
     """Name of the controller whose action follow_joint_trajectory the arm offers to MoveIt."""
     other_names: tuple[NamesOf, ...] = ("servo",)

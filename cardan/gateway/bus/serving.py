@@ -16,13 +16,14 @@ def key_end(key: str) -> str:
 class CommandServer(Protocol):
     """Passes requests on to the session's worker, and tells what became of them."""
 
-    source: str
-    """The name of all of them in the arm's authority."""
     refused: int
     """Messages and requests that were none."""
 
     def next_id(self) -> int:
         """Of the next request."""
+
+    def source(self, packet: ServiceRequest) -> str:
+        """Name of who sent `packet` in the arm's authority. In the thread that decodes."""
 
     def watched(self, request: Request, packet: ServiceRequest) -> Request:
         """`request`, of a motion without end with a way to see whether who asked is still there.
@@ -31,5 +32,7 @@ class CommandServer(Protocol):
     def offer(self, client: Any, packet: Any) -> None:
         """Pass on what a client needs done besides. From any thread."""
 
-    def tell(self, command: str, sequence: int, outcome: str, reason: str = "") -> None:
-        """Publish what became of a command. From any thread."""
+    def tell(
+        self, command: str, sequence: int, outcome: str, reason: str = "", source: str = ""
+    ) -> None:
+        """Publish what became of a command of `source`. From any thread."""

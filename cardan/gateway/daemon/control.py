@@ -26,9 +26,9 @@ NEEDS: Final = {
 }
 """The least role of who may ask for each."""
 
-READING_VERBS: Final = frozenset({"stat", "status", "get_parameter", "get_parameters"})
-"""Verbs of an arm that a viewer may ask for: they change nothing, and wait in no queue that others'
-verbs wait in."""
+VIEWERS_VERBS: Final = frozenset({"stat", "status", "get_parameter", "get_parameters", "stop"})
+"""Verbs of an arm that a viewer may ask for: they change nothing, or stop the arm, which needs no
+authority. They wait in no queue that others' verbs wait in."""
 
 _LARGEST_ID: Final = 1 << 53
 
@@ -69,7 +69,7 @@ def refusal(ask: Ask, role: Role) -> str:
     needed, what = NEEDS[ask.do], ask.do
     if ask.do == "ask" and isinstance(ask.value, dict) and isinstance(ask.value.get("verb"), str):
         what = ask.value["verb"]
-        needed = Role.VIEWER if what in READING_VERBS else needed
+        needed = Role.VIEWER if what in VIEWERS_VERBS else needed
     if role >= needed:
         return ""
     return (

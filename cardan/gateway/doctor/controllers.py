@@ -1,7 +1,8 @@
-"""Checks whether controllers can be reached, or are heard; nothing is sent to them."""
+"""Checks whether controllers can be reached, or are heard; a server is asked for its protocol."""
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import selectors
@@ -11,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Final, NamedTuple
 
 from cardan.drivers.base import Endpoint
-from cardan.errors import AddressError
+from cardan.errors import AddressError, shown
 from cardan.gateway.doctor.base import Check, Finding, Subject, caution, failure, good
 from cardan.sockets import opened
 
@@ -32,6 +33,8 @@ class Heard(NamedTuple):
 
     sources: tuple[str, ...] = ()
     """The computers that sent something."""
+    said: bytes = b""
+    """A server's first words, where it has to say any."""
     error: int = 0
     """Why it could not be tried, or failed: an errno; 0: it was."""
 
@@ -70,16 +73,31 @@ def _number(error: OSError) -> str:
 
 
 def connect(endpoint: Endpoint, seconds: float = CONNECT_S) -> Heard:
-    """Whether a TCP server answers; the connection is closed again without a word."""
+    """Whether a TCP server answers, and what where that is known; then the connection is closed."""
     try:
         with socket.create_connection((endpoint.host, endpoint.port), seconds) as sock:
-            return Heard((str(sock.getpeername()[0]),))
+            return Heard((str(sock.getpeername()[0]),), _first_words(sock, endpoint, seconds))
     except TimeoutError:
         return Heard(error=errno.ETIMEDOUT)
     except socket.gaierror:
         return Heard(error=errno.EHOSTUNREACH)
     except OSError as error:
         return Heard(error=error.errno or errno.EIO)
+
+
+def _first_words(sock: socket.socket, endpoint: Endpoint, seconds: float) -> bytes:
+    said = b""
+    end_s = time.monotonic() + seconds
+    with contextlib.suppress(OSError):
+        if endpoint.request:
+            sock.sendall(endpoint.request)
+        while endpoint.answer.startswith(said) and len(said) < len(endpoint.answer):
+            sock.settimeout(max(end_s - time.monotonic(), 0.001))
+            more = sock.recv(_DATAGRAM_BYTES)
+            if not more:
+                break
+            said += more
+    return said
 
 
 def judge_controllers(
@@ -131,7 +149,15 @@ def _judge_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
 def _judge_server(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
     where = f"{endpoint.host}, TCP port {endpoint.port},"
     if not heard.error:
-        return good("reached", f"{where} of {who} answers")
+        if heard.said.startswith(endpoint.answer):
+            return good("reached", f"{where} of {who} answers")
+        words = f"says {shown(heard.said[:40])}" if heard.said else "says nothing"
+        return failure(
+            "other-server",
+            f"{where} of {who} is connected to and {words}: it is another program's",
+            "the session cannot begin",
+            "set the port that the controller serves this protocol at",
+        )
     if heard.error == errno.ECONNREFUSED:
         mend = "start the program on the controller that serves it"
     else:
@@ -159,7 +185,15 @@ class Controllers(Check):
     """The files' controllers: those that serve are connected to, those that send listened to."""
 
     group = GROUP
-    tells = ("heard", "not-heard", "other-controller", "listen-address", "reached", "not-reached")
+    tells = (
+        "heard",
+        "not-heard",
+        "other-controller",
+        "listen-address",
+        "reached",
+        "not-reached",
+        "other-server",
+    )
 
     @classmethod
     def look(cls, subject: Subject) -> Iterable[Finding]:

@@ -25,13 +25,18 @@ from cardan.errors import DriverError
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.standstill import StandStill
 from cardan.protocols.ros2.dds import Endpoint
+from cardan.protocols.ros2.names import RosNameError, checked_name
 from cardan.types import NEVER_S
 
 NODE = "cardan_dds_face"
 """Name of the bridge's node on both sides."""
 
 MOST_CLIENTS = 64
-"""Participants whose commands are passed on: each is a node on the bus."""
+"""Nodes on DDS whose commands are passed on: each is a node on the bus."""
+
+NAMED_WITHIN_S = 1.0
+"""How long the messages of a writer wait for the name of its node, and are not passed on: ROS 2
+tells it when the writer is made. One that is not of ROS 2 has none."""
 
 MOST_BYTES = 10_000_000
 """Largest message that is passed on to the bus, as of rosbridge."""
@@ -67,7 +72,8 @@ class _Out:
 
 
 class _Client:
-    """A participant on DDS as a node on the bus: what it asked for without end ends with it."""
+    """A node on DDS as a node of the same name on the bus: what it asked for without end ends with
+    its participant."""
 
     def __init__(self, network: BusNetwork) -> None:
         self.network = network
@@ -89,7 +95,10 @@ class Bridge:
         self._ins: dict[str, tuple[str, Handle]] = {}
         """Types and subscriptions on DDS."""
         self._services: dict[str, tuple[str, Handle]] = {}
-        self._clients: dict[bytes, _Client] = {}
+        self._clients: dict[tuple[bytes, str], _Client] = {}
+        """By the GUIDs of their participants and their names; empty: one that has none."""
+        self._unnamed: dict[bytes, float] = {}
+        """Since when writers are known whose nodes are not, by their GUIDs."""
         self._numbers = itertools.count(1)
         self._said: set[str] = set()
         self._seen = (-1, -1)
@@ -112,7 +121,7 @@ class Bridge:
         wanted = {name: each.type for name, each in services.items() if self._allowed.service(name)}
         self._follow_each(self._services, wanted, self._serve)
         there = self._dds.participants()
-        for participant in tuple(self._clients):
+        for participant, _ in tuple(self._clients):
             if participant not in there:
                 self._depart(participant)
 
@@ -212,6 +221,8 @@ class Bridge:
                 for guid in tuple(client.publishers)
                 if guid not in there
             ]
+            for guid in self._unnamed.keys() - there:
+                del self._unnamed[guid]
         for publisher in gone:
             publisher.close()
 
@@ -227,7 +238,9 @@ class Bridge:
             if len(cdr) > MOST_BYTES:
                 self._say(f"{name}: a message of more than {MOST_BYTES} bytes is not passed on")
             elif writer is not None:
-                publisher = self._publisher(writer, name, type_name)
+                # Whoever stops an arm need not say its name first.
+                stops = name.endswith("/stop")
+                publisher = self._publisher(writer, name, type_name, stops)
             if publisher is None:
                 self.counts["refused"] += 1
                 return
@@ -236,10 +249,16 @@ class Bridge:
 
         return self._dds.subscribe_from(name, type_name, passed, history)
 
-    def _publisher(self, writer: Endpoint, name: str, type_name: str) -> Publisher | None:
-        """What a writer on DDS is on the bus; None where it cannot be. From any thread."""
+    def _publisher(
+        self, writer: Endpoint, name: str, type_name: str, at_once: bool = False
+    ) -> Publisher | None:
+        """What a writer on DDS is on the bus; None where it cannot be, or where it waits for its
+        node's name, unless `at_once`. From any thread."""
+        node = self._dds.node_of(writer)
         with self._lock:
-            client = self._client(writer.participant)
+            if not (node or at_once or self._nameless(writer.guid)):
+                return None
+            client = self._client(writer.participant, node)
             if client is None:
                 return None
             publisher = client.publishers.get(writer.guid)
@@ -252,28 +271,37 @@ class Bridge:
                 client.publishers[writer.guid] = publisher
             return publisher
 
+    def _nameless(self, writer: bytes) -> bool:
+        """Whether a writer has no node, and none is on its way. With the lock."""
+        now_s = time.monotonic()
+        return now_s - self._unnamed.setdefault(writer, now_s) > NAMED_WITHIN_S
+
     # -- participants ------------------------------------------------------------------------------
 
-    def _client(self, participant: bytes) -> _Client | None:
-        """A participant's node; None where there are too many. With the lock."""
-        client = self._clients.get(participant)
+    def _client(self, participant: bytes, node: str) -> _Client | None:
+        """What a node on DDS is on the bus; None where there are too many. With the lock."""
+        client = self._clients.get((participant, node))
         if client is None:
             if len(self._clients) >= MOST_CLIENTS:
-                self._say(f"more than {MOST_CLIENTS} participants on DDS: of others nothing comes")
+                self._say(f"more than {MOST_CLIENTS} nodes on DDS send: of others nothing comes")
                 return None
             try:
-                network = self._bus.part(f"dds_client_{next(self._numbers)}")
+                namespace, _, name = checked_name(node).rpartition("/")
+            except RosNameError:
+                namespace, name = "", f"dds_client_{next(self._numbers)}"
+            try:
+                network = self._bus.part(name, namespace or "/")
             except DriverError as error:  # The bus is closed.
                 self._say(str(error))
                 return None
-            client = self._clients[participant] = _Client(network)
+            client = self._clients[participant, node] = _Client(network)
         return client
 
     def _depart(self, participant: bytes) -> None:
         """A participant is gone. From any thread."""
         with self._lock:
-            client = self._clients.pop(participant, None)
-        if client is not None:
+            gone = [self._clients.pop(key) for key in tuple(self._clients) if key[0] == participant]
+        for client in gone:
             client.network.close()
 
     # -- services ----------------------------------------------------------------------------------
@@ -286,8 +314,9 @@ class Bridge:
                 answered(Failure("the bridge stood still meanwhile; ask again"))
                 return
             if caller is not None:
+                node = self._dds.node_of(caller)
                 with self._lock:
-                    client = self._client(caller.participant)
+                    client = self._client(caller.participant, node)
             if client is None or client.calls >= MOST_CALLS:
                 self.counts["refused"] += 1
                 answered(Failure("too many clients, or too many calls at once"))

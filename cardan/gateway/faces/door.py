@@ -15,7 +15,7 @@ from typing import NamedTuple
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from cardan.errors import shown
-from cardan.gateway.faces.guessing import FailedTokens
+from cardan.gateway.faces.guessing import BEGINNING_CHARACTERS, FailedTokens
 from cardan.gateway.faces.tokens import WITHOUT_TOKEN, Role, Tokens
 from cardan.sockets import is_loopback
 
@@ -54,7 +54,7 @@ class Door:
         """`tokens` empty: none is needed. `hosts`: further names of this machine. `origins`: pages
         from elsewhere that may come in, as browsers say them ("https://app.example", "null")."""
         self._tokens = tokens
-        self._failed = FailedTokens()
+        self._failed = FailedTokens(right=tokens.beginnings(BEGINNING_CHARACTERS))
         own = socket.gethostname().lower()
         self._hosts = {"localhost", own, f"{own}.local", *(each.lower() for each in hosts)}
         self._origins = {each.rstrip("/").lower() for each in origins}
@@ -81,17 +81,24 @@ class Door:
     def _by_token(self, caller: Caller, now_s: float) -> Role | Denied:
         given = _given(caller)
         # Asked first: one that may not try learns nothing, not even with the right token.
-        if given and (wait_s := self._failed.wait_s(caller.address, now_s)) > 0.0:
-            return Denied(
-                HTTPStatus.TOO_MANY_REQUESTS,
-                "there were too many wrong tokens from this address",
-                wait_s,
-            )
-        role = self._tokens.role(given)
+        wait_s = max(
+            (self._failed.wait_s(caller.address, each, now_s) for each in given), default=0.0
+        )
+        role = self._tokens.role(given) if wait_s == 0.0 else None
         if role is not None:
             return role
-        if given:
-            self._failed.failed(caller.address, now_s)
+        wrong_s = self._failed.wrong_wait_s(caller.address, now_s) if given else 0.0
+        if wait_s == 0.0:
+            for each in given:
+                self._failed.failed(caller.address, each, now_s)
+        # The same answer to all wrong ones: none tells how a right one begins.
+        wait_s = max(wait_s, wrong_s)
+        if wait_s > 0.0:
+            return Denied(
+                HTTPStatus.TOO_MANY_REQUESTS,
+                "there were too many wrong tokens like this one from this address",
+                wait_s,
+            )
         return Denied(
             HTTPStatus.UNAUTHORIZED,
             "the request needs a token of the server: in the address, as /?t=TOKEN or as its path "

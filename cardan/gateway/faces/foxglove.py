@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import itertools
 import logging
 import threading
 from collections import Counter
@@ -18,7 +17,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from cardan.bounds import ANY_PORT
@@ -30,10 +28,12 @@ from cardan.gateway.faces.base import Face, Ready
 from cardan.gateway.faces.calls import Caller, Mailbox
 from cardan.gateway.faces.foxglove_client import Client, Shown, sdk, shared_feeds
 from cardan.gateway.faces.graph import VisibleGraph
+from cardan.gateway.faces.numbers import ClientNumbers
 from cardan.gateway.faces.parameters import EVENT, EVENTS
 from cardan.gateway.faces.reading import network_for
+from cardan.gateway.faces.refusals import Refusals
 from cardan.gateway.faces.tokens import Role
-from cardan.gateway.faces.web import Front, WebOptions, serve_until
+from cardan.gateway.faces.web import Front, FrontConnection, WebOptions, serve_until
 from cardan.options import Options
 from cardan.protocols.foxglove import SUBPROTOCOLS
 from cardan.protocols.ros2.cdr import Malformed, codec_of
@@ -70,7 +70,8 @@ class FoxgloveServer:
         """"denied": connections that were not let in; "refused": what clients asked for in vain;
         "superseded": publications that newer ones took the place of; "too slow": clients that were
         closed for not reading; "cut off": those whose frames waited while this process stood
-        still."""
+        still; "stale": publications that waited for too long to be passed on; "backlogged": clients
+        that were disconnected as they send more than can be handled."""
         self._network = network
         self._allowed = self.options.allowed
         self._packages = Packages(self.options.packages)
@@ -84,7 +85,7 @@ class FoxgloveServer:
             compress=self.options.compress,
         )
         self._clients: set[Client] = set()
-        self._numbers = itertools.count(1)
+        self._numbers = ClientNumbers()
         self._mailbox: Mailbox | None = None
         self._looking: asyncio.Task[None] | None = None
         self._events: Handle | None = None
@@ -109,12 +110,15 @@ class FoxgloveServer:
             self._events = self._network.subscribe(
                 EVENTS, EVENT, lambda cdr, _stamp_ns: mailbox.put(lambda: self._tell_event(cdr))
             )
+        self._refusals = Refusals(self._network, mailbox)
         await self._front.open()
+        self._refusals.begin()
         return self
 
     async def __aexit__(self, *_exception: object) -> None:
         """Let all clients go, and what they had."""
         await self._front.close()
+        self._refusals.end()
         if self._looking is not None:
             self._looking.cancel()
         if self._events is not None:
@@ -122,18 +126,26 @@ class FoxgloveServer:
         if self._mailbox is not None:
             self._mailbox.close()
 
-    async def _run(self, connection: ServerConnection, peer: str, role: Role) -> None:
+    async def _run(self, connection: FrontConnection, peer: str, role: Role) -> None:
         assert self._mailbox is not None
+        address = connection.remote_address
+        with self._numbers.of(address[0] if address else "") as number:
+            await self._run_as(f"foxglove_client_{number}", connection, peer, role, self._mailbox)
+
+    async def _run_as(
+        self, name: str, connection: FrontConnection, peer: str, role: Role, mailbox: Mailbox
+    ) -> None:
+        """Serve a client as the node `name`."""
         # A node of its own: a motion without end that it asked for ends with it.
-        part = self._network.part(f"foxglove_client_{next(self._numbers)}")
+        part = self._network.part(name)
         network = network_for(role, part)
         try:
             client = Client(
                 connection,
                 peer,
                 network,
-                Caller(network, self._mailbox),
-                self._mailbox,
+                Caller(network, mailbox),
+                mailbox,
                 self._feeds,
                 self._allowed,
                 self._packages,
@@ -145,7 +157,8 @@ class FoxgloveServer:
             self._clients.add(client)
             try:
                 async with client:
-                    await client.relay()
+                    with self._refusals.telling(f"/{name}", client.tell_refused):
+                        await client.relay()
             finally:
                 self._clients.discard(client)
         except ConnectionClosed:

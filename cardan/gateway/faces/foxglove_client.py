@@ -20,7 +20,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from websockets.asyncio.client import ClientConnection, connect
-from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
@@ -35,7 +34,9 @@ from cardan.gateway.faces.graph import definition
 from cardan.gateway.faces.outbox import LATCHED_DEPTH, Stream
 from cardan.gateway.faces.parameters import REFUSALS as PARAMETER_REFUSALS, NodeParameters
 from cardan.gateway.faces.publishing import Advertisements, RefusedError
+from cardan.gateway.faces.reading import READING_SERVICES
 from cardan.gateway.faces.sending import Sender, ready
+from cardan.gateway.faces.web import STALE_S, FrontConnection, is_stale, stale_words
 from cardan.protocols import foxglove as protocol
 from cardan.protocols.foxglove import CDR, JSON, ROS2MSG
 from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit
@@ -144,7 +145,7 @@ class Client:
 
     def __init__(
         self,
-        connection: ServerConnection,
+        connection: FrontConnection,
         peer: str,
         network: Network,
         caller: Caller,
@@ -178,6 +179,8 @@ class Client:
         self._channels: dict[str, _Channel] = {}
         self._topic_of: dict[int, str] = {}
         self._joined: dict[int, FoxgloveFeed] = {}
+        self._late_calls: dict[int, float] = {}
+        """How long calls waited, in s, that waited for too long to act on, by their numbers."""
         self._services: dict[str, str] = {}
         self._graph: Shown | None = None
         self._streams: dict[int, Stream[Pace, bytes]] = {}
@@ -267,10 +270,21 @@ class Client:
                     f"more than {MAX_PUBLICATIONS_PER_S} messages in a second; the others are lost",
                 )
                 return
+            if published is not None and self._is_stale(published):
+                self._counts["stale"] += 1
+                return
+            called = protocol.call_number(frame)
+            if called is not None:
+                self._note_late(called)
         else:
             asked = protocol.parse_operation(frame)
+            waited_s = self._connection.waited_s
             if isinstance(asked, protocol.GetParameters):
                 self._ask(self._get_parameters(asked))
+                return
+            if isinstance(asked, protocol.SetParameters) and is_stale("", waited_s):
+                self._counts["stale"] += 1
+                self._refuse("parameters", stale_words("setting parameters", waited_s))
                 return
             if isinstance(asked, protocol.SetParameters):
                 self._ask(self._set_parameters(asked))
@@ -286,6 +300,20 @@ class Client:
             await self._inner.send(frame)
         except ConnectionClosed:
             await self._close("the server of the SDK has ended")
+
+    def _is_stale(self, channel: int) -> bool:
+        known = self._published.get(channel)
+        return known is not None and is_stale(known.topic, self._connection.waited_s)
+
+    def _note_late(self, number: int) -> None:
+        """Note how long a call of a service waited, for when the SDK has read it."""
+        waited_s = self._connection.waited_s
+        if waited_s > STALE_S:
+            if len(self._late_calls) > MAX_CALLS:
+                del self._late_calls[next(iter(self._late_calls))]
+            self._late_calls[number] = waited_s
+        else:
+            self._late_calls.pop(number, None)
 
     def _expect(self, asked: protocol.Subscribe) -> bool:
         """Make ready for the messages of subscriptions; false: there are too many."""
@@ -343,6 +371,11 @@ class Client:
         _log.log(logging.DEBUG if self._logged else logging.WARNING, "%s: %s", self._peer, reason)
         self._logged = True
         self._sender.send(protocol.status(protocol.ERROR, reason, identity))
+
+    def tell_refused(self, command: str, reason: str) -> None:
+        """Tell the client that an arm has refused what it published."""
+        if not self._gone:
+            self._refuse(f"command {command}", reason)
 
     # -- what there is on the network ------------------------------------------------------------
 
@@ -488,7 +521,7 @@ class Client:
             raise CallError("come in by the front")
         if self._gone:
             raise CallError("the client has left")
-        waiting = self._call(name, type_name, request.payload)
+        waiting = self._call(name, type_name, request.payload, request.call_id)
         call = asyncio.run_coroutine_threadsafe(waiting, self._loop)
         self._calls.add(call)
         try:
@@ -498,7 +531,11 @@ class Client:
         finally:
             self._calls.discard(call)
 
-    async def _call(self, name: str, type_name: str, data: bytes) -> bytes:
+    async def _call(self, name: str, type_name: str, data: bytes, number: int) -> bytes:
+        waited_s = self._late_calls.pop(number, 0.0)
+        if type_name not in READING_SERVICES and is_stale(name, waited_s):
+            self._counts["stale"] += 1
+            raise CallError(stale_words(name, waited_s))
         if len(self._calls) > MAX_CALLS:
             raise CallError(f"{MAX_CALLS} calls have no answer yet; no more are taken")
         kind = service_type(type_name)

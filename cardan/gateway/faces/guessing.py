@@ -1,20 +1,34 @@
-"""Bounds how fast tokens can be guessed: so many wrong ones from an address, then only one in a
-while. All times are monotonic, in seconds."""
+"""Bounds how fast tokens can be guessed: so many wrong ones with the same beginning from an
+address, then only one in a while; and more coarsely all wrong ones from an address. All times are
+monotonic, in seconds."""
 
 from __future__ import annotations
 
 import ipaddress
 from collections import OrderedDict
+from collections.abc import Collection
 from typing import NamedTuple
 
 BURST = 20
-"""Wrong tokens in a row that an address may try: a person who mistypes, a page that reconnects."""
+"""Wrong tokens in a row with one beginning that an address may try: a person who mistypes."""
 
 FORGOTTEN_S = 10.0
 """After so long one wrong token of an address is forgotten: 8640 guesses a day."""
 
-MOST_ADDRESSES = 4096
-"""Addresses that are kept in mind; beyond, the one is forgotten that has tried least lately."""
+BEGINNING_CHARACTERS = 8
+"""Wrong tokens are counted by their beginning, so that they are in no other token's way. It is half
+of the shortest token: who guesses has to guess the other half behind each beginning slowly."""
+
+MOST_BEGINNINGS = 4096
+"""Beginnings that are kept in mind; further ones take the place of that tried least lately."""
+
+
+ADDRESS_BURST = 200
+"""Wrong tokens in a row, whatever they are, that an address may try: more are not even told apart
+from one that must wait. The right one comes in nevertheless."""
+
+ADDRESS_FORGOTTEN_S = 1.0
+"""After so long one of them is forgotten."""
 
 
 class _Tries(NamedTuple):
@@ -23,39 +37,76 @@ class _Tries(NamedTuple):
 
 
 class FailedTokens:
-    """The wrong tokens of each address. Of IPv6 it is the network (/64), as who has one address of
-    it has them all."""
+    """The wrong tokens of each address, by their beginning. Of IPv6 the address is the network
+    (/64), as who has one address of it has them all."""
 
     def __init__(
         self,
         burst: int = BURST,
         forgotten_s: float = FORGOTTEN_S,
-        most_addresses: int = MOST_ADDRESSES,
+        most_beginnings: int = MOST_BEGINNINGS,
+        right: Collection[str] = (),
     ) -> None:
-        self._burst, self._forgotten_s, self._most = burst, forgotten_s, most_addresses
-        self._tries: OrderedDict[str, _Tries] = OrderedDict()
+        """`right`: the beginnings of right tokens, which are kept apart: other ones, however many,
+        do not take their place."""
+        self._right = right
+        self._known = _Levels(burst, forgotten_s, most_beginnings)
+        self._others = _Levels(burst, forgotten_s, most_beginnings)
+        self._addresses = _Levels(ADDRESS_BURST, ADDRESS_FORGOTTEN_S, most_beginnings)
+
+    def __len__(self) -> int:
+        return len(self._known) + len(self._others)
+
+    def wait_s(self, address: str, token: str, now_s: float) -> float:
+        """How long until this address may try a token that begins so; 0: it may now."""
+        key = _key(address, token)
+        return self._of(key).wait_s(key, now_s)
+
+    def wrong_wait_s(self, address: str, now_s: float) -> float:
+        """How long until this address may try a wrong token; 0: it may now."""
+        return self._addresses.wait_s((_network(address), ""), now_s)
+
+    def failed(self, address: str, token: str, now_s: float) -> None:
+        """This token from this address was wrong."""
+        key = _key(address, token)
+        counts = self.wrong_wait_s(address, now_s) == 0.0
+        if counts or key[1] in self._right:
+            self._of(key).add(key, now_s)
+        if counts:
+            self._addresses.add((key[0], ""), now_s)
+
+    def _of(self, key: tuple[str, str]) -> _Levels:
+        return self._known if key[1] in self._right else self._others
+
+
+class _Levels:
+    """How many wrong tokens are counted of each key."""
+
+    def __init__(self, burst: int, forgotten_s: float, most: int) -> None:
+        self._burst, self._forgotten_s, self._most = burst, forgotten_s, most
+        self._tries: OrderedDict[tuple[str, str], _Tries] = OrderedDict()
 
     def __len__(self) -> int:
         return len(self._tries)
 
-    def wait_s(self, address: str, now_s: float) -> float:
-        """How long until this address may try a token; 0: it may now."""
-        level = self._level(_network(address), now_s)
-        return max(0.0, (level + 1.0 - self._burst) * self._forgotten_s)
+    def wait_s(self, key: tuple[str, str], now_s: float) -> float:
+        return max(0.0, (self._level(key, now_s) + 1.0 - self._burst) * self._forgotten_s)
 
-    def failed(self, address: str, now_s: float) -> None:
-        """A token from this address was wrong."""
-        key = _network(address)
+    def add(self, key: tuple[str, str], now_s: float) -> None:
         self._tries[key] = _Tries(self._level(key, now_s) + 1.0, now_s)
         self._tries.move_to_end(key)
         while len(self._tries) > self._most:
             self._tries.popitem(last=False)
 
-    def _level(self, key: str, now_s: float) -> float:
+    def _level(self, key: tuple[str, str], now_s: float) -> float:
         tries = self._tries.get(key)
         if tries is None:
             return 0.0
         return max(0.0, tries.level - (now_s - tries.at_s) / self._forgotten_s)
+
+
+def _key(address: str, token: str) -> tuple[str, str]:
+    return _network(address), token[:BEGINNING_CHARACTERS]
 
 
 def _network(address: str) -> str:

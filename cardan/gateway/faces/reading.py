@@ -35,7 +35,8 @@ knows."""
 
 
 class ReadingNetwork:
-    """A network on which nothing can be published, offered or commanded; NetworkError says so."""
+    """A network on which nothing can be published, offered or commanded but that arms stop;
+    NetworkError says so."""
 
     def __init__(self, network: Network) -> None:
         self._network = network
@@ -63,9 +64,17 @@ class ReadingNetwork:
         answered: Answered,
         timeout_s: float | None,
     ) -> None:
-        if type_name not in READING_SERVICES:
+        if type_name not in READING_SERVICES and not self._stops_arm(service, type_name):
             raise _refusal(f"call {service}, which may command something")
         self._network.call(service, type_name, request, answered, timeout_s)
+
+    def _stops_arm(self, service: str, type_name: str) -> bool:
+        """Whether it is the stop of an arm: its node offers the arm's figures too."""
+        node, _, name = service.rpartition("/")
+        if (name, type_name) != ("stop", "std_srvs/srv/Trigger"):
+            return False
+        stat = self._network.services().get(f"{node}/stat")
+        return stat is not None and stat.type == "cardan_msgs/srv/Stat"
 
     def serve(self, service: str, type_name: str, asked: Asked) -> Handle:
         raise _refusal(f"offer {service}")

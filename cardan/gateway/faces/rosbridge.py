@@ -6,14 +6,12 @@
 from __future__ import annotations
 
 import asyncio
-import itertools
 import threading
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from cardan.bounds import ANY_PORT
@@ -22,12 +20,14 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.faces.base import Face, Ready
 from cardan.gateway.faces.calls import Caller, Mailbox
+from cardan.gateway.faces.numbers import ClientNumbers
 from cardan.gateway.faces.reading import network_for
+from cardan.gateway.faces.refusals import Refusals
 from cardan.gateway.faces.rosapi import RosApi
 from cardan.gateway.faces.rosbridge_client import Client
 from cardan.gateway.faces.rosbridge_feeds import shared_feeds
 from cardan.gateway.faces.tokens import Role
-from cardan.gateway.faces.web import Front, Page, WebOptions, serve_until
+from cardan.gateway.faces.web import Front, FrontConnection, Page, WebOptions, serve_until
 from cardan.options import Options
 
 PORT = 9090
@@ -50,12 +50,14 @@ class RosbridgeServer:
         """"denied": connections that were not let in; "refused": operations; "unreadable":
         messages of the network that are none of their topic's type; "superseded": publications
         that newer ones took the place of; "too slow": clients that were closed for not reading;
-        "cut off": those whose frames waited while this process stood still."""
+        "cut off": those whose frames waited while this process stood still; "stale": publications
+        that waited for too long to be passed on; "backlogged": clients that were disconnected as
+        they send more than can be handled."""
         self._network = network
         self._allowed = self.options.allowed
         self._front = self._make_front()
         self._clients: set[Client] = set()
-        self._numbers = itertools.count(1)
+        self._numbers = ClientNumbers()
         self._mailbox: Mailbox | None = None
 
     def _make_front(self, page: Page | None = None) -> Front:
@@ -85,12 +87,15 @@ class RosbridgeServer:
         self._mailbox = Mailbox(asyncio.get_running_loop())
         self._rosapis = {role: self._rosapi(role, self._mailbox) for role in Role}
         self._feeds = shared_feeds(self._network, self._mailbox, self.counts)
+        self._refusals = Refusals(self._network, self._mailbox)
         await self._front.open()
+        self._refusals.begin()
         return self
 
     async def __aexit__(self, *_exception: object) -> None:
         """Let all clients go, and what they had."""
         await self._front.close()
+        self._refusals.end()
         if self._mailbox is not None:
             self._mailbox.close()
 
@@ -98,20 +103,28 @@ class RosbridgeServer:
         network = network_for(role, self._network)
         return RosApi(network, Caller(network, mailbox), self._allowed)
 
-    async def _run(self, connection: ServerConnection, peer: str, role: Role) -> None:
+    async def _run(self, connection: FrontConnection, peer: str, role: Role) -> None:
         assert self._mailbox is not None
+        address = connection.remote_address
+        with self._numbers.of(address[0] if address else "") as number:
+            await self._run_as(f"rosbridge_client_{number}", connection, peer, role, self._mailbox)
+
+    async def _run_as(
+        self, name: str, connection: FrontConnection, peer: str, role: Role, mailbox: Mailbox
+    ) -> None:
+        """Serve a client as the node `name`."""
         # A node of its own: a motion without end that it asked for ends with it.
-        part = self._network.part(f"rosbridge_client_{next(self._numbers)}")
+        part = self._network.part(name)
         network = network_for(role, part)
         try:
             client = Client(
                 connection,
                 peer,
                 network,
-                Caller(network, self._mailbox),
+                Caller(network, mailbox),
                 self._rosapis[role],
                 self._feeds,
-                self._mailbox,
+                mailbox,
                 self._allowed,
                 self.counts,
                 max_bytes=self.options.max_frame_bytes,
@@ -120,7 +133,8 @@ class RosbridgeServer:
             self._clients.add(client)
             try:
                 async with client:
-                    await self._serve(client, connection, network, role)
+                    with self._refusals.telling(f"/{name}", client.tell_refused):
+                        await self._serve(client, connection, network, role)
             finally:
                 self._clients.discard(client)
         except ConnectionClosed:
@@ -129,7 +143,7 @@ class RosbridgeServer:
             network.close()
 
     async def _serve(
-        self, client: Client, connection: ServerConnection, _network: Network, _role: Role
+        self, client: Client, connection: FrontConnection, _network: Network, _role: Role
     ) -> None:
         """Take a client's frames until it leaves; `network`: its own part."""
         async for frame in connection:

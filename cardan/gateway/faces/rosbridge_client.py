@@ -11,8 +11,6 @@ from collections.abc import Awaitable, Callable, Coroutine, Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-from websockets.asyncio.server import ServerConnection
-
 from cardan.bus.network import (
     Answered,
     Failure,
@@ -25,9 +23,11 @@ from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.calls import Caller, CallError, Mailbox
 from cardan.gateway.faces.outbox import LATCHED_DEPTH, Stream
 from cardan.gateway.faces.publishing import Advertisements, RefusedError, agreed_type
+from cardan.gateway.faces.reading import READING_SERVICES
 from cardan.gateway.faces.rosapi import LOG, ROSOUT, SERVICES as ROSAPI_SERVICES, RosApi
 from cardan.gateway.faces.rosbridge_feeds import ClientStream, Feeds, RosbridgeFeed
 from cardan.gateway.faces.sending import Sender
+from cardan.gateway.faces.web import FrontConnection, is_stale, stale_words
 from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of
 from cardan.protocols.ros2.interfaces import (
     DUMMY_MEMBER,
@@ -124,7 +124,7 @@ class Client:
 
     def __init__(
         self,
-        connection: ServerConnection,
+        connection: FrontConnection,
         peer: str,
         network: Network,
         caller: Caller,
@@ -189,6 +189,11 @@ class Client:
         status = self._session.status("error", refused.id, refused.reason)
         if status is not None:
             self.send(status)
+
+    def tell_refused(self, command: str, reason: str) -> None:
+        """Tell the client that an arm has refused what it published."""
+        if not self._gone:
+            self._refuse(Refused(reason, "publish", None, command))
 
     # -- from the client -------------------------------------------------------------------------
 
@@ -260,6 +265,9 @@ class Client:
 
     def _publish(self, asked: Publish) -> None:
         topic = self._advertised.topic(asked.topic)
+        if is_stale(topic, self.connection.waited_s):
+            self._counts["stale"] += 1
+            return
         advertised = self._advertised.get(topic)
         if advertised is None:
             if not (asked.type or self._advertised.type_of(topic)):
@@ -274,7 +282,7 @@ class Client:
     def _call_service(self, asked: CallService) -> None:
         service = self._service(asked.service, offered=False)
         self._check_calls()
-        if service in ROSAPI_SERVICES:
+        if service in ROSAPI_SERVICES:  # They move nothing.
             request = service_type(ROSAPI_SERVICES[service]).request
             args = _by_name(request, asked.args)
             answer = partial(self._rosapi.answer, service, args)
@@ -283,6 +291,8 @@ class Client:
         known = self._network.services().get(service)
         if known is None:
             raise RefusedError(f"Service {asked.service} does not exist")
+        if known.type not in READING_SERVICES:
+            self._check_fresh(service)
         if not self._allowed.call(known.type):
             raise RefusedError(f"{service}: use rosapi for the parameters that clients may use")
         request = service_type(known.type).request
@@ -395,6 +405,13 @@ class Client:
             raise RefusedError(f"{service} is not among the services that clients may use")
         return service
 
+    def _check_fresh(self, name: str) -> None:
+        """Raise RefusedError where what the client asks now waited for too long to act on."""
+        waited_s = self.connection.waited_s
+        if is_stale(name, waited_s):
+            self._counts["stale"] += 1
+            raise RefusedError(stale_words(name, waited_s))
+
     def _check_calls(self) -> None:
         if len(self._tasks) >= MAX_CALLS:
             raise RefusedError(f"{MAX_CALLS} calls have no answer yet; no more are taken")
@@ -414,6 +431,7 @@ class Client:
 
     def _send_goal(self, asked: SendActionGoal) -> None:
         action = self._service(asked.action, offered=False)
+        self._check_fresh(action)
         self._check_calls()
         kind = action_type(full_name(asked.type, "action"))
         if asked.id in self._goals:

@@ -62,6 +62,10 @@ class Tokens:
         order = (Role.OPERATOR, Role.ADMIN, Role.VIEWER)
         return next((found[role] for role in order if role in found), "")
 
+    def beginnings(self, characters: int) -> set[str]:
+        """The first `characters` of each."""
+        return {token.decode()[:characters] for token in self._roles}
+
     def role(self, given: Iterable[str]) -> Role | None:
         """The role of the first that is known; None: none of them is. It takes as long for a token
         that is nearly right as for any other."""

@@ -11,10 +11,11 @@ import socket
 import ssl
 import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass, field
+from functools import partial
 from http import HTTPStatus
 from math import ceil
 from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
@@ -22,7 +23,9 @@ from urllib.parse import SplitResult, urlsplit
 
 from websockets.asyncio.server import Server, ServerConnection, serve as serve_websocket
 from websockets.datastructures import Headers
+from websockets.frames import DATA_OPCODES, Frame
 from websockets.http11 import Request, Response
+from websockets.protocol import Event
 from websockets.typing import Data, Subprotocol
 
 from cardan.bounds import ANY_PORT, LISTEN_HOST, Range
@@ -31,7 +34,7 @@ from cardan.files import read_text
 from cardan.gateway.faces import telling
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.door import Caller, Denied, Door
-from cardan.gateway.faces.standstill import StandStill
+from cardan.gateway.faces.standstill import BEAT_S, StandStill
 from cardan.gateway.faces.tokens import (
     Role,
     Tokens,
@@ -41,7 +44,8 @@ from cardan.gateway.faces.tokens import (
     read_tokens,
 )
 from cardan.options import CODE_ONLY, Options, require
-from cardan.sockets import is_loopback
+from cardan.sockets import has_room, is_loopback, waiting_bytes
+from cardan.types import NEVER_S
 
 TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"
 """The environment variable that has the token where no option has it."""
@@ -69,6 +73,21 @@ BACKLOG = 1024
 """Connections that the system keeps until this server takes them: who comes then has to try again,
 which systems do after a whole second."""
 
+STALE_S = 0.3
+"""A publication that may have waited for longer is not passed on: it would be acted on late."""
+
+NEVER_STALE = "/stop", "/release", "/cancel_goal"
+"""How names end of what only ends something."""
+
+BACKLOGGED_S = 1.0
+"""A client of which something waits for more than STALE_S, for this long, sends more than can be
+handled: it is disconnected."""
+
+ARRIVALS_KEPT = 256
+ARRIVALS_PERIOD_S = 0.01
+"""How many times it is kept in mind what had arrived, and how far they are apart: longer together
+than a client may be backlogged."""
+
 MOST_HANDSHAKES = 64
 """Connections that have not said who they are; one more takes the place of the oldest, so that who
 is quick comes in even while somebody opens connections and says nothing."""
@@ -78,6 +97,9 @@ SOCKET_PATH = "/ws"
 
 MOST_DENIALS_SHOWN = 10
 """Later ones are logged for debugging only, so that nobody can fill a disk."""
+
+BACKLOGGED = f"what you send has waited here for more than {STALE_S:g} s: send less often"
+"""The reason that a client is told, of 123 bytes at most."""
 
 _CLIENTS = Range(1, 1000, "", "each costs a connection")
 _FRAME_BYTES = Range(1000, 100_000_000, "bytes", "a frame is read before it is refused")
@@ -213,14 +235,85 @@ class WebOptions(FrontOptions):
         return Allowed(self.topics, self.services, self.parameters)
 
 
-class _Connection(ServerConnection):
-    """A client's connection, of which nothing is read any more once it is cut off."""
+class Arrivals:
+    """When the bytes of one client can have arrived at the earliest. All times are the loop's."""
+
+    def __init__(self, now_s: float) -> None:
+        self._read = self._before = 0
+        """Bytes that were read, and those without the newest portion."""
+        self._seen: deque[tuple[float, int]] = deque([(now_s, 0)])
+        """When it was looked how many bytes had arrived, and how many."""
+        self._frames: deque[int] = deque()
+        """Of frames that were not handed on yet, how many bytes had been read before the portion
+        that has their end."""
+
+    def read(self, count: int) -> None:
+        """A portion was read."""
+        self._before = self._read
+        self._read += count
+
+    def note(self, waiting: int, now_s: float) -> None:
+        """`waiting` bytes are there to be read, and nothing has to wait at the sender."""
+        arrived = self._read + waiting
+        newest_s, before = self._seen[-1]
+        if now_s - newest_s < ARRIVALS_PERIOD_S:
+            return  # What has arrived since counts as that much older.
+        if len(self._seen) >= ARRIVALS_KEPT:
+            del self._seen[1]
+        self._seen.append((now_s, max(arrived, before)))
+
+    def end_frame(self) -> None:
+        """The newest portion has the end of a frame."""
+        self._frames.append(self._before)
+
+    def take_frame(self) -> float:
+        """The next frame is handed on; since when its end can have been there at the earliest."""
+        before = self._frames.popleft()
+        while len(self._seen) > 1 and self._seen[1][1] <= before:
+            self._seen.popleft()
+        return self._seen[0][0]
+
+
+class FrontConnection(ServerConnection):
+    """A client's connection: it tells how long its frames waited, is ended where they wait for too
+    long, and nothing of it is read any more once it is cut off."""
 
     _cut_off = False
+    _ending: asyncio.Task[None] | None = None
+    _socket: socket.socket | None = None
+    _since_s = _backlogged_s = NEVER_S
 
-    def watch(self, look: Callable[[], None]) -> None:
-        """Have `look` called before each frame is handed on."""
-        self._look = look
+    def __init__(self, *given: Any, **options: Any) -> None:
+        super().__init__(*given, **options)
+        self.arrivals = Arrivals(self.loop.time())
+
+    def watch(self, look: Callable[[], None], backlogged: Callable[[], None]) -> None:
+        """Have `look` called before each frame is handed on, and `backlogged` when it is ended as
+        too much waits."""
+        self._look, self._tell_backlogged = look, backlogged
+        self._socket = self.transport.get_extra_info("socket")
+        self._since_s = self.loop.time()
+
+    @property
+    def waited_s(self) -> float:
+        """Longest time that the end of the frame handed on last can have waited to be read: since
+        it had not arrived yet."""
+        return self.loop.time() - self._since_s
+
+    def data_received(self, data: bytes) -> None:
+        self.arrivals.read(len(data))
+        super().data_received(data)
+        self.note_backlog()
+
+    def process_event(self, event: Event) -> None:
+        if isinstance(event, Frame) and event.fin and event.opcode in DATA_OPCODES:
+            self.arrivals.end_frame()
+        super().process_event(event)
+
+    def note_backlog(self) -> None:
+        """Note what has arrived until now, read or not."""
+        if self._socket is not None and has_room(self._socket):
+            self.arrivals.note(waiting_bytes(self._socket), self.loop.time())
 
     def cut_off(self) -> None:
         """End it at once, with all that has arrived and was not read."""
@@ -230,11 +323,38 @@ class _Connection(ServerConnection):
     async def __aiter__(self) -> AsyncIterator[Data]:
         async for frame in super().__aiter__():
             self._look()
+            self._since_s = self.arrivals.take_frame()
             if self._cut_off:
                 return
-            yield frame
+            if self._ending is None and self._is_backlogged():
+                self._tell_backlogged()
+                # Reading goes on, or the client's farewell would not be read.
+                self._ending = self.loop.create_task(self.close(1008, BACKLOGGED))
+            if self._ending is None:
+                yield frame
+            self.note_backlog()
             # What waits already is taken without a turn of the loop: others have theirs.
             await asyncio.sleep(0)
+
+    def _is_backlogged(self) -> bool:
+        now_s = self.loop.time()
+        if self.waited_s <= STALE_S:
+            self._backlogged_s = NEVER_S
+            return False
+        if self._backlogged_s == NEVER_S:
+            self._backlogged_s = now_s
+        return now_s - self._backlogged_s > BACKLOGGED_S
+
+
+def is_stale(name: str, waited_s: float) -> bool:
+    """Whether what a client published, called or asked of an action waited for too long to act on;
+    what stops is never too late."""
+    return waited_s > STALE_S and not name.endswith(NEVER_STALE)
+
+
+def stale_words(name: str, waited_s: float) -> str:
+    """Why a call or a goal that `is_stale` is refused."""
+    return f"{name}: it waited here for up to {waited_s:.1f} s; that is too late to act on"
 
 
 class WebServer(AbstractAsyncContextManager[Any], Protocol):
@@ -268,7 +388,7 @@ class Front:
         self,
         options: FrontOptions,
         counts: Counter[str],
-        run: Callable[[ServerConnection, str, Role], Awaitable[None]] | None = None,
+        run: Callable[[FrontConnection, str, Role], Awaitable[None]] | None = None,
         subprotocols: Sequence[str] = (),
         *,
         page: Page | None = None,
@@ -288,8 +408,9 @@ class Front:
         self._subprotocols = [Subprotocol(each) for each in subprotocols]
         self._door = Door(options.tokens(), options.hosts, options.origins)
         self._server: Server | None = None
-        self._connections: set[_Connection] = set()
+        self._connections: set[FrontConnection] = set()
         self._standstill = StandStill(self._stood_still)
+        self._watching: asyncio.Task[None] | None = None
         self._telling: asyncio.Task[None] | None = None
         self._roles: dict[ServerConnection, Role] = {}
         """Of connections that were let in and have not begun."""
@@ -336,8 +457,20 @@ class Front:
                 # Not by serve's argument: asyncio takes as many as that in one turn of its loop.
                 listening.listen(BACKLOG)
         self._standstill.start()
+        self._watching = asyncio.get_running_loop().create_task(self._watch_backlogs())
         if telling.is_wanted():
             self._telling = asyncio.get_running_loop().create_task(self._tell())
+
+    async def _watch_backlogs(self) -> None:
+        """See that nothing waits of clients that are silent."""
+        while True:
+            await asyncio.sleep(BEAT_S)
+            for each in self._connections:
+                each.note_backlog()
+
+    def _backlogged(self, peer: str) -> None:
+        self.counts["backlogged"] += 1
+        _log.warning("%s is disconnected: %s", peer, BACKLOGGED)
 
     async def _tell(self) -> None:
         """Tell the daemon of clients, and of what was counted."""
@@ -357,6 +490,8 @@ class Front:
     async def close(self) -> None:
         """Let all clients go."""
         self._standstill.stop()
+        if self._watching is not None:
+            self._watching.cancel()
         if self._telling is not None:
             self._telling.cancel()
         if self._server is not None:
@@ -438,15 +573,15 @@ class Front:
             )
 
     async def _serve(self, connection: ServerConnection) -> None:
-        assert isinstance(connection, _Connection)
+        assert isinstance(connection, FrontConnection)
         role = self._roles.pop(connection)
         self._unknown.pop(connection, None)
         assert self._run is not None
-        connection.watch(self._standstill.look)
+        peer = _peer(connection)
+        connection.watch(self._standstill.look, partial(self._backlogged, peer))
         sending: socket.socket = connection.transport.get_extra_info("socket")
         with contextlib.suppress(OSError):
             sending.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
-        peer = _peer(connection)
         self.clients += 1
         self._connections.add(connection)
         _log.info("%s is here as %s", peer, role.word)
@@ -462,10 +597,10 @@ class Front:
 
 def _watched(
     arrived: Callable[[ServerConnection], None], left: Callable[[ServerConnection], None]
-) -> type[_Connection]:
+) -> type[FrontConnection]:
     """Connections that tell when they arrive and leave."""
 
-    class Watched(_Connection):
+    class Watched(FrontConnection):
         def connection_made(self, transport: asyncio.BaseTransport) -> None:
             super().connection_made(transport)
             arrived(self)

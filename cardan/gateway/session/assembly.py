@@ -171,7 +171,7 @@ def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
         limits,
         watchdogs,
         hand,
-        Authority(config.authority),
+        Authority(config.authority, "" if config.network is None else config.network.source),
         period_s=robot.capabilities.period_s,
         gate=None if arm is None else arm.gate_limits(robot.capabilities),
     )

@@ -131,16 +131,22 @@ class Tab:
         )
         return float(x), float(y)
 
-    def mouse(self, kind: str, at: tuple[float, float]) -> None:
-        """mousePressed, mouseReleased or mouseMoved, of the left button."""
-        held = 0 if kind == "mouseReleased" else 1
+    def mouse(
+        self,
+        kind: str,
+        at: tuple[float, float],
+        button: str = "left",
+        buttons: int | None = None,
+    ) -> None:
+        """mousePressed, mouseReleased or mouseMoved, of one button; `buttons` are down then, as
+        browsers count them: 1 left, 2 right, 4 middle; default: the left one unless released."""
         self.ask(
             "Input.dispatchMouseEvent",
             type=kind,
             x=at[0],
             y=at[1],
-            button="left",
-            buttons=held,
+            button=button,
+            buttons=int(kind != "mouseReleased") if buttons is None else buttons,
             clickCount=1,
         )
 
@@ -158,6 +164,11 @@ class Tab:
     def touch(self, kind: str, *points: tuple[float, float]) -> None:
         """touchStart, touchMove, touchEnd or touchCancel."""
         touched = [{"x": x, "y": y, "id": number} for number, (x, y) in enumerate(points)]
+        self.ask("Input.dispatchTouchEvent", type=kind, touchPoints=touched)
+
+    def fingers(self, kind: str, points: dict[int, tuple[float, float]]) -> None:
+        """touchStart or touchMove with these fingers on the screen: another one was lifted."""
+        touched = [{"x": x, "y": y, "id": number} for number, (x, y) in points.items()]
         self.ask("Input.dispatchTouchEvent", type=kind, touchPoints=touched)
 
     def picture(self) -> bytes:
@@ -204,6 +215,26 @@ class Browser:
             time.sleep(seconds)
         finally:
             os.killpg(self._process, signal.SIGCONT)
+
+    def hang(self, seconds: float) -> None:
+        """Stop its main process alone: its pages run on, and hear of no input."""
+        main = self._main()
+        os.kill(main, signal.SIGSTOP)
+        try:
+            time.sleep(seconds)
+        finally:
+            os.kill(main, signal.SIGCONT)
+
+    def _main(self) -> int:
+        """Its main process: the one of its group that debuggers connect to, and no helper of it."""
+        for each in Path("/proc").glob("[0-9]*"):
+            with contextlib.suppress(OSError):
+                words = (each / "cmdline").read_bytes().split(b"\0")
+                own = os.getpgid(int(each.name)) == self._process and len(words) > 1
+                helps = any(word.startswith(b"--type=") for word in words)
+                if own and words[1].startswith(b"--") and not helps:
+                    return int(each.name)
+        raise DriverError("the browser's main process is not there any more")
 
     @contextlib.contextmanager
     def open(

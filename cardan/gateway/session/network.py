@@ -148,6 +148,7 @@ class SessionNetwork:
                 self._node,
                 self._offer,
                 source=options.source,
+                owner=lambda: controller.authority.owner,
                 endless_without_watch=options.endless_without_watch,
                 topics=(
                     *TOPICS,

@@ -502,6 +502,7 @@ class Session:
             s.axes, s.buttons, s.battery = list(hand.axes), sorted(hand.buttons), hand.battery
         authority = status.authority
         s.authority, s.authority_refused = authority.owner, authority.refused
+        s.stops, s.stopped_by = self.controller.stops, self.controller.stopped_by
         s.authority_s = state.stamp_s - authority.since_s if authority.owner else None
         if self._reloading is not None:
             s.changes_wait = list(self._reloading.waits)

@@ -38,6 +38,10 @@ class Snapshot:
     """How long it has had it."""
     authority_refused: str = ""
     """The source it was refused to last, and why."""
+    stops: int = 0
+    """Stops that were asked for, by whomever; of each, motion has to be enabled again."""
+    stopped_by: str = ""
+    """Source of the newest one."""
     device_link: str = ""
     device_reason: str = ""
     device_held: bool = True

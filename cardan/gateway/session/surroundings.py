@@ -19,7 +19,8 @@ from cardan.types import Vector3
 def surroundings(config: SessionConfig, rigid: bool) -> str:
     """What is around the arm of a session, as JSON; `rigid`: whether its links are.
 
-    ``workspace_m``: for x, y and z the range that the TCP keeps to, or null. ``obstacles``: each
+    ``workspace_m``: for x, y and z the range that the TCP keeps to, or null. ``reach_m``: those
+    that it has within the joints' limits, null where no arm is known. ``obstacles``: each
     with its ``name`` and a ``box``, a ``capsule`` or a ``plane``. ``shapes``: those of the arm,
     likewise, in the frame that is fixed to the link after ``joint``; "" is the base.
     ``obstacle_m`` and ``own_body_m``: the distances that are kept to obstacles and between the
@@ -29,8 +30,12 @@ def surroundings(config: SessionConfig, rigid: bool) -> str:
     table = config.arm
     avoids = table is not None and table.collisions and rigid
     shapes: list[dict[str, Any]] = []
-    home = None
+    home = reach_m = None
     if table is not None and rigid:
+        # Sessions without an arm's model run without its libraries.
+        from cardan.gateway.kinematics.arm import ArmKinematics
+        from cardan.gateway.kinematics.reach import tcp_range_m
+
         model = load_arm(table.model)
         joints = ("", *model.joint_names)
         shapes = [
@@ -38,9 +43,11 @@ def surroundings(config: SessionConfig, rigid: bool) -> str:
             for each in model.shapes
         ]
         home = list(model.home)
+        reach_m = tcp_range_m(ArmKinematics(model, table.tool()))
     return json.dumps(
         {
             "workspace_m": [each and list(each) for each in config.limits.workspace_m],
+            "reach_m": reach_m,
             "obstacles": [{"name": each.name, **_obstacle(each)} for each in config.obstacles],
             "shapes": shapes,
             "obstacle_m": table.safety_distance_m if table is not None and avoids else None,

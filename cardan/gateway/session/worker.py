@@ -162,11 +162,12 @@ class RequestWorker:
         self,
         link: LoopLink,
         make_verbs: Callable[[], ArmVerbs],
-        stop: Callable[[str], None],
+        stop: Callable[[str, str], None],
         clock: Callable[[], float],
     ) -> None:
         """`make_verbs` is called at the first request, beside the loop; an error of it is the
-        answer. `stop` brakes the arm at once, for a reason; `clock` is that of `offer`."""
+        answer. `stop` brakes the arm at once, for a reason and a source that asks ("": none does);
+        `clock` is that of `offer`."""
         self._refused = dict.fromkeys(REFUSALS, 0)
         """Counted in several threads: under the lock."""
         self._counting = threading.Lock()
@@ -229,7 +230,7 @@ class RequestWorker:
                     self._packets.put(_Packet(client, None, NEVER_S, 0.0))
                     break
             elif there is not None and not motion.ends and not there():
-                self._stop(GONE)
+                self._stop(GONE, "")
 
     @contextlib.contextmanager
     def planning_paused(self) -> Iterator[ArmVerbs | None]:
@@ -272,7 +273,7 @@ class RequestWorker:
         verb = job.request.verb
         if verb == "stop":
             self._stops += 1
-            self._stop("stopped")
+            self._stop("stopped", job.request.source)
             self._reply(job, None)
         elif verb == "wait":
             self._wait(job)
@@ -345,7 +346,8 @@ class RequestWorker:
                 request.stamp_s, request.begins,
             )  # fmt: skip
             if request.verb in NEW_MOTION and job.stops != self._stops:
-                self._stop("stopped")  # It came between the last check and the beginning.
+                # It came between the last check and the beginning, and is counted.
+                self._stop("stopped", "")
         except Exception as error:
             self._report_ended_motions()
             if not isinstance(error, CardanError):
@@ -412,7 +414,7 @@ def _late(late_s: float) -> str:
 def _begins(request: Request, desk: VerbDesk) -> bool:
     """Whether a streamed command may choose its preset, which takes what planning takes."""
     verbs, begins = desk.verbs, request.begins
-    if begins is Begins.NEW or (begins is Begins.GOING_ON and verbs.streams.fell_silent):
+    if begins is Begins.NEW or (begins and verbs.goes_on(begins, request.source)):
         return verbs.may_choose(request.verb, begins, request.source)
     return False
 

@@ -35,6 +35,9 @@ MOST_NAMES = 1000
 _MESSAGE_DATA, _TIME, _CLIENT_MESSAGE_DATA = 1, 2, 1
 _DATA_HEADER = struct.Struct("<BIQ")
 _CHANNEL = struct.Struct("<BI")
+_SERVICE_CALL = 2
+_CALL = struct.Struct("<BII")
+"""Of a client's call: opcode, service, the number of the call."""
 _MAX_ID = 2**32 - 1
 _FLOAT64, _FLOAT64_ARRAY, _BYTE_ARRAY = "float64", "float64_array", "byte_array"
 
@@ -158,6 +161,15 @@ def published_channel(frame: bytes) -> int | None:
     if len(frame) < _CHANNEL.size or frame[0] != _CLIENT_MESSAGE_DATA:
         return None
     number: int = _CHANNEL.unpack_from(frame)[1]
+    return number
+
+
+def call_number(frame: bytes) -> int | None:
+    """The number that the client gave the call of a service which its binary frame asks for; None:
+    it asks for none."""
+    if len(frame) < _CALL.size or frame[0] != _SERVICE_CALL:
+        return None
+    number: int = _CALL.unpack_from(frame)[2]
     return number
 
 

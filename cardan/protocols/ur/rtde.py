@@ -13,6 +13,7 @@ import enum
 import struct
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from operator import itemgetter
 from typing import Any, Final, NamedTuple
 
 RTDE_PORT: Final = 30004
@@ -37,6 +38,10 @@ class PacketType(enum.IntEnum):
     INPUTS = ord("I")
     START = ord("S")
     PAUSE = ord("P")
+
+
+_KINDS: Final = frozenset(PacketType)
+_DATA: Final = int(PacketType.DATA)
 
 
 class TextLevel(enum.IntEnum):
@@ -183,6 +188,13 @@ class PacketReader:
         """Bytes that wait for the rest of their packet."""
         return len(self._pending)
 
+    @property
+    def foreign(self) -> bool:
+        """Whether what comes next is no packet of any known type: another protocol's, where
+        nothing of RTDE came before."""
+        pending = self._pending
+        return len(pending) >= _HEADER.size and pending[2] not in _KINDS
+
     def feed(self, data: bytes) -> None:
         """Add what came."""
         self._pending += data
@@ -292,7 +304,14 @@ class Recipe:
         self.number = number
         self.names = tuple(names)
         self.types = tuple(types)
-        self._struct, self._parts = _layout(self.names, self.types)
+        self._struct, self._packet, self._counts = _layout(self.names, self.types)
+        self._scalar = all(count == 1 for count in self._counts)
+        places, at = [], 0
+        for count in self._counts:
+            places.append(at if count == 1 else slice(at, at + count))
+            at += count
+        # With one place itemgetter would give the value itself.
+        self._parted = itemgetter(*places, slice(0, 0)) if places else tuple
 
     @property
     def size(self) -> int:
@@ -303,36 +322,36 @@ class Recipe:
         """The values by name, vectors as tuples; None where they have the wrong size."""
         if len(values) != self._struct.size:
             return None
-        flat = self._struct.unpack(values)
-        return {
-            name: flat[start] if count == 1 else flat[start : start + count]
-            for name, start, count in self._parts
-        }
+        return dict(zip(self.names, self._parted(self._struct.unpack(values)), strict=False))
 
     def pack(self, values: Sequence[Any]) -> bytes:
         """A data package of the values in the order of `names`. Raises struct.error for a value
         that its type does not hold."""
-        flat: list[Any] = []
-        for value, (_, _, count) in zip(values, self._parts, strict=True):
-            if count == 1:
-                flat.append(value)
-            else:
-                flat.extend(value)
-        return packet(PacketType.DATA, bytes([self.number]) + self._struct.pack(*flat))
+        flat = values
+        if not self._scalar:
+            flat = []
+            for value, count in zip(values, self._counts, strict=True):
+                if count == 1:
+                    flat.append(value)
+                else:
+                    flat.extend(value)
+        return self._packet.pack(self._packet.size, _DATA, self.number, *flat)
 
 
 @lru_cache(maxsize=64)
 def _layout(
     names: tuple[str, ...], types: tuple[str, ...]
-) -> tuple[struct.Struct, tuple[tuple[str, int, int], ...]]:
+) -> tuple[struct.Struct, struct.Struct, tuple[int, ...]]:
     if len(names) != len(types):
         raise ValueError(f"{len(types)} types for {len(names)} variables")
-    layout, parts, at = ">", [], 0
+    layout, counts = "", []
     for name, kind in zip(names, types, strict=True):
         if kind not in _CODES:
             raise ValueError(f"{name}: {kind}")
         code, count = _CODES[kind]
         layout += code * count
-        parts.append((name, at, count))
-        at += count
-    return struct.Struct(layout), tuple(parts)
+        counts.append(count)
+    whole = struct.Struct(f"{_HEADER.format}B{layout}")
+    if whole.size > LARGEST:
+        raise ValueError(f"{whole.size} bytes: an RTDE packet has at most {LARGEST}")
+    return struct.Struct(f">{layout}"), whole, tuple(counts)

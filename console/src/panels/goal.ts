@@ -1,6 +1,6 @@
 import { towardsJoints, towardsPose } from "../approach.ts";
 import type { Arm } from "../arm.ts";
-import { Slider, button, choice, h, section, setText } from "../dom.ts";
+import { Slider, button, choice, fixed, h, section, setText } from "../dom.ts";
 import { type Goal, type Way, jointSeconds, lineSeconds } from "../goal.ts";
 import { whileHeld } from "../hold.ts";
 import { t } from "../i18n.ts";
@@ -13,8 +13,8 @@ import { save } from "../chart.ts";
 
 const AXES = ["X", "Y", "Z", "Roll", "Pitch", "Yaw"] as const;
 
-/** Of the sliders where the workspace has no walls: beyond it no arm of this size reaches. */
-const REACH_MM = [-1500, 1500];
+/** Of the sliders where neither the arm's range nor walls are known. */
+const UNKNOWN_M = [-1.5, 1.5];
 
 /** A goal by sliders, gizmo or name; what is known of the way; and the control that goes there. */
 export class GoalPanel {
@@ -30,11 +30,11 @@ export class GoalPanel {
   private readonly homeButton = button(t("home"), () => this.home(), { title: t("homeHelp") });
   private readonly namedPlace = h("ul", { class: "named" });
   private readonly motion: Motion;
-  private readonly scene: Scene | null;
+  private readonly scene: () => Scene | null;
   private readonly settings: Settings;
   private readonly keep: () => void;
 
-  constructor(motion: Motion, scene: Scene | null, settings: Settings, keep: () => void) {
+  constructor(motion: Motion, scene: () => Scene | null, settings: Settings, keep: () => void) {
     [this.motion, this.scene, this.settings, this.keep] = [motion, scene, settings, keep];
     const way = choice<Way>(
       t("way"),
@@ -97,7 +97,7 @@ export class GoalPanel {
     [this.arm, this.goal] = [arm, goal];
     goal.onChange = () => this.refresh(true);
     this.joints = (arm.joints?.names ?? []).map((name, index) => {
-      const limits = this.scene?.limits(name);
+      const limits = this.scene()?.limits(name);
       const unit = limits?.slides ? 0.001 : DEGREE;
       return new Slider({
         label: shorter(name),
@@ -123,8 +123,9 @@ export class GoalPanel {
   surround(): void {
     this.cartesian = AXES.map((label, index) => {
       const turns = index >= 3;
-      const walls = this.arm?.surroundings?.workspace_m[index];
-      const [low, high] = turns ? [-180, 180] : (walls?.map((each) => 1000 * each) ?? REACH_MM);
+      const around = this.arm?.surroundings;
+      const range = around?.workspace_m[index] ?? around?.reach_m?.[index] ?? UNKNOWN_M;
+      const [low, high] = turns ? [-180, 180] : range.map((each) => 1000 * each);
       return new Slider({
         label,
         min: Math.ceil(low ?? 0),
@@ -148,7 +149,7 @@ export class GoalPanel {
     if (!arm || !goal) return;
     const measured = arm.joints?.positions ?? [];
     this.joints.forEach((slider, index) => {
-      const unit = this.scene?.limits(arm.joints?.names[index] ?? "")?.slides ? 0.001 : DEGREE;
+      const unit = this.scene()?.limits(arm.joints?.names[index] ?? "")?.slides ? 0.001 : DEGREE;
       slider.setMeasured((measured[index] ?? 0) / unit);
       if (goalChanged || !goal.pose) {
         slider.set(((goal.joints ?? measured)[index] ?? 0) / unit);
@@ -192,7 +193,7 @@ export class GoalPanel {
 
   private jointSpeeds(arm: Arm): number[] {
     return (arm.joints?.names ?? []).map((name) =>
-      this.motion.jointSpeed(this.scene?.limits(name)?.velocity ?? 1),
+      this.motion.jointSpeed(this.scene()?.limits(name)?.velocity ?? 1),
     );
   }
 
@@ -242,7 +243,7 @@ export class GoalPanel {
 
   private async copy(note: HTMLElement): Promise<void> {
     const numbers = shown(this.goal?.pose ?? this.arm?.measured ?? null);
-    const text = numbers.map((each) => each.toFixed(2)).join(", ");
+    const text = numbers.map((each) => fixed(each, 2)).join(", ");
     try {
       await navigator.clipboard.writeText(text);
       setText(note, `${t("copied")}: ${text}`);
@@ -316,7 +317,7 @@ export class GoalPanel {
 const HOME = "home";
 
 /** A pose as people read it: mm, and roll, pitch and yaw in degrees. */
-function shown(pose: Pose | null): number[] {
+export function shown(pose: Pose | null): number[] {
   if (!pose) return [0, 0, 0, 0, 0, 0];
   const turn: Vec3 = toRpy(pose.orientation);
   return [...pose.position.map((each) => 1000 * each), ...turn.map((each) => each / DEGREE)];

@@ -1,4 +1,4 @@
-import { button, h, section, setText } from "../dom.ts";
+import { button, h, section, setText, stopper } from "../dom.ts";
 import { findPad, isHeld, padBody } from "../gamepad.ts";
 import { Hand } from "../hand.ts";
 import type { Body, XrPart } from "../frames.ts";
@@ -22,6 +22,7 @@ export class HandPanel {
   private readonly keep: () => void;
   private readonly refreshes: (() => void)[] = [];
   private readonly stops: (() => void)[] = [];
+  private readonly hands: Hand[] = [];
 
   constructor(link: Link, settings: Settings, keep: () => void) {
     [this.link, this.settings, this.keep] = [link, settings, keep];
@@ -33,6 +34,11 @@ export class HandPanel {
 
   refresh(): void {
     for (const each of this.refreshes) each();
+  }
+
+  /** The arm was stopped: what they hold has to be let go and held anew. */
+  halt(): void {
+    for (const each of this.hands) each.holding.end("stopped");
   }
 
   /** None of them is a hand any more. */
@@ -65,7 +71,8 @@ export class HandPanel {
         sensors.buttons &= ~BUTTONS.align;
       },
     );
-    const start = button(t("start"), () => void toggle());
+    this.hands.push(hand);
+    const start = stopper(t("start"), () => hand.open, () => void toggle());
     const end = () => {
       if (!hand.open) return;
       hand.stop();
@@ -123,10 +130,12 @@ export class HandPanel {
       requestAnimationFrame(poll);
     };
     this.stops.push(() => hand.stop());
-    const start = button(t("start"), () => {
+    this.hands.push(hand);
+    const toggle = () => {
       if (hand.open) hand.stop();
       else void hand.start({ joy: this.settings.padTopic }).then(() => requestAnimationFrame(poll));
-    });
+    };
+    const start = stopper(t("start"), () => hand.open, toggle);
     this.refreshes.push(() => {
       setText(start, t(hand.open ? "finish" : "start"));
       const pad = findPad();
@@ -178,7 +187,8 @@ export class HandPanel {
     );
     let end: (() => void) | null = null;
     this.stops.push(() => end?.());
-    overlay.append(clutch, align, button(t("finish"), () => end?.()));
+    overlay.append(clutch, align, stopper(t("finish"), () => true, () => end?.()));
+    this.hands.push(...hands.values());
     const over = () => {
       end = null;
       overlay.hidden = true;

@@ -1,6 +1,6 @@
 import { towardsJoints, towardsPose } from "../approach.ts";
 import type { Arm } from "../arm.ts";
-import { Slider, button, choice, h, section, setText } from "../dom.ts";
+import { Slider, button, choice, fixed, h, section, setText } from "../dom.ts";
 import type { Axes } from "../frames.ts";
 import { type Asks, whileHeld } from "../hold.ts";
 import { t } from "../i18n.ts";
@@ -34,13 +34,13 @@ export class JogPanel {
   private mode: Mode = "continuous";
   private readonly motion: Motion;
   private readonly arm: () => Arm | null;
-  private readonly scene: Scene | null;
+  private readonly scene: () => Scene | null;
   private readonly settings: Settings;
 
   constructor(
     motion: Motion,
     arm: () => Arm | null,
-    scene: Scene | null,
+    scene: () => Scene | null,
     settings: Settings,
     keep: () => void,
   ) {
@@ -53,6 +53,11 @@ export class JogPanel {
       value: settings.speed,
       unit: "%",
       digits: 0,
+      class: "speed",
+      says: (value) => {
+        const speed = 1000 * motion.full.linear * (value / 100);
+        return `${fixed(speed, speed < 10 ? 1 : 0)} mm/s`;
+      },
       change: (value) => {
         settings.speed = value;
         motion.override = value / 100;
@@ -153,8 +158,8 @@ export class JogPanel {
       const index = Number(output.dataset["joint"]);
       const name = arm?.joints?.names[index] ?? "";
       const value = arm?.joints?.positions[index] ?? 0;
-      const slides = this.scene?.limits(name)?.slides;
-      output.value = slides ? `${(1000 * value).toFixed(1)} mm` : `${(value / DEGREE).toFixed(1)}°`;
+      const slides = this.scene()?.limits(name)?.slides;
+      output.value = slides ? `${fixed(1000 * value, 1)} mm` : `${fixed(value / DEGREE, 1)}°`;
     });
   }
 
@@ -233,7 +238,7 @@ export class JogPanel {
       const speed = this.speed(name);
       if (this.mode === "step") {
         const to = [...joints.positions];
-        const slides = this.scene?.limits(name)?.slides;
+        const slides = this.scene()?.limits(name)?.slides;
         const step = slides
           ? this.settings.stepMm / 1000
           : this.settings.stepMm * DEGREES_PER_MM * DEGREE;
@@ -248,7 +253,7 @@ export class JogPanel {
   }
 
   private speed(name: string): () => number {
-    return () => this.motion.jointSpeed(this.scene?.limits(name)?.velocity ?? 1);
+    return () => this.motion.jointSpeed(this.scene()?.limits(name)?.velocity ?? 1);
   }
 }
 

@@ -1,6 +1,6 @@
 import type { Arm } from "../arm.ts";
 import { check, choice, h, section, setText } from "../dom.ts";
-import { LANGUAGES, type Language, t } from "../i18n.ts";
+import { LANGUAGES, type Language, parameterWord, t } from "../i18n.ts";
 import type { Link } from "../link.ts";
 import { ProgramsPanel } from "./programs.ts";
 import { LONGEST_PERSON, PARTS, type Part, type Settings, type Theme } from "../settings.ts";
@@ -22,6 +22,8 @@ export class SetupPanel {
   readonly element: HTMLElement;
   private readonly parameters = h("div", { class: "parameters" });
   private readonly server = h("p", { class: "hint" });
+  private readonly told = h("p", { class: "hint told" });
+  private readonly toldCard = section("robotTold", this.told);
   private readonly link: Link;
   private arm: Arm | null = null;
 
@@ -87,6 +89,7 @@ export class SetupPanel {
         ),
       ),
       section("server", this.server),
+      this.toldCard,
     );
   }
 
@@ -96,11 +99,19 @@ export class SetupPanel {
   }
 
   refresh(): void {
+    this.showTold();
     const hello = this.link.hello;
     setText(
       this.server,
       hello ? `Cardan ${hello.version} · ${t("role")} ${hello.role} · ${hello.source}` : "–",
     );
+  }
+
+  /** What is told of a robot that may be ready keeps nothing from moving: it is not the reason line's. */
+  private showTold(): void {
+    const told = (this.arm?.snapshot?.diagnosis ?? []).filter(Boolean);
+    this.toldCard.hidden = told.length === 0;
+    setText(this.told, told.join("\n"));
   }
 
   private async read(arm: Arm): Promise<void> {
@@ -140,8 +151,8 @@ export class SetupPanel {
     const limits = range ? `${range.from_value} … ${range.to_value}` : about.additional_constraints;
     return h(
       "label",
-      { class: "parameter", title: about.additional_constraints },
-      h("span", {}, h("b", {}, about.name.replaceAll("_", " ")), h("small", {}, about.description)),
+      { class: "parameter", title: hint(about) },
+      h("span", {}, h("b", {}, inWords(about)), h("small", {}, about.name)),
       h("span", { class: "parameter-value" }, input, h("small", {}, about.type === TEXT ? "" : limits), note),
     );
   }
@@ -159,6 +170,17 @@ export class SetupPanel {
       setText(note, (error as Error).message);
     }
   }
+}
+
+/** Its name in words, with its unit, which ends its description. */
+function inWords({ name, description }: Descriptor): string {
+  const unit = /, ((?:m|rad|ms|s)(?:\/s[²³]?)?)$/.exec(description)?.[1];
+  const word = parameterWord(name) ?? name.replaceAll("_", " ");
+  return unit ? `${word}, ${unit}` : word;
+}
+
+function hint({ name, description, additional_constraints: allowed }: Descriptor): string {
+  return [`${name}: ${description}`, allowed].filter(Boolean).join("; ");
 }
 
 /** The words that the constraints of a parameter name: "one of base, tcp". */

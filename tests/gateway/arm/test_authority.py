@@ -75,6 +75,16 @@ def test_only_the_owner_gives_it_up():
     assert authority.owner == ""
 
 
+def test_a_network_that_is_named_is_each_of_its_nodes():
+    authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="ros2"), "ros2")
+    for other in ("ros2x /joystick", "ros2-joystick", "ros2 joystick", "/joystick", "pendant"):
+        assert "reserved for 'ros2'" in authority.refuses(other)
+    for node in ("ros2", "ros2 /left/joystick", "ros2 #3f9a01bc"):
+        assert authority.refuses(node) == ""
+    assert authority.take("ros2 /joystick", 10.0) == ""
+    assert "'ros2 /joystick' has authority" in authority.refuses("ros2 /script")
+
+
 @pytest.mark.parametrize(
     ("policy", "taken"), [(AuthorityPolicy.HAND, True), (AuthorityPolicy.FIRST, False)]
 )
@@ -195,3 +205,14 @@ class OneOwnerNamed(OneOwner):
 TestOneOwner = OneOwner.TestCase
 TestOneOwnerFirst = OneOwnerFirst.TestCase
 TestOneOwnerNamed = OneOwnerNamed.TestCase
+
+
+def test_only_a_network_is_reserved_for_with_its_nodes():
+    authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="pendant"), "ros2")
+    assert "reserved for 'pendant'" in authority.take("pendant /other", 0.0)
+    assert "reserved for 'pendant'" in authority.take("pendant #1", 0.0)
+    assert authority.take("pendant", 0.0) == ""
+    authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="ros2"))
+    assert authority.take("ros2 /joystick", 0.0)
+    authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="ros2"), "ros2")
+    assert authority.take("ros2 /joystick", 0.0) == ""

@@ -370,9 +370,11 @@ def test_anybody_stops_whoever_moves_the_arm():
     world.hand(FORWARD, "left")
     world.tick(50)
     assert world.verbs.controller.phase is Phase.MOVING
-    world.verbs.stop()  # The verbs have no authority, and need none.
+    world.verbs.stop(source="b")  # It has no authority, and needs none.
     world.tick()
-    assert world.verbs.controller.phase is Phase.BRAKING
+    controller = world.verbs.controller
+    assert controller.phase is Phase.BRAKING
+    assert (controller.stops, controller.stopped_by) == (1, "b")
     world.rest()
     assert world.verbs.controller.phase is Phase.DISARMED
     world.tick(100)  # The hand insists.

@@ -7,7 +7,7 @@ import pytest
 
 from cardan.gateway.arm.codes import Begins, Stream
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.streams import STREAMED
+from cardan.gateway.arm.streams import QUEUED_S, STREAMED, Delays
 from tests.gateway.arm.arms import DT_S, World, quick, streaming, streams, turned
 
 
@@ -36,7 +36,7 @@ def test_a_stream_that_its_sender_has_left_is_in_the_way_of_no_other_one():
     assert world.verbs.stream("joints", [0.0] * joints, owner="one") == ""
     world.rest()
     # While its sender has the authority, its stream stays.
-    assert twist("two") == "twst: the streaming command is jnts"
+    assert twist("two") == "twst: 'one' has authority over the arm"
     world.tick(int(2.5 / DT_S))
     assert world.verbs.status().authority.owner == ""
     assert world.verbs.streams.kind is Stream.JOINT
@@ -209,3 +209,114 @@ def test_sequence_numbers_and_stamps_have_to_be_some():
     assert "no integer from 0" in world.verbs.stream("twist", [0.0] * 6, sequence="a")
     assert "not a time" in world.verbs.stream("twist", [0.0] * 6, stamp_s=math.nan)
     assert world.verbs.stream("twist", [0.0] * 6, sequence=1, stamp_s=1.0) == ""
+
+
+def test_a_queue_is_no_measure_of_the_delay_when_a_stream_is_chosen_again():
+    world = streaming("twst")
+    twist = [0.05, 0.0, 0.0, 0.0, 0.0, 0.0]
+    sent_s = world.verbs.stamp_s
+    assert world.verbs.stream("twist", twist, stamp_s=sent_s) == ""
+    world.tick(250)
+    world.verbs.set_parameter("cpsc", "twst")
+    assert "on its way" in world.verbs.stream("twist", twist, stamp_s=sent_s + 0.01)
+    world.tick(50)
+    assert not world.verbs.servo.moving
+    assert world.verbs.stream("twist", twist, stamp_s=world.verbs.stamp_s) == ""
+
+
+DRIFT = 1e-4
+"""Of a sender's clock against ours: two cheap crystals."""
+
+
+@pytest.mark.parametrize("drift", [DRIFT, -DRIFT])
+def test_a_clock_that_drifts_is_believed_for_hours(drift):
+    delays = Delays()
+    waited_s = [delays.hear("a", at_s * (1.0 - drift), at_s) for at_s in range(4 * 3600)]
+    assert max(waited_s) < 0.05 * QUEUED_S
+
+
+def test_a_clock_that_was_set_back_is_believed_again_while_its_sender_goes_on():
+    delays = Delays()
+    for at_s in range(10):
+        delays.hear("a", float(at_s), float(at_s))
+    waited_s = [delays.hear("a", at_s - 5.0, float(at_s)) for at_s in range(10, 80)]
+    assert waited_s[0] == waited_s[25] == 5.0
+    assert waited_s[-1] == 0.0
+
+
+def test_stamps_of_the_future_are_no_measure_for_other_senders():
+    delays = Delays()
+    delays.hear("liar", 1000.0, 0.0)
+    assert delays.hear("a", 0.5, 1.0) == delays.hear("a", 1.5, 2.0) == 0.0
+    assert delays.hear("liar", 3.0, 3.0) == 1000.0
+
+
+@pytest.mark.parametrize("waited_s", [0.5, 59.0, 61.0, 3000.0])
+def test_a_queue_is_too_late_however_long_it_was(waited_s):
+    world = streaming("twst")
+    twist = [0.05, 0.0, 0.0, 0.0, 0.0, 0.0]
+    now_s = world.verbs.stamp_s
+    assert world.verbs.stream("twist", twist, stamp_s=now_s) == ""
+    why = world.verbs.stream("twist", twist, owner="", stamp_s=now_s - waited_s)
+    assert "on its way" in why or "after one of" in why
+
+
+def test_the_queue_of_a_sender_that_was_refused_is_no_measure_of_its_delay():
+    world = streaming("twst")
+    twist = [0.05, 0.0, 0.0, 0.0, 0.0, 0.0]
+    begun_s = world.verbs.stamp_s
+    while world.verbs.stamp_s < begun_s + 3.0:
+        assert world.verbs.stream("twist", twist, owner="a") == ""
+        age_s = world.verbs.stamp_s - begun_s
+        # Live at first; then its messages wait longer and longer.
+        assert "'a' has authority" in world.verbs.stream(
+            "twist", twist, owner="b", stamp_s=begun_s + min(age_s, 0.2) + 0.1 * age_s
+        )
+        world.tick(5)
+    world.verbs.release("a")
+    world.rest()
+    world.verbs.set_parameter("cpsc", "twst")
+    why = world.verbs.stream("twist", twist, owner="b", stamp_s=begun_s + 0.51)
+    assert "on its way" in why
+    assert world.verbs.stream("twist", twist, owner="b", stamp_s=world.verbs.stamp_s) == ""
+
+
+def test_the_first_stamp_of_a_sender_moves_nothing_until_another_one_agrees():
+    world = streaming("twst")
+    twist = [0.05, 0.0, 0.0, 0.0, 0.0, 0.0]
+    sent_s = world.verbs.stamp_s - 2.0
+    # What waited during an outage comes at once, the oldest first.
+    for number in range(50):
+        why = world.verbs.stream("twist", twist, owner="a", stamp_s=sent_s + 0.04 * number)
+        assert "not known yet" in why
+        world.tick(number % 2)
+    assert not world.verbs.servo.moving
+    taken = 0
+    for _ in range(3):
+        world.tick(5)
+        taken += not world.verbs.stream("twist", twist, owner="a", stamp_s=world.verbs.stamp_s)
+    assert taken >= 2
+    # What is known of its clock outlives its silence.
+    world.tick(int(5.0 / DT_S))
+    world.verbs.set_parameter("cpsc", "twst")
+    why = world.verbs.stream("twist", twist, owner="a", stamp_s=world.verbs.stamp_s - 2.0)
+    assert "it waited for 2.00 s" in why
+
+
+def test_a_sender_that_is_silent_for_an_hour_is_forgotten():
+    delays = Delays()
+    for at_s in (0.0, 0.1, 0.2):
+        delays.hear("a", at_s, at_s)
+    assert delays.late("a") == ""
+    assert delays.hear("a", 3000.0, 3002.0) == pytest.approx(2.0 - 3002.0 * DRIFT, abs=0.01)
+    assert delays.hear("a", 9998.0, 10000.0) == 0.0
+    assert "not known yet" in delays.late("a")
+
+
+def test_senders_that_are_many_do_not_displace_the_one_that_has_the_arm():
+    delays = Delays()
+    for at_s in (0.0, 0.1):
+        delays.hear("a", at_s, at_s)
+    for number in range(1000):
+        delays.hear(f"other{number}", 0.0, 0.2, "a")
+    assert delays.hear("a", -1.8, 0.2, "a") == pytest.approx(2.0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections import deque
 
+from cardan.bus.node import Received
 from cardan.errors import CardanError
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import MotionNote, PacketError
@@ -15,8 +16,10 @@ from cardan.gateway.bus.other_names import ServoScales, other_names
 from cardan.gateway.bus.trajectories import follow_joint_trajectory
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from cardan.protocols.ros2.zenoh import DEFAULT_QOS, Attachment, data_key
+from cardan.protocols.ros2.zenoh import DEFAULT_QOS, PUBLISHER, Attachment, Entity, data_key
+from cardan.types import NEVER_S
 from tests.gateway.arm.arms import World
+from tests.gateway.bus.fakes import Stamp
 
 NODE = "/arm"
 SERVO_SCALES = ServoScales()
@@ -36,20 +39,12 @@ class FakePublisher:
         self.messages.append(message)
 
 
-class Received:
-    zid = ""
-
-    def __init__(self, data, key, attachment):
-        self.data, self.key, self.attachment = data, key, attachment
-
-
 class Asked:
     """A request to a service, and its answer."""
 
-    attachment = None
-
-    def __init__(self, type_name, data):
+    def __init__(self, type_name, data, gid=None):
         self.type_name, self.data = type_name, data
+        self.attachment = None if gid is None else Attachment(1, 1, gid)
         self.answers = []
         self.error = ""
 
@@ -84,6 +79,7 @@ class FakeNode:
 
     def __init__(self):
         self.publishers, self.rings, self.types = {}, {}, {}
+        self.tokens = Ring(64)
 
     def key_of(self, name, type_name):
         return data_key(0, name, type_name)
@@ -96,7 +92,7 @@ class FakeNode:
         return self._ring(name, type_name, depth)
 
     def watch_tokens(self):
-        return Ring(8)
+        return self.tokens
 
     def service(self, name, type_name, qos=DEFAULT_QOS):
         return self._ring(name, type_name, 32)
@@ -136,8 +132,13 @@ class Bench:
             services=(*SERVICES, *(each for other in self.others for each in other.services)),
             actions=(*ACTIONS, follow),
             endless_without_watch=True,
+            owner=lambda: self.world.verbs.controller.authority.owner,
         )
+        # Who publishes and calls here without a node of its own has no token: that is known.
+        for gid in (GID, b"b" * 16):
+            self.server.unnamed.until_s((gid, ""), NEVER_S)
         self.now_s = 0.0
+        self._endpoints = itertools.count(1)
 
     # -- the worker's part -----------------------------------------------------------------------
 
@@ -230,9 +231,25 @@ class Bench:
         self.now_s += after_s
         self.server.poll(self.now_s)
 
+    def appear(self, node, kind=PUBLISHER, zid="b0", number="0"):
+        """An endpoint of a node appears on the bus: its token."""
+        namespace, _, name = node.rpartition("/")
+        entity = Entity(
+            zid, number, str(next(self._endpoints)), kind, namespace or "/", name, "/x",
+            "std_msgs/msg/Empty", "RIHS01_0",
+        )  # fmt: skip
+        token = entity.token(0)
+        self.node.tokens.waiting.append((token, True))
+        return token
+
+    def vanish(self, token):
+        """It leaves, or its process is killed."""
+        self.node.tokens.waiting.append((token, False))
+
     def publish(
-        self, topic, given=None, *, data=None, type_name="", sequence=None, gid=GID, source_ns=1
-    ):
+        self, topic, given=None, *, data=None, type_name="", sequence=None, gid=GID, source_ns=1,
+        zid="",
+    ):  # fmt: skip
         """Publish on a topic of the arm, or with // on any: a message, or any bytes."""
         topic = topic[1:] if topic.startswith("//") else f"{NODE}{topic}"
         type_name = type_name or self.node.types[topic]
@@ -241,11 +258,11 @@ class Bench:
         sequence = next(self._sequences) if sequence is None else sequence
         attachment = Attachment(sequence, source_ns, gid)
         self.node.rings[topic].waiting.append(
-            Received(data, data_key(0, topic, type_name), attachment)
+            Received(data, data_key(0, topic, type_name), attachment, Stamp(zid) if zid else None)
         )
         return sequence
 
-    def call(self, service, given=None, *, data=None):
+    def call(self, service, given=None, *, data=None, gid=None):
         """Call a service and poll once; the request, with its answer."""
         service = service if service.startswith("//") else f"/{NODE}{service}"
         service = service[1:]
@@ -253,7 +270,7 @@ class Bench:
         if data is None:
             name = f"{type_name}_Request"
             data = codec_of(name).encode(completed(name, given or {}))
-        asked = Asked(type_name, data)
+        asked = Asked(type_name, data, gid)
         self.node.rings[service].waiting.append(asked)
         self.poll()
         return asked

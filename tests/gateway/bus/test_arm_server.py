@@ -134,7 +134,7 @@ def test_another_type_or_hash_is_refused_with_what_it_takes(bench):
     assert "not geometry_msgs::msg::dds_::Twist_" in reason
     bench.publish("/command/movl", ros_pose(bench.world.moved(0, 0, -0.02)))
     ring = bench.node.rings[f"{NODE}/command/movl"]
-    ring.waiting[0].key = ring.waiting[0].key[:-4] + "0000"
+    ring.waiting[0] = ring.waiting[0]._replace(key=ring.waiting[0].key[:-4] + "0000")
     bench.poll()
     assert bench.server.refused == 2
     assert still(bench)

@@ -1,8 +1,9 @@
 """Who asked for a motion is known by liveliness tokens, until the last of them vanishes."""
 
-from cardan.bus.node import gid_of_token
+from cardan.bus.node import Received, gid_of_token
 from cardan.gateway.bus.askers import Askers
-from cardan.protocols.ros2.zenoh import CLIENT, NODE, PUBLISHER, Entity
+from cardan.protocols.ros2.zenoh import CLIENT, NODE, PUBLISHER, Attachment, Entity
+from tests.gateway.bus.fakes import Stamp
 
 OWN, OTHER = "a0", "b0"
 
@@ -93,7 +94,31 @@ def test_the_listeners_own_session_is_nobody_who_asks():
     assert askers.endpoint(gid_of_token(token("1", zid=OWN))) is None
 
 
-def test_nodes_have_names():
+def sent(gid=None, zid=""):
+    attachment = None if gid is None else Attachment(1, 1, gid)
+    return Received(b"", "", attachment, Stamp(zid) if zid else None)
+
+
+def test_who_sent_a_message_is_known_by_its_node():
+    mine, another = token("1", node="joystick"), token("2", node="joystick")
+    askers = known(mine, another)
+    found = askers.identity(sent(gid_of_token(mine), OTHER))
+    assert found.node == "/joystick"
+    assert found.presence.there()
+    assert askers.identity(sent(gid_of_token(another))) == found
+
+
+def test_who_sends_without_a_known_gid_is_its_session_and_else_the_gid():
     askers = known(token("1", node="joystick"))
-    assert askers.name(gid_of_token(token("1", node="joystick"))) == "/joystick"
-    assert askers.name(bytes(16)) == ""
+    session = askers.identity(sent(b"x" * 16, OTHER))
+    assert (session.node, session.presence) == ("/joystick", askers.session(OTHER))
+    nobody = askers.identity(sent(b"x" * 16))
+    assert (nobody.key, nobody.node, nobody.presence) == (b"x" * 16, "", None)
+
+
+def test_who_gives_another_sessions_gid_is_its_own_session():
+    mine = token("1", node="joystick")
+    askers = known(mine, token("1", zid="c0", node="liar"))
+    assert askers.identity(sent(gid_of_token(mine), "c0")).node == "/liar"
+    # A router that gives timestamps has no node.
+    assert askers.identity(sent(gid_of_token(mine), "d0")).node == "/joystick"

@@ -54,11 +54,18 @@ class Served:
             self.results.append(codec_of(RESULT).decode(data))
             self.changed.notify_all()
 
-    def told(self, outcome):
-        """The next result with that outcome."""
+    def told(self, outcome, source=None):
+        """The first result with that outcome, of that source or of any."""
 
         def found():
-            return next((each for each in self.results if each["outcome"] == outcome), None)
+            return next(
+                (
+                    each
+                    for each in self.results
+                    if each["outcome"] == outcome and source in (None, each["source"])
+                ),
+                None,
+            )
 
         with self.changed:
             assert self.changed.wait_for(found, TIMEOUT_S), self.results

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from cardan.gateway.arm.codes import State, Stream
-from cardan.gateway.bus.arm_server import BEGINS_S, STREAM_KEPT_S
 from cardan.gateway.bus.other_names import (
     NamesTopics,
     ServoScales,
@@ -15,6 +14,7 @@ from cardan.gateway.bus.other_names import (
     same_topics,
     servo_status,
 )
+from cardan.gateway.bus.sources import BEGINS_S, STREAM_KEPT_S
 from cardan.protocols.ros2.cdr import Codec, codec_of
 from cardan.types import CommandKind, RobotLink
 from tests.gateway.bus.rig import Bench, ros_pose
@@ -187,7 +187,7 @@ def test_topics_of_one_verb_share_its_stream(bench):
     bench.publish("/command/twist", {"linear": {"z": -0.1}}, gid=b"b" * 16)
     bench.poll(DT_S)
     assert bench.server.contested == 1
-    assert "one at a time can" in outcomes(bench)[-1][2]
+    assert "'ros2' has authority over the arm" in outcomes(bench)[-1][2]
 
 
 def test_who_sends_what_cannot_be_taken_keeps_no_stream_from_others(bench):
@@ -204,7 +204,10 @@ def test_what_waited_on_its_way_is_refused(bench):
         bench.publish(TWIST, twist(z=0.1, stamp_s=sent_s + cycle * DT_S))
         bench.poll(DT_S)
         bench.world.tick()
-    assert outcomes(bench) == [("twist", "accepted", "")]
+    (first, second) = outcomes(bench)
+    assert first[1] == "refused"
+    assert "not known yet" in first[2]
+    assert second == ("twist", "accepted", "")
     bench.world.tick(20)
     late_s = sent_s + 50 * DT_S - 0.4
     bench.publish(TWIST, twist(z=0.1, stamp_s=late_s))

@@ -1,4 +1,4 @@
-"""Motions without end end with who asked for them, and a stream has one publisher."""
+"""Motions without end end with who asked for them."""
 
 import json
 
@@ -6,9 +6,9 @@ import pytest
 
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.requests import PacketError, Request, encode_request
-from cardan.gateway.bus.arm_server import HELD_AT_MOST, STREAM_KEPT_S, TOKEN_WAIT_S, ArmServer
-from cardan.gateway.bus.arm_topics import OK, WARN
+from cardan.gateway.bus.arm_server import HELD_AT_MOST, ArmServer
 from cardan.gateway.bus.commands import ASK_TYPE
+from cardan.gateway.bus.sources import NAMED_WITHIN_S
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.zenoh import CLIENT, PUBLISHER
 from tests.gateway.bus.fakes import OWN, FakeNode, FakeUser, Stamp
@@ -90,8 +90,8 @@ def test_a_motion_without_end_of_somebody_unknown_is_refused(stamp):
     stranger = bench.user("~/command/movv", zid="d0")
     movv(stranger, attached=False, stamp=stamp)
     bench.cycle()
-    assert bench.told == []  # A token may still be on its way.
-    bench.cycle(TOKEN_WAIT_S)
+    assert stamp is None or bench.told == []  # A token may still be on its way.
+    bench.cycle(NAMED_WITHIN_S)
     assert bench.requests == []
     ((outcome, reason),) = bench.told
     assert outcome == "refused"
@@ -107,7 +107,7 @@ def test_a_flood_of_motions_of_somebody_unknown_is_not_kept():
         movv(stranger)
         bench.cycle()
     assert len(bench.told) + HELD_AT_MOST >= 1000
-    cycles = round(TOKEN_WAIT_S / CYCLE_S) + 1
+    cycles = round(NAMED_WITHIN_S / CYCLE_S) + 1
     movv(stranger)
     for _ in range(cycles):
         bench.cycle()
@@ -118,7 +118,7 @@ def test_a_flood_of_motions_of_somebody_unknown_is_not_kept():
 def test_a_flood_does_not_make_the_ones_before_it_wait():
     bench = Bench()
     stranger = bench.user("~/command/movv", zid="d0", appears=False)
-    for _ in range(round(TOKEN_WAIT_S / CYCLE_S) // 10 + 1):
+    for _ in range(round(NAMED_WITHIN_S / CYCLE_S) // 10 + 1):
         movv(stranger)
         for _ in range(10):
             bench.cycle()
@@ -176,68 +176,10 @@ def test_a_packet_arm_that_nobody_could_watch_is_told_so():
     packet = encode_request(Request(7, "remote", "movv", [0.0] * 6)).decode()
     request = stranger.ask({"request": packet})
     bench.cycle()
-    bench.cycle(TOKEN_WAIT_S)
+    bench.cycle(NAMED_WITHIN_S)
     reply = json.loads(request.answer[8:].rstrip(b"\0"))
     assert reply["reply"] == 7
     assert reply["error"]["kind"] == "MotionRefusedError"
-
-
-# -- two publishers on one stream -------------------------------------------------------------
-
-
-def stream(user):
-    user.publish(default_message(TWIST))
-
-
-def two_streaming(bench):
-    first = bench.user("~/command/twist", user="first")
-    second = bench.user("~/command/twist", zid="c0", user="second")
-    stream(first)
-    bench.cycle()
-    stream(second)
-    bench.cycle()
-    return first, second
-
-
-def test_the_first_publisher_keeps_the_stream_while_it_is_fresh():
-    bench = Bench()
-    first, second = two_streaming(bench)
-    for _ in range(20):
-        stream(first)
-        bench.cycle(STREAM_KEPT_S / 2)
-        stream(second)
-        bench.cycle()
-    assert len(bench.requests) == 21
-    assert bench.server.contested == 21
-    assert bench.told == [
-        ("accepted", ""),
-        ("refused", "twist: /first streams on it; one at a time can"),
-    ]
-
-
-def test_the_second_publisher_has_the_stream_when_the_first_is_silent():
-    bench = Bench()
-    first, second = two_streaming(bench)
-    bench.cycle(STREAM_KEPT_S + CYCLE_S)
-    stream(second)
-    bench.cycle()
-    stream(first)
-    bench.cycle()
-    assert len(bench.requests) == 2
-    assert [outcome for outcome, _ in bench.told] == ["accepted", "refused", "accepted", "refused"]
-
-
-def test_the_diagnostics_warn_of_a_second_publisher_for_some_seconds():
-    bench = Bench()
-    assert bench.server.part().level == OK
-    two_streaming(bench)
-    part = bench.server.part()
-    assert part.level == WARN
-    assert "/first streams on it" in part.message
-    assert part.values["contested"] == 1
-    bench.cycle(10.0)
-    assert bench.server.part().level == OK
-    assert bench.server.part().message == "1 contested"
 
 
 def test_a_motion_without_end_waits_for_the_token_of_who_asked():
@@ -261,15 +203,5 @@ def test_what_comes_after_it_never_overtakes_a_motion_that_waits():
     bench.cycle()
     assert [request.verb for request in bench.requests] == ["stop"]
     assert bench.told[0][0] == "refused"
-    bench.cycle(TOKEN_WAIT_S)
+    bench.cycle(NAMED_WITHIN_S)
     assert [request.verb for request in bench.requests] == ["stop"]
-
-
-def test_publishers_without_a_gid_are_told_apart_by_their_sessions():
-    bench = Bench()
-    user = bench.user("~/command/twist")
-    for zid in ("b0", "c0"):
-        user.publish(default_message(TWIST), attached=False, stamp=Stamp(zid))
-        bench.cycle()
-    assert len(bench.requests) == 1
-    assert bench.server.contested == 1

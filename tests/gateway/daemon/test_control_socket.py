@@ -115,9 +115,9 @@ def test_roles_of_those_who_come_in_by_the_group(tmp_path, monkeypatch, role):
         for do in MOVES:
             assert ("result" in asked(path, do)) is (role >= Role.OPERATOR)
         assert ("result" in asked(path, "reload")) is (role is Role.ADMIN)
-        for verb in ("stat", "status", "get_parameter", "get_parameters"):
+        for verb in ("stat", "status", "get_parameter", "get_parameters", "stop"):
             assert asked(path, "ask", {"verb": verb})["result"] == 1
-        for verb in ("movl", "stop", "wait", "inv", "act", 3, None):
+        for verb in ("movl", "wait", "inv", "act", 3, None):
             refused = asked(path, "ask", {"verb": verb})
             assert ("result" in refused) is (role >= Role.OPERATOR)
         if role is Role.VIEWER:

@@ -11,6 +11,7 @@ from cardan.drivers.base import Endpoint
 from cardan.drivers.leap import Leap
 from cardan.drivers.motoros import Motoros
 from cardan.drivers.sim_arm import SimArm
+from cardan.drivers.ur_rtde import UrRtde
 from cardan.gateway.doctor.base import Subject
 from cardan.gateway.doctor.controllers import (
     Controllers,
@@ -24,6 +25,7 @@ from tests.gateway.doctor.told import told
 
 EGM = Endpoint("udp", "192.168.125.99", 6510, True, "192.168.125.1")
 STATE = Endpoint("tcp", "192.168.255.1", 50241)
+RTDE = UrRtde().endpoints()[0]
 
 
 def test_what_drivers_use():
@@ -45,6 +47,9 @@ def test_what_drivers_use():
         (EGM, Heard(error=errno.EADDRNOTAVAIL), "failure", "listen-address"),
         (EGM, Heard(error=errno.EACCES), "failure", "listen-address"),
         (STATE, Heard(("192.168.255.1",)), "good", "reached"),
+        (RTDE, Heard(("192.168.255.1",), RTDE.answer), "good", "reached"),
+        (RTDE, Heard(("192.168.255.1",), b"HTTP/1.1 400"), "failure", "other-server"),
+        (RTDE, Heard(("192.168.255.1",)), "failure", "other-server"),
         (STATE, Heard(error=errno.ECONNREFUSED), "failure", "not-reached"),
         (STATE, Heard(error=errno.ETIMEDOUT), "failure", "not-reached"),
     ],

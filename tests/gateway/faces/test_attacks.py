@@ -165,9 +165,11 @@ def test_a_right_token_comes_in_by_the_header(target, running):
 def test_guesses_are_counted(target, running):
     wrong = target.request(target.path_with("guess-0123456789"))
     assert [status(answer(running, wrong)) for _ in range(BURST)] == [401] * BURST
-    said = answer(running, target.request(target.path_with(TOKEN)))
+    said = answer(running, wrong)
     assert status(said) == 429
     assert b"Retry-After: 10" in said
+    right = answer(running, target.request(target.path_with(TOKEN)))
+    assert status(right) == target.welcome, "wrong ones are in no right one's way"
 
 
 @pytest.mark.parametrize(

@@ -109,7 +109,7 @@ def test_commands_come_in_in_order_each_publisher_as_a_node_of_its_participant(s
     heard, _handle = hears(robot, "/arm/command")
     until(lambda: "/arm/command" in user.topics())
     commands = user.advertise("/arm/command", STRING, latched=False)
-    until(lambda: robot.topics()["/arm/command"].publishers == ("/dds_client_1",))
+    until(lambda: robot.topics()["/arm/command"].publishers == ("/user",))
     until(lambda: commands.heard)
     until(lambda: commands.publish(text("begin")) or heard)
     for number in range(50):
@@ -127,8 +127,8 @@ def test_a_participant_that_leaves_takes_its_node_from_the_bus(sides):
     until(lambda: "/arm/command" in user.topics())
     with network("guest") as guest:
         guest.advertise("/arm/command", STRING, latched=False)
-        until(lambda: "/dds_client_1" in robot.nodes())
-    until(lambda: "/dds_client_1" not in robot.nodes())
+        until(lambda: "/guest" in robot.nodes())
+    until(lambda: "/guest" not in robot.nodes())
 
 
 PUBLISHER = """
@@ -148,10 +148,10 @@ def test_a_participant_that_is_killed_is_missed_after_its_lease(sides):
     run = [sys.executable, "-c", PUBLISHER, str(OPTIONS.dds_domain)]
     with subprocess.Popen(run, stdin=subprocess.PIPE) as guest:
         try:
-            until(lambda: robot.topics()["/arm/command"].publishers == ("/dds_client_1",))
+            until(lambda: robot.topics()["/arm/command"].publishers == ("/guest",))
         finally:
             guest.kill()
-        until(lambda: "/dds_client_1" not in robot.nodes())
+        until(lambda: "/guest" not in robot.nodes())
     assert robot.topics()["/arm/command"].publishers == ()
 
 

@@ -5,7 +5,14 @@ from __future__ import annotations
 import pytest
 
 from cardan.gateway.faces.door import Caller, Denied, Door
-from cardan.gateway.faces.guessing import BURST, FORGOTTEN_S, FailedTokens
+from cardan.gateway.faces.guessing import (
+    ADDRESS_BURST,
+    ADDRESS_FORGOTTEN_S,
+    BURST,
+    FORGOTTEN_S,
+    MOST_BEGINNINGS,
+    FailedTokens,
+)
 from cardan.gateway.faces.tokens import WITHOUT_TOKEN, Role, Tokens
 
 VIEWER, OPERATOR, ADMIN = "viewers-0123456789", "operators-0123456789", "admins-0123456789"
@@ -71,13 +78,52 @@ def test_guessing_is_slow():
     denied = one.check(wrong, 5.0)
     assert denied.status == 429
     assert denied.retry_s == pytest.approx(FORGOTTEN_S)
-    assert one.check(asked(f"/?t={ADMIN}"), 5.0).status == 429, "the right one is not told either"
-    assert one.check(asked(f"/?t={ADMIN}", "10.0.0.3"), 5.0) is Role.ADMIN, "others come in"
+    assert one.check(asked("/?t=guess-01-another"), 5.0).status == 429, "nor one like it"
+    assert one.check(asked(f"/?t={ADMIN}"), 5.0) is Role.ADMIN, "others come in"
     assert one.check(asked(), 5.0).status == 401, "who gives none guesses nothing"
-    assert one.check(asked(f"/?t={ADMIN}"), 5.0 + FORGOTTEN_S) is Role.ADMIN
+    assert one.check(asked("/?t=guess-0123456789", "10.0.0.3"), 5.0).status == 401
     day_s = 86_400
     tried = sum(one.check(wrong, 100.0 + at_s).status == 401 for at_s in range(day_s))
     assert tried <= day_s / FORGOTTEN_S + BURST
+
+
+def test_who_knows_how_a_token_begins_guesses_the_rest_slowly():
+    one = door()
+    for number in range(BURST):
+        assert one.check(asked(f"/?t={ADMIN[:8]}{number}"), 5.0).status == 401
+    assert one.check(asked(f"/?t={ADMIN}"), 5.0).status == 429, "the right one is not told either"
+    assert one.check(asked(f"/?t={ADMIN}"), 5.0 + FORGOTTEN_S) is Role.ADMIN
+
+
+def test_wrong_ones_of_any_beginning_are_bounded_and_hold_up_no_right_one():
+    one = door()
+    answers = [
+        one.check(asked(f"/?t={number:08}-guess-67"), 5.0).status
+        for number in range(2 * ADDRESS_BURST)
+    ]
+    assert answers == [401] * ADDRESS_BURST + [429] * ADDRESS_BURST
+    assert one.check(asked(f"/?t={ADMIN[:8]}-wrong"), 5.0).status == 429, "no sign of a beginning"
+    assert one.check(asked(f"/?t={ADMIN}"), 5.0) is Role.ADMIN
+    later_s = 5.0 + ADDRESS_FORGOTTEN_S
+    assert one.check(asked("/?t=another--guess-67"), later_s).status == 401
+
+
+def test_other_beginnings_do_not_displace_the_count_of_a_right_one():
+    one = door()
+    for number in range(BURST):
+        assert one.check(asked(f"/?t={ADMIN[:8]}{number}"), 5.0).status == 401
+    for number in range(2 * MOST_BEGINNINGS):
+        address = f"10.2.{number % 100}.1"
+        one.check(asked(f"/?t={number:08}-guess-67", address), 5.0)
+        one.check(asked(f"/?t={number:08}-guess-67"), 5.0)
+    assert one.check(asked(f"/?t={ADMIN}"), 5.0).status == 429
+
+
+def test_each_token_of_a_request_is_a_guess():
+    one = door()
+    many = "&".join(f"t=guess-01{number}" for number in range(BURST))
+    assert one.check(asked(f"/?{many}"), 5.0).status == 401
+    assert one.check(asked("/?t=guess-0123456789"), 5.0).status == 429
 
 
 def test_what_is_in_no_token_s_way_is_no_guess():
@@ -89,12 +135,12 @@ def test_what_is_in_no_token_s_way_is_no_guess():
 
 
 def test_addresses_are_forgotten_before_they_fill_the_memory():
-    failed = FailedTokens(burst=1, most_addresses=100)
+    failed = FailedTokens(burst=1, most_beginnings=100)
     for number in range(10_000):
-        failed.failed(f"10.1.{number // 256}.{number % 256}", 0.0)
+        failed.failed(f"10.1.{number // 256}.{number % 256}", "guess", 0.0)
         assert len(failed) <= 100
-    assert failed.wait_s("10.1.39.15", 0.0) > 0.0
-    assert failed.wait_s("10.1.0.0", 0.0) == 0.0
+    assert failed.wait_s("10.1.39.15", "guess", 0.0) > 0.0
+    assert failed.wait_s("10.1.0.0", "guess", 0.0) == 0.0
 
 
 @pytest.mark.parametrize(
@@ -109,5 +155,5 @@ def test_addresses_are_forgotten_before_they_fill_the_memory():
 )
 def test_one_address_is_what_one_computer_can_choose(one, other, same):
     failed = FailedTokens(burst=1)
-    failed.failed(one, 0.0)
-    assert (failed.wait_s(other, 0.0) > 0.0) is same
+    failed.failed(one, "guess", 0.0)
+    assert (failed.wait_s(other, "guess", 0.0) > 0.0) is same

@@ -96,6 +96,21 @@ def test_a_viewer_of_rosbridge_commands_nothing(network, bridge, asked, may_not)
     assert speed(network) == 0.5
 
 
+def test_a_viewer_stops_an_arm_and_nothing_else(network, bridge):
+    """Stopping needs no authority; a Trigger of another node, whatever its name, may command."""
+    stopped = []
+    for service in ("/arm/stop", "/arm/enable"):
+        network.offer(
+            service, TRIGGER, lambda request: stopped.append(request) or {"success": True}
+        )
+    network.offer("/arm/stat", "cardan_msgs/srv/Stat", lambda _request: {})
+    with bridge("viewer") as client:
+        assert client.call("/arm/stop")["values"]["success"]
+        for service in ("/arm/enable", "/stop"):
+            assert f"a viewer may not call {service}" in str(client.call(service))
+    assert (len(stopped), network.done) == (1, [])
+
+
 def test_a_viewer_of_rosbridge_sets_no_parameters(network, bridge):
     with bridge("viewer") as client:
         for service, args in (

@@ -200,7 +200,7 @@ def test_a_session_that_a_program_moved_is_replayed_up_to_there(tmp_path):
     assert engine.cycles > 0
     if not report.lost:
         assert engine.ended.startswith(
-            f"not replayed from cycle {engine.cycles + 1} on: verb movl of 'ros2'"
+            f"not replayed from cycle {engine.cycles + 1} on: verb movl of 'ros2 /program'"
         )
 
 

@@ -11,6 +11,8 @@ import pytest
 from cardan.gateway.bus.arm_topics import ArmNames
 from cardan.gateway.bus.options import NetworkOptions
 from cardan.gateway.bus.taps import configuration_message
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.reach import tcp_range_m
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.network import SessionNetwork
 from cardan.gateway.session.surroundings import surroundings
@@ -62,6 +64,7 @@ def test_the_shapes_are_those_of_the_collision_model_each_after_its_joint():
         assert (each["joint"] == "") == (shape.body == 0)
     assert around["home"] == list(model.home)
     assert all(math.isfinite(each) for each in around["home"])
+    assert around["reach_m"] == [list(each) for each in tcp_range_m(ArmKinematics(model))]
 
 
 def test_without_a_model_there_is_the_workspace_alone():
@@ -71,6 +74,7 @@ def test_without_a_model_there_is_the_workspace_alone():
     assert around["workspace_m"][0] == [-0.5, 0.5]
     assert around["shapes"] == around["obstacles"] == []
     assert around["home"] is around["obstacle_m"] is around["own_body_m"] is None
+    assert around["reach_m"] is None
 
 
 def test_where_collisions_are_not_avoided_no_distance_is_kept():

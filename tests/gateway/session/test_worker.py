@@ -43,8 +43,8 @@ class FakeVerbs:
     def __init__(self):
         self.planning, self.go_on = threading.Event(), threading.Event()
         self.began, self.streamed, self.given = [], [], []
-        self.streams = SimpleNamespace(kind=Stream.NONE, fell_silent=False)
-        self.stopped, self.reasons = 0, []
+        self.streams = SimpleNamespace(kind=Stream.NONE)
+        self.stopped, self.reasons, self.askers = 0, [], []
         self.waited_for = None
         self.stamp_s = 0.0
 
@@ -71,6 +71,9 @@ class FakeVerbs:
         self.given.append((stamp_s, begins))
         return ""
 
+    def goes_on(self, _begins, _source):
+        return False
+
     def may_choose(self, _verb, _begins, _source):
         return self.streams.kind is Stream.NONE
 
@@ -83,8 +86,9 @@ class FakeVerbs:
     def get_parameter(self, _key):
         return 1.0
 
-    def brake(self, reason):
+    def brake(self, reason, source):
         self.reasons.append(reason)
+        self.askers.append(source)
         self.stop()
 
     def stop(self):
@@ -156,11 +160,13 @@ def test_a_stop_acts_at_once_while_another_request_is_planned(bench):
     bench.ask(3, "stop")
     assert bench.heard() == (3, None)
     assert bench.verbs.stopped == 1
+    assert bench.verbs.askers == ["a"]
     bench.verbs.go_on.set()
     number, motion = bench.heard("movl")
     assert number == 1
     assert motion.outcome is Outcome.ABORTED
     assert bench.verbs.stopped == 2
+    assert bench.verbs.askers == ["a", ""], "one stop, counted once"
     number, error = bench.heard()
     assert number == 2
     assert "stopped before it began" in str(error)

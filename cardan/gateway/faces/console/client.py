@@ -119,7 +119,7 @@ class Figures:
 
 
 class Operator:
-    """One page's hands: ``async with Operator(...) as operator: operator.receive(frame)``"""
+    """One page's hands: ``async with Operator(...) as one: one.receive(frame, waited_s)``."""
 
     def __init__(
         self,
@@ -185,8 +185,8 @@ class Operator:
 
     # -- from the page ---------------------------------------------------------------------------
 
-    def receive(self, data: Frame) -> bool:
-        """Do what a frame of the socket asks for; False: it is rosbridge's."""
+    def receive(self, data: Frame, waited_s: float) -> bool:
+        """Do what a frame of the socket asks for, which waited there; False: it is rosbridge's."""
         if isinstance(data, bytes):
             self._operate(data)
             return True
@@ -204,7 +204,7 @@ class Operator:
             now_s = self._loop.time()
             number, time_us = self._teleop_frames % 2**32, int(now_s * 1e6)
             frame = pose.frame(number, time_us, TELEOP_CHANNEL)
-            self._teleop(frame, now_s)
+            self._teleop(frame, now_s - waited_s, now_s)
         return True
 
     def _operate(self, data: bytes) -> None:
@@ -220,7 +220,7 @@ class Operator:
         self.figures.note(now_s, None if made_s is None else now_s - made_s)
         self._take(frame, data, made_s, now_s)
 
-    def _teleop(self, frame: OperatorFrame, now_s: float) -> None:
+    def _teleop(self, frame: OperatorFrame, made_s: float, now_s: float) -> None:
         if TELEOP_CHANNEL not in self.channels:
             try:
                 self._open(TELEOP_CHANNEL, {"device": TELEOP_TOPIC})
@@ -228,7 +228,7 @@ class Operator:
                 self._refuse(str(error))
                 return
         self.figures.note(now_s, None)
-        self._take(frame, encode_frame(frame), now_s, now_s)
+        self._take(frame, encode_frame(frame), made_s, now_s)
 
     def _take(self, frame: OperatorFrame, data: bytes, made_s: float | None, now_s: float) -> None:
         channel = self.channels.get(frame.channel)

@@ -9,7 +9,6 @@ import threading
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
-from websockets.asyncio.server import ServerConnection
 from websockets.datastructures import Headers
 
 from cardan.bounds import ANY_PORT
@@ -35,7 +34,7 @@ from cardan.gateway.faces.console.site import Site
 from cardan.gateway.faces.rosbridge import RosbridgeOptions, RosbridgeServer
 from cardan.gateway.faces.rosbridge_client import Client
 from cardan.gateway.faces.tokens import Role
-from cardan.gateway.faces.web import Answer, Front, Page, serve_until
+from cardan.gateway.faces.web import Answer, Front, FrontConnection, Page, serve_until
 from cardan.options import Options
 
 PORT = 8443
@@ -102,7 +101,7 @@ class ConsoleServer(RosbridgeServer):
         return super()._make_front(page or self._answer)
 
     async def _serve(
-        self, client: Client, connection: ServerConnection, network: Network, role: Role
+        self, client: Client, connection: FrontConnection, network: Network, role: Role
     ) -> None:
         assert self._mailbox is not None
         operator = Operator(
@@ -121,7 +120,7 @@ class ConsoleServer(RosbridgeServer):
         )
         async with operator:
             async for frame in connection:
-                if not operator.receive(frame):
+                if not operator.receive(frame, connection.waited_s):
                     client.receive(frame)
 
     async def __aexit__(self, *exception: object) -> None:

@@ -1,0 +1,43 @@
+"""Numbers of the clients of a face, which name them on the bus: one that comes back has its number
+again, and with it what an arm knows of its clock."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import time
+from collections.abc import Callable, Iterator
+
+KEPT = 64
+"""Numbers of clients that have left which are kept for their addresses; the oldest go first."""
+
+KEPT_S = 3600.0
+"""How long they are."""
+
+
+class ClientNumbers:
+    """The numbers of one face, from 1 on. For one loop."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._new, self._clock = itertools.count(1), clock
+        self._left: list[tuple[str, int, float]] = []
+        """Address, number and time of those that have left, the last one last."""
+
+    @contextlib.contextmanager
+    def of(self, address: str) -> Iterator[int]:
+        """The number of a client from this address while it is here: that of the client of the same
+        address that left last, if there is one."""
+        number = self._take(address)
+        try:
+            yield number
+        finally:
+            self._left = [*self._left[1 - KEPT :], (address, number, self._clock())]
+
+    def _take(self, address: str) -> int:
+        now_s = self._clock()
+        self._left = [each for each in self._left if now_s - each[2] <= KEPT_S]
+        for each in reversed(self._left):
+            if each[0] == address:
+                self._left.remove(each)
+                return each[1]
+        return next(self._new)

@@ -1,0 +1,52 @@
+"""Range of an arm's TCP along the axes of its base."""
+
+from __future__ import annotations
+
+from cardan.arm_libraries import np
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.base import FloatArray
+
+STARTS = 4
+"""Ascents for each end of an axis: some end at a posture that is only the farthest nearby."""
+
+ANGLES = 17
+"""Positions of a joint that an ascent compares, the ends of its range among them."""
+
+ROUNDS = 6
+"""Times that an ascent goes through all joints; the range that it searches halves with each."""
+
+
+def tcp_range_m(kinematics: ArmKinematics) -> list[tuple[float, float]]:
+    """Lowest and highest x, y and z that the TCP has within the joints' limits, to some mm.
+
+    Joint by joint, from the same random postures each time; collisions are left out of account.
+    """
+    random = np.random.default_rng(0)
+    starts = random.uniform(kinematics.lower, kinematics.upper, (STARTS, kinematics.joints))
+    ends = np.empty((3, 2))
+    for axis in range(3):
+        for side, sign in enumerate((-1.0, 1.0)):
+            ends[axis, side] = sign * max(_farthest(kinematics, q, axis, sign) for q in starts)
+    return [(float(low), float(high)) for low, high in ends]
+
+
+def _farthest(kinematics: ArmKinematics, start: FloatArray, axis: int, sign: float) -> float:
+    """Highest coordinate, times `sign`, that turning one joint after the other leads to."""
+    q = start.copy()
+    span = kinematics.upper - kinematics.lower
+    best = sign * float(kinematics.forward(q).translation[axis])
+    for turn in range(ROUNDS):
+        for joint in range(kinematics.joints):
+            half = 0.5 * span[joint] / 2.0**turn
+            low = max(kinematics.lower[joint], q[joint] - half)
+            high = min(kinematics.upper[joint], q[joint] + half)
+            if turn == 0:
+                low, high = kinematics.lower[joint], kinematics.upper[joint]
+            kept = q[joint]
+            for each in np.linspace(low, high, ANGLES):
+                q[joint] = each
+                found = sign * float(kinematics.forward(q).translation[axis])
+                if found > best:
+                    best, kept = found, each
+            q[joint] = kept
+    return best
