@@ -73,8 +73,14 @@ class DatagramSession(ABC, Generic[MessageT]):
     advice: str = ""
     """What to look at when nothing was ever heard of it."""
 
-    def __init__(self, capabilities: RobotCapabilities, lost_after_s: float) -> None:
-        """After `lost_after_s` without a valid datagram the link counts as lost."""
+    def __init__(
+        self,
+        capabilities: RobotCapabilities,
+        lost_after_s: float,
+        clock: AgreedTime | None = None,
+    ) -> None:
+        """After `lost_after_s` without a valid datagram the link counts as lost. `clock`: one that
+        has options of its own."""
         self.capabilities = capabilities
         self.ignored: Counter[str] = Counter()
         """Datagrams without effect, by reason."""
@@ -90,7 +96,7 @@ class DatagramSession(ABC, Generic[MessageT]):
         self.sessions = 0
         """So many sessions of the controller were heard; the number that states have."""
         self._skipped = self._flood = 0
-        self.clock = AgreedTime(capabilities.period_s)
+        self.clock = AgreedTime(capabilities.period_s) if clock is None else clock
         """Time between states, by the controller's clock, where they tell it, and ours."""
 
     # -- what a protocol gives ------------------------------------------------------------------

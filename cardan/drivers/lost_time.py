@@ -49,6 +49,9 @@ WINDOW_S: Final = 0.5
 JUMP_S: Final = 0.05
 """Lead of a clock over the quickest arrival of a window that no delay explains."""
 
+SIMULATED_MOST: Final = 10.0
+"""As fast as simulated time may pass; what leaps farther from one state to the next jumps."""
+
 PAUSE_S: Final = 0.1
 """Time of this computer's that may pass beyond the controller's and be made up for later, by states
 that were kept back. A clock that loses more between two states was stopped with its controller,
@@ -57,6 +60,9 @@ so long, while states come, stands still."""
 
 _STILL_STATES = 2
 """So many more with the same time are needed for that."""
+
+SIMULATED_TIME: Final = "simulated_time"
+"""The option of drivers whose controller may be a simulation."""
 
 
 def believed_s(step_s: float, due_s: float, waited_s: float, credit_s: float) -> float:
@@ -151,7 +157,8 @@ class ClockWatch:
                 return
         # Of a first window it is not known how late its quickest state was.
         lead_s = ahead_s - max(self._best_s, self._ahead_s)
-        if self._ahead_s > -math.inf and min(lead_s, 2.0 * (step_s - waited_s)) > JUMP_S:
+        beyond_s = step_s - waited_s * (SIMULATED_MOST if self._simulated else 1.0)
+        if self._ahead_s > -math.inf and min(lead_s, 2.0 * beyond_s) > JUMP_S:
             self._note(f"jumped ahead by {step_s - waited_s:.3g} s")
             return
         if waited_s - step_s > PAUSE_S and waited_s > 2.0 * before_s:

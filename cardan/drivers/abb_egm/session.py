@@ -639,10 +639,10 @@ class EgmSession:
         if state.hold_reason:
             # Should commands act nevertheless, the robot brakes and is not halted in one period.
             obeys = self._book.said_speed and not self._fresh and guidance.near(state)
-            if obeys:
-                guidance.step(None, state, dt_s)
-            else:
+            if not obeys:
                 guidance.reset(state)
+            elif dt_s > 0.0:
+                guidance.step(None, state, dt_s)
             self._held = obeys
         else:
             timeout_s = self._late_after_s
@@ -653,10 +653,10 @@ class EgmSession:
                 self.counters.late_commands += 1
             if gap_s:
                 self._follow_controller(state, gap_s)
-            if now_s - state.stamp_s > timeout_s:
-                guidance.step(None, state, dt_s)
-            else:
-                guidance.step(command, state, dt_s)
+            # Where no time has passed that both clocks know of, the answer is the one before.
+            if dt_s > 0.0:
+                late = now_s - state.stamp_s > timeout_s
+                guidance.step(None if late else command, state, dt_s)
         self.counters.answers += 1
         self._book.steady = guidance.steady and not self._held
         return self._encode(now_s)
