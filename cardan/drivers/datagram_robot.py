@@ -184,11 +184,15 @@ class DatagramSession(ABC, Generic[MessageT]):
     def _agreed(self, state: RobotState, message: MessageT, before: MessageT | None) -> RobotState:
         """`state` with the period that both clocks agree on; held where they have parted."""
         clock, clock_s = self.clock, self._time_s(message)
-        if clock_s is None or before is None:
+        if before is None:
             clock.begin(math.nan if clock_s is None else clock_s, state.stamp_s)
             return state
         states = (message.sequence - before.sequence) & 0xFFFFFFFF
-        period_s = min(clock.passed(clock_s, state.stamp_s, states), state.period_s)
+        if clock_s is None:
+            passed_s = clock.counted(state.stamp_s, states)
+        else:
+            passed_s = clock.passed(clock_s, state.stamp_s, states)
+        period_s = min(passed_s, state.period_s)
         fault = clock.fault
         return state._replace(period_s=period_s, hold_reason=state.hold_reason or fault)
 

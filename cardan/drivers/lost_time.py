@@ -218,8 +218,15 @@ class AgreedTime(ClockWatch):
         step_s, waited_s = controller_s - self._controller_s, local_s - self._local_s
         first = math.isnan(step_s)
         self.heard(controller_s, local_s)
-        if first:
-            return 0.0
+        return 0.0 if first else self._agree(step_s, waited_s, states)
+
+    def counted(self, local_s: float, states: int = 1) -> float:
+        """The same where the controller tells no time: that of so many states."""
+        waited_s = local_s - self._local_s
+        super().begin(math.nan, local_s)
+        return self._agree(states * self.period_s, waited_s, states)
+
+    def _agree(self, step_s: float, waited_s: float, states: int) -> float:
         found_s = believed_s(step_s, states * self.period_s, waited_s, self._credit_s)
         self._credit_s = credit_left_s(self._credit_s, waited_s, found_s)
         self.time_s += found_s
