@@ -37,6 +37,8 @@ TOPICS: Mapping[str, tuple[str, str]] = {
 }
 """Topic and type of each controller's commands."""
 
+CATCH_UP_S = 0.5
+"""Longest time of cycles left out that is made up for."""
 FINGER, FINGER_AT = "finger_joint", 0.01
 NS = 1_000_000_000
 
@@ -229,8 +231,8 @@ class RosArm:
     def cycle(self, now_s: float, missed: int = 0) -> list[StateMessage]:
         """One cycle of the controller manager: what is published.
 
-        `missed` before it were left out: the arm and its clock go on meanwhile. After more than
-        CATCH_UP_S the whole process stood still, and they with it.
+        `missed` before it were left out: the arm and its clock went on meanwhile, for CATCH_UP_S at
+        most. Beyond that the whole process stood still, and they with it.
         """
         if self._start_s is None:
             self._start_s = now_s
