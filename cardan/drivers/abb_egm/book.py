@@ -44,13 +44,13 @@ class PlainBook:
     """A Book in Python."""
 
     __slots__ = (
+        "credit_s",
         "known",
         "last_step_s",
         "out_seqno",
         "replied_s",
         "said_speed",
         "since_reply_s",
-        "credit_s",
         "states",
         "steady",
         "time_us",

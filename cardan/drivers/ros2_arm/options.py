@@ -62,9 +62,9 @@ class Ros2ArmOptions(NodeOptions):
     silence_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Silence (at least three periods) after which the link is LOST."""
     simulated_time: bool = False
-    """The controller is a simulation whose time may pass faster or slower than this computer's (Gazebo):
-    no difference in speed is a fault. The arm is never faster than commanded, and slower where the
-    simulation is."""
+    """The controller is a simulation (Gazebo) whose time may pass faster or slower than this
+    computer's: no difference in speed is a fault. The arm is never faster than commanded, and slower
+    where the simulation is."""
     lag_s: Annotated[float, bounds.LAG_S] = 0.1
     """How far measured joints are behind commanded ones in good order."""
     name: str = "cardan_arm_driver"
