@@ -63,8 +63,8 @@ class Ros2ArmOptions(NodeOptions):
     """Silence (at least three periods) after which the link is LOST."""
     simulated_time: bool = False
     """The controller is a simulation (Gazebo) whose time may pass faster or slower than this
-    computer's: no difference in speed is a fault. The arm is never faster than commanded, and slower
-    where the simulation is."""
+    computer's: no difference in speed is a fault. The arm is never faster than commanded, and
+    slower where the simulation is."""
     lag_s: Annotated[float, bounds.LAG_S] = 0.1
     """How far measured joints are behind commanded ones in good order."""
     name: str = "cardan_arm_driver"
