@@ -178,17 +178,17 @@ class ClockWatch:
                 self._parting = gained_s
                 if gained_s > JUMP_S or gained_s * before > 0.0:
                     speed = 1.0 + gained_s / between_s
-                    self.fault = _fault(
-                        f"runs {speed:.3g} times as fast as this computer's{self._advice}"
-                    )
+                    said = _fault(f"runs {speed:.3g} times as fast as this computer's")
+                    self.fault = self._advised(said)
             else:
                 self.fault = ""
         self._ahead_s, self._ahead_to_s = self._best_s, self._best_to_s
         self._best_s, self._end_s = -math.inf, local_s + WINDOW_S
 
-    @property
-    def _advice(self) -> str:
-        return f" (a simulation's may: {self._option} = true)" if self._option else ""
+    def _advised(self, said: str) -> str:
+        if not self._option:
+            return said
+        return f"{said}; where it is a simulation's, set {self._option} = true"
 
     def _note(self, what: str) -> None:
         self.fault = _fault(what)
