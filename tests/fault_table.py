@@ -41,6 +41,8 @@ BEGIN = "<!-- made by tests/fault_table.py -->\n"
 RUN_UP_S = 0.6
 """At 1 m/s² the arm has its speed after 0.1 s."""
 WATCHED_S = 1.5
+CLOCK_WATCHED_S = 2.0
+"""A clock that is too slow is sure after 1 to 1.5 s."""
 
 HIGHEST_M_S = SPEED_M_S * (1.0 + MARGIN)
 HARDEST_M_S2 = 1.3
@@ -58,6 +60,7 @@ class Fault(NamedTuple):
     own: tuple[type[Bench], ...] = ()
     """Robots that their controller, or the driver at its own limits, stops then: how hard does not
     depend on what was asked."""
+    watched_s: float = WATCHED_S
 
 
 def _silence(bench: Bench, pilot: Pilot) -> None:
@@ -109,7 +112,12 @@ FAULTS: dict[str, Fault] = {
     "supervisor stopped": Fault(lambda bench, pilot: pilot.stop_supervisor()),
     "process killed": Fault(lambda bench, pilot: bench.kill(), own=BENCHES),
     **{
-        f"clock {name}": Fault(_clock(name), ("operator", "twist"), own=_STOPPED_BY_CLOCK)
+        f"clock {name}": Fault(
+            _clock(name),
+            ("operator", "twist"),
+            own=_STOPPED_BY_CLOCK,
+            watched_s=CLOCK_WATCHED_S,
+        )
         for name in CLOCKS
     },
 }
@@ -153,7 +161,7 @@ def measured(
 
         def after(fault: Fault) -> Motion:
             fault.act(bench, pilot)
-            bench.run(WATCHED_S)
+            bench.run(fault.watched_s)
             return bench.motion(at_s)
 
         for fault in faults:

@@ -80,9 +80,10 @@ def test_what_stops_stops_soon(rows):
 
 
 def test_a_wrong_clock_ends_motion(rows):
-    """2 % are no fault, MotoROS' clock is not used, and one that is slow is sure after 1.5 s only:
-    tests/drivers/test_agreed_time.py."""
+    """2 % are no fault, MotoROS' clock is not used, and one that is slow is sure after 1 to 1.5 s
+    only: tests/drivers/test_agreed_time.py."""
     for row in rows:
-        other = row.robot.startswith("MotoROS") or row.fault.startswith(("clock 0.5", "clock 1.02"))
+        other = row.robot.startswith("MotoROS") or row.fault.startswith("clock 1.02")
         if row.fault.startswith("clock") and not other:
-            assert row.motion.stop_s < 0.6, row
+            slow = row.fault.startswith("clock 0.5")
+            assert row.motion.stop_s < (1.7 if slow else 0.6), row

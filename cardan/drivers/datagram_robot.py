@@ -73,8 +73,14 @@ class DatagramSession(ABC, Generic[MessageT]):
     advice: str = ""
     """What to look at when nothing was ever heard of it."""
 
-    def __init__(self, capabilities: RobotCapabilities, lost_after_s: float) -> None:
-        """After `lost_after_s` without a valid datagram the link counts as lost."""
+    def __init__(
+        self,
+        capabilities: RobotCapabilities,
+        lost_after_s: float,
+        clock: AgreedTime | None = None,
+    ) -> None:
+        """After `lost_after_s` without a valid datagram the link counts as lost. `clock`: one that
+        has options of its own."""
         self.capabilities = capabilities
         self.ignored: Counter[str] = Counter()
         """Datagrams without effect, by reason."""
@@ -90,7 +96,7 @@ class DatagramSession(ABC, Generic[MessageT]):
         self.sessions = 0
         """So many sessions of the controller were heard; the number that states have."""
         self._skipped = self._flood = 0
-        self.clock = AgreedTime(capabilities.period_s)
+        self.clock = AgreedTime(capabilities.period_s) if clock is None else clock
         """Time between states, by the controller's clock, where they tell it, and ours."""
 
     # -- what a protocol gives ------------------------------------------------------------------
@@ -178,11 +184,15 @@ class DatagramSession(ABC, Generic[MessageT]):
     def _agreed(self, state: RobotState, message: MessageT, before: MessageT | None) -> RobotState:
         """`state` with the period that both clocks agree on; held where they have parted."""
         clock, clock_s = self.clock, self._time_s(message)
-        if clock_s is None or before is None:
+        if before is None:
             clock.begin(math.nan if clock_s is None else clock_s, state.stamp_s)
             return state
         states = (message.sequence - before.sequence) & 0xFFFFFFFF
-        period_s = min(clock.passed(clock_s, state.stamp_s, states), state.period_s)
+        if clock_s is None:
+            passed_s = clock.counted(state.stamp_s, states)
+        else:
+            passed_s = clock.passed(clock_s, state.stamp_s, states)
+        period_s = min(passed_s, state.period_s)
         fault = clock.fault
         return state._replace(period_s=period_s, hold_reason=state.hold_reason or fault)
 

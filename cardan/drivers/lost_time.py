@@ -49,25 +49,35 @@ WINDOW_S: Final = 0.5
 JUMP_S: Final = 0.05
 """Lead of a clock over the quickest arrival of a window that no delay explains."""
 
+SIMULATED_MOST: Final = 10.0
+"""As fast as simulated time may pass; what leaps farther from one state to the next jumps."""
+
 PAUSE_S: Final = 0.1
-"""States apart by more are a pause, after which clocks are compared anew: this computer or a
-simulated controller may have been stopped. A clock that shows the same time for so long, while
-states come, stands still; and no state is made up for that comes later than that."""
+"""Time of this computer's that may pass beyond the controller's and be made up for later, by states
+that were kept back. A clock that loses more between two states was stopped with its controller,
+where states come faster otherwise: clocks are compared anew then. One that shows the same time for
+so long, while states come, stands still."""
+
+_STILL_STATES = 2
+"""So many more with the same time are needed for that."""
+
+SIMULATED_TIME: Final = "simulated_time"
+"""The option of drivers whose controller may be a simulation."""
 
 
-def believed_s(step_s: float, due_s: float, waited_s: float, spare_s: float) -> float:
+def believed_s(step_s: float, due_s: float, waited_s: float, credit_s: float) -> float:
     """Time between two states of which a controller says that it was `step_s`.
 
     They came `waited_s` apart, and `due_s` is the time that so many states take: states that were
-    kept back come faster. `spare_s`: what may be believed beyond `waited_s`.
-    cardan/drivers/abb_egm/kernel/take.c has the same.
+    kept back come faster, and use up `credit_s`, which is what this computer has counted and the
+    controller has not. cardan/drivers/abb_egm/kernel/take.c has the same.
     """
-    return min(step_s, max(due_s, waited_s + spare_s))
+    return max(min(step_s, max(due_s, waited_s + SLACK_S), credit_s + waited_s), 0.0)
 
 
-def spare_left_s(spare_s: float, waited_s: float, found_s: float) -> float:
-    """What may be believed beyond the wait for the next state: what was not, SLACK_S at most."""
-    return min(max(spare_s + waited_s - found_s, 0.0), SLACK_S)
+def credit_left_s(credit_s: float, waited_s: float, found_s: float) -> float:
+    """The credit for the next state; before the first it is SLACK_S."""
+    return min(credit_s + waited_s - found_s, PAUSE_S)
 
 
 class ClockWatch:
@@ -86,19 +96,26 @@ class ClockWatch:
         "_controller_s",
         "_end_s",
         "_local_s",
+        "_option",
         "_parting",
         "_rose_s",
+        "_simulated",
+        "_still",
+        "_waited_s",
         "fault",
     )
 
-    def __init__(self) -> None:
+    def __init__(self, *, option: str = "", simulated: bool = False) -> None:
+        """`simulated`: the controller's time is a simulation's, and may pass as fast as that
+        computes. `option` is what says so, for who meets such a clock unprepared."""
+        self._option, self._simulated = option, simulated
         self.begin()
 
     def begin(self, controller_s: float = math.nan, local_s: float = math.nan) -> None:
         """Compare anew from a first state on; without one, from the next on."""
         self.fault = ""
         self._controller_s, self._local_s = controller_s, local_s
-        self._rose_s = local_s
+        self._rose_s, self._still, self._waited_s = local_s, 0, 0.0
         self._compare(local_s)
 
     def _compare(self, local_s: float) -> None:
@@ -115,31 +132,36 @@ class ClockWatch:
         if step_s > 0.0 and waited_s <= PAUSE_S and local_s < self._end_s:
             if ahead_s <= self._best_s:
                 self._controller_s, self._local_s = controller_s, local_s
-                self._rose_s = local_s
+                self._rose_s, self._still, self._waited_s = local_s, 0, waited_s
                 return
         elif math.isnan(self._controller_s):
             self.begin(controller_s, local_s)
             return
         self._controller_s, self._local_s = controller_s, local_s
-        self._look(step_s, waited_s, ahead_s)
+        before_s, self._waited_s = self._waited_s, waited_s
+        self._look(step_s, waited_s, before_s, ahead_s)
 
-    def _look(self, step_s: float, waited_s: float, ahead_s: float) -> None:
-        """Compare the clocks where something may be new."""
+    def _look(self, step_s: float, waited_s: float, before_s: float, ahead_s: float) -> None:
+        """Compare the clocks where something may be new; `before_s` was waited for the state before
+        this one."""
         local_s = self._local_s
         if step_s < 0.0:
             self._note(f"went back by {-step_s:.3g} s: it was restarted, or its clock is wrong")
             return
         if step_s > 0.0:
-            self._rose_s = local_s
-        elif local_s - self._rose_s > PAUSE_S and waited_s <= PAUSE_S:
-            self._note("stands still while states come")
-            return
+            self._rose_s, self._still = local_s, 0
+        else:
+            self._still += 1
+            if self._still >= _STILL_STATES and local_s - self._rose_s > PAUSE_S:
+                self._note("stands still while states come")
+                return
         # Of a first window it is not known how late its quickest state was.
         lead_s = ahead_s - max(self._best_s, self._ahead_s)
-        if self._ahead_s > -math.inf and min(lead_s, 2.0 * (step_s - waited_s)) > JUMP_S:
+        beyond_s = step_s - waited_s * (SIMULATED_MOST if self._simulated else 1.0)
+        if self._ahead_s > -math.inf and min(lead_s, 2.0 * beyond_s) > JUMP_S:
             self._note(f"jumped ahead by {step_s - waited_s:.3g} s")
             return
-        if waited_s > PAUSE_S:
+        if waited_s - step_s > PAUSE_S and waited_s > 2.0 * before_s:
             self._compare(local_s)
         if ahead_s > self._best_s:
             self._best_s, self._best_to_s = ahead_s, local_s
@@ -152,15 +174,21 @@ class ClockWatch:
         gained_s = self._best_s - self._ahead_s
         if math.isfinite(gained_s):
             before, self._parting = self._parting, 0.0
-            if abs(gained_s) > PARTED_SHARE * between_s + SLACK_S:
+            if abs(gained_s) > PARTED_SHARE * between_s + SLACK_S and not self._simulated:
                 self._parting = gained_s
                 if gained_s > JUMP_S or gained_s * before > 0.0:
                     speed = 1.0 + gained_s / between_s
-                    self.fault = _fault(f"runs {speed:.3g} times as fast as this computer's")
+                    said = _fault(f"runs {speed:.3g} times as fast as this computer's")
+                    self.fault = self._advised(said)
             else:
                 self.fault = ""
         self._ahead_s, self._ahead_to_s = self._best_s, self._best_to_s
         self._best_s, self._end_s = -math.inf, local_s + WINDOW_S
+
+    def _advised(self, said: str) -> str:
+        if not self._option:
+            return said
+        return f"{said}; where it is a simulation's, set {self._option} = true"
 
     def _note(self, what: str) -> None:
         self.fault = _fault(what)
@@ -173,12 +201,12 @@ class AgreedTime(ClockWatch):
 
     __slots__ = ("_credit_s", "period_s", "time_s")
 
-    def __init__(self, period_s: float) -> None:
+    def __init__(self, period_s: float, *, option: str = "", simulated: bool = False) -> None:
         self.period_s = period_s
         """Between two states."""
         self.time_s = 0.0
         """What has passed."""
-        super().__init__()
+        super().__init__(option=option, simulated=simulated)
 
     def begin(self, controller_s: float = math.nan, local_s: float = math.nan) -> None:
         super().begin(controller_s, local_s)
@@ -190,13 +218,17 @@ class AgreedTime(ClockWatch):
         step_s, waited_s = controller_s - self._controller_s, local_s - self._local_s
         first = math.isnan(step_s)
         self.heard(controller_s, local_s)
-        if first:
-            return 0.0
-        # What this computer counted and the controller did not, for as long as a state may be late.
-        credit_s = self._credit_s + waited_s
-        found_s = believed_s(step_s, states * self.period_s, waited_s, SLACK_S)
-        found_s = max(min(found_s, credit_s), 0.0)
-        self._credit_s = min(credit_s - found_s, PAUSE_S)
+        return 0.0 if first else self._agree(step_s, waited_s, states)
+
+    def counted(self, local_s: float, states: int = 1) -> float:
+        """The same where the controller tells no time: that of so many states."""
+        waited_s = local_s - self._local_s
+        super().begin(math.nan, local_s)
+        return self._agree(states * self.period_s, waited_s, states)
+
+    def _agree(self, step_s: float, waited_s: float, states: int) -> float:
+        found_s = believed_s(step_s, states * self.period_s, waited_s, self._credit_s)
+        self._credit_s = credit_left_s(self._credit_s, waited_s, found_s)
         self.time_s += found_s
         return found_s
 

@@ -9,10 +9,10 @@ from cardan.drivers.lost_time import PAUSE_S, SLACK_S, AgreedTime
 PERIOD_S = 0.002
 
 
-def heard(arrivals, clock=lambda t: 7.0 + t, period_s=PERIOD_S):
+def heard(arrivals, clock=lambda t: 7.0 + t, period_s=PERIOD_S, simulated=False):
     """The clock after states that were sent at the first times and came at the second ones; and
     what was wrong with it meanwhile."""
-    agreed, faults = AgreedTime(period_s), []
+    agreed, faults = AgreedTime(period_s, simulated=simulated), []
     for sent_s, came_s in arrivals:
         agreed.passed(clock(sent_s), came_s)
         if agreed.fault and agreed.fault not in faults:
@@ -111,6 +111,52 @@ def test_a_clock_that_is_right_again_is_no_fault():
     agreed, faults = heard(sent(6.0), lambda t: t + 1.0 * (t > 1.2))
     assert len(faults) == 1
     assert agreed.fault == ""
+
+
+@pytest.mark.parametrize("period_s", [0.1, 0.15, 0.3])
+@pytest.mark.parametrize(
+    ("words", "clock"),
+    [
+        ("jumped ahead by", lambda t: t + 0.5 * (t > 5.0)),
+        ("went back by", lambda t: t - 0.5 * (t > 5.0)),
+        ("stands still", lambda t: min(t, 5.0)),
+        ("1.05 times", lambda t: max(t, 5.0 + 1.05 * (t - 5.0))),
+        ("0.5 times", lambda t: min(t, 5.0 + 0.5 * (t - 5.0))),
+        ("0.01 times", lambda t: min(t, 5.0 + 0.01 * (t - 5.0))),
+        ("4 times", lambda t: max(t, 5.0 + 4.0 * (t - 5.0))),
+        ("", lambda t: t),
+        ("", lambda t: 1.01 * t),
+    ],
+)
+def test_clocks_of_slow_streams_are_compared_too(words, clock, period_s):
+    draw = random.Random(5)
+    arrivals = [(n * period_s, n * period_s + draw.uniform(0.0, 0.004)) for n in range(150)]
+    agreed, faults = heard([each for each in arrivals if each[0] <= 5.0], clock, period_s)
+    assert faults == []
+    agreed, faults = heard(arrivals, clock, period_s)
+    assert agreed.time_s <= arrivals[-1][1] + SLACK_S
+    assert bool(faults) == bool(words)
+    assert words in "".join(faults[:1]) or words.endswith("times")
+
+
+@pytest.mark.parametrize("factor", [0.3, 0.9, 1.5, 4.0])
+def test_simulated_time_may_pass_at_its_own_speed_and_makes_nothing_faster(factor):
+    agreed, faults = heard(sent(6.0), lambda t: factor * t)
+    assert "clock runs" in faults[0]
+    agreed, faults = heard(sent(6.0), lambda t: factor * t, simulated=True)
+    assert faults == []
+    assert agreed.time_s == pytest.approx(6.0 * min(factor, 1.0), abs=0.01)
+    slow = [(0.1 * n, 0.1 * n) for n in range(60)]
+    assert heard(slow, lambda t: factor * t, 0.1, simulated=True)[1] == []
+    for clock in (lambda t: factor * t + (t > 3.0), lambda t: factor * min(t, 3.0)):
+        assert heard(sent(6.0), clock, simulated=True)[1] != []
+
+
+def test_a_clock_that_is_no_simulations_is_told_the_option_for_those():
+    agreed = AgreedTime(PERIOD_S, option="simulated_time")
+    for sent_s, came_s in sent(3.0):
+        agreed.passed(0.5 * sent_s, came_s)
+    assert "simulated_time = true" in agreed.fault
 
 
 def test_steps_never_exceed_this_computers_time_by_more_than_the_slack():

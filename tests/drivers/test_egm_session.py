@@ -377,6 +377,7 @@ class TestSequence:
         step = ((following - last + 2**31) % 2**32) - 2**31
         bench.controller.seqno = following
         bench.controller.clock_us += round((step - 1) * PERIOD_S * 1e6)
+        bench.now_s += max(step - 1, 0) * PERIOD_S
         state = bench.hear()
         assert bench.session.sessions == 1
         for name in ("lost", "duplicates", "old"):

@@ -174,7 +174,7 @@ def test_the_stamps_give_the_period_whatever_their_clock():
 def test_stamps_of_zero_do_without():
     ours = session(rate_hz=50.0)
     ours.receive(message(stamp_s=0.0), 0.0)
-    state = ours.receive(message(sequence=3, stamp_s=0.0), 0.0)
+    state = ours.receive(message(sequence=3, stamp_s=0.0), 0.04)
     assert state.period_s == pytest.approx(0.04)
     assert (state.session, state.clock_s) == (1, None)
 
@@ -392,6 +392,38 @@ def test_faults_that_are_ridden_out(fault, value):
     assert wire.rests()
     moved = wire.core.plant.positions[0] - HOME[0]
     assert moved == pytest.approx(SPEED * (6.5 - BEGINS_S), rel=0.06)
+
+
+@pytest.mark.parametrize("stamped", [True, False])
+def test_states_at_four_times_their_rate_advance_the_command_no_faster(stamped):
+    ours = session(rate_hz=100.0)
+    now_s, passed_s, first = 0.0, 0.0, None
+    for n in range(1, 400):
+        now_s += 0.0025
+        stamp_s = 100.0 + 0.01 * n if stamped else 0.0
+        state = ours.receive(message(sequence=n, stamp_s=stamp_s), now_s)
+        if n > 1:
+            passed_s += state.period_s
+        speeds = (SPEED, *[0.0] * 5)
+        at = HOME[0] + SPEED * passed_s
+        if ours.command(JointCommand((at, *HOME[1:]), speeds), now_s) and first is None:
+            first = now_s
+        assert passed_s <= now_s - 0.0025 + 0.0011
+        if first is not None:
+            sent = ours._limiter.reference[0] - HOME[0]
+            assert sent <= SPEED * (now_s - first + 0.0125)
+    assert passed_s == pytest.approx(now_s, abs=0.01)
+
+
+def test_a_simulation_at_half_speed_is_ready_with_the_option_and_told_of_it_without():
+    for simulated in (False, True):
+        ours = session(rate_hz=100.0, simulated_time=simulated)
+        for n in range(1, 300):
+            state = ours.receive(message(sequence=n, stamp_s=5.0 + 0.005 * n), 0.01 * n)
+            if n > 1:
+                assert state.period_s == pytest.approx(0.005, abs=1e-6)
+        assert state.ready is simulated
+        assert ("simulated_time = true" in state.hold_reason) is not simulated
 
 
 def test_stamps_that_jump_ahead_are_said_and_end_readiness():

@@ -671,3 +671,16 @@ def test_a_wrong_clock_is_said_and_is_not_enabled_with():
     rig.session.ask("enable", rig.now_s)
     rig.run(1.0)
     assert rig.session.phase is Phase.IDLE
+
+
+@pytest.mark.parametrize("simulated", [False, True])
+def test_a_simulation_at_half_speed_moves_with_the_option_and_is_told_of_it_without(simulated):
+    rig = turning(driver={"simulated_time": simulated})
+    value = rig.servers.telemetry.value
+    began_s = rig.now_s
+    rig.servers.telemetry.value = lambda name: (
+        value(name) - 0.5 * (rig.now_s - began_s) if name == "timestamp" else value(name)
+    )
+    rig.run(2.0)
+    assert rig.states[-1].ready is simulated
+    assert ("simulated_time = true" in rig.states[-1].hold_reason) is not simulated

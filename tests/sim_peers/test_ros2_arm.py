@@ -65,6 +65,19 @@ def test_joint_states_are_in_alphabetical_order():
     assert message["header"]["stamp"]["sec"] == 100
 
 
+@pytest.mark.parametrize(("missed", "passed_s"), [(0, 0.01), (3, 0.04), (1000, 0.51)])
+def test_cycles_left_out_do_not_slow_its_clock_down(missed, passed_s):
+    arm = made(rate_hz=100.0)
+
+    def stamp_s(missed):
+        (state,) = arm.cycle(0.0, missed)
+        stamp = decoded(state)["header"]["stamp"]
+        return stamp["sec"] + 1e-9 * stamp["nanosec"]
+
+    before_s = stamp_s(0)
+    assert stamp_s(missed) - before_s == pytest.approx(passed_s)
+
+
 def test_positions_are_gone_to_at_once():
     arm = made()
     arm.receive(array((0.2, *ARM.home[1:])))

@@ -26,7 +26,7 @@ class Book(Protocol):
     """Time between the two newest datagrams, as both clocks agree."""
     since_reply_s: float
     """Time since the last answer, likewise."""
-    spare_s: float
+    credit_s: float
     """As `believed_s` of lost_time.py has it."""
     replied_s: float
     """When that was sent, local time."""
@@ -44,13 +44,13 @@ class PlainBook:
     """A Book in Python."""
 
     __slots__ = (
+        "credit_s",
         "known",
         "last_step_s",
         "out_seqno",
         "replied_s",
         "said_speed",
         "since_reply_s",
-        "spare_s",
         "states",
         "steady",
         "time_us",
@@ -61,7 +61,7 @@ class PlainBook:
         self.states = list(NO_STATES)
         self.tm_ms = self.time_us = UNKNOWN
         self.last_step_s = self.since_reply_s = 0.0
-        self.spare_s = SLACK_S
+        self.credit_s = SLACK_S
         self.replied_s = NEVER_S
         self.out_seqno = 0
         self.known = self.said_speed = self.steady = False

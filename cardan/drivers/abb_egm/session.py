@@ -20,7 +20,7 @@ from cardan.drivers.abb_egm.guidance import guidance_for, wire_factors
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.slow_motion import SlowMotionWatch
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
-from cardan.drivers.lost_time import SLACK_S, ClockWatch, believed_s, spare_left_s
+from cardan.drivers.lost_time import PAUSE_S, SLACK_S, ClockWatch, believed_s, credit_left_s
 from cardan.drivers.robot_core import check_command, implausible, no_rotation, outside
 from cardan.errors import CommandError
 from cardan.histogram import LatencyHistogram
@@ -200,7 +200,8 @@ class EgmSession:
             usual=_USUAL,
             rounding=_ROUNDING,
             slack_s=SLACK_S,
-            spare_s=SLACK_S,
+            most_credit_s=PAUSE_S,
+            credit_s=SLACK_S,
             by_joints=self._needs_joints,
             tm_ms=UNKNOWN,
             time_us=UNKNOWN,
@@ -475,16 +476,17 @@ class EgmSession:
 
     def _period(self, time_us: int | None, step: int, waited_s: float) -> float:
         """Time since the message before, which came `waited_s` earlier, by the controller's clock
-        as far as it is plausible, s."""
+        as far as it is plausible, and by ours, s."""
         book = self._book
-        found_s = nominal_s = self._nominal_s * step
+        told_s = nominal_s = self._nominal_s * step
         before_us = book.time_us
         if time_us is not None and before_us != UNKNOWN:
             measured_s = (time_us - before_us) * 1e-6
             # Outside of this its clock was set.
             if 0.25 * nominal_s < measured_s < 4.0 * nominal_s:
-                found_s = believed_s(measured_s, nominal_s, waited_s, book.spare_s)
-        book.spare_s = spare_left_s(book.spare_s, waited_s, found_s)
+                told_s = measured_s
+        found_s = believed_s(told_s, nominal_s, waited_s, book.credit_s)
+        book.credit_s = credit_left_s(book.credit_s, waited_s, found_s)
         return found_s
 
     def _begin(self, cause: str, source: Address) -> None:
@@ -497,7 +499,7 @@ class EgmSession:
         self._fresh = True
         self.clock.begin()
         self._tm_ms, self._tm_s = UNKNOWN, 0.0
-        self._book.spare_s = SLACK_S
+        self._book.credit_s = SLACK_S
         self._book.since_reply_s = 0.0
         self._book.replied_s = NEVER_S
         self._book.states[:] = NO_STATES
@@ -637,10 +639,10 @@ class EgmSession:
         if state.hold_reason:
             # Should commands act nevertheless, the robot brakes and is not halted in one period.
             obeys = self._book.said_speed and not self._fresh and guidance.near(state)
-            if obeys:
-                guidance.step(None, state, dt_s)
-            else:
+            if not obeys:
                 guidance.reset(state)
+            elif dt_s > 0.0:
+                guidance.step(None, state, dt_s)
             self._held = obeys
         else:
             timeout_s = self._late_after_s
@@ -651,10 +653,10 @@ class EgmSession:
                 self.counters.late_commands += 1
             if gap_s:
                 self._follow_controller(state, gap_s)
-            if now_s - state.stamp_s > timeout_s:
-                guidance.step(None, state, dt_s)
-            else:
-                guidance.step(command, state, dt_s)
+            # Where no time has passed that both clocks know of, the answer is the one before.
+            if dt_s > 0.0:
+                late = now_s - state.stamp_s > timeout_s
+                guidance.step(None if late else command, state, dt_s)
         self.counters.answers += 1
         self._book.steady = guidance.steady and not self._held
         return self._encode(now_s)

@@ -61,6 +61,10 @@ class Ros2ArmOptions(NodeOptions):
     """How often the robot publishes its joint states: the controller manager's update_rate."""
     silence_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Silence (at least three periods) after which the link is LOST."""
+    simulated_time: bool = False
+    """The controller is a simulation (Gazebo) whose time may pass faster or slower than this
+    computer's: no difference in speed is a fault. The arm is never faster than commanded, and
+    slower where the simulation is."""
     lag_s: Annotated[float, bounds.LAG_S] = 0.1
     """How far measured joints are behind commanded ones in good order."""
     name: str = "cardan_arm_driver"

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 from cardan.bus.node import Received
 from cardan.drivers.datagram_robot import DatagramSession
 from cardan.drivers.limiters import JointLimiter
-from cardan.drivers.lost_time import LostTime
+from cardan.drivers.lost_time import SIMULATED_TIME, AgreedTime, LostTime
 from cardan.drivers.robot_core import check_command, check_numbers, joint_values
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
 from cardan.protocols.ros2.cdr import Malformed, Message, Template, codec_of
@@ -122,7 +122,11 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             self._limits,
             lag_s=options.lag_s,
         )
-        super().__init__(capabilities, options.lost_after_s)
+        super().__init__(
+            capabilities,
+            options.lost_after_s,
+            AgreedTime(options.period_s, option=SIMULATED_TIME, simulated=options.simulated_time),
+        )
         self.taken: Callable[[], bool] = lambda: True
         """Whether somebody takes the commands."""
         self.others = 0
@@ -310,6 +314,9 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             return None
         number = message.session, message.sequence
         if number == self._answered:
+            return None
+        if self._answered is not None and self._since_s <= 0.0:
+            # No time has passed that both clocks know of: what was sent before is in force.
             return None
         if self.state is not None and self.state.hold_reason:
             return self.greeting(now_s)

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from cardan.bounds import JOINT_POSITION, JOINT_VELOCITY, Range
-from cardan.drivers.lost_time import AgreedTime
+from cardan.drivers.lost_time import SIMULATED_TIME, AgreedTime
 from cardan.drivers.robot_core import outside
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.program import input_names, report_names
@@ -102,7 +102,9 @@ class RtdeFeed:
         self.heard_s = NEVER_S
         self.values: dict[str, Any] = {}
         """Of the newest package, by the names of `STATES`, and "token", "report" and "beat"."""
-        self.clock = AgreedTime(1.0 / self.rate_hz)
+        self.clock = AgreedTime(
+            1.0 / self.rate_hz, option=SIMULATED_TIME, simulated=options.simulated_time
+        )
         """Time between packages, by the controller's clock and ours."""
         self.skipped = 0
         """Packages that the controller left out."""

@@ -63,6 +63,10 @@ class UrRtdeOptions(Options):
     """servoj's `gain`."""
     state_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Time without a state after which the link is LOST."""
+    simulated_time: bool = False
+    """The controller is a simulation (URSim) whose time may pass faster or slower than this
+    computer's: no difference in speed is a fault. The arm is never faster than commanded, and
+    slower where the simulation is."""
     following_error_rad: Annotated[float, FOLLOWING_RAD] = 0.2
     """Distance of a joint from the controller's target, for FOLLOWING_S, that ends motion."""
     request_timeout_s: Annotated[float, REQUEST_TIMEOUT_S] = 1.0

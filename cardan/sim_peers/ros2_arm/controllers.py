@@ -37,6 +37,8 @@ TOPICS: Mapping[str, tuple[str, str]] = {
 }
 """Topic and type of each controller's commands."""
 
+CATCH_UP_S = 0.5
+"""Longest time of cycles left out that is made up for."""
 FINGER, FINGER_AT = "finger_joint", 0.01
 NS = 1_000_000_000
 
@@ -226,11 +228,15 @@ class RosArm:
 
     # -- cycles ---------------------------------------------------------------------------------
 
-    def cycle(self, now_s: float) -> list[StateMessage]:
-        """One cycle of the controller manager: what is published."""
+    def cycle(self, now_s: float, missed: int = 0) -> list[StateMessage]:
+        """One cycle of the controller manager: what is published.
+
+        `missed` before it were left out: the arm and its clock went on meanwhile, for CATCH_UP_S at
+        most. Beyond that the whole process stood still, and they with it.
+        """
         if self._start_s is None:
             self._start_s = now_s
-        self._cycles += 1
+        self._cycles += 1 + min(missed, round(CATCH_UP_S / self.options.period_s))
         time_s = self._cycles * self.options.period_s
         if self._points:
             self.plant.command_positions(self._wanted(time_s))

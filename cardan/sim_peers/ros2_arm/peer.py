@@ -88,8 +88,9 @@ class RosArmPeer(SimulatedPeer):
         while (now_s := time.monotonic()) < until_s:
             if now_s >= self._next_s:
                 period_s = self.options.period_s
-                self._next_s += (1 + int((now_s - self._next_s) / period_s)) * period_s
-                for state in self.core.cycle(time.time()):
+                missed = int((now_s - self._next_s) / period_s)
+                self._next_s += (1 + missed) * period_s
+                for state in self.core.cycle(time.time(), missed):
                     if self._out is None:
                         self._publish(state)
                     else:

@@ -59,9 +59,10 @@ int32_t egm_take(EgmCycle *cycle, EgmReader *reader, const uint8_t *data, int64_
         if (0.25 * period_s < measured_s && measured_s < 4.0 * period_s)
             period_s = measured_s;
     }
-    /* believed_s and spare_left_s of lost_time.py */
-    period_s = fmin(period_s, fmax(cycle->nominal_s, since_s + cycle->spare_s));
-    cycle->spare_s = fmin(fmax(cycle->spare_s + since_s - period_s, 0.0), cycle->slack_s);
+    /* believed_s and credit_left_s of lost_time.py */
+    period_s = fmin(period_s, fmax(cycle->nominal_s, since_s + cycle->slack_s));
+    period_s = fmax(fmin(period_s, cycle->credit_s + since_s), 0.0);
+    cycle->credit_s = fmin(cycle->credit_s + since_s - period_s, cycle->most_credit_s);
     cycle->last_s = now_s;
     cycle->seqno = reader->seqno;
     memcpy(cycle->joints, reader->joints, sizeof cycle->joints);

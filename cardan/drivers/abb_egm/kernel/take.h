@@ -17,13 +17,13 @@ typedef struct {
     double usual;                             /* largest sum of all coordinates */
     double rounding;                          /* of a quaternion's squared length */
     double shortest_squared, longest_squared; /* of a rotation's */
-    double slack_s;                           /* SLACK_S of lost_time.py */
+    double slack_s, most_credit_s;            /* SLACK_S and PAUSE_S of lost_time.py */
     int32_t by_joints;                        /* leaps are those of joints; else of the position */
 
     /* The session's, which both languages go on with. */
     int32_t states[3]; /* of the controller */
     int64_t tm_ms, time_us; /* its clocks at the newest datagram; below 0: not known */
-    double last_step_s, since_reply_s, spare_s, replied_s;
+    double last_step_s, since_reply_s, credit_s, replied_s;
     uint32_t out_seqno; /* of the next answer */
     int32_t said_speed; /* by the last one */
     int32_t steady;     /* no answer before has left anything to be made up for */

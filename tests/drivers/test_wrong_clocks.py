@@ -1,0 +1,36 @@
+"""No clock of a controller makes an arm faster: every driver with every fault, in virtual time."""
+
+import math
+
+import pytest
+
+from tests.fault_pilots import SPEED_M_S
+from tests.fault_rig import BENCHES, CLOCKS, MotorosBench
+from tests.fault_table import FAULTS, measured
+
+FASTEST = 1.05
+"""Of what is commanded."""
+SAID_S = 0.6
+"""Until the arm rests; a clock that is too slow is sure after 1 to 1.5 s, and brakes then."""
+
+NO_FAULT = "1.02 times as fast"
+SLOW = "0.5 times as fast"
+
+
+@pytest.fixture(scope="module", params=BENCHES, ids=lambda kind: kind.name)
+def moved(request):
+    """What an arm did after each fault of its controller's clock."""
+    faults = [FAULTS[f"clock {name}"] for name in CLOCKS]
+    motions = measured("twist", faults, request.param)
+    return request.param, dict(zip(CLOCKS, motions, strict=True))
+
+
+@pytest.mark.parametrize("clock", CLOCKS)
+def test_no_clock_makes_an_arm_faster(moved, clock):
+    kind, motions = moved
+    motion = motions[clock]
+    assert motion.peak_m_s <= FASTEST * SPEED_M_S
+    if issubclass(kind, MotorosBench) or clock == NO_FAULT:
+        assert math.isinf(motion.stop_s), "MotoROS' clock is not used, and 2 % are no fault"
+    else:
+        assert motion.stop_s <= (1.7 if clock == SLOW else SAID_S)
