@@ -58,6 +58,7 @@ export class HandPanel {
         sensors.letGo();
         hand.holding.end(why);
       },
+      () => hand.renew(),
     );
     secondFinger(pad, (right, up) => sensors.drag(right, up));
     const align = button(t("align"), () => {}, { title: t("alignHelp") });

@@ -35,7 +35,7 @@ from cardan.gateway.faces.console.channels import (
 )
 from cardan.gateway.faces.console.clocks import PageClock
 from cardan.gateway.faces.console.demos import Demos
-from cardan.gateway.faces.console.holding import FRESH_S
+from cardan.gateway.faces.console.holding import FRESH_S, LONGEST_S
 from cardan.gateway.faces.console.jog import ASK_SERVICE, ArmJog, why_no_arm
 from cardan.gateway.faces.console.orders import OrderError, carry_out, words_of
 from cardan.gateway.faces.console.records import Records, RecordsError, Shown
@@ -135,10 +135,12 @@ class Operator:
         records: Records | None = None,
         cameras: Cameras | None = None,
         demos: Demos | None = None,
+        hold_s: float = LONGEST_S,
     ) -> None:
         """`source`: name of this page in the authority of arms, two words; the person's name comes
         between them where the page tells one. `counts`: the face's; `calm` waits until the page has
-        read what was sent; `records`, `cameras`, `demos`: of this machine."""
+        read what was sent; `records`, `cameras`, `demos`: of this machine; `hold_s`: how long one
+        hold goes on without a sign of the person."""
         self.source = self._nameless = source
         self.clock = PageClock()
         self.figures = Figures()
@@ -148,6 +150,7 @@ class Operator:
         self._loop = asyncio.get_running_loop()
         self._rate = RateLimit(MOST_FRAMES_PER_S)
         self._timers: dict[int, asyncio.TimerHandle] = {}
+        self._hold_s = hold_s
         self._teleop_frames = 0
         self._publishers: dict[tuple[str, str], SharedPublisher] = {}
         self._task: asyncio.Task[None] | None = None
@@ -360,6 +363,7 @@ class Operator:
             )
         (key,) = given
         self.channels[number] = channel = _TARGETS[key](self, number, checked_name(table[key]))
+        channel.hold.longest_s = self._hold_s
         return channel
 
     def _arm_channel(self, number: int, arm: str) -> Channel:
@@ -409,6 +413,15 @@ class Operator:
                 lambda: self._publishers.pop(key, None),
             )
         return self._publishers[key].used()
+
+    def _renew(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
+        """The person that holds is there."""
+        number = table.get("channel")
+        channel = self.channels.get(number) if isinstance(number, int) else None
+        if channel is None:
+            raise RefusedError(f"channel {shown(number)} is not open")
+        channel.hold.renew(self._loop.time())
+        self._watch(int(number), channel)
 
     def _close_channel(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
         number = table.get("channel")
@@ -655,6 +668,7 @@ class Operator:
                 round_ms=_ms(self.clock.round_s),
                 round_median_ms=_ms(self.clock.median_s),
                 dropped={**hold.counts, **figures.counts},
+                left_s=hold.left_s(now_s),
             )
         )
 
@@ -678,6 +692,7 @@ _OPERATIONS: Final[
     "cardan.ping": Operator._ping,
     "cardan.pong": Operator._pong,
     "cardan.open": Operator._open_channel,
+    "cardan.renew": Operator._renew,
     "cardan.close": Operator._close_channel,
     "cardan.ask": Operator._ask_authority,
     "cardan.keep": Operator._keep_authority,
