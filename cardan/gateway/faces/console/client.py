@@ -264,9 +264,13 @@ class Operator:
 
     def _lapsed(self, number: int, channel: Channel) -> None:
         self._timers.pop(number, None)
-        now_s = self._loop.time()
         # A timer of the loop may come a clock tick early.
-        if channel.hold.look(max(now_s, channel.hold.until_s or now_s)):
+        self._look(number, channel, channel.hold.until_s or 0.0)
+
+    def _look(self, number: int, channel: Channel, at_s: float = 0.0) -> None:
+        """End the hold if its time is over, now or as of `at_s`."""
+        now_s = self._loop.time()
+        if channel.hold.look(max(now_s, at_s)):
             channel.lapse()
             self._tell_channel(number, channel, now_s)
 
@@ -420,6 +424,8 @@ class Operator:
         channel = self.channels.get(number) if isinstance(number, int) else None
         if channel is None:
             raise RefusedError(f"channel {shown(number)} is not open")
+        # One that came too late renews nothing.
+        self._look(int(number), channel)
         channel.hold.renew(self._loop.time())
         self._watch(int(number), channel)
 

@@ -41,7 +41,7 @@ from cardan.options import Options
 PORT = 8443
 """Where it listens: https without being the superuser."""
 
-HOLD_S = Range(1, 3600, "s")
+HOLD_S = Range(1, 3600, "s", "shorter ones end while one reads; an hour bounds nothing")
 
 _log = logging.getLogger(__name__)
 
@@ -124,7 +124,7 @@ class ConsoleServer(RosbridgeServer):
             self._records,
             self._cameras,
             self._demos,
-            self._options.hold_s,
+            self.options.hold_s,
         )
         async with operator:
             async for frame in connection:

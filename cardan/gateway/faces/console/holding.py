@@ -79,7 +79,6 @@ class Hold:
     def renew(self, now_s: float) -> None:
         """The person is there: the pointer has moved, the key has repeated itself, or the browser
         has proved that it lives."""
-        self.look(now_s)
         self._renewed_s = now_s
 
     def take(self, frame: OperatorFrame, made_s: float | None, now_s: float) -> Verdict:
