@@ -21,8 +21,8 @@ export type Input = {
   rate_hz: number;
   age_ms: number | null;
   dropped: Record<string, number>;
-  /** What holds ends after so long unless it is renewed, s; null: nothing is held. */
-  left_s: number | null;
+  /** What holds ends after so long unless it is renewed, s; none: nothing is held. */
+  left_s?: number;
 };
 
 export type Order = "list" | "start" | "stop" | "restart" | "doctor";
