@@ -35,7 +35,7 @@ from cardan.gateway.faces.console.channels import (
 )
 from cardan.gateway.faces.console.clocks import PageClock
 from cardan.gateway.faces.console.demos import Demos
-from cardan.gateway.faces.console.holding import FRESH_S, LONGEST_S
+from cardan.gateway.faces.console.holding import FRESH_S, LONGEST_S, Hold
 from cardan.gateway.faces.console.jog import ASK_SERVICE, ArmJog, why_no_arm
 from cardan.gateway.faces.console.orders import OrderError, carry_out, words_of
 from cardan.gateway.faces.console.records import Records, RecordsError, Shown
@@ -346,10 +346,17 @@ class Operator:
         number = table.get("channel")
         if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number <= 255:
             raise RefusedError(f"channel is {shown(number)}, must be 0 to 255")
-        self._end(number)
-        if len(self.channels) >= MOST_CHANNELS:
-            raise RefusedError(f"{MOST_CHANNELS} channels are open; close one first")
-        channel = self._open(number, table)
+        channel = self.channels.get(number)
+        if isinstance(channel, ArmChannel) and table.get("arm") == channel.target:
+            # To close it would give up the authority that the page has just taken for it.
+            channel.lapse()
+            channel.hold = Hold(self._hold_s)
+            self._watch(number, channel)
+        else:
+            self._end(number)
+            if len(self.channels) >= MOST_CHANNELS:
+                raise RefusedError(f"{MOST_CHANNELS} channels are open; close one first")
+            channel = self._open(number, table)
         self._send(
             object_text(op="cardan.opened", id=identity, channel=number, target=channel.target)
         )

@@ -175,6 +175,23 @@ def test_silence_ends_it_at_once_and_it_stays_ended(arm, page):
     assert len(arm.requests) == asked
 
 
+def test_a_channel_that_is_opened_again_for_its_arm_keeps_the_authority(arm, page):
+    """A page that was disarmed by a stop takes the authority, and then opens its channel anew."""
+    held(page)
+    until(lambda: arm.requests, "the arm is asked")
+    page.open(1, arm=ARM)
+    assert "let go" in page.grip("lost")["why"]
+    until(lambda: numbers(arm.requests[-1]) == REST, "the stream rests")
+    keep(page, 0.05)
+    page.jog(False)
+    page.grip("free")
+    page.jog()
+    page.grip("held")
+    assert "release" not in arm.verbs()
+    page.ask("cardan.close", channel=1)
+    until(lambda: "release" in arm.verbs(), "the authority is given up")
+
+
 def test_a_page_renews_a_hold_and_is_told_how_long_it_goes_on(network, arm, tmp_path):
     """The frames go on as those of a page do whose browser hangs."""
     with console(network, tmp_path, hold_s=1.0) as running, page_program(running) as page:
