@@ -50,6 +50,26 @@ def test_a_script_of_the_page_cannot_hold(bench, page):
     assert bench.rig.tcp.stop_since(at_s).distance_m < 1e-5
 
 
+ECHOES = """
+window.echoes = [];
+const [out, back] = [new BroadcastChannel("echo"), new BroadcastChannel("echo")];
+back.onmessage = () => echoes.push(performance.now());
+window.ticks = [];
+setInterval(() => { ticks.push(performance.now()); out.postMessage(0); }, 20);
+"""
+LONGEST_GAP = "(all => Math.max(...all.slice(1).map((each, at) => each - all[at])))"
+
+
+def test_what_proves_that_the_browser_lives_passes_through_its_main_process(bench, page, browser):
+    """The pulse of the page: with that process alone stopped, the page runs on and hears no echo."""
+    page.value(ECHOES)
+    page.until("echoes.length > 10")
+    browser.hang(2.0)
+    page.until("performance.now() - echoes.at(-1) < 100")
+    silent_ms, still_ms = (page.value(f"{LONGEST_GAP}({each})") for each in ("echoes", "ticks"))
+    assert silent_ms > 3 * still_ms, (silent_ms, still_ms)
+
+
 FRAMES_SENT = """
 window.sent = [];
 const send = WebSocket.prototype.send;
