@@ -213,7 +213,7 @@ def test_without_a_word_the_only_router_of_this_computer_is_joined(monkeypatch, 
     assert bus_options(None).router == "tcp/127.0.0.1:7450"
     assert "7450" in capsys.readouterr().err
     here.append("tcp/127.0.0.1:7451")
-    with pytest.raises(ConfigurationError, match="7450, tcp/127.0.0.1:7451"):
+    with pytest.raises(ConfigurationError, match=r"7450, tcp/127\.0\.0\.1:7451"):
         bus_options(None)
     assert bus_options(None, "tcp/127.0.0.1:7451").router == "tcp/127.0.0.1:7451"
     monkeypatch.setattr(module, "is_served", lambda _address: True)

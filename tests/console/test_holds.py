@@ -9,8 +9,9 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
-from tests.console.hand import FINGER, MOUSE, STATE, WHY, enable, hold, jog
+from tests.console.hand import FINGER, MOUSE, RELOADED, STATE, WHY, enable, hold, jog, keeps
 from tests.console.hold_table import ENDS, SPEED_M_S, Pages, tried
+from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
@@ -61,13 +62,34 @@ LONGEST_GAP = "(all => Math.max(...all.slice(1).map((each, at) => each - all[at]
 
 
 def test_what_proves_that_the_browser_lives_passes_through_its_main_process(bench, page, browser):
-    """The pulse of the page: with that process alone stopped, the page runs on and hears no echo."""
+    """With that process alone stopped, the page runs on and hears no echo of its pulse."""
     page.value(ECHOES)
     page.until("echoes.length > 10")
     browser.hang(2.0)
     page.until("performance.now() - echoes.at(-1) < 100")
     silent_ms, still_ms = (page.value(f"{LONGEST_GAP}({each})") for each in ("echoes", "ticks"))
     assert silent_ms > 3 * still_ms, (silent_ms, still_ms)
+
+
+NO_CHROMIUM = "delete Navigator.prototype.userAgentData"
+"""A browser of which nobody knows what its echo proves."""
+
+
+def test_a_hold_without_a_sign_of_the_person_ends_and_is_announced(bench, browser):
+    """The mouse is held still, in another browser than Chromium."""
+    tcp = bench.rig.tcp
+    with browser.open(bench.address, scripts=[keeps(speed=2), NO_CHROMIUM]) as page:
+        page.until(RELOADED)
+        at = hold(page, MOUSE, jog("X", -1), lambda: tcp.moving)
+        page.until(f"{WHY}.startsWith('Still there?')")
+        # Moved a little, it goes on.
+        page.mouse("mouseMoved", (at[0] + 1, at[1]))
+        page.until(f"!{WHY}.startsWith('Still there?')")
+        assert page.value(STATE) == "held"
+        page.until(f"{STATE} !== 'held'")
+        until(lambda: not tcp.moving, "rest")
+        page.until(f"{WHY}.includes('without a sign of who holds')")
+        MOUSE.let_go(page, (at[0] + 1, at[1]))
 
 
 FRAMES_SENT = """
