@@ -19,7 +19,6 @@ export class Hand {
   /** `body`: its state now; null: there is none, and nothing is sent. */
   constructor(channel: number, link: Link, body: () => Body | null) {
     [this.channel, this.link, this.body] = [channel, link, body];
-    this.pulse.onProof = () => this.renew();
     endWithPage((why) => this.holding.end(why));
   }
 
@@ -55,11 +54,6 @@ export class Hand {
     if (!this.holding.armed) this.holding.arm(nowMs);
     this.pulse.begin(nowMs);
     return this.holding.press(() => this.body(), nowMs);
-  }
-
-  /** Who holds is there. */
-  renew(): void {
-    if (this.holding.held) this.link.renew(this.channel);
   }
 
   /** The dead-man control, of a device that says so itself. */

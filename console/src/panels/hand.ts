@@ -58,7 +58,6 @@ export class HandPanel {
         sensors.letGo();
         hand.holding.end(why);
       },
-      () => hand.renew(),
     );
     secondFinger(pad, (right, up) => sensors.drag(right, up));
     const align = button(t("align"), () => {}, { title: t("alignHelp") });

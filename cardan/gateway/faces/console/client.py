@@ -139,8 +139,8 @@ class Operator:
     ) -> None:
         """`source`: name of this page in the authority of arms, two words; the person's name comes
         between them where the page tells one. `counts`: the face's; `calm` waits until the page has
-        read what was sent; `records`, `cameras`, `demos`: of this machine; `hold_s`: how long one
-        hold goes on without a sign of the person."""
+        read what was sent; `records`, `cameras`, `demos`: of this machine; `hold_s`: how long an
+        arm is jogged without a sign of the person."""
         self.source = self._nameless = source
         self.clock = PageClock()
         self.figures = Figures()
@@ -374,7 +374,6 @@ class Operator:
             )
         (key,) = given
         self.channels[number] = channel = _TARGETS[key](self, number, checked_name(table[key]))
-        channel.hold.longest_s = self._hold_s
         return channel
 
     def _arm_channel(self, number: int, arm: str) -> Channel:
@@ -382,7 +381,8 @@ class Operator:
             raise RefusedError(f"{arm} is not among what clients may use")
         if why := why_no_arm(arm, self._network.services()):
             raise RefusedError(why)
-        return ArmChannel(ArmJog(arm, self.source, self._caller, partial(self._not_taken, number)))
+        jog = ArmJog(arm, self.source, self._caller, partial(self._not_taken, number))
+        return ArmChannel(jog, self._hold_s)
 
     def _device_channel(self, number: int, topic: str) -> Channel:
         return DeviceChannel(topic, *self._both_ways(number, topic, FRAME_TYPE, "feedback"))

@@ -63,8 +63,8 @@ class ConsoleOptions(RosbridgeOptions):
     /dev/video0."""
 
     hold_s: Annotated[float, HOLD_S] = LONGEST_S
-    """Longest hold on a page without a sign of who holds, s: a pointer that moves, a key that
-    repeats itself, a sensor's new value, or in Chromium the browser itself."""
+    """How long a page jogs an arm without a sign of who holds, s: a pointer that moves, a key that
+    repeats itself, or in Chromium the browser itself."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -7,10 +7,11 @@ After anything but letting go the hand has to let go before it counts again. Tim
 from __future__ import annotations
 
 import enum
+import math
 from collections import Counter
 from typing import Final
 
-from cardan.protocols.handheld import JogJoints, JogTwist, OperatorFrame
+from cardan.protocols.handheld import OperatorFrame
 
 FRESH_S: Final = 0.15
 """A frame counts for so long after the page made it: nine of sixty a second."""
@@ -19,8 +20,9 @@ AHEAD_S: Final = 0.1
 """A frame that is from the future by more is of a clock that is not known."""
 
 LONGEST_S: Final = 10.0
-"""Default of how long one hold goes on without a sign that the person is there: a page may live
-while its browser hangs, and never hear that the control was let go."""
+"""Default of how long an arm is jogged without a sign that the person is there: a page may live
+while its browser hangs, and never hear that the control was let go. Devices need none: their
+sensors fall silent with the browser."""
 
 _HALF: Final = 2**31
 _WHOLE: Final = 2**32
@@ -49,7 +51,7 @@ class Verdict(enum.Enum):
 class Hold:
     """The hold of one hand."""
 
-    def __init__(self, longest_s: float = LONGEST_S) -> None:
+    def __init__(self, longest_s: float = math.inf) -> None:
         """`longest_s`: how long it goes on without being renewed."""
         self.longest_s = longest_s
         self.grip = Grip.LOST
@@ -61,7 +63,6 @@ class Hold:
         go."""
         self._sequence: int | None = None
         self._until_s = self._renewed_s = float("-inf")
-        self._newest: OperatorFrame | None = None
 
     @property
     def until_s(self) -> float | None:
@@ -71,8 +72,8 @@ class Hold:
         return min(self._until_s, self._renewed_s + self.longest_s)
 
     def left_s(self, now_s: float) -> float | None:
-        """How long it goes on unless it is renewed; None: nothing is held."""
-        if self.grip is not Grip.HELD:
+        """How long it goes on unless it is renewed; None: nothing is held, or without end."""
+        if self.grip is not Grip.HELD or math.isinf(self.longest_s):
             return None
         return max(0.0, self._renewed_s + self.longest_s - now_s)
 
@@ -107,11 +108,9 @@ class Hold:
         if self.grip is Grip.LOST:
             return Verdict.REST
         began = self.grip is Grip.FREE
-        # What a page computes by itself changes while nobody is there; what sensors say does not.
-        jogs = isinstance(frame.body, (JogTwist, JogJoints))
-        if began or not (jogs or self._newest is None or frame.body == self._newest.body):
+        if began:
             self._renewed_s = now_s
-        self.grip, self._until_s, self._newest = Grip.HELD, made_s + FRESH_S, frame
+        self.grip, self._until_s = Grip.HELD, made_s + FRESH_S
         return Verdict.BEGINS if began else Verdict.GOES_ON
 
     def look(self, now_s: float) -> bool:
