@@ -55,10 +55,12 @@ TopicName = Annotated[
 ]
 
 
-def bus_options(session: Path | None, router: str = "", *, quiet: bool = False) -> BusOptions:
+def bus_options(
+    session: Path | None, router: str = "", *, quiet: bool = False, publishes: bool = False
+) -> BusOptions:
     """How to join the bus of a session's file, or by a router; without both, as by default, or by
-    the only router of this user's on this computer, which is said unless `quiet`. Raises
-    ConfigurationError."""
+    the only router of this user's on this computer, which is said unless `quiet`; who `publishes`
+    joins none that nobody has named. Raises ConfigurationError."""
     from cardan.bus.survey import reachable
     from cardan.gateway.session.assembly import load_config
 
@@ -67,7 +69,7 @@ def bus_options(session: Path | None, router: str = "", *, quiet: bool = False) 
             raise ConfigurationError("--session, --router", "give one of them")
         return BusOptions(router=router)
     if session is None:
-        options = met_here(BusOptions())
+        options = BusOptions() if publishes else met_here(BusOptions())
         if options != BusOptions() and not quiet:
             print(f"cardan: joins by the router at {options.router}", file=sys.stderr)
         return options

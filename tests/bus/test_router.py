@@ -204,7 +204,7 @@ def test_a_router_that_cannot_be_announced_serves_all_the_same(monkeypatch, tmp_
 
 
 def test_without_a_word_the_only_router_of_this_computer_is_joined(monkeypatch, capsys):
-    """What `cardan echo`, `hz`, `record`, `replay` and `network` do."""
+    """What `cardan echo`, `hz`, `record` and `network` do; `replay` publishes."""
     here = []
     monkeypatch.setattr(module, "is_served", lambda _address: False)
     monkeypatch.setattr(module, "routers_here", lambda: here)
@@ -212,6 +212,7 @@ def test_without_a_word_the_only_router_of_this_computer_is_joined(monkeypatch, 
     here.append("tcp/127.0.0.1:7450")
     assert bus_options(None).router == "tcp/127.0.0.1:7450"
     assert "7450" in capsys.readouterr().err
+    assert bus_options(None, publishes=True) == BusOptions()
     here.append("tcp/127.0.0.1:7451")
     with pytest.raises(ConfigurationError, match=r"7450, tcp/127\.0\.0\.1:7451"):
         bus_options(None)
