@@ -21,6 +21,8 @@ from cardan.bus.router import (
 )
 from cardan.cli.bus import bus_options
 from cardan.errors import ConfigurationError
+from cardan.gateway.session.launched import launched
+from tests.serving import free_endpoint
 
 
 @pytest.mark.parametrize(
@@ -219,3 +221,12 @@ def test_without_a_word_the_only_router_of_this_computer_is_joined(monkeypatch, 
     assert bus_options(None, "tcp/127.0.0.1:7451").router == "tcp/127.0.0.1:7451"
     monkeypatch.setattr(module, "is_served", lambda _address: True)
     assert bus_options(None) == BusOptions()
+
+
+@pytest.mark.matrix
+def test_a_router_says_where_it_is_while_it_runs(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    endpoint = free_endpoint()
+    with launched("face", "router", "--endpoint", endpoint):
+        assert routers_here() == [endpoint]
+    assert list(tmp_path.glob("*")) == []
