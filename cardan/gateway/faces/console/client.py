@@ -428,13 +428,13 @@ class Operator:
     def _renew(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
         """The person that holds is there."""
         number = table.get("channel")
-        channel = self.channels.get(number) if isinstance(number, int) else None
-        if channel is None:
+        if not isinstance(number, int) or number not in self.channels:
             raise RefusedError(f"channel {shown(number)} is not open")
+        channel = self.channels[number]
         # One that came too late renews nothing.
-        self._look(int(number), channel)
+        self._look(number, channel)
         channel.hold.renew(self._loop.time())
-        self._watch(int(number), channel)
+        self._watch(number, channel)
 
     def _close_channel(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
         number = table.get("channel")

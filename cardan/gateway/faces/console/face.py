@@ -100,6 +100,7 @@ class ConsoleServer(RosbridgeServer):
         self._site = site or Site()
         options = options or ConsoleOptions()
         self._cameras = Cameras(options.camera)
+        self._hold_s = options.hold_s
         self._demos = Demos()
         self._records = records_of(options.records, bus_words(reachable(bus or BusOptions())))
         super().__init__(network, options)
@@ -124,7 +125,7 @@ class ConsoleServer(RosbridgeServer):
             self._records,
             self._cameras,
             self._demos,
-            self.options.hold_s,
+            self._hold_s,
         )
         async with operator:
             async for frame in connection:
