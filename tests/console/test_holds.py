@@ -85,7 +85,7 @@ def test_a_hold_without_a_sign_of_the_person_ends_and_is_announced(bench, browse
         # Moved a little, it goes on.
         page.mouse("mouseMoved", (at[0] + 1, at[1]))
         page.until(f"!{WHY}.startsWith('Still there?')")
-        assert page.value(STATE) == "held"
+        assert page.value(STATE) == "held", page.value(WHY)
         page.until(f"{STATE} !== 'held'")
         until(lambda: not tcp.moving, "rest")
         page.until(f"{WHY}.includes('without a sign of who holds')")
