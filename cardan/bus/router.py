@@ -5,14 +5,17 @@ from __future__ import annotations
 import contextlib
 import errno
 import logging
+import os
 import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 
 from cardan.bus.options import BusOptions
-from cardan.sockets import is_loopback
+from cardan.errors import AddressError
+from cardan.sockets import is_loopback, make_runtime_folder, runtime_path
 from cardan.types import NEVER_S
 
 LOOK_PERIOD_S = 1.0
@@ -55,6 +58,42 @@ def is_served(address: tuple[str, int]) -> bool:
         except OSError as error:
             return error.errno == errno.EADDRINUSE
     return False
+
+
+_ANNOUNCED = "cardan-router-"
+"""How the files begin, among this user's sockets, in which running routers say where they are."""
+
+
+@contextlib.contextmanager
+def announced(endpoints: Iterable[str]) -> Iterator[None]:
+    """Say that this process is a router there, for `routers_here`."""
+    path = Path(runtime_path(f"{_ANNOUNCED}{os.getpid()}"))
+    try:
+        make_runtime_folder()
+        path.write_text("\n".join(endpoints), encoding="utf-8")
+    except (AddressError, OSError) as error:
+        # Those who are told the endpoint find it all the same.
+        _log.info("the router is not announced to other programs: %s", error)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            path.unlink()
+
+
+def routers_here(served: Callable[[tuple[str, int]], bool] = is_served) -> list[str]:
+    """The endpoints on loopback of the routers that this user's programs run on this computer, one
+    each, in order. One that was killed is not there any more, whatever it has left behind."""
+    found = set()
+    for each in Path(runtime_path("")).glob(f"{_ANNOUNCED}*"):
+        with contextlib.suppress(OSError, ValueError):
+            for said in each.read_text(encoding="utf-8").splitlines():
+                endpoint = said.replace("/0.0.0.0:", "/127.0.0.1:").replace("/[::]:", "/127.0.0.1:")
+                address = router_address(BusOptions(router=endpoint))
+                if address is not None and served(address):
+                    found.add(endpoint)
+                    break
+    return sorted(found)
 
 
 class RouterKeeper:

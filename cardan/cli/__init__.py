@@ -202,8 +202,19 @@ def demo(
     from cardan.gateway.session.examples import find_demos
 
     if list_:
-        rows = ((name, demo.description) for name, demo in find_demos().items())
-        print_table(("demo", "what is joined"), rows, as_json)
+        demos = find_demos()
+        if as_json:
+            print_json(
+                [
+                    {"demo": name, "what_is_joined": each.description, "least_s": each.shortest_s}
+                    for name, each in demos.items()
+                ]
+            )
+        else:
+            print_table(
+                ("demo", "what is joined", "least time, s"),
+                ((name, each.description, f"{each.shortest_s:g}") for name, each in demos.items()),
+            )
         raise typer.Exit
     if as_json:
         raise ConfigurationError("--json", "goes with --list")

@@ -6,6 +6,7 @@ import queue
 import sys
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -42,7 +43,8 @@ Router = Annotated[
     str,
     typer.Option(
         metavar="ENDPOINT",
-        help="Join by this router of Zenoh's, such as tcp/127.0.0.1:7447, instead.",
+        help="Join by this router of Zenoh's, such as tcp/127.0.0.1:7447, instead; default: that "
+        "one, or else the only one of yours on this computer.",
     ),
 ]
 TopicName = Annotated[
@@ -53,9 +55,12 @@ TopicName = Annotated[
 ]
 
 
-def bus_options(session: Path | None, router: str = "") -> BusOptions:
-    """How to join the bus of a session's file, or by a router; without both, as by default. Raises
-    ConfigurationError."""
+def bus_options(
+    session: Path | None, router: str = "", *, quiet: bool = False, publishes: bool = False
+) -> BusOptions:
+    """How to join the bus of a session's file, or by a router; without both, as by default, or by
+    the only router of this user's on this computer, which is said unless `quiet`; who `publishes`
+    joins none that nobody has named. Raises ConfigurationError."""
     from cardan.bus.survey import reachable
     from cardan.gateway.session.assembly import load_config
 
@@ -64,11 +69,32 @@ def bus_options(session: Path | None, router: str = "") -> BusOptions:
             raise ConfigurationError("--session, --router", "give one of them")
         return BusOptions(router=router)
     if session is None:
-        return BusOptions()
+        options = BusOptions() if publishes else met_here(BusOptions())
+        if options != BusOptions() and not quiet:
+            print(f"cardan: joins by the router at {options.router}", file=sys.stderr)
+        return options
     configured = load_config(session).network
     if configured is None:
         raise ConfigurationError("network", f"{session} has no table [network]: add one")
     return reachable(configured)
+
+
+def met_here(options: BusOptions) -> BusOptions:
+    """The same, or by the only router of this computer where nobody serves at its own. Raises
+    ConfigurationError where there are several."""
+    from cardan.bus.router import is_served, router_address, routers_here
+
+    address = router_address(options)
+    if address is None or is_served(address):
+        return options
+    found = routers_here()
+    if len(found) > 1:
+        raise ConfigurationError(
+            "--router",
+            f"several routers run on this computer, and none at {options.router}: give one of "
+            + ", ".join(found),
+        )
+    return replace(options, router=found[0]) if found else options
 
 
 def network(
@@ -204,6 +230,7 @@ def hz(
 def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tuple[bytes, Topic]]:
     """The messages of a topic as they come, for `seconds`. Raises ConfigurationError for a topic
     that does not appear."""
+    from cardan.bus.router import routers_here
     from cardan.bus.zenoh_network import BusNetwork
 
     heard: queue.Queue[bytes] = queue.Queue(MESSAGES_KEPT)
@@ -215,10 +242,12 @@ def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tu
     end_s = None if seconds is None else time.monotonic() + seconds
     with BusNetwork(options, f"cardan_echo_{time.time_ns() % 10**9}") as network:
         if not network.wait_for_publisher(name, APPEARS_WITHIN_S):
+            others = [each for each in routers_here() if each != options.router]
             raise ConfigurationError(
                 "TOPIC",
                 f"nobody publishes {name}{suggestion(name, network.topics())}; `cardan network` "
-                "lists what there is, and says what to do where that is nothing",
+                "lists what there is, and says what to do where that is nothing"
+                + (f"; other routers of this computer: {', '.join(others)}" if others else ""),
             )
         topic = network.topics()[name]
         network.subscribe(name, topic.type, take)

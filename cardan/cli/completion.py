@@ -94,7 +94,9 @@ def topics(context: typer.Context, incomplete: str) -> Offered:
 
     session = context.params.get("session")
     try:
-        options = bus_options(session and Path(session), context.params.get("router") or "")
+        options = bus_options(
+            session and Path(session), context.params.get("router") or "", quiet=True
+        )
         found = _topics(options)
     except CardanError:
         return []

@@ -82,7 +82,7 @@ def replay(
     begin_serving(verbose, log_level)
     report = run(
         file,
-        bus_options(session, router),
+        bus_options(session, router, publishes=True),
         rate=rate,
         topics=topics or (),
         commands=commands,

@@ -2,6 +2,7 @@ import type { AuthorityRequest } from "./lease.ts";
 import type { Link } from "./link.ts";
 import type { Message, Rosbridge } from "./rosbridge.ts";
 import type { Pose, Quat, Vec3 } from "./spatial.ts";
+import { Stops } from "./stops.ts";
 import type { Surroundings } from "./surroundings.ts";
 
 const ASK_TYPE = "cardan_msgs/srv/Ask";
@@ -99,7 +100,7 @@ export class Arm {
   onDescription: () => void = () => {};
   onState: () => void = () => {};
   onSurroundings: () => void = () => {};
-  /** The arm was stopped, by this source; empty: by this page. */
+  /** The arm was stopped by another source than this page. */
   onStop: (by: string) => void = () => {};
   onRequest: (request: AuthorityRequest) => void = () => {};
   /** The authority is not ours for a moment, as its parameters are set. */
@@ -107,8 +108,7 @@ export class Arm {
   private readonly link: Source;
   private readonly ends: (() => void)[] = [];
   private requests = 0;
-  /** Own stops that the snapshot does not count yet. */
-  private ownStops = 0;
+  private readonly stops = new Stops();
 
   constructor(link: Source, name: string) {
     this.link = link;
@@ -162,13 +162,10 @@ export class Arm {
       this.onRequest(m);
     }, 0);
     hear(`${name}/state/snapshot`, "std_msgs/msg/String", (m: { data: string }) => {
-      const before = this.snapshot?.stops;
       this.snapshot = JSON.parse(m.data) as Snapshot;
       const { stops, stopped_by } = this.snapshot;
-      if (before !== undefined && stops !== before) {
-        this.onStop(stops - before > this.ownStops ? stopped_by : "");
-        this.ownStops = 0;
-      }
+      // This page's own has disarmed it at once: it may be enabled anew before it is counted.
+      if (this.stops.heard(stops) === "other") this.onStop(stopped_by);
       this.heard();
     }, 0);
   }
@@ -196,9 +193,14 @@ export class Arm {
 
   /** Brake the arm, whoever has the authority. Rejects with why that is not known to have worked. */
   async stop(): Promise<void> {
-    this.ownStops++;
-    const answer = await this.link.bridge.call(`${this.name}/stop`, {});
-    if (!answer["success"]) throw new Error(String(answer["message"]));
+    this.stops.asked();
+    try {
+      const answer = await this.link.bridge.call(`${this.name}/stop`, {});
+      if (!answer["success"]) throw new Error(String(answer["message"]));
+    } catch (error) {
+      this.stops.failed();
+      throw error;
+    }
   }
 
   /** The joints at which the TCP has a pose, on the branch nearest to now. */

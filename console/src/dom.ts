@@ -42,19 +42,20 @@ export function stopper(
 ): HTMLButtonElement {
   const element = h("button", { type: "button", ...properties }, label);
   let done = false;
-  let pointer: number | null = null;
+  const pointers = new Set<number>();
   let forget: ReturnType<typeof setTimeout> | undefined;
   element.addEventListener("pointerdown", (event) => {
     clearTimeout(forget);
-    pointer = event.pointerId;
-    done = ends();
-    if (done) press();
+    const acts = ends();
+    // One that comes while another is down takes nothing back: the first one's click is to come.
+    done = acts || (done && pointers.size > 0);
+    pointers.add(event.pointerId);
+    if (acts) press();
   });
   // Wherever it goes up: one that left the button and came back makes a click, too.
   for (const name of ["pointerup", "pointercancel"] as const) {
     window.addEventListener(name, (event) => {
-      if (event.pointerId !== pointer) return;
-      pointer = null;
+      if (!pointers.delete(event.pointerId) || pointers.size > 0) return;
       clearTimeout(forget);
       forget = setTimeout(() => {
         done = false;

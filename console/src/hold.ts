@@ -142,11 +142,13 @@ export function atRest(body: Body): Body {
 const KEYS: ReadonlySet<string> = new Set([" ", "Enter"]);
 
 /** Make `element` hold while it is pressed, by a pointer or a key: `begin` is asked at the press;
- * `end` is told once why it ended. */
+ * `end` is told once why it ended, and `moves` of each thing that the person does meanwhile: the
+ * pointer moves, or the key repeats itself. */
 export function whileHeld(
   element: HTMLElement,
   begin: () => boolean,
   end: (why: End) => void,
+  moves: () => void = () => {},
 ): void {
   let pointer: { id: number; x: number; y: number; mouse: boolean; onIt: boolean } | null = null;
   let key = false;
@@ -212,8 +214,9 @@ export function whileHeld(
       buttons(event);
       if (!pointer) return;
       const { clientX: x, clientY: y } = event;
-      if (isInside(x, y)) pointer = { ...pointer, x, y, onIt: isOn(x, y) };
-      else over("left");
+      if (!isInside(x, y)) return over("left");
+      if (event.isTrusted && (x !== pointer.x || y !== pointer.y)) moves();
+      pointer = { ...pointer, x, y, onIt: isOn(x, y) };
     });
   }
   for (const name of ["mousedown", "mouseup"] as const) {
@@ -225,6 +228,7 @@ export function whileHeld(
   element.addEventListener("keydown", (event) => {
     if (!KEYS.has(event.key)) return;
     event.preventDefault();
+    if (event.repeat && event.isTrusted && key) moves();
     if (event.repeat || !event.isTrusted || pointer || key) return;
     key = start();
   });

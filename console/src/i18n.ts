@@ -83,6 +83,10 @@ const WORDS = {
   end_stopped: ["stopped: enable again", "parado: habilite de nuevo"],
   end_idle: ["nothing was held for long: enable again", "nada pulsado en mucho tiempo: habilite de nuevo"],
   end_arrived: ["arrived", "ha llegado"],
+  endsSoon: [
+    "Still there? Move the finger a little, or let go for a moment: the hold ends in",
+    "¿Sigue ahí? Mueva un poco el dedo, o suelte un momento: termina en",
+  ],
   cameLate: [
     "What was held came too late to the arm: the link or a computer is slow. Press again.",
     "Lo pulsado llegó tarde al brazo: el enlace o un ordenador va lento. Pulse de nuevo.",

@@ -5,6 +5,9 @@ import { type LinkState, type Message, Rosbridge } from "./rosbridge.ts";
 
 const PING_MS = 250;
 
+/** How often at most the server is told that who holds is still there. */
+const RENEW_MS = 500;
+
 /** A ping that has no answer after so long counts as that slow. */
 const LOST_PING_MS = 2000;
 
@@ -18,6 +21,8 @@ export type Input = {
   rate_hz: number;
   age_ms: number | null;
   dropped: Record<string, number>;
+  /** What holds ends after so long unless it is renewed, s; none: nothing is held. */
+  left_s?: number;
 };
 
 export type Order = "list" | "start" | "stop" | "restart" | "doctor";
@@ -33,6 +38,7 @@ export class Link {
   state: LinkState = "connecting";
   hello: Hello | null = null;
   readonly inputs = new Map<number, Input>();
+  private readonly renewedMs = new Map<number, number>();
   /** Frames that were not sent, as those before still waited. */
   dropped = 0;
   /** Why the server refused the last operation. */
@@ -115,6 +121,14 @@ export class Link {
   /** Have it done, without an answer; false where there is no connection. */
   tell(op: string, fields: Message): boolean {
     return this.bridge.send({ op, ...fields });
+  }
+
+  /** Whoever holds on this channel has just proved to be there. */
+  renew(channel: number): void {
+    const nowMs = performance.now();
+    if (nowMs - (this.renewedMs.get(channel) ?? -Infinity) < RENEW_MS) return;
+    this.renewedMs.set(channel, nowMs);
+    this.bridge.send({ op: "cardan.renew", channel });
   }
 
   close(channel: number): void {

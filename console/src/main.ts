@@ -381,7 +381,7 @@ async function answer(hands: boolean): Promise<void> {
 let stopShown: ReturnType<typeof setTimeout> | undefined;
 
 async function stop(): Promise<void> {
-  motion.holding.end("stopped");
+  motion.stopped("");
   hand.halt();
   stopLabel.textContent = t("stopping");
   stopButton.classList.remove("failed");
@@ -428,6 +428,7 @@ function refresh(): void {
     asked: motion.lease.asked,
     armed: motion.holding.armed,
     held: motion.holding.held,
+    leftS: link.inputs.get(JOG_CHANNEL)?.left_s ?? null,
     ended: motion.holding.ended,
     stoppedBy: motion.stoppedBy,
     refused: motion.refused,

@@ -48,6 +48,7 @@ export class Motion {
       this.refused = input.why;
       this.holding.end("refused");
     };
+    this.pulse.onProof = () => this.renew();
     endWithPage((why) => this.holding.end(why));
     setInterval(() => this.tick(), FRAME_MS);
   }
@@ -179,6 +180,11 @@ export class Motion {
     this.refused = "";
     this.pulse.begin(performance.now());
     return this.holding.press(asks, performance.now());
+  }
+
+  /** Who holds is there: the server ends a hold after 10 s (its option) without. */
+  renew(): void {
+    if (this.holding.held) this.link.renew(CHANNEL);
   }
 
   private tick(): void {

@@ -5,11 +5,9 @@ import { DEGREE, type Vec3 } from "./spatial.ts";
 /** Longest wait for the first angles after they were allowed. */
 const FIRST_ANGLES_MS = 1500;
 
-/** Sensors that said nothing for so long are lost: browsers tell of them 50 to 60 times a second. */
+/** Sensors that said nothing for so long are lost: browsers tell of them 50 to 60 times a second,
+ * also where the values are equal. */
 const SILENT_MS = 150;
-
-/** Slower turns may come without new angles: Chromium leaves out those of less than 0.1°. */
-const STILL_RAD_S = 3 * DEGREE;
 
 /** Bits of a phone's buttons. */
 export const BUTTONS = { a: 1, b: 2, align: 4 } as const;
@@ -68,14 +66,12 @@ export class PhoneSensors {
   /** The phone's state at `nowMs` of `performance.now()`; null in it: not measured, or silent. */
   body(nowMs = performance.now()): Body {
     const moves = nowMs - this.movedMs <= SILENT_MS;
-    const rates = moves ? this.rates : null;
-    const still = rates !== null && Math.hypot(...rates) < STILL_RAD_S;
     return {
       kind: "phone",
-      anglesDeg: still || nowMs - this.turnedMs <= SILENT_MS ? this.angles : null,
+      anglesDeg: nowMs - this.turnedMs <= SILENT_MS ? this.angles : null,
       dragRight: this.dragRight,
       dragUp: this.dragUp,
-      ratesRadS: rates,
+      ratesRadS: moves ? this.rates : null,
       accelerationMS2: moves ? this.acceleration : null,
       buttons: this.buttons,
       screenQuarters: Math.round((screen.orientation?.angle ?? 0) / 90) % 4,

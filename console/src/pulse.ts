@@ -8,6 +8,13 @@ export const SILENT_MS = 150;
  * process, which hands pointers and keys to the page as well. Where that one hangs, the page would
  * go on holding and never hear that the control was let go. */
 export class Pulse {
+  /** The browser has proved that it lives, for the server, which bounds a hold without. */
+  onProof: () => void = () => {};
+  /** Whether this is a browser of which it is known that an echo passes through the thread which
+   * hands pointers and keys to the page: Chromium, where it tells its name (over https, and on this
+   * computer). Firefox passes it through another thread of that process, Safari through another
+   * process. */
+  private readonly proves = "userAgentData" in navigator;
   private readonly out: BroadcastChannel;
   private readonly back: BroadcastChannel;
   private sentMs = -Infinity;
@@ -20,6 +27,7 @@ export class Pulse {
     this.back = new BroadcastChannel(name);
     this.back.onmessage = () => {
       this.heardMs = performance.now();
+      if (this.proves) this.onProof();
     };
   }
 

@@ -22,6 +22,8 @@ export type Facts = {
   asked: Asked;
   armed: boolean;
   held: boolean;
+  /** The hold ends after so long unless who holds moves, s; null: nothing is held. */
+  leftS: number | null;
   ended: End | "";
   /** The source that stopped the arm last; empty: none has, or this page did. */
   stoppedBy: string;
@@ -33,6 +35,9 @@ export type Facts = {
 
 /** State that is older is not the arm's any more. */
 export const SILENT_MS = 1500;
+
+/** The end of a hold is announced so long before, s. */
+const ENDS_SOON_S = 4;
 
 /** Why it does not move, or what it does, in one line: the nearest cause first. */
 export function why(facts: Facts): Why {
@@ -53,6 +58,9 @@ export function why(facts: Facts): Why {
     return { level: "bad", text: because ? `${t("notReady")}: ${because}` : t("notReady") };
   }
   if (facts.refused) return { level: "bad", text: refusal(facts.refused) };
+  if (facts.held && facts.leftS !== null && facts.leftS <= ENDS_SOON_S) {
+    return { level: "warn", text: `${t("endsSoon")} ${Math.ceil(facts.leftS)} s` };
+  }
   if (status?.moving) return { level: limited(facts) ? "warn" : "ok", text: moves(facts) };
   if (facts.held && limited(facts)) return { level: "warn", text: limited(facts) };
   const message = status?.message || snapshot?.message;

@@ -34,6 +34,7 @@ const FACTS: Facts = {
   asked: "",
   armed: true,
   held: false,
+  leftS: null,
   ended: "",
   stoppedBy: "",
   refused: "",
@@ -64,6 +65,12 @@ test("the nearest cause comes first", () => {
   const told = { ...SNAPSHOT, diagnosis: ["the controller has begun 2 sessions"] };
   assert.equal(says({ armed: false, snapshot: told }).text, "At rest. Enable motion to move it.");
   assert.equal(says({}).level, "ok");
+});
+
+test("the end of a hold is announced before it comes", () => {
+  const held = { held: true, status: { ...STATUS, moving: true } };
+  assert.match(says({ ...held, leftS: 3.2 }).text, /Move the finger a little, .* ends in 4 s/);
+  assert.doesNotMatch(says({ ...held, leftS: 8 }).text, /ends in/);
 });
 
 test("a motion says who moves and what limits it", () => {

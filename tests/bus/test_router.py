@@ -14,9 +14,15 @@ from cardan.bus.router import (
     LOOK_PERIOD_S,
     RESTART_PAUSE_S,
     RouterKeeper,
+    announced,
     is_served,
     router_address,
+    routers_here,
 )
+from cardan.cli.bus import bus_options
+from cardan.errors import ConfigurationError
+from cardan.gateway.session.launched import launched
+from tests.serving import free_endpoint
 
 
 @pytest.mark.parametrize(
@@ -178,3 +184,49 @@ def _until(condition):
     while not condition():
         assert time.monotonic() < end_s
         time.sleep(0.02)
+
+
+def test_running_routers_are_found_and_those_that_were_killed_are_not(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    served = {("127.0.0.1", 7450), ("127.0.0.1", 7451)}.__contains__
+    assert routers_here(served) == []
+    (tmp_path / "cardan-router-1").write_text("tcp/127.0.0.1:7449")  # Left by one that was killed.
+    (tmp_path / "cardan-router-2").write_bytes(b"\xff no endpoint")
+    with announced(["tls/127.0.0.1:7452", "tcp/0.0.0.0:7451"]):
+        assert routers_here(served) == ["tcp/127.0.0.1:7451"]
+        (tmp_path / "cardan-router-3").write_text("tcp/127.0.0.1:7450")
+        assert routers_here(served) == ["tcp/127.0.0.1:7450", "tcp/127.0.0.1:7451"]
+    assert routers_here(served) == ["tcp/127.0.0.1:7450"]
+
+
+def test_a_router_that_cannot_be_announced_serves_all_the_same(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "none" / "none"))
+    with announced(["tcp/127.0.0.1:7451"]):
+        assert routers_here(lambda _: True) == []
+
+
+def test_without_a_word_the_only_router_of_this_computer_is_joined(monkeypatch, capsys):
+    """What `cardan echo`, `hz`, `record` and `network` do; `replay` publishes."""
+    here = []
+    monkeypatch.setattr(module, "is_served", lambda _address: False)
+    monkeypatch.setattr(module, "routers_here", lambda: here)
+    assert bus_options(None) == BusOptions()
+    here.append("tcp/127.0.0.1:7450")
+    assert bus_options(None).router == "tcp/127.0.0.1:7450"
+    assert "7450" in capsys.readouterr().err
+    assert bus_options(None, publishes=True) == BusOptions()
+    here.append("tcp/127.0.0.1:7451")
+    with pytest.raises(ConfigurationError, match=r"7450, tcp/127\.0\.0\.1:7451"):
+        bus_options(None)
+    assert bus_options(None, "tcp/127.0.0.1:7451").router == "tcp/127.0.0.1:7451"
+    monkeypatch.setattr(module, "is_served", lambda _address: True)
+    assert bus_options(None) == BusOptions()
+
+
+@pytest.mark.matrix
+def test_a_router_says_where_it_is_while_it_runs(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    endpoint = free_endpoint()
+    with launched("face", "router", "--endpoint", endpoint):
+        assert routers_here() == [endpoint]
+    assert list(tmp_path.glob("*")) == []

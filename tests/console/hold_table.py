@@ -97,6 +97,7 @@ for (const name of [
   const what = event.code ?? event.pointerId ?? "";
   told.push(`${name} ${what} ${JSON.stringify(event.key ?? "")} ${event.buttons ?? 0} [${on}]`);
 }, true);
+visualViewport.addEventListener("resize", () => told.push("seen"));
 """
 """Each event as "type key-or-pointer key buttons [classes of its element]"."""
 
@@ -218,6 +219,19 @@ def _push_away(held: Held) -> None:
     held.page.value("document.querySelector('header').style.marginBottom = '160px'")
 
 
+def _lie_over(held: Held) -> None:
+    """Something of the page covers the button, which stays where it is."""
+    held.page.value(
+        "document.body.append(Object.assign(document.createElement('div'), "
+        "{style: 'position: fixed; inset: 0; z-index: 99'}))"
+    )
+
+
+def _shrink_what_is_seen(held: Held) -> None:
+    """The window is as large as before, as under the keyboard of a phone."""
+    held.page.ask("Emulation.setPageScaleFactor", pageScaleFactor=1.5)
+
+
 def _context_menu(held: Held) -> None:
     held.page.value(
         f"document.elementFromPoint({held.at[0]}, {held.at[1]}).dispatchEvent("
@@ -263,6 +277,12 @@ ENDS: dict[str, End] = {
     ),
     "the button moves away from the pointer": End(
         _push_away, lives=False, unheard="^(pointer|mouse)|^blur"
+    ),
+    "something lies over the button": End(
+        _lie_over, lives=False, unheard="^(pointer|mouse)|^blur|^resize"
+    ),
+    "less of the page is seen, as under a phone's keyboard": End(
+        _shrink_what_is_seen, FINGER, lives=False, logged="^seen", unheard="^pointerup|^resize"
     ),
     "context menu, as by a long press": End(
         _context_menu, FINGER, logged="^contextmenu", unheard="^pointer(up|cancel)"

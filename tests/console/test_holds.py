@@ -9,8 +9,10 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
-from tests.console.hand import FINGER, MOUSE, STATE, WHY, enable, hold, jog
+from tests.console.hand import FINGER, MOUSE, RELOADED, STATE, WHY, enable, hold, jog, keeps
 from tests.console.hold_table import ENDS, SPEED_M_S, Pages, tried
+from tests.console.rig import face
+from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
@@ -48,6 +50,53 @@ def test_a_script_of_the_page_cannot_hold(bench, page):
     time.sleep(0.3)
     assert page.value(STATE) == "armed"
     assert bench.rig.tcp.stop_since(at_s).distance_m < 1e-5
+
+
+ECHOES = """
+window.echoes = [];
+const [out, back] = [new BroadcastChannel("echo"), new BroadcastChannel("echo")];
+back.onmessage = () => echoes.push(performance.now());
+window.ticks = [];
+setInterval(() => { ticks.push(performance.now()); out.postMessage(0); }, 20);
+"""
+LONGEST_GAP = "(all => Math.max(...all.slice(1).map((each, at) => each - all[at])))"
+
+
+def test_what_proves_that_the_browser_lives_passes_through_its_main_process(bench, page, browser):
+    """With that process alone stopped, the page runs on and hears no echo of its pulse."""
+    page.value(ECHOES)
+    page.until("echoes.length > 10")
+    browser.hang(2.0)
+    page.until("performance.now() - echoes.at(-1) < 100")
+    silent_ms, still_ms = (page.value(f"{LONGEST_GAP}({each})") for each in ("echoes", "ticks"))
+    assert silent_ms > 3 * still_ms, (silent_ms, still_ms)
+
+
+NO_CHROMIUM = "delete Navigator.prototype.userAgentData"
+"""A browser of which nobody knows what its echo proves."""
+
+
+def test_a_hold_without_a_sign_of_the_person_ends_and_is_announced(bench, browser):
+    """The mouse is held still, in another browser than Chromium. A browser on a busy computer ends
+    a hold for causes of its own: then it is begun anew."""
+    tcp, end_s = bench.rig.tcp, time.monotonic() + 30.0
+    scripts = [keeps(speed=2), NO_CHROMIUM]
+    with (
+        face(bench.rig.endpoint, ["--hold", "1.5"]) as server,
+        browser.open(server.address, scripts=scripts) as page,
+    ):
+        page.until(RELOADED)
+        page.value(
+            "window.announced = false; setInterval(() => {"
+            f"announced ||= {WHY}.startsWith('Still there?'); }}, 50)"
+        )
+        while "without a sign of who holds" not in page.value(WHY):
+            assert time.monotonic() < end_s, page.value(WHY)
+            at = hold(page, MOUSE, jog("X", -1), lambda: tcp.moving)
+            page.until(f"{STATE} !== 'held'")
+            until(lambda: not tcp.moving, "rest")
+            MOUSE.let_go(page, at)
+        assert page.value("announced")
 
 
 FRAMES_SENT = """

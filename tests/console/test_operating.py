@@ -162,6 +162,8 @@ def test_two_people_ask_for_the_arm_and_hand_it_over_and_both_can_stop_it(bus, b
         at = hold(one, MOUSE, jog("X"), moving)
         press(other, "StopEsc")
         stops(moving)
+        # The arm refuses the hold at once; that it was a stop, which disarms, comes a moment later.
+        one.until(f"{STATE} === 'watching'")
         MOUSE.let_go(one, at)
 
         enable(one)

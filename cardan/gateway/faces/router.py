@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from cardan.bus.node import close_session, router_config, words_of, zenoh_module
 from cardan.bus.options import ROUTER
+from cardan.bus.router import announced
 from cardan.errors import AddressError, OptionError
 from cardan.gateway.faces.base import Face, Ready
 from cardan.options import Options
@@ -61,10 +62,11 @@ class Router(Face[RouterOptions]):
                 f"already: {words_of(error)}"
             ) from None
         try:
-            ready(options.zenoh_config or " ".join(options.endpoint))
-            while not stop.wait(LOOK_S):
-                if options.attached and _at_its_end(sys.stdin.fileno()):
-                    break
+            with announced(() if options.zenoh_config else options.endpoint):
+                ready(options.zenoh_config or " ".join(options.endpoint))
+                while not stop.wait(LOOK_S):
+                    if options.attached and _at_its_end(sys.stdin.fileno()):
+                        break
         finally:
             close_session(session)
 

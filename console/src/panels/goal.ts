@@ -45,7 +45,12 @@ export class GoalPanel {
       "linear",
       (value) => this.goal?.setWay(value),
     );
-    whileHeld(this.send, () => this.begin(), (why) => motion.holding.end(why));
+    whileHeld(
+      this.send,
+      () => this.begin(),
+      (why) => motion.holding.end(why),
+      () => motion.renew(),
+    );
     const file = h("input", { type: "file", accept: ".json,application/json", hidden: true });
     file.addEventListener("change", () => void this.importNamed(file, note));
     const name = h("input", { type: "text", maxlength: LONGEST_NAME, placeholder: t("name"), "aria-label": t("name") });

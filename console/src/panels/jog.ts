@@ -184,6 +184,7 @@ export class JogPanel {
         return asks !== null && this.motion.press(asks);
       },
       (why) => this.motion.holding.end(why),
+      () => this.motion.renew(),
     );
     return element;
   }

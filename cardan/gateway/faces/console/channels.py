@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
@@ -49,8 +50,8 @@ class Channel(ABC):
     target = ""
     """The arm or the topic."""
 
-    def __init__(self) -> None:
-        self.hold = Hold()
+    def __init__(self, hold_s: float = math.inf) -> None:
+        self.hold = Hold(hold_s)
         self.told: tuple[Grip, str] | None = None
 
     @abstractmethod
@@ -67,8 +68,8 @@ class Channel(ABC):
 class ArmChannel(Channel):
     """Jogs an arm."""
 
-    def __init__(self, jog: ArmJog) -> None:
-        super().__init__()
+    def __init__(self, jog: ArmJog, hold_s: float) -> None:
+        super().__init__(hold_s)
         self.target, self._jog = jog.arm, jog
         jog.open()
 

@@ -35,7 +35,7 @@ from cardan.gateway.faces.console.channels import (
 )
 from cardan.gateway.faces.console.clocks import PageClock
 from cardan.gateway.faces.console.demos import Demos
-from cardan.gateway.faces.console.holding import FRESH_S
+from cardan.gateway.faces.console.holding import FRESH_S, LONGEST_S, Hold
 from cardan.gateway.faces.console.jog import ASK_SERVICE, ArmJog, why_no_arm
 from cardan.gateway.faces.console.orders import OrderError, carry_out, words_of
 from cardan.gateway.faces.console.records import Records, RecordsError, Shown
@@ -135,10 +135,12 @@ class Operator:
         records: Records | None = None,
         cameras: Cameras | None = None,
         demos: Demos | None = None,
+        hold_s: float = LONGEST_S,
     ) -> None:
         """`source`: name of this page in the authority of arms, two words; the person's name comes
         between them where the page tells one. `counts`: the face's; `calm` waits until the page has
-        read what was sent; `records`, `cameras`, `demos`: of this machine."""
+        read what was sent; `records`, `cameras`, `demos`: of this machine; `hold_s`: how long an
+        arm is jogged without a sign of the person."""
         self.source = self._nameless = source
         self.clock = PageClock()
         self.figures = Figures()
@@ -148,6 +150,7 @@ class Operator:
         self._loop = asyncio.get_running_loop()
         self._rate = RateLimit(MOST_FRAMES_PER_S)
         self._timers: dict[int, asyncio.TimerHandle] = {}
+        self._hold_s = hold_s
         self._teleop_frames = 0
         self._publishers: dict[tuple[str, str], SharedPublisher] = {}
         self._task: asyncio.Task[None] | None = None
@@ -261,9 +264,13 @@ class Operator:
 
     def _lapsed(self, number: int, channel: Channel) -> None:
         self._timers.pop(number, None)
-        now_s = self._loop.time()
         # A timer of the loop may come a clock tick early.
-        if channel.hold.look(max(now_s, channel.hold.until_s or now_s)):
+        self._look(number, channel, channel.hold.until_s or 0.0)
+
+    def _look(self, number: int, channel: Channel, at_s: float = 0.0) -> None:
+        """End the hold if its time is over, now or as of `at_s`."""
+        now_s = self._loop.time()
+        if channel.hold.look(max(now_s, at_s)):
             channel.lapse()
             self._tell_channel(number, channel, now_s)
 
@@ -339,10 +346,17 @@ class Operator:
         number = table.get("channel")
         if not isinstance(number, int) or isinstance(number, bool) or not 0 <= number <= 255:
             raise RefusedError(f"channel is {shown(number)}, must be 0 to 255")
-        self._end(number)
-        if len(self.channels) >= MOST_CHANNELS:
-            raise RefusedError(f"{MOST_CHANNELS} channels are open; close one first")
-        channel = self._open(number, table)
+        channel = self.channels.get(number)
+        if isinstance(channel, ArmChannel) and table.get("arm") == channel.target:
+            # To close it would give up the authority that the page has just taken for it.
+            channel.lapse()
+            channel.hold = Hold(self._hold_s)
+            self._watch(number, channel)
+        else:
+            self._end(number)
+            if len(self.channels) >= MOST_CHANNELS:
+                raise RefusedError(f"{MOST_CHANNELS} channels are open; close one first")
+            channel = self._open(number, table)
         self._send(
             object_text(op="cardan.opened", id=identity, channel=number, target=channel.target)
         )
@@ -367,7 +381,8 @@ class Operator:
             raise RefusedError(f"{arm} is not among what clients may use")
         if why := why_no_arm(arm, self._network.services()):
             raise RefusedError(why)
-        return ArmChannel(ArmJog(arm, self.source, self._caller, partial(self._not_taken, number)))
+        jog = ArmJog(arm, self.source, self._caller, partial(self._not_taken, number))
+        return ArmChannel(jog, self._hold_s)
 
     def _device_channel(self, number: int, topic: str) -> Channel:
         return DeviceChannel(topic, *self._both_ways(number, topic, FRAME_TYPE, "feedback"))
@@ -409,6 +424,17 @@ class Operator:
                 lambda: self._publishers.pop(key, None),
             )
         return self._publishers[key].used()
+
+    def _renew(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
+        """The person that holds is there."""
+        number = table.get("channel")
+        if not isinstance(number, int) or number not in self.channels:
+            raise RefusedError(f"channel {shown(number)} is not open")
+        channel = self.channels[number]
+        # One that came too late renews nothing.
+        self._look(number, channel)
+        channel.hold.renew(self._loop.time())
+        self._watch(number, channel)
 
     def _close_channel(self, table: Mapping[str, Any], _identity: str | int | None) -> None:
         number = table.get("channel")
@@ -655,6 +681,7 @@ class Operator:
                 round_ms=_ms(self.clock.round_s),
                 round_median_ms=_ms(self.clock.median_s),
                 dropped={**hold.counts, **figures.counts},
+                left_s=hold.left_s(now_s),
             )
         )
 
@@ -678,6 +705,7 @@ _OPERATIONS: Final[
     "cardan.ping": Operator._ping,
     "cardan.pong": Operator._pong,
     "cardan.open": Operator._open_channel,
+    "cardan.renew": Operator._renew,
     "cardan.close": Operator._close_channel,
     "cardan.ask": Operator._ask_authority,
     "cardan.keep": Operator._keep_authority,

@@ -11,7 +11,7 @@ from typing import Annotated
 
 from websockets.datastructures import Headers
 
-from cardan.bounds import ANY_PORT
+from cardan.bounds import ANY_PORT, Range
 from cardan.bus.network import Network
 from cardan.bus.options import BusOptions
 from cardan.bus.survey import bus_words, reachable
@@ -29,6 +29,7 @@ from cardan.gateway.faces.console.cameras import Cameras, parse_camera
 from cardan.gateway.faces.console.certificate import Own, own_certificate
 from cardan.gateway.faces.console.client import Operator
 from cardan.gateway.faces.console.demos import Demos
+from cardan.gateway.faces.console.holding import LONGEST_S
 from cardan.gateway.faces.console.records import records_of
 from cardan.gateway.faces.console.site import Site
 from cardan.gateway.faces.rosbridge import RosbridgeOptions, RosbridgeServer
@@ -39,6 +40,8 @@ from cardan.options import Options
 
 PORT = 8443
 """Where it listens: https without being the superuser."""
+
+HOLD_S = Range(1, 3600, "s", "shorter ones end while one reads; an hour bounds nothing")
 
 _log = logging.getLogger(__name__)
 
@@ -58,6 +61,10 @@ class ConsoleOptions(RosbridgeOptions):
     """Cameras that pages show: NAME=ADDRESS or ADDRESS, which is the URL of a stream of JPEG
     pictures (MJPEG) or of one picture, or a device of this machine that gives MJPEG, such as
     /dev/video0."""
+
+    hold_s: Annotated[float, HOLD_S] = LONGEST_S
+    """How long a page jogs an arm without a sign of who holds, s: a pointer that moves, a key that
+    repeats itself, or in Chromium the browser itself."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -93,6 +100,7 @@ class ConsoleServer(RosbridgeServer):
         self._site = site or Site()
         options = options or ConsoleOptions()
         self._cameras = Cameras(options.camera)
+        self._hold_s = options.hold_s
         self._demos = Demos()
         self._records = records_of(options.records, bus_words(reachable(bus or BusOptions())))
         super().__init__(network, options)
@@ -117,6 +125,7 @@ class ConsoleServer(RosbridgeServer):
             self._records,
             self._cameras,
             self._demos,
+            self._hold_s,
         )
         async with operator:
             async for frame in connection:

@@ -7,6 +7,7 @@ After anything but letting go the hand has to let go before it counts again. Tim
 from __future__ import annotations
 
 import enum
+import math
 from collections import Counter
 from typing import Final
 
@@ -17,6 +18,11 @@ FRESH_S: Final = 0.15
 
 AHEAD_S: Final = 0.1
 """A frame that is from the future by more is of a clock that is not known."""
+
+LONGEST_S: Final = 10.0
+"""Default of how long an arm is jogged without a sign that the person is there: a page may live
+while its browser hangs, and never hear that the control was let go. Devices need none: their
+sensors fall silent with the browser."""
 
 _HALF: Final = 2**31
 _WHOLE: Final = 2**32
@@ -45,7 +51,9 @@ class Verdict(enum.Enum):
 class Hold:
     """The hold of one hand."""
 
-    def __init__(self) -> None:
+    def __init__(self, longest_s: float = math.inf) -> None:
+        """`longest_s`: how long it goes on without being renewed."""
+        self.longest_s = longest_s
         self.grip = Grip.LOST
         self.why = "let go of the control once"
         """Why it is LOST, or what became of the newest hold."""
@@ -54,12 +62,25 @@ class Hold:
         page whose clock is not known yet; "lost": holds that ended otherwise than by letting
         go."""
         self._sequence: int | None = None
-        self._until_s = float("-inf")
+        self._until_s = self._renewed_s = float("-inf")
 
     @property
     def until_s(self) -> float | None:
-        """When the hold ends unless a frame comes; None: nothing is held."""
-        return self._until_s if self.grip is Grip.HELD else None
+        """When the hold ends unless a frame comes, or it is renewed; None: nothing is held."""
+        if self.grip is not Grip.HELD:
+            return None
+        return min(self._until_s, self._renewed_s + self.longest_s)
+
+    def left_s(self, now_s: float) -> float | None:
+        """How long it goes on unless it is renewed; None: nothing is held, or without end."""
+        if self.grip is not Grip.HELD or math.isinf(self.longest_s):
+            return None
+        return max(0.0, self._renewed_s + self.longest_s - now_s)
+
+    def renew(self, now_s: float) -> None:
+        """The person is there: the pointer has moved, the key has repeated itself, or the browser
+        has proved that it lives."""
+        self._renewed_s = now_s
 
     def take(self, frame: OperatorFrame, made_s: float | None, now_s: float) -> Verdict:
         """A frame came that the page made at `made_s`; None: nobody knows when."""
@@ -87,14 +108,22 @@ class Hold:
         if self.grip is Grip.LOST:
             return Verdict.REST
         began = self.grip is Grip.FREE
+        if began:
+            self._renewed_s = now_s
         self.grip, self._until_s = Grip.HELD, made_s + FRESH_S
         return Verdict.BEGINS if began else Verdict.GOES_ON
 
     def look(self, now_s: float) -> bool:
         """Notice silence; whether it ended a hold."""
-        if self.grip is not Grip.HELD or now_s < self._until_s:
+        until_s = self.until_s
+        if until_s is None or now_s < until_s:
             return False
-        self.lose(f"no frame for {1e3 * FRESH_S:.0f} ms")
+        if now_s >= self._until_s:
+            self.lose(f"no frame for {1e3 * FRESH_S:.0f} ms")
+        else:
+            self.lose(
+                f"held for {self.longest_s:g} s without a sign of who holds: let go and press again"
+            )
         return True
 
     def lose(self, why: str) -> None:

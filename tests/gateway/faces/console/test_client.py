@@ -175,6 +175,46 @@ def test_silence_ends_it_at_once_and_it_stays_ended(arm, page):
     assert len(arm.requests) == asked
 
 
+def test_a_channel_that_is_opened_again_for_its_arm_keeps_the_authority(arm, page):
+    """A page that was disarmed by a stop takes the authority, and then opens its channel anew."""
+    held(page)
+    until(lambda: arm.requests, "the arm is asked")
+    page.open(1, arm=ARM)
+    assert "let go" in page.grip("lost")["why"]
+    until(lambda: numbers(arm.requests[-1]) == REST, "the stream rests")
+    keep(page, 0.05)
+    page.jog(False)
+    page.grip("free")
+    page.jog()
+    page.grip("held")
+    assert "release" not in arm.verbs()
+    page.ask("cardan.close", channel=1)
+    until(lambda: "release" in arm.verbs(), "the authority is given up")
+
+
+def test_a_page_renews_a_hold_and_is_told_how_long_it_goes_on(network, arm, tmp_path):
+    """The frames go on as those of a page do whose browser hangs."""
+    with console(network, tmp_path, hold_s=1.0) as running, page_program(running) as page:
+        page.begin()
+        page.open(1, arm=ARM)
+        page.jog(False)
+        assert "left_s" not in page.grip("free")
+        page.jog()
+        assert 0.0 < page.grip("held")["left_s"] <= 1.0
+        page.heard.clear()
+        for _ in range(4):
+            keep(page, 0.5)
+            page.ask("cardan.renew", channel=1)
+        page.ask("cardan.ping", id="renewed")
+        page.next("cardan.pong", id="renewed")
+        assert not [each for each in page.heard if each.get("grip") == "lost"]
+        keep(page, 2.0)
+        assert "without a sign of who holds" in page.grip("lost")["why"]
+        until(lambda: numbers(arm.requests[-1]) == REST, "the stream rests")
+        page.ask("cardan.renew", channel=9, id="r")
+        assert "not open" in page.next("cardan.refused", id="r")["why"]
+
+
 @pytest.mark.parametrize(
     ("more", "words"), [({"visible": False}, "hidden"), ({"tracking": False}, "tracking")]
 )

@@ -1,11 +1,12 @@
 """When a hand on a page holds, and what its clock says, in virtual time."""
 
+import math
 import random
 
 import pytest
 
 from cardan.gateway.faces.console.clocks import KEPT, PageClock
-from cardan.gateway.faces.console.holding import FRESH_S, Grip, Hold, Verdict
+from cardan.gateway.faces.console.holding import FRESH_S, LONGEST_S, Grip, Hold, Verdict
 from cardan.protocols.handheld import JogTwist, OperatorFrame
 from cardan.types import Vector3
 
@@ -15,8 +16,9 @@ BODY = JogTwist(Vector3(0.1, 0.0, 0.0), Vector3(0.0, 0.0, 0.0))
 class Hand:
     """A page's frames, whose clock is ours."""
 
-    def __init__(self):
-        self.hold, self.now_s, self.sequence = Hold(), 100.0, 0
+    def __init__(self, longest_s=math.inf):
+        self.hold = Hold(longest_s)
+        self.now_s, self.sequence = 100.0, 0
 
     def frame(self, hold=True, after_s=0.016, late_s=0.0, **more):
         """A frame that was made `late_s` before it comes."""
@@ -162,3 +164,59 @@ def test_drift_is_followed():
         now_s = 10.0 + 0.5 * step
         clock.heard(now_s, (now_s - 5.0) * (1.0 + 50e-6), now_s + 0.002)
     assert clock.here_s((now_s - 5.0) * (1.0 + 50e-6)) == pytest.approx(now_s, abs=0.003)
+
+
+def until_lost(hand, longest_s, moves=lambda hand, held_s: None):
+    """Hold on until it is lost; how long that took, s, of `longest_s` at most."""
+    began_s = hand.now_s
+    while hand.hold.grip is Grip.HELD and hand.now_s - began_s < longest_s:
+        moves(hand, hand.now_s - began_s)
+        hand.frame(True, after_s=0.02)
+    return hand.now_s - began_s
+
+
+def test_a_jog_that_nobody_renews_ends_in_time_and_takes_a_new_press():
+    """The browser hangs, and its page goes on saying that it is held."""
+    hand = Hand(LONGEST_S).held()
+    assert until_lost(hand, 60.0) == pytest.approx(LONGEST_S, abs=0.05)
+    assert "without a sign" in hand.hold.why
+    assert hand.frame(True) is Verdict.REST
+    hand.hold.renew(hand.now_s)
+    assert hand.frame(True) is Verdict.REST
+    assert hand.frame(False) is Verdict.REST
+    assert hand.frame(True) is Verdict.BEGINS
+    assert hand.hold.left_s(hand.now_s) == LONGEST_S
+
+
+def test_what_a_person_does_renews_a_hold():
+    hand = Hand(LONGEST_S).held()
+
+    def moves(hand, held_s):
+        if held_s < 30.0:
+            hand.hold.renew(hand.now_s)
+
+    assert until_lost(hand, 90.0, moves) == pytest.approx(30.0 + LONGEST_S, abs=0.05)
+
+
+def test_a_frame_that_does_not_come_ends_a_renewed_hold_as_any_other():
+    hand = Hand(LONGEST_S).held()
+    hand.hold.renew(hand.now_s)
+    assert hand.hold.look(hand.now_s + FRESH_S)
+    assert "no frame" in hand.hold.why
+
+
+def test_speeds_that_a_page_computes_renew_no_jog():
+    """On the way to a goal they change by themselves."""
+    hand = Hand(LONGEST_S).held()
+    while hand.hold.grip is Grip.HELD and hand.now_s < 200.0:
+        hand.now_s += 0.02
+        hand.sequence += 1
+        body = JogTwist(Vector3(1e-4 * hand.sequence, 0.0, 0.0), Vector3(0.0, 0.0, 0.0))
+        hand.hold.take(OperatorFrame(body, True, sequence=hand.sequence), hand.now_s, hand.now_s)
+    assert hand.now_s == pytest.approx(100.0 + LONGEST_S, abs=0.1)
+
+
+def test_what_is_no_jog_is_held_without_end():
+    hand = Hand().held()
+    assert until_lost(hand, 100.0) >= 100.0
+    assert hand.hold.left_s(hand.now_s) is None
