@@ -109,7 +109,8 @@ class Finder(Generic[T]):
         """Every class that can be loaded, and why the others cannot: one that is broken does not
         keep the others from being listed."""
         found: Loaded[T] = Loaded({}, {}, [])
-        for name in self.names():
+        points = tuple(self._installed())
+        for name in sorted({*self._built_in, *(point.name for point in points)}):
             try:
                 found.classes[name] = self.load(name)
             except ConfigurationError as error:
@@ -121,7 +122,7 @@ class Finder(Generic[T]):
                     raise
                 found.refused[name] = f"cannot be loaded: {reason(error)}"
         used = dict(self._built_in)
-        for point in self._installed():
+        for point in points:
             if (target := used.setdefault(point.name, point.value)) != point.value:
                 found.notes.append(
                     f"{self._word} {point.name!r} is {target}; {point.value}, which has the same "

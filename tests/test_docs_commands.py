@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import re
 import shlex
@@ -71,13 +72,18 @@ def test_what_the_ledger_names_is_there(test):
 # -- commands of Cardan ------------------------------------------------------------------------
 
 
+@functools.cache
+def the_command_line():
+    return typer.main.get_command(cli.app)
+
+
 @pytest.mark.parametrize("command", OURS, ids=lambda each: each.line[:60])
 def test_the_command_line_takes_it(command):
     """Names, options and values, as far as that goes without running it."""
     if plugged_in(command.line):
         return
     words = shlex.split(command.line.removeprefix("sudo ").partition(" | ")[0])[1:]
-    found, names = typer.main.get_command(cli.app), ["cardan"]
+    found, names = the_command_line(), ["cardan"]
     while commands_below := getattr(found, "commands", None):
         if not words or words[0].startswith("-"):
             break

@@ -5,6 +5,7 @@ Only Zenoh, threads and clocks are missing.
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 
@@ -15,8 +16,12 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.names import dds_type
 from cardan.protocols.ros2.zenoh import Attachment
+from cardan.sim_peers.arm.plant import ArmPlant
 from cardan.sim_peers.link import FaultyLink
 from cardan.sim_peers.ros2_arm import RosArm, RosArmOptions
+
+STEP_S = 0.002
+"""Of the plant."""
 
 KEY = f"0/joint_states/{dds_type(STATE_TYPE)}/RIHS01_0"
 
@@ -46,6 +51,9 @@ class Wire:
             )
         )
         self.period_s = 1.0 / rate_hz
+        # Longer steps than the arm's own, for the sake of what they cost to compute.
+        coarse = dataclasses.replace(self.core.options.plant, step_s=min(STEP_S, self.period_s))
+        self.core.plant = ArmPlant(self.core.arm, coarse)
         self.to_pc, self.to_robot = FaultyLink(faults, 2), FaultyLink(faults, 3)
         self.now_s = 0.0
         self.killed = False

@@ -73,6 +73,7 @@ class ArmPlant:
         self._upper = np.array(arm.upper)
         self._effort = np.array([joint.effort for joint in arm.joints])
         self._effort_finite = bool(np.isfinite(self._effort).any())
+        self._effort_over = self._effort * (1.0 + 1e-9)
         start = arm.home if options.start is None else options.start
         if len(start) != n or not all(map(math.isfinite, start)):
             raise ValueError(f"{start} is no start of an arm with {n} joints")
@@ -93,6 +94,7 @@ class ArmPlant:
         self._has_coulomb = options.coulomb_friction_rad_s2 > 0.0
         self._has_friction = self._has_coulomb or options.viscous_friction_1_s > 0.0
         self._speed_step = np.array([joint.acceleration for joint in arm.joints]) * h
+        self._speed_step_down = -self._speed_step
         self._speed_limit = np.array(arm.velocity)
         self.mode = DriveMode.HOLD
         self._reference = self._q.copy()
@@ -269,7 +271,7 @@ class ArmPlant:
         self._a = a
         np.maximum(q, self._lower, out=work)
         np.minimum(work, self._upper, out=work)
-        if (work != q).any():
+        if work.tolist() != q.tolist():  # Of a few numbers, lists are compared faster.
             self._hit_stops()
 
     def _solve(self, drive: Array, servo_inertia: Array) -> Array:
@@ -301,8 +303,8 @@ class ArmPlant:
             again = False
             if self._effort_finite and servo_inertia is not self._no_inertia:
                 applied = drive - servo_inertia * a
-                over = np.abs(applied) > self._effort * (1.0 + 1e-9)
-                if over.any():
+                over = np.abs(applied) > self._effort_over
+                if True in over.tolist():
                     drive[over] = np.copysign(self._effort, applied)[over]
                     servo_inertia = np.where(over, 0.0, servo_inertia)
                     again = True
@@ -339,7 +341,7 @@ class ArmPlant:
             np.subtract(wanted, self._speed, out=work)
             if not self.ideal:
                 np.minimum(work, self._speed_step, out=work)
-                np.maximum(work, -self._speed_step, out=work)
+                np.maximum(work, self._speed_step_down, out=work)
             np.add(self._speed, work, out=self._speed)
             np.multiply(self._speed, h, out=work)
             np.add(reference, work, out=reference)
@@ -352,7 +354,7 @@ class ArmPlant:
             # A sagging arm's reference may be beyond its stop by the sag, never by more.
             np.maximum(reference, self._lower, out=work)
             np.minimum(work, self._upper, out=work)
-            if (work != reference).any():
+            if work.tolist() != reference.tolist():
                 reference[:] = work
                 self._speed[(work == self._lower) | (work == self._upper)] = 0.0
         if self.options.integral_1_s and not self.ideal:
