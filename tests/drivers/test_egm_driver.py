@@ -8,6 +8,7 @@ import math
 import os
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -73,6 +74,16 @@ def peer(robot: AbbEgm) -> Iterator[Peer]:
     peer.socket.close()
 
 
+@pytest.fixture
+def in_step(peer: Peer, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The driver's clock goes on with the controller's, by a period for each datagram: one that ran
+    as fast as these cycles would be a wrong one."""
+    began_s, began_us = driver_module._monotonic(), peer.controller.clock_us
+    monkeypatch.setattr(
+        driver_module, "_monotonic", lambda: began_s + 1e-6 * (peer.controller.clock_us - began_us)
+    )
+
+
 def run(robot: AbbEgm, peer: Peer, cycles: Iterator[RobotState], times: int) -> bytes:
     """So many cycles towards a far target; the last answer."""
     for _ in range(times):
@@ -111,6 +122,7 @@ class LiveController:
 
 
 class TestLoop:
+    @pytest.mark.usefixtures("in_step")
     def test_each_datagram_gets_its_answer_from_send(self, robot: AbbEgm, peer: Peer) -> None:
         cycles = robot.cycles()
         for k in range(20):
@@ -329,6 +341,7 @@ class TestLeaving:
         assert speeds_of(answers[-1]) == ZEROS
 
     @pytest.mark.real
+    @pytest.mark.usefixtures("in_step")
     def test_a_live_controller_sees_a_ramp_within_the_limits(
         self, robot: AbbEgm, peer: Peer
     ) -> None:
@@ -598,7 +611,10 @@ class TestStream:
             peer.say()
             assert speeds_of(peer.hear()) == ZEROS
             speed = 0.0
+            due_s = time.monotonic()
             for k in range(1, 40):
+                due_s += PERIOD_S
+                threading.Event().wait(max(due_s - time.monotonic(), 0.0))  # its period
                 stream.command(FAST)
                 peer.say()
                 answer = peer.hear()
