@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import re
 import shutil
 from importlib.resources import files
 
@@ -10,7 +11,7 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.robots import arm_names, load_arm, parse_urdf
-from cardan.robots.arm_model import Task
+from cardan.robots.arm_model import Task, limits_in
 
 
 def test_gofa():
@@ -37,8 +38,16 @@ JOINT = '<joint name="{name}" type="{kind}"><parent link="{a}"/><child link="{b}
 LIMIT = '<limit lower="-1" upper="2" velocity="3" effort="0"/>'
 
 
-def urdf(*joints):
-    return f'<robot name="r">{"".join(joints)}</robot>'
+def bare(*elements):
+    return f'<robot name="r">{"".join(elements)}</robot>'
+
+
+def urdf(*elements):
+    """With the links that its joints name and it lacks."""
+    text = bare(*elements)
+    named = dict.fromkeys(re.findall(r'<(?:parent|child) link="([^"]+)"', text))
+    there = re.findall(r'<link name="([^"]*)"', text)
+    return bare(*elements, *(link("", name) for name in named if name not in there))
 
 
 def joint(name="j", kind="revolute", a="base", b="one", limit=LIMIT):
@@ -401,6 +410,34 @@ def test_any_urdf_is_an_arm_of_finite_numbers_or_an_error(text):
 def test_any_text_is_an_arm_or_an_error(text):
     with contextlib.suppress(ConfigurationError):
         parse_urdf(text)
+
+
+LINKS = [link("", "base"), link("", "one")]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (bare(LINKS[0], joint()), r"joint 'j' names link 'one', there are \['base'\]"),
+        (bare(LINKS[1], joint()), "joint 'j' names link 'base', there are"),
+        (bare(joint()), r"joint 'j' names link 'base', there are \[\]"),
+        (bare(LINKS[0], link("", "One"), joint()), r"'one', there are \['base', 'One'\]"),
+        (bare(LINKS[0], link("", "one "), joint()), r"'one', there are \['base', 'one '\]"),
+        (bare(*LINKS, joint(b=" one")), r"' one', there are \['base', 'one'\]"),
+        (bare(*LINKS, LINKS[1], joint()), r"a name of its own, not \['base', 'one', 'one'\]"),
+        (bare(*LINKS, "<link/>", joint()), "a name of its own"),
+        (bare(*LINKS, link("", "two"), joint()), r"links \['two'\] are not joined to the base"),
+    ],
+)
+def test_links_are_those_that_the_joints_name(text, words):
+    with pytest.raises(ConfigurationError, match=words):
+        parse_urdf(text)
+
+
+def test_limits_of_a_joint_that_is_there_twice_are_not_chosen():
+    text = bare(joint(), joint(limit=limit(velocity="30")))
+    with pytest.raises(ConfigurationError, match="the URDF has 2 joints 'j'"):
+        limits_in(text, ["j"])
 
 
 def test_a_joint_that_mimics_another_is_refused():
