@@ -163,6 +163,18 @@ class ArmModel(NamedTuple):
     urdf: str
     counterbalanced_joints: int = 0
     """So many joints from the base are relieved of the arm's weight by springs; 0: none."""
+    solid_links: tuple[str, ...] = ()
+    """Links that the joints move and that ought to have a body: those with a shape to see or to
+    touch, and of what one joint moves the first where none has."""
+    bare_links: tuple[str, ...] = ()
+    """Those of `solid_links` without a body: nothing keeps them away from anything."""
+
+    def links_without_body(self) -> str:
+        """How many links have no body, and which, in words; empty: all have one."""
+        bare = self.bare_links
+        if not bare:
+            return ""
+        return f"{len(bare)} of {len(self.solid_links)} links have no body: {', '.join(bare)}"
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -428,17 +440,21 @@ def _build(text: str, file: ArmFile) -> ArmModel:
         body, frames[key] = links.get_link(name, key)
         if body != len(joints):
             raise ConfigurationError(key, f"link {name!r} is not moved by the last joint")
+    shapes, solid = _shapes(robot, links, file.collision), _solid_links(robot, links)
+    with_body = {shape.name for shape in shapes} | {each.link for each in file.collision.shape}
     return ArmModel(
         name=robot.get("name", ""),
         joints=tuple(joints),
         **frames,
         inertias=_inertias(robot, links, len(joints)),
-        shapes=(*_shapes(robot, links, file.collision), *_own_shapes(links, file.collision)),
+        shapes=(*shapes, *_own_shapes(links, file.collision)),
         ignored_pairs=_pairs(links, file.collision),
         home=_home(joints, file.home_deg),
         task=file.task,
         urdf=text,
         counterbalanced_joints=_counterbalanced(names, file.counterbalance),
+        solid_links=solid,
+        bare_links=tuple(link for link in solid if link not in with_body),
     )
 
 
@@ -691,6 +707,18 @@ def _shapes(robot: ET.Element, links: _Links, table: CollisionTable) -> list[Bod
                 found.append(BodyShape(name, body, shape))
         found += (BodyShape(name, body, capsule) for capsule in _without_end_caps(capsules))
     return found
+
+
+def _solid_links(robot: ET.Element, links: _Links) -> tuple[str, ...]:
+    """As `ArmModel` has them."""
+    solid: dict[int, list[str]] = {}
+    first: dict[int, str] = {}
+    for name, link in links.items():
+        first.setdefault(link.body, name)
+    for element, name, link in _placed_links(robot, links):
+        if element.find("collision") is not None or element.find("visual") is not None:
+            solid.setdefault(link.body, []).append(name)
+    return tuple(name for body in first if body > 0 for name in solid.get(body, (first[body],)))
 
 
 def _own_shapes(links: _Links, table: CollisionTable) -> Iterator[BodyShape]:

@@ -307,7 +307,7 @@ const WORDS = {
     "Collision shapes, with the distance that is kept",
     "Formas de colisión, con la distancia que se guarda",
   ],
-  robotTold: ["What the robot's driver says", "Lo que dice el controlador del robot"],
+  robotTold: ["What is said of the robot", "Lo que se dice del robot"],
   server: ["Server", "Servidor"],
   role: ["role", "rol"],
   picture3d: ["The arm in three dimensions", "El brazo en tres dimensiones"],

@@ -449,3 +449,52 @@ def test_soft_limits_narrow_the_range():
     soft = '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="5" k_velocity="1"/>'
     arm = parse_urdf(urdf(joint(limit=LIMIT + soft)))
     assert (arm.lower, arm.upper) == ((-0.5,), (2.0,))
+
+
+BARE = '<visual><geometry><mesh filename="m"/></geometry></visual>'
+MESH = '<collision><geometry><mesh filename="m"/></geometry></collision>'
+BALL = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+TWO = (joint(), joint("k", a="one", b="two"))
+
+
+@pytest.mark.parametrize(
+    ("elements", "without"),
+    [
+        (TWO, "2 of 2 links have no body: one, two"),
+        ((*TWO, link(MESH)), "2 of 2 links have no body: one, two"),
+        ((*TWO, link(BALL)), "1 of 2 links have no body: two"),
+        ((*TWO, link(MESH + BALL), link(BALL, "two")), ""),
+        ((*TWO, link(BALL), link(BARE, "two")), "1 of 2 links have no body: two"),
+        # The base does not move, and frames are no bodies.
+        ((*TWO, link(MESH, "base"), link(BALL), joint("w", "fixed", "two", "case", "")), "1 of 2"),
+        (
+            (*TWO, link(BALL), joint("w", "fixed", "two", "case", ""), link(BALL, "case")),
+            "",
+        ),
+        (
+            (
+                *(*TWO, link(BALL), link(BALL, "two")),
+                *(joint("w", "fixed", "two", "tool", ""), link(MESH, "tool")),
+            ),
+            "1 of 3 links have no body: tool",
+        ),
+    ],
+)
+def test_links_without_a_body_are_told(arm_file, elements, without):
+    text = 'urdf = "own.urdf"\ncollision.meshes = "ignore"'
+    said = load_arm(arm_file(text, urdf(*elements))).links_without_body()
+    assert said == without if not without or ":" in without else said.startswith(without)
+
+
+def test_a_shape_of_one_s_own_is_a_body(arm_file):
+    text = 'urdf = "own.urdf"\n' + "".join(
+        f'[[collision.shape]]\nlink = "{name}"\nbox = [[0, 0, 0], [1, 1, 1]]\n'
+        for name in ("one", "two")
+    )
+    arm = load_arm(arm_file(text, urdf(*TWO, link(MESH), link(MESH, "two"))))
+    assert arm.links_without_body() == ""
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_every_link_of_our_arms_has_a_body(name):
+    assert load_arm(name).links_without_body() == ""
