@@ -234,6 +234,7 @@ const WORDS = {
     "Grabación: no mueve ningún brazo. Parar sí para el brazo real.",
   ],
   reading: ["Reading the record…", "Leyendo la grabación…"],
+  damaged: ["its file is damaged, parts are left out", "su archivo está dañado, faltan partes"],
   cutOff: ["its file ends early", "su archivo acaba antes"],
   phone: ["This phone", "Este teléfono"],
   phoneHelp: [

@@ -61,6 +61,8 @@ class Contents(NamedTuple):
     """By name: the type, and how many messages."""
     cut_off: str
     """Why the file has no end; empty where it has one."""
+    damage: str
+    """What is damaged and left out; empty: nothing."""
 
     @property
     def duration_s(self) -> float:
@@ -100,9 +102,12 @@ class Show:
                 kept += size
                 self._latched.append(message)
         if last_ns < 0:
-            raise CaptureError(f"{self._reader.path.name} has no messages")
+            why = "; ".join(("", *self._reader.problems))
+            raise CaptureError(f"{self._reader.path.name} has no messages{why}")
         topics = {name: (type_name, counts[name]) for name, type_name in sorted(types.items())}
-        return Contents(first_ns, last_ns, topics, self._reader.cut_off)
+        return Contents(
+            first_ns, last_ns, topics, self._reader.cut_off, "; ".join(self._reader.damage)
+        )
 
     @property
     def over(self) -> bool:
@@ -239,6 +244,7 @@ def run(path: Path, orders: TextIO, out: TextIO) -> None:
         "began_s": round(1e-9 * contents.first_ns, 3),
         "topics": {name: list(each) for name, each in contents.topics.items()},
         "cut_off": printable(contents.cut_off),
+        "damage": printable(contents.damage),
     }
     out.write(json.dumps(about) + "\n")
     out.flush()
