@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import queue
 import sys
 import threading
 import time
@@ -21,6 +20,7 @@ from typing import Any, Final, NamedTuple, TextIO
 
 from cardan.errors import CaptureError, CardanError
 from cardan.gateway.recording.mcap_file import RecordedMessage, RecordedTopic, RecordReader
+from cardan.inbox import Inbox, InboxEmptyError
 from cardan.printable import printable
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError
@@ -248,7 +248,7 @@ def run(path: Path, orders: TextIO, out: TextIO) -> None:
     }
     out.write(json.dumps(about) + "\n")
     out.flush()
-    waiting: queue.Queue[str | None] = queue.Queue()
+    waiting: Inbox[str | None] = Inbox()
 
     def read() -> None:
         for line in orders:
@@ -259,8 +259,8 @@ def run(path: Path, orders: TextIO, out: TextIO) -> None:
     player = Player(show)
     while True:
         try:
-            line = waiting.get(timeout=TICK_S if player.playing else None)
-        except queue.Empty:
+            line = waiting.get(TICK_S if player.playing else None)
+        except InboxEmptyError:
             said = player.line(player.tick(time.monotonic()))
         else:
             if line is None:

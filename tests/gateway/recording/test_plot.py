@@ -87,7 +87,9 @@ def test_a_damaged_record_is_drawn_and_said_to_be(tmp_path):
     (words,) = read_series(path)[2]
     assert words.startswith("the file is damaged at byte ")
     damaged(path, 1000)
-    with pytest.raises(CaptureError, match=r"has no state of an arm.*; the file is damaged at byte"):
+    with pytest.raises(
+        CaptureError, match=r"has no state of an arm.*; the file is damaged at byte"
+    ):
         read_series(path)
 
 
