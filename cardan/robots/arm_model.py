@@ -176,6 +176,16 @@ class ArmModel(NamedTuple):
             return ""
         return f"{len(bare)} of {len(self.solid_links)} links have no body: {', '.join(bare)}"
 
+    def require_bodies(self, key: str) -> None:
+        """Raise ConfigurationError of the setting `key` where links have no body."""
+        if bare := self.links_without_body():
+            raise ConfigurationError(
+                key,
+                f"{bare}; no obstacle stops them: give each a [[collision.shape]] in the arm's "
+                ".toml, or accept it with i_accept_links_without_bodies = true in [arm]; a "
+                "program, in its ControllerOptions",
+            )
+
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Names in kinematic order."""

@@ -369,13 +369,8 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
             model = load_arm(table.model)
             kinematics = arm = ArmKinematics(model, table.tool())
             weights = model.task.weights
-            bare = model.links_without_body()
-            if bare and config.obstacles and not table.i_accept_links_without_bodies:
-                raise ConfigurationError(
-                    "",
-                    f"{bare}; no obstacle stops them: give each a [[collision.shape]] in the "
-                    "arm's .toml, or accept it with i_accept_links_without_bodies = true in [arm]",
-                )
+            if config.obstacles and not table.i_accept_links_without_bodies:
+                model.require_bodies("")
             if table.collisions:
                 collision = CollisionModel(arm, [_obstacle(each) for each in config.obstacles])
             if len(model.joints) > FREE_JOINTS:

@@ -8,11 +8,17 @@ from importlib.resources import files
 
 import pytest
 
+from cardan.drivers.sim_arm import SimArm, SimArmOptions
 from cardan.errors import ConfigurationError
+from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.doctor.base import Subject
 from cardan.gateway.doctor.files import Files, read_files
+from cardan.gateway.kinematics.collision import Obstacle
 from cardan.gateway.session.assembly import cautions, load_config
 from cardan.gateway.session.surroundings import surroundings
+from cardan.robots import Box, load_arm
+from cardan.types import Vector3
 from tests.gateway.doctor.told import told
 
 SAID = "6 of 6 links have no body: "
@@ -69,3 +75,14 @@ def test_the_doctor_says_it(session):
     found = list(Files.look(Subject((file,), layout, wrong)))
     assert ("failure", "file") in told(Files, found)
     assert any(SAID in each.what for each in found)
+
+
+def test_a_program_is_refused_likewise(session):
+    model = load_arm(load_config(session("")).arm.model)
+    able = SimArm(SimArmOptions(robot="ur5")).capabilities
+    box = [Obstacle("box", Box.between(Vector3(0.2, -0.2, 0.0), Vector3(0.6, 0.2, 0.4)))]
+    with pytest.raises(ConfigurationError, match=f"obstacles: {SAID}.*{ACCEPTED[:-8]}"):
+        ArmVerbs.alone(model, able, obstacles=box)
+    ArmVerbs.alone(model, able)
+    accepting = ControllerOptions(i_accept_links_without_bodies=True)
+    ArmVerbs.alone(model, able, accepting, obstacles=box)
