@@ -23,6 +23,7 @@ LEAVES = {
     "tables",
     "braking",
     "histogram",
+    "inbox",
     "realtime",
     "robots",
     "haptics",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import queue
 import sys
 import time
 from collections.abc import Iterator, Sequence
@@ -16,6 +15,7 @@ from cardan.bus.options import BusOptions
 from cardan.cli import completion
 from cardan.cli.common import EXIT_INCOMPLETE, AsJson, Seconds, print_json
 from cardan.errors import ConfigurationError
+from cardan.inbox import Inbox, InboxEmptyError
 from cardan.options import suggestion
 from cardan.printable import printable
 
@@ -233,10 +233,10 @@ def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tu
     from cardan.bus.router import routers_here
     from cardan.bus.zenoh_network import BusNetwork
 
-    heard: queue.Queue[bytes] = queue.Queue(MESSAGES_KEPT)
+    heard: Inbox[bytes] = Inbox()
 
     def take(data: bytes, _stamp_ns: int) -> None:
-        if not heard.full():
+        if len(heard) < MESSAGES_KEPT:
             heard.put(data)
 
     end_s = None if seconds is None else time.monotonic() + seconds
@@ -253,6 +253,6 @@ def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tu
         network.subscribe(name, topic.type, take)
         while (left_s := 3600.0 if end_s is None else end_s - time.monotonic()) > 0.0:
             try:
-                yield heard.get(timeout=left_s), topic
-            except queue.Empty:
+                yield heard.get(left_s), topic
+            except InboxEmptyError:
                 continue

@@ -90,7 +90,7 @@ def replay(
     )
     for line in report.lines():
         print(printable(line))
-    if not report.messages:
+    if not report.complete:
         raise typer.Exit(EXIT_INCOMPLETE)
 
 
@@ -101,7 +101,7 @@ def _replay_engine(file: Path) -> None:
     for report in reports:
         for line in report.lines():
             print(printable(line))
-    if not all(report.same for report in reports):
+    if not all(report.same and not report.problems for report in reports):
         raise typer.Exit(EXIT_INCOMPLETE)
 
 
@@ -124,7 +124,13 @@ def plot(
     """Draw a session: the path of the TCP, the following error, latencies and forces."""
     from cardan.gateway.recording.plot import plot as draw
 
-    print(draw(file, output or file.with_suffix(".png"), arm))
+    picture = output or file.with_suffix(".png")
+    problems = draw(file, picture, arm)
+    print(picture)
+    for line in problems:
+        print(printable(line))
+    if problems:
+        raise typer.Exit(EXIT_INCOMPLETE)
 
 
 def export(

@@ -10,7 +10,7 @@ from __future__ import annotations
 import enum
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from importlib import resources
@@ -163,6 +163,28 @@ class ArmModel(NamedTuple):
     urdf: str
     counterbalanced_joints: int = 0
     """So many joints from the base are relieved of the arm's weight by springs; 0: none."""
+    solid_links: tuple[str, ...] = ()
+    """Links that the joints move and that ought to have a body: those with a shape to see or to
+    touch, and of what one joint moves the first where none has."""
+    bare_links: tuple[str, ...] = ()
+    """Those of `solid_links` without a body: nothing keeps them away from anything."""
+
+    def links_without_body(self) -> str:
+        """How many links have no body, and which, in words; empty: all have one."""
+        bare = self.bare_links
+        if not bare:
+            return ""
+        return f"{len(bare)} of {len(self.solid_links)} links have no body: {', '.join(bare)}"
+
+    def require_bodies(self, key: str) -> None:
+        """Raise ConfigurationError of the setting `key` where links have no body."""
+        if bare := self.links_without_body():
+            raise ConfigurationError(
+                key,
+                f"{bare}; no obstacle stops them: give each a [[collision.shape]] in the arm's "
+                ".toml, or accept it with i_accept_links_without_bodies = true in [arm]; a "
+                "program, in its ControllerOptions",
+            )
 
     @property
     def joint_names(self) -> tuple[str, ...]:
@@ -333,18 +355,22 @@ def limits_in(text: str, names: Sequence[str]) -> JointLimits:
     """The limits of the joints called `names` in a robot's whole URDF, which may branch and have
     meshes: as robots publish it.
 
-    Raises ConfigurationError for text that is not URDF, and for a joint that is missing or has no
-    limits.
+    Raises ConfigurationError for text that is not URDF, and for a joint that is missing, is there
+    twice or has no limits.
     """
-    found = {each.get("name", ""): each for each in _parsed(text).iterfind("joint")}
+    there = list(_parsed(text).iterfind("joint"))
     joints = []
     for name in names:
-        if name not in found:
-            raise _wrong(f"the URDF has no joint {name!r}; it has {', '.join(found)}")
-        kind = found[name].get("type", "")
+        found = [each for each in there if each.get("name", "") == name]
+        if not found:
+            its = ", ".join(each.get("name", "") for each in there)
+            raise _wrong(f"the URDF has no joint {name!r}; it has {its}")
+        if len(found) > 1:
+            raise _wrong(f"the URDF has {len(found)} joints {name!r}")
+        kind = found[0].get("type", "")
         if kind not in [each.value for each in JointKind]:
             raise _wrong(f"joint {name!r} of the URDF is {kind!r}, which does not move")
-        joints.append(_joint(found[name], JointKind(kind), IDENTITY_POSE))
+        joints.append(_joint(found[0], JointKind(kind), IDENTITY_POSE))
     return JointLimits(
         tuple(joint.lower for joint in joints),
         tuple(joint.upper for joint in joints),
@@ -392,6 +418,7 @@ def _build(text: str, file: ArmFile) -> ArmModel:
     robot = _parsed(text)
     joints: list[ArmJoint] = []
     weld, chain, moving = IDENTITY_POSE, _chain(robot), [kind.value for kind in JointKind]
+    declared = _declared_links(robot, chain.values())
     last = _root(chain)
     links = _Links({last: _Link(0, weld)})
     while last in chain:
@@ -409,8 +436,8 @@ def _build(text: str, file: ArmFile) -> ArmModel:
         else:
             raise _wrong(f"joint {name!r} is {kind!r}; allowed: fixed, {', '.join(moving)}")
         links[last] = _Link(len(joints), weld)
-    if chain:
-        raise _wrong(f"links {sorted(chain)} are not joined to the base")
+    if loose := declared - set(links):
+        raise _wrong(f"links {sorted(loose)} are not joined to the base")
     if not joints:
         raise _wrong("the arm's URDF has no moving joint")
     names = [joint.name for joint in joints]
@@ -423,17 +450,21 @@ def _build(text: str, file: ArmFile) -> ArmModel:
         body, frames[key] = links.get_link(name, key)
         if body != len(joints):
             raise ConfigurationError(key, f"link {name!r} is not moved by the last joint")
+    shapes, solid = _shapes(robot, links, file.collision), _solid_links(robot, links)
+    with_body = {shape.name for shape in shapes} | {each.link for each in file.collision.shape}
     return ArmModel(
         name=robot.get("name", ""),
         joints=tuple(joints),
         **frames,
         inertias=_inertias(robot, links, len(joints)),
-        shapes=(*_shapes(robot, links, file.collision), *_own_shapes(links, file.collision)),
+        shapes=(*shapes, *_own_shapes(links, file.collision)),
         ignored_pairs=_pairs(links, file.collision),
         home=_home(joints, file.home_deg),
         task=file.task,
         urdf=text,
         counterbalanced_joints=_counterbalanced(names, file.counterbalance),
+        solid_links=solid,
+        bare_links=tuple(link for link in solid if link not in with_body),
     )
 
 
@@ -454,6 +485,22 @@ def _chain(robot: ET.Element) -> dict[str, ET.Element]:
             raise _wrong(f"link {parent!r} branches: not one arm")
         by_parent[parent] = joint
     return by_parent
+
+
+def _declared_links(robot: ET.Element, joints: Iterable[ET.Element]) -> set[str]:
+    """The names of all <link>. Raises ConfigurationError where two are the same, and for a joint
+    between others: what such a link has of mass and body would be lost."""
+    names = [element.get("name", "") for element in robot.iterfind("link")]
+    if len(set(names)) < len(names) or "" in names:
+        raise _wrong(f"every link has a name of its own, not {names}")
+    for joint in joints:
+        for tag in ("parent", "child"):
+            if (link := _link_of(joint, tag)) not in names:
+                raise _wrong(
+                    f"joint {joint.get('name')!r} names link {link!r}, there are {names}; capitals "
+                    "and spaces count"
+                )
+    return set(names)
 
 
 def _root(by_parent: dict[str, ET.Element]) -> str:
@@ -585,11 +632,10 @@ def _home(joints: list[ArmJoint], given: tuple[float, ...] | None) -> tuple[floa
 
 
 def _placed_links(robot: ET.Element, links: _Links) -> Iterator[tuple[ET.Element, str, _Link]]:
-    """Each <link> that is part of the arm, its name, and where it is."""
+    """Each <link>, its name, and where it is."""
     for element in robot.iterfind("link"):
         name = element.get("name", "")
-        if name in links:
-            yield element, name, links[name]
+        yield element, name, links[name]
 
 
 def _inertias(robot: ET.Element, links: _Links, bodies: int) -> tuple[Inertia, ...]:
@@ -671,6 +717,18 @@ def _shapes(robot: ET.Element, links: _Links, table: CollisionTable) -> list[Bod
                 found.append(BodyShape(name, body, shape))
         found += (BodyShape(name, body, capsule) for capsule in _without_end_caps(capsules))
     return found
+
+
+def _solid_links(robot: ET.Element, links: _Links) -> tuple[str, ...]:
+    """As `ArmModel` has them."""
+    solid: dict[int, list[str]] = {}
+    first: dict[int, str] = {}
+    for name, link in links.items():
+        first.setdefault(link.body, name)
+    for element, name, link in _placed_links(robot, links):
+        if element.find("collision") is not None or element.find("visual") is not None:
+            solid.setdefault(link.body, []).append(name)
+    return tuple(name for body in first if body > 0 for name in solid.get(body, (first[body],)))
 
 
 def _own_shapes(links: _Links, table: CollisionTable) -> Iterator[BodyShape]:

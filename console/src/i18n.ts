@@ -238,6 +238,7 @@ const WORDS = {
     "Grabación: no mueve ningún brazo. Parar sí para el brazo real.",
   ],
   reading: ["Reading the record…", "Leyendo la grabación…"],
+  damaged: ["its file is damaged, parts are left out", "su archivo está dañado, faltan partes"],
   cutOff: ["its file ends early", "su archivo acaba antes"],
   phone: ["This phone", "Este teléfono"],
   phoneHelp: [
@@ -311,7 +312,7 @@ const WORDS = {
     "Collision shapes, with the distance that is kept",
     "Formas de colisión, con la distancia que se guarda",
   ],
-  robotTold: ["What the robot's driver says", "Lo que dice el controlador del robot"],
+  robotTold: ["What is said of the robot", "Lo que se dice del robot"],
   server: ["Server", "Servidor"],
   role: ["role", "rol"],
   picture3d: ["The arm in three dimensions", "El brazo en tres dimensiones"],

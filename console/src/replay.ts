@@ -16,6 +16,8 @@ export type About = {
   topics: Record<string, [string, number]>;
   /** Why the file has no end; empty where it has one. */
   cut_off: string;
+  /** What is damaged and left out; empty: nothing. */
+  damage?: string;
 };
 
 type Heard = (message: Message) => void;

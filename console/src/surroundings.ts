@@ -19,6 +19,8 @@ export type Surroundings = {
   obstacles: Solid[];
   /** Of the arm, each in the frame of the link after its joint; "" is the base. */
   shapes: (Solid & { joint: string })[];
+  /** How many links have no body, and which; empty or absent: all have one. */
+  links_without_body?: string;
   /** The distance that is kept to obstacles; null: collisions are not avoided. */
   obstacle_m: number | null;
   own_body_m: number | null;

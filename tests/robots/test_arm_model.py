@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import re
 import shutil
 from importlib.resources import files
 
@@ -10,7 +11,7 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.robots import arm_names, load_arm, parse_urdf
-from cardan.robots.arm_model import Task
+from cardan.robots.arm_model import Task, limits_in
 
 
 def test_gofa():
@@ -37,8 +38,16 @@ JOINT = '<joint name="{name}" type="{kind}"><parent link="{a}"/><child link="{b}
 LIMIT = '<limit lower="-1" upper="2" velocity="3" effort="0"/>'
 
 
-def urdf(*joints):
-    return f'<robot name="r">{"".join(joints)}</robot>'
+def bare(*elements):
+    return f'<robot name="r">{"".join(elements)}</robot>'
+
+
+def urdf(*elements):
+    """With the links that its joints name and it lacks."""
+    text = bare(*elements)
+    named = dict.fromkeys(re.findall(r'<(?:parent|child) link="([^"]+)"', text))
+    there = re.findall(r'<link name="([^"]*)"', text)
+    return bare(*elements, *(link("", name) for name in named if name not in there))
 
 
 def joint(name="j", kind="revolute", a="base", b="one", limit=LIMIT):
@@ -403,6 +412,34 @@ def test_any_text_is_an_arm_or_an_error(text):
         parse_urdf(text)
 
 
+LINKS = [link("", "base"), link("", "one")]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (bare(LINKS[0], joint()), r"joint 'j' names link 'one', there are \['base'\]"),
+        (bare(LINKS[1], joint()), "joint 'j' names link 'base', there are"),
+        (bare(joint()), r"joint 'j' names link 'base', there are \[\]"),
+        (bare(LINKS[0], link("", "One"), joint()), r"'one', there are \['base', 'One'\]"),
+        (bare(LINKS[0], link("", "one "), joint()), r"'one', there are \['base', 'one '\]"),
+        (bare(*LINKS, joint(b=" one")), r"' one', there are \['base', 'one'\]"),
+        (bare(*LINKS, LINKS[1], joint()), r"a name of its own, not \['base', 'one', 'one'\]"),
+        (bare(*LINKS, "<link/>", joint()), "a name of its own"),
+        (bare(*LINKS, link("", "two"), joint()), r"links \['two'\] are not joined to the base"),
+    ],
+)
+def test_links_are_those_that_the_joints_name(text, words):
+    with pytest.raises(ConfigurationError, match=words):
+        parse_urdf(text)
+
+
+def test_limits_of_a_joint_that_is_there_twice_are_not_chosen():
+    text = bare(joint(), joint(limit=limit(velocity="30")))
+    with pytest.raises(ConfigurationError, match="the URDF has 2 joints 'j'"):
+        limits_in(text, ["j"])
+
+
 def test_a_joint_that_mimics_another_is_refused():
     with pytest.raises(ConfigurationError, match=r"'j' mimics another: give the arm without it"):
         parse_urdf(urdf(joint(limit=LIMIT + '<mimic joint="k"/>')))
@@ -412,3 +449,52 @@ def test_soft_limits_narrow_the_range():
     soft = '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="5" k_velocity="1"/>'
     arm = parse_urdf(urdf(joint(limit=LIMIT + soft)))
     assert (arm.lower, arm.upper) == ((-0.5,), (2.0,))
+
+
+BARE = '<visual><geometry><mesh filename="m"/></geometry></visual>'
+MESH = '<collision><geometry><mesh filename="m"/></geometry></collision>'
+BALL = '<collision><geometry><sphere radius="0.1"/></geometry></collision>'
+TWO = (joint(), joint("k", a="one", b="two"))
+
+
+@pytest.mark.parametrize(
+    ("elements", "without"),
+    [
+        (TWO, "2 of 2 links have no body: one, two"),
+        ((*TWO, link(MESH)), "2 of 2 links have no body: one, two"),
+        ((*TWO, link(BALL)), "1 of 2 links have no body: two"),
+        ((*TWO, link(MESH + BALL), link(BALL, "two")), ""),
+        ((*TWO, link(BALL), link(BARE, "two")), "1 of 2 links have no body: two"),
+        # The base does not move, and frames are no bodies.
+        ((*TWO, link(MESH, "base"), link(BALL), joint("w", "fixed", "two", "case", "")), "1 of 2"),
+        (
+            (*TWO, link(BALL), joint("w", "fixed", "two", "case", ""), link(BALL, "case")),
+            "",
+        ),
+        (
+            (
+                *(*TWO, link(BALL), link(BALL, "two")),
+                *(joint("w", "fixed", "two", "tool", ""), link(MESH, "tool")),
+            ),
+            "1 of 3 links have no body: tool",
+        ),
+    ],
+)
+def test_links_without_a_body_are_told(arm_file, elements, without):
+    text = 'urdf = "own.urdf"\ncollision.meshes = "ignore"'
+    said = load_arm(arm_file(text, urdf(*elements))).links_without_body()
+    assert said == without if not without or ":" in without else said.startswith(without)
+
+
+def test_a_shape_of_one_s_own_is_a_body(arm_file):
+    text = 'urdf = "own.urdf"\n' + "".join(
+        f'[[collision.shape]]\nlink = "{name}"\nbox = [[0, 0, 0], [1, 1, 1]]\n'
+        for name in ("one", "two")
+    )
+    arm = load_arm(arm_file(text, urdf(*TWO, link(MESH), link(MESH, "two"))))
+    assert arm.links_without_body() == ""
+
+
+@pytest.mark.parametrize("name", arm_names())
+def test_every_link_of_our_arms_has_a_body(name):
+    assert load_arm(name).links_without_body() == ""

@@ -49,6 +49,8 @@ class ControllerOptions(Options):
     torque: TorqueLimits = field(default_factory=TorqueLimits)
     margins: Margins = field(default_factory=Margins)
     servo: ServoOptions = field(default_factory=ServoOptions)
+    i_accept_links_without_bodies: bool = False
+    """Obstacles beside an arm of which they do not stop every link."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -157,6 +157,8 @@ class ArmVerbs:
         model = narrowed(model, capabilities)
         drive = _drive(options.drive, capabilities)
         obstacles, tool_shapes = tuple(obstacles), tuple(tool_shapes)
+        if obstacles and not options.i_accept_links_without_bodies:
+            model.require_bodies("obstacles")
         kinematics = ArmKinematics(model)
         servo = choose_servo(
             kinematics,

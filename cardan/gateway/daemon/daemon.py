@@ -1,6 +1,6 @@
 """The daemon: starts what its files say, keeps it running, and answers who asks at its socket.
 
-One thread decides all; the threads that follow a process tell it by a queue what has become of it.
+One thread decides all; the threads that follow a process tell it by an inbox what has become of it.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import json
 import logging
 import math
 import os
-import queue
 import threading
 import time
 from collections import deque
@@ -57,6 +56,7 @@ from cardan.gateway.session.changes import Moment
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.lending import GIVE, TAKE
 from cardan.gateway.session.reloading import Found, ReloadOrder
+from cardan.inbox import Inbox, InboxEmptyError
 from cardan.logs import fields
 from cardan.shortage import shortage
 from cardan.sockets import make_runtime_folder, runtime_path
@@ -139,7 +139,7 @@ class Daemon:
         self.layout = layout
         self._read = read
         self._kept: dict[str, Kept] = {}
-        self._events: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._events: Inbox[Callable[[], None]] = Inbox()
         self._lines: deque[Line] = deque()
         self._characters = 0
         """Of all these lines."""
@@ -219,7 +219,7 @@ class Daemon:
             self._server.wake()
 
     def _say(self, line: Line) -> None:
-        if self._events.qsize() >= LINES_WAITING:
+        if len(self._events) >= LINES_WAITING:
             self._lines_dropped += 1
             return
         self._told(lambda: self._keep_line(line))
@@ -275,11 +275,11 @@ class Daemon:
         self._find_events()
         self._pass_devices()
         self._tell_watchers(now_s)
-        server.poll(POLL_S if self._events.empty() else 0.0)
+        server.poll(0.0 if len(self._events) else POLL_S)
         self._polled_s = time.monotonic()
-        with contextlib.suppress(queue.Empty):
+        with contextlib.suppress(InboxEmptyError):
             for _ in range(CALLS_A_TURN):
-                call = self._events.get_nowait()
+                call = self._events.get(0.0)
                 try:
                     call()
                 except Exception:  # Of one process; the others go on.

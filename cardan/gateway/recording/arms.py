@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 from cardan.errors import CaptureError, OptionError
@@ -16,11 +16,12 @@ WRENCH, RAW_ROBOT = "/state/wrench", "/raw/robot"
 """Ends of the names of an arm's topics, after its node's name."""
 
 
-def choose_arm(nodes: Collection[str], arm: str, path: Path) -> str:
+def choose_arm(nodes: Collection[str], arm: str, path: Path, problems: Sequence[str] = ()) -> str:
     """Full name of the node of `arm`; empty: of the only one that there is. Raises CaptureError,
-    OptionError."""
+    OptionError. `problems`: what is wrong with the file."""
     if not nodes:
-        raise CaptureError(f"{path} has no state of an arm, such as NODE{POSE}")
+        why = "; ".join(("", *problems))
+        raise CaptureError(f"{path} has no state of an arm, such as NODE{POSE}{why}")
     names = ", ".join(sorted(nodes))
     if arm:
         node = f"/{arm.strip('/')}"

@@ -71,6 +71,8 @@ class EngineReport:
     """Why not all cycles could be compared; empty where they were."""
     versions: dict[str, str] = field(default_factory=dict)
     """That the session ran with."""
+    problems: list[str] = field(default_factory=list)
+    """What is wrong with the file."""
 
     @property
     def same(self) -> bool:
@@ -90,7 +92,7 @@ class EngineReport:
             ]
         if self.ended:
             said.append(f"  {self.ended}")
-        return said
+        return said + [f"  {each}" for each in self.problems]
 
 
 class _Session(NamedTuple):
@@ -142,8 +144,7 @@ def replay_engine(
             config = changed(config)
         report = replay_cycles(config, records)
         report.session, report.versions = node, described.get("versions", {})
-        if reader.cut_off:
-            report.ended = report.ended or f"the file ends there: {reader.cut_off}"
+        report.problems = reader.problems
         reports.append(report)
     return reports
 

@@ -198,7 +198,7 @@ def read_frames(
     names = found[0][1].names
     written = Continuous()
     frames = Frames(fps, observation_names(names, True), action_names(ActionKind.POSE, True))
-    for path, tracks, cut_off in found:
+    for path, tracks, problems in found:
         if tracks.names != names:
             raise CaptureError(
                 f"{path} is of another arm than {paths[0]}: joints {', '.join(tracks.names)} and "
@@ -211,8 +211,7 @@ def read_frames(
                 f"at most {tracks.rate_hz:.0f}, as many states a second are in {path} (rate_hz of "
                 "[network] when it was recorded)",
             )
-        if cut_off:
-            frames.problems.append(f"{path}: it ends early: {cut_off}")
+        frames.problems += (f"{path}: {each}" for each in problems)
         for track in tracks.tracks:
             frames.problems += _told(path, track)
         for first_ns, last_ns in _spans(tracks, each_engagement):
@@ -241,8 +240,8 @@ def _told(path: Path, track: Track) -> Iterator[str]:
 # -- reading --------------------------------------------------------------------------------------
 
 
-def _read(path: Path, arm: str) -> tuple[ArmTracks, str]:
-    """What a record has of an arm, and why it ends early; empty: it does not."""
+def _read(path: Path, arm: str) -> tuple[ArmTracks, list[str]]:
+    """What a record has of an arm, and what is wrong with the file."""
     reader = RecordReader(path)
     found: dict[str, ArmTracks] = {}
     joints: list[RecordedMessage] = []
@@ -253,7 +252,9 @@ def _read(path: Path, arm: str) -> tuple[ArmTracks, str]:
         for end, take in _TAKEN.items():
             if name.endswith(end):
                 _take(found.setdefault(name.removesuffix(end), ArmTracks()), take, message)
-    node = choose_arm({name for name, each in found.items() if each.poses.values}, arm, path)
+    node = choose_arm(
+        {name for name, each in found.items() if each.poses.values}, arm, path, reader.problems
+    )
     tracks = found[node]
     namespace = node.rpartition("/")[0]
     for message in joints:
@@ -262,7 +263,7 @@ def _read(path: Path, arm: str) -> tuple[ArmTracks, str]:
             _take(tracks, _take_joints, message)
     if tracks.missing:
         raise CaptureError(f"{path}: {node} has too few {tracks.missing} for a frame")
-    return tracks, reader.cut_off
+    return tracks, reader.problems
 
 
 _Take = Callable[[ArmTracks, Message, int], None]

@@ -6,12 +6,16 @@ as rosbag2 writes it.
 
 from __future__ import annotations
 
+import bisect
 import contextlib
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, cast
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TypeAlias
 
 from cardan import __version__
 from cardan.errors import CaptureError
@@ -22,7 +26,9 @@ from cardan.protocols.ros2.type_hash import UNSUPPORTED, type_hash
 from cardan.shortage import shortage
 
 if TYPE_CHECKING:
-    from mcap.records import Chunk, McapRecord
+    from mcap.records import Channel, Chunk, Message, Schema
+
+_Record: TypeAlias = "Schema | Channel | Message"
 
 PROFILE, ENCODING, SCHEMA_ENCODING = "ros2", "cdr", "ros2msg"
 
@@ -32,7 +38,15 @@ MAX_CHUNK_BYTES = 64 * 2**20
 """Most that a chunk may unpack to: programs write chunks of 1 to 16 MiB, and some bytes of a
 damaged one can unpack to thousands of times as many."""
 
+MOST_DAMAGE = 20
+"""Damaged parts of a file that are named."""
+
 _MAGIC = b"\x89MCAP0\r\n"
+_HEAD = struct.Struct("<BQ")
+"""Of each record: its kind, and how many bytes follow."""
+_FOOTER_BYTES: Final = 9 + 20 + len(_MAGIC)
+_PRIVATE: Final = 0x80
+"""Kinds of records from here on are other programs'."""
 
 _FOREVER = "sec: 9223372036\n    nsec: 854775807"
 
@@ -96,7 +110,7 @@ class RecordWriter:
             raise CaptureError(f"{path} exists: choose another name, or delete it") from None
         except OSError as error:
             raise CaptureError(f"{path} cannot be written: {error.strerror or error}") from None
-        self._writer: Any = Writer(self._file)
+        self._writer: Any = Writer(self._file, enable_data_crcs=True)
         self._writer.start(PROFILE, f"cardan {__version__}")
         self._schemas: dict[tuple[str, str], int] = {}
         self.topics: dict[RecordedTopic, int] = {}
@@ -190,7 +204,7 @@ MOST_PLACES = 100_000
 
 
 class RecordReader:
-    """Reads a record from its beginning, one that was cut off too.
+    """Reads a record from its beginning, one that was cut off or is damaged too.
 
     ::
 
@@ -205,6 +219,9 @@ class RecordReader:
         self.path = path
         self.cut_off = ""
         """Why the file has no end, once it was read; empty where it has one."""
+        self.damage: list[str] = []
+        """What was damaged before the newest message, in words, and left out; the first
+        MOST_DAMAGE of it."""
         self.left_out = 0
         """Messages that are not in CDR."""
         self.places: list[Place] = []
@@ -216,47 +233,38 @@ class RecordReader:
         """All messages in the order of the file. Raises CaptureError for what is no MCAP file."""
         return self.messages()
 
+    @property
+    def problems(self) -> list[str]:
+        """What is wrong with the file as far as it was read, in words; empty: nothing."""
+        damaged = [f"the file is damaged {each}" for each in self.damage]
+        return damaged + ([f"the file ends early: {self.cut_off}"] if self.cut_off else [])
+
     def messages(self, place: Place | None = None) -> Iterator[RecordedMessage]:
         """Those from a place of `places` on, in the order of the file; None: all. Raises
         CaptureError for what is no MCAP file."""
-        from mcap.records import Channel, Message, Schema
-        from mcap.stream_reader import StreamReader
+        from mcap.records import Channel, Schema
 
         schemas, topics, places = self._schemas, self._topics, self.places
         if place is None:
             schemas.clear()
             topics.clear()
             places.clear()
-        self.cut_off, self.left_out = "", 0
+        self.cut_off, self.damage, self.left_out = "", [], 0
         try:
             stream = open_file(self.path)
         except OSError as error:
             why = error.strerror or error
             raise CaptureError(f"{self.path} cannot be read: {why}") from None
         with stream:
-            if stream.read(len(_MAGIC)) != _MAGIC:
+            if read_up_to(stream, len(_MAGIC)) != _MAGIC:
                 raise CaptureError(f"{self.path} is no MCAP file")
-            stream.seek(0 if place is None else place.offset)
-            pieces = cast(BinaryIO, _InPieces(stream))
-            raw = StreamReader(pieces, skip_magic=place is not None, emit_chunks=True).records
-            records = _unpacked(raw, stream.tell)
-            while True:
-                # A file that was cut off ends anywhere, within a compressed chunk too.
-                try:
-                    offset, record = next(records, (0, None))
-                except Exception as error:
-                    if shortage(error):
-                        raise
-                    self.cut_off = f"it was cut off while it was written ({error!r:.80})"
-                    return
-                if record is None:
-                    return
+            for offset, record in self._records(stream, place):
                 if isinstance(record, Schema):
                     schemas[record.id] = record.name
                 elif isinstance(record, Channel):
                     if record.message_encoding == ENCODING:
                         topics[record.id] = _topic(record, schemas.get(record.schema_id, ""))
-                elif isinstance(record, Message):
+                else:
                     if place is None and _is_news(places, offset, record.log_time):
                         places.append(Place(record.log_time, offset))
                     topic = topics.get(record.channel_id)
@@ -267,16 +275,164 @@ class RecordReader:
                         topic, record.log_time, record.publish_time, record.sequence, record.data
                     )
 
+    def _damaged(self, offset: int, why: str) -> None:
+        if len(self.damage) < MOST_DAMAGE:
+            self.damage.append(f"at byte {offset} {why}")
 
-class _InPieces:
-    """A file that is read in pieces: a damaged length would have that much memory taken."""
+    def _records(self, stream: BinaryIO, place: Place | None) -> Iterator[tuple[int, _Record]]:
+        """Those of the data section and of its chunks, each with the offset at which reading it
+        begins."""
+        from mcap.opcode import Opcode
+        from mcap.records import Message
 
-    def __init__(self, file: BinaryIO) -> None:
-        self._file = file
+        end = _End.of(stream)
+        at = len(_MAGIC) if place is None else place.offset
+        crc, count, known = zlib.crc32(_MAGIC), 0, False
+        while True:
+            offset, why, lost = at, "", False
+            try:
+                stream.seek(offset)
+                head = read_up_to(stream, _HEAD.size)
+                opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
+                body = read_up_to(stream, length)
+            except OSError as error:
+                if shortage(error):
+                    raise
+                self._damaged(offset, f"it cannot be read: {error.strerror or error}")
+                return
+            at = offset + len(head) + len(body)
+            records: list[_Record] = []
+            if len(head) < _HEAD.size or len(body) < length:
+                if not end.finished:
+                    missing = f"byte {at} is its last, in a record of {length} bytes"
+                    self.cut_off = f"it was cut off while it was written ({missing})"
+                    return
+                why, lost = f"a record of {length} bytes is longer than the file", True
+            elif opcode == Opcode.DATA_END:
+                self._check_end(offset, body, crc if place is None else None, count, end)
+                self._check_footer(stream, at, end)
+                return
+            else:
+                try:
+                    records = _records_in(opcode, body)
+                except _LostError as error:
+                    why, lost = str(error), True
+                except Exception as error:
+                    if shortage(error):
+                        raise
+                    why = f"a chunk is left out ({error!r:.80})"
+            following = end.chunk_after(offset)
+            if following is not None and following < at:
+                why, lost, records = why or "a record is longer than it was", True, []
+            if why:
+                self._damaged(offset, why)
+                if lost and following is None:
+                    return
+                if not known:
+                    # What the damaged part has said of topics is said again at the end.
+                    known = True
+                    records = end.topics
+                if lost and following is not None:
+                    at = following
+            crc = zlib.crc32(body, zlib.crc32(head, crc))
+            for record in records:
+                count += isinstance(record, Message)
+                yield offset, record
 
-    def read(self, size: int) -> bytes:
-        """At most `size` bytes."""
-        return read_up_to(self._file, size)
+    def _check_end(self, offset: int, body: bytes, crc: int | None, count: int, end: _End) -> None:
+        """What is said of all data before. `crc`: None where not all was read."""
+        if self.damage or crc is None:
+            return
+        if len(body) < 4 or struct.unpack_from("<I", body)[0] not in (0, crc):
+            self._damaged(offset, "the CRC of all data is another")
+        elif end.messages not in (None, count):
+            self._damaged(offset, f"there are to be {end.messages} messages before, not {count}")
+
+    def _check_footer(self, stream: BinaryIO, offset: int, end: _End) -> None:
+        from mcap.opcode import Opcode
+
+        if end.finished and not end.whole:
+            self._damaged(offset, "the summary's CRC is another")
+        elif not end.finished:
+            size, at = stream.seek(0, os.SEEK_END), offset
+            opcode = length = 0
+            while opcode != Opcode.FOOTER and at + _HEAD.size <= size:
+                stream.seek(at)
+                opcode, length = _HEAD.unpack(read_up_to(stream, _HEAD.size))
+                at += _HEAD.size + length
+            if opcode == Opcode.FOOTER and at + len(_MAGIC) <= size:
+                self._damaged(at, "its end is another")
+            else:
+                self.cut_off = "it was cut off while it was written (in its summary)"
+
+
+class _LostError(ValueError):
+    """Where the next record begins is not known."""
+
+
+class _End(NamedTuple):
+    """What the summary of a file says, at its end."""
+
+    finished: bool
+    """Whether the file has the end that a finished one has."""
+    whole: bool
+    """Whether the summary can be read and has its CRC."""
+    chunks: tuple[int, ...]
+    """Offsets of the chunks, ascending."""
+    topics: list[_Record]
+    """All schemas and channels."""
+    messages: int | None
+    """How many there are; None where it is not said."""
+
+    def chunk_after(self, offset: int) -> int | None:
+        """The offset of the next chunk; None: it is not known, or there is none."""
+        index = bisect.bisect_right(self.chunks, offset)
+        return self.chunks[index] if index < len(self.chunks) else None
+
+    @classmethod
+    def of(cls, stream: BinaryIO) -> _End:
+        """The end of a file."""
+        from mcap.data_stream import ReadDataStream
+        from mcap.exceptions import EndOfFile
+        from mcap.opcode import Opcode
+        from mcap.records import Channel, ChunkIndex, Schema, Statistics
+
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(max(0, size - _FOOTER_BYTES))
+        footer = read_up_to(stream, _FOOTER_BYTES)
+        if len(footer) < _FOOTER_BYTES or not footer.endswith(_MAGIC):
+            return cls(False, False, (), [], None)
+        head, said = footer[: -len(_MAGIC) - 4], footer[-len(_MAGIC) - 4 : -len(_MAGIC)]
+        opcode, length, start, _ = struct.unpack("<BQQQ", head)
+        broken = cls(True, False, (), [], None)
+        if opcode != Opcode.FOOTER or length != 20 or start > size - _FOOTER_BYTES:
+            return broken
+        if not start:
+            return cls(True, True, (), [], None)
+        stream.seek(start)
+        summary = read_up_to(stream, min(size - _FOOTER_BYTES - start, MAX_CHUNK_BYTES))
+        (crc,) = struct.unpack("<I", said)
+        if crc not in (0, zlib.crc32(head, zlib.crc32(summary))):
+            return broken
+        chunks: list[int] = []
+        topics: list[_Record] = []
+        messages, at = None, 0
+        try:
+            while at < len(summary):
+                opcode, length = _HEAD.unpack_from(summary, at)
+                body = ReadDataStream(BytesIO(summary[at + _HEAD.size : at + _HEAD.size + length]))
+                at += _HEAD.size + length
+                if opcode == Opcode.CHUNK_INDEX:
+                    chunks.append(ChunkIndex.read(body).chunk_start_offset)
+                elif opcode == Opcode.STATISTICS:
+                    messages = Statistics.read(body).message_count
+                elif opcode == Opcode.SCHEMA:
+                    topics.append(Schema.read(body))
+                elif opcode == Opcode.CHANNEL:
+                    topics.append(Channel.read(body))
+        except (ValueError, struct.error, EndOfFile):
+            return broken
+        return cls(True, True, tuple(sorted(chunks)), topics, messages)
 
 
 def _is_news(places: list[Place], offset: int, log_ns: int) -> bool:
@@ -286,45 +442,60 @@ def _is_news(places: list[Place], offset: int, log_ns: int) -> bool:
     return far and offset != places[-1].offset and len(places) < MOST_PLACES
 
 
-def _unpacked(
-    records: Iterator[McapRecord], tell: Callable[[], int]
-) -> Iterator[tuple[int, McapRecord]]:
-    """The same with what is in its chunks in their place, each with the offset at which reading it
-    begins."""
-    from mcap.records import Chunk
+def _records_in(opcode: int, body: bytes) -> list[_Record]:
+    """What is in a record of the data section, and in it if it is a chunk. Raises _LostError, or
+    what mcap and the compressors raise."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import EndOfFile
+    from mcap.opcode import Opcode
+    from mcap.records import Channel, Chunk, Message, Schema
 
-    while True:
-        offset = tell()
-        record = next(records, None)
-        if record is None:
-            return
-        if isinstance(record, Chunk):
-            for each in _records(record):
-                yield offset, each
-        else:
-            yield offset, record
+    if opcode == Opcode.CHUNK:
+        return _unpacked(Chunk.read(ReadDataStream(BytesIO(body))))
+    if opcode == Opcode.MESSAGE_INDEX:
+        if len(body) < 6 or len(body) != 6 + struct.unpack_from("<I", body, 2)[0]:
+            raise _LostError("an index of messages has another length than it says")
+        return []
+    if opcode in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA) or opcode >= _PRIVATE:
+        return []
+    stream = ReadDataStream(BytesIO(body))
+    try:
+        if opcode == Opcode.SCHEMA:
+            return [Schema.read(stream)]
+        if opcode == Opcode.CHANNEL:
+            return [Channel.read(stream)]
+        if opcode == Opcode.MESSAGE:
+            return [Message.read(stream, len(body))]
+    except (ValueError, struct.error, EndOfFile) as error:
+        raise _LostError(f"a record cannot be read ({error!r:.80})") from None
+    raise _LostError(f"a record is of an unknown kind, {opcode}")
 
 
-def _records(chunk: Chunk) -> list[McapRecord]:
-    """What is in a chunk. The lengths that it and its compressed frame declare are not believed:
-    mcap's own unpacking takes the memory for them first."""
+def _unpacked(chunk: Chunk) -> list[_Record]:
+    """What is in a chunk. Raises ValueError where its CRC is another. The lengths that it and its
+    compressed frame declare are not believed: mcap's own unpacking takes the memory for them
+    first."""
     import lz4.frame
     import zstandard
+    from mcap.records import Channel, Message, Schema
     from mcap.stream_reader import breakup_chunk
 
     packed = BytesIO(chunk.data)
     with contextlib.ExitStack() as stack:
-        stream: SupportsRead
+        stream: SupportsRead = packed
         if chunk.compression == "zstd":
             stream = stack.enter_context(zstandard.ZstdDecompressor().stream_reader(packed))
         elif chunk.compression == "lz4":
             stream = stack.enter_context(lz4.frame.open(packed))
-        else:
-            return breakup_chunk(chunk)
+        elif chunk.compression:
+            raise ValueError(f"an unknown compression, {chunk.compression!r:.20}")
         data = read_up_to(stream, MAX_CHUNK_BYTES + 1)
     if len(data) > MAX_CHUNK_BYTES:
         raise ValueError(f"a chunk of more than {MAX_CHUNK_BYTES >> 20} MiB")
-    return breakup_chunk(dataclasses.replace(chunk, compression="", data=data))
+    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError("its CRC is another")
+    records = breakup_chunk(dataclasses.replace(chunk, compression="", data=data))
+    return [each for each in records if isinstance(each, (Schema, Channel, Message))]
 
 
 def _topic(channel: Any, type_name: str) -> RecordedTopic:

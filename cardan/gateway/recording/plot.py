@@ -118,20 +118,21 @@ _TAKEN: Mapping[str, Callable[[Series, Message, int], None]] = {
 }
 
 
-def read_series(path: Path, arm: str = "") -> tuple[str, Series]:
-    """The series of one arm, and its node's full name.
+def read_series(path: Path, arm: str = "") -> tuple[str, Series, list[str]]:
+    """The full name of an arm's node, its series, and what is wrong with the file.
 
     `arm`: a node's full name; empty: the only one that there is. Raises CaptureError, OptionError.
     """
     found: dict[str, Series] = {}
-    for message in RecordReader(path):
+    reader = RecordReader(path)
+    for message in reader:
         for end, take in _TAKEN.items():
             if message.topic.name.endswith(end):
                 node = message.topic.name.removesuffix(end)
                 _take(found.setdefault(node, Series()), take, message)
     found = {node: series for node, series in found.items() if series.begin_ns}
-    node = choose_arm(found, arm, path)
-    return node, found[node]
+    node = choose_arm(found, arm, path, reader.problems)
+    return node, found[node], reader.problems
 
 
 def _take(
@@ -145,8 +146,8 @@ def _take(
         return  # Another node's topic of that name.
 
 
-def plot(path: Path, picture: Path, arm: str = "") -> Path:
-    """Draw one arm of a record as `picture`, which is given back.
+def plot(path: Path, picture: Path, arm: str = "") -> list[str]:
+    """Draw one arm of a record as `picture`; what is wrong with the file, in words.
 
     Raises CaptureError, OptionError or ExtraMissingError.
     """
@@ -157,7 +158,7 @@ def plot(path: Path, picture: Path, arm: str = "") -> Path:
         from matplotlib.figure import Figure
     except ImportError as error:
         raise missing_extra("a picture", "matplotlib", "evaluate", error) from error
-    node, series = read_series(path, arm)
+    node, series, problems = read_series(path, arm)
     figure = Figure(figsize=(15.0, 9.0), layout="constrained")
     FigureCanvasAgg(figure)
     figure.suptitle(f"{path.name}: {node}")
@@ -171,7 +172,7 @@ def plot(path: Path, picture: Path, arm: str = "") -> Path:
         figure.savefig(picture, dpi=110)
     except OSError as error:
         raise CaptureError(f"{picture} cannot be written: {error.strerror or error}") from None
-    return picture
+    return problems
 
 
 def _draw_path(axes: Any, series: Series, across: str, up: str) -> None:

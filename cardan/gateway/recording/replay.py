@@ -10,7 +10,7 @@ import fnmatch
 import math
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -68,15 +68,17 @@ class ReplayReport(NamedTuple):
     topics: tuple[str, ...]
     held_back: Mapping[str, str]
     """Topics that were not published, and why."""
-    cut_off: str
-    """Why the file has no end; empty where it has one."""
+    problems: tuple[str, ...] = ()
+    """What is wrong with the file: damage, and why it has no end."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether there were messages, and nothing is wrong with the file."""
+        return self.messages > 0 and not self.problems
 
     def lines(self) -> list[str]:
         """For people."""
-        said = [f"{self.messages} messages of {len(self.topics)} topics"]
-        if self.cut_off:
-            said.append(f"the file ends early: {self.cut_off}")
-        return said
+        return [f"{self.messages} messages of {len(self.topics)} topics", *self.problems]
 
 
 class _Contents(NamedTuple):
@@ -87,12 +89,14 @@ class _Contents(NamedTuple):
 def _look_through(path: Path) -> _Contents:
     topics: dict[RecordedTopic, None] = {}
     first_ns = None
-    for message in RecordReader(path):
+    reader = RecordReader(path)
+    for message in reader:
         topics.setdefault(message.topic)
         if first_ns is None or message.log_ns < first_ns:
             first_ns = message.log_ns
     if first_ns is None:
-        raise CaptureError(f"{path} has no messages")
+        why = "; ".join(("", *reader.problems))
+        raise CaptureError(f"{path} has no messages{why}")
     return _Contents(list(topics), first_ns)
 
 
@@ -170,10 +174,21 @@ def replay(
             say(COMMANDS_WORDS)
         interrupted.wait(SETTLE_S)
         reader = RecordReader(path)
-        count = _publish(reader, publishers, contents.first_ns, rate, interrupted)
-        return ReplayReport(
-            count, tuple(sorted(each.name for each in publishers)), held_back, reader.cut_off
-        )
+        whole = until_damage(reader) if commands else iter(reader)
+        count = _publish(whole, publishers, contents.first_ns, rate, interrupted)
+        problems = reader.problems
+        if commands and reader.damage:
+            problems.append("no command is replayed from there on (--commands)")
+        published = tuple(sorted(each.name for each in publishers))
+        return ReplayReport(count, published, held_back, tuple(problems))
+
+
+def until_damage(reader: RecordReader) -> Iterator[RecordedMessage]:
+    """What comes before the first damage: an arm that misses commands does others than recorded."""
+    for message in reader:
+        if reader.damage:
+            return
+        yield message
 
 
 def _is_among(name: str, topics: Sequence[str]) -> bool:

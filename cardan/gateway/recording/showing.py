@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-import queue
 import sys
 import threading
 import time
@@ -21,6 +20,7 @@ from typing import Any, Final, NamedTuple, TextIO
 
 from cardan.errors import CaptureError, CardanError
 from cardan.gateway.recording.mcap_file import RecordedMessage, RecordedTopic, RecordReader
+from cardan.inbox import Inbox, InboxEmptyError
 from cardan.printable import printable
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError
@@ -61,6 +61,8 @@ class Contents(NamedTuple):
     """By name: the type, and how many messages."""
     cut_off: str
     """Why the file has no end; empty where it has one."""
+    damage: str
+    """What is damaged and left out; empty: nothing."""
 
     @property
     def duration_s(self) -> float:
@@ -100,9 +102,12 @@ class Show:
                 kept += size
                 self._latched.append(message)
         if last_ns < 0:
-            raise CaptureError(f"{self._reader.path.name} has no messages")
+            why = "; ".join(("", *self._reader.problems))
+            raise CaptureError(f"{self._reader.path.name} has no messages{why}")
         topics = {name: (type_name, counts[name]) for name, type_name in sorted(types.items())}
-        return Contents(first_ns, last_ns, topics, self._reader.cut_off)
+        return Contents(
+            first_ns, last_ns, topics, self._reader.cut_off, "; ".join(self._reader.damage)
+        )
 
     @property
     def over(self) -> bool:
@@ -239,10 +244,11 @@ def run(path: Path, orders: TextIO, out: TextIO) -> None:
         "began_s": round(1e-9 * contents.first_ns, 3),
         "topics": {name: list(each) for name, each in contents.topics.items()},
         "cut_off": printable(contents.cut_off),
+        "damage": printable(contents.damage),
     }
     out.write(json.dumps(about) + "\n")
     out.flush()
-    waiting: queue.Queue[str | None] = queue.Queue()
+    waiting: Inbox[str | None] = Inbox()
 
     def read() -> None:
         for line in orders:
@@ -253,8 +259,8 @@ def run(path: Path, orders: TextIO, out: TextIO) -> None:
     player = Player(show)
     while True:
         try:
-            line = waiting.get(timeout=TICK_S if player.playing else None)
-        except queue.Empty:
+            line = waiting.get(TICK_S if player.playing else None)
+        except InboxEmptyError:
             said = player.line(player.tick(time.monotonic()))
         else:
             if line is None:

@@ -369,6 +369,8 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
             model = load_arm(table.model)
             kinematics = arm = ArmKinematics(model, table.tool())
             weights = model.task.weights
+            if config.obstacles and not table.i_accept_links_without_bodies:
+                model.require_bodies("")
             if table.collisions:
                 collision = CollisionModel(arm, [_obstacle(each) for each in config.obstacles])
             if len(model.joints) > FREE_JOINTS:
@@ -618,14 +620,20 @@ def _read_part(kind: type[Part], path: Path) -> Part:
 
 
 def cautions(config: SessionConfig) -> list[str]:
-    """What the drivers say of their options that are allowed and rarely should be."""
+    """What is allowed and rarely should be: what the drivers say of their options, and links that
+    nothing keeps away from anything."""
     drivers = {"robot": config.robot, "device": config.device}
-    return [
+    found = [
         f"{key}: {words}"
         for key, table in drivers.items()
         if table is not None
         for words in make_driver(table, key).cautions()
     ]
+    if config.arm is not None and config.arm.collisions and has_rigid_arm(config):
+        bare = load_arm(config.arm.model, "arm.model").links_without_body()
+        if bare:
+            found.append(f"arm: {bare}; neither obstacles nor the arm itself stop them")
+    return found
 
 
 def load_config(path: Path) -> SessionConfig:

@@ -152,6 +152,7 @@ RULES: Final[Mapping[str, Rule]] = {
     "arm.speed_share": LOWER,
     "arm.acceleration_share": DISARMED,
     "arm.collisions": RESTART,
+    "arm.i_accept_links_without_bodies": RESTART,
     "arm.safety_distance_m": HIGHER,
     "arm.tcp_tolerance_m": LOWER,
     "authority": DISARMED,

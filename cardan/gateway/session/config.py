@@ -67,6 +67,8 @@ class ArmTable(Options):
     acceleration_share: Annotated[float, bounds.SHARE] = ServoOptions.acceleration_share
     collisions: bool = True
     """Whether the arm keeps away from itself and from the obstacles."""
+    i_accept_links_without_bodies: bool = False
+    """Obstacles beside an arm of which they do not stop every link."""
     safety_distance_m: Annotated[float, bounds.SAFETY_DISTANCE_M] = ServoOptions.safety_distance_m
     tcp_tolerance_m: Annotated[float, bounds.TCP_TOLERANCE_M] | None = None
     """Most that the controller's own TCP may differ from the model's before the arm is not moved;

@@ -12,7 +12,6 @@ from __future__ import annotations
 import enum
 import json
 import logging
-import queue
 import threading
 from collections.abc import Callable, Iterator
 from typing import Any, Final, NamedTuple
@@ -20,6 +19,7 @@ from typing import Any, Final, NamedTuple
 from cardan.errors import CardanError, MotionLoopError
 from cardan.gateway.session.changes import Change, Moment, Stages, staged
 from cardan.gateway.session.config import SessionConfig, parse_config
+from cardan.inbox import Inbox, InboxEmptyError
 from cardan.shortage import shortage
 from cardan.tables import as_table
 
@@ -137,7 +137,7 @@ class Reloading:
         self.waits: tuple[str, ...] = ()
         """The keys that have changed and wait for their moment, or for a restart."""
         self._check, self._take, self._has_come, self._tell = check, take, has_come, tell
-        self._packets: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._packets: Inbox[bytes | None] = Inbox()
         self._thread: threading.Thread | None = None
         self._pieces: list[bytes] = []
         self._prepared: tuple[int, SessionConfig] | None = None
@@ -164,8 +164,8 @@ class Reloading:
     def _work(self) -> None:
         while True:
             try:
-                packet = self._packets.get(timeout=LOOK_S if self._steps else None)
-            except queue.Empty:
+                packet = self._packets.get(LOOK_S if self._steps else None)
+            except InboxEmptyError:
                 packet = b""
             if packet is None:
                 return

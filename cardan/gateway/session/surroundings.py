@@ -24,13 +24,15 @@ def surroundings(config: SessionConfig, rigid: bool) -> str:
     with its ``name`` and a ``box``, a ``capsule`` or a ``plane``. ``shapes``: those of the arm,
     likewise, in the frame that is fixed to the link after ``joint``; "" is the base.
     ``obstacle_m`` and ``own_body_m``: the distances that are kept to obstacles and between the
-    arm's own bodies; null where collisions are not avoided. ``home``: joints to begin from, null
+    arm's own bodies; null where collisions are not avoided. ``links_without_body``: how many, and
+    which, in words; "" where all have one. ``home``: joints to begin from, null
     where none are known.
     """
     table = config.arm
     avoids = table is not None and table.collisions and rigid
     shapes: list[dict[str, Any]] = []
     home = reach_m = None
+    bare = ""
     if table is not None and rigid:
         # Sessions without an arm's model run without its libraries.
         from cardan.gateway.kinematics.arm import ArmKinematics
@@ -42,7 +44,7 @@ def surroundings(config: SessionConfig, rigid: bool) -> str:
             {"name": each.name, "joint": joints[each.body], **_solid(each.shape)}
             for each in model.shapes
         ]
-        home = list(model.home)
+        home, bare = list(model.home), model.links_without_body()
         reach_m = tcp_range_m(ArmKinematics(model, table.tool()))
     return json.dumps(
         {
@@ -50,6 +52,7 @@ def surroundings(config: SessionConfig, rigid: bool) -> str:
             "reach_m": reach_m,
             "obstacles": [{"name": each.name, **_obstacle(each)} for each in config.obstacles],
             "shapes": shapes,
+            "links_without_body": bare,
             "obstacle_m": table.safety_distance_m if table is not None and avoids else None,
             "own_body_m": ServoOptions.self_distance_m if avoids else None,
             "home": home,

@@ -133,7 +133,8 @@ export function replayBar(replay: Replay): { element: HTMLElement; refresh: () =
     element.hidden = !replay.open;
     const about = replay.about;
     const early = about?.cut_off ? ` · ${t("cutOff")}` : "";
-    setText(says, about ? `${t("replayShown")}${early}` : t("reading"));
+    const damaged = about?.damage ? ` · ${t("damaged")}` : "";
+    setText(says, about ? `${t("replayShown")}${early}${damaged}` : t("reading"));
     const whole = about?.duration_s ?? 0;
     bar.max = String(whole);
     bar.value = String(replay.atS);

@@ -109,7 +109,8 @@ export class SetupPanel {
 
   /** What is told of a robot that may be ready keeps nothing from moving: it is not the reason line's. */
   private showTold(): void {
-    const told = (this.arm?.snapshot?.diagnosis ?? []).filter(Boolean);
+    const bodies = this.arm?.surroundings?.links_without_body ?? "";
+    const told = [bodies, ...(this.arm?.snapshot?.diagnosis ?? [])].filter(Boolean);
     this.toldCard.hidden = told.length === 0;
     setText(this.told, told.join("\n"));
   }

@@ -1,7 +1,6 @@
 """A reload by the daemon, with sessions that answer as they are told."""
 
 import errno
-import queue
 import time
 
 import pytest
@@ -17,6 +16,7 @@ from cardan.gateway.daemon.processes import RunningSession
 from cardan.gateway.session.changes import Effect, Moment, staged
 from cardan.gateway.session.reloading import Found, ReloadOrder
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.inbox import InboxEmptyError
 
 SESSION = """
 [[sessions]]
@@ -87,9 +87,9 @@ class Lab:
     def turn(self, wait_s=0.0):
         try:
             while True:
-                self.daemon._events.get(timeout=wait_s)()
+                self.daemon._events.get(wait_s)()
                 wait_s = 0.0 if self.told else 0.2
-        except queue.Empty:
+        except InboxEmptyError:
             pass
 
     def look(self, now_s):

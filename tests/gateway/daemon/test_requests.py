@@ -97,6 +97,6 @@ def test_lines_that_come_too_fast_wait_in_no_endless_queue(tmp_path, caplog):
     daemon = daemon_of(tmp_path, SESSION.format("one", "false"))
     for number in range(LINES_WAITING + 7):
         daemon._say(Line(0.0, "one", str(number), "info"))
-    assert daemon._events.qsize() == LINES_WAITING
+    assert len(daemon._events) == LINES_WAITING
     daemon._keep_line(Line(0.0, "one", "next", "info"))
     assert "7 lines of processes were left out" in caplog.text

@@ -15,7 +15,9 @@ from tests.gateway.recording.rig import (
     free_endpoint,
     session_file,
 )
+from tests.gateway.recording.test_plot import rows
 from tests.gateway.recording.test_recorder import names_in, put_all
+from tests.gateway.recording.test_replay import write
 from tests.waiting import until
 
 CARDAN = (sys.executable, "-m", "cardan")
@@ -112,3 +114,22 @@ def test_a_file_that_is_none_is_refused_in_one_line(tmp_path, words):
     assert done.stderr.startswith("cardan: ")
     assert "none.mcap cannot be read: No such file or directory" in done.stderr
     assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.matrix
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (lambda data: data[:30] + bytes([data[30] ^ 1]) + data[31:], "the file is damaged at byte"),
+        (lambda data: data[:-8], "the file ends early: it was cut off"),
+    ],
+    ids=["damaged", "cut off"],
+)
+def test_what_is_wrong_with_a_file_is_the_exit_code_of_every_command(tmp_path, spoil, words):
+    drawn, replayed = write(tmp_path / "p.mcap", rows()), tmp_path / "e.mcap"
+    Recorded(seconds=0.3).write(replayed)
+    for command, path in ((("plot",), drawn), (("replay", "--engine"), replayed)):
+        assert cardan(*command, str(path)).returncode == 0
+        path.write_bytes(spoil(path.read_bytes()))
+        done = cardan(*command, str(path))
+        assert (done.returncode, words in done.stdout) == (4, True)

@@ -208,4 +208,4 @@ def test_a_file_that_was_cut_off_says_so(tmp_path):
     except CaptureError as error:
         assert "too few" in str(error) or "no state" in str(error)  # noqa: PT017
     else:
-        assert any("it ends early" in each for each in frames.problems)
+        assert any("the file ends early" in each for each in frames.problems)

@@ -286,3 +286,96 @@ def test_no_file_is_overwritten(file):
 def test_a_folder_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(CaptureError, match="cannot be written: No such file"):
         RecordWriter(tmp_path / "none" / "record.mcap")
+
+
+# -- damage ---------------------------------------------------------------------------------------
+
+CHUNK = 6
+
+
+def records_of(data):
+    """Offset, opcode and length of each record of a file."""
+    at = 8
+    while at + 9 <= len(data):
+        length = struct.unpack_from("<Q", data, at + 1)[0]
+        yield at, data[at], length
+        at += 9 + length
+
+
+def flipped(data, at, bit=0):
+    changed = bytearray(data)
+    changed[at] ^= 1 << bit
+    return bytes(changed)
+
+
+@pytest.fixture
+def read_damaged(tmp_path):
+    def read(data):
+        path = tmp_path / "damaged.mcap"
+        path.write_bytes(data)
+        reader = RecordReader(path)
+        return reader, list(reader)
+
+    return read
+
+
+def test_a_damaged_chunk_is_named_and_left_out(file, read_damaged):
+    data, whole = file.read_bytes(), list(messages())
+    chunks = [(at, length) for at, opcode, length in records_of(data) if opcode == CHUNK]
+    assert len(chunks) == 3
+    for number, (at, length) in enumerate(chunks):
+        rest = whole[: 100 * number] + whole[100 * (number + 1) :]
+        for where in range(at + 80, at + 9 + length, 197):
+            reader, found = read_damaged(flipped(data, where))
+            assert found == rest
+            (words,) = reader.damage
+            assert words.startswith(f"at byte {at} a chunk is left out (")
+            assert not reader.cut_off
+
+
+def test_no_flipped_bit_is_read_as_other_data(file, read_damaged):
+    data, whole = file.read_bytes(), list(messages())
+    unnoticed = 0
+    for where in range(8, len(data), 61):
+        reader, found = read_damaged(flipped(data, where, where % 8))
+        assert [each for each in found if each not in whole] == []
+        assert not reader.cut_off
+        if len(found) < len(whole):
+            assert reader.damage
+        unnoticed += not reader.damage
+    assert unnoticed == 0
+
+
+def test_a_record_that_was_cut_off_and_is_damaged_says_both(file, read_damaged):
+    data = file.read_bytes()
+    _, second, third = (at for at, opcode, _ in records_of(data) if opcode == CHUNK)
+    reader, found = read_damaged(flipped(data[: third + 50], second + 300))
+    assert found == list(messages())[:100]
+    assert len(reader.damage) == 1
+    assert "cut off" in reader.cut_off
+
+
+def test_a_damaged_length_is_left_behind(file, read_damaged):
+    data = file.read_bytes()
+    _, second, _ = (at for at, opcode, _ in records_of(data) if opcode == CHUNK)
+    for bit in range(8):
+        for byte in (1, 2, 8):
+            reader, found = read_damaged(flipped(data, second + byte, bit))
+            whole = list(messages())
+            assert found in (whole, whole[:100] + whole[200:])
+            assert reader.damage
+            assert not reader.cut_off
+
+
+def test_chunks_without_a_crc_are_read(tmp_path):
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file, enable_crcs=False)
+        writer.start("ros2")
+        schema = writer.register_schema(TYPES[-2], "ros2msg", b"string data")
+        channel = writer.register_channel("/talk", "cdr", schema)
+        writer.add_message(channel, 7, codec_of(TYPES[-2]).encode({"data": "a"}), 7)
+        writer.finish()
+    reader = RecordReader(path)
+    assert [each.log_ns for each in reader] == [7]
+    assert not reader.damage

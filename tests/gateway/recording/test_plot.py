@@ -40,8 +40,17 @@ def rows(node=NODE):
             yield t, topic(f"{node}/state/snapshot", STRING), {"data": text}
 
 
+def damaged(path, where):
+    """The same with a bit flipped: of the program's name, or of its only chunk."""
+    data = bytearray(path.read_bytes())
+    data[where] ^= 1
+    path.write_bytes(data)
+    return path
+
+
 def test_the_figures_are_those_of_the_record(tmp_path):
-    node, series = read_series(write(tmp_path / "r.mcap", rows()))
+    node, series, problems = read_series(write(tmp_path / "r.mcap", rows()))
+    assert problems == []
     assert node == NODE
     assert len(series.poses) == len(series.targets) == len(series.forces) == 100
     error = series.following_error()
@@ -58,7 +67,8 @@ def test_the_figures_are_those_of_the_record(tmp_path):
 def test_a_picture(tmp_path, ending, magic):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     path = write(tmp_path / "r.mcap", rows())
-    picture = plot(path, tmp_path / f"r.{ending}")
+    picture = tmp_path / f"r.{ending}"
+    assert plot(path, picture) == []
     assert picture.read_bytes().startswith(magic)
     assert picture.stat().st_size > 10_000
 
@@ -66,9 +76,21 @@ def test_a_picture(tmp_path, ending, magic):
 def test_a_picture_of_next_to_nothing(tmp_path):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     path = write(tmp_path / "r.mcap", list(rows())[:1])
-    text = plot(path, tmp_path / "r.svg").read_text()
+    plot(path, tmp_path / "r.svg")
+    text = (tmp_path / "r.svg").read_text()
     for words in ("nothing was commanded", "no force was measured", "no latency was recorded"):
         assert f"<!-- {words} -->" in text
+
+
+def test_a_damaged_record_is_drawn_and_said_to_be(tmp_path):
+    path = damaged(write(tmp_path / "r.mcap", rows()), 30)
+    (words,) = read_series(path)[2]
+    assert words.startswith("the file is damaged at byte ")
+    damaged(path, 1000)
+    with pytest.raises(
+        CaptureError, match=r"has no state of an arm.*; the file is damaged at byte"
+    ):
+        read_series(path)
 
 
 def test_one_of_several_arms_is_named(tmp_path):

@@ -8,8 +8,20 @@ import pytest
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
 from cardan.errors import CaptureError, OptionError
-from cardan.gateway.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
-from cardan.gateway.recording.replay import COMMANDS_WORDS, arms_of, replay, why_held_back
+from cardan.gateway.recording.mcap_file import (
+    RecordedMessage,
+    RecordedTopic,
+    RecordReader,
+    RecordWriter,
+)
+from cardan.gateway.recording.replay import (
+    COMMANDS_WORDS,
+    ReplayReport,
+    arms_of,
+    replay,
+    until_damage,
+    why_held_back,
+)
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan.protocols.ros2.type_hash import type_hash
@@ -45,6 +57,43 @@ def write(path, rows):
         writer.add(RecordedMessage(where, now_ns, now_ns, number, data))
     writer.finish()
     return path
+
+
+def in_chunks(path, damage=True):
+    """A record of 300 messages in three chunks, the second of them damaged."""
+    writer = RecordWriter(path)
+    data = codec_of(TWIST).encode(completed(TWIST, {}))
+    ends = []
+    for number in range(300):
+        writer.add(RecordedMessage(JOG, NS + number, NS + number, number, data))
+        if number % 100 == 99:
+            writer.flush()
+            ends.append(writer.bytes)
+    writer.finish()
+    if damage:
+        whole = bytearray(path.read_bytes())
+        whole[(ends[0] + ends[1]) // 2 - 800] ^= 1
+        path.write_bytes(whole)
+    return path
+
+
+@pytest.mark.parametrize("damage", [False, True])
+def test_commands_end_where_a_record_is_damaged(tmp_path, damage):
+    path = in_chunks(tmp_path / "r.mcap", damage)
+    reader = RecordReader(path)
+    assert [each.sequence for each in reader] == [
+        number for number in range(300) if not damage or not 100 <= number < 200
+    ]
+    assert len(reader.problems) == damage
+    assert len(list(until_damage(RecordReader(path)))) == (100 if damage else 300)
+
+
+def test_what_is_wrong_with_the_file_is_part_of_the_report():
+    report = ReplayReport(3, ("/a",), {}, ("the file is damaged at byte 7 a chunk",))
+    assert report.lines()[1:] == ["the file is damaged at byte 7 a chunk"]
+    assert not report.complete
+    assert ReplayReport(3, ("/a",), {}).complete
+    assert not ReplayReport(0, (), {}).complete
 
 
 def listening(endpoint):

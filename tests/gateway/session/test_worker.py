@@ -271,7 +271,7 @@ def test_a_mistake_of_ours_is_an_answer_too(bench):
 
 def test_a_client_with_a_mistake_does_not_end_the_worker(bench):
     class Broken:
-        refusals = queue.SimpleQueue()
+        refusals = queue.Queue()
 
         def decode(self, packet):
             raise ZeroDivisionError
@@ -342,7 +342,7 @@ class Watched:
 
     def __init__(self):
         self.there = True
-        self.heard = queue.SimpleQueue()
+        self.heard = queue.Queue()
 
     def decode(self, packet):
         return packet._replace(there=lambda: self.there)
