@@ -50,10 +50,6 @@ _PEDALS: AxisPair = (ABS_BRAKE, ABS_GAS)
 """What can be triggers only."""
 
 _HATS = ((ABS_HAT0X, "dpad-left", "dpad-right"), (ABS_HAT0Y, "dpad-up", "dpad-down"))
-_UNKNOWN_BUTTONS = (
-    "the system has counted this pad's buttons without knowing where they are: their names may be "
-    "those of others; try the dead-man before you rely on it"
-)
 _NAMES = {
     "left_x": "left stick, left and right",
     "left_y": "left stick, up and down",
@@ -115,6 +111,11 @@ class GamepadCore(EvdevCore):
     _radio_words = (
         "by Bluetooth: when the radio is lost with a stick deflected and the dead-man held, the "
         "system tells only after seconds; set stale_after_s if the sticks flutter, or take a cable"
+    )
+
+    _guess_words = (
+        "the system has counted this pad's buttons without knowing where they are: their names may "
+        "be those of others; try the dead-man before you rely on it"
     )
 
     def __init__(self, options: GamepadOptions) -> None:
@@ -230,7 +231,7 @@ class GamepadCore(EvdevCore):
 
     def _notes(self, now_s: float) -> list[str]:
         unknown = self._open and not self._layout.known
-        return super()._notes(now_s) + ([_UNKNOWN_BUTTONS] if unknown else [])
+        return super()._notes(now_s) + ([self._guess_words] if unknown else [])
 
     @property
     def _trigger_buttons(self) -> list[_Trigger]:

@@ -132,7 +132,7 @@ MODELS = (
     ),
     Model(
         "dualshock-4-generic",
-        "Sony Interactive Entertainment Wireless Controller, by the generic HID driver",
+        "Sony Interactive Entertainment Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x09CC, 0x0111),
         _counted_codes(),
         _COUNTED_AXES,
@@ -143,7 +143,7 @@ MODELS = (
     ),
     Model(
         "dualsense-generic",
-        "Sony Interactive Entertainment DualSense Wireless Controller, by the generic HID driver",
+        "Sony Interactive Entertainment DualSense Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x0CE6, 0x0111),
         _counted_codes("mute"),
         _COUNTED_AXES,
