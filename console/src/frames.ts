@@ -21,6 +21,8 @@ export type Body =
       accelerationMS2: Vec3 | null;
       buttons: number;
       screenQuarters: number;
+      /** Which reference the angles are in: all that the page has had are counted. */
+      reference: number;
     }
   | {
       kind: "xr";
@@ -32,6 +34,8 @@ export type Body =
       stickDown: number;
       trigger: number;
       squeeze: number;
+      /** Which reference the pose is in: sessions and resets of them are counted. */
+      reference: number;
     }
   | {
       kind: "gamepad";
@@ -100,10 +104,12 @@ function write(view: DataView, body: Body): void {
       floats(HEADER + 20, ...(body.ratesRadS ?? MISSING), ...(body.accelerationMS2 ?? MISSING));
       view.setUint16(HEADER + 44, body.buttons, true);
       view.setUint8(HEADER + 46, body.screenQuarters);
+      view.setUint8(HEADER + 47, body.reference & 0xff);
       break;
     case "xr":
       floats(HEADER, ...body.positionM, ...body.orientation);
       view.setUint16(HEADER + 28, body.buttons, true);
+      view.setUint8(HEADER + 30, body.reference & 0xff);
       floats(HEADER + 32, body.stickRight, body.stickDown, body.trigger, body.squeeze);
       break;
     case "gamepad":

@@ -23,6 +23,8 @@ export class PhoneSensors {
   private movedMs = -Infinity;
   private dragRight = 0;
   private dragUp = 0;
+  /** Browsers may begin the heading anew with each listener. */
+  private reference = 0;
   buttons = 0;
 
   /** Whether the sensors have spoken. */
@@ -37,6 +39,7 @@ export class PhoneSensors {
       if (!event) return false;
       if (event.requestPermission && (await event.requestPermission()) !== "granted") return false;
     }
+    this.reference += 1;
     window.addEventListener("deviceorientation", this.turned);
     window.addEventListener("devicemotion", this.moved);
     const until = performance.now() + FIRST_ANGLES_MS;
@@ -75,6 +78,7 @@ export class PhoneSensors {
       accelerationMS2: moves ? this.acceleration : null,
       buttons: this.buttons,
       screenQuarters: Math.round((screen.orientation?.angle ?? 0) / 90) % 4,
+      reference: this.reference,
     };
   }
 

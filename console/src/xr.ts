@@ -9,6 +9,9 @@ const ALIGNING = (1 << 2) | (1 << 3);
 
 const MODES = ["immersive-ar", "immersive-vr"] as const;
 
+/** Counts the references of poses: the sessions of this page, and the resets of each. */
+let references = 0;
+
 /** The session that this browser offers here; null: none. */
 export async function xrMode(): Promise<XRSessionMode | null> {
   for (const mode of MODES) {
@@ -43,6 +46,11 @@ export async function startXr(
   // Without a layer a session gives no frames.
   await session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl) });
   const space = await session.requestReferenceSpace("local-floor");
+  references += 1;
+  // The headset was recentred, or has found itself elsewhere: all poses are others now.
+  space.addEventListener("reset", () => {
+    references += 1;
+  });
   const draw = (_time: number, frame: XRFrame) => {
     session.requestAnimationFrame(draw);
     const visible = session.visibilityState === "visible";
@@ -123,5 +131,5 @@ function xrBody(part: XrPart, pose: XRPose | undefined, controls: Controls): Bod
   };
   const positionM: Vec3 = [position.x, position.y, position.z];
   const turn: Quat = [orientation.x, orientation.y, orientation.z, orientation.w];
-  return { kind: "xr", part, positionM, orientation: turn, ...controls };
+  return { kind: "xr", part, positionM, orientation: turn, ...controls, reference: references };
 }

@@ -36,6 +36,7 @@ function bodyOf(kind: string, theirs: Record<string, unknown>): Body {
       accelerationMS2: triple("acceleration_m_s2"),
       buttons: number("buttons"),
       screenQuarters: number("screen_quarters"),
+      reference: number("reference"),
     };
   }
   if (kind === "xr") {
@@ -49,6 +50,7 @@ function bodyOf(kind: string, theirs: Record<string, unknown>): Body {
       stickDown: number("stick_down"),
       trigger: number("trigger"),
       squeeze: number("squeeze"),
+      reference: number("reference"),
     };
   }
   assert.equal(kind, "gamepad");

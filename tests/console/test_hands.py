@@ -49,6 +49,13 @@ def turn(page, alpha=0.0, beta=0.0, gamma=0.0):
     page.ask("DeviceOrientation.setDeviceOrientationOverride", alpha=alpha, beta=beta, gamma=gamma)
 
 
+def turn_slowly(page, began, ended):
+    """About the vertical, as a hand does: a leap would void the alignment."""
+    for step in range(1, 10):
+        turn(page, alpha=began + (ended - began) * step / 9)
+        time.sleep(0.05)
+
+
 CLUTCH = "#panel-hand section:nth-child(1) .clutch"
 START = "#panel-hand section:nth-child(1) .row button:nth-child(1)"
 ALIGN = "#panel-hand section:nth-child(1) .row button:nth-child(2)"
@@ -199,12 +206,13 @@ def test_the_second_finger_moves_the_tool_as_the_screen_is_turned(phone):
             screenOrientation={"type": kind, "angle": 90 * quarter},
         )
         phone.page.until(f"screen.orientation.angle === {90 * quarter}")
-        turn(phone.page, alpha=alpha)
+        turn_slowly(phone.page, 0.0, alpha)
         # What was told of the turn may come after the press: then it is a turn of the hand.
         straight = "axes[0] > 0.3 and max(map(abs, axes[1:])) < 0.1"
         phone.hold_until(straight, lambda: phone.drag(0, -60))
         phone.let_go()
         phone.session.until("not any(axes)")
+    turn_slowly(phone.page, 90.0, 0.0)
     phone.page.ask("Emulation.setDeviceMetricsOverride", **PORTRAIT)
 
 
@@ -274,9 +282,20 @@ class Headset:
         page.click(start)
         for side, session in (("left", lab.left), ("right", lab.right)):
             session.until("device_link == 'needs neutral' and 'aligned' in device_reason")
-            self.press(side, "thumbstick", 1)
-            session.until("device_link == 'live'")
-            self.press(side, "thumbstick", 0)
+            self.align(side)
+
+    def align(self, side):
+        """Where it is now; its controller does not turn."""
+        time.sleep(0.1)
+        self.press(side, "thumbstick", 1)
+        time.sleep(0.2)
+        {"left": self.lab.left, "right": self.lab.right}[side].until("device_link == 'live'")
+        self.press(side, "thumbstick", 0)
+
+    def back(self, side):
+        """Leap to where it began, which voids the alignment, and align anew."""
+        self.place(side)
+        self.align(side)
 
     def place(self, side, x=0.0, y=1.2, z=-0.4):
         offset = {"left": -0.2, "right": 0.2}[side]
@@ -302,7 +321,7 @@ class Headset:
             partial(self.press, side, "squeeze", 1),
             partial(self.press, side, "squeeze", 0),
             (lambda: self.go(side, way)) if way else (lambda: None),
-            partial(self.place, side),
+            partial(self.back, side),
         )
 
     def raised(self):
@@ -322,10 +341,11 @@ def worn(lab, browser):
 def headset(worn):
     """It, with both hands in sight and free."""
     for side in ("left", "right"):
-        worn.place(side)
         worn.press(side, "squeeze", 0)
     for each in BACK.values():
         worn.page.value(each)
+    for side in ("left", "right"):
+        worn.back(side)
     worn.lab.right.until("device_link == 'live' and 'hold' not in buttons")
     return worn
 
@@ -381,6 +401,9 @@ def test_a_hand_that_is_lost_stops_and_comes_back_by_a_new_press(headset, loss):
     # Squeezed still: it does not count until it has let go.
     right.rests(0.6)
     headset.press("right", "squeeze", 0)
+    if loss is leapt:
+        right.until("'not aligned any more' in device_reason")
+        headset.align("right")
     right.until("device_link == 'live'")
     headset.hold_until("right", "'hold' in buttons")
     headset.press("right", "squeeze", 0)

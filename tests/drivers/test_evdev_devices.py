@@ -328,7 +328,7 @@ def gamepad(tmp_path, **options):
 
 
 @pytest.mark.judged(device="Gamepad", transport="socket", by="simulated peer")
-@pytest.mark.parametrize("model", ["xbox-360", "xbox-one", "dualshock-4"])
+@pytest.mark.parametrize("model", ["xbox-360", "xbox-one", "dualshock-4", "dualsense-generic"])
 def test_a_pad_over_its_socket(tmp_path, model):
     script = """
         0.05 hold start for 0.05

@@ -9,7 +9,8 @@ from cardan.protocols.evdev import AbsInfo, InputEvent, codes as c, encode_event
 from cardan.types import DeviceLink
 from tests.drivers.evdev_bench import REST, Bench
 
-PADS = ("xbox-360", "xbox-one", "dualshock-4")
+PADS = ("xbox-360", "xbox-one", "dualshock-4", "dualshock-4-generic", "dualsense-generic")
+GENERIC = PADS[3:]
 NOT_RESTING = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -66,6 +67,24 @@ def test_no_shift_button():
     assert bench.run(0.1, (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)).axes == (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
+@pytest.mark.parametrize("model", GENERIC)
+@pytest.mark.parametrize("layout", ["sticks", "swapped", "triggers"])
+def test_triggers_are_not_taken_for_a_stick(model, layout):
+    """Pressed half-way, which is a stick's middle, and let go: nothing may move then."""
+    bench = Bench(model, GamepadOptions(layout=layout), touched=False)
+    bench.run(0.02, (0.0, 0.0, 0.0, 0.0, 0.5, 0.5))
+    bench.touch()
+    assert bench.run(0.1).axes == REST
+    bench.run(0.1, REST)
+    state = bench.touch()
+    assert (state.link, state.axes) == (DeviceLink.LIVE, REST)
+    bench.run(0.1, (0.0, 0.0, 0.0, 0.0, 1.0, 0.5))
+    moved = bench.states[-1].axes
+    assert moved.z == pytest.approx(-0.5 if layout == "triggers" else 0.0, abs=0.1)
+    assert (moved.x, moved.y, moved.roll, moved.pitch, moved.yaw) == (0.0,) * 5
+    assert bench.run(0.1, REST).axes == REST
+
+
 def feed(core, *events):
     core.on_packet(encode_events(InputEvent(0, 0, *event) for event in (*events, (0, 0, 0))), 0.0)
 
@@ -96,6 +115,97 @@ def test_a_pad_with_its_right_stick_elsewhere():
     state = core.state(0.0)
     assert state.axes == (0.0, 0.0, 1.0, 0.0, 1.0, 1.0)
     assert state.buttons == {"west"}
+
+
+BYTE = AbsInfo(0, 0, 255, 0, 0, 0)
+SIX = (c.ABS_X, c.ABS_Y, c.ABS_Z, c.ABS_RX, c.ABS_RY, c.ABS_RZ)
+RIGHT_AT = {"RX": (c.ABS_RX, c.ABS_RY), "Z": (c.ABS_Z, c.ABS_RZ)}
+
+
+def unknown_pad(keys=(c.BTN_SOUTH,), axes=None, vendor=0x1234, product=1, driver="hid-generic"):
+    axes = axes or dict.fromkeys(SIX, BYTE)
+    return Description("Pad", vendor, product, frozenset(keys), axes, frozenset(), driver)
+
+
+def at_rest(right):
+    """Triggers at 0, the others in the middle."""
+    return {code: 128 if code in (c.ABS_X, c.ABS_Y, *right) else 0 for code in SIX}
+
+
+@pytest.mark.parametrize("right", RIGHT_AT.values(), ids=RIGHT_AT)
+@pytest.mark.parametrize("heard", [False, True], ids=["not heard before", "heard before"])
+def test_an_unknown_pads_axes_are_told_by_where_they_rest(right, heard):
+    """Before its first report the kernel has all at 0."""
+    core = GamepadCore(GamepadOptions())
+    rest = at_rest(right)
+    before = rest if heard else dict.fromkeys(SIX, 0)
+    core.on_opened(unknown_pad(), Snapshot(frozenset(), before), 0.0)
+    feed(core, (1, c.BTN_SOUTH, 1), *((3, code, value) for code, value in rest.items()))
+    feed(core, (1, c.BTN_SOUTH, 0))
+    assert core.state(0.0).link is DeviceLink.LIVE
+    feed(core, (3, right[1], 0))
+    assert core.state(0.0).axes == (0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+    # What was told at rest stays, however the axes are later.
+    feed(core, *((3, code, 128) for code in SIX), (3, right[0], 0), (3, right[1], 0))
+    assert core.state(0.0).axes == (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
+
+
+@pytest.mark.parametrize("right", RIGHT_AT.values(), ids=RIGHT_AT)
+@pytest.mark.parametrize("held", [(0, 128), (0, 0), (255, 255)])
+def test_a_stick_that_is_held_while_it_is_opened_is_no_trigger(right, held):
+    core = GamepadCore(GamepadOptions())
+    deflected = at_rest(right) | dict(zip(right, held, strict=True))
+    core.on_opened(unknown_pad(), Snapshot(frozenset(), deflected), 0.0)
+    tap(core)
+    assert core.state(0.0).link is DeviceLink.NEEDS_NEUTRAL
+    feed(core, *((3, code, 128) for code in right))
+    assert core.state(0.0).link is DeviceLink.LIVE
+    feed(core, (3, right[1], 255))
+    assert core.state(0.0).axes == (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("driver", ["playstation", "sony", "xpad"])
+def test_the_kernels_own_drivers_say_what_is_what(driver):
+    """Whatever is held: here the triggers half-way, and the stick in its corner."""
+    core = GamepadCore(GamepadOptions())
+    held = dict.fromkeys(SIX, 128) | {c.ABS_RX: 0, c.ABS_RY: 0}
+    core.on_opened(
+        unknown_pad(vendor=0x054C, product=0x09CC, driver=driver), Snapshot(frozenset(), held), 0.0
+    )
+    tap(core)
+    assert core.state(0.0).link is DeviceLink.NEEDS_NEUTRAL
+    feed(core, *((3, code, value) for code, value in at_rest((c.ABS_RX, c.ABS_RY)).items()))
+    assert core.state(0.0).link is DeviceLink.LIVE
+
+
+COUNTED = range(c.BTN_SOUTH, c.BTN_SOUTH + 14)
+
+
+@pytest.mark.parametrize(
+    ("vendor", "product", "labels"),
+    [
+        *((0x054C, product, {0: "west", 1: "south", 6: "left-trigger", 12: "mode"})
+          for product in (0x05C4, 0x09CC, 0x0BA0, 0x0CE6, 0x0DF2)),
+        (0x045E, 0x02E0, {0: "south", 2: "west", 3: "north", 4: "left-shoulder", 7: "start"}),
+    ],
+)  # fmt: skip
+def test_buttons_that_were_counted_are_those_of_the_pad(vendor, product, labels):
+    core = GamepadCore(GamepadOptions())
+    rest = at_rest(RIGHT_AT["Z" if vendor == 0x054C else "RX"])
+    core.on_opened(unknown_pad(COUNTED, None, vendor, product), Snapshot(frozenset(), rest), 0.0)
+    tap(core)
+    for at, label in labels.items():
+        feed(core, (1, c.BTN_SOUTH + at, 1))
+        assert core.state(0.0).buttons == {label}
+        feed(core, (1, c.BTN_SOUTH + at, 0))
+    assert core.diagnosis(0.0) == []
+
+
+def test_counted_buttons_of_an_unknown_pad_are_said_to_be_a_guess():
+    core = GamepadCore(GamepadOptions())
+    core.on_opened(unknown_pad(COUNTED), Snapshot(frozenset(), at_rest(RIGHT_AT["Z"])), 0.0)
+    tap(core)
+    assert any("try the dead-man" in words for words in core.diagnosis(0.0))
 
 
 def test_triggers_that_are_buttons_move_all_the_same():

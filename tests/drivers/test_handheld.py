@@ -166,7 +166,11 @@ def test_another_page_has_to_align_anew():
 def let_go_and_hold(bench):
     bench.device.stuck = False
     bench.device.release("hold")
+    bench.run(0.1, tuple(0.5 * each for each in bench.device.axes))
     bench.run(0.1, (0.0,) * 6)
+    if bench.device.leapt:
+        bench.device.align()
+        bench.run(0.2)
     assert bench.state.link is DeviceLink.LIVE
     bench.device.press("hold")
     bench.run(0.1)
@@ -285,8 +289,102 @@ def test_another_type_is_refused():
 
 
 def test_every_fault_is_one_that_disarms_or_is_counted():
-    disarming = {"unplug", "replug", "silence", "refuse", "null", "lost", "hidden", "leap", "stuck"}
+    disarming = {"unplug", "replug", "silence", "refuse", "null", "lost", "hidden", "stuck"}
+    disarming |= {"leap", "recentre"}
     assert {each.name for each in FAULTS} == disarming | {"late", "nan"}
+
+
+def recentred(bench, turn_rad=math.pi / 2, told=False):
+    bench.device.recentre(turn_rad, told=told)
+
+
+def lost_and_found(bench):
+    bench.device.lose_tracking()
+    bench.run(1.0)
+    recentred(bench)
+    bench.device.tracking = True
+
+
+def silent_and_turned(bench):
+    bench.device.silence()
+    bench.run(1.0)
+    recentred(bench)
+    bench.device.resume()
+
+
+def hidden_and_turned(bench):
+    bench.device.hide()
+    bench.run(1.0)
+    recentred(bench)
+    bench.device.visible = True
+
+
+def told_of_a_small_turn(bench):
+    recentred(bench, math.radians(20), told=True)
+
+
+def told_while_lost(bench):
+    bench.device.lose_tracking()
+    told_of_a_small_turn(bench)
+    bench.run(0.1)
+    bench.device.tracking = True
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("held", [False, True], ids=["free", "held"])
+@pytest.mark.parametrize(
+    ("leaps", "words"),
+    [
+        (recentred, "leapt by 90°"),
+        (lost_and_found, "elsewhere"),
+        (silent_and_turned, "elsewhere"),
+        (hidden_and_turned, "elsewhere"),
+        (told_of_a_small_turn, "another reference"),
+        (told_while_lost, "another reference"),
+    ],
+)
+def test_an_alignment_is_void_after_a_leap_of_its_reference(kind, held, leaps, words):
+    bench = Bench(kind, **PLAIN)
+    (bench.held if held else bench.live)()
+    leaps(bench)
+    bench.run(0.5)
+    if held:
+        bench.device.release("hold")
+        bench.run(0.1)
+    # The hand lets go and holds again: forward would go sideways.
+    state = bench.held(HALF).state
+    assert (state.link, state.axes, state.pose) == (DeviceLink.NEEDS_NEUTRAL, NEUTRAL, None)
+    assert words in state.reason
+    assert "Align" in state.reason
+    bench.device.release("hold")
+    bench.run(0.1, (0.0,) * 6)
+    bench.device.align()
+    state = bench.run(0.2).held(HALF).state
+    assert (state.link, state.reason) == (DeviceLink.LIVE, "")
+    assert state.axes == pytest.approx(HALF, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("interrupt", ["lose_tracking", "hide", "silence"])
+def test_a_hand_that_is_found_where_it_was_lost_stays_aligned(kind, interrupt):
+    bench = Bench(kind, **PLAIN).live()
+    getattr(bench.device, interrupt)()
+    bench.run(1.0)
+    bench.device.tracking = bench.device.visible = True
+    bench.device.resume()
+    state = bench.run(0.1).held(HALF).state
+    assert state.axes == pytest.approx(HALF, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_another_reference_disarms_where_each_hold_is_its_own_heading(kind):
+    bench = Bench(kind, heading="each hold", **PLAIN).held(HALF)
+    told_of_a_small_turn(bench)
+    bench.run(0.1)
+    assert bench.state.axes == NEUTRAL
+    assert "let go" in bench.state.reason
+    let_go_and_hold(bench)
+    assert bench.run(0.1, HALF).state.axes == pytest.approx(HALF, abs=0.01)
 
 
 # -- options --------------------------------------------------------------------------------------

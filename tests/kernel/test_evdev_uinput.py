@@ -50,7 +50,7 @@ def edges_of(device: Gamepad | Keyboard, count: int) -> list[tuple[str, bool]]:
 
 
 @pytest.mark.judged(device="Gamepad", transport="evdev", by="Linux kernel 6.1: uinput, evdev")
-@pytest.mark.parametrize("model", ["xbox-360", "xbox-one", "dualshock-4"])
+@pytest.mark.parametrize("model", ["xbox-360", "xbox-one", "dualshock-4", "dualsense-generic"])
 def test_sticks_and_buttons_arrive_through_the_kernel(made, model):
     script = """
         1.5 press left-shoulder

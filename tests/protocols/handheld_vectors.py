@@ -45,7 +45,7 @@ FRAMES = {
     "phone, all there is": OperatorFrame(
         Phone(
             Vector3(350, -45, 20.5), -0.5, 0.75, Vector3(0.125, -2, 0.5),
-            Vector3(0.5, 9.75, -0.25), 0b101, 3,
+            Vector3(0.5, 9.75, -0.25), 0b101, 3, 255,
         ),
         True, True, True, 1, 1000, 5_000_000,
     ),
@@ -55,7 +55,7 @@ FRAMES = {
     "left hand": OperatorFrame(
         Xr(
             Part.LEFT, Vector3(-0.25, 1.5, -0.5), Quaternion(1, 0, 0, 0), 0b1, 0.5, -0.5, 0.75,
-            0.25,
+            0.25, 7,
         ),
         True, sequence=9, time_us=9_000,
     ),

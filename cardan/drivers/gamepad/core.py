@@ -1,11 +1,16 @@
 """What a gamepad's events mean, without any I/O and in the caller's time.
 
 Pads differ in where their right stick and triggers are: RX and RY with the triggers on Z and RZ
-(Xbox by cable, PlayStation), or Z and RZ with the triggers on GAS and BRAKE (Xbox by Bluetooth), or
-as buttons (Switch, simple pads). What the pad says it has decides.
+(Xbox by cable, PlayStation), Z and RZ with the triggers on GAS and BRAKE (Xbox by Bluetooth), on RX
+and RY (PlayStation by the kernel's generic driver), or as buttons (Switch, simple pads). What the
+node is decides; of a pad that is not known, where its axes rest: sticks in the middle of their
+range, triggers at its lower end. Until the pad has been at rest that is taken anew from each frame:
+before the first one the kernel has all axes at zero.
 """
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 from cardan.drivers.evdev.core import EvdevCore
 from cardan.drivers.gamepad.options import GamepadOptions
@@ -21,22 +26,28 @@ from cardan.protocols.evdev import (
     ABS_X,
     ABS_Y,
     ABS_Z,
-    BTN_NORTH,
-    BTN_TL2,
-    BTN_TR2,
-    BTN_WEST,
     FF_RUMBLE,
     PAD_BUTTONS,
     AbsInfo,
-    north_and_west_exchanged,
+    AxisPair,
+    PadLayout,
+    pad_layout,
 )
-from cardan.types import Axes
+from cardan.types import Axes, DeviceLink
 
 LEAST_REST = 0.02
 """Deflection that counts as rest whatever the dead zone: 0..255 has no value at its centre."""
 
 TRIGGER_DOWN, TRIGGER_UP = 0.5, 0.3
 """An analogue trigger as a button goes down above the first and up below the second."""
+
+RESTS_WITHIN = 0.25
+"""Share of an axis's range from its middle, or its lower end, that is there."""
+
+_PAIRS: tuple[AxisPair, ...] = ((ABS_RX, ABS_RY), (ABS_Z, ABS_RZ))
+"""What can be the right stick, or the triggers; the usual stick first."""
+_PEDALS: AxisPair = (ABS_BRAKE, ABS_GAS)
+"""What can be triggers only."""
 
 _HATS = ((ABS_HAT0X, "dpad-left", "dpad-right"), (ABS_HAT0Y, "dpad-up", "dpad-down"))
 _NAMES = {
@@ -74,7 +85,9 @@ class _Trigger:
 
     __slots__ = ("button", "code", "down", "label", "low", "span")
 
-    def __init__(self, label: str, code: int | None, info: AbsInfo | None, button: int) -> None:
+    def __init__(
+        self, label: str, code: int | None, info: AbsInfo | None, button: int | None
+    ) -> None:
         self.label = label
         self.code = code
         self.button = button
@@ -100,6 +113,11 @@ class GamepadCore(EvdevCore):
         "system tells only after seconds; set stale_after_s if the sticks flutter, or take a cable"
     )
 
+    _guess_words = (
+        "the system has counted this pad's buttons without knowing where they are: their names may "
+        "be those of others; try the dead-man before you rely on it"
+    )
+
     def __init__(self, options: GamepadOptions) -> None:
         super().__init__("press any button once", "let go of the sticks", options.stale_after_s)
         self._options = options
@@ -109,7 +127,7 @@ class GamepadCore(EvdevCore):
             self._release_words = "let go of the sticks and triggers"
         self._sticks: dict[str, _Stick] = {}
         self._triggers: tuple[_Trigger, ...] = ()
-        self._names: dict[int, str] = dict(PAD_BUTTONS)
+        self._layout = PadLayout(PAD_BUTTONS)
 
     def reshape(self, options: ShapingOptions) -> None:
         """Shape deflections by other options from the next report on."""
@@ -123,7 +141,7 @@ class GamepadCore(EvdevCore):
         keys = self.description.keys
         if not keys:
             return tuple(PAD_BUTTONS.values())
-        labels = [label for code, label in self._names.items() if code in keys]
+        labels = [label for code, label in self._layout.buttons.items() if code in keys]
         for code, low, high in _HATS:
             if code in self.description.axes:
                 labels += [low, high]
@@ -138,32 +156,82 @@ class GamepadCore(EvdevCore):
     # -- what a gamepad is ---------------------------------------------------------------------
 
     def _on_description(self) -> None:
+        about = self.description
+        self._layout = pad_layout(about.vendor, about.product, about.kernel_driver, about.keys)
+        there = about.axes.keys()
+        right, triggers = (
+            pair if pair and there >= {*pair} else None
+            for pair in (self._layout.right_stick, self._layout.triggers)
+        )
+        if self._layout.right_stick is None:
+            right, *others = (*self._pairs, None)
+            triggers = others[0] if others and others[0] else self._pedals
+        self._assign(right, triggers)
+        self._look_at_rest({code: info.value for code, info in about.axes.items()})
+
+    @property
+    def _pairs(self) -> list[AxisPair]:
+        return [pair for pair in _PAIRS if self.description.axes.keys() >= {*pair}]
+
+    @property
+    def _pedals(self) -> AxisPair | None:
+        return _PEDALS if self.description.axes.keys() >= {*_PEDALS} else None
+
+    def _assign(self, right: AxisPair | None, triggers: AxisPair | None) -> None:
+        """Say which axes are the right stick and the triggers."""
         axes, keys = self.description.axes, self.description.keys
-        right, left_trigger, right_trigger = (ABS_RX, ABS_RY), ABS_Z, ABS_RZ
-        if not {ABS_RX, ABS_RY} <= axes.keys():
-            right, left_trigger, right_trigger = (ABS_Z, ABS_RZ), ABS_BRAKE, ABS_GAS
+        right_x, right_y = right or (None, None)
         # Sticks count to the right and down; here to the right and up, which is away.
         self._sticks = {
             name: _Stick(code, axes[code], sign)
             for name, code, sign in (
                 ("left_x", ABS_X, 1.0),
                 ("left_y", ABS_Y, -1.0),
-                ("right_x", right[0], 1.0),
-                ("right_y", right[1], -1.0),
+                ("right_x", right_x, 1.0),
+                ("right_y", right_y, -1.0),
             )
-            if code in axes
+            if code is not None and code in axes
         }
+        codes = {label: code for code, label in self._layout.buttons.items() if code in keys}
         self._triggers = tuple(
-            _Trigger(label, code if code in axes else None, axes.get(code), button)
-            for label, code, button in (
-                ("left-trigger", left_trigger, BTN_TL2),
-                ("right-trigger", right_trigger, BTN_TR2),
+            _Trigger(label, code, None if code is None else axes[code], codes.get(label))
+            for label, code in zip(
+                ("left-trigger", "right-trigger"), triggers or (None, None), strict=True
             )
-            if code in axes or button in keys
+            if code is not None or label in codes
         )
-        self._names = dict(PAD_BUTTONS)
-        if north_and_west_exchanged(self.description.vendor, self.description.kernel_driver):
-            self._names[BTN_NORTH], self._names[BTN_WEST] = "west", "north"
+
+    def _look_at_rest(self, values: Mapping[int, int]) -> None:
+        """Tell the stick from the triggers by where the axes of a pad that is not known are."""
+        pairs = self._pairs
+        if self._layout.right_stick is not None or len(pairs) < len(_PAIRS):
+            return
+        shares = {pair: [self._share(code, values) for code in pair] for pair in pairs}
+        middle = [p for p in pairs if all(abs(s - 0.5) < RESTS_WITHIN for s in shares[p])]
+        low = [p for p in pairs if all(s < RESTS_WITHIN for s in shares[p])]
+        if middle:
+            right = middle[0]
+        elif len(low) == 1:
+            # The other one is the stick, deflected.
+            right = next(pair for pair in pairs if pair not in low)
+        else:
+            return
+        triggers = next((pair for pair in pairs if pair != right and pair not in middle), None)
+        self._assign(right, triggers or self._pedals)
+
+    def _share(self, code: int, values: Mapping[int, int]) -> float:
+        """Where an axis is in its range, 0..1."""
+        info = self.description.axes[code]
+        return (values[code] - info.minimum) / max(info.maximum - info.minimum, 1)
+
+    def _settle(self) -> None:
+        if self._link is not DeviceLink.LIVE and self._values:
+            self._look_at_rest(self._values)
+        super()._settle()
+
+    def _notes(self, now_s: float) -> list[str]:
+        unknown = self._open and not self._layout.known
+        return super()._notes(now_s) + ([self._guess_words] if unknown else [])
 
     @property
     def _trigger_buttons(self) -> list[_Trigger]:
@@ -173,7 +241,7 @@ class GamepadCore(EvdevCore):
         return [trigger for trigger in self._triggers if trigger.code is not None]
 
     def _labels(self) -> list[str]:
-        values, names = self._values, self._names
+        values, names = self._values, self._layout.buttons
         labels = [names.get(code) or f"button-{code}" for code in sorted(self._down)]
         for code, low, high in _HATS:
             value = values.get(code, 0)

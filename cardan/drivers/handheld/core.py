@@ -8,6 +8,9 @@ the hand counts again only once it was seen letting go:
   NEEDS_NEUTRAL, deflections are zero, buttons released.
 - No frame that is young enough: STALE. The page that published has left: LOST.
 - Of two pages on one topic, the one that was heard first counts, while it speaks.
+
+An alignment is of one reference: where that is, or may be, another one (the page says so, the hand
+leaps, or was lost and is found elsewhere), it is void and has to be made anew.
 """
 
 from __future__ import annotations
@@ -31,6 +34,7 @@ from cardan.protocols.handheld import (
     Yaw,
     decode_frame,
     drag_on_screen,
+    elsewhere,
     from_angles,
     leap,
     orientation_from_xr,
@@ -55,6 +59,8 @@ HOLD = "hold"
 """The dead-man control as a button."""
 ALIGN = "align"
 
+NOT_ALIGNED = "not aligned"
+
 SETTLE_S = 0.016
 """A hand that lets go this soon after a silence may be seen in old frames that had queued up."""
 
@@ -66,6 +72,8 @@ class Reading(NamedTuple):
     """What a frame says of where the hand is."""
 
     sample: Sample
+    reference: int
+    """Which reference it is in, as the page counts them."""
     drag: Vector3 = ZERO3
     """Of the second finger, along the reference's axes; 1 is a third of the screen."""
 
@@ -88,7 +96,7 @@ class HandheldCore(BusCore):
     no_sensor: ClassVar[str]
     """Why a hand that is not lost has no place, and what to do."""
     to_align: ClassVar[str]
-    """What the operator does so that the robot's x axis is known."""
+    """What the operator does so that the robot's x axis is known, behind why it is not."""
 
     def __init__(self, options: HandheldOptions) -> None:
         super().__init__()
@@ -97,7 +105,13 @@ class HandheldCore(BusCore):
         self._full_rad = math.radians(options.full_turn_deg)
         self._asks = options.heading == "asked"
         self._yaw: Yaw | None = None
+        self._unaligned = NOT_ALIGNED
+        """Why there is no alignment."""
         self._reading: Reading | None = None
+        self._placed: Reading | None = None
+        """Where it was when its sensors last knew that."""
+        self._interrupted = False
+        """They did not since then, or nothing was heard."""
         self._held: Held | None = None
         """While it is held and counts."""
         self._began: Reading | None = None
@@ -129,7 +143,8 @@ class HandheldCore(BusCore):
 
     def _on_other_sender(self) -> None:
         # Its reference is another one, and so is where the robot is in it.
-        self._yaw, self._reading = None, None
+        self._yaw, self._unaligned = None, NOT_ALIGNED
+        self._reading = self._placed = None
         self._dragged = ZERO3
 
     # -- frames --------------------------------------------------------------------------------
@@ -156,10 +171,12 @@ class HandheldCore(BusCore):
     def _take(self, frame: OperatorFrame, age_s: float, now_s: float) -> None:
         if self._link is DeviceLink.STALE:
             self._resume("the page fell silent: let go of the control once", SETTLE_S, now_s)
+            self._interrupted = True
         self._heard, self._stamp_s = True, now_s
         self._last_s = max(self._last_s, now_s - age_s)
-        before, self._reading = self._reading, self._read(frame)
-        why = self._why_not(frame, before)
+        self._reading = self._read(frame)
+        before = self._placed
+        why = self._why_not(frame)
         if why:
             self._invalidate_input(DeviceLink.NEEDS_NEUTRAL, why, now_s)
             if frame.hold:
@@ -176,22 +193,47 @@ class HandheldCore(BusCore):
         self._grasp(frame, before)
         self._cached = None
 
-    def _why_not(self, frame: OperatorFrame, before: Reading | None) -> str:
+    def _why_not(self, frame: OperatorFrame) -> str:
         """Why the hand does not count; empty: it does."""
         if not frame.visible:
-            return "the page is hidden: show it, and let go of the control once"
-        if not frame.tracking:
-            return "the tracking is lost: hold still, and let go of the control once"
-        if self._reading is None:
-            return self.no_sensor
-        if before is not None and (why := leap(before.sample, self._reading.sample)):
+            why = "the page is hidden: show it, and let go of the control once"
+        elif not frame.tracking:
+            why = "the tracking is lost: hold still, and let go of the control once"
+        elif self._reading is None:
+            why = self.no_sensor
+        else:
+            return self._moved(self._reading)
+        self._interrupted = True
+        return why
+
+    def _moved(self, reading: Reading) -> str:
+        """Why a hand whose place is known cannot have gone there; empty: it can."""
+        before, self._placed = self._placed, reading
+        interrupted, self._interrupted = self._interrupted, False
+        if before is None:
+            return ""
+        if reading.reference != before.reference:
+            why = "the page has another reference"
+        elif interrupted:
+            # Nobody saw which of the two went there, the hand or its reference.
+            if elsewhere(before.sample, reading.sample):
+                self._unalign("the hand was lost and is found elsewhere")
+            return ""
+        elif why := leap(before.sample, reading.sample):
             self._counts["leaps"] += 1
-            return f"{why}: let go of the control once"
-        return ""
+        else:
+            return ""
+        self._unalign(why)
+        return f"{why}: let go of the control once"
+
+    def _unalign(self, why: str) -> None:
+        """The alignment is void."""
+        if self._yaw is not None:
+            self._yaw, self._unaligned = None, f"not aligned any more, since {why}"
 
     def _settle(self, frame: OperatorFrame, now_s: float) -> None:
         if self._asks and self._yaw is None:
-            self._reason = self.to_align
+            self._reason = f"{self._unaligned}: {self.to_align}"
         elif frame.hold:
             self._reason = "let go of the control on the page once"
         elif now_s >= self._ignore_rest_until_s:
@@ -252,10 +294,7 @@ class PhoneCore(HandheldCore):
         "the phone tells no orientation: press Start on the page and allow its sensors (they need "
         "https), and let go of the control once"
     )
-    to_align = (
-        "not aligned: point the phone's top edge along the robot's x axis, and press Align on the "
-        "page"
-    )
+    to_align = "point the phone's top edge along the robot's x axis, and press Align on the page"
 
     def __init__(self, options: PhoneOptions) -> None:
         super().__init__(options)
@@ -270,7 +309,7 @@ class PhoneCore(HandheldCore):
             return None
         q = from_angles(*body.angles_deg)
         drag = drag_on_screen(body.drag_right, body.drag_up, body.screen_quarters)
-        return Reading(Sample(1e-6 * frame.time_us, q), rotate(q, drag))
+        return Reading(Sample(1e-6 * frame.time_us, q), body.reference, rotate(q, drag))
 
     def _heading(self, reading: Reading) -> Yaw:
         return Yaw.of_phone(reading.sample.orientation)
@@ -302,7 +341,7 @@ class XrCore(HandheldCore):
     kind = "xr"
     no_sensor = "the hand has no place"
     to_align = (
-        "not aligned: point along the robot's x axis, and press the stick or touchpad (of a phone: "
+        "point along the robot's x axis, and press the stick or touchpad (of a phone: "
         "Align on the page)"
     )
 
@@ -321,7 +360,8 @@ class XrCore(HandheldCore):
         assert isinstance(body, Xr)
         # What is given is where the grip's axis points; the hand points below it.
         q = pitched(orientation_from_xr(body.orientation), -self._grip_rad)
-        return Reading(Sample(1e-6 * frame.time_us, q, position_from_xr(body.position_m)))
+        sample = Sample(1e-6 * frame.time_us, q, position_from_xr(body.position_m))
+        return Reading(sample, body.reference)
 
     def _heading(self, reading: Reading) -> Yaw:
         return Yaw.of_xr(reading.sample.orientation)

@@ -12,6 +12,7 @@ from cardan.protocols.evdev.codes import (
     ABS_X as ABS_X,
     ABS_Y as ABS_Y,
     ABS_Z as ABS_Z,
+    BTN_C as BTN_C,
     BTN_DPAD_DOWN as BTN_DPAD_DOWN,
     BTN_DPAD_LEFT as BTN_DPAD_LEFT,
     BTN_DPAD_RIGHT as BTN_DPAD_RIGHT,
@@ -30,6 +31,7 @@ from cardan.protocols.evdev.codes import (
     BTN_TR as BTN_TR,
     BTN_TR2 as BTN_TR2,
     BTN_WEST as BTN_WEST,
+    BTN_Z as BTN_Z,
     FF_COUNT as FF_COUNT,
     FF_GAIN as FF_GAIN,
     FF_RUMBLE as FF_RUMBLE,
@@ -39,7 +41,10 @@ from cardan.protocols.evdev.codes import (
     MICROSOFT as MICROSOFT,
     PAD_BUTTONS as PAD_BUTTONS,
     PAD_CODES as PAD_CODES,
+    AxisPair as AxisPair,
+    PadLayout as PadLayout,
     north_and_west_exchanged as north_and_west_exchanged,
+    pad_layout as pad_layout,
 )
 from cardan.protocols.evdev.events import (
     CUT as CUT,

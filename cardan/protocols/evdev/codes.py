@@ -7,8 +7,9 @@ Keys are named after their caps on a US keyboard, whatever is printed on this on
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from types import MappingProxyType
+from typing import Final, NamedTuple
 
 ABS_X, ABS_Y, ABS_Z, ABS_RX, ABS_RY, ABS_RZ = range(6)
 ABS_GAS, ABS_BRAKE = 0x09, 0x0A
@@ -21,7 +22,7 @@ FF_RUMBLE = 0x50
 FF_GAIN = 0x60
 
 BTN_JOYSTICK = 0x120
-BTN_SOUTH, BTN_EAST, BTN_NORTH, BTN_WEST = 0x130, 0x131, 0x133, 0x134
+BTN_SOUTH, BTN_EAST, BTN_C, BTN_NORTH, BTN_WEST, BTN_Z = range(0x130, 0x136)
 BTN_TL, BTN_TR, BTN_TL2, BTN_TR2 = 0x136, 0x137, 0x138, 0x139
 BTN_SELECT, BTN_START, BTN_MODE, BTN_THUMBL, BTN_THUMBR = 0x13A, 0x13B, 0x13C, 0x13D, 0x13E
 BTN_DPAD_UP, BTN_DPAD_DOWN, BTN_DPAD_LEFT, BTN_DPAD_RIGHT = 0x220, 0x221, 0x222, 0x223
@@ -91,3 +92,74 @@ def north_and_west_exchanged(vendor: int, kernel_driver: str) -> bool:
     which are those of north and west on every other pad.
     """
     return vendor == MICROSOFT or kernel_driver == "xpad"
+
+
+AxisPair = tuple[int, int]
+"""Left and right trigger, or a stick's way to the right and down."""
+
+
+class PadLayout(NamedTuple):
+    """Where a gamepad has what."""
+
+    buttons: Mapping[int, str]
+    """Labels by code."""
+    right_stick: AxisPair | None = None
+    triggers: AxisPair | None = None
+    """None, as above: what the axes are at rest has to tell."""
+    known: bool = True
+    """False: the labels are a guess."""
+
+
+def _counted(*labels: str) -> Mapping[int, str]:
+    """Buttons that the generic HID driver has counted as the pad reports them."""
+    return MappingProxyType(dict(enumerate(labels, BTN_SOUTH)))
+
+
+_SONY_COUNTED: Final = PadLayout(
+    _counted(
+        "west", "south", "east", "north", "left-shoulder", "right-shoulder", "left-trigger",
+        "right-trigger", "select", "start", "left-stick", "right-stick", "mode", "touchpad", "mute",
+    ),
+    (ABS_Z, ABS_RZ),
+    (ABS_RX, ABS_RY),
+)  # fmt: skip
+_XBOX_COUNTED: Final = PadLayout(
+    _counted(
+        "south", "east", "west", "north", "left-shoulder", "right-shoulder", "select", "start",
+        "left-stick", "right-stick", "mode",
+    ),
+    (ABS_RX, ABS_RY),
+    (ABS_Z, ABS_RZ),
+)  # fmt: skip
+
+SONY: Final = 0x054C
+_COUNTED: Final[Mapping[tuple[int, int], PadLayout]] = {
+    **{
+        (SONY, product): _SONY_COUNTED
+        # DualShock 4, first and second; its USB receiver; DualSense; DualSense Edge.
+        for product in (0x05C4, 0x09CC, 0x0BA0, 0x0CE6, 0x0DF2)
+    },
+    # Xbox One S by Bluetooth with its first firmware.
+    (MICROSOFT, 0x02E0): _XBOX_COUNTED,
+}
+"""By vendor and product. Source: SDL's table of gamepads, for Linux."""
+
+_OWN_DRIVERS: Final = frozenset({"xpad", "sony", "playstation", "nintendo"})
+"""Drivers of the kernel's that give axes and buttons as its gamepad.rst says."""
+
+
+def pad_layout(vendor: int, product: int, kernel_driver: str, keys: Iterable[int]) -> PadLayout:
+    """Where the pad that the kernel shows with these `keys` has what.
+
+    No pad has a C and a Z button beside the others: where both are, the generic HID driver has
+    counted the buttons from BTN_SOUTH on, and only who knows the pad knows which is where.
+    """
+    counted = {BTN_C, BTN_Z} <= {*keys}
+    if counted and (layout := _COUNTED.get((vendor, product))):
+        return layout
+    labels = dict(PAD_BUTTONS)
+    if north_and_west_exchanged(vendor, kernel_driver):
+        labels[BTN_NORTH], labels[BTN_WEST] = "west", "north"
+    if not counted and kernel_driver in _OWN_DRIVERS:
+        return PadLayout(labels, (ABS_RX, ABS_RY), (ABS_Z, ABS_RZ))
+    return PadLayout(labels, known=not counted)

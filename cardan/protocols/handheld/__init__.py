@@ -27,6 +27,7 @@ from cardan.protocols.handheld.motion import (
     Sample as Sample,
     Yaw as Yaw,
     drag_on_screen as drag_on_screen,
+    elsewhere as elsewhere,
     leap as leap,
     pitched as pitched,
 )

@@ -32,8 +32,8 @@ _KNOWN_FLAGS = _HOLD | _TRACKING | _VISIBLE
 _HEADER = struct.Struct("<BBBBIQ")
 _TWIST = struct.Struct("<B3x6f")
 _JOINTS = struct.Struct("<B3x")
-_PHONE = struct.Struct("<3f2f3f3fHBx")
-_XR = struct.Struct("<3f4fH2x4f")
+_PHONE = struct.Struct("<3f2f3f3fHBB")
+_XR = struct.Struct("<3f4fHBx4f")
 _GAMEPAD = struct.Struct("<6fI")
 
 _FRAMES = (Frame.BASE, Frame.TOOL, Frame.MIXED)
@@ -96,6 +96,8 @@ class Phone(NamedTuple):
     buttons: int = 0
     screen_quarters: int = 0
     """screen.orientation.angle in quarter turns."""
+    reference: int = 0
+    """Which reference the angles are in: the page counts those that it has had, modulo 256."""
 
 
 class Xr(NamedTuple):
@@ -109,6 +111,8 @@ class Xr(NamedTuple):
     stick_down: float = 0.0
     trigger: float = 0.0
     squeeze: float = 0.0
+    reference: int = 0
+    """Which reference the pose is in: the page counts sessions and resets of them, modulo 256."""
 
 
 class Gamepad(NamedTuple):
@@ -202,10 +206,12 @@ def _encoded(body: Body) -> tuple[int, bytes]:
             *(body.acceleration_m_s2 or _MISSING),
             body.buttons,
             body.screen_quarters,
+            body.reference,
         )
     if isinstance(body, Xr):
         w, x, y, z = body.orientation
-        rest = body.buttons, body.stick_right, body.stick_down, body.trigger, body.squeeze
+        sticks = body.stick_right, body.stick_down, body.trigger, body.squeeze
+        rest = body.buttons, body.reference, *sticks
         return int(body.part), _XR.pack(*body.position_m, x, y, z, w, *rest)
     return _GAMEPAD_KIND, _GAMEPAD.pack(*body)
 
@@ -292,7 +298,7 @@ def _phone(values: tuple[float, ...]) -> Phone | Malformed:
     angles, rates, acceleration = (
         None if isinstance(each, Malformed) else each for each in triples
     )
-    return Phone(angles, right, up, rates, acceleration, buttons, quarters)
+    return Phone(angles, right, up, rates, acceleration, buttons, quarters, int(values[13]))
 
 
 def _triple(values: tuple[float, ...]) -> Vector3 | Malformed | None:
@@ -307,4 +313,8 @@ def _xr(part: Part, values: tuple[float, ...]) -> Xr | Malformed:
     if not 0.99 < length < 1.01:
         return Malformed(f"with an orientation of the length {length:.3g}, not 1")
     orientation = Quaternion(w / length, x / length, y / length, z / length)
-    return Xr(part, Vector3(*values[:3]), orientation, int(values[7]), *values[8:])
+    buttons, reference = int(values[7]), int(values[8])
+    right, down, trigger, squeeze = values[9:]
+    return Xr(
+        part, Vector3(*values[:3]), orientation, buttons, right, down, trigger, squeeze, reference
+    )

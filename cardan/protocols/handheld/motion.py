@@ -55,6 +55,16 @@ def leap(before: Sample, now: Sample) -> str:
     return ""
 
 
+def elsewhere(before: Sample, now: Sample) -> bool:
+    """Whether `now` is another place than `before`, however long it took."""
+    angle = norm(rotation_between(before.orientation, now.orientation))
+    if angle > LEAP_RAD:
+        return True
+    if before.position is None or now.position is None:
+        return False
+    return norm(subtract(now.position, before.position)) > LEAP_M
+
+
 class Held:
     """How far the hand has gone since it was held. The turn goes on beyond half a turn without a
     jump."""

@@ -16,15 +16,7 @@ from cardan.errors import ScriptError
 from cardan.protocols.evdev import (
     ABS_HAT0X,
     ABS_HAT0Y,
-    ABS_RX,
-    ABS_RY,
-    ABS_RZ,
-    ABS_X,
-    ABS_Y,
-    ABS_Z,
     BITS_BYTES,
-    BTN_TL2,
-    BTN_TR2,
     EV_ABS,
     EV_FF,
     EV_KEY,
@@ -75,10 +67,8 @@ REPEAT_DELAY_S, REPEAT_PERIOD_S = 0.25, 0.033
 EFFECTS = 16
 """Effects that the kernel keeps for two motors."""
 
-_STICK_AXES = (ABS_X, ABS_Y, ABS_RX, ABS_RY)
 _STICK_SIGNS = (1.0, -1.0, 1.0, -1.0)
-_TRIGGER_AXES = (ABS_Z, ABS_RZ)
-_TRIGGER_BUTTONS = (BTN_TL2, BTN_TR2)
+_TRIGGERS = ("left-trigger", "right-trigger")
 _HATS = {
     "dpad-left": (ABS_HAT0X, -1),
     "dpad-right": (ABS_HAT0X, 1),
@@ -391,7 +381,7 @@ class SimulatedInput:
         drift = self._faults.get("drift", 0.0)
         readings = []
         for code, sign, share in zip(
-            _STICK_AXES, _STICK_SIGNS, (*left, *self.controls[2:4]), strict=True
+            self.model.sticks, _STICK_SIGNS, (*left, *self.controls[2:4]), strict=True
         ):
             info = self.model.axes[code]
             away = sign * (share + drift)
@@ -399,7 +389,7 @@ class SimulatedInput:
             noise = self._random.randint(-self._jitter_lsb, self._jitter_lsb) if share else 0
             counts = info.value + round(away * reach) + noise
             readings.append((code, min(info.maximum, max(info.minimum, counts))))
-        for code, share in zip(_TRIGGER_AXES, self.controls[4:], strict=True):
+        for code, share in zip(self.model.triggers, self.controls[4:], strict=True):
             readings.append((code, round(share * self.model.axes[code].maximum)))
         hats = [_HATS[label] for label in self._hats]
         readings += [
@@ -415,9 +405,9 @@ class SimulatedInput:
             return
         self._values[code] = value
         events.append((EV_ABS, code, value))
-        if code in _TRIGGER_AXES:
-            button = _TRIGGER_BUTTONS[_TRIGGER_AXES.index(code)]
-            if button in self.model.codes.values() and (value > 0) != (button in self._keys):
+        if code in self.model.triggers:
+            button = self.model.codes.get(_TRIGGERS[self.model.triggers.index(code)])
+            if button is not None and (value > 0) != (button in self._keys):
                 events += self._key_events(button, value > 0, self._now_s)
 
     # -- inside: the requests ------------------------------------------------------------------

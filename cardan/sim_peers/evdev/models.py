@@ -16,6 +16,7 @@ from cardan.protocols.evdev import (
     ABS_Y,
     ABS_Z,
     BTN_NORTH,
+    BTN_SOUTH,
     BTN_TL2,
     BTN_TR2,
     BTN_WEST,
@@ -42,9 +43,13 @@ class Model(NamedTuple):
     codes: Mapping[str, int]
     """Key and button codes by our labels."""
     axes: Mapping[int, AbsInfo]
+    """Their ranges; the values are those at rest."""
     effects: frozenset[int]
     period_s: float
     """How often the hardware is polled."""
+    sticks: tuple[int, int, int, int] = (ABS_X, ABS_Y, ABS_RX, ABS_RY)
+    """Axes of the left stick and of the right one."""
+    triggers: tuple[int, int] = (ABS_Z, ABS_RZ)
     repeats: bool = False
     """The kernel repeats a key that is held."""
 
@@ -64,12 +69,29 @@ def _pad_codes(vendor: int, *, trigger_buttons: bool) -> Mapping[str, int]:
     return MappingProxyType(codes)
 
 
-def _pad_axes(stick: AbsInfo, trigger_most: int) -> Mapping[int, AbsInfo]:
+def _counted_codes(*further: str) -> Mapping[str, int]:
+    """A Sony pad's by the generic driver: counted from BTN_SOUTH on, as in the pad's reports."""
+    labels = (
+        "west", "south", "east", "north", "left-shoulder", "right-shoulder", "left-trigger",
+        "right-trigger", "select", "start", "left-stick", "right-stick", "mode", "touchpad",
+    )  # fmt: skip
+    return MappingProxyType({label: BTN_SOUTH + at for at, label in enumerate((*labels, *further))})
+
+
+_COUNTED_STICKS, _COUNTED_TRIGGERS = (ABS_X, ABS_Y, ABS_Z, ABS_RZ), (ABS_RX, ABS_RY)
+
+
+def _pad_axes(
+    stick: AbsInfo,
+    trigger_most: int,
+    sticks: tuple[int, ...] = (ABS_X, ABS_Y, ABS_RX, ABS_RY),
+    triggers: tuple[int, int] = (ABS_Z, ABS_RZ),
+) -> Mapping[int, AbsInfo]:
     trigger, hat = AbsInfo(0, 0, trigger_most, 0, 0, 0), AbsInfo(0, -1, 1, 0, 0, 0)
     return MappingProxyType(
         {
-            **dict.fromkeys((ABS_X, ABS_Y, ABS_RX, ABS_RY), stick),
-            **dict.fromkeys((ABS_Z, ABS_RZ), trigger),
+            **dict.fromkeys(sticks, stick),
+            **dict.fromkeys(triggers, trigger),
             **dict.fromkeys((ABS_HAT0X, ABS_HAT0Y), hat),
         }
     )
@@ -77,6 +99,8 @@ def _pad_axes(stick: AbsInfo, trigger_most: int) -> Mapping[int, AbsInfo]:
 
 _XBOX_STICK = AbsInfo(0, -32768, 32767, 16, 128, 0)
 _SONY_STICK = AbsInfo(128, 0, 255, 0, 0, 0)
+# The generic driver declares a sixteenth of the range as flat.
+_COUNTED_AXES = _pad_axes(AbsInfo(128, 0, 255, 0, 15, 0), 255, _COUNTED_STICKS, _COUNTED_TRIGGERS)
 
 MODELS = (
     Model(
@@ -105,6 +129,28 @@ MODELS = (
         _pad_axes(_SONY_STICK, 255),
         _MEMLESS_EFFECTS,
         0.004,
+    ),
+    Model(
+        "dualshock-4-generic",
+        "Sony Interactive Entertainment Wireless Controller",
+        InputId(BUS_USB, 0x054C, 0x09CC, 0x0111),
+        _counted_codes(),
+        _COUNTED_AXES,
+        frozenset(),
+        0.004,
+        _COUNTED_STICKS,
+        _COUNTED_TRIGGERS,
+    ),
+    Model(
+        "dualsense-generic",
+        "Sony Interactive Entertainment DualSense Wireless Controller",
+        InputId(BUS_USB, 0x054C, 0x0CE6, 0x0111),
+        _counted_codes("mute"),
+        _COUNTED_AXES,
+        frozenset(),
+        0.004,
+        _COUNTED_STICKS,
+        _COUNTED_TRIGGERS,
     ),
     Model(
         "keyboard",

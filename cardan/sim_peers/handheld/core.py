@@ -34,6 +34,9 @@ FAULTS: Final = (
     FaultSwitch("lost", "the tracking is lost from VALUE s on", 3.0),
     FaultSwitch("hidden", "the page is hidden from VALUE s on", 3.0),
     FaultSwitch("leap", "the hand leaps by half a metre and a right angle at VALUE s", 3.0),
+    FaultSwitch(
+        "recentre", "the reference is another one from VALUE s on, turned by a right angle", 3.0
+    ),
     FaultSwitch("stuck", "the control counts as held from VALUE s on, whatever the hand does", 3.0),
     FaultSwitch("late", "every frame is VALUE s on its way", 0.2),
     FaultSwitch.share("nan", "share of frames with a number that is none"),
@@ -46,7 +49,7 @@ FULL_TURN_RAD: Final = math.radians(30.0)
 FULL_WAY_M: Final = 0.1
 
 NORTH_RAD: Final = 1.0
-"""Of the robot's x axis in the hand's reference, which knows nothing of the robot."""
+"""Of the robot's x axis in the hand's first reference, which knows nothing of the robot."""
 
 ALIGNS_S: Final = 0.1
 """How long Align is pressed at the beginning."""
@@ -91,9 +94,10 @@ class SimulatedHand(PeriodicDevice[bytes]):
         self._nan = faults.get("nan", 0.0)
         self._bad = 0.0
         self._sequence = 0
-        half = 0.5 * NORTH_RAD
-        self._north = Quaternion(math.cos(half), 0.0, 0.0, math.sin(half))
-        """Turns the robot's axes into the reference's."""
+        self._reference = 0
+        """Counts the references, as the page does."""
+        self._north_rad = NORTH_RAD
+        """Of the robot's x axis in the hand's reference."""
         self._acts = TimedActs(
             faults,
             {
@@ -101,6 +105,7 @@ class SimulatedHand(PeriodicDevice[bytes]):
                 "lost": self.lose_tracking,
                 "hidden": self.hide,
                 "leap": self.leap,
+                "recentre": self.recentre,
                 "stuck": self.stick,
             },
         )
@@ -122,6 +127,10 @@ class SimulatedHand(PeriodicDevice[bytes]):
     def replug(self) -> None:
         """The page is open again, and Align is pressed on it."""
         super().replug()
+        self.align()
+
+    def align(self) -> None:
+        """Press Align."""
         self.aligns_until_s = self.next_due_s + ALIGNS_S
 
     def silence(self) -> None:
@@ -147,6 +156,14 @@ class SimulatedHand(PeriodicDevice[bytes]):
     def leap(self) -> None:
         """The tracking says that it is elsewhere from now on."""
         self.leapt = True
+
+    def recentre(self, turn_rad: float = 0.5 * math.pi, *, told: bool = True) -> None:
+        """All poses are in another reference from now on, as after a headset's recentring.
+
+        `told`: the browser says so.
+        """
+        self._north_rad += turn_rad
+        self._reference += told
 
     def stick(self) -> None:
         """The control counts as held for ever."""
@@ -185,6 +202,12 @@ class SimulatedHand(PeriodicDevice[bytes]):
         return sum(1 << names.index(each) for each in down if each != HOLD)
 
     @property
+    def _north(self) -> Quaternion:
+        """Turns the robot's axes into the reference's."""
+        half = 0.5 * self._north_rad
+        return Quaternion(math.cos(half), 0.0, 0.0, math.sin(half))
+
+    @property
     def _turn(self) -> Quaternion:
         """Along the reference's axes."""
         turn = scale(Vector3(*self.axes[3:]), FULL_TURN_RAD)
@@ -195,16 +218,25 @@ class SimulatedHand(PeriodicDevice[bytes]):
 
     def _phone(self) -> Phone:
         # Flat, its top edge (y) along the robot's x axis.
-        half = 0.5 * (NORTH_RAD - 0.5 * math.pi)
+        half = 0.5 * (self._north_rad - 0.5 * math.pi)
         q = multiply(self._turn, Quaternion(math.cos(half), 0.0, 0.0, math.sin(half)))
         drag = rotate(conjugate(q), rotate(self._north, Vector3(*self.axes[:3])))
         angles = Vector3(*to_angles(q)) if self.senses else None
         up = scale(rotate(conjugate(q), Vector3(0.0, 0.0, 1.0)), 9.81)
-        return Phone(angles, drag.x, drag.y, Vector3(0.0, 0.0, 0.0), up, self._buttons)
+        return Phone(
+            angles,
+            drag.x,
+            drag.y,
+            Vector3(0.0, 0.0, 0.0),
+            up,
+            self._buttons,
+            reference=self._reference % 256,
+        )
 
     def _xr(self) -> Xr:
         way = rotate(self._north, scale(Vector3(*self.axes[:3]), FULL_WAY_M))
         if self.leapt:
             way = add(way, Vector3(0.5, 0.0, 0.0))
         q = orientation_to_xr(multiply(self._turn, self._north))
-        return Xr(self.part, position_to_xr(add(STANDS, way)), q, self._buttons)
+        position = position_to_xr(add(STANDS, way))
+        return Xr(self.part, position, q, self._buttons, reference=self._reference % 256)
