@@ -1,8 +1,8 @@
 """Makes the table of floods in docs/faults.md: how long after a client's last byte a server still
 passes on what the client published.
 
-Real sockets; the server and the client are processes of their own. To write it anew, in some two
-minutes: ``make flood-table``, or ``python -m tests.flood_table``.
+Real sockets; the server and the client are processes of their own. To write it anew, in more than
+six minutes: ``make flood-table``, or ``python -m tests.flood_table``.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from tests.console.hand import MOUSE, RELOADED, enable, hold, jog
 from tests.console.served_arm import motion_of, served_arm, stops
 from tests.gateway.faces.rig import WAIT_S
 
-pytestmark = pytest.mark.matrix
+pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]  # A browser that draws by software.
 
 AROUND = """
 [limits]

@@ -103,7 +103,6 @@ def test_a_latched_topic_begins_with_its_last_message_of_each_publisher(sides):
     until(lambda: {text("<robot 0/>"), text("<robot 1/>")} <= set(heard))
 
 
-@pytest.mark.real
 def test_commands_come_in_in_order_each_publisher_as_a_node_of_its_participant(sides):
     robot, user = sides
     heard, _handle = hears(robot, "/arm/command")

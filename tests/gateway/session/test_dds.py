@@ -62,7 +62,6 @@ def called(user, name, kind, **request):
     return codec_of(f"{kind}_Response").decode(replies[0])
 
 
-@pytest.mark.real
 def test_services_and_parameters(user):
     assert called(user, "stop", "std_srvs/srv/Trigger") == {"success": True, "message": ""}
     kinds = called(
