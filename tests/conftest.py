@@ -12,10 +12,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+import tests.examples  # noqa: F401 - has the profiles
 from tests.foreground import signals_act
 
-# How fast an example runs says how busy the machine is; what CI chooses otherwise stays.
-settings.register_profile("cardan", settings(deadline=None))
 settings.load_profile("cardan")
 
 ALL_IS_THERE = os.environ.get("CI") == "true" or os.environ.get("CARDAN_KERNEL_VM") == "1"
@@ -72,7 +71,7 @@ PARTS = ("computing", "real", "matrix")
 """Where a test runs, by its mark, or that of its file where it has none of its own.
 
 ``computing``  no mark: in ``make test``, on all cores, under every Python
-``real``       in ``make test``, alone: one for each mechanism that needs real clocks, sockets,
+``real``       in ``make test``, last: one for each mechanism that needs real clocks, sockets,
                processes or other people's programs; ``real("id", ...)`` for these parameters only
 ``matrix``     in ``make test-matrix``: all the others of that kind, and what computes for long
 """

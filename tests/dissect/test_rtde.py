@@ -13,6 +13,7 @@ from cardan.dissect.rtde import RtdeReply, RtdeRequest, listed, malformed, value
 from cardan.dissect.rtde_reader import RtdeReader
 from cardan.protocols.ur import rtde as codec
 from tests.dissect import streaming
+from tests.examples import examples
 
 CONTROLLER, CLIENT = Endpoint("10.0.0.1", 30004), Endpoint("10.0.0.2", 40000)
 
@@ -120,7 +121,7 @@ def test_replies_of_the_codec_are_those_of_the_layers(said, source, level, types
         assert bytes(read) == data
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.binary(max_size=60))
 def test_what_the_layers_take_the_codec_takes(payload):
     for kind in (*layers.NAMES, 0, 88):

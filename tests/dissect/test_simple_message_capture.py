@@ -16,6 +16,7 @@ from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
 from cardan.dissect.simple_message_reader import SimpleMessageReader
 from tests import captures
 from tests.dissect import streaming, worked
+from tests.examples import examples
 
 CONTROLLER, CLIENT = Endpoint("10.0.0.1", 50241), Endpoint("10.0.0.2", 40000)
 MOTION = Endpoint("10.0.0.1", 50240)
@@ -69,7 +70,7 @@ def test_overlapping_retransmissions():
     assert fed(listed)[0] == fed(segments(messages))[0]
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(st.lists(st.tuples(st.binary(max_size=60), u := st.integers(0, 2**32 - 1), u), max_size=8))
 def test_arbitrary_segments_never_raise(parts):
     listed = [Segment("TCP", CONTROLLER, CLIENT, p, False, q, f % 64) for p, q, f in parts]

@@ -9,6 +9,7 @@ from scapy.layers.inet import TCP
 from cardan.dissect import simple_message as sm
 from cardan.dissect.simple_message import SimpleMessage, SimpleMessageBroken, malformed, remarks
 from cardan.dissect.simple_message_text import describe
+from tests.examples import examples
 
 from . import worked
 
@@ -109,7 +110,7 @@ def values(field):
     return u32 if unsigned else i32
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.data(), st.sampled_from(LAYERS), st.sampled_from("<>"), st.sampled_from([4, 8]))
 def test_what_is_built_is_dissected(data, chosen, order, real_bytes):
     msg_type, layer = chosen
@@ -131,7 +132,7 @@ def test_what_is_built_is_dissected(data, chosen, order, real_bytes):
     assert bytes(layer(**again)) == raw
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.binary(max_size=200), st.sampled_from([row[0] for row in WORKED]), st.integers(0, 40))
 def test_arbitrary_bytes_never_raise(data, start, kept):
     for raw in (data, start[:kept] + data):

@@ -40,6 +40,7 @@ from cardan.dissect.wiimote_text import (
     identity,
 )
 from cardan.protocols import wiimote as codec
+from tests.examples import examples
 
 
 def _hex(text):
@@ -330,7 +331,7 @@ def test_memory_reports_of_the_codec(mask, error, address, data, of):
     assert (report.of, report.error) == (of, error)
 
 
-@settings(max_examples=200)
+@settings(max_examples=examples(200))
 @given(st.data(), st.sampled_from(sorted(codec.DATA_LAYOUTS)), masks, counts)
 def test_data_reports_of_the_codec(data, mode, mask, acceleration):
     layout = codec.DATA_LAYOUTS[mode]

@@ -15,6 +15,7 @@ from cardan.drivers.limiters import (
 )
 from cardan.spatial import from_rotation_vector, multiply, normalized, rotation_between
 from cardan.types import IDENTITY, Quaternion, Vector3
+from tests.examples import examples
 
 pytestmark = pytest.mark.matrix
 
@@ -50,7 +51,7 @@ class TestJoints:
         st.tuples(st.just("brake"), st.none(), st.none()),
     )
 
-    @settings(max_examples=150)
+    @settings(max_examples=examples(150))
     @given(
         start=st.tuples(st.floats(-1.0, 0.5), st.floats(-9.0, 9.0)),
         script=st.lists(st.tuples(moves, st.integers(1, 60), periods), min_size=1, max_size=8),
@@ -134,7 +135,7 @@ class TestPoint:
     SPEED = 0.25
     ACCELERATION = 2.0
 
-    @settings(max_examples=150)
+    @settings(max_examples=examples(150))
     @given(
         box=st.none() | st.just(BOX),
         start=st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.3), st.floats(0.0, 0.4)),
@@ -205,7 +206,7 @@ class TestOrientation:
     SPEED = 1.5
     ACCELERATION = 10.0
 
-    @settings(max_examples=150)
+    @settings(max_examples=examples(150))
     @given(start=quaternions, script=st.lists(st.tuples(turns, st.integers(1, 60), periods)))
     def test_any_input_stays_inside_every_bound(self, start, script) -> None:
         limiter = OrientationLimiter(self.SPEED, self.ACCELERATION)

@@ -41,6 +41,7 @@ from cardan.types import (
 )
 from tests.drivers.motoros_rig import Rig
 from tests.drivers.test_egm_session import Bench
+from tests.examples import examples
 from tests.ranges import drawn
 
 WILD = st.sampled_from(
@@ -51,7 +52,7 @@ WILD = st.sampled_from(
 SENSIBLE = st.floats(-3.0, 3.0)
 BROKEN = st.sampled_from([math.nan, math.inf, -math.inf])
 
-SLOW_AND_FAST = {"max_examples": 120, "deadline": None}
+SLOW_AND_FAST = {"max_examples": examples(120), "deadline": None}
 
 
 def sixes(number: st.SearchStrategy[float]) -> st.SearchStrategy[tuple[float, ...]]:

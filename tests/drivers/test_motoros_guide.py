@@ -18,6 +18,7 @@ from cardan.types import (
     PoseCommand,
     RobotCommand,
 )
+from tests.examples import examples
 
 PERIOD_S = 0.004
 EPSILON = 1e-9
@@ -60,7 +61,7 @@ def run(
 
 
 class TestGuarantees:
-    @settings(max_examples=150)
+    @settings(max_examples=examples(150))
     @given(
         start=st.tuples(st.floats(-1.0, 0.5), st.floats(-0.02, 0.02), st.floats(-9.0, 9.0)),
         speeds=triples,
@@ -79,7 +80,7 @@ class TestGuarantees:
                 guide.step(command, dt_s)
                 assert_within(guide, before, min(dt_s, LONGEST_STEP_S))
 
-    @settings(max_examples=100)
+    @settings(max_examples=examples(100))
     @given(
         script=st.lists(
             st.tuples(commands, st.integers(1, 40), st.floats(PERIOD_S, 5.0 * PERIOD_S)),
@@ -164,7 +165,7 @@ class TestGuarantees:
 
 
 class TestDirection:
-    @settings(max_examples=100)
+    @settings(max_examples=examples(100))
     @given(wanted=st.tuples(*[st.floats(-50.0, 50.0)] * 3))
     def test_from_rest_the_motion_has_the_direction_asked_for(
         self, wanted: Sequence[float]

@@ -21,6 +21,7 @@ from tests.drivers.tick_rig import (
 )
 
 
+@pytest.mark.matrix
 def test_nothing_is_ever_read_half_written() -> None:
     """Three threads without the interpreter's lock: one commands, one steps, one reads."""
     free: Any = ctypes.CDLL(str(library_path()))

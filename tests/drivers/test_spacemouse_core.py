@@ -29,6 +29,7 @@ from cardan.protocols.connexion import (
     to_robot_axes,
 )
 from cardan.types import NEUTRAL, NEVER_S, DeviceLink
+from tests.examples import examples
 
 PLAIN = SpaceMouseOptions(dead_zone=0.05)
 UP = (0, 0, -175, 0, 0, 0)
@@ -621,7 +622,7 @@ actions = st.one_of(
 pauses = st.sampled_from([0.0, 0.008, 0.016, 0.05, 0.11, 6.0])
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.lists(st.tuples(pauses, actions), max_size=60), st.sampled_from(["axis", "radial"]))
 def test_invariants(steps, shape):
     core = SpaceMouseCore(SpaceMouseOptions(dead_zone_shape=shape))

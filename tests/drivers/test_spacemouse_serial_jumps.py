@@ -19,6 +19,7 @@ from cardan.protocols.connexion_serial import (
     serial_model_by_key,
 )
 from cardan.types import DeviceLink
+from tests.examples import examples
 
 pytestmark = pytest.mark.matrix
 
@@ -173,7 +174,7 @@ def between(value, neighbours, margin):
     return min(0.0, *neighbours) - margin <= value <= max(0.0, *neighbours) + margin
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(hand=steps, key=st.sampled_from(MODELS), data=st.data())
 def test_a_wrong_bit_is_no_deflection_and_is_over_with_the_next_packet(hand, key, data):
     path = path_of(hand)

@@ -27,11 +27,12 @@ from cardan.protocols.egm import (
 )
 from cardan.types import Frame, Pose, Quaternion, Twist, Vector3
 from tests.dissect.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
+from tests.examples import examples
 
 from . import egm_values as values
 from .egm_wire import double, tagged, varint
 
-bounded = settings(max_examples=150, derandomize=True)
+bounded = settings(max_examples=examples(150), derandomize=True)
 
 SIXTH = math.pi / 6
 JOINTS = (0.0, 0.0, 0.0, 0.0, SIXTH, 0.0)

@@ -26,11 +26,12 @@ from cardan.protocols.egm import (
 )
 from cardan.spatial import from_euler_zyx
 from tests.dissect.worked import F6, F7, R0, R1
+from tests.examples import examples
 
 from . import egm_values as values
 from .egm_wire import double, messages, spoilt, tagged, varint
 
-bounded = settings(max_examples=150, derandomize=True)
+bounded = settings(max_examples=examples(150), derandomize=True)
 
 FORCE = (1.5, -2.25, 10.0, 0.125, 0.0, -0.5)
 USUAL = decode_robot(R1)

@@ -10,13 +10,14 @@ from hypothesis import given, settings, strategies as st
 from cardan.protocols import egm
 from cardan.protocols.egm import schema
 from tests.dissect.worked import C1, F7, R0, R1, S1, S2, S3, S4
+from tests.examples import examples
 
 from . import egm_values as values
 
 pytestmark = pytest.mark.matrix
 
 egm_pb2 = importlib.import_module("ABBRobotEGM._egm_protobuf.egm_pb2")
-bounded = settings(max_examples=100, derandomize=True)
+bounded = settings(max_examples=examples(100), derandomize=True)
 
 NAMES = {
     "EgmRobot": schema.Robot,

@@ -15,6 +15,7 @@ from cardan.protocols.ros2.interfaces import (
     message_type,
 )
 from cardan.protocols.ros2.messages import completed, default_message
+from tests.examples import examples
 
 POSE = "geometry_msgs/msg/PoseStamped"
 JOINTS = "sensor_msgs/msg/JointState"
@@ -141,7 +142,7 @@ def all_messages():
         yield from [name] if kind == "msg" else (f"{name}_{part}" for part in PARTS[kind])
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.data())
 def test_every_message_comes_back_as_it_was(data):
     name = data.draw(st.sampled_from(sorted(all_messages())))
@@ -206,7 +207,7 @@ def example_of(field, number):
 # -- bytes that are no message --------------------------------------------------------------------
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=examples(300), deadline=None)
 @given(st.sampled_from(sorted(all_messages())), st.binary(max_size=120))
 def test_any_bytes_are_a_message_or_a_reason(name, data):
     for head in (b"", b"\0\1\0\0", b"\0\0\0\0"):
@@ -224,7 +225,7 @@ NESTED = (
 )
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=examples(200), deadline=None)
 @given(st.data())
 def test_a_message_that_was_cut_or_changed_is_never_an_error(data):
     name = data.draw(st.sampled_from(NESTED))

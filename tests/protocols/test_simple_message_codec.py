@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import codec, messages
+from tests.examples import examples
 
 INT = st.integers(-(2**31), 2**31 - 1)
 UNSIGNED = st.integers(0, 2**32 - 1)
@@ -210,7 +211,7 @@ def test_arbitrary_bytes_give_a_message_or_a_reason(data):
     assert sm.detect_wire(data) in (None, *WIRES)
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.sampled_from(sorted(sm.MessageType)), st.binary(max_size=700))
 def test_every_length_of_every_type_gives_a_message_or_a_reason(msg_type, data):
     frame = struct.pack("<4i", len(data) + 12, msg_type, 2, 0) + data

@@ -9,6 +9,7 @@ from hypothesis import given, settings, strategies as st
 from cardan.protocols.ur import dashboard, primary
 from cardan.protocols.ur.script import DEEPEST, LARGEST, Assign, Program, Refused, parse
 from cardan.protocols.ur.states import RobotMode
+from tests.examples import examples
 
 # -- the dashboard ---------------------------------------------------------------------------------
 
@@ -156,7 +157,7 @@ def test_what_is_not_understood_is_named(text, line, reason):
     assert (found.line, reason in found.reason) == (line, True), found
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(st.text(alphabet='def end()while:if x=[1,]+-*not\n"#.p', max_size=80))
 def test_no_text_raises(text):
     parse("def a():\n" + text)

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.sim_peers.motoros_controller.velocity import SEQUENCES, VelocityLaw, is_newer
+from tests.examples import examples
 
 IPC_S = 0.004
 SPEED = (4.0, 6.0, 9.0)
@@ -40,7 +41,7 @@ commands = st.lists(
 )
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(commands)
 def test_no_command_leaves_the_limits(way):
     it = law()
@@ -59,7 +60,7 @@ def test_no_command_leaves_the_limits(way):
                 assert LOWER[axis] - TINY <= joint <= UPPER[axis] + TINY
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(commands)
 def test_an_axis_can_stop_inside_its_range_at_any_time(way):
     it = law()
@@ -79,7 +80,7 @@ def test_an_axis_can_stop_inside_its_range_at_any_time(way):
         assert LOWER[axis] <= position[axis] / PER_RAD[axis] <= UPPER[axis]
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(speeds, st.integers(1, 60))
 def test_the_direction_is_kept_from_rest(target, ticks):
     it = law()
@@ -93,7 +94,7 @@ def test_the_direction_is_kept_from_rest(target, ticks):
                 assert v[a] * target[b] == pytest.approx(v[b] * target[a], abs=1e-7)
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(speeds, st.floats(0.0, 1.0), st.lists(speeds, min_size=1, max_size=4))
 def test_a_speed_limit_slows_all_axes_alike(before, share, targets):
     it = law()

@@ -332,7 +332,6 @@ def test_what_cannot_be_started_is_tried_again_and_says_why(lab):
 LIMITS = "[sessions.limits]\nlinear_speed_m_s = {speed}\nleash_m = {leash}\n"
 
 
-@pytest.mark.real
 def test_a_reload_says_of_each_key_when_it_takes_effect(one):
     one.until("one", phase="disarmed")
     text = one.file.read_text()

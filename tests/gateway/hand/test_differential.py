@@ -36,6 +36,7 @@ from cardan.types import (
     RobotLink,
     Vector3,
 )
+from tests.examples import examples
 from tests.gateway.hand_rig import DEFLECTIONS, DT_S, HAND, HandRig, close, displaced
 
 pytestmark = pytest.mark.matrix
@@ -666,7 +667,7 @@ def play(rig, plan):
     return rig
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(
     plans,
     st.sampled_from([{"clutch": "button_2"}, {"clutch": "button_2", "deadman": ("grip",)},

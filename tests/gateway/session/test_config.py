@@ -18,6 +18,7 @@ from cardan.gateway.session.assembly import (
 from cardan.gateway.session.config import parse_config
 from cardan.tables import as_table
 from cardan.types import Frame
+from tests.examples import examples
 
 EXAMPLES = [
     path
@@ -336,7 +337,7 @@ tables = st.dictionaries(
 )
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(tables)
 def test_any_table_is_a_configuration_or_an_error(table):
     table.setdefault("device", {})
