@@ -31,7 +31,7 @@ from cardan.gateway.arm.requests import (
     encode_note,
     encode_reply,
 )
-from cardan.gateway.bus.actions import ArmAction
+from cardan.gateway.bus.actions import Ahead, ArmAction
 from cardan.gateway.bus.arm_parameters import ArmParameters
 from cardan.gateway.bus.arm_topics import OK, WARN, Part
 from cardan.gateway.bus.askers import UNKNOWN, Askers, Presence
@@ -177,8 +177,8 @@ class ArmServer:
         self._rare_inputs: list[_Input] = list(self.parameters.inputs)
         for each in self._actions:
             self._rare_inputs += [each.offers, each.results]
-        self._rare_stops = [each.cancels for each in self._actions]
-        self._never_wait = {client for _, client in (*self._stops, *self._rare_stops)}
+        self._never_wait = {client for _, client in self._stops}
+        self._never_wait |= {each.cancels[1] for each in self._actions}
         self._rare_due_s = -math.inf
 
     def poll(self, now_s: float) -> None:
@@ -189,12 +189,13 @@ class ArmServer:
         self._collect(self._stops)
         if self._arrived:
             self.sources.spend()
-        if rare:
-            self._rare_due_s = now_s + GOALS_PERIOD_S
-            self._collect(self._rare_stops)
-        if self._arrived:
             # What is held came first, and what stops comes after it, at once.
             self._let_go(lambda _held: True)
+        if rare:
+            self._rare_due_s = now_s + GOALS_PERIOD_S
+            for each in self._actions:
+                self._collect_cancels(each)
+        if self._arrived:
             self._pass_on()
         if not self._full():
             self._collect(self._inputs)
@@ -211,11 +212,26 @@ class ArmServer:
         if self._arrived:
             self._pass_on()
 
+    def _collect_cancels(self, action: ArmAction) -> None:
+        """Collect the cancellations of an action's goals. Goals that are there by then came before
+        them or with them: they are accepted before, and begin after, unless they are cancelled."""
+        arrived, self._arrived = self._arrived, []
+        self._collect((action.cancels,))
+        cancels, self._arrived = self._arrived, []
+        if cancels:
+            client = action.offers[1]
+            held = [(client, each.packet) for each in self._held if each.client is client]
+            self._collect((action.offers,))
+            ahead = [(client, Ahead(packet)) for _, packet in (*held, *self._arrived)]
+            cancels = [*ahead, *cancels, *self._arrived]
+        self._arrived = [*arrived, *cancels]
+
     def _pass_on(self) -> None:
         """Offer what has arrived, but for what waits for the token of who sent it."""
         now_s = self.now_s
         for client, packet in self._arrived:
-            until_s = NEVER_S if client in self._never_wait else self._named_s(packet)
+            at_once = client in self._never_wait or isinstance(packet, Ahead)
+            until_s = NEVER_S if at_once else self._named_s(packet)
             if until_s <= now_s:
                 self._offer(client, packet, now_s)
             else:

@@ -25,6 +25,7 @@ from cardan.gateway.arm.desk import VerbDesk
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
+    CANCELLED,
     ENDLESS,
     LATE_S,
     NEW_MOTION,
@@ -337,6 +338,8 @@ class RequestWorker:
                 return
             if request.verb in NEW_MOTION and job.stops != self._stops:
                 raise MotionRefusedError(f"{request.verb}: the arm was stopped before it began")
+            if request.wanted is not None and not request.wanted():
+                raise MotionRefusedError(f"{request.verb}: {CANCELLED}")
             if request.verb in NEW_MOTION and job.late_s > LATE_S:
                 raise MotionRefusedError(f"{request.verb}: {_late(job.late_s)}; ask again")
             if request.verb in ENDLESS and request.there is not None and not request.there():

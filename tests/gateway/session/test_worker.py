@@ -445,6 +445,20 @@ def test_a_motion_without_end_does_not_begin_for_who_is_gone(bench):
     assert bench.verbs.began == []
 
 
+def test_a_motion_that_was_cancelled_before_its_turn_does_not_begin(bench):
+    bench.ask(1, "movl", POSE)
+    assert bench.verbs.planning.wait(TIMEOUT_S)
+    client, wanted = Watched(), [True]
+    request = Request(2, "ros2", "movj", POSE, wanted=lambda: wanted[0])
+    bench.worker.offer(client, request, bench.now_s)
+    wanted[0] = False
+    bench.verbs.go_on.set()
+    told = client.heard.get(timeout=TIMEOUT_S)
+    assert told == ("refused", "movj: it was cancelled before it began")
+    assert [each.verb for each in bench.verbs.began] == ["movl"]
+    assert bench.verbs.stopped == 0
+
+
 def test_the_end_of_a_later_motion_does_not_wait_for_who_asked_before(bench):
     client, other = Watched(), Watched()
     begin(bench, client, "movv", POSE)
