@@ -191,6 +191,8 @@ class ArmServer:
             self.sources.spend()
             # What is held came first, and what stops comes after it, at once.
             self._let_go(lambda _held: True)
+            if not self._full():
+                self._pass_on_before_stops()
         if rare:
             self._rare_due_s = now_s + GOALS_PERIOD_S
             for each in self._actions:
@@ -202,15 +204,42 @@ class ArmServer:
             if rare:
                 self._collect(self._rare_inputs)
         # After the packets: the tokens of who sent them were there before.
+        self._take_tokens()
+        if self._held:
+            self._let_go(lambda held: self._askers.knows(held.packet) or now_s >= held.until_s)
+        if self._arrived:
+            self._pass_on()
+
+    def _pass_on_before_stops(self) -> None:
+        """Pass on what is there when a stop is, as nobody knows which came first, so that the stop
+        ends it; but for what the sender of the stop sent after it, by its own clock."""
+        stops, self._arrived = self._arrived, []
+        self._collect((*self._inputs, *self._rare_inputs))
+        self._take_tokens()
+        after = []
+        for client, packet in self._arrived:
+            if all(self._is_later(packet, stop) for _, stop in stops):
+                after.append((client, packet))
+            else:
+                self._offer(client, packet, self.now_s)
+        self._arrived = [*stops, *after]
+
+    def _is_later(
+        self, packet: Received | ServiceRequest, before: Received | ServiceRequest
+    ) -> bool:
+        """Whether one node sent both, and `packet` later."""
+        one, other = packet.attachment, before.attachment
+        if one is None or other is None or one.source_ns <= other.source_ns:
+            return False
+        node = self._askers.node(one.gid)
+        return node is not None and node is self._askers.node(other.gid)
+
+    def _take_tokens(self) -> None:
         for _ in range(TOKENS_AT_ONCE):
             told = self._tokens.poll()
             if told is None:
                 break
             self._askers.take(*told)
-        if self._held:
-            self._let_go(lambda held: self._askers.knows(held.packet) or now_s >= held.until_s)
-        if self._arrived:
-            self._pass_on()
 
     def _collect_cancels(self, action: ArmAction) -> None:
         """Collect the cancellations of an action's goals. Goals that are there by then came before
