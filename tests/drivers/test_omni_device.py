@@ -644,6 +644,30 @@ def test_enable_never_waits_unless_told_to(bench):
     assert omni.haptics().state is OperatingState.ENABLED
 
 
+def test_disable_ends_an_enable_that_waits(bench):
+    omni = bench.device()
+    omni.open()
+    failures = []
+
+    def enable():
+        try:
+            omni.enable(wait_s=PATIENCE_S)
+        except CommandError as error:
+            failures.append(str(error))
+
+    waiting = threading.Thread(target=enable)
+    waiting.start()
+    time.sleep(0.05)
+    assert waiting.is_alive()
+    omni.disable()
+    waiting.join(PATIENCE_S)
+    assert not waiting.is_alive()
+    assert failures == ["the force is not enabled: it was disabled meanwhile"]
+    assert omni.haptics().state is OperatingState.DISABLED
+    omni.enable(wait_s=2.0)
+    assert omni.haptics().state is OperatingState.ENABLED
+
+
 @pytest.mark.parametrize(
     "bad", [(1, 2), None, ("a", 1, 2), (10**400, 0, 0), (math.nan, 0, 0), (1, 2, 3, 4), "abc"]
 )

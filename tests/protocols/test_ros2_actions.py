@@ -106,3 +106,37 @@ def test_what_cannot_be_cancelled_is_told(goals):
     assert response == {"return_code": CancelCode.GOAL_TERMINATED, "goals_canceling": []}
     assert going == []
     assert goal.status is GoalStatus.SUCCEEDED
+
+
+def test_a_goal_that_is_cancelled_before_it_comes_is_accepted_and_never_begins(goals):
+    response, going = goals.cancel(request(A))
+    assert response == {"return_code": CancelCode.UNKNOWN_GOAL_ID, "goals_canceling": []}
+    assert going == []
+    assert states(goals) == {}
+    goal = goals.accept(A, 0, 0.0)
+    assert goal.status is GoalStatus.CANCELING
+    goals.execute(goal)
+    assert goal.status is GoalStatus.CANCELING
+    assert goals.accept(B, 0, 0.0).status is GoalStatus.ACCEPTED
+
+
+def test_a_goal_that_comes_after_its_cancellation_may_be_one_of_several(goals):
+    before = goals.accept(A, 10, 0.0)
+    response, going = goals.cancel(request(B, 10))
+    assert going == [before]
+    assert response["return_code"] == CancelCode.NONE
+    assert goals.accept(B, 20, 0.0).status is GoalStatus.CANCELING
+
+
+def test_cancellations_of_goals_that_never_come_are_bounded(goals):
+    ids = [bytes([number]) * 16 for number in range(10, 14)]
+    for each in ids:
+        goals.cancel(request(each))
+    assert goals.accept(ids[-1], 0, 0.0).status is GoalStatus.CANCELING
+    assert goals.accept(ids[0], 0, 0.0).status is GoalStatus.ACCEPTED
+
+
+def test_to_cancel_all_says_nothing_of_goals_that_come_later(goals):
+    goals.cancel(request())
+    goals.cancel(request(stamp_ns=10))
+    assert goals.accept(A, 20, 0.0).status is GoalStatus.ACCEPTED

@@ -113,6 +113,8 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         """Since when the tick has known that they will be off."""
         self._ticks_seen = 0
         self._sequence = 0
+        self._disabled = 0
+        """How often disable() was called."""
         self._at_exit = functools.partial(_close_at_exit, weakref.ref(self))
 
     @classmethod
@@ -243,12 +245,15 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
         """Let force out; after a latched fault this tries again.
 
         Raises CommandError at once while it cannot be. Right after the opening or the inkwell that
-        passes by itself ("not ready yet"): `wait_s` has it wait for that, s at most.
+        passes by itself ("not ready yet"): `wait_s` has it wait for that, s at most, unless
+        disable() is called meanwhile.
         """
-        deadline_s = time.monotonic() + wait_s
+        deadline_s, disabled = time.monotonic() + wait_s, self._disabled
         while True:
             with self._commands:
                 tick = self._opened_tick()
+                if self._disabled != disabled:
+                    raise CommandError("the force is not enabled: it was disabled meanwhile")
                 with self._lock:
                     now_s = self._look()
                     obstacle = self._core.force_obstacle(now_s)
@@ -264,6 +269,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     def disable(self) -> None:
         """No force, by ramp, until enable()."""
         with self._commands:
+            self._disabled += 1
             self._opened_tick().disable()
 
     def pause(self) -> None:

@@ -51,6 +51,10 @@ LARGEST_ID = LARGEST_SEQUENCE
 """The largest integer that every reader of JSON keeps exactly."""
 
 
+CANCELLED = "it was cancelled before it began"
+"""Why a motion was not begun that is not `wanted` any more."""
+
+
 class PacketError(CardanError):
     """A packet that is no request, or no reply; `request` is its id, if it has one."""
 
@@ -75,6 +79,8 @@ class Request(NamedTuple):
     """Of a streamed command: when it was sent, by the sender's clock."""
     begins: Begins | None = None
     """Of a streamed command: whether it chooses its own where none is chosen; None: never."""
+    wanted: Callable[[], bool] | None = None
+    """Whether it is still to begin: what was cancelled before its turn is not; None: always."""
 
 
 class MotionNote(NamedTuple):

@@ -2,7 +2,8 @@
 
 A goal that can be read is accepted at once; what the arm then refuses ends it as aborted, with the
 reason in its result, as a rejected goal could not tell one. A later motion takes the arm from the
-goal before, through rest, as all motions do.
+goal before, through rest, as all motions do. A goal that is cancelled before it moves the arm, also
+before it is accepted, never begins: it is accepted and ends as canceled.
 """
 
 from __future__ import annotations
@@ -10,12 +11,12 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from cardan.bus.node import BusNode, ServiceRequest
 from cardan.errors import CardanError
 from cardan.gateway.arm.motion import Outcome
-from cardan.gateway.arm.requests import MotionNote, PacketError, Request
+from cardan.gateway.arm.requests import CANCELLED, MotionNote, PacketError, Request
 from cardan.gateway.bus.commands import ActionCommand, Instant
 from cardan.gateway.bus.serving import CommandServer
 from cardan.protocols.ros2.actions import (
@@ -33,6 +34,17 @@ from cardan.protocols.ros2.messages import default_message
 
 MAX_WAITING = 8
 """Most clients that wait for the result of one goal."""
+
+
+class Ahead(NamedTuple):
+    """A goal that is to be accepted before the cancellations that came with it, and to begin after
+    them: the packet itself follows."""
+
+    packet: ServiceRequest
+
+
+_Taken = tuple[int, Goal, Any]
+"""The id of a request, the goal, and the verb's argument."""
 
 
 class ArmAction:
@@ -77,9 +89,9 @@ class ArmAction:
 
     # -- for the worker's threads ----------------------------------------------------------------
 
-    def accept(self, packet: ServiceRequest) -> tuple[int, Goal, Any] | None:
-        """Take a goal: the id of a request, the goal and the verb's argument; None where it was
-        answered otherwise. Raises PacketError for what is no goal."""
+    def accept(self, packet: ServiceRequest) -> _Taken | None:
+        """Take a goal; None where it was answered otherwise. Raises PacketError for what is no
+        goal."""
         server, command = self._server, self._command
         name = self._type.send_goal.request
         number = server.next_id()
@@ -179,11 +191,15 @@ class ArmAction:
             raise PacketError(f"{self._command.action}: {message.reason}")
         return message
 
-    def request(self, number: int, value: Any, packet: ServiceRequest) -> Request:
-        """The goal of `packet` as a request to the arm, which ends with who asked where it has no
-        end of its own."""
-        server = self._server
-        return server.watched(Request(number, server.source(packet), self.verb, value), packet)
+    def request(self, taken: _Taken, packet: ServiceRequest) -> Request:
+        """The goal of `packet` as a request to the arm, which is not begun once it is cancelled,
+        and ends with who asked where it has no end of its own."""
+        (number, goal, value), server = taken, self._server
+        request = Request(
+            number, server.source(packet), self.verb, value,
+            wanted=lambda: goal.status is not GoalStatus.CANCELING,
+        )  # fmt: skip
+        return server.watched(request, packet)
 
     @property
     def verb(self) -> str:
@@ -208,14 +224,25 @@ class _GoalClient:
         self._asked: dict[int, Goal] = {}
         self._moving: dict[int, Goal] = {}
         """By the motion."""
+        self._ahead: dict[ServiceRequest, _Taken | None] = {}
+        """Goals that are accepted and do not begin yet; None: ones that were answered otherwise."""
 
-    def decode(self, packet: ServiceRequest) -> Request | None:
-        taken = self._action.accept(packet)
+    def decode(self, packet: ServiceRequest | Ahead) -> Request | None:
+        action = self._action
+        if isinstance(packet, Ahead):
+            if packet.packet not in self._ahead:
+                self._ahead[packet.packet] = None  # Also where it raises.
+                self._ahead[packet.packet] = action.accept(packet.packet)
+            return None
+        taken = self._ahead.pop(packet) if packet in self._ahead else action.accept(packet)
         if taken is None:
             return None
-        number, goal, value = taken
+        number, goal, _ = taken
+        if goal.status is GoalStatus.CANCELING:
+            action.end(goal, GoalStatus.CANCELED, f"{action.verb}: {CANCELLED}")
+            return None
         self._asked[number] = goal
-        return self._action.request(number, value, packet)
+        return action.request(taken, packet)
 
     def done(self, request: Request, result: Any) -> None:
         goal = self._asked.pop(request.id)

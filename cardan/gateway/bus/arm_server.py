@@ -31,7 +31,7 @@ from cardan.gateway.arm.requests import (
     encode_note,
     encode_reply,
 )
-from cardan.gateway.bus.actions import ArmAction
+from cardan.gateway.bus.actions import Ahead, ArmAction
 from cardan.gateway.bus.arm_parameters import ArmParameters
 from cardan.gateway.bus.arm_topics import OK, WARN, Part
 from cardan.gateway.bus.askers import UNKNOWN, Askers, Presence
@@ -177,8 +177,8 @@ class ArmServer:
         self._rare_inputs: list[_Input] = list(self.parameters.inputs)
         for each in self._actions:
             self._rare_inputs += [each.offers, each.results]
-        self._rare_stops = [each.cancels for each in self._actions]
-        self._never_wait = {client for _, client in (*self._stops, *self._rare_stops)}
+        self._never_wait = {client for _, client in self._stops}
+        self._never_wait |= {each.cancels[1] for each in self._actions}
         self._rare_due_s = -math.inf
 
     def poll(self, now_s: float) -> None:
@@ -189,33 +189,78 @@ class ArmServer:
         self._collect(self._stops)
         if self._arrived:
             self.sources.spend()
-        if rare:
-            self._rare_due_s = now_s + GOALS_PERIOD_S
-            self._collect(self._rare_stops)
-        if self._arrived:
             # What is held came first, and what stops comes after it, at once.
             self._let_go(lambda _held: True)
+            if not self._full():
+                self._pass_on_before_stops()
+        if rare:
+            self._rare_due_s = now_s + GOALS_PERIOD_S
+            for each in self._actions:
+                self._collect_cancels(each)
+        if self._arrived:
             self._pass_on()
         if not self._full():
             self._collect(self._inputs)
             if rare:
                 self._collect(self._rare_inputs)
         # After the packets: the tokens of who sent them were there before.
-        for _ in range(TOKENS_AT_ONCE):
-            told = self._tokens.poll()
-            if told is None:
-                break
-            self._askers.take(*told)
+        self._take_tokens()
         if self._held:
             self._let_go(lambda held: self._askers.knows(held.packet) or now_s >= held.until_s)
         if self._arrived:
             self._pass_on()
 
+    def _pass_on_before_stops(self) -> None:
+        """Pass on what is there when a stop is, as nobody knows which came first, so that the stop
+        ends it; but for what the sender of the stop sent after it, by its own clock."""
+        stops, self._arrived = self._arrived, []
+        self._collect((*self._inputs, *self._rare_inputs))
+        self._take_tokens()
+        after = []
+        for client, packet in self._arrived:
+            if all(self._is_later(packet, stop) for _, stop in stops):
+                after.append((client, packet))
+            else:
+                self._offer(client, packet, self.now_s)
+        self._arrived = [*stops, *after]
+
+    def _is_later(
+        self, packet: Received | ServiceRequest, before: Received | ServiceRequest
+    ) -> bool:
+        """Whether one node sent both, and `packet` later."""
+        one, other = packet.attachment, before.attachment
+        if one is None or other is None or one.source_ns <= other.source_ns:
+            return False
+        node = self._askers.node(one.gid)
+        return node is not None and node is self._askers.node(other.gid)
+
+    def _take_tokens(self) -> None:
+        for _ in range(TOKENS_AT_ONCE):
+            told = self._tokens.poll()
+            if told is None:
+                break
+            self._askers.take(*told)
+
+    def _collect_cancels(self, action: ArmAction) -> None:
+        """Collect the cancellations of an action's goals. Goals that are there by then came before
+        them or with them: they are accepted before, and begin after, unless they are cancelled."""
+        arrived, self._arrived = self._arrived, []
+        self._collect((action.cancels,))
+        cancels, self._arrived = self._arrived, []
+        if cancels:
+            client = action.offers[1]
+            held = [(client, each.packet) for each in self._held if each.client is client]
+            self._collect((action.offers,))
+            ahead = [(client, Ahead(packet)) for _, packet in (*held, *self._arrived)]
+            cancels = [*ahead, *cancels, *self._arrived]
+        self._arrived = [*arrived, *cancels]
+
     def _pass_on(self) -> None:
         """Offer what has arrived, but for what waits for the token of who sent it."""
         now_s = self.now_s
         for client, packet in self._arrived:
-            until_s = NEVER_S if client in self._never_wait else self._named_s(packet)
+            at_once = client in self._never_wait or isinstance(packet, Ahead)
+            until_s = NEVER_S if at_once else self._named_s(packet)
             if until_s <= now_s:
                 self._offer(client, packet, now_s)
             else:

@@ -127,6 +127,7 @@ class RosbridgeServer:
                 mailbox,
                 self._allowed,
                 self.counts,
+                lasting=Caller(network_for(role, self._network), mailbox),
                 max_bytes=self.options.max_frame_bytes,
                 service_timeout_s=self.options.service_timeout_s,
             )

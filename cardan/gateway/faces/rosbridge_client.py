@@ -28,6 +28,7 @@ from cardan.gateway.faces.rosapi import LOG, ROSOUT, SERVICES as ROSAPI_SERVICES
 from cardan.gateway.faces.rosbridge_feeds import ClientStream, Feeds, RosbridgeFeed
 from cardan.gateway.faces.sending import Sender
 from cardan.gateway.faces.web import FrontConnection, is_stale, stale_words
+from cardan.protocols.ros2.actions import CANCEL_TYPE, CancelCode, GoalStatus
 from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of
 from cardan.protocols.ros2.interfaces import (
     DUMMY_MEMBER,
@@ -73,9 +74,6 @@ MAX_CALLS = 100
 MAX_ASKED = 100
 """Most requests to a client's services that it has not answered."""
 
-ABORTED = 6
-"""Status of a goal: action_msgs/msg/GoalStatus."""
-
 _GOAL_ID_BYTES = 16
 
 _log = logging.getLogger(__name__)
@@ -114,9 +112,18 @@ class _Asked(NamedTuple):
     timer: asyncio.TimerHandle
 
 
-class _Goal(NamedTuple):
-    action: str
-    goal_id: bytes
+class _Goal:
+    """A goal of the client that has no result yet."""
+
+    def __init__(
+        self, name: Id, action: str, goal_id: bytes, accepted: asyncio.Future[Message]
+    ) -> None:
+        """`name`: the id that the client gave it; `goal_id`: the one that its server knows."""
+        self.name, self.action, self.goal_id = name, action, goal_id
+        self.accepted = accepted
+        """The server's response to it."""
+        self.cancelled = False
+        """Whether it is not wanted any more."""
 
 
 class Client:
@@ -134,16 +141,19 @@ class Client:
         allowed: Allowed,
         counts: Counter[str],
         *,
+        lasting: Caller,
         max_bytes: int,
         service_timeout_s: float,
     ) -> None:
-        """`max_bytes`: of an operation in fragments, and of answers that it does not read."""
+        """`lasting` calls on the network that outlives `network`, the client's own part of it.
+        `max_bytes`: of an operation in fragments, and of answers that it does not read."""
         self.connection, self.peer = connection, peer
         self.sender: Sender[Delivery, Sample] = Sender(
             connection, peer, max_bytes, counts, self._encoded
         )
         self._network, self._caller, self._rosapi = network, caller, rosapi
         self._feeds, self._mailbox, self._allowed, self._counts = feeds, mailbox, allowed, counts
+        self._lasting = lasting
         self._service_timeout_s = service_timeout_s
         self._session = Session(max_bytes)
         self._loop = asyncio.get_running_loop()
@@ -185,7 +195,9 @@ class Client:
         if refused.op == "call_service":
             self.send(forms.service_refusal(refused.id, refused.name, refused.reason))
         elif refused.op == "send_action_goal":
-            self.send(forms.action_refusal(refused.id, refused.name, refused.reason, ABORTED))
+            self.send(
+                forms.action_refusal(refused.id, refused.name, refused.reason, GoalStatus.ABORTED)
+            )
         status = self._session.status("error", refused.id, refused.reason)
         if status is not None:
             self.send(status)
@@ -460,11 +472,11 @@ class Client:
             if listening is not None:
                 listening.close()
             raise
-        self._goals[asked.id] = _Goal(action, goal_id)
-        task = self._start(self._follow_goal(asked, action, kind, goal_id, accepted))
+        under_way = self._goals[asked.id] = _Goal(asked.id, action, goal_id, accepted)
+        accepted.add_done_callback(lambda _accepted: self._answered_goal(under_way))
+        task = self._start(self._follow_goal(asked, action, kind, under_way))
 
         def ended(_task: asyncio.Task[None]) -> None:
-            accepted.cancel()
             self._goals.pop(asked.id, None)
             if listening is not None:
                 listening.close()
@@ -472,20 +484,16 @@ class Client:
         task.add_done_callback(ended)
 
     async def _follow_goal(
-        self,
-        asked: SendActionGoal,
-        action: str,
-        kind: ActionType,
-        goal_id: bytes,
-        accepted: asyncio.Future[Message],
+        self, asked: SendActionGoal, action: str, kind: ActionType, goal: _Goal
     ) -> None:
         try:
-            if not (await accepted)["accepted"]:
+            # Shielded: it is waited for also when the client is gone.
+            if not (await asyncio.shield(goal.accepted))["accepted"]:
                 raise RefusedError(f"{action} did not accept the goal")
             ended = await self._caller.start(
                 f"{action}/_action/get_result",
                 kind.get_result.name,
-                {"goal_id": {"uuid": goal_id}},
+                {"goal_id": {"uuid": goal.goal_id}},
                 None,
             )
             result, status = ended["result"], ended["status"]
@@ -514,17 +522,41 @@ class Client:
             raise RefusedError(f"no goal {shown(asked.id)} is under way")
         self._cancel(goal)
 
+    def _answered_goal(self, goal: _Goal) -> None:
+        """A goal has been answered: one that was cancelled meanwhile is cancelled now that its
+        server knows it, and one that nobody follows, as its answer did not come in time."""
+        unknown = goal.accepted.exception() is not None
+        if unknown or (goal.cancelled and goal.accepted.result()["accepted"]):
+            self._cancel(goal)
+
+    def _answered_cancel(self, goal: _Goal, answer: asyncio.Future[Message]) -> None:
+        """Tell where the goal goes on; else its result tells what became of it."""
+        error = answer.exception()
+        if error is not None:
+            self._not_cancelled(goal, str(error))
+        elif answer.result()["return_code"] == CancelCode.REJECTED:
+            self._not_cancelled(goal, f"{goal.action} does not cancel this goal")
+
+    def _not_cancelled(self, goal: _Goal, reason: str) -> None:
+        if self._gone:
+            _log.warning("%s: its goal may go on: %s", self.peer, reason)
+        else:
+            self._refuse(Refused(reason, "cancel_action_goal", goal.name, goal.action))
+
     def _cancel(self, goal: _Goal) -> None:
-        """Ask the action's server to cancel; the goal's result tells whether it did."""
-        kind = service_type("action_msgs/srv/CancelGoal")
-        request = completed(kind.request, {"goal_info": {"goal_id": {"uuid": goal.goal_id}}})
-        self._network.call(
-            f"{goal.action}/_action/cancel_goal",
-            kind.name,
-            codec_of(kind.request).encode(request),
-            lambda _reply: None,
-            self._service_timeout_s,
-        )
+        """Ask the action's server to cancel, at once and, where it has not accepted the goal yet,
+        again when it has: until then most servers do not know it. The goal's result tells whether
+        it did."""
+        goal.cancelled = True
+        request = {"goal_info": {"goal_id": {"uuid": goal.goal_id}}}
+        service = f"{goal.action}/_action/cancel_goal"
+        whole = completed(f"{CANCEL_TYPE}_Request", request)
+        try:
+            answer = self._lasting.start(service, CANCEL_TYPE, whole, self._service_timeout_s)
+        except NetworkError as error:
+            self._not_cancelled(goal, str(error))
+        else:
+            answer.add_done_callback(partial(self._answered_cancel, goal))
 
     # -- the end ---------------------------------------------------------------------------------
 
@@ -535,10 +567,7 @@ class Client:
         self._gone = True
         self.sender.close()
         for goal in list(self._goals.values()):
-            try:
-                self._cancel(goal)
-            except NetworkError as error:
-                _log.warning("%s: the goal of %s goes on: %s", goal.action, self.peer, error)
+            self._cancel(goal)
         for task in list(self._tasks):
             task.cancel()
         for subscribed in self._subscribed.values():

@@ -25,6 +25,7 @@ from cardan.gateway.arm.desk import VerbDesk
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
+    CANCELLED,
     ENDLESS,
     LATE_S,
     NEW_MOTION,
@@ -141,14 +142,20 @@ class _Packet(NamedTuple):
     """How long it may have waited before it was received."""
 
 
-class _Job(NamedTuple):
-    client: Client
-    request: Request
-    received_s: float
-    late_s: float
-    """How long it may have waited before it was received."""
-    stops: int
-    """Number of the arm's stops when the request came."""
+_ENDED = {
+    "stop": "the arm was stopped before it began",
+    "release": "its source gave up its authority before it began",
+}
+"""What does not let the motions begin that were asked for before it, and why they do not."""
+
+
+class _Job:
+    def __init__(self, client: Client, request: Request, received_s: float, late_s: float) -> None:
+        """`late_s`: how long it may have waited before it was received."""
+        self.client, self.request = client, request
+        self.received_s, self.late_s = received_s, late_s
+        self.ended_by = ""
+        """Of _ENDED, what came after it; empty: nothing."""
 
 
 class RequestWorker:
@@ -181,11 +188,12 @@ class RequestWorker:
         self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
         self._pending = threading.BoundedSemaphore(MAX_PENDING)
         self._waits = threading.BoundedSemaphore(MAX_WAITS)
-        self._stops = 0
         self._turned_s = NEVER_S
         self._late_s = 0.0
         self._beginning: deque[tuple[Client, str]] = deque()
         """Senders of the streamed commands that wait as their stream is to begin, in order."""
+        self._under_way: list[_Job] = []
+        """What the planning thread has to do, and does."""
         self._ordering = threading.Lock()
         self._motions: dict[int, _Begun] = {}
         """Motions that are not over, by the ids that their notes have."""
@@ -267,12 +275,17 @@ class RequestWorker:
                 client.refused(None, CardanError(repr(error)))
                 continue
             if request is not None:
-                self._dispatch(_Job(client, request, received_s, late_s, self._stops))
+                self._dispatch(_Job(client, request, received_s, late_s))
 
     def _dispatch(self, job: _Job) -> None:
         verb = job.request.verb
+        if verb in _ENDED:
+            with self._ordering:
+                for each in self._under_way:
+                    own = each.request.source == job.request.source and not each.ended_by
+                    if verb == "stop" or own:
+                        each.ended_by = verb
         if verb == "stop":
-            self._stops += 1
             self._stop("stopped", job.request.source)
             self._reply(job, None)
         elif verb == "wait":
@@ -282,8 +295,9 @@ class RequestWorker:
         elif not self._pending.acquire(blocking=False):
             self._refuse(job, f"{MAX_PENDING} requests are waiting already")
         else:
-            if verb in _BEGINNING:
-                with self._ordering:
+            with self._ordering:
+                self._under_way.append(job)
+                if verb in _BEGINNING:
                     self._beginning.append((job.client, job.request.source))
             self._jobs.put(job)
 
@@ -316,8 +330,9 @@ class RequestWorker:
         while (job := self._jobs.get()) is not None:
             self._pending.release()
             self._perform(job)
-            if job.request.verb in _BEGINNING:
-                with self._ordering:
+            with self._ordering:
+                self._under_way.remove(job)
+                if job.request.verb in _BEGINNING:
                     self._beginning.popleft()
             # The session's collector is off for the loop's sake, and what was there before is
             # frozen: only what requests leave behind is looked at here.
@@ -332,11 +347,13 @@ class RequestWorker:
             if request.verb in _STREAMED and waited_s > STALE_S:
                 self._reply(job, f"{request.verb}: it waited for more than {STALE_S:g} s")
                 return
-            if request.begins is not None and job.stops != self._stops:
-                self._reply(job, f"{request.verb}: the arm was stopped before it began")
+            if request.begins is not None and job.ended_by:
+                self._reply(job, f"{request.verb}: {_ENDED[job.ended_by]}")
                 return
-            if request.verb in NEW_MOTION and job.stops != self._stops:
-                raise MotionRefusedError(f"{request.verb}: the arm was stopped before it began")
+            if request.verb in NEW_MOTION and job.ended_by:
+                raise MotionRefusedError(f"{request.verb}: {_ENDED[job.ended_by]}")
+            if request.wanted is not None and not request.wanted():
+                raise MotionRefusedError(f"{request.verb}: {CANCELLED}")
             if request.verb in NEW_MOTION and job.late_s > LATE_S:
                 raise MotionRefusedError(f"{request.verb}: {_late(job.late_s)}; ask again")
             if request.verb in ENDLESS and request.there is not None and not request.there():
@@ -345,9 +362,11 @@ class RequestWorker:
                 request.verb, request.source, request.value, request.sequence,
                 request.stamp_s, request.begins,
             )  # fmt: skip
-            if request.verb in NEW_MOTION and job.stops != self._stops:
+            if request.verb in NEW_MOTION and job.ended_by == "stop":
                 # It came between the last check and the beginning, and is counted.
                 self._stop("stopped", "")
+            elif request.verb in NEW_MOTION and job.ended_by:
+                desk.perform(job.ended_by, request.source)
         except Exception as error:
             self._report_ended_motions()
             if not isinstance(error, CardanError):

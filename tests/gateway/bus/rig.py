@@ -110,8 +110,9 @@ class FakeNode:
 class Bench:
     """A simulated arm in virtual time, behind a server on a fake node."""
 
-    def __init__(self, names=(), scales=SERVO_SCALES, **more):
-        """`names`: the sets of other programs' names that the arm answers to."""
+    def __init__(self, names=(), scales=SERVO_SCALES, full=lambda: False, **more):
+        """`names`: the sets of other programs' names that the arm answers to; `full`: whether its
+        worker has enough to do."""
         self.world = World(**more)
         self.node = FakeNode()
         self.requests = []
@@ -132,6 +133,7 @@ class Bench:
             services=(*SERVICES, *(each for other in self.others for each in other.services)),
             actions=(*ACTIONS, follow),
             endless_without_watch=True,
+            full=full,
             owner=lambda: self.world.verbs.controller.authority.owner,
         )
         # Who publishes and calls here without a node of its own has no token: that is known.

@@ -3,9 +3,12 @@
 import pytest
 
 from cardan.gateway.bus.actions import MAX_WAITING
+from cardan.gateway.bus.arm_server import GOALS_PERIOD_S
 from cardan.gateway.bus.commands import Instant
 from cardan.protocols.ros2.actions import KEPT, GoalStatus
-from tests.gateway.bus.rig import Bench, ros_pose
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import completed
+from tests.gateway.bus.rig import Asked, Bench, ros_pose
 
 MOTIONS = ("movj", "relj", "movl", "movv", "forc", "gcmp")
 
@@ -191,6 +194,107 @@ def test_a_goal_that_is_cancelled_before_it_begins_does_not_go_on(bench):
     bench.finish()
     assert result(bench, "movl")[0] is GoalStatus.CANCELED
     assert bench.world.six()[2] == pytest.approx(before[2], abs=1e-4)
+
+
+def waiting(bench, action, part, given, gid=None):
+    """A request to an action that nobody has looked at yet."""
+    name = f"/arm/action/{action}/_action/{part}"
+    type_name = bench.node.types[name]
+    request = completed(f"{type_name}_Request", given)
+    asked = Asked(type_name, codec_of(f"{type_name}_Request").encode(request), gid)
+    bench.node.rings[name].waiting.append(asked)
+    return asked
+
+
+@pytest.mark.parametrize("number", [1, None])
+@pytest.mark.parametrize("verb", ["movl", "movv"])
+@pytest.mark.parametrize("full", [False, True])
+def test_a_goal_and_its_cancellation_that_come_together(verb, number, full):
+    bench = Bench(full=lambda: full)
+    before = bench.world.six()
+    given = below(bench, 0.2) if verb == "movl" else {"xdot": {"linear": {"z": -0.02}}}
+    goal = {"goal_id": {"uuid": goal_id(1)}}
+    sent = waiting(bench, verb, "send_goal", {**goal, "goal": given})
+    info = {"goal_id": {"uuid": bytes(16) if number is None else goal_id(number)}}
+    ended = waiting(bench, verb, "cancel_goal", {"goal_info": info})
+    bench.poll()
+    assert sent.answer["accepted"]
+    assert ended.answer["return_code"] == 0
+    assert [each["goal_id"]["uuid"] for each in ended.answer["goals_canceling"]] == [goal_id(1)]
+    assert bench.requests == []
+    assert states(bench, verb) == [GoalStatus.CANCELED]
+    assert bench.world.six() == pytest.approx(before)
+
+
+@pytest.mark.parametrize("apart", [False, True])
+def test_a_goal_whose_sender_is_not_known_yet_and_its_cancellation(bench, apart):
+    # The token of who sent it comes later, and a motion without end waits for it.
+    goal = {"goal_id": {"uuid": goal_id(1)}}
+    given = {"xdot": {"linear": {"z": -0.02}}}
+    stranger = b"s" * 16
+    sent = waiting(bench, "movv", "send_goal", {**goal, "goal": given}, stranger)
+    if apart:
+        bench.poll()
+        assert sent.answers == []
+    ended = waiting(bench, "movv", "cancel_goal", {"goal_info": goal}, stranger)
+    for _ in range(3):
+        bench.poll(GOALS_PERIOD_S)
+    assert sent.answer["accepted"]
+    assert (ended.answer["return_code"], len(ended.answer["goals_canceling"])) == (0, 1)
+    bench.poll()
+    assert bench.requests == []
+    assert result(bench, "movv")[0] is GoalStatus.CANCELED
+
+
+def test_other_goals_that_come_with_a_cancellation_begin(bench):
+    goal = {"goal_id": {"uuid": goal_id(1)}}
+    others = {"goal_id": {"uuid": goal_id(2)}}
+    waiting(bench, "movl", "send_goal", {**goal, "goal": below(bench, 0.2)})
+    waiting(bench, "movl", "cancel_goal", {"goal_info": goal})
+    waiting(bench, "movl", "send_goal", {**others, "goal": below(bench)})
+    spoilt = Asked("cardan_msgs/action/MovePose_SendGoal", b"")
+    bench.node.rings["/arm/action/movl/_action/send_goal"].waiting.append(spoilt)
+    bench.poll()
+    assert spoilt.error
+    assert bench.malformed == 1
+    assert states(bench, "movl") == [GoalStatus.CANCELED, GoalStatus.EXECUTING]
+    bench.finish()
+    assert result(bench, "movl", 2)[0] is GoalStatus.SUCCEEDED
+
+
+@pytest.mark.parametrize("verb", ["movl", "movv"])
+def test_a_goal_that_comes_after_its_cancellation_does_not_begin(bench, verb):
+    assert cancel(bench, verb, 1) == (2, 0)
+    given = below(bench, 0.2) if verb == "movl" else {"xdot": {"linear": {"z": -0.02}}}
+    assert send(bench, verb, given)
+    assert [each.verb for each in bench.requests] == []
+    assert bench.world.verbs.at_rest
+    status, told = result(bench, verb)
+    assert status is GoalStatus.CANCELED
+    assert told == {"success": False, "message": f"{verb}: it was cancelled before it began"}
+    assert send(bench, verb, given, number=2)
+    assert bench.requests[-1].verb == verb
+
+
+def test_a_goal_that_is_cancelled_while_it_waits_for_its_turn_is_not_asked_for_any_more(bench):
+    held, offered = [], bench.offer
+
+    def late(client, packet, now_s):
+        if type(client).__name__ == "_GoalClient":
+            held.append((client, client.decode(packet)))
+        else:
+            offered(client, packet, now_s)
+
+    bench.server._offer = late
+    send(bench, "movl", below(bench, 0.2), number=1)
+    send(bench, "movl", below(bench, 0.2), number=2)
+    (_, first), (_, second) = held
+    assert first.wanted()
+    assert second.wanted()
+    assert cancel(bench, "movl", 1) == (0, 1)
+    assert not first.wanted()
+    assert second.wanted()
+    assert bench.requests == []  # Nothing is braked for a goal that moves nothing.
 
 
 def test_an_id_is_taken_once(bench):

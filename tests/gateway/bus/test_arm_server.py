@@ -4,11 +4,15 @@ import math
 
 import pytest
 
+from cardan.bus.node import gid_of_token
 from cardan.gateway.arm.codes import State
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from tests.gateway.bus.rig import NODE, Asked, Bench, ros_pose
 
+DT_S = 4e-3
+DOWN = {"linear": {"x": 0.0, "y": 0.0, "z": -0.02}}
+MOVE = "cardan_msgs/action/MoveTwist"
 POSE = "geometry_msgs/msg/Pose"
 TWIST = "geometry_msgs/msg/Twist"
 TABLE_1 = {
@@ -246,6 +250,43 @@ def test_a_stop_passes_while_the_worker_has_enough_to_do(bench):
     bench.server._full = lambda: False
     bench.poll()
     assert [request.verb for request in bench.requests] == ["stop", "movj"]
+
+
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("other", [False, True])
+@pytest.mark.parametrize("verb", ["movl", "movv", "goal"])
+def test_a_motion_and_a_stop_that_come_together(bench, verb, other, known):
+    # What stops is looked at first, and goals are looked at less often. The clock of another
+    # program says nothing of the order.
+    user = gid_of_token(bench.appear("/left/user"))
+    stop = gid_of_token(
+        bench.appear("/left/other", number="1") if other else bench.appear("/left/user")
+    )
+    if known:
+        bench.poll()
+    if verb == "goal":
+        name = "/arm/action/movv/_action/send_goal"
+        request = completed(f"{MOVE}_SendGoal_Request", {"goal": {"xdot": DOWN}})
+        data = codec_of(f"{MOVE}_SendGoal_Request").encode(request)
+        bench.node.rings[name].waiting.append(Asked(f"{MOVE}_SendGoal", data, user))
+    else:
+        given = DOWN if verb == "movv" else ros_pose(bench.world.moved(0.0, 0.0, -0.1))
+        bench.publish(f"/command/{verb}", given, gid=user, source_ns=10)
+    bench.publish("/command/stop", gid=stop, source_ns=5 if other else 20)
+    bench.poll(DT_S)
+    bench.finish()
+    bench.poll(DT_S)
+    assert [each.verb for each in bench.requests] == ["movv" if verb == "goal" else verb, "stop"]
+    assert bench.world.verbs.at_rest
+    assert bench.motions == {}
+
+
+def test_a_motion_that_its_sender_sent_after_a_stop_begins(bench):
+    user, same = (gid_of_token(bench.appear("/left/user")) for _ in range(2))
+    bench.publish("/command/movv", DOWN, gid=user, source_ns=20)
+    bench.publish("/command/stop", gid=same, source_ns=10)
+    bench.poll(DT_S)
+    assert [each.verb for each in bench.requests] == ["stop", "movv"]
 
 
 # -- services -------------------------------------------------------------------------------------

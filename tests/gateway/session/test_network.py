@@ -204,7 +204,8 @@ def quick_and_at_rest(user):
         ("trajectory_reference_acceleration", 1.0),
         ("frame", "base"),
     ):
-        assert user.set(name, value)["successful"]
+        told = user.set(name, value)
+        assert told["successful"], told["reason"]
     user.heard(f"{ARM}/result")
     yield
     user.rest()

@@ -45,6 +45,7 @@ class FakeVerbs:
         self.began, self.streamed, self.given = [], [], []
         self.streams = SimpleNamespace(kind=Stream.NONE)
         self.stopped, self.reasons, self.askers = 0, [], []
+        self.released = []
         self.waited_for = None
         self.stamp_s = 0.0
 
@@ -79,6 +80,11 @@ class FakeVerbs:
 
     def stat(self):
         raise MotionRefusedError("stat: nothing was heard of the robot yet")
+
+    def release(self, source):
+        self.released.append(source)
+        if self.waited_for is not None and self.waited_for.source == source:
+            self.waited_for.outcome = Outcome.ABORTED
 
     def get_parameters(self):
         raise ZeroDivisionError
@@ -171,6 +177,39 @@ def test_a_stop_acts_at_once_while_another_request_is_planned(bench):
     assert number == 2
     assert "stopped before it began" in str(error)
     assert len(bench.verbs.began) == 1
+
+
+def test_what_a_source_asked_for_before_it_gave_up_its_authority_does_not_begin(bench):
+    bench.ask(1, "movl", POSE, source="a")
+    assert bench.verbs.planning.wait(TIMEOUT_S)
+    for number, source in enumerate("ab", 2):
+        bench.ask(number, "movj", POSE, source=source)
+    bench.ask(4, "release", source="a")
+    assert bench.heard() == (4, None)
+    bench.verbs.go_on.set()
+    number, motion = bench.heard("movl")
+    assert (number, motion.outcome) == (1, Outcome.ABORTED)
+    assert bench.verbs.released == ["a", "a"]
+    number, error = bench.heard()
+    assert number == 2
+    assert "gave up its authority before it began" in str(error)
+    number, motion = bench.heard("movj")
+    assert (number, motion.outcome) == (3, Outcome.RUNNING)
+    assert bench.verbs.stopped == 0
+    bench.ask(5, "movj", POSE, source="a")
+    assert bench.heard("movj")[1].outcome is Outcome.RUNNING
+
+
+def test_a_stream_does_not_begin_when_its_source_gave_up_its_authority_meanwhile(bench):
+    bench.ask(1, "movl", POSE, source="b")
+    assert bench.verbs.planning.wait(TIMEOUT_S)
+    client = Watched()
+    bench.worker.offer(client, Request(1, "a", "twist", POSE, begins=Begins.NEW), bench.now_s)
+    bench.ask(2, "release", source="a")
+    assert bench.heard() == (2, None)
+    bench.verbs.go_on.set()
+    assert client.heard.get(timeout=TIMEOUT_S) == ("done", "twist")
+    assert bench.verbs.streamed == []
 
 
 def test_a_motion_tells_of_its_end_before_what_is_answered_after(bench):
@@ -443,6 +482,20 @@ def test_a_motion_without_end_does_not_begin_for_who_is_gone(bench):
     told = begin(bench, client, "movv", POSE)
     assert told == ("refused", "movv: the node that asked is gone")
     assert bench.verbs.began == []
+
+
+def test_a_motion_that_was_cancelled_before_its_turn_does_not_begin(bench):
+    bench.ask(1, "movl", POSE)
+    assert bench.verbs.planning.wait(TIMEOUT_S)
+    client, wanted = Watched(), [True]
+    request = Request(2, "ros2", "movj", POSE, wanted=lambda: wanted[0])
+    bench.worker.offer(client, request, bench.now_s)
+    wanted[0] = False
+    bench.verbs.go_on.set()
+    told = client.heard.get(timeout=TIMEOUT_S)
+    assert told == ("refused", "movj: it was cancelled before it began")
+    assert [each.verb for each in bench.verbs.began] == ["movl"]
+    assert bench.verbs.stopped == 0
 
 
 def test_the_end_of_a_later_motion_does_not_wait_for_who_asked_before(bench):

@@ -94,6 +94,8 @@ class ArmJog:
         self._wish: Wish | None = None
         self._sent: Wish | None = None
         """The newest one of this hold that was sent."""
+        self._held = False
+        """Whether the hand wants motion still."""
         self._begun = False
         """Whether the arm has taken a command of this hold."""
         self._verb = ""
@@ -112,12 +114,12 @@ class ArmJog:
 
     def move(self, wish: Wish) -> None:
         """The hand wants this now."""
-        self._wish = wish
+        self._wish, self._held = wish, True
         self._something.set()
 
     def rest(self) -> None:
         """The hand wants nothing any more."""
-        self._wish = None
+        self._wish, self._held = None, False
         if self._sent is not None:
             self._wish = self._sent.at_rest(self._loop.time())
             self._something.set()
@@ -159,6 +161,8 @@ class ArmJog:
             # Its own stream of the other kind is chosen still, and at rest.
             await self._ask("set_parameters", {Parameter.STREAM: float(Stream.NONE)})
             self._verb = ""
+            if self._wish is not None or not self._held:
+                return ""  # The hand has let go meanwhile, or wants something else.
         if wish.moves and self._loop.time() - wish.made_s > FRESH_S:
             self.stale += 1
             return ""
