@@ -15,6 +15,7 @@ from cardan.gateway.arm.activities.torque import TorqueMotion
 from cardan.gateway.arm.activities.trajectory import FollowTrajectory
 from cardan.gateway.arm.activities.twist import FollowTwist
 from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
+from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.checks import check_workspace
 from cardan.gateway.arm.codes import FrameCode, Parameter, ProfileCode, State
 from cardan.gateway.arm.controller import ArmController
@@ -145,7 +146,8 @@ class Plans:
         note = f"slowed to {share:.0%}, for the TCP's speed" if share < 1.0 else ""
         # Not `continuous`: the goal's turns are chosen already.
         path = JointPath(start, goal, share * speeds, accelerations)
-        return Plan(FollowJoints(self.servo, path, self.deceleration), path.duration_s, note)
+        activity = FollowJoints(self.servo, path, self.deceleration, self._arrival)
+        return Plan(activity, path.duration_s, note)
 
     def _share_of_speed(self, start: FloatArray, goal: FloatArray, speeds: FloatArray) -> float:
         """Share of the joints' `speeds` at which the TCP keeps its speed limit on the whole way."""
@@ -199,7 +201,7 @@ class Plans:
             note = f"slowed to {share:.0%}, for the limits of the arm"
         if float(np.abs(rows - start).max()) < ALREADY_THERE_RAD:
             return Plan(None, 0.0, "the arm is there already")
-        activity = FollowTrajectory(self.servo, path, self.deceleration, wanted)
+        activity = FollowTrajectory(self.servo, path, self.deceleration, wanted, self._arrival)
         return Plan(activity, path.duration_s, note)
 
     def _share_of_trajectory(self, path: TrajectoryPath, times: FloatArray) -> float:
@@ -239,7 +241,9 @@ class Plans:
         if rehearsed.pace < 1.0:
             slow = f"{rehearsed.slowest} allows {rehearsed.pace:.0%} of the speed in places"
             note = f"{note}; {slow}" if note else slow
-        activity = FollowLine(self.servo, path, self.planner.followed, self.deceleration)
+        activity = FollowLine(
+            self.servo, path, self.planner.followed, self.deceleration, self._arrival
+        )
         return Plan(activity, path.duration_s, note)
 
     def _path(self, begin: Pose, target: Pose) -> tuple[LinePath, str]:
@@ -335,6 +339,11 @@ class Plans:
             ),
             damping=self.parameters[Parameter.DAMPING],
         )
+
+    @property
+    def _arrival(self) -> Arrival:
+        """Of one motion."""
+        return Arrival(self.options.arrival, self.capabilities.lag_s)
 
     @property
     def _accelerations(self) -> tuple[float, float]:
