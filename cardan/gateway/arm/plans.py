@@ -22,7 +22,7 @@ from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.planner import MOST_SAMPLES, Planner
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.base import FloatArray, to_pose
+from cardan.gateway.kinematics.base import FloatArray, short_way, to_pose
 from cardan.gateway.motion.joint_trajectory import SHORTEST_STEP_S, JointTrajectory
 from cardan.gateway.motion.paths import JointPath, LinePath, PathLimits
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
@@ -174,6 +174,7 @@ class Plans:
         joints = len(wanted.positions[0])
         if joints != len(start):
             raise MotionRefusedError(f"{verb}: it has {joints} joints, the arm has {len(start)}")
+        wanted = self._nearest_turns(wanted, start)
         if wanted.times_s[0] < SHORTEST_STEP_S:
             away = np.abs(np.array(wanted.positions[0]) - start)
             worst = int(away.argmax())
@@ -203,6 +204,14 @@ class Plans:
             return Plan(None, 0.0, "the arm is there already")
         activity = FollowTrajectory(self.servo, path, self.deceleration, wanted, self._arrival)
         return Plan(activity, path.duration_s, note)
+
+    def _nearest_turns(self, wanted: JointTrajectory, start: FloatArray) -> JointTrajectory:
+        """The same with whole turns of continuous joints, as planners leave them out, such that its
+        first point is as near as it can be."""
+        positions = np.array(wanted.positions)
+        away = positions[0] - start
+        turned = short_way(away, self.planner.kinematics.continuous) - away
+        return replace(wanted, positions=positions + turned) if turned.any() else wanted
 
     def _share_of_trajectory(self, path: TrajectoryPath, times: FloatArray) -> float:
         """Share of its speed at which joints and TCP keep their limits all the way."""
