@@ -9,8 +9,9 @@ from typing import Literal, NamedTuple
 from cardan.arm_libraries import np
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.activities.base import Activity, Deceleration
-from cardan.gateway.arm.activities.joint_path import FollowJoints
+from cardan.gateway.arm.activities.joint_path import FollowJoints, Standing
 from cardan.gateway.arm.activities.line import FollowLine
+from cardan.gateway.arm.activities.path import TOLERANCE_RAD
 from cardan.gateway.arm.activities.torque import TorqueMotion
 from cardan.gateway.arm.activities.trajectory import FollowTrajectory
 from cardan.gateway.arm.activities.twist import FollowTwist
@@ -68,6 +69,9 @@ class Plan(NamedTuple):
     activity: Activity | None
     duration_s: float
     note: str = ""
+
+
+THERE = Plan(None, 0.0, "the arm is there already")
 
 
 class Plans:
@@ -141,13 +145,28 @@ class Plans:
         speeds = self.parameters[Parameter.JOINT_SPEED] * kinematics.velocity
         accelerations = self.parameters[Parameter.JOINT_ACCELERATION] * kinematics.acceleration
         if float(np.abs(goal - start).max()) < ALREADY_THERE_RAD:
-            return Plan(None, 0.0, "the arm is there already")
+            return self._stay(start)
         share = self._share_of_speed(start, goal, speeds)
         note = f"slowed to {share:.0%}, for the TCP's speed" if share < 1.0 else ""
         # Not `continuous`: the goal's turns are chosen already.
         path = JointPath(start, goal, share * speeds, accelerations)
         activity = FollowJoints(self.servo, path, self.deceleration, self._arrival)
         return Plan(activity, path.duration_s, note)
+
+    def _stay(self, start: FloatArray) -> Plan:
+        """For a goal at which the command is already; an arm that is not there is waited for."""
+        if self._is_at(start):
+            return THERE
+        activity = FollowJoints(self.servo, Standing(start), self.deceleration, self._arrival)
+        return Plan(activity, 0.0, "the command is there already")
+
+    def _is_at(self, start: FloatArray) -> bool:
+        """Whether the measured joints are so near `start` that the arm need not be waited for."""
+        robot = self._controller.robot
+        assert robot is not None
+        away = short_way(np.array(robot.joints) - start, self.planner.kinematics.continuous)
+        near = min(TOLERANCE_RAD, self.options.arrival.arrival_joint)
+        return float(np.abs(away).max()) <= near
 
     def _share_of_speed(self, start: FloatArray, goal: FloatArray, speeds: FloatArray) -> float:
         """Share of the joints' `speeds` at which the TCP keeps its speed limit on the whole way."""
@@ -200,8 +219,8 @@ class Plans:
         note = ""
         if share < WORTH_A_NOTE:
             note = f"slowed to {share:.0%}, for the limits of the arm"
-        if float(np.abs(rows - start).max()) < ALREADY_THERE_RAD:
-            return Plan(None, 0.0, "the arm is there already")
+        if float(np.abs(rows - start).max()) < ALREADY_THERE_RAD and self._is_at(start):
+            return THERE
         activity = FollowTrajectory(self.servo, path, self.deceleration, wanted, self._arrival)
         return Plan(activity, path.duration_s, note)
 
@@ -244,7 +263,7 @@ class Plans:
             norm(subtract(target.position, begin.position)) < 1e-7
             and norm(rotation_between(begin.orientation, target.orientation)) < 1e-6
         ):
-            return Plan(None, 0.0, "the arm is there already")
+            return self._stay(start)
         path, note = self._path(begin, target)
         rehearsed = self.planner.dry_run("movl", path, start)
         if rehearsed.pace < 1.0:

@@ -9,7 +9,7 @@ from cardan.gateway.arm.arrival import Arrival, ArrivalOptions
 from cardan.gateway.arm.codes import State
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.motion.joint_trajectory import JointTrajectory
+from cardan.gateway.motion.joint_trajectory import GOAL_TOLERANCE, JointTrajectory
 from cardan.gateway.session.assembly import make_verb_options
 from cardan.gateway.session.config import parse_config
 from cardan.types import CommandKind
@@ -172,3 +172,29 @@ def test_a_session_has_them_in_its_table_of_the_arm():
     arrival = make_verb_options(config).arrival
     assert (arrival.arrival_m, arrival.arrival_timeout_s) == (0.001, 5.0)
     assert arrival.arrival_joint == ALLOWED.arrival_joint
+
+
+@pytest.mark.parametrize("verb", ["movl", "movj", "trajectory"])
+def test_where_only_the_command_is_already_the_arm_is_waited_for(verb):
+    """Asked again after a stop near the goal, or after a motion that did not arrive."""
+    world = gp8("ideal")
+    world.run(world.verbs.movj(world.moved(0.0, 0.0, -0.01)))
+    world.sag[1] = 0.03
+    world.tick(5)
+    servo = world.verbs.servo
+
+    def again():
+        if verb == "trajectory":
+            return world.verbs.trajectory(JointTrajectory([1.0], [servo.q.tolist()]))
+        return getattr(world.verbs, verb)(servo.pose)
+
+    motion = world.run(again(), 3.5)
+    assert motion.outcome is Outcome.ABORTED
+    assert "joint_2_l is 0.0300" in motion.reason
+    assert motion.reason.startswith(GOAL_TOLERANCE) is (verb == "trajectory")
+    motion = again()
+    world.tick(20)
+    assert motion.outcome is Outcome.RUNNING
+    world.sag[1] = 0.0
+    assert world.run(motion, 1.5).outcome is Outcome.DONE
+    assert again().outcome is Outcome.DONE

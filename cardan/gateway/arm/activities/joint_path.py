@@ -28,6 +28,19 @@ class JointMotionPath(Protocol):
         """Joint positions and velocities at `t_s` since the start; the next call may reuse them."""
 
 
+class Standing:
+    """The path of an arm that is commanded to stay."""
+
+    duration_s = 0.0
+
+    def __init__(self, q: FloatArray) -> None:
+        self._here = q, np.zeros_like(q)
+
+    def at(self, _t_s: float, /) -> tuple[FloatArray, FloatArray]:
+        """Always there, at rest."""
+        return self._here
+
+
 class FollowJoints(FollowPath):
     """movj and relj: all joints along one path variable."""
 
