@@ -71,7 +71,9 @@ class Plan(NamedTuple):
     note: str = ""
 
 
-THERE = Plan(None, 0.0, "the arm is there already")
+def there_already() -> Plan:
+    """Of an arm that is at its goal."""
+    return Plan(None, 0.0, "the arm is there already")
 
 
 class Plans:
@@ -156,7 +158,7 @@ class Plans:
     def _stay(self, start: FloatArray) -> Plan:
         """For a goal at which the command is already; an arm that is not there is waited for."""
         if self._is_at(start):
-            return THERE
+            return there_already()
         activity = FollowJoints(self.servo, Standing(start), self.deceleration, self._arrival)
         return Plan(activity, 0.0, "the command is there already")
 
@@ -220,7 +222,7 @@ class Plans:
         if share < WORTH_A_NOTE:
             note = f"slowed to {share:.0%}, for the limits of the arm"
         if float(np.abs(rows - start).max()) < ALREADY_THERE_RAD and self._is_at(start):
-            return THERE
+            return there_already()
         activity = FollowTrajectory(self.servo, path, self.deceleration, wanted, self._arrival)
         return Plan(activity, path.duration_s, note)
 
