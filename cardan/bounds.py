@@ -186,6 +186,13 @@ TCP_TOLERANCE_M = Range(
     "a tool a metre off is another tool: workspace limits are wrong then",
     above=True,
 )
+ARRIVAL_M = Range(
+    0.0, 0.1, "m", "a hand's breadth from its goal an arm has not arrived", above=True
+)
+ARRIVAL_RAD = Range(0.0, 0.5, "rad", "a tool turned by half a radian has not arrived", above=True)
+ARRIVAL_JOINT = Range(
+    0.0, 0.1, "rad or m", "a metre along the arm that is a hand's breadth", above=True
+)
 PATH_OFFSET_M = Range(0.0, 1.0, "m", "a path a metre off is another path", above=True)
 LEASH_M = Range(
     0.0, 0.5, "m", "an arm that far from its commanded position does not follow it", above=True
@@ -238,6 +245,7 @@ READING_AGE_S = Range(
 )
 TARGET_AGE_S = Range(0.0, 2.0, "s", "a target seen longer ago may be anywhere", above=True)
 LOOP_DELAY_S = Range(0.0, 1.0, "s", "a contact that is felt a second late cannot be held")
+ARRIVAL_S = Range(0.1, 60.0, "s", "an arm that is not there by then does not come")
 LAG_S = Range(0.0, 2.0, "s", "an arm with a longer delay cannot be teleoperated")
 
 # -- forces and what goes with them ----------------------------------------------------------------

@@ -27,6 +27,7 @@ from cardan.spatial import (
     add,
     compose,
     from_euler_zyx,
+    from_rotation_vector,
     norm,
     rotate,
     scale,
@@ -168,6 +169,19 @@ class ArmModel(NamedTuple):
     touch, and of what one joint moves the first where none has."""
     bare_links: tuple[str, ...] = ()
     """Those of `solid_links` without a body: nothing keeps them away from anything."""
+
+    @property
+    def home_tcp(self) -> Pose:
+        """The TCP in the base with the joints at `home`, without Pinocchio."""
+        pose = IDENTITY_POSE
+        for joint, value in zip(self.joints, self.home, strict=True):
+            way = scale(joint.axis, value)
+            if joint.kind is JointKind.PRISMATIC:
+                moved = Pose(way, IDENTITY)
+            else:
+                moved = Pose(ZERO3, from_rotation_vector(way))
+            pose = compose(pose, compose(joint.placement, moved))
+        return compose(pose, self.tcp)
 
     def links_without_body(self) -> str:
         """How many links have no body, and which, in words; empty: all have one."""

@@ -19,7 +19,7 @@ from cardan.gateway.arm.body import (
 )
 from cardan.gateway.arm.gate import GateLimits
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.base import FloatArray, Kinematics, to_pose
+from cardan.gateway.kinematics.base import FloatArray, Kinematics, short_way, to_pose
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.servo.choice import AnyServo
 from cardan.gateway.servo.lag import ResponseLag
@@ -235,11 +235,7 @@ class ArmBody(Body):
         return self._lag.expected(np.array(state.joints), self.servo.q)
 
     def _short(self, difference: FloatArray) -> FloatArray:
-        """Joint differences without the whole turns of continuous joints."""
-        turns = np.rint(difference / (2.0 * math.pi))
-        return np.where(
-            self.servo.kinematics.continuous, difference - 2.0 * math.pi * turns, difference
-        )
+        return short_way(difference, self.servo.kinematics.continuous)
 
     def _error(self, state: RobotState) -> FloatArray:
         """Commanded less measured joints."""

@@ -9,6 +9,7 @@ from typing import Annotated
 from cardan import bounds
 from cardan.bounds import Bounds
 from cardan.gateway.arm.activities.torque import TorqueLimits
+from cardan.gateway.arm.arrival import ArrivalOptions
 from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.planner import Margins
 from cardan.gateway.arm.supervision import Watchdogs
@@ -46,6 +47,8 @@ class ControllerOptions(Options):
     watchdogs: Watchdogs = field(default_factory=lambda: Watchdogs(following_error_joint=0.2))
     tcp_tolerance_m: Annotated[float, bounds.TCP_TOLERANCE_M] | None = None
     """Most that the robot's own TCP may differ from the model's; None: by the kind of command."""
+    arrival: ArrivalOptions = field(default_factory=ArrivalOptions)
+    """When movj, relj, movl and trajectories have arrived."""
     torque: TorqueLimits = field(default_factory=TorqueLimits)
     margins: Margins = field(default_factory=Margins)
     servo: ServoOptions = field(default_factory=ServoOptions)

@@ -9,19 +9,21 @@ from typing import Literal, NamedTuple
 from cardan.arm_libraries import np
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.activities.base import Activity, Deceleration
-from cardan.gateway.arm.activities.joint_path import FollowJoints
+from cardan.gateway.arm.activities.joint_path import FollowJoints, Standing
 from cardan.gateway.arm.activities.line import FollowLine
+from cardan.gateway.arm.activities.path import TOLERANCE_RAD
 from cardan.gateway.arm.activities.torque import TorqueMotion
 from cardan.gateway.arm.activities.trajectory import FollowTrajectory
 from cardan.gateway.arm.activities.twist import FollowTwist
 from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
+from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.checks import check_workspace
 from cardan.gateway.arm.codes import FrameCode, Parameter, ProfileCode, State
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.planner import MOST_SAMPLES, Planner
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.base import FloatArray, to_pose
+from cardan.gateway.kinematics.base import FloatArray, short_way, to_pose
 from cardan.gateway.motion.joint_trajectory import SHORTEST_STEP_S, JointTrajectory
 from cardan.gateway.motion.paths import JointPath, LinePath, PathLimits
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
@@ -67,6 +69,11 @@ class Plan(NamedTuple):
     activity: Activity | None
     duration_s: float
     note: str = ""
+
+
+def there_already() -> Plan:
+    """Of an arm that is at its goal."""
+    return Plan(None, 0.0, "the arm is there already")
 
 
 class Plans:
@@ -140,12 +147,28 @@ class Plans:
         speeds = self.parameters[Parameter.JOINT_SPEED] * kinematics.velocity
         accelerations = self.parameters[Parameter.JOINT_ACCELERATION] * kinematics.acceleration
         if float(np.abs(goal - start).max()) < ALREADY_THERE_RAD:
-            return Plan(None, 0.0, "the arm is there already")
+            return self._stay(start)
         share = self._share_of_speed(start, goal, speeds)
         note = f"slowed to {share:.0%}, for the TCP's speed" if share < 1.0 else ""
         # Not `continuous`: the goal's turns are chosen already.
         path = JointPath(start, goal, share * speeds, accelerations)
-        return Plan(FollowJoints(self.servo, path, self.deceleration), path.duration_s, note)
+        activity = FollowJoints(self.servo, path, self.deceleration, self._arrival)
+        return Plan(activity, path.duration_s, note)
+
+    def _stay(self, start: FloatArray) -> Plan:
+        """For a goal at which the command is already; an arm that is not there is waited for."""
+        if self._is_at(start):
+            return there_already()
+        activity = FollowJoints(self.servo, Standing(start), self.deceleration, self._arrival)
+        return Plan(activity, 0.0, "the command is there already")
+
+    def _is_at(self, start: FloatArray) -> bool:
+        """Whether the measured joints are so near `start` that the arm need not be waited for."""
+        robot = self._controller.robot
+        assert robot is not None
+        away = short_way(np.array(robot.joints) - start, self.planner.kinematics.continuous)
+        near = min(TOLERANCE_RAD, self.options.arrival.arrival_joint)
+        return float(np.abs(away).max()) <= near
 
     def _share_of_speed(self, start: FloatArray, goal: FloatArray, speeds: FloatArray) -> float:
         """Share of the joints' `speeds` at which the TCP keeps its speed limit on the whole way."""
@@ -172,6 +195,7 @@ class Plans:
         joints = len(wanted.positions[0])
         if joints != len(start):
             raise MotionRefusedError(f"{verb}: it has {joints} joints, the arm has {len(start)}")
+        wanted = self._nearest_turns(wanted, start)
         if wanted.times_s[0] < SHORTEST_STEP_S:
             away = np.abs(np.array(wanted.positions[0]) - start)
             worst = int(away.argmax())
@@ -197,10 +221,18 @@ class Plans:
         note = ""
         if share < WORTH_A_NOTE:
             note = f"slowed to {share:.0%}, for the limits of the arm"
-        if float(np.abs(rows - start).max()) < ALREADY_THERE_RAD:
-            return Plan(None, 0.0, "the arm is there already")
-        activity = FollowTrajectory(self.servo, path, self.deceleration, wanted)
+        if float(np.abs(rows - start).max()) < ALREADY_THERE_RAD and self._is_at(start):
+            return there_already()
+        activity = FollowTrajectory(self.servo, path, self.deceleration, wanted, self._arrival)
         return Plan(activity, path.duration_s, note)
+
+    def _nearest_turns(self, wanted: JointTrajectory, start: FloatArray) -> JointTrajectory:
+        """The same with whole turns of continuous joints, as planners leave them out, such that its
+        first point is as near as it can be."""
+        positions = np.array(wanted.positions)
+        away = positions[0] - start
+        turned = short_way(away, self.planner.kinematics.continuous) - away
+        return replace(wanted, positions=positions + turned) if turned.any() else wanted
 
     def _share_of_trajectory(self, path: TrajectoryPath, times: FloatArray) -> float:
         """Share of its speed at which joints and TCP keep their limits all the way."""
@@ -233,13 +265,15 @@ class Plans:
             norm(subtract(target.position, begin.position)) < 1e-7
             and norm(rotation_between(begin.orientation, target.orientation)) < 1e-6
         ):
-            return Plan(None, 0.0, "the arm is there already")
+            return self._stay(start)
         path, note = self._path(begin, target)
         rehearsed = self.planner.dry_run("movl", path, start)
         if rehearsed.pace < 1.0:
             slow = f"{rehearsed.slowest} allows {rehearsed.pace:.0%} of the speed in places"
             note = f"{note}; {slow}" if note else slow
-        activity = FollowLine(self.servo, path, self.planner.followed, self.deceleration)
+        activity = FollowLine(
+            self.servo, path, self.planner.followed, self.deceleration, self._arrival
+        )
         return Plan(activity, path.duration_s, note)
 
     def _path(self, begin: Pose, target: Pose) -> tuple[LinePath, str]:
@@ -335,6 +369,11 @@ class Plans:
             ),
             damping=self.parameters[Parameter.DAMPING],
         )
+
+    @property
+    def _arrival(self) -> Arrival:
+        """Of one motion."""
+        return Arrival(self.options.arrival, self.capabilities.lag_s)
 
     @property
     def _accelerations(self) -> tuple[float, float]:

@@ -389,7 +389,8 @@ class ArmVerbs:
     def trajectory(self, wanted: JointTrajectory, *, source: str = VERBS) -> Motion:
         """Follow joint positions over time that somebody else planned, such as MoveIt.
 
-        It has to begin where the arm is, at rest, and is slowed as a whole to what the arm may do;
+        It has to begin where the arm is, at rest, but for whole turns of continuous joints, which
+        are added to all of it, and is slowed as a whole to what the arm may do;
         all of its way has to be free, as in movj.
         """
         return self._launch("trajectory", True, lambda q: self.plans.trajectory(wanted, q), source)

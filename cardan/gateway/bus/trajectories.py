@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from cardan.errors import CardanError, MotionRefusedError
 from cardan.gateway.bus.commands import ActionCommand, Instant
@@ -29,6 +29,9 @@ PATH_TOLERANCE_VIOLATED, GOAL_TOLERANCE_VIOLATED = -4, -5
 BEGINS_S = 1.0
 """How far the time at which a trajectory is to begin may be from now, s; 0 in it is now. The arm
 begins at once: clocks of computers and the way here take that long."""
+
+
+_DefaultT = TypeVar("_DefaultT", float, None)
 
 
 class TrajectoryError(MotionRefusedError):
@@ -84,8 +87,8 @@ def trajectory_of(goal: Message, joints: Sequence[str], now_ns: int) -> JointTra
         positions,
         _rows(points, "velocities", order),
         _rows(points, "accelerations", order),
-        _tolerances(goal, "path_tolerance", joints),
-        _tolerances(goal, "goal_tolerance", joints),
+        _tolerances(goal, "path_tolerance", joints, 0.0),
+        _tolerances(goal, "goal_tolerance", joints, None),
         max(0.0, _seconds(goal["goal_time_tolerance"])),
     )
 
@@ -115,14 +118,16 @@ def _rows(points: Sequence[Message], name: str, order: Sequence[int]) -> list[li
     return [[point[name][index] for index in order] for point in points]
 
 
-def _tolerances(goal: Message, name: str, joints: Sequence[str]) -> list[float] | None:
-    """By joint; 0: none. Below 0 and 0 both mean that there is none, as this arm has no defaults
-    for them."""
+def _tolerances(
+    goal: Message, name: str, joints: Sequence[str], default: _DefaultT
+) -> list[float | _DefaultT] | None:
+    """By joint; 0: any distance, which a message says by a number below 0. Its 0 is the `default`,
+    as is what is not named."""
     if goal[f"component_{name}"]:
         raise TrajectoryError(INVALID_GOAL, f"component_{name}: there are no such joints")
     if not goal[name]:
         return None
-    found = [0.0] * len(joints)
+    found: list[float | _DefaultT] = [default] * len(joints)
     for each in goal[name]:
         if each["name"] not in joints:
             raise TrajectoryError(INVALID_JOINTS, f"{name}: no joint {each['name']!r:.60}")
@@ -131,7 +136,7 @@ def _tolerances(goal: Message, name: str, joints: Sequence[str]) -> list[float] 
         position = each["position"]
         if not position < float("inf"):
             raise TrajectoryError(INVALID_GOAL, f"{name}: {position} is no tolerance")
-        found[joints.index(each["name"])] = max(0.0, position)
+        found[joints.index(each["name"])] = max(0.0, position) if position else default
     return found
 
 

@@ -10,11 +10,9 @@ import math
 from typing import Any
 
 from cardan.arm_libraries import eigenpy, np, npt, pin
-from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
+from cardan.gateway.kinematics.base import SE3, TURN, FloatArray, to_se3
 from cardan.robots import ArmModel, JointKind
 from cardan.types import IDENTITY_POSE, Pose
-
-TURN = 2.0 * math.pi
 
 CHARACTERISTIC_LENGTH_M = 0.3
 """Weight of rad against m: 1 rad of tool orientation counts as 0.3 m, about the forearm of the arms

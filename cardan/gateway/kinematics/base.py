@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, Protocol
 
 from cardan.arm_libraries import np, npt, pin
 from cardan.types import Frame, Pose, Quaternion, Vector3
 
 FloatArray = npt.NDArray[np.float64]
+TURN = 2.0 * math.pi
 SE3 = Any
 """pinocchio.SE3; Pinocchio has no type stubs."""
 
@@ -36,6 +38,12 @@ class Kinematics(Protocol):
     def inverse(self, placement: SE3, near: FloatArray) -> FloatArray | None:
         """Joint positions inside the limits that put the TCP at `placement`, on the branch
         nearest to `near`; None where there is none."""
+
+
+def short_way(difference: FloatArray, continuous: npt.NDArray[np.bool_]) -> FloatArray:
+    """Joint differences without the whole turns of `continuous` joints."""
+    turns = np.rint(difference / TURN)
+    return np.where(continuous, difference - TURN * turns, difference)
 
 
 def to_se3(pose: Pose) -> SE3:

@@ -63,9 +63,10 @@ class ArmActions:
         kind: ActionKind,
         mapping: MappingOptions,
         gripper: bool,
+        reference: Vector3 | None = None,
     ) -> None:
         """`joints`: their names; `mapping`: the frame of deltas and targets, full speeds, and the
-        approach."""
+        approach; `reference`: of rotation vectors, as :class:`Continuous` has it."""
         self._arm, self.kind, self._mapping = arm, kind, mapping
         self._gripper = gripper
         self.action_names = action_names(kind, gripper)
@@ -73,7 +74,7 @@ class ArmActions:
         self.why_not = ""
         """Why the newest action moved nothing; empty: it was taken."""
         self._approach = Approach(mapping)
-        self._written = Continuous()
+        self._written = Continuous(reference)
         self._latched: Pose | None = None
         """Where the TCP was commanded to be when a target was first enabled."""
         self._before_s: float | None = None

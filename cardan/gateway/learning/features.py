@@ -11,7 +11,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from cardan.errors import OptionError
-from cardan.spatial import from_rotation_vector, normalized, to_rotation_vector
+from cardan.robots import ArmModel
+from cardan.spatial import compose, from_rotation_vector, normalized, to_rotation_vector
 from cardan.types import Frame, Pose, Vector3
 
 AXES = ("x", "y", "z", "wx", "wy", "wz")
@@ -85,32 +86,50 @@ def six_of(pose: Pose) -> tuple[float, ...]:
     return (*pose.position, *to_rotation_vector(normalized(pose.orientation)))
 
 
-LONG_RAD = 2.0
-"""A first rotation vector of more than this is written with its largest number above 0: a tool
-that points down turns by about pi, where both signs mean nearly the same."""
+LONG_RAD = 2.6
+"""Of a rotation vector that is longer, the sign says little: a tool that points down turns by about
+pi, where both mean nearly the same."""
+
+
+def reference_of(model: ArmModel, tool: Pose) -> Vector3:
+    """The rotation vector of an arm's TCP with this tool at its home, as `Continuous` takes it: it
+    is the same for all sessions, and data sets, of the arm."""
+    home = compose(model.home_tcp, tool)
+    return _signed(to_rotation_vector(normalized(home.orientation)))
 
 
 class Continuous:
     """Writes rotation vectors so that they do not jump where a turn passes pi.
 
-    The same orientation is w and w - 2 pi w/|w|: the one nearer to the first one is taken. What is
-    written depends on the orientation and the first one alone, not on what was between.
+    The same orientation is w and w - 2 pi w/|w|: the one nearer to the reference is taken. What is
+    written depends on the orientation and the reference alone, not on what was before.
     """
 
-    def __init__(self) -> None:
-        self._first: Vector3 | None = None
+    def __init__(self, reference: Vector3 | None = None) -> None:
+        """`reference`: see `reference_of`; None, where no model of the arm is known: the first
+        orientation is."""
+        self.reference = reference
 
     def of(self, six: Sequence[float]) -> tuple[float, ...]:
         """Position and rotation vector of a pose, the latter rewritten."""
         turn = Vector3(*six[3:])
-        angle = math.hypot(*turn)
-        if self._first is None:
-            if angle > LONG_RAD and max(turn, key=abs) < 0.0:
-                turn = _other(turn, angle)
-            self._first = turn
-        elif angle > 0.0:
-            turn = min(turn, _other(turn, angle), key=lambda each: math.dist(each, self._first))  # type: ignore[arg-type]
+        if self.reference is None:
+            self.reference = _signed(turn)
+        reference, angle = self.reference, math.hypot(*turn)
+        if angle > 0.0:
+            turn = min(turn, _other(turn, angle), key=lambda each: math.dist(each, reference))
         return (*six[:3], *turn)
+
+
+def _signed(turn: Vector3) -> Vector3:
+    """`turn`, or where it is long perhaps the other one, such that the first of its numbers that is
+    at least half as large as the largest is above 0: where two are alike, noise decides nothing."""
+    angle = math.hypot(*turn)
+    if angle <= LONG_RAD:
+        return turn
+    most = 0.5 * max(map(abs, turn))
+    first = next(each for each in turn if abs(each) >= most)
+    return _other(turn, angle) if first < 0.0 else turn
 
 
 def _other(turn: Vector3, angle: float) -> Vector3:

@@ -15,7 +15,7 @@ from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.force.tables import NoForceTable
 from cardan.gateway.hand.mapping import GripperOptions, MappingOptions
-from cardan.gateway.learning.features import ActionKind, action_kind
+from cardan.gateway.learning.features import ActionKind, action_kind, reference_of
 from cardan.gateway.learning.hand import HAND_ACTIONS, EventButtons, HandActions
 from cardan.gateway.session.assembly import (
     check_mode,
@@ -29,6 +29,7 @@ from cardan.gateway.session.config import LimitsTable, SessionConfig, parse_conf
 from cardan.options import Options
 from cardan.robots import load_arm
 from cardan.tables import keys_of, read_table, read_toml
+from cardan.types import IDENTITY_POSE, Vector3
 
 Table = Mapping[str, Any]
 
@@ -88,6 +89,8 @@ class Arm(NamedTuple):
     mapping: MappingOptions
     gripper: bool
     """Whether it has one."""
+    reference: Vector3
+    """Of its rotation vectors: :func:`~cardan.gateway.learning.features.reference_of`."""
 
 
 def make_arm(
@@ -117,12 +120,14 @@ def make_arm(
             raise OptionError("model", model, "the model of the arm at `address`, for its joints")
         if limits or gripper or options:
             raise ConfigurationError("address", "the arm's own session has its limits and gripper")
+        named = load_arm(model)
         return Arm(
             lambda: _remote(address),
-            load_arm(model).joint_names,
+            named.joint_names,
             kind,
             read_table(MappingOptions, mapping or {}, "mapping"),
             network_gripper,
+            reference_of(named, IDENTITY_POSE),
         )
     tables = _tables(session, driver, {"robot": options}, SessionConfig)
     if model:
@@ -142,12 +147,14 @@ def make_arm(
         raise ConfigurationError("arm", why)
     check_parts(config)
     assert config.arm is not None
+    loaded = load_arm(config.arm.model)
     return Arm(
         lambda: _session(config),
-        load_arm(config.arm.model).joint_names,
+        loaded.joint_names,
         kind,
         config.mapping,
         has_output(config.gripper, make_robot(config).capabilities),
+        reference_of(loaded, config.arm.tool()),
     )
 
 

@@ -40,10 +40,11 @@ class JointTrajectory:
     accelerations: Sequence[Sequence[float]] | None = None
     path_tolerance: Sequence[float] | None = None
     """Largest distance of each measured joint from where it is to be; 0: any; None: any of all."""
-    goal_tolerance: Sequence[float] | None = None
-    """The same at the end."""
+    goal_tolerance: Sequence[float | None] | None = None
+    """The same at the end; None, of a joint or of all: as near as the arm's motions end."""
     goal_time_s: float = 0.0
-    """How much longer it may take; 0: as long as it takes."""
+    """How much longer it may take; 0: as long as the arm's limits make it, and its motions are
+    waited for."""
 
     def __post_init__(self) -> None:
         times = self.times_s

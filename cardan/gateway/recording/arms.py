@@ -15,6 +15,9 @@ STATUS, SNAPSHOT = "/state/status", "/state/snapshot"
 WRENCH, RAW_ROBOT = "/state/wrench", "/raw/robot"
 """Ends of the names of an arm's topics, after its node's name."""
 
+CONFIGURATION = "/configuration"
+"""What the arms of a record are known by: each session's node publishes one."""
+
 
 def choose_arm(nodes: Collection[str], arm: str, path: Path, problems: Sequence[str] = ()) -> str:
     """Full name of the node of `arm`; empty: of the only one that there is. Raises CaptureError,

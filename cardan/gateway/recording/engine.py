@@ -22,6 +22,7 @@ from cardan.gateway.arm.cycle_record import (
     command_text,
     decode_cycle,
 )
+from cardan.gateway.recording.arms import CONFIGURATION
 from cardan.gateway.recording.mcap_file import RecordReader
 from cardan.gateway.recording.repeat import REPEAT, repeat
 from cardan.gateway.session.assembly import make_controller, make_robot, make_verbs
@@ -31,8 +32,8 @@ from cardan.protocols.ros2.cdr import Malformed, codec_of
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
     from cardan.gateway.arm.verbs import ArmVerbs
 
-CONFIGURATION, ENGINE = "/configuration", "/engine"
-"""Ends of the names of a session's topics, after its node's name."""
+ENGINE = "/engine"
+"""End of the name of a session's topic, after its node's name."""
 
 _STRING = "std_msgs/msg/String"
 

@@ -4,6 +4,7 @@ there."""
 from __future__ import annotations
 
 import importlib
+import json
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,6 +25,10 @@ from cardan.shortage import shortage
 OBSERVATION, ACTION = "observation.state", "action"
 ROBOT_TYPE = "cardan"
 """The name of Cardan's arms as robots of LeRobot."""
+
+REFERENCE_PATH = "meta/cardan.json"
+"""Beside LeRobot's own files, of which it reads no others: the reference of rotation vectors, rad,
+and the model whose home it is."""
 
 MOST_FPS = 1000
 MOST_GAPS = 5
@@ -102,11 +107,24 @@ def export_lerobot(
     lerobot, why_not = _lerobot() if by_lerobot else (None, "as asked")
     if lerobot is None:
         write_dataset(folder, episodes, features, fps=fps, task=task, robot_type=ROBOT_TYPE)
+        _write_reference(folder, frames)
         return ExportReport(folder, frames, f"Cardan ({why_not})")
     name = repo_id or f"cardan/{folder.name}"
     _write_by_lerobot(lerobot, folder, episodes, features, fps, task, name)
+    _write_reference(folder, frames)
     version = getattr(importlib.import_module("lerobot"), "__version__", "")
     return ExportReport(folder, frames, f"LeRobot {version}".strip())
+
+
+def _write_reference(folder: Path, frames: Frames) -> None:
+    """By which of two equal rotation vectors was decided, which LeRobot's own files cannot say."""
+    table = {"model": frames.model, "rotation_vector_reference": frames.written.reference}
+    path = folder / REFERENCE_PATH
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(table) + "\n", encoding="utf-8")
+    except OSError as error:
+        raise CaptureError(f"{path} cannot be written: {error.strerror or error}") from None
 
 
 def _lerobot() -> tuple[Any, str]:

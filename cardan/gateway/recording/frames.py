@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import NamedTuple
 
-from cardan.errors import CaptureError, OptionError
+from cardan.errors import CaptureError, ConfigurationError, OptionError
 from cardan.gateway.learning.features import (
     CLOSED,
     WIDE,
@@ -23,9 +23,11 @@ from cardan.gateway.learning.features import (
     Continuous,
     action_names,
     observation_names,
+    reference_of,
     six_of,
 )
 from cardan.gateway.recording.arms import (
+    CONFIGURATION,
     NS,
     POSE,
     SNAPSHOT,
@@ -35,8 +37,10 @@ from cardan.gateway.recording.arms import (
     stamped_ns,
 )
 from cardan.gateway.recording.mcap_file import RecordedMessage, RecordReader
+from cardan.gateway.session.config import ArmTable
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError
+from cardan.robots import load_arm
 from cardan.spatial import (
     from_rotation_vector,
     is_finite,
@@ -45,6 +49,7 @@ from cardan.spatial import (
     rotation_between,
     scale,
 )
+from cardan.tables import read_table
 from cardan.types import Frame, Pose, Quaternion, Vector3
 
 LONGEST_GAP_NS = NS // 5
@@ -145,6 +150,10 @@ class ArmTracks:
     """The source that had it."""
     gripper: Changes = field(default_factory=Changes)
     """"closed" or "open"."""
+    model: str = ""
+    """Of the arm, as its session's configuration names it; empty: none that is known here."""
+    reference: Vector3 | None = None
+    """Of rotation vectors: that of the model with the session's tool; None: without one."""
 
     @property
     def tracks(self) -> tuple[Track, ...]:
@@ -183,6 +192,10 @@ class Frames:
     fps: int
     observation_names: tuple[str, ...]
     action_names: tuple[str, ...]
+    model: str
+    """Of the arm; empty: the records name none that is known here."""
+    written: Continuous
+    """Writes the rotation vectors."""
     episodes: list[Episode] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
 
@@ -196,13 +209,21 @@ def read_frames(
     """
     found = [(path, *_read(path, arm)) for path in paths]
     names = found[0][1].names
-    written = Continuous()
-    frames = Frames(fps, observation_names(names, True), action_names(ActionKind.POSE, True))
+    model, reference = found[0][1].model, found[0][1].reference
+    written = Continuous(reference)
+    frames = Frames(
+        fps, observation_names(names, True), action_names(ActionKind.POSE, True), model, written
+    )
     for path, tracks, problems in found:
         if tracks.names != names:
             raise CaptureError(
                 f"{path} is of another arm than {paths[0]}: joints {', '.join(tracks.names)} and "
                 f"{', '.join(names)}"
+            )
+        if tracks.reference != reference:
+            frames.problems.append(
+                f"{path}: its arm has another model or tool than that of {paths[0]}, by whose home "
+                "rotation vectors are written"
             )
         if fps > 1.05 * tracks.rate_hz:
             raise OptionError(
@@ -301,6 +322,19 @@ def _take_snapshot(tracks: ArmTracks, message: Message, published_ns: int) -> No
     tracks.gripper.add(published_ns, "closed" if closed else "open")
 
 
+def _take_configuration(tracks: ArmTracks, message: Message, _published_ns: int) -> None:
+    if tracks.model:
+        return
+    table = json.loads(message["data"])["tables"]["arm"]
+    named = {key: table[key] for key in ("model", "tool_xyz_m", "tool_rpy_deg") if key in table}
+    try:
+        arm = read_table(ArmTable, named, "arm")
+        tracks.reference = reference_of(load_arm(arm.model), arm.tool())
+    except ConfigurationError:
+        return  # Of another version, or a file that is not on this computer.
+    tracks.model = arm.model
+
+
 def _take_joints(tracks: ArmTracks, message: Message, _published_ns: int) -> None:
     if not tracks.names:
         tracks.names = tuple(map(str, message["name"]))
@@ -312,6 +346,7 @@ _TAKEN: Mapping[str, _Take] = {
     TARGET: _take_target,
     STATUS: _take_status,
     SNAPSHOT: _take_snapshot,
+    CONFIGURATION: _take_configuration,
 }
 
 

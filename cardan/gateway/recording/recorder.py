@@ -18,6 +18,7 @@ from cardan.bus.node import BusNode, zenoh_module
 from cardan.bus.options import BusOptions
 from cardan.errors import DriverError, OptionError
 from cardan.gateway.common.serving import interruptible
+from cardan.gateway.recording.arms import CONFIGURATION
 from cardan.gateway.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, type_of_dds
@@ -44,9 +45,6 @@ QUEUE_MESSAGES, QUEUE_BYTES = 20_000, 256 << 20
 
 SHARED_TOPICS = ("tf", "tf_static", "diagnostics", "rosout")
 """Topics that all arms have in common; recorded whichever arms are chosen."""
-
-CONFIGURATION = "/configuration"
-"""End of the topics that sessions publish their configuration on."""
 
 GRAPH_S = 2.0
 """How long a topic's first message waits for what the graph tells of its publisher, while the

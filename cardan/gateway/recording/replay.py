@@ -20,6 +20,7 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import CaptureError, OptionError
 from cardan.gateway.bus.commands import ASK_SERVICE
 from cardan.gateway.common.serving import interruptible
+from cardan.gateway.recording.arms import CONFIGURATION
 from cardan.gateway.recording.mcap_file import (
     RecordedMessage,
     RecordedTopic,
@@ -28,9 +29,6 @@ from cardan.gateway.recording.mcap_file import (
 )
 
 NAME = "cardan_replay"
-
-CONFIGURATION = "/configuration"
-"""What the arms of a record are known by: each session's node publishes one."""
 
 SHOWING_TYPES = frozenset(
     {

@@ -8,7 +8,7 @@ motion looks like an arm that is blocked.
 from __future__ import annotations
 
 from cardan.arm_libraries import np, npt
-from cardan.gateway.kinematics.base import FloatArray
+from cardan.gateway.kinematics.base import FloatArray, short_way
 
 _ROWS = 17
 """Number of past commands that are kept. At 0.3 s they are 19 ms apart, 5 mm at 0.25 m/s."""
@@ -66,6 +66,4 @@ class ResponseLag:
         return found
 
     def _away(self, difference: FloatArray) -> FloatArray:
-        turns = np.rint(difference / (2.0 * np.pi))
-        found: FloatArray = np.abs(difference - 2.0 * np.pi * turns * self._continuous)
-        return found
+        return np.abs(short_way(difference, self._continuous))

@@ -253,6 +253,7 @@ def make_verb_options(config: SessionConfig) -> ControllerOptions:
             obstacle_m=table.safety_distance_m,
             own_body_m=OWN_BODY_SHARE * table.safety_distance_m,
         ),
+        arrival=table,
     )
 
 

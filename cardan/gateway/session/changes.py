@@ -155,6 +155,10 @@ RULES: Final[Mapping[str, Rule]] = {
     "arm.i_accept_links_without_bodies": RESTART,
     "arm.safety_distance_m": HIGHER,
     "arm.tcp_tolerance_m": LOWER,
+    **dict.fromkeys(
+        ("arm.arrival_m", "arm.arrival_rad", "arm.arrival_joint", "arm.arrival_timeout_s"),
+        LIVE,
+    ),
     "authority": DISARMED,
     "obstacles": RESTART,
     **dict.fromkeys(

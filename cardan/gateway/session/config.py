@@ -15,6 +15,7 @@ from cardan import bounds
 from cardan.bounds import Angles, Coordinate, Direction
 from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError
+from cardan.gateway.arm.arrival import ArrivalOptions
 from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.bus.options import NetworkOptions
@@ -54,7 +55,7 @@ class LimitsTable(ReferenceLimits):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ArmTable(Options):
+class ArmTable(ArrivalOptions):
     """``[arm]``: the model by which joints are commanded; without it the robot is sent poses."""
 
     model: str

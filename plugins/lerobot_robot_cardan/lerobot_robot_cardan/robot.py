@@ -84,7 +84,9 @@ class CardanRobot(Robot):
         made = self._made
         arm = made.make()
         arm.open()
-        actions = ArmActions(arm, made.joints, made.kind, made.mapping, made.gripper)
+        actions = ArmActions(
+            arm, made.joints, made.kind, made.mapping, made.gripper, made.reference
+        )
         try:
             self._observed(actions, self.config.ready_timeout_s)
             for camera in self.cameras.values():

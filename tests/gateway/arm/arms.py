@@ -9,6 +9,7 @@ import numpy as np
 from cardan.gateway.arm.options import STREAM_LIMITS, ControllerOptions
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.robots import load_arm
+from cardan.sim_peers.motoros_controller.plant import PLANTS, Plant
 from cardan.spatial import from_rotation_vector, multiply, to_rotation_vector
 from cardan.types import (
     CommandKind,
@@ -25,17 +26,24 @@ from cardan.types import (
 )
 
 DT_S = 0.004
+PULSES_RAD = 1e7
 QUICK = {"cpts": 0.25, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0, "cpjs": 0.5}
 GOFA = "gofa_crb15000_5"
 JOINT = frozenset({CommandKind.JOINT, CommandKind.TORQUE})
 
 
 class World:
-    """A controller and an ideal robot, one tick at a time, with every joint limit watched."""
+    """A controller and an ideal robot, one tick at a time, with every joint limit watched.
 
-    def __init__(self, arm="ur5", commands=JOINT, options=None, start=None, **more):
+    With a `plant` of the simulated Motoman the robot lags behind joints that it is commanded.
+    """
+
+    def __init__(self, arm="ur5", commands=JOINT, options=None, start=None, plant="ideal", **more):
         self.model = load_arm(arm)
-        self.capabilities = RobotCapabilities(commands, DT_S, len(self.model.joints), None, 0, 0)
+        self.capabilities = RobotCapabilities(
+            commands, DT_S, len(self.model.joints), None, 0, 0,
+            lag_s=0.0 if plant == "ideal" else 0.4,
+        )  # fmt: skip
         self.verbs = ArmVerbs.alone(self.model, self.capabilities, options, **more)
         self.q = np.array(self.model.home if start is None else start, dtype=float)
         self.v = np.zeros(len(self.q))
@@ -49,6 +57,9 @@ class World:
         self.creep_rad_s = np.zeros(len(self.q))
         self.jammed = False
         self.pose: Pose | None = None
+        self.plant, self.asked = None, self.q
+        if plant != "ideal":
+            self.plant = Plant(PLANTS[plant], DT_S, self._pulses())
         self.command = HoldCommand()
         self.commanded_before = None
         self.driven_before = False
@@ -80,9 +91,11 @@ class World:
             # A servo that sags keeps its distance; it does not jump to a new command.
             self.q = np.array(command.positions)
             self.v = np.array(command.velocities)
+            self._lag_behind(before)
             return
         elif isinstance(command, JointVelocityCommand):
-            self.q = self.q + (np.array(command.velocities) + self.creep_rad_s) * DT_S
+            asked = self.q if self.plant is None else self.asked
+            self.q = asked + (np.array(command.velocities) + self.creep_rad_s) * DT_S
         elif isinstance(command, PoseCommand):
             self.pose = command.pose
             self.q = self.verbs.servo.q.copy()
@@ -90,6 +103,17 @@ class World:
             self.q, self.sag = self.q + self.sag, np.zeros(len(self.q))
             return
         self.v = (self.q - before) / DT_S
+        self._lag_behind(before)
+
+    def _pulses(self):
+        return [round(each * PULSES_RAD) for each in self.q]
+
+    def _lag_behind(self, before):
+        if self.plant is not None:
+            self.asked = self.q
+            self.plant.step(self._pulses())
+            self.q = np.array(self.plant.measured) / PULSES_RAD
+            self.v = (self.q - before) / DT_S
 
     def _watch(self):
         """Position, speed and acceleration of what is commanded, at every tick."""

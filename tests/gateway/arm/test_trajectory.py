@@ -97,6 +97,55 @@ def test_the_first_point_may_come_later():
     np.testing.assert_allclose(world.q, begin + STEP, atol=1e-4)
 
 
+WRAPPED = pytest.mark.parametrize("turns", [-2, -1, 1, 3])
+
+
+def pr2(turns):
+    """Its forearm roll (4) and wrist roll (6) have no end, and were turned on."""
+    world = World("pr2_right_arm")
+    start = world.q.copy()
+    start[[4, 6]] += 2.0 * np.pi * turns
+    return World("pr2_right_arm", start=start), world.q
+
+
+@WRAPPED
+@pytest.mark.parametrize("first", [True, False])
+def test_a_plan_without_whole_turns_begins_where_a_continuous_joint_is(first, turns):
+    world, home = pr2(turns)
+    begin = world.q.copy()
+    step = np.array([0.1, 0.0, 0.0, 0.0, 0.3, 0.0, -0.4])
+    rows = [home, home + 0.5 * step, home + step] if first else [home + step]
+    times = [0.0, 1.0, 2.0] if first else [2.0]
+    motion = world.verbs.trajectory(JointTrajectory(times, rows, path_tolerance=[0.05] * 7))
+    farthest = np.zeros(7)
+    while not motion.over:
+        world.tick()
+        farthest = np.maximum(farthest, np.abs(world.q - begin))
+    assert motion.outcome is Outcome.DONE, motion.reason
+    np.testing.assert_allclose(world.q, begin + step, atol=1e-4)
+    assert (farthest <= np.abs(step) + 1e-3).all()
+
+
+def test_the_rest_of_a_plan_keeps_its_own_turns():
+    world, home = pr2(1)
+    begin = world.q.copy()
+    far = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 7.0])
+    rows = [home, home + 0.5 * far, home + far]
+    motion = world.run(world.verbs.trajectory(JointTrajectory([0.0, 6.0, 12.0], rows)))
+    assert motion.outcome is Outcome.DONE, motion.reason
+    np.testing.assert_allclose(world.q, begin + far, atol=1e-4)
+
+
+@WRAPPED
+def test_a_joint_with_ends_keeps_its_turns(turns):
+    world = World("pr2_right_arm")
+    away = np.zeros(7)
+    away[0] = 2.0 * np.pi * turns
+    with pytest.raises(MotionRefusedError):
+        world.verbs.trajectory(JointTrajectory([0.0, 2.0], [world.q + away] * 2))
+    assert world.verbs.at_rest
+
+
 def test_where_the_arm_is_already_nothing_starts():
     world = World()
     motion = world.verbs.trajectory(to(world, 0.0 * STEP))
@@ -174,6 +223,8 @@ def test_an_arm_that_lags_behind_leaves_its_path_tolerance(tolerance):
     motion = world.verbs.trajectory(to(world, STEP, path_tolerance=tolerance))
     world.tick(int(0.6 / DT_S))
     world.sag[0] = -0.05  # Less than what trips the supervision.
+    world.tick(int(0.9 / DT_S))
+    world.sag[0] = 0.0
     world.run(motion)
     if tolerance < 0.05:
         assert motion.outcome is Outcome.ABORTED

@@ -2,10 +2,13 @@
 
 import math
 
+import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import OptionError
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.learning.features import (
     ActionKind,
     Continuous,
@@ -13,9 +16,12 @@ from cardan.gateway.learning.features import (
     action_names,
     observation_names,
     pose_of,
+    reference_of,
     six_of,
 )
-from cardan.spatial import norm, rotation_between
+from cardan.robots import arm_names, load_arm
+from cardan.spatial import compose, norm, rotation_between, subtract
+from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion
 
 ANGLES = st.floats(-3.0, 3.0)
 
@@ -53,6 +59,52 @@ def test_two_sessions_that_begin_alike_write_alike():
         written = Continuous()
         written.of(first)
         assert written.of((0.0, 0.0, 0.0, down, 0.0, 0.0))[3] == pytest.approx(down)
+
+
+def near_home(model, seed):
+    """A pose a few mrad beside an arm's home, in some of its joints."""
+    away = np.random.default_rng(seed).uniform(-2e-3, 2e-3, len(model.joints))
+    placement = ArmKinematics(model).forward(np.array(model.home) + away)
+    return six_of(to_pose(placement))
+
+
+@pytest.mark.parametrize("tool", [IDENTITY_POSE, Pose(ZERO3, Quaternion(0.0, 0.0, 0.0, 1.0))])
+@pytest.mark.parametrize("name", arm_names())
+def test_sessions_of_an_arm_write_alike_wherever_they_begin(name, tool):
+    model = load_arm(name)
+    reference = reference_of(model, tool)
+    written = []
+    for seed in range(40):
+        pose = pose_of(near_home(model, seed))
+        six = six_of(compose(pose, tool))
+        written.append(Continuous(reference).of(six)[3:])
+        assert same((0.0, 0.0, 0.0, *written[-1]), six)
+        assert math.dist(written[-1], reference) < 0.03
+        # What else such a session writes first makes no difference.
+        late = Continuous(reference)
+        late.of((0.0, 0.0, 0.0, 0.1 * seed - 2.0, 0.3, -1.0))
+        assert late.of(six)[3:] == written[-1]
+    assert max(math.dist(written[0], each) for each in written) < 0.03
+
+
+def test_the_reference_is_where_the_arms_home_is():
+    for name in arm_names():
+        model = load_arm(name)
+        placement = to_pose(ArmKinematics(model).forward(np.array(model.home)))
+        assert norm(subtract(model.home_tcp.position, placement.position)) < 1e-9
+        assert same(six_of(model.home_tcp), six_of(placement))
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ((-2.2213, 2.2215, 0.0), (-2.2215, 2.2213, 0.0)),
+        ((-1.9999, 0.0, 0.0), (-2.0001, 0.0, 0.0)),
+    ],
+)
+def test_without_a_model_too_a_hairs_breadth_makes_no_difference(one, other):
+    first = Continuous().of((0.0, 0.0, 0.0, *one))[3:]
+    assert math.dist(first, Continuous().of((0.0, 0.0, 0.0, *other))[3:]) < 1e-3
 
 
 def test_names():

@@ -34,6 +34,9 @@ def test_it_tells_what_it_has_written(record, tmp_path, without_lerobot):
     assert info["features"]["observation.state"]["names"] == [
         *("one.pos", "two.pos", "ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz", "gripper.pos"),
     ]
+    kept = json.loads((tmp_path / "set/meta/cardan.json").read_text())
+    assert kept["model"] == ""
+    assert kept["rotation_vector_reference"] == pytest.approx([0.0, 0.0, 1.0])
 
 
 def test_gaps_are_told_and_make_it_incomplete(tmp_path, without_lerobot):
@@ -117,6 +120,7 @@ def test_lerobots_own_program_writes_where_it_is_there(record, tmp_path, monkeyp
     dtype, row = frame["action"]
     assert (dtype, len(row)) == ("float32", 7)
     assert report.lines()[-1].endswith("written by LeRobot 0.6.1")
+    assert (tmp_path / "set/meta/cardan.json").is_file()
 
 
 def test_a_lerobot_of_another_version_is_not_used_and_that_is_told(record, tmp_path, monkeypatch):

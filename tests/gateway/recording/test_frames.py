@@ -1,6 +1,7 @@
 """Episodes of records: at a fixed rate, one a file or one an engagement, and nothing that is wrong
 with stamps goes unsaid."""
 
+import json
 import math
 
 import pytest
@@ -8,6 +9,9 @@ import pytest
 from cardan.errors import CaptureError, OptionError
 from cardan.gateway.recording.frames import read_frames
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.robots import load_arm
+from cardan.spatial import from_rotation_vector, multiply
+from cardan.types import Vector3
 from tests.gateway.recording.rig import NODE, NS, STRING
 from tests.gateway.recording.test_replay import topic, write
 
@@ -209,3 +213,58 @@ def test_a_file_that_was_cut_off_says_so(tmp_path):
         assert "too few" in str(error) or "no state" in str(error)  # noqa: PT017
     else:
         assert any("the file ends early" in each for each in frames.problems)
+
+
+# -- rotation vectors -----------------------------------------------------------------------------
+
+HOME = load_arm("ur5").home_tcp.orientation
+
+
+def turned_record(path, turn, tables):
+    """A record of an arm whose TCP is turned by the small rotation vector `turn` from a UR5's home,
+    and of the session's configuration."""
+    w, x, y, z = multiply(from_rotation_vector(Vector3(*turn)), HOME)
+    rows = []
+    if tables is not None:
+        data = {"data": json.dumps({"tables": tables})}
+        rows.append((1.0, topic(f"{NODE}/configuration", STRING, (NODE,)), data))
+    for at_s in steadily(0.5):
+        for log_s, where, message in instant(at_s):
+            if "pose" in message:
+                message["pose"]["orientation"] = {"w": w, "x": x, "y": y, "z": z}
+            rows.append((log_s, where, message))
+    return write(path, rows)
+
+
+UR5 = {"arm": {"model": "ur5", "tool_xyz_m": [0, 0, 0.1], "tool_rpy_deg": [0, 0, 0], "else": 1}}
+
+
+def test_data_sets_of_an_arm_that_begin_alike_are_written_alike(tmp_path):
+    written = []
+    for number, sign in enumerate((1.0, -1.0)):
+        turn = (2e-4 * sign, -2e-4 * sign, 1e-4)
+        frames = read_frames([turned_record(tmp_path / f"{number}.mcap", turn, UR5)], 10)
+        assert (frames.problems, frames.model) == ([], "ur5")
+        (episode,) = frames.episodes
+        written += [seen[5:8] for seen in episode.observations]
+        written += [asked[3:6] for asked in episode.actions]
+    assert max(math.dist(written[0], each) for each in written) < 2e-3
+
+
+@pytest.mark.parametrize(
+    "tables", [None, {}, {"arm": None}, {"arm": {"model": "nobody's"}}, {"arm": {"model": 1}}, []]
+)
+def test_without_a_model_that_is_known_here_the_first_pose_decides(tmp_path, tables):
+    frames = read_frames([turned_record(tmp_path / "r.mcap", (0.0, 0.0, 0.0), tables)], 10)
+    assert (frames.problems, frames.model) == ([], "")
+    assert math.dist(frames.episodes[0].observations[0][5:8], frames.written.reference) < 1e-6
+
+
+def test_records_with_other_tools_are_told(tmp_path):
+    arm = {**UR5["arm"], "tool_rpy_deg": [0, 0, 90]}
+    paths = [
+        turned_record(tmp_path / f"{number}.mcap", (0.0, 0.0, 0.0), tables)
+        for number, tables in enumerate((UR5, {"arm": arm}))
+    ]
+    (problem,) = read_frames(paths, 10).problems
+    assert "1.mcap: its arm has another model or tool than that of" in problem

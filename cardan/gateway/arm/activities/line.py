@@ -3,24 +3,23 @@
 from __future__ import annotations
 
 from cardan.arm_libraries import np, npt, pin
-from cardan.gateway.arm.activities.base import GOING, Activity, Deceleration, Progress
+from cardan.gateway.arm.activities.base import Deceleration
 from cardan.gateway.arm.activities.path import (
     AT_REST_RAD_S,
-    SETTLE_S,
     TOLERANCE_M,
     TOLERANCE_RAD,
-    PathClock,
-    stuck_in_words,
+    FollowPath,
 )
+from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.arm.codes import State
 from cardan.gateway.arm.planner import Line
-from cardan.gateway.kinematics.base import to_se3
+from cardan.gateway.kinematics.base import SE3, to_se3
 from cardan.gateway.servo.choice import AnyServo
 from cardan.spatial import norm, rotation_between, scale, subtract
 from cardan.types import RobotState
 
 
-class FollowLine(Activity):
+class FollowLine(FollowPath):
     """movl: the TCP along a line."""
 
     state = State.MOVL
@@ -31,15 +30,13 @@ class FollowLine(Activity):
         path: Line,
         followed: npt.NDArray[np.bool_],
         deceleration: Deceleration,
+        arrival: Arrival,
     ) -> None:
         """`followed` (6): directions that the arm follows, x y z rx ry rz along TCP axes."""
-        self._servo, self._path = servo, path
+        super().__init__(servo, path.duration_s, arrival)
+        self._path = path
         self._followed = followed
         self._deceleration = deceleration
-        self._clock = PathClock(path.duration_s)
-        self._resting = False
-        self._over_s = 0.0
-        self._reason = ""
 
     def brake(self) -> None:
         """Stop along the line."""
@@ -51,38 +48,47 @@ class FollowLine(Activity):
             )
         )
 
-    def tick(self, robot: RobotState, dt_s: float) -> Progress:
-        """Move on by one period."""
-        servo, clock = self._servo, self._clock
-        if self._resting:
-            servo.brake(dt_s)
-            return GOING if servo.moving else Progress(True, self._reason)
-        step_s = clock.next_step(dt_s)
-        here = self._path.at(clock.time_s)[0]
-        there = self._path.at(clock.time_s + step_s)[0]
+    def _follow(self, step_s: float, dt_s: float) -> float:
+        now_s = self._clock.time_s
+        here = self._path.at(now_s)[0]
+        there = self._path.at(now_s + step_s)[0]
         gain = 1.0 / dt_s
         twist = (
             scale(subtract(there.position, here.position), gain),
             scale(rotation_between(here.orientation, there.orientation), gain),
         )
-        share = servo.tick(here, twist, dt_s)
-        clock.advance(step_s, share, dt_s)
-        if clock.over:
-            self._over_s += dt_s
-            if self._over_s > SETTLE_S or float(np.abs(servo.v).max()) < AT_REST_RAD_S:
-                self._finish()
-        elif clock.stuck and not clock.braking:
-            self._reason = stuck_in_words(servo, clock.time_s / clock.duration_s)
-            self._resting = True
-        return GOING
+        return self._servo.tick(here, twist, dt_s)
 
-    def _finish(self) -> None:
-        self._resting = True
-        difference = self._servo.placement.actInv(to_se3(self._path.at(self._clock.time_s)[0]))
-        distance = np.linalg.norm(difference.translation[self._followed[:3]])
-        angle = np.linalg.norm(pin.log3(difference.rotation)[self._followed[3:]])
-        if (distance > TOLERANCE_M or angle > TOLERANCE_RAD) and not self._clock.braking:
-            self._reason = (
-                f"the TCP came to rest {distance * 1e3:.1f} mm and {angle:.3f} rad away from "
-                "the goal"
-            )
+    def _commanded_there(self) -> bool:
+        return float(np.abs(self._servo.v).max()) < AT_REST_RAD_S
+
+    def _missed(self) -> str:
+        distance_m, angle_rad = self._away(self._servo.placement)
+        if distance_m <= TOLERANCE_M and angle_rad <= TOLERANCE_RAD:
+            return ""
+        return (
+            f"the TCP came to rest {distance_m * 1e3:.1f} mm and {angle_rad:.3f} rad away from "
+            "the goal"
+        )
+
+    def _left(self, robot: RobotState, early: bool) -> str:
+        distance_m, angle_rad = self._away(self._servo.kinematics.forward(np.array(robot.joints)))
+        allowed = self._arrival.options
+        near_m, near_rad = allowed.arrival_m, allowed.arrival_rad
+        if early:
+            near_m, near_rad = min(near_m, TOLERANCE_M), min(near_rad, TOLERANCE_RAD)
+        if distance_m <= near_m and angle_rad <= near_rad:
+            return ""
+        return (
+            f"the TCP is {distance_m * 1e3:.1f} mm and {angle_rad:.3f} rad away from the goal; "
+            f"allowed: {allowed.arrival_m * 1e3:g} mm (arrival_m) and {allowed.arrival_rad:g} rad "
+            "(arrival_rad)"
+        )
+
+    def _away(self, placement: SE3) -> tuple[float, float]:
+        """Distance and angle from a placement of the TCP to the end of the line."""
+        difference = placement.actInv(to_se3(self._path.at(self._clock.time_s)[0]))
+        return (
+            float(np.linalg.norm(difference.translation[self._followed[:3]])),
+            float(np.linalg.norm(pin.log3(difference.rotation)[self._followed[3:]])),
+        )

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from cardan.arm_libraries import np
-from cardan.gateway.arm.activities.base import GOING, Deceleration, Progress
+from cardan.gateway.arm.activities.base import Deceleration, Progress
 from cardan.gateway.arm.activities.joint_path import FollowJoints
-from cardan.gateway.arm.activities.path import SETTLE_S
+from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.kinematics.base import FloatArray
 from cardan.gateway.motion.joint_trajectory import (
     GOAL_TOLERANCE,
@@ -29,15 +31,22 @@ class FollowTrajectory(FollowJoints):
         path: TrajectoryPath,
         deceleration: Deceleration,
         wanted: JointTrajectory,
+        arrival: Arrival,
     ) -> None:
-        super().__init__(servo, path, deceleration)
+        super().__init__(servo, path, deceleration, arrival)
         self._way = path
-        self._path_tolerance, self._goal_tolerance = (
-            None if each is None else np.array(each)
-            for each in (wanted.path_tolerance, wanted.goal_tolerance)
-        )
-        self._goal_time_s = wanted.goal_time_s or SETTLE_S
-        self._elapsed_s = self._waited_s = 0.0
+        self._path_tolerance = None
+        if wanted.path_tolerance is not None:
+            self._path_tolerance = _free_where_0(wanted.path_tolerance)
+        if wanted.goal_tolerance is not None:
+            self._near = _free_where_0(
+                [
+                    arrival.options.arrival_joint if each is None else each
+                    for each in wanted.goal_tolerance
+                ]
+            )
+        self._timeout_s = wanted.goal_time_s or self._timeout_s
+        self._elapsed_s = 0.0
 
     @property
     def elapsed_s(self) -> float:
@@ -52,33 +61,23 @@ class FollowTrajectory(FollowJoints):
         """Move on by one period."""
         progress = super().tick(robot, dt_s)
         self._elapsed_s += dt_s
-        if self._clock.braking or self._reason:
+        if progress.over or self._resting or self._clock.braking or self._path_tolerance is None:
             return progress
-        if not progress.over:
-            off = _worst(robot, self.desired()[0], self._path_tolerance)
-            if off is not None and not self._resting:
-                self._reason = f"{PATH_TOLERANCE}: {self._in_words(off, robot, self.desired()[0])}"
-                self.brake()
-            return progress
-        goal = self._way.at(self._way.duration_s)[0]
-        off = _worst(robot, goal, self._goal_tolerance)
-        if off is None:
-            return progress
-        self._waited_s += dt_s
-        if self._waited_s <= self._goal_time_s:
-            return GOING
-        return Progress(True, f"{GOAL_TOLERANCE}: {self._in_words(off, robot, goal)}")
+        worst, away = self._beyond(robot, self.desired()[0], self._path_tolerance)
+        if worst is not None:
+            self._reason = f"{PATH_TOLERANCE}: {self._in_words(worst, away)}"
+            self.brake()
+        return progress
 
-    def _in_words(self, joint: int, robot: RobotState, desired: FloatArray) -> str:
-        apart = abs(robot.joints[joint] - float(desired[joint]))
+    def _not_arrived(self, left: str) -> str:
+        return f"{GOAL_TOLERANCE}: {left or super()._not_arrived(left)}"
+
+    def _in_words(self, joint: int, away: float) -> str:
         name = self._servo.kinematics.names[joint]
-        return f"{name} is {apart:.4f} from where it is to be after {self._elapsed_s:.2f} s"
+        return f"{name} is {away:.4f} from where it is to be after {self._elapsed_s:.2f} s"
 
 
-def _worst(robot: RobotState, desired: FloatArray, tolerance: FloatArray | None) -> int | None:
-    """The measured joint that is farthest beyond its tolerance; None where none is."""
-    if tolerance is None or len(robot.joints) != len(desired):
-        return None
-    beyond = np.where(tolerance > 0.0, np.abs(np.array(robot.joints) - desired) - tolerance, -1.0)
-    worst = int(beyond.argmax())
-    return worst if beyond[worst] > 0.0 else None
+def _free_where_0(tolerance: Sequence[float]) -> FloatArray:
+    """Tolerances of the joints, where 0 means that a joint may be anywhere."""
+    given = np.array(tolerance)
+    return np.where(given > 0.0, given, np.inf)
