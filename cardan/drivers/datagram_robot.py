@@ -67,8 +67,8 @@ class DatagramSession(ABC, Generic[MessageT]):
     A newer session of the controller voids earlier commands; an older one, or a lower sequence
     number in the same, is ignored unless the link is lost: then it is a new session, too. A state
     that the arm cannot have come to since the one before, whoever sent it, is none: the arm is held
-    with that reason, and the next state within its reach begins a new session. Times are local
-    monotonic ones.
+    with that reason for as long as it is said to be there, and the next state within its reach
+    begins a new session. Times are local monotonic ones.
     """
 
     controller: ClassVar[str]
@@ -99,8 +99,8 @@ class DatagramSession(ABC, Generic[MessageT]):
         self.sessions = 0
         """So many sessions of the controller were heard; the number that states have."""
         self._skipped = self._flood = 0
-        self._leapt = False
-        """What came last was out of the arm's reach."""
+        self._leapt_s = NEVER_S
+        """When what came last was out of the arm's reach."""
         lower, upper, self._fastest, _ = capabilities.limits or JointLimits((), (), (), ())
         self._continuous = [
             low == -math.inf and high == math.inf for low, high in zip(lower, upper, strict=True)
@@ -171,7 +171,9 @@ class DatagramSession(ABC, Generic[MessageT]):
             elif not is_newer(message.session, before.session):
                 self.ignored[_EARLIER] += 1
                 return None
-        if before is not None and (self._leapt or not _continues(message, before)):
+        if before is not None and (
+            self._leapt_s > self._heard_s or not _continues(message, before)
+        ):
             before = None
         begins = before is None
         self.sessions += begins
@@ -181,12 +183,11 @@ class DatagramSession(ABC, Generic[MessageT]):
             self.last_implausible = wrong
             self._ignore(_IMPLAUSIBLE)
             return None
-        if wrong := self._leap(state):
+        if wrong := self._leap(state, message):
             self.sessions -= begins
             self.last_implausible = wrong
             self._ignore(_IMPLAUSIBLE)
             return self._held(wrong, now_s)
-        self._leapt = False
         state = self._agreed(state, message, before)
         if begins or state.hold_reason:
             self._begin(message)
@@ -200,31 +201,38 @@ class DatagramSession(ABC, Generic[MessageT]):
         self.state = state
         return state
 
-    def _leap(self, state: RobotState) -> str:
-        """Why the arm cannot have come here from where it was measured last; empty: it can."""
+    def _leap(self, state: RobotState, message: MessageT) -> str:
+        """Why the arm cannot have come here from where it was measured last; empty: it can.
+
+        A place that it cannot have come to becomes no likelier by being told again: time counts
+        from the last time that it was, unless the controller has begun anew since.
+        """
         before = self.state
-        if before is None:
+        if before is None or self.message is None:
             return ""
+        since_s = self._heard_s
+        if message.session == self.message.session:
+            since_s = max(since_s, self._leapt_s)
         # By our clock or the controller's, the longer: what waited in a queue was measured earlier.
-        time_s = max(state.stamp_s - self._heard_s, min(state.period_s, self._lost_after_s))
+        time_s = max(state.stamp_s - since_s, min(state.period_s, self._lost_after_s))
         found = leap(state.joints, before.joints, self._fastest, self._continuous, time_s)
         if found is None:
             return ""
         worst, away = found
         return (
             f"{self._joint_name(worst)} is measured at {state.joints[worst]:.4g}, {away:.4g} from "
-            f"{before.joints[worst]:.4g} of {time_s * 1e3:.0f} ms before, and goes "
-            f"{self._fastest[worst]:.4g} per s at most: see that {self.controller} measures this "
-            "arm, and that nothing else sends its states"
+            f"{before.joints[worst]:.4g} where it was before, and goes {self._fastest[worst]:.4g} "
+            f"per s at most: see that {self.controller} measures this arm, and that nothing else "
+            "sends its states; if it is there indeed, start the session anew"
         )
 
     def _held(self, why: str, now_s: float) -> RobotState | None:
         """The newest state again, held for `why`."""
         if self.state is None or self.message is None:
             return None
-        if not self._leapt:
-            self._leapt = True
+        if self._leapt_s <= self._heard_s:
             self._begin(self.message)
+        self._leapt_s = now_s
         self.state = self.state._replace(
             stamp_s=now_s, link=self.link(now_s), period_s=0.0, hold_reason=why
         )
