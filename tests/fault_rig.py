@@ -682,6 +682,9 @@ class _RosLink:
         bench = self._bench
         return bench.taken and bench.peer.up and bench.peer.loaded
 
+    def publisher(self, _gid: bytes) -> str:
+        return ""
+
     def description(self) -> str:
         return ""
 

@@ -96,7 +96,10 @@ FAULTS: dict[str, Fault] = {
     "device or sender silent": Fault(_silence, ("operator", "twist")),
     "port flooded": Fault(_flood, robots=_UDP, own=(Ros2Bench,)),
     "states that are no numbers": Fault(_bad("nan"), own=BENCHES),
-    "measured place jumps by 200 mm": Fault(_bad("jump")),
+    "measured place jumps by 200 mm": Fault(_bad("jump"), own=(Ros2Bench,)),
+    "second publisher of the joints": Fault(
+        lambda bench, pilot: bench.peer.second(), robots=(Ros2Bench,), own=(Ros2Bench,)
+    ),
     "process stalls for 20 ms": Fault(_stall(20), own=(Ros2Bench,)),
     "process stalls for 40 ms": Fault(_stall(40), own=(MotorosStreamBench, Ros2Bench)),
     "process stalls for 60 ms": Fault(_stall(60), own=(MotorosStreamBench, Ros2Bench)),

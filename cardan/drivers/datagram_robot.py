@@ -18,12 +18,13 @@ from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
 from cardan.bounds import LONGEST_BLIND_S
 from cardan.drivers.lost_time import AgreedTime
-from cardan.drivers.robot_core import WAKE_S, LoopingRobot, implausible
+from cardan.drivers.robot_core import WAKE_S, LoopingRobot, implausible, leap
 from cardan.protocols.joint_stream import is_newer
 from cardan.sockets import opened, waiting
 from cardan.types import (
     NEVER_S,
     HoldCommand,
+    JointLimits,
     RobotCapabilities,
     RobotCommand,
     RobotLink,
@@ -64,8 +65,10 @@ class DatagramSession(ABC, Generic[MessageT]):
     """One connection to a controller, sans I/O: datagrams to states, commands to datagrams.
 
     A newer session of the controller voids earlier commands; an older one, or a lower sequence
-    number in the same, is ignored unless the link is lost: then it is a new session, too. Times
-    are local monotonic ones.
+    number in the same, is ignored unless the link is lost: then it is a new session, too. A state
+    that the arm cannot have come to since the one before, whoever sent it, is none: the arm is held
+    with that reason for as long as it is said to be there, and the next state within its reach
+    begins a new session. Times are local monotonic ones.
     """
 
     controller: ClassVar[str]
@@ -96,21 +99,31 @@ class DatagramSession(ABC, Generic[MessageT]):
         self.sessions = 0
         """So many sessions of the controller were heard; the number that states have."""
         self._skipped = self._flood = 0
+        self._leapt_s = NEVER_S
+        """When what came last was out of the arm's reach."""
+        lower, upper, self._fastest, _ = capabilities.limits or JointLimits((), (), (), ())
+        self._continuous = [
+            low == -math.inf and high == math.inf for low, high in zip(lower, upper, strict=True)
+        ]
         self.clock = AgreedTime(capabilities.period_s) if clock is None else clock
         """Time between states, by the controller's clock, where they tell it, and ours."""
 
     # -- what a protocol gives ------------------------------------------------------------------
 
     @abstractmethod
-    def _decode(self, data: Any) -> MessageT | str | None:
-        """The controller's message, or why `data` (bytes, or what the transport gives) is none;
-        None for what is somebody else's, which is no mistake."""
+    def _decode(self, data: Any, now_s: float) -> MessageT | str | None:
+        """The controller's message, or why `data` (bytes, or what the transport gives), which came
+        `now_s`, is none; None for what is somebody else's, which is no mistake."""
 
     @abstractmethod
     def _state_of(self, message: MessageT, before: MessageT | None, now_s: float) -> RobotState:
         """The state, stamped `now_s`, its session `sessions`; `before` is the message before it in
         the same session. Changes nothing: a state that no robot measures is ignored. `period_s` is
         what it is by the controller's word, and becomes what our clock agrees with."""
+
+    def _joint_name(self, index: int) -> str:
+        """What messages call a joint."""
+        return f"joint {index + 1}"
 
     def _time_s(self, message: MessageT) -> float | None:
         """When the controller sent `message`, by its own clock; None: it does not tell."""
@@ -143,7 +156,7 @@ class DatagramSession(ABC, Generic[MessageT]):
 
     def receive(self, data: Any, now_s: float) -> RobotState | None:
         """The state in `data`, stamped `now_s`; None when it is none, late or double."""
-        message = self._decode(data)
+        message = self._decode(data, now_s)
         if message is None:
             return None
         if isinstance(message, str):
@@ -158,7 +171,9 @@ class DatagramSession(ABC, Generic[MessageT]):
             elif not is_newer(message.session, before.session):
                 self.ignored[_EARLIER] += 1
                 return None
-        if before is not None and not _continues(message, before):
+        if before is not None and (
+            self._leapt_s > self._heard_s or not _continues(message, before)
+        ):
             before = None
         begins = before is None
         self.sessions += begins
@@ -168,6 +183,11 @@ class DatagramSession(ABC, Generic[MessageT]):
             self.last_implausible = wrong
             self._ignore(_IMPLAUSIBLE)
             return None
+        if wrong := self._leap(state, message):
+            self.sessions -= begins
+            self.last_implausible = wrong
+            self._ignore(_IMPLAUSIBLE)
+            return self._held(wrong, now_s)
         state = self._agreed(state, message, before)
         if begins or state.hold_reason:
             self._begin(message)
@@ -180,6 +200,43 @@ class DatagramSession(ABC, Generic[MessageT]):
             state = state._replace(alarm="the port is flooded with other datagrams")
         self.state = state
         return state
+
+    def _leap(self, state: RobotState, message: MessageT) -> str:
+        """Why the arm cannot have come here from where it was measured last; empty: it can.
+
+        A place that it cannot have come to becomes no likelier by being told again: time counts
+        from the last time that it was, unless the controller has begun anew since.
+        """
+        before = self.state
+        if before is None or self.message is None:
+            return ""
+        since_s = self._heard_s
+        if message.session == self.message.session:
+            since_s = max(since_s, self._leapt_s)
+        # By our clock or the controller's, the longer: what waited in a queue was measured earlier.
+        time_s = max(state.stamp_s - since_s, min(state.period_s, self._lost_after_s))
+        found = leap(state.joints, before.joints, self._fastest, self._continuous, time_s)
+        if found is None:
+            return ""
+        worst, away = found
+        return (
+            f"{self._joint_name(worst)} is measured at {state.joints[worst]:.4g}, {away:.4g} from "
+            f"{before.joints[worst]:.4g} where it was before, and goes {self._fastest[worst]:.4g} "
+            f"per s at most: see that {self.controller} measures this arm, and that nothing else "
+            "sends its states; if it is there indeed, start the session anew"
+        )
+
+    def _held(self, why: str, now_s: float) -> RobotState | None:
+        """The newest state again, held for `why`."""
+        if self.state is None or self.message is None:
+            return None
+        if self._leapt_s <= self._heard_s:
+            self._begin(self.message)
+        self._leapt_s = now_s
+        self.state = self.state._replace(
+            stamp_s=now_s, link=self.link(now_s), period_s=0.0, hold_reason=why
+        )
+        return self.state
 
     def _agreed(self, state: RobotState, message: MessageT, before: MessageT | None) -> RobotState:
         """`state` with the period that both clocks agree on; held where they have parted."""

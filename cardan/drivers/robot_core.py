@@ -49,6 +49,12 @@ class RobotSession(Protocol):
 
 SessionT = TypeVar("SessionT", bound=RobotSession)
 
+LEAP_SHARE: Final = 2.0
+"""Share of each joint's speed limit above which a measured joint is rejected as implausible."""
+
+LEAP_NOISE_RAD: Final = 0.05
+"""Tolerance added to that (m for a prismatic joint): readings may come late or early."""
+
 
 class LoopingRobot(RobotDriver, Generic[SessionT]):
     """A driver with one loop at a time, which leaves the robot safe however it ends.
@@ -225,6 +231,35 @@ def implausible(state: RobotState) -> str:
         or ("" if pose is None else outside("position", pose.position, COORDINATE_M))
         or ("" if pose is None else no_rotation("orientation", pose.orientation))
     )
+
+
+def leap(
+    joints: Sequence[float],
+    before: Sequence[float],
+    fastest: Sequence[float],
+    continuous: Sequence[bool],
+    time_s: float,
+) -> tuple[int, float] | None:
+    """Which joint cannot have come from `before` to `joints` within `time_s`, and how far away it
+    is, rad or m; None: all can. Whole turns of `continuous` joints are no way."""
+    share = LEAP_SHARE * time_s
+    for now, then, speed in zip(joints, before, fastest, strict=False):
+        if not abs(now - then) <= LEAP_NOISE_RAD + share * speed:
+            break
+    else:
+        return None
+    worst, most, far = 0, 0.0, 0.0
+    rows = zip(joints, before, fastest, continuous, strict=False)
+    for index, (now, then, speed, turns) in enumerate(rows):
+        away = abs(now - then)
+        if not math.isfinite(away):
+            return index, away
+        if turns:
+            away = abs(math.remainder(away, math.tau))
+        excess = away - LEAP_NOISE_RAD - share * speed
+        if excess > most:
+            worst, most, far = index, excess, away
+    return (worst, far) if most > 0.0 else None
 
 
 def check_count(name: str, values: Sequence[float], count: int, what: str = "joints") -> None:

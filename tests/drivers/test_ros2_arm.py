@@ -198,8 +198,208 @@ def test_a_state_that_repeats_itself_is_no_state():
 def test_a_node_that_was_started_anew_is_a_new_session():
     ours = session()
     assert ours.receive(message(sequence=700, stamp_s=7.0), 0.0).session == 1
-    assert ours.receive(message(sequence=1, stamp_s=7.01, sender=2), 0.0).session == 2
-    assert ours.receive(message(sequence=701, stamp_s=7.02), 0.0) is None  # the old one
+    new = [message(sequence=n, stamp_s=8.0 + 0.1 * n, sender=2) for n in (1, 2, 3)]
+    assert ours.receive(new[0], 1.1) is None
+    state = ours.receive(new[1], 1.25)
+    assert state.session == 2
+    assert state.ready
+    assert ours.receive(message(sequence=701, stamp_s=7.02), 1.25) is None  # the old one
+
+
+# -- two publishers ---------------------------------------------------------------------------
+
+OWN, OTHER = (bytes([number]) * 16 for number in (1, 2))
+
+
+def sent_by_two(ours, until_s=3.0, begins_s=1.0, hz=10.0, **other):
+    """The arm's node at 100 Hz, and from `begins_s` on another one at `hz`; (time, state, position
+    that is sent for joint 4) for each message. Commanded are 2 mrad more than is measured, where
+    that is ready."""
+    decode = codec_of(COMMAND_TYPES["position"]).decode
+    other = {"positions": (0.0,) * 6, "sender": 2} | other
+    found, told = [], 0
+    for n in range(1, round(until_s * 100.0)):
+        now_s = 0.01 * n
+        came = [message(sequence=n, stamp_s=5.0 + now_s)]
+        if now_s >= begins_s + told / hz:
+            told += 1
+            came.append(message(sequence=told, stamp_s=5.0 + now_s, **other))
+        for data in came:
+            state = ours.receive(data, now_s)
+            sent = None
+            if state is not None:
+                asked = JointCommand(tuple(q + 0.002 for q in state.joints))
+                sent = ours.command(asked if state.ready else HoldCommand(), now_s)
+            value = None if sent is None else decode(sent)["data"][3]
+            found.append((now_s, state, value))
+    return found
+
+
+@pytest.mark.parametrize("hz", [2.0, 10.0, 100.0, 400.0])
+def test_two_publishers_of_a_joint_at_once_are_named_and_nothing_is_commanded(hz):
+    ours = session()
+    ours.named = {OWN: "/arm", OTHER: "/joint_state_publisher"}.get
+    found = sent_by_two(ours, hz=hz)
+    assert max(abs(value - HOME[3]) for *_, value in found if value is not None) < 0.01
+    assert all(state.ready for now_s, state, _ in found if now_s < 0.995)
+    after = [state for now_s, state, _ in found if now_s > 1.005 and state is not None]
+    assert len(after) >= 198
+    assert not any(state.ready for state in after)
+    for state in after:
+        assert state.joints == pytest.approx(HOME)
+        assert state.session == 1
+    assert after[-1].hold_reason == (
+        "2 publishers of shoulder_lift_joint are heard at once on /joint_states, /arm (at -1.571) "
+        "and /joint_state_publisher (at 0): end all but the arm's own, or give them another topic"
+    )
+    assert after[-1].hold_reason in ours.diagnosis(3.0)
+    assert sum(ours.ignored.values()) == sum(state is None for *_, state, _ in found)
+
+
+def test_a_second_publisher_that_ends_is_over_after_a_second():
+    ours = session()
+    sent_by_two(ours, until_s=1.5)
+    ready = {}
+    for n in range(150, 300):
+        now_s = 0.01 * n
+        state = ours.receive(message(sequence=n, stamp_s=5.0 + now_s), now_s)
+        ready[n] = state.ready
+    assert not any(ready[n] for n in range(150, 235))
+    assert all(ready[n] for n in range(250, 300))
+
+
+def test_a_second_publisher_of_some_of_the_joints_is_one_too():
+    ours = session()
+    found = sent_by_two(ours, names=NAMES[:2], positions=(0.0, 0.0))
+    assert not found[-1][1].ready
+    assert "publishers of shoulder" in found[-1][1].hold_reason
+    ours = session()
+    found = sent_by_two(ours, names=NAMES, positions=())
+    assert "publisher 0202" in found[-1][1].hold_reason
+    assert "(without a position)" in found[-1][1].hold_reason
+
+
+@pytest.mark.parametrize("names", [("finger_joint",), ("wheel_left", "wheel_right")])
+def test_publishers_of_other_joints_are_usual(names):
+    found = sent_by_two(session(), names=names, positions=(0.0,) * len(names))
+    assert all(state.ready for *_, state, _ in found if state is not None)
+
+
+def test_what_is_heard_first_may_be_the_wrong_one():
+    """It listens before it is ready; what is there when the second one is heard is told."""
+    ours = session()
+    ours.listens_until_s = 1.0
+    first = ours.receive(message((0.0,) * 6, sender=2), 0.0)
+    assert first.hold_reason.startswith("listening for 1 s whether anybody else publishes")
+    assert ours.command(JointCommand((0.002,) * 6), 0.0) is None
+    for n in range(1, 300):
+        now_s = 0.01 * n
+        assert ours.receive(message(sequence=n), now_s) is None
+        if n % 10 == 0:
+            state = ours.receive(
+                message((0.0,) * 6, sequence=n, stamp_s=1 + now_s, sender=2), now_s
+            )
+            assert "2 publishers of" in state.hold_reason
+    # It ends, and the arm's own counts as soon as it can have come there.
+    states = []
+    for n in range(300, 500):
+        now_s = 0.01 * n
+        state = ours.receive(message(sequence=n, stamp_s=1 + now_s), now_s)
+        states += [] if state is None else [(now_s, state)]
+    assert states[0][0] == pytest.approx(3.9, abs=0.02)
+    assert states[0][1].joints == pytest.approx(HOME)
+    assert states[0][1].session == 2
+    assert states[-1][1].ready
+
+
+def test_a_process_that_stood_still_does_not_take_the_second_publisher_for_the_arms():
+    ours = session()
+    sent_by_two(ours, until_s=2.0)
+    # What waited meanwhile is read at once, and the second one's comes first.
+    assert ours.receive(message((0.0,) * 6, sequence=50, stamp_s=9.0, sender=2), 6.0) is None
+    state = ours.receive(message(sequence=600, stamp_s=11.0), 6.001)
+    assert state.joints == pytest.approx(HOME)
+    assert not state.ready
+
+
+def test_the_simulated_second_publisher_moves_no_arm():
+    wire = Wire({"second-publisher": 1.5})
+    ramp = Ramp(ends_s=9.0)
+    with WiredArm(wire) as robot:
+        states = follow(robot, 4.0, ramp)
+        assert "2 publishers of" in states[-1].hold_reason
+        assert {state.session for state in states if state.link is RobotLink.LIVE} == {1}
+    assert wire.fastest() <= 1.1 * SPEED
+    assert max(wire.fastest(joint) for joint in range(1, 6)) < 0.05
+    assert wire.rests()
+
+
+# -- leaps ------------------------------------------------------------------------------------
+
+
+def test_a_state_out_of_the_arms_reach_is_told_and_not_commanded_from():
+    ours = session()
+    for n in range(1, 100):
+        ours.receive(message(sequence=n, stamp_s=5.0 + 0.01 * n), 0.01 * n)
+        ours.command(JointCommand(HOME), 0.01 * n)
+    away = (HOME[0], HOME[1] + 1.0, *HOME[2:])
+    state = ours.receive(message(away, sequence=100, stamp_s=6.0), 1.0)
+    assert not state.ready
+    assert state.joints == pytest.approx(HOME)
+    assert state.hold_reason == (
+        f"joint {NAMES[1]} is measured at {away[1]:.4g}, 1 from {HOME[1]:.4g} where it was before, "
+        "and goes 3.142 per s at most: see that the robot's joint state publisher measures this "
+        "arm, and that nothing else sends its states; if it is there indeed, start the session anew"
+    )
+    assert ours.command(JointCommand(away), 1.0) is None
+    assert state.hold_reason in ours.diagnosis(1.0)
+    # It becomes no likelier by being told again.
+    for n in range(101, 500):
+        now_s = 0.01 * n
+        state = ours.receive(message(away, sequence=n, stamp_s=5.0 + now_s), now_s)
+        assert not state.ready
+        assert state.joints == pytest.approx(HOME)
+        assert state.link is (RobotLink.LIVE if n <= 108 else RobotLink.LOST)
+        assert ours.command(JointCommand(away), now_s) is None
+    # After a silence it may have come there.
+    state = ours.receive(message(away, sequence=500, stamp_s=10.3), 5.3)
+    assert (state.session, state.ready) == (2, True)
+    sent = ours.command(JointCommand(away), 5.3)
+    assert codec_of(COMMAND_TYPES["position"]).decode(sent)["data"][1] == pytest.approx(away[1])
+
+
+def test_one_state_that_leaps_ends_readiness_for_as_long_as_it_is_there():
+    ours = session(command="velocity")
+    ours.receive(message(stamp_s=5.0), 0.0)
+    ours.command(JointVelocityCommand((0.1,) * 6), 0.0)
+    state = ours.receive(message((0.0,) * 6, sequence=2, stamp_s=5.01), 0.01)
+    assert not state.ready
+    zeros = ours.command(JointVelocityCommand((0.1,) * 6), 0.01)
+    assert codec_of(COMMAND_TYPES["velocity"]).decode(zeros)["data"] == [0.0] * 6
+    state = ours.receive(message(sequence=3, stamp_s=5.02), 0.02)
+    assert (state.session, state.ready) == (2, True)
+
+
+def test_a_simulation_that_was_reset_waits_until_its_arm_can_be_there():
+    ours = session()
+    for n in range(1, 50):
+        ours.receive(message(sequence=n, stamp_s=5.0 + 0.01 * n), 0.01 * n)
+    away = (HOME[0] + 2.0, *HOME[1:])
+    states = []
+    for n in range(50, 100):
+        state = ours.receive(message(away, sequence=n, stamp_s=0.01 * n), 0.01 * n)
+        states.append((state.ready, state.session))
+    assert states == [(False, 1)] * 31 + [(True, 2)] * 19
+
+
+def test_a_continuous_joint_that_is_counted_anew_has_not_leapt():
+    limits = limits_in(BRANCHED, ("two", "one"))
+    ours = Ros2ArmSession(Ros2ArmOptions(robot="", joints=("two", "one")), limits)
+    ours.receive(message((3.13, 0.0), ("two", "one"), stamp_s=5.0), 0.0)
+    state = ours.receive(message((-3.13, 0.0), ("two", "one"), sequence=2, stamp_s=5.01), 0.01)
+    assert state.ready
+    state = ours.receive(message((-3.13, 0.9), ("two", "one"), sequence=3, stamp_s=5.02), 0.02)
+    assert "joint one is measured at 0.9" in state.hold_reason
 
 
 def test_silence_is_told_in_words():

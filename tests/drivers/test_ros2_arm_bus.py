@@ -1,18 +1,24 @@
 """The driver of ROS 2 arms against the simulated one, over Zenoh and over DDS."""
 
+import re
 import time
 
 import pytest
 
 pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
 
+from cardan.bus.dds.node import DdsNode
+from cardan.bus.node import BusNode
+from cardan.bus.options import BusOptions
 from cardan.drivers.ros2_arm import Ros2Arm
+from cardan.drivers.ros2_arm.session import STATE_TYPE
 from cardan.errors import ConfigurationError, DriverError
 from cardan.gateway.session.examples import free_ports
 from cardan.robots import load_arm
 from cardan.sim_peers.ros2_arm import RosArmOptions, RosArmPeer
 from cardan.types import HoldCommand, JointCommand, RobotLink
 from tests.bus.dds.rig import OPTIONS
+from tests.drivers.ros2_rig import joint_states
 
 pytestmark = pytest.mark.matrix
 
@@ -65,6 +71,41 @@ def test_a_controller_of_another_name_is_told(meeting):
             if state.link is RobotLink.LIVE:
                 assert "nobody takes commands on /other/commands" in state.hold_reason
                 break
+
+
+def test_a_second_publisher_of_the_joints_ends_readiness_and_both_are_named(meeting):
+    """The arm's node and a forgotten joint_state_publisher, which has zeros at 10 Hz."""
+    names = load_arm("ur5").joint_names
+    peer = RosArmPeer(RosArmOptions(**meeting))
+    if "port" in meeting:
+        node = BusNode(BusOptions(router=peer.endpoint), "joint_state_publisher")
+    else:
+        node = DdsNode(OPTIONS, "joint_state_publisher")
+    reasons, said_s, ended_s = [], 0.0, 0.0
+    with peer, node, Ros2Arm(**meeting) as robot:
+        publisher = node.publisher("/joint_states", STATE_TYPE)
+        for state in cycles(robot):
+            now_s = time.monotonic()
+            assert state.joints == pytest.approx(HOME, abs=0.05)
+            if state.ready:
+                robot.send(JointCommand(tuple(q + 0.002 for q in state.joints)))
+                if reasons:
+                    break
+                said_s = said_s or now_s
+            elif "publishers of" in state.hold_reason:
+                reasons.append(state.hold_reason)
+                ended_s = ended_s or now_s + 1.5
+            if said_s and not 0.0 < ended_s < now_s and now_s >= said_s:
+                said_s += 0.1
+                publisher.put(joint_states(names, (0.0,) * 6, stamp_s=time.time()), time.time_ns())
+        assert len(reasons) > 100
+        assert robot.session.sessions == 1
+    assert re.match(
+        r"2 publishers of \w+ are heard at once on /joint_states, /simulated_arm \(at -?1\.57\d*\) "
+        r"and /joint_state_publisher \(at 0\): end all but the arm's own",
+        reasons[-1],
+    )
+    assert peer.core.plant.positions == pytest.approx(HOME, abs=0.05)
 
 
 @pytest.mark.real

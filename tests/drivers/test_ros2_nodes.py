@@ -153,6 +153,23 @@ def test_of_two_nodes_the_first_counts_while_it_speaks():
     assert bench.state.link is DeviceLink.LIVE
 
 
+def test_a_second_node_that_takes_over_shows_an_operator_of_its_own():
+    """It may have no device: zeros alone are no operator, nor is what the first one had."""
+    bench = Bench()
+    bench.touch()
+    bench.device.silence()
+    bench.run(0.2)
+    for sequence in range(1, 50):
+        bench.now_s += 0.05
+        bench.core.on_received(received(joy([0.0] * 6), sequence, sender=2), bench.now_s)
+        assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
+    for x in (0.6, 0.0):
+        sequence += 1
+        bench.now_s += 0.05
+        bench.core.on_received(received(joy([x] * 6), sequence, sender=2), bench.now_s)
+    assert bench.state.link is DeviceLink.LIVE
+
+
 @pytest.mark.parametrize(
     ("kind", "options", "words"),
     [

@@ -298,6 +298,31 @@ STATE = ArmState(
 )
 
 
+def test_an_arm_that_began_anew_elsewhere_is_commanded_when_it_can_be_there():
+    """Or two of them are heard, of which the later began last."""
+    session = SimArmSession(SimArmOptions(robot=ROBOT))
+    away = (1.0, *(0.0,) * 5)
+
+    def receive(number, **changes):
+        now_s = 0.002 * number
+        state = STATE._replace(sequence=number, stamp_s=1.0 + now_s, **changes)
+        return session.receive(encode_state(state), now_s)
+
+    assert all(receive(number).ready for number in range(1, 10))
+    state = receive(10, session=6, positions=away)
+    assert (state.session, state.ready, state.joints) == (1, False, (0.0,) * 6)
+    assert state.hold_reason.startswith("joint 1 is measured at 1, 1 from 0 where it was before")
+    assert receive(10).ready, "the one before is heard, too"
+    fastest = session.capabilities.limits.velocity[0]
+    for number in range(11, 500):
+        state = receive(number, session=6, positions=away)
+        if state.ready:
+            break
+    assert 0.002 * (number - 10) == pytest.approx((1.0 - 0.05) / (2.0 * fastest), abs=0.003)
+    assert state.joints == away
+    assert receive(number + 1, session=5) is None
+
+
 def test_late_double_and_earlier_states_change_nothing():
     session = SimArmSession(SimArmOptions(robot=ROBOT))
     assert session.command(HoldCommand(), 0.0) is None

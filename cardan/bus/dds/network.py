@@ -15,7 +15,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
 from cardan.bus.dds.cyclone import (
-    Discovery,
     Participant,
     Reader,
     Sample,
@@ -23,7 +22,7 @@ from cardan.bus.dds.cyclone import (
     Writer,
     type_is_usable,
 )
-from cardan.bus.dds.node import ANNOUNCED_QOS, Announcer, gid_bytes, topic_user_data
+from cardan.bus.dds.node import Announcer, GraphReader, topic_user_data
 from cardan.bus.dds.options import DdsOptions
 from cardan.bus.network import (
     Answered,
@@ -39,15 +38,11 @@ from cardan.errors import DriverError
 from cardan.protocols.ros2.dds import (
     BARE_NODE,
     CYCLONE,
-    DISCOVERY_TOPIC,
-    DISCOVERY_TYPE,
     HEADER_SENDERS,
     REPLY,
     REQUEST,
     TOPIC,
     WAYS_OUT,
-    Announcement,
-    DdsGraph,
     Endpoint,
     ServicePacket,
     dds_topic,
@@ -57,7 +52,7 @@ from cardan.protocols.ros2.dds import (
     user_data,
 )
 from cardan.protocols.ros2.interfaces import InterfaceError, full_name
-from cardan.protocols.ros2.names import RosNameError, checked_name, dds_type
+from cardan.protocols.ros2.names import RosNameError, checked_name
 from cardan.protocols.ros2.type_hash import type_hash
 from cardan.protocols.ros2.zenoh import PARAMETERS_QOS, Qos
 
@@ -311,26 +306,19 @@ class _Hub:
         """Raises ExtraMissingError, ConfigurationError, or DriverError."""
         self.participant = Participant(options)
         self.deaf = deaf
-        self.graph = DdsGraph()
         self.lock = threading.RLock()
         self.changed = threading.Condition(self.lock)
         self.departures: list[Callable[[bytes], None]] = []
         self.announcer = Announcer(self.participant)
-        self._gid_bytes = gid_bytes(options)
         self._ids = itertools.count(1)
         self._inputs: dict[int, _Given] = {}
         self._followers: tuple[_Given, ...] = ()
         self._waiter: Waiter = self.participant.waiter()
-        self._discovery: Discovery = self.participant.discovery()
-        self._announced = self.participant.reader(
-            DISCOVERY_TOPIC,
-            dds_type(DISCOVERY_TYPE),
-            ANNOUNCED_QOS._replace(keep_all=True),
-            topic_user_data(DISCOVERY_TYPE),
-        )
+        self._graph_reader = GraphReader(self.participant)
+        self.graph = self._graph_reader.graph
         self._discovering: set[int] = set()
         """The numbers of what tells of the graph."""
-        for condition in (*self._discovery.conditions, self._announced.condition):
+        for condition in self._graph_reader.conditions:
             number = next(self._ids)
             self._discovering.add(number)
             self._waiter.add(condition, number)
@@ -350,9 +338,8 @@ class _Hub:
         if threading.current_thread() is not self._thread:
             self._thread.join(END_TIMEOUT_S)
         self.announcer.close()
-        self._discovery.close()
         self._waiter.close()
-        self._announced.close()
+        self._graph_reader.close()
         self.participant.close()
 
     # -- for endpoints, from any thread ------------------------------------------------------------
@@ -456,29 +443,19 @@ class _Hub:
 
     def _discover(self) -> bool:
         """Take what DDS has discovered; whether anything."""
-        changes = list(self._discovery.endpoints())
-        announced = self._announced.take()
-        departed = self._discovery.departed()
-        if not (changes or announced or departed):
+        found = self._graph_reader.take()
+        if not any(found):
             return False
         with self.changed:
-            for each in changes:
+            self._graph_reader.learn(found)
+            for each in found.changes:
                 if isinstance(each, Endpoint):
-                    self.graph.add(each)
                     self._warn_of(each)
-                else:
-                    self.graph.remove(each)
-            for sample in announced:
-                told = Announcement.decode(sample.data, self._gid_bytes)
-                if told is not None:
-                    self.graph.announce(told)
-            for guid in departed:
-                self.graph.forget(guid)
             self.changes += 1
             self.changed.notify_all()
         for follower in self._followers:
             follower.adapt()
-        for guid in departed:
+        for guid in found.departed:
             for tell in tuple(self.departures):
                 tell(guid)
         return True

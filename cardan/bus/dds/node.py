@@ -8,18 +8,22 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
+from typing import NamedTuple
 
-from cardan.bus.dds.cyclone import Participant, Reader, Waiter, Writer
+from cardan.bus.dds.cyclone import Participant, Reader, Sample, Waiter, Writer
 from cardan.bus.dds.options import DdsOptions
 from cardan.bus.node import Received
 from cardan.errors import DriverError
 from cardan.protocols.ros2.dds import (
+    BARE_NODE,
     DISCOVERY_TOPIC,
     DISCOVERY_TYPE,
     GID_BYTES,
     HUMBLE_GID_BYTES,
     TOPIC,
     Announcement,
+    DdsGraph,
+    Endpoint,
     NodeInfo,
     dds_topic,
     dds_type_of,
@@ -33,6 +37,9 @@ from cardan.protocols.ros2.zenoh import DEFAULT_QOS, Attachment, Qos
 
 WRITERS_KEPT = 64
 """Writers of a topic whose messages are counted."""
+
+HANDLE_BYTES = 8
+"""Of a writer's instance handle, which is its GID in attachments."""
 
 ANNOUNCED_QOS = Qos(transient_local=True, depth=1)
 
@@ -128,6 +135,66 @@ class DdsPublisher:
         self._closed(self._writer)
 
 
+class GraphReader:
+    """Reads who is on DDS, and which nodes are announced, into a graph. Not a thread of its own."""
+
+    def __init__(self, participant: Participant) -> None:
+        """Raises DriverError."""
+        self.graph = DdsGraph()
+        self._gid_bytes = gid_bytes(participant.options)
+        self._discovery = participant.discovery()
+        self._announced = participant.reader(
+            DISCOVERY_TOPIC,
+            dds_type(DISCOVERY_TYPE),
+            ANNOUNCED_QOS._replace(keep_all=True),
+            topic_user_data(DISCOVERY_TYPE),
+        )
+        self.conditions = (*self._discovery.conditions, self._announced.condition)
+        """Of a waiter: there is something to be read."""
+
+    def take(self) -> Discovered:
+        """What is new; the graph has not got it yet."""
+        return Discovered(
+            list(self._discovery.endpoints()), self._announced.take(), self._discovery.departed()
+        )
+
+    def learn(self, found: Discovered) -> None:
+        """Have what is new in the graph."""
+        for each in found.changes:
+            if isinstance(each, Endpoint):
+                self.graph.add(each)
+            else:
+                self.graph.remove(each)
+        for sample in found.announced:
+            told = Announcement.decode(sample.data, self._gid_bytes)
+            if told is not None:
+                self.graph.announce(told)
+        for guid in found.departed:
+            self.graph.forget(guid)
+
+    def writer(self, gid: bytes) -> str:
+        """Full name of the node that has the writer which attachments call `gid`; empty: it is
+        not announced."""
+        endpoint = self.graph.by_handle(int.from_bytes(gid[:HANDLE_BYTES], "little"))
+        name = "" if endpoint is None else self.graph.node_of(endpoint)
+        return "" if name == BARE_NODE else name
+
+    def close(self) -> None:
+        """Look no more."""
+        self._discovery.close()
+        self._announced.close()
+
+
+class Discovered(NamedTuple):
+    """What was new on DDS."""
+
+    changes: list[Endpoint | bytes]
+    """Endpoints; of one that is gone, its GUID."""
+    announced: list[Sample]
+    departed: list[bytes]
+    """GUIDs of participants."""
+
+
 class DdsSubscription:
     """Receives the messages of one topic in a thread that sleeps until one comes."""
 
@@ -177,7 +244,7 @@ class DdsSubscription:
                     self._counts.pop(next(iter(self._counts)))
                 counted = self._counts[sample.writer] = itertools.count(1)
             number = next(counted)
-            gid = sample.writer.to_bytes(8, "little").ljust(GID_BYTES, b"\0")
+            gid = sample.writer.to_bytes(HANDLE_BYTES, "little").ljust(GID_BYTES, b"\0")
             attachment = Attachment(number, sample.source_ns, gid)
             self._kept.append(Received(exact(self._type, sample.data), self._key, attachment))
 
@@ -248,6 +315,10 @@ class DdsNode:
         return DdsSubscription(
             self, checked_name(name), type_name, reader, participant.waiter(), self._close
         )
+
+    def graph_reader(self) -> GraphReader:
+        """Who is on DDS. Raises DriverError."""
+        return GraphReader(self._opened()[0])
 
     def _names(self, name: str, type_name: str) -> tuple[str, str]:
         full = checked_name(name, self.full_name)

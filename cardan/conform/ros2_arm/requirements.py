@@ -232,6 +232,24 @@ def stamps_do_not_leap(seen: RosArmSeen) -> Verdict:
     return _bad(wrong, len(stamped), f"{len(stamped)} states", "no stamps came")
 
 
+@requires(15, f"{JOINT_STATE}: the state of a joint, which is in one place")
+def a_joint_has_one_publisher_at_a_time(seen: RosArmSeen) -> Verdict:
+    """No joint is published by two publishers at the same time."""
+    wrong: list[tuple[int, str]] = []
+    spans: dict[str, list[tuple[State, State]]] = {}
+    for found in seen.publishers().values():
+        names = {name for each in found for name in each.positions}
+        for name in names:
+            having = [each for each in found if name in each.positions]
+            spans.setdefault(name, []).append((having[0], having[-1]))
+    for name, there in sorted(spans.items()):
+        there.sort(key=lambda span: span[0].number)
+        for (_, last), (first, _) in pairwise(there):
+            if first.number < last.number:
+                wrong.append((first.number, f"{name} has two"))
+    return _bad(wrong, len(spans), f"{len(spans)} joints")
+
+
 _NOT_HELD = "it was not held"
 
 

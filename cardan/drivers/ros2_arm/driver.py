@@ -5,7 +5,7 @@ from __future__ import annotations
 from cardan.drivers.datagram_robot import DatagramRobot
 from cardan.drivers.node_options import SIMULATED_LISTEN
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
-from cardan.drivers.ros2_arm.session import Ros2ArmSession
+from cardan.drivers.ros2_arm.session import LIVING_S, Ros2ArmSession
 from cardan.drivers.ros2_arm.transport import DESCRIPTION_TIMEOUT_S, TRANSPORTS, Ros2Transport
 from cardan.drivers.simulated import OWN
 from cardan.errors import ConfigurationError, DriverError
@@ -53,7 +53,9 @@ class Ros2Arm(DatagramRobot[Ros2ArmSession]):
         except BaseException:
             transport.close()
             raise
-        self._session.taken = transport.taken
+        session = self._session
+        session.taken, session.named = transport.taken, transport.publisher
+        session.listens_until_s = transport.now() + LIVING_S
         return transport
 
     def _described(self, transport: Ros2Transport) -> JointLimits:

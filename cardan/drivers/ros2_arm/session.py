@@ -1,8 +1,9 @@
 """A ROS 2 arm without I/O: joint states to states of the robot, commands to messages.
 
 Joint states are ordered by the number that their publisher gives each message, and by nothing else:
-stamps may be of any clock. A publisher that is new (its node was started anew), or whose stamps go
-back, begins a new session.
+stamps may be of any clock. One publisher of the arm's joints counts. While another one is heard as
+well nothing is commanded: one of them is not the arm. It counts when the one before has fallen
+silent (its node was started anew), and begins a new session, as stamps do that go back.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from cardan.protocols.ros2.cdr import Malformed, Message, Template, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.names import dds_type
 from cardan.types import (
+    NEVER_S,
     CommandKind,
     JointCommand,
     JointLimits,
@@ -56,8 +58,16 @@ the arm stands until the next."""
 STOP_TOLERANCE = 0.05
 """rad or m: a joint that rests on its stop may be measured beyond it."""
 
-SENDERS_KEPT = 64
-"""Publishers of joint states that are told apart."""
+LIVING_S = 1.0
+"""A publisher that was heard within this time is there: the slowest usual one, a
+joint_state_publisher, sends at 10 Hz."""
+
+NO_GAP_S = 0.5 * LIVING_S
+"""Between messages of a publisher that is heard all the time. After a longer gap it may be this
+computer that stood still, and the messages of the one that counts come next."""
+
+RIVALS_KEPT = 64
+"""Other publishers of the arm's joints that are told apart."""
 
 NS = 1_000_000_000
 
@@ -88,13 +98,23 @@ class JointStates(NamedTuple):
 
 
 class _Sender:
-    """A publisher of joint states."""
+    """The publisher of joint states that counts."""
 
-    __slots__ = ("number", "sequence", "stamp_ns")
+    __slots__ = ("gid", "heard_s", "sequence", "stamp_ns")
 
-    def __init__(self, number: int) -> None:
-        self.number = number
+    def __init__(self, gid: bytes, now_s: float) -> None:
+        self.gid, self.heard_s = gid, now_s
         self.sequence = self.stamp_ns = -1
+
+
+class _Rival(NamedTuple):
+    """Another publisher of the arm's joints."""
+
+    since_s: float
+    """It alone was heard from then on, without a gap."""
+    heard_s: float
+    positions: dict[str, float]
+    """Of its last message, as it names them."""
 
 
 class Ros2ArmSession(DatagramSession[JointStates]):
@@ -129,6 +149,10 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         )
         self.taken: Callable[[], bool] = lambda: True
         """Whether somebody takes the commands."""
+        self.named: Callable[[bytes], str] = lambda gid: ""
+        """The node whose publisher has this GID; empty where that is not known."""
+        self.listens_until_s = NEVER_S
+        """Until then a second publisher may not have been heard yet: nothing is commanded."""
         self.others = 0
         """Messages of other joints than the arm's."""
         self._codec = codec_of(STATE_TYPE)
@@ -136,7 +160,10 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         self._ours = frozenset(self.names)
         self._order: tuple[tuple[str, ...], tuple[int, ...]] = ((), ())
         """The names of the message before, and where each of ours is among them."""
-        self._senders: dict[bytes, _Sender] = {}
+        self._sender: _Sender | None = None
+        self._rivals: dict[bytes, _Rival] = {}
+        self._numbered = 0
+        """Sessions of the publishers so far."""
         self._bridged_s = max(BRIDGED_S, BRIDGED_PERIODS * options.period_s)
         self._limiter = None if self._limits is None else _limiter(self._limits, self._bridged_s)
         self._lost = LostTime(n)
@@ -152,7 +179,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
 
     # -- states ---------------------------------------------------------------------------------
 
-    def _decode(self, data: Received) -> JointStates | str | None:
+    def _decode(self, data: Received, now_s: float) -> JointStates | str | None:
         if data.key.split("/")[-2:-1] != [self._dds_type]:
             return f"messages of another type than {STATE_TYPE}"
         attachment = data.attachment
@@ -162,10 +189,15 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         if isinstance(message, Malformed):
             return message.reason
         names = tuple(message["name"])
-        if names != self._order[0]:
-            if not self._ours.intersection(names):
-                self.others += 1
-                return None
+        known = names == self._order[0]
+        if not (known or self._ours.intersection(names)):
+            self.others += 1
+            return None
+        sender = self._heard(attachment.gid, message, now_s)
+        if sender is None:
+            self.ignored["joint states of another publisher than the one that counts"] += 1
+            return None
+        if not known:
             missing = self._ours.difference(names)
             if missing:
                 return f"joint states without {', '.join(sorted(missing))}"
@@ -177,7 +209,6 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             return values
         stamp = message["header"]["stamp"]
         stamp_ns = stamp["sec"] * NS + stamp["nanosec"]
-        sender = self._sender(attachment.gid)
         if attachment.sequence > sender.sequence:
             if 0 < stamp_ns == sender.stamp_ns:
                 self.ignored[
@@ -185,10 +216,10 @@ class Ros2ArmSession(DatagramSession[JointStates]):
                 ] += 1
                 return None
             if sender.stamp_ns > stamp_ns > 0:
-                sender.number = self._next_session()
+                self._numbered += 1
             sender.sequence, sender.stamp_ns = attachment.sequence, stamp_ns
         sequence = attachment.sequence & 0xFFFFFFFF
-        return JointStates(sender.number, sequence, stamp_ns, *values)
+        return JointStates(self._numbered, sequence, stamp_ns, *values)
 
     def _values(
         self, message: Message, count: int
@@ -209,16 +240,55 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             found.append(values)
         return found[0], found[1], found[2]
 
-    def _sender(self, gid: bytes) -> _Sender:
-        sender = self._senders.get(gid)
-        if sender is None:
-            if len(self._senders) >= SENDERS_KEPT:
-                self._senders.pop(next(iter(self._senders)))
-            sender = self._senders[gid] = _Sender(self._next_session())
+    def _heard(self, gid: bytes, message: Message, now_s: float) -> _Sender | None:
+        """The publisher `gid` of one of our joints is heard; None: it is not the one that counts.
+
+        Another one does when that one is silent, and it was heard meanwhile for as long as a link
+        may be silent.
+        """
+        sender, rivals = self._sender, self._rivals
+        if sender is not None and sender.gid == gid:
+            sender.heard_s = now_s
+            return sender
+        if sender is not None:
+            rival = rivals.get(gid)
+            since_s = now_s
+            if rival is not None and now_s - rival.heard_s <= NO_GAP_S:
+                since_s = rival.since_s if rival.since_s > sender.heard_s else now_s
+            if now_s - sender.heard_s < LIVING_S or now_s - since_s < self._lost_after_s:
+                if rival is None and len(rivals) >= RIVALS_KEPT:
+                    rivals.pop(next(iter(rivals)))
+                # Where there are fewer positions than names, some are not told.
+                told = dict(zip(message["name"], message["position"], strict=False))
+                rivals[gid] = _Rival(since_s, now_s, told)
+                return None
+            rivals.pop(gid, None)
+        self._sender = sender = _Sender(gid, now_s)
+        self._numbered += 1
         return sender
 
-    def _next_session(self) -> int:
-        return 1 + max((each.number for each in self._senders.values()), default=0)
+    def _rivalry(self, message: JointStates, now_s: float) -> str:
+        """Who publishes our joints beside the publisher that counts, in words; empty: nobody."""
+        there = {gid: each for gid, each in self._rivals.items() if now_s - each.heard_s < LIVING_S}
+        if not there or self._sender is None:
+            return ""
+        ours = dict(zip(self.names, message.positions, strict=True))
+        name, least = self.names[0], -1.0
+        for each in there.values():
+            for joint, at in ours.items():
+                apart = abs(at - each.positions.get(joint, at))
+                if joint in each.positions and apart > least:
+                    name, least = joint, apart
+        found = {self._sender.gid: ours} | {gid: each.positions for gid, each in there.items()}
+        said = " and ".join(
+            f"{self.named(gid) or f'publisher {gid.hex()}'} "
+            + (f"(at {positions[name]:.4g})" if name in positions else "(without a position)")
+            for gid, positions in found.items()
+        )
+        return (
+            f"{len(found)} publishers of {name} are heard at once on {self.options.states_topic}, "
+            f"{said}: end all but the arm's own, or give them another topic"
+        )
 
     def _begin(self, message: JointStates) -> None:
         if self._limiter is not None:
@@ -255,7 +325,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
             joints=message.positions,
             external_axes=(),
             pose=None,
-            hold_reason=self._hold_reason(message),
+            hold_reason=self._hold_reason(message, now_s),
             clock_s=self._time_s(message),
             velocities=message.velocities,
             torques=message.efforts,
@@ -272,7 +342,12 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         missed = (message.sequence - before.sequence) & 0xFFFFFFFF
         return min(missed * self.options.period_s, self._lost_after_s)
 
-    def _hold_reason(self, message: JointStates) -> str:
+    def _joint_name(self, index: int) -> str:
+        return f"joint {self.names[index]}"
+
+    def _hold_reason(self, message: JointStates, now_s: float) -> str:
+        if rivalry := self._rivalry(message, now_s):
+            return rivalry
         if self._limits is None:
             return "the limits of the joints are not known"
         if not self.taken():
@@ -289,6 +364,11 @@ class Ros2ArmSession(DatagramSession[JointStates]):
                     f"joint {name} is at {value:.4g}, beyond its range of {low:.4g} to {high:.4g}: "
                     "is this the robot's model?"
                 )
+        if now_s < self.listens_until_s:
+            return (
+                f"listening for {LIVING_S:g} s whether anybody else publishes the arm's joints on "
+                f"{self.options.states_topic}"
+            )
         return ""
 
     # -- commands -------------------------------------------------------------------------------

@@ -8,13 +8,13 @@ from collections.abc import Callable, Sequence
 from typing import Protocol
 
 from cardan.bus.dds.node import DdsNode
-from cardan.bus.node import BusNode, Received
+from cardan.bus.node import BusNode, Received, gid_of
 from cardan.drivers.datagram_robot import Transport
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
 from cardan.drivers.ros2_arm.session import COMMAND_TYPES, STATE_TYPE
 from cardan.protocols.ros2.cdr import Malformed, codec_of
-from cardan.protocols.ros2.zenoh import LATCHED_QOS, SUBSCRIPTION
+from cardan.protocols.ros2.zenoh import LATCHED_QOS, PUBLISHER, SUBSCRIPTION
 
 DESCRIPTION_TYPE = "std_msgs/msg/String"
 
@@ -33,6 +33,9 @@ class Ros2Transport(Transport, Protocol):
 
     def taken(self) -> bool:
         """Whether somebody takes the commands."""
+
+    def publisher(self, gid: bytes) -> str:
+        """The node whose publisher of joint states has this GID; empty where that is not known."""
 
     def description(self) -> str:
         """The robot's URDF; empty where none comes within DESCRIPTION_TIMEOUT_S."""
@@ -57,6 +60,10 @@ class NodeTransport(ABC):
     @abstractmethod
     def _found(self) -> bool:
         """Whether somebody is there who takes the commands."""
+
+    @abstractmethod
+    def publisher(self, gid: bytes) -> str:
+        """The node whose publisher of joint states has this GID; empty where that is not known."""
 
     def now(self) -> float:
         """The time of the stamps."""
@@ -115,9 +122,16 @@ class ZenohTransport(NodeTransport):
         node = BusNode(options.bus, options.name)
         super().__init__(options, node)
         self._takers = node.presence(SUBSCRIPTION, options.topic)
+        self._publishers = node.presence(PUBLISHER, options.states_topic)
 
     def _found(self) -> bool:
         return bool(self._takers.others())
+
+    def publisher(self, gid: bytes) -> str:
+        """By its liveliness token."""
+        domain = self._options.bus.domain
+        found = (e.full_node for e in self._publishers.others() if gid_of(e, domain) == gid)
+        return next(found, "")
 
 
 class DdsTransport(NodeTransport):
@@ -125,10 +139,27 @@ class DdsTransport(NodeTransport):
 
     def __init__(self, options: Ros2ArmOptions) -> None:
         """Raises DriverError, ConfigurationError or ExtraMissingError."""
-        super().__init__(options, DdsNode(options.dds, options.name))
+        node = DdsNode(options.dds, options.name)
+        super().__init__(options, node)
+        try:
+            self._graph = node.graph_reader()
+        except BaseException:
+            node.close()
+            raise
 
     def _found(self) -> bool:
+        # Read all the time, as what is not would be kept.
+        self._graph.learn(self._graph.take())
         return self._commands.heard
+
+    def publisher(self, gid: bytes) -> str:
+        """By its announcement."""
+        return self._graph.writer(gid)
+
+    def close(self) -> None:
+        """Leave DDS."""
+        self._graph.close()
+        super().close()
 
 
 TRANSPORTS: dict[str, Callable[[Ros2ArmOptions], Ros2Transport]] = {

@@ -144,9 +144,12 @@ class JoyCore(BusCore):
 
     def on_opened(self, now_s: float) -> None:
         """The node was found (again)."""
-        self._touched, self._first = False, None
+        self._on_other_sender()
         self._forget_sender(now_s)
         self._begin(f"not seen at rest yet: {self._touch}", now_s)
+
+    def _on_other_sender(self) -> None:
+        self._touched, self._first = False, None
 
     def _on_message(self, message: Message, now_s: float) -> None:
         given, buttons = message["axes"], message["buttons"]

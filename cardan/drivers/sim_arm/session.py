@@ -81,7 +81,7 @@ class SimArmSession(DatagramSession[ArmState]):
 
     # -- states ---------------------------------------------------------------------------------
 
-    def _decode(self, data: bytes) -> ArmState | str:
+    def _decode(self, data: bytes, now_s: float) -> ArmState | str:
         state = decode_state(data)
         if isinstance(state, Malformed):
             return state.reason

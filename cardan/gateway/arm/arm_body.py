@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from cardan.arm_libraries import np
+from cardan.drivers.robot_core import leap
 from cardan.gateway.arm.body import (
     APPROACH_SPEED_M_S,
     APPROACH_SPEED_RAD_S,
@@ -63,12 +64,6 @@ be wrong; with joint commands, workspace, obstacles and figures would be."""
 
 TCP_TOLERANCE_RAD = 0.02
 
-LEAP_SHARE = 2.0
-"""Share of each joint's speed limit above which a measured joint is rejected as implausible."""
-
-LEAP_NOISE_RAD = 0.05
-"""Tolerance added to that (m for a prismatic joint): readings may come late or early."""
-
 AT_LIMIT_RAD = 0.02
 """Distance to the end of a joint's range (rad, or m) within which it is said to end a motion."""
 
@@ -100,6 +95,7 @@ class ArmBody(Body):
         self._sent_as = sent_as or servo.kinematics
         self._highest = servo.kinematics.velocity
         self._fastest: list[float] = self._highest.tolist()
+        self._continuous: list[bool] = servo.kinematics.continuous.tolist()
         self._still = np.zeros(servo.joints)
         self._sent: FloatArray | None = None
         self._relaxed = getattr(servo.kinematics, "relaxed", None)
@@ -214,20 +210,12 @@ class ArmBody(Body):
         return self.servo.pose_at(state.joints)
 
     def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:
-        share = LEAP_SHARE * time_s
-        for now, then, fastest in zip(state.joints, before.joints, self._fastest, strict=False):
-            if not abs(now - then) <= LEAP_NOISE_RAD + share * fastest:
-                break
-        else:
+        found = leap(state.joints, before.joints, self._fastest, self._continuous, time_s)
+        if found is None:
             return ""
-        most = LEAP_NOISE_RAD + share * self._highest
-        away = np.abs(self._short(np.array(state.joints) - np.array(before.joints)))
-        excess = away - most
-        worst = int(excess.argmax())
-        if excess[worst] <= 0.0:
-            return ""
+        worst, away = found
         return (
-            f"the measured {self.servo.kinematics.names[worst]} leapt by {away[worst]:.2f} rad in "
+            f"the measured {self.servo.kinematics.names[worst]} leapt by {away:.2f} rad in "
             f"{time_s * 1e3:.0f} ms"
         )
 

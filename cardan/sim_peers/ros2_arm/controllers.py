@@ -21,6 +21,7 @@ from cardan.sim_peers.ros2_arm.options import (
     FAULTS as FAULTS,
     JAM_AT_S,
     RESTART_S,
+    SECOND_HZ,
     SILENCE_EVERY_S,
     RosArmOptions,
 )
@@ -40,6 +41,8 @@ TOPICS: Mapping[str, tuple[str, str]] = {
 CATCH_UP_S = 0.5
 """Longest time of cycles left out that is made up for."""
 FINGER, FINGER_AT = "finger_joint", 0.01
+GRIPPER_SENDER, SECOND_SENDER = 0, 255
+"""Publishers beside the arm's own."""
 NS = 1_000_000_000
 
 
@@ -78,7 +81,9 @@ class RosArm:
         self._names = [joint.name for joint in self.arm.joints]
         self._codec = codec_of(TOPICS[options.controller][1])
         self._states = codec_of(JOINT_STATE)
-        self._cycles = self._sequence = self._gripper_sequence = 0
+        self._cycles = self._sequence = self._gripper_sequence = self._second_sequence = 0
+        self._second_s = math.inf
+        """When the second publisher is due; infinite while there is none."""
         self._start_s: float | None = None
         self._random = random.Random(options.seed)
         self._stale: bytes | None = None
@@ -103,6 +108,7 @@ class RosArm:
                 "wrong-names": self._rename,
                 "missing": self._drop_joint,
                 "inactive": self.unload,
+                "second-publisher": self.second,
             },
             *others,
         )
@@ -135,6 +141,10 @@ class RosArm:
         self._points = []
         self.loaded = False
         self.plant.hold()
+
+    def second(self) -> None:
+        """Another node begins to publish the arm's joints, as zeros."""
+        self._second_s = 0.0
 
     def _step_clock(self) -> None:
         self._clock_step_s = self.options.faults["clock-step"]
@@ -243,6 +253,21 @@ class RosArm:
         self.plant.advance(time_s)
         for _, act in self._acts.due(time_s):
             act()
+        return [*self._own(time_s), *self._of_second(time_s)]
+
+    def _of_second(self, time_s: float) -> list[StateMessage]:
+        if time_s < self._second_s:
+            return []
+        self._second_s = time_s + 1.0 / SECOND_HZ
+        self._second_sequence += 1
+        message = default_message(JOINT_STATE) | {
+            "header": self._header(time_s),
+            "name": self._names,
+            "position": [0.0] * len(self._names),
+        }
+        return [StateMessage(SECOND_SENDER, self._second_sequence, self._states.encode(message))]
+
+    def _own(self, time_s: float) -> list[StateMessage]:
         if not self.up:
             if time_s < self._up_again_s:
                 return []
@@ -252,15 +277,26 @@ class RosArm:
             return []
         self._sequence += 1
         if self._stale is None or not self._stale_on:
-            self._stale = self._states.encode(self._message(self._start_s + time_s))
+            self._stale = self._states.encode(self._message(time_s))
         found = [StateMessage(self.sender, self._sequence, self._stale)]
         if "gripper" in self.options.faults:
             self._gripper_sequence += 1
             gripper = default_message(JOINT_STATE) | {"name": [FINGER], "position": [FINGER_AT]}
-            found.append(StateMessage(0, self._gripper_sequence, self._states.encode(gripper)))
+            found.append(
+                StateMessage(GRIPPER_SENDER, self._gripper_sequence, self._states.encode(gripper))
+            )
         return found
 
-    def _message(self, stamp_s: float) -> Message:
+    def _header(self, time_s: float) -> Message:
+        """Stamped by the clock of the arm's computer."""
+        header: Message = default_message(JOINT_STATE)["header"]
+        if "no-stamps" not in self.options.faults:
+            stamp_s = (self._start_s or 0.0) + time_s + self._clock_step_s
+            stamp_ns = max(round(stamp_s * NS), 1)
+            header["stamp"] = {"sec": stamp_ns // NS, "nanosec": stamp_ns % NS}
+        return header
+
+    def _message(self, time_s: float) -> Message:
         faults, chance = self.options.faults, self._random.random
         values = {
             name: list(row)
@@ -282,9 +318,7 @@ class RosArm:
             values[FINGER] = [FINGER_AT, 0.0, 0.0]
         names = sorted(values)
         message = default_message(JOINT_STATE)
-        if "no-stamps" not in faults:
-            stamp_ns = max(round((stamp_s + self._clock_step_s) * NS), 1)
-            message["header"]["stamp"] = {"sec": stamp_ns // NS, "nanosec": stamp_ns % NS}
+        message["header"] = self._header(time_s)
         message["name"] = [f"other_{name}" for name in names] if self._renamed else names
         for index, key in enumerate(("position", "velocity", "effort")):
             message[key] = [values[name][index] for name in names]

@@ -31,6 +31,11 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.at("missing", "joint states lack the last joint from"),
     FaultSwitch.flag("extra", "joint states have a finger's joint, too"),
     FaultSwitch.flag("gripper", "another node publishes a gripper's joint on the same topic"),
+    FaultSwitch.at(
+        "second-publisher",
+        "another publisher has the arm's joints, too, as zeros at 10 Hz, as a forgotten "
+        "joint_state_publisher does, from",
+    ),
     FaultSwitch("clock-step", "the stamps jump by this at 5 s, s", -3600.0, -1e9, 1e9),
     FaultSwitch.flag("no-stamps", "stamps are zero"),
     FaultSwitch.at("inactive", "the controller is unloaded"),
@@ -43,6 +48,8 @@ NEVER_ON_DDS = frozenset({"duplicate", "reorder"})
 SILENCE_EVERY_S = 5.0
 CLOCK_STEP_AT_S = 5.0
 JAM_AT_S = 2.0
+SECOND_HZ = 10.0
+"""Default of joint_state_publisher's parameter `rate`."""
 RESTART_S = 1.0
 """A real restart takes longer; to the other side only the silence counts."""
 

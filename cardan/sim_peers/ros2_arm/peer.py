@@ -11,7 +11,14 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.zenoh import LATCHED_QOS
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.link import FaultyLink
-from cardan.sim_peers.ros2_arm.controllers import JOINT_STATE, TOPICS, RosArm, StateMessage
+from cardan.sim_peers.ros2_arm.controllers import (
+    GRIPPER_SENDER,
+    JOINT_STATE,
+    SECOND_SENDER,
+    TOPICS,
+    RosArm,
+    StateMessage,
+)
 from cardan.sim_peers.ros2_arm.options import RosArmOptions
 
 log = logging.getLogger(__name__)
@@ -72,7 +79,9 @@ class RosArmPeer(SimulatedPeer):
             self._commands = node.waiting_subscription(topic, type_name, COMMANDS_KEPT)
         self._publishers = {self.core.sender: node.publisher(STATES_TOPIC, JOINT_STATE)}
         if "gripper" in self.options.faults:
-            self._publishers[0] = node.publisher(STATES_TOPIC, JOINT_STATE)
+            self._publishers[GRIPPER_SENDER] = node.publisher(STATES_TOPIC, JOINT_STATE)
+        if "second-publisher" in self.options.faults:
+            self._publishers[SECOND_SENDER] = node.publisher(STATES_TOPIC, JOINT_STATE)
         self._description = node.publisher(DESCRIPTION_TOPIC, DESCRIPTION_TYPE, LATCHED_QOS)
         urdf = codec_of(DESCRIPTION_TYPE).encode({"data": self.core.arm.urdf})
         self._description.put(urdf, time.time_ns())

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
+from cardan.drivers.robot_core import LEAP_NOISE_RAD, LEAP_SHARE
 from cardan.gateway.arm.arm_body import (
     APPROACH_SHARE,
     JOINT_TCP_TOLERANCE_M,
-    LEAP_NOISE_RAD,
-    LEAP_SHARE,
     POSE_TCP_TOLERANCE_M,
     ArmBody,
 )

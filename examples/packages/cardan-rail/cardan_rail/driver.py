@@ -84,7 +84,7 @@ class RailSession(DatagramSession[RailState]):
         self._answered: int | None = None
         """The sequence number of the state that was answered last."""
 
-    def _decode(self, data: bytes) -> RailState | str:
+    def _decode(self, data: bytes, now_s: float) -> RailState | str:
         return decode_state(data)
 
     def _begin(self, message: RailState) -> None:
