@@ -359,8 +359,12 @@ class FinestDaqp:
     """daqp as the servo in Python calls it, but with tolerances of rounding: its own default takes
     for satisfied what is violated by 1e-6."""
 
-    @staticmethod
-    def solve(*programme):
+    last = ()
+    """The programme that was solved last."""
+
+    @classmethod
+    def solve(cls, *programme):
+        cls.last = tuple(part.copy() for part in programme)
         return daqp.solve(*programme, primal_tol=1e-12, dual_tol=1e-14, iter_limit=10000)
 
 
@@ -456,16 +460,10 @@ def rows_agree(python, compiled, q):
 def tick_is_no_worse(python, compiled):
     """Whether the compiled servo's velocities cost no more by the programme of the other."""
     n = python.joints
-    rows = python._active
-    end = n + 1 + rows
-    programme = Programme(
-        python._normal,
-        python._linear,
-        python._lowest[: n + 1],
-        python._highest[: n + 1],
-        python._rows[:rows],
-        python._lowest[n + 1 : end],
-    )
+    normal, linear, rows, highest, lowest, _ = FinestDaqp.last
+    unknowns = len(linear)
+    low, high = lowest[:unknowns], highest[:unknowns]
+    programme = Programme(normal, linear, low, high, rows, lowest[unknowns:])
     speed = programme.by_kernel()[0]
     speed[:n] = compiled.v
     theirs = programme.by_daqp()[0]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from operator import truediv
 
 from cardan.gateway.kinematics.base import FloatArray, Kinematics
 
@@ -12,7 +13,8 @@ class JointBounds:
 
     Speed, acceleration and position limits hold together by construction: from any velocity that
     these bounds allow, the joint can stop at its limit with its acceleration (v·dt + v²/2a = d,
-    as in :func:`cardan.braking.stopping_speed`). A joint that is outside its range anyway may
+    as in :func:`cardan.braking.stopping_speed`), and no sooner than the joint that takes longest to
+    stop: all can slow down alike, on the line. A joint that is outside its range anyway may
     only move inwards. Plain floats: for six joints numpy would cost twice as much.
     """
 
@@ -38,6 +40,7 @@ class JointBounds:
         True when the end of a joint's range bounds it more than speed and acceleration do.
         """
         sqrt, ending = math.sqrt, False
+        longest_s = max(map(truediv, map(abs, v), self.acceleration))
         for index, (lower, upper, fastest, acceleration) in enumerate(self._joints):
             position, speed = q[index], v[index]
             gain = acceleration * dt_s
@@ -45,11 +48,15 @@ class JointBounds:
             top = fastest if fastest < sped else sped
             bottom = -fastest if -fastest > slowed else slowed
             room = upper - position
+            if top * longest_s > 2.0 * room:
+                top, ending = (2.0 * room / longest_s if room > 0 else 0.0), True
             if room * acceleration < fastest * (fastest + gain):
                 stop = sqrt(gain * gain + 2.0 * acceleration * room) - gain if room > 0 else 0.0
                 if top > stop:
                     top, ending = stop, True
             room = position - lower
+            if bottom * longest_s < -2.0 * room:
+                bottom, ending = (-2.0 * room / longest_s if room > 0 else 0.0), True
             if room * acceleration < fastest * (fastest + gain):
                 stop = gain - sqrt(gain * gain + 2.0 * acceleration * room) if room > 0 else 0.0
                 if bottom < stop:

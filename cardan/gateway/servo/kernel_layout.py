@@ -5,8 +5,8 @@ from __future__ import annotations
 import ctypes
 from ctypes import c_double, c_int32
 
-MAX_JOINTS, MAX_ROWS = 8, 16
-UNKNOWNS, CONSTRAINTS = MAX_JOINTS + 1, MAX_JOINTS + 1 + MAX_ROWS
+MAX_JOINTS, MAX_PARTS, MAX_ROWS = 8, 3, 16
+UNKNOWNS, CONSTRAINTS = MAX_JOINTS + MAX_PARTS, MAX_JOINTS + MAX_PARTS + MAX_ROWS
 
 _JOINTS = c_double * MAX_JOINTS
 _THREE, _FOUR, _SIX, _NINE = c_double * 3, c_double * 4, c_double * 6, c_double * 9

@@ -8,9 +8,10 @@ Unknowns are the joint velocities v and the path speed s. Each tick solves
 
 in TCP axes. The loop closes on the commanded joint positions, never on the measured ones: gravity
 sag and servo error cannot creep into the path (Łukawski, Victores and Balaguer 2023, section 4).
-With s an arm that cannot keep up slows along its path instead of leaving it. Damping by the
-smallest singular value follows Nakamura and Hanafusa 1986 (doi:10.1115/1.3143764), dampers between
-bodies Faverjon and Tournassoud 1987 (doi:10.1109/ROBOT.1987.1087982).
+With s an arm that cannot keep up slows along its path instead of leaving it; where it slides, each
+part of the twist has an s of its own. Damping by the smallest singular value follows Nakamura and
+Hanafusa 1986 (doi:10.1115/1.3143764), dampers between bodies Faverjon and Tournassoud 1987
+(doi:10.1109/ROBOT.1987.1087982).
 """
 
 from __future__ import annotations
@@ -37,6 +38,9 @@ UNBOUNDED = 1e30
 SOFT = 8
 """daqp's mark of a constraint that may be violated rather than leave no solution."""
 
+MAX_PARTS = 3
+"""Parts of a twist that slides, each with a path speed of its own."""
+
 MAX_ROWS = 16
 """Closing pairs in one programme, the most urgent first: more cannot act on seven joints."""
 
@@ -57,6 +61,19 @@ TIGHT_M_S = 1e-4
 LONGEST_SERVO_STEP_S = 0.005
 """A longer tick is taken in steps: near a singularity the servo is only as good as its linear
 model. At 20 ms a GP8 whose elbow is stretched would oscillate by 30 mm for ever."""
+
+OFF_LINE_M, OFF_LINE_RAD = 0.005, math.radians(2.0)
+"""Error towards which Policy.PATH gives up its pace rather than more of its line."""
+
+LEAST_STIFFNESS = 1e-3
+"""Share of the price of slowing that stays there, so that an error that nothing keeps from being
+removed does not stop an arm."""
+
+SWEEPS = 10
+"""Projections onto each pair in the way, at most; what narrow corners leave is slowed."""
+
+AT_END = 1e-3
+"""Distance to an end of a joint's range, rad or m, within which it is not counted on."""
 
 FREE_DIRECTION = 1e-9
 """Regularises projections onto what an arm can do; far below any real direction."""
@@ -140,8 +157,8 @@ class Servo:
         self._rows_of_joints = self._rows[:, :n]
         self._highest = np.full(n + 1 + MAX_ROWS, UNBOUNDED)
         self._lowest = np.zeros(n + 1 + MAX_ROWS)
-        self._sense = np.zeros(n + 1 + MAX_ROWS, dtype=np.int32)
-        self._sense[n + 1 :] = SOFT
+        self._sense = np.zeros(n + MAX_PARTS + MAX_ROWS, dtype=np.int32)
+        self._sense[n + MAX_PARTS :] = SOFT
         self._sigma = math.inf
         self._lambda = 0.0
         self._error_m = self._error_rad = 0.0
@@ -155,7 +172,7 @@ class Servo:
             0.5 * options.angular_deceleration_rad_s2 / gain**2, options.angular_speed_rad_s / gain
         )
         self._active = 0
-        self._ending = False
+        self._ending = self._held = False
         self._nearest_m = math.inf
         self._failures = 0
         self._iterations = 0
@@ -183,6 +200,7 @@ class Servo:
         self.kinematics.update(self.q)
         self.path_speed = 1.0
         self._error_m = self._error_rad = 0.0
+        self._held = False
         self._active = 0
         if self.collision is not None:
             self.collision.update()
@@ -235,7 +253,9 @@ class Servo:
         `twist` is linear, angular; base axes, at the TCP. `joint_rate` (n) is what the
         operator asks of single joints beside it; it adds to the twist (Baklouti et al. 2021,
         equation 7). With `slide` an obstacle or the end of a joint's range takes away only the part
-        of the twist that points into it; without, the line is held and the motion ends there.
+        of the twist that points into it: of the translation what an obstacle does not leave, and
+        translation and rotation each by its own path speed. Under Policy.PATH nothing else is added
+        to what is asked. Without, the line is held and the motion ends there.
 
         Returns the path speed s: the goal is to be moved by `self.twist` · dt_s, which is s times
         what was asked for, less what the arm cannot do at all.
@@ -272,6 +292,10 @@ class Servo:
             scaled = jacobian * self._scales[:, None]
             self._singular.compute(scaled.T.dot(scaled))
         sigma2 = float(self._singular.eigenvalues()[self._smallest])
+        if self._held:
+            sigma2 = self._smallest_of_free(
+                self._joint_block if self._equal_weights else scaled.T.dot(scaled)
+            )
         np.dot(self._weights * feedback, task, out=linear)
         np.negative(linear, out=linear)
         self._sigma = sigma = math.sqrt(sigma2) if sigma2 > 0.0 else 0.0
@@ -283,22 +307,27 @@ class Servo:
         self._diagonal += damping
         if self._smallest and (self.posture is not None or joint_rate is not None):
             self._add_posture(joint_rate, pace)
-        self._price_slowing(pace)
+        stiffness = self._stiffness()
+        self._price_slowing(pace, stiffness)
         rows = self._rows_near(dt_s)
         v = self._solve(dt_s, rows)
-        if slide and ((self._ending and v[n] < SLOWED * pace) or self._blocked(v[:n], rows)):
-            if v[n] < pace:
-                self._lowest[n] = self._highest[n]
-                v = self._solve(dt_s, rows)
-            # What obstacle or range leaves of the twist: the goal must not run away from the arm.
-            left = jacobian.dot(v[:n])
-            left -= feedback
+        s = min(1.0, float(v[n]) / pace) if pace > AT_REST else 1.0
+        tight = self._tight(v[:n], rows) if slide else ()
+        if self.policy is Policy.REACH and tight:
+            # The goal must not run away from the arm.
+            left = jacobian.dot(v[:n]) - feedback
             asked = float(wanted.dot(wanted))
             s = min(1.0, max(0.0, float(left.dot(wanted)) / asked)) if asked else 1.0
             wanted[:] = left
+        elif slide and ((self._ending and s < SLOWED) or tight):
+            parts = self._parts(tight)
+            if len(parts) > 1:
+                v, s = self._slide(parts, stiffness, rows)
+            else:
+                wanted *= s
         else:
-            s = min(1.0, float(v[n]) / pace) if pace > AT_REST else 1.0
             wanted *= s
+        self._held = self._ending and s < SLOWED
         self.path_speed = s
         np.dot(self._own_axes, rotation.T, out=self.twist)
         self._step(v[:n], dt_s)
@@ -324,9 +353,10 @@ class Servo:
         if pace > AT_REST:
             normal[:n, n] = normal[n, :n] = rate / -pace
             linear[n] = float(rate.dot(feedback)) / pace
-        self._price_slowing(pace)
+        self._price_slowing(pace, options.path_stiffness)
         v = self._solve(dt_s, self._rows_near(dt_s))
         self.path_speed = s = min(1.0, float(v[n]) / pace) if pace > AT_REST else 1.0
+        self._held = self._ending and s < SLOWED
         self._error_m = self._error_rad = 0.0
         self._step(v[:n], dt_s)
         return s
@@ -341,6 +371,7 @@ class Servo:
         self._highest[n], self._lowest[n] = 0.0, 0.0
         v = self._solve(dt_s, self._rows_near(dt_s))
         self.path_speed = 0.0
+        self._held = False
         self.twist[:] = 0.0
         self._step(v[:n], dt_s)
 
@@ -353,7 +384,7 @@ class Servo:
             self.path_speed,
             self._sigma,
             math.sqrt(self._lambda),
-            tuple(self.kinematics.names[i] for i in limiting) if self.moving else (),
+            tuple(self.kinematics.names[i] for i in limiting) if self.moving or self._held else (),
             distance,
             pair,
             self._active,
@@ -364,9 +395,24 @@ class Servo:
             self._iterations,
         )
 
-    def _price_slowing(self, pace: float) -> None:
+    def _smallest_of_free(self, matrix: FloatArray) -> float:
+        """The smallest eigenvalue of the task's `matrix` of the joints that are not at an end of
+        their range: an arm that these make singular is not to swing about its line."""
+        bounds, matrix = self.kinematics, matrix.copy()
+        ended = np.flatnonzero(np.minimum(bounds.upper - self.q, self.q - bounds.lower) < AT_END)
+        matrix[ended], matrix[:, ended] = 0.0, 0.0
+        smallest = max(self._smallest, len(ended))
+        return float(np.linalg.eigvalsh(matrix)[smallest]) if smallest < self.joints else 0.0
+
+    def _stiffness(self) -> float:
+        """Price of slowing along the path: the less, the nearer the TCP is to leaving its line."""
+        off = max(self._error_m / OFF_LINE_M, self._error_rad / OFF_LINE_RAD)
+        left = max(0.0, 1.0 - off)
+        return self.options.path_stiffness * max(left * left, LEAST_STIFFNESS)
+
+    def _price_slowing(self, pace: float, stiffness: float) -> None:
         """Bounds and price of the speed along the path: a share of the pace, alike at any pace."""
-        n, stiffness = self.joints, self.options.path_stiffness
+        n = self.joints
         if pace <= AT_REST:
             self._normal[n, n] = 1.0
             self._highest[n] = self._lowest[n] = 0.0
@@ -478,36 +524,97 @@ class Servo:
         self._joint_block += (weight * free).dot(free.T)
         self._linear[: self.joints] -= weight * free.dot(free.T.dot(pull))
 
-    def _blocked(self, v: FloatArray, rows: int) -> bool:
-        """True when a pair of bodies closes as fast as it may."""
+    def _tight(self, v: FloatArray, rows: int) -> list[int]:
+        """The rows of pairs of bodies that close as fast as they may."""
         if not rows:
-            return False
+            return []
         closing = self._rows_of_joints[:rows].dot(v)
         closing -= self._lowest[self.joints + 1 : self.joints + 1 + rows]
-        return bool(closing.min() < TIGHT_M_S)
+        found: list[int] = np.flatnonzero(closing < TIGHT_M_S).tolist()
+        return found
+
+    def _parts(self, tight: Sequence[int]) -> list[FloatArray]:
+        """What is asked in parts of which one may be given up without the others: translation along
+        what is in the way, translation into it, rotation; without those that are none."""
+        weights, along, turning = self._weights, self._wanted.copy(), self._wanted.copy()
+        along[3:] = turning[:3] = 0.0
+        into = along.copy()
+        if tight:
+            # How the distance of each pair grows with the translation of the TCP.
+            lever = np.linalg.solve(self._joint_block, self._rows_of_joints[tight].T)
+            normals = (self._task_of_joints[:3].dot(lever) * self._column_weights[:3]).T
+            sizes = np.einsum("ij,ij->i", normals, normals).tolist()
+            for _ in range(SWEEPS):
+                for normal, size in zip(normals, sizes, strict=True):
+                    closing = float(normal.dot(along[:3]))
+                    if closing < 0.0 and size > FREE_DIRECTION:
+                        along[:3] -= closing / size * normal
+        into -= along
+        return [
+            part
+            for part in (along, into, turning)
+            if float(np.linalg.norm(part * weights)) > AT_REST
+        ]
+
+    def _slide(
+        self, parts: list[FloatArray], stiffness: float, rows: int
+    ) -> tuple[FloatArray, float]:
+        """The programme's solution with a path speed for each of `parts`, of which what is left is
+        put in place of what is asked; and the share that is left."""
+        n, weights = self.joints, self._weights
+        unknowns, end = n + len(parts), n + 1 + rows
+        weighed = np.array(parts) * weights
+        paces = np.linalg.norm(weighed, axis=1)
+        task = np.hstack((self._task_of_joints, (weighed / -paces[:, None]).T))
+        normal = task.T.dot(task)
+        normal[:n, :n] = self._joint_block
+        normal[range(n, unknowns), range(n, unknowns)] += self._lambda + stiffness
+        linear = np.concatenate((self._linear[:n], -(weights * self._feedback).dot(task[:, n:])))
+        linear[n:] -= stiffness * paces
+        none = np.zeros(len(parts))
+        x = self._programme(
+            normal,
+            linear,
+            np.hstack((self._rows_of_joints[:rows], np.zeros((rows, len(parts))))),
+            np.concatenate((self._highest[:n], paces, self._highest[n + 1 : end])),
+            np.concatenate((self._lowest[:n], none, self._lowest[n + 1 : end])),
+        )
+        self._wanted[:] = (x[n:] / paces).dot(parts)
+        return x, min(1.0, float(x[n:].dot(paces) / paces.dot(paces)))
 
     def _solve(self, dt_s: float, rows: int) -> FloatArray:
         """The programme's solution, v and s; a braking ramp where there is none."""
-        n = self.joints
         highest, lowest = self._highest, self._lowest
         self._ending = self.bounds.fill(self.q.tolist(), self.v.tolist(), dt_s, lowest, highest)
-        end = n + 1 + rows
-        x: FloatArray
-        x, _, flag, told = daqp.solve(
+        end = self.joints + 1 + rows
+        return self._programme(
             self._normal,
             self._linear,
             self._rows[:rows],
             highest[:end],
             lowest[:end],
-            self._sense[:end],
         )
+
+    def _programme(
+        self,
+        normal: FloatArray,
+        linear: FloatArray,
+        rows: FloatArray,
+        highest: FloatArray,
+        lowest: FloatArray,
+    ) -> FloatArray:
+        unknowns = len(linear)
+        first = self.joints + MAX_PARTS - unknowns
+        sense = self._sense[first : first + len(highest)]
+        x: FloatArray
+        x, _, flag, told = daqp.solve(normal, linear, rows, highest, lowest, sense)
         self._iterations = max(self._iterations, told["iterations"])
         if flag < 1 or not math.isfinite(x.dot(x)):
             self._failures += 1
-            x = np.zeros(n + 1)
+            x = np.zeros(unknowns)
         # The solver's tolerance must not push a joint past its limit.
-        np.minimum(x, highest[: n + 1], out=x)
-        np.maximum(x, lowest[: n + 1], out=x)
+        np.minimum(x, highest[:unknowns], out=x)
+        np.maximum(x, lowest[:unknowns], out=x)
         return x
 
     def _step(self, v: FloatArray, dt_s: float) -> None:

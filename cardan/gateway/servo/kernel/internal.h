@@ -36,7 +36,8 @@ struct Kernel {
     size_t shape_count, pair_count;
     double farthest[MAX_JOINTS]; /* of all pairs' sweeps */
     double nearest_m;
-    int ending;
+    int ending, held; /* a joint's range bounds it; and is what slows the motion */
+    double task[MAX_UNKNOWNS][6], back[6]; /* columns of the task, and the feedback, weighed */
     KernelShape *shapes;
     KernelPair *pairs;
     Body *bodies, *ahead; /* shapes where they are, and where a step would take them */

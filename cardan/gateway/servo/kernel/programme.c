@@ -4,8 +4,8 @@
 #include <stdbool.h>
 #include <string.h>
 
-/* Violation that counts as none, relative to the size of the solution; ten thousand times the
- * rounding of a product of nine. */
+/* Violation that counts as none, relative to the size of the solution; some thousand times the
+ * rounding of a product of eleven. */
 #define PRIMAL_TOLERANCE 1e-12
 
 #define ROUNDING 1e-15

@@ -12,7 +12,8 @@
 
 #include "chain.h"
 
-#define MAX_UNKNOWNS (MAX_JOINTS + 1)
+#define MAX_PARTS 3 /* of a twist, each with a speed of its own */
+#define MAX_UNKNOWNS (MAX_JOINTS + MAX_PARTS)
 #define MAX_ROWS 16
 #define MAX_CONSTRAINTS (MAX_UNKNOWNS + MAX_ROWS)
 

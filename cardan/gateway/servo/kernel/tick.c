@@ -11,6 +11,11 @@
 #define POSTURE_FULL_AT_M_S 0.02
 #define SLOWED 0.9
 #define TIGHT_M_S 1e-4
+#define OFF_LINE_M 0.005
+#define OFF_LINE_RAD (2.0 * 3.14159265358979323846 / 180.0)
+#define LEAST_STIFFNESS 1e-3
+#define SWEEPS 10
+#define AT_END 1e-3
 #define FREE_DIRECTION 1e-9
 #define LIMITING 1e-9
 
@@ -161,7 +166,8 @@ static void add_rows(Kernel *kernel, double dt_s)
     for (int r = 0; r < count; r++) {
         size_t pair = (size_t)kernel->near[r];
         gradient(kernel, pair, programme->row[r]);
-        programme->row[r][kernel->n] = 0.0;
+        for (int i = kernel->n; i < kernel->n + MAX_PARTS; i++)
+            programme->row[r][i] = 0.0;
         programme->row_name[r] = (int)pair;
         programme->least[r] = -stopping_speed(
             kernel->separations[pair].distance_m - kernel->pairs[pair].safety_m, deceleration,
@@ -173,17 +179,31 @@ static void add_rows(Kernel *kernel, double dt_s)
 /* ----------------------------------------------------------------------------------------------
  * The programme */
 
+/* How long the joint that needs longest takes to stop. */
+static double stopping_time(const Kernel *kernel)
+{
+    double longest_s = 0.0;
+    for (int i = 0; i < kernel->n; i++)
+        longest_s = fmax(longest_s, fabs(kernel->state.v[i]) / kernel->acceleration[i]);
+    return longest_s;
+}
+
 /* JointBounds.fill */
 static void fill_bounds(Kernel *kernel, double dt_s)
 {
     Programme *programme = &kernel->programme;
     kernel->ending = false;
+    double longest_s = stopping_time(kernel);
     for (int i = 0; i < kernel->n; i++) {
         double position = kernel->state.q[i], speed = kernel->state.v[i];
         double fastest = kernel->velocity[i], acceleration = kernel->acceleration[i];
         double gain = acceleration * dt_s, slowed = speed - gain, sped = speed + gain;
         double top = fmin(fastest, sped), bottom = fmax(-fastest, slowed);
         double room = kernel->upper[i] - position;
+        if (top * longest_s > 2.0 * room) {
+            top = fmax(0.0, 2.0 * room / longest_s);
+            kernel->ending = true;
+        }
         if (room * acceleration < fastest * (fastest + gain)) {
             double stop = stopping_speed(room, acceleration, dt_s);
             if (top > stop) {
@@ -192,6 +212,10 @@ static void fill_bounds(Kernel *kernel, double dt_s)
             }
         }
         room = position - kernel->lower[i];
+        if (bottom * longest_s < -2.0 * room) {
+            bottom = fmin(0.0, -2.0 * room / longest_s);
+            kernel->ending = true;
+        }
         if (room * acceleration < fastest * (fastest + gain)) {
             double stop = -stopping_speed(room, acceleration, dt_s);
             if (bottom < stop) {
@@ -206,25 +230,38 @@ static void fill_bounds(Kernel *kernel, double dt_s)
 }
 
 /* The programme's solution in its x; a braking ramp where there is none. */
-static void solve(Kernel *kernel, double dt_s)
+static void solve_programme(Kernel *kernel)
 {
     Programme *programme = &kernel->programme;
     KernelState *state = &kernel->state;
-    int n = kernel->n;
-    programme->unknowns = n + 1;
-    fill_bounds(kernel, dt_s);
     int failed = programme_solve(programme);
     state->iterations += programme->iterations;
-    if (failed || !all_finite(programme->x, n + 1)) {
+    if (failed || !all_finite(programme->x, programme->unknowns)) {
         state->failures++;
         state->problem = KERNEL_NO_SOLUTION;
-        for (int i = 0; i <= n; i++)
+        for (int i = 0; i < programme->unknowns; i++)
             programme->x[i] = fmin(fmax(0.0, programme->lowest[i]), programme->highest[i]);
     }
 }
 
+static void solve(Kernel *kernel, double dt_s)
+{
+    kernel->programme.unknowns = kernel->n + 1;
+    fill_bounds(kernel, dt_s);
+    solve_programme(kernel);
+}
+
+/* Price of slowing along the path: the less, the nearer the TCP is to leaving its line. */
+static double path_stiffness(const Kernel *kernel)
+{
+    const KernelState *state = &kernel->state;
+    double off = fmax(state->error_m / OFF_LINE_M, state->error_rad / OFF_LINE_RAD);
+    double left = fmax(0.0, 1.0 - off);
+    return kernel->options.path_stiffness * fmax(left * left, LEAST_STIFFNESS);
+}
+
 /* Bounds and price of the speed along the path: a share of the pace, alike at any pace. */
-static void price_slowing(Kernel *kernel, double pace)
+static void price_slowing(Kernel *kernel, double pace, double stiffness)
 {
     Programme *programme = &kernel->programme;
     int n = kernel->n;
@@ -233,8 +270,8 @@ static void price_slowing(Kernel *kernel, double pace)
         programme->highest[n] = programme->lowest[n] = 0.0;
         return;
     }
-    programme->hessian[n][n] += kernel->options.path_stiffness;
-    programme->linear[n] -= kernel->options.path_stiffness * pace;
+    programme->hessian[n][n] += stiffness;
+    programme->linear[n] -= stiffness * pace;
     programme->highest[n] = pace;
     programme->lowest[n] = kernel->state.reach ? pace : 0.0;
 }
@@ -355,6 +392,24 @@ static void add_posture(Kernel *kernel, double vectors[MAX_JOINTS][MAX_JOINTS],
     }
 }
 
+/* The smallest eigenvalue of the task, which `matrix` becomes, of the joints that are not at an end
+ * of their range. */
+static double smallest_of_free(const Kernel *kernel, double matrix[MAX_JOINTS][MAX_JOINTS])
+{
+    const KernelState *state = &kernel->state;
+    double values[MAX_JOINTS];
+    int n = kernel->n, ended = 0;
+    for (int i = 0; i < n; i++) {
+        if (!(fmin(kernel->upper[i] - state->q[i], state->q[i] - kernel->lower[i]) < AT_END))
+            continue;
+        ended++;
+        for (int j = 0; j < n; j++)
+            matrix[i][j] = matrix[j][i] = 0.0;
+    }
+    int smallest = kernel->smallest > ended ? kernel->smallest : ended;
+    return smallest < n && eigen_symmetric(n, matrix, values, NULL) ? values[smallest] : 0.0;
+}
+
 /* Smallest singular value of the task, the damping it asks for, and the directions it leaves. */
 static void damp(Kernel *kernel, const double *joint_rate, double pace)
 {
@@ -374,6 +429,8 @@ static void damp(Kernel *kernel, const double *joint_rate, double pace)
     }
     bool found = eigen_symmetric(n, matrix, values, pulled ? vectors : NULL);
     double square = found ? values[kernel->smallest] : 0.0;
+    if (kernel->held)
+        square = smallest_of_free(kernel, matrix);
     double sigma = state->smallest_singular_value = square > 0.0 ? sqrt(square) : 0.0;
     double damping = options->damping_floor;
     if (sigma < options->singular_below) {
@@ -387,40 +444,132 @@ static void damp(Kernel *kernel, const double *joint_rate, double pace)
         add_posture(kernel, vectors, joint_rate, pace);
 }
 
-/* H and f of the task; the pace that is asked. */
-static double set_task(Kernel *kernel, const double wanted[6], const double feedback[6])
+/* Row `index` of H and f, of its column of the task. */
+static void set_row(Kernel *kernel, int index)
 {
     Programme *programme = &kernel->programme;
-    int n = kernel->n;
-    double task[MAX_UNKNOWNS][6], back[6], weighed[6];
-    for (int row = 0; row < 6; row++) {
-        weighed[row] = wanted[row] * kernel->weights[row];
-        back[row] = feedback[row] * kernel->weights[row];
-    }
-    /* The path's unknown is its speed itself and not the share s, so that the programme is as well
-     * conditioned at 1 um/s as at 1 m/s. */
-    double pace = sqrt(product(6, weighed, weighed)), share = pace > AT_REST ? -1.0 / pace : 0.0;
-    for (int row = 0; row < 6; row++) {
-        for (int i = 0; i < n; i++)
-            task[i][row] = kernel->jacobian[row][i] * kernel->weights[row];
-        task[n][row] = weighed[row] * share;
-    }
-    for (int i = 0; i <= n; i++) {
-        for (int j = 0; j <= i; j++)
-            programme->hessian[i][j] = product(6, task[i], task[j]);
-        programme->linear[i] = -product(6, task[i], back);
-    }
+    for (int j = 0; j <= index; j++)
+        programme->hessian[index][j] = product(6, kernel->task[index], kernel->task[j]);
+    programme->linear[index] = -product(6, kernel->task[index], kernel->back);
+}
+
+static double weighed_size(const Kernel *kernel, const double twist[6])
+{
+    double square = 0.0;
+    for (int row = 0; row < 6; row++)
+        square += (twist[row] * kernel->weights[row]) * (twist[row] * kernel->weights[row]);
+    return sqrt(square);
+}
+
+/* Unknown `index` is the speed along `twist`; its pace. It is the speed itself and not the share s,
+ * so that the programme is as well conditioned at 1 um/s as at 1 m/s. */
+static double set_path(Kernel *kernel, int index, const double twist[6])
+{
+    double pace = weighed_size(kernel, twist), share = pace > AT_REST ? -1.0 / pace : 0.0;
+    for (int row = 0; row < 6; row++)
+        kernel->task[index][row] = twist[row] * kernel->weights[row] * share;
+    set_row(kernel, index);
     return pace;
 }
 
-/* Whether a pair of bodies closes as fast as it may. */
-static bool blocked(const Kernel *kernel)
+/* H and f of the task; the pace that is asked. */
+static double set_task(Kernel *kernel, const double wanted[6], const double feedback[6])
+{
+    int n = kernel->n;
+    for (int row = 0; row < 6; row++) {
+        kernel->back[row] = feedback[row] * kernel->weights[row];
+        for (int i = 0; i < n; i++)
+            kernel->task[i][row] = kernel->jacobian[row][i] * kernel->weights[row];
+    }
+    for (int i = 0; i < n; i++)
+        set_row(kernel, i);
+    return set_path(kernel, n, wanted);
+}
+
+/* ----------------------------------------------------------------------------------------------
+ * Sliding */
+
+/* The rows of pairs of bodies that close as fast as they may, and how many they are. */
+static int find_tight(const Kernel *kernel, int tight[MAX_ROWS])
 {
     const Programme *programme = &kernel->programme;
+    int count = 0;
     for (int r = 0; r < programme->rows; r++)
         if (product(kernel->n, programme->row[r], programme->x) - programme->least[r] < TIGHT_M_S)
-            return true;
-    return false;
+            tight[count++] = r;
+    return count;
+}
+
+/* What is left of the translation `along` by the pairs of bodies that are tight. */
+static void leave_along(const Kernel *kernel, const int *tight, int count, double along[3])
+{
+    int n = kernel->n;
+    double matrix[MAX_JOINTS][MAX_JOINTS], normal[MAX_ROWS][3];
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j <= i; j++)
+            matrix[i][j] = kernel->programme.hessian[i][j];
+    for (int t = 0; t < count; t++) {
+        /* How the pair's distance grows with the translation of the TCP. */
+        double lever[MAX_JOINTS];
+        memcpy(lever, kernel->programme.row[tight[t]], (size_t)n * sizeof *lever);
+        cholesky_solve(n, matrix, lever, t > 0);
+        for (int row = 0; row < 3; row++)
+            normal[t][row] = kernel->weights[row] * kernel->weights[row] *
+                             product(n, kernel->jacobian[row], lever);
+    }
+    for (int sweep = 0; sweep < SWEEPS; sweep++)
+        for (int t = 0; t < count; t++) {
+            double closing_speed = dot3(normal[t], along), size = dot3(normal[t], normal[t]);
+            if (closing_speed < 0.0 && size > FREE_DIRECTION)
+                along3(along, -closing_speed / size, normal[t], along);
+        }
+}
+
+/* What is asked in parts of which one may be given up without the others: translation along what is
+ * in the way, translation into it, rotation; without those that are none. How many they are. */
+static int find_parts(const Kernel *kernel, const double wanted[6], const int *tight, int count,
+                      double parts[MAX_PARTS][6])
+{
+    memset(parts, 0, MAX_PARTS * sizeof *parts);
+    copy3(wanted, parts[0]);
+    copy3(wanted + 3, parts[2] + 3);
+    if (count)
+        leave_along(kernel, tight, count, parts[0]);
+    subtract3(wanted, parts[0], parts[1]);
+    int found = 0;
+    for (int part = 0; part < MAX_PARTS; part++) {
+        if (!(weighed_size(kernel, parts[part]) > AT_REST))
+            continue;
+        if (found < part)
+            memcpy(parts[found], parts[part], sizeof *parts);
+        found++;
+    }
+    return found;
+}
+
+/* The programme's solution with a path speed for each of `parts`, of which what is left is put in
+ * place of what is asked; the share that is left. */
+static double slide(Kernel *kernel, double parts[MAX_PARTS][6], int count, double stiffness,
+                    double wanted[6])
+{
+    Programme *programme = &kernel->programme;
+    int n = kernel->n;
+    double pace[MAX_PARTS], damping = kernel->state.damping * kernel->state.damping;
+    for (int part = 0; part < count; part++) {
+        int index = n + part;
+        pace[part] = set_path(kernel, index, parts[part]);
+        programme->hessian[index][index] += damping + stiffness;
+        programme->linear[index] -= stiffness * pace[part];
+        programme->lowest[index] = 0.0;
+        programme->highest[index] = pace[part];
+    }
+    programme->unknowns = n + count;
+    solve_programme(kernel);
+    memset(wanted, 0, 6 * sizeof *wanted);
+    for (int part = 0; part < count; part++)
+        for (int row = 0; row < 6; row++)
+            wanted[row] += programme->x[n + part] / pace[part] * parts[part][row];
+    return fmin(1.0, product(count, programme->x + n, pace) / product(count, pace, pace));
 }
 
 /* ----------------------------------------------------------------------------------------------
@@ -522,6 +671,7 @@ static void brake(Kernel *kernel, double dt_s)
     add_rows(kernel, dt_s);
     solve(kernel, dt_s);
     state->path_speed = 0.0;
+    kernel->held = false;
     memset(state->twist, 0, sizeof state->twist);
     step_on(kernel, dt_s);
 }
@@ -586,30 +736,31 @@ double kernel_tick(Kernel *kernel, double dt_s, int32_t flags)
 
     double pace = set_task(kernel, wanted, feedback);
     damp(kernel, joint_rate, pace);
-    price_slowing(kernel, pace);
+    double stiffness = path_stiffness(kernel);
+    price_slowing(kernel, pace, stiffness);
     add_rows(kernel, dt_s);
     solve(kernel, dt_s);
-    bool slides = flags & KERNEL_SLIDE &&
-                  ((kernel->ending && programme->x[n] < SLOWED * pace) || blocked(kernel));
-    double share = 1.0;
-    if (slides) {
-        if (programme->x[n] < pace) {
-            programme->lowest[n] = programme->highest[n];
-            solve(kernel, dt_s);
-        }
-        /* What obstacle or range leaves of the twist: the goal must not run away from the arm. */
+    double share = pace > AT_REST ? fmin(1.0, programme->x[n] / pace) : 1.0;
+    int tight[MAX_ROWS], blocked = flags & KERNEL_SLIDE ? find_tight(kernel, tight) : 0;
+    double parts[MAX_PARTS][6];
+    int count = 1;
+    if (flags & KERNEL_SLIDE && !(state->reach && blocked) &&
+        ((kernel->ending && share < SLOWED) || blocked))
+        count = find_parts(kernel, wanted, tight, blocked, parts);
+    if (state->reach && blocked) {
+        /* The goal must not run away from the arm. */
         double asked = product(6, wanted, wanted), left[6];
         for (int row = 0; row < 6; row++)
             left[row] = product(n, kernel->jacobian[row], programme->x) - feedback[row];
-        if (asked > 0.0)
-            share = fmin(1.0, fmax(0.0, product(6, left, wanted) / asked));
+        share = asked > 0.0 ? fmin(1.0, fmax(0.0, product(6, left, wanted) / asked)) : 1.0;
         memcpy(wanted, left, sizeof wanted);
+    } else if (count > 1) {
+        share = slide(kernel, parts, count, stiffness, wanted);
     } else {
-        if (pace > AT_REST)
-            share = fmin(1.0, programme->x[n] / pace);
         for (int row = 0; row < 6; row++)
             wanted[row] *= share;
     }
+    kernel->held = kernel->ending && share < SLOWED;
     state->path_speed = share;
     turn_both(tcp->rotation, wanted, state->twist);
     step_on(kernel, dt_s);
@@ -640,11 +791,12 @@ double kernel_tick_joints(Kernel *kernel, double dt_s)
     }
     programme->hessian[n][n] = 1.0;
     programme->linear[n] = pace > AT_REST ? along / pace : 0.0;
-    price_slowing(kernel, pace);
+    price_slowing(kernel, pace, kernel->options.path_stiffness);
     add_rows(kernel, dt_s);
     solve(kernel, dt_s);
     double share = pace > AT_REST ? fmin(1.0, programme->x[n] / pace) : 1.0;
     state->path_speed = share;
+    kernel->held = kernel->ending && share < SLOWED;
     state->error_m = state->error_rad = 0.0;
     step_on(kernel, dt_s);
     return share;
@@ -672,6 +824,7 @@ int32_t kernel_place(Kernel *kernel, const double *q)
     state->path_speed = 1.0;
     state->error_m = state->error_rad = 0.0;
     state->active = 0;
+    kernel->held = false;
     programme_forget(&kernel->programme);
     update(kernel);
     kernel_separate(kernel);
@@ -719,7 +872,7 @@ void kernel_status(Kernel *kernel)
     KernelState *state = &kernel->state;
     const Programme *programme = &kernel->programme;
     state->limiting = 0;
-    if (!state->moving)
+    if (!state->moving && !kernel->held)
         return;
     for (int i = 0; i < kernel->n; i++)
         if (state->v[i] >= programme->highest[i] - LIMITING ||
