@@ -543,7 +543,7 @@ class Servo:
             # How the distance of each pair grows with the translation of the TCP.
             lever = np.linalg.solve(self._joint_block, self._rows_of_joints[tight].T)
             normals = (self._task_of_joints[:3].dot(lever) * self._column_weights[:3]).T
-            sizes = np.einsum("ij,ij->i", normals, normals).tolist()
+            sizes = (normals * normals).sum(axis=1).tolist()
             for _ in range(SWEEPS):
                 for normal, size in zip(normals, sizes, strict=True):
                     closing = float(normal.dot(along[:3]))
