@@ -35,8 +35,9 @@ KEPT_S = 30.0
 
 STANDS_M_S = 0.001
 RESTS_S = 0.25
-"""An arm that stands for so long rests: a session that a busy computer has kept from its work for
-longer than COMM_TIMEOUT_S begins anew from where the arm is."""
+HEARD = 10
+"""An arm that stands for RESTS_S in which so many commands reach its controller rests: one also
+stands while a busy computer keeps the session from its work."""
 
 SESSION = """
 [robot]
@@ -82,18 +83,22 @@ class TcpWatch(threading.Thread):
         self._lock = threading.Lock()
         self._times: list[float] = []
         self._points: list[npt.NDArray[np.float64]] = []
+        self._commands: list[int] = []
+        """How many had reached the controller."""
         self._ended = threading.Event()
 
     def run(self) -> None:
         while not self._ended.wait(SAMPLE_S):
             joints = np.array(self._peer.core.joints_rad)
             point = self._kinematics.forward(joints).translation.copy()
+            commands = self._peer.core.counters.accepted
             with self._lock:
                 self._times.append(time.monotonic())
                 self._points.append(point)
+                self._commands.append(commands)
                 if self._times[0] < self._times[-1] - KEPT_S:
                     half = len(self._times) // 2
-                    del self._times[:half], self._points[:half]
+                    del self._times[:half], self._points[:half], self._commands[:half]
 
     def end(self) -> None:
         """Sample no more."""
@@ -125,23 +130,32 @@ class TcpWatch(threading.Thread):
 
     def stop_since(self, at_s: float) -> Stop:
         """What it did from then until now."""
-        times, points = self.since(at_s - WINDOW_S)
+        with self._lock:
+            began = int(np.searchsorted(self._times, at_s - WINDOW_S))
+            times, points = self._times[began:], self._points[began:]
+            commands = self._commands[began:]
         at = int(np.searchsorted(times, at_s))
         had = float(np.linalg.norm(points[at] - points[0])) / (times[at] - times[0])
         rests = points[-1]
         away = [float(np.linalg.norm(each - rests)) for each in points[at:]]
         moved = [when for when, far in zip(times[at:], away, strict=True) if far > STILL_M]
-        return Stop(had, moved[-1] - at_s if moved else 0.0, away[0], _again(times, away, at))
+        return Stop(
+            had,
+            moved[-1] - at_s if moved else 0.0,
+            away[0],
+            _again(times[at:], away, commands[at:]),
+        )
 
 
-def _again(times: list[float], away: list[float], at: int) -> float:
+def _again(times: list[float], away: list[float], commands: list[int]) -> float:
     """How far from its last place the arm was when it first rested."""
-    first = at
-    for last in range(at, len(times)):
-        while times[first] < times[last] - RESTS_S:
+    first = 0
+    for last, when in enumerate(times):
+        while times[first] < when - RESTS_S:
             first += 1
-        if first > at and abs(away[last - at] - away[first - at]) < STANDS_M_S * RESTS_S:
-            return away[last - at]
+        stands = abs(away[last] - away[first]) < STANDS_M_S * RESTS_S
+        if first and stands and commands[last] - commands[first] >= HEARD:
+            return away[last]
     return away[-1]
 
 
