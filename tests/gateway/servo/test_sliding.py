@@ -18,6 +18,17 @@ DT_S = 0.005
 OFF_M, OFF_RAD = 0.005, math.radians(2.0)
 """Most of what was not asked for."""
 
+FEW = ("ur5", "pr2_left_arm", 0, 1)
+"""Arms and seeds of make test."""
+
+
+def few_now(values):
+    """`values`, of which only FEW run in make test."""
+    return [
+        each if each in FEW else pytest.param(each, marks=pytest.mark.matrix) for each in values
+    ]
+
+
 KINDS = pytest.mark.parametrize("kind", [Servo, CompiledServo], ids=["python", "compiled"])
 
 
@@ -135,7 +146,7 @@ def test_translation_goes_on_where_only_the_turn_is_at_its_end(kind):
     assert made.kinematics.upper[5] - made.q[5] < 0.02
 
 
-@pytest.mark.parametrize("name", arm_names())
+@pytest.mark.parametrize("name", few_now(arm_names()))
 @pytest.mark.parametrize(
     ("speed_m_s", "speed_rad_s"), [(0.03, 0.1), (0.1, 0.5)], ids=["slow", "fast"]
 )
@@ -154,7 +165,7 @@ def test_every_twist_into_every_end_of_a_range_stays_on_its_line(name, speed_m_s
     assert made.status().failures == 0
 
 
-@pytest.mark.parametrize("name", arm_names())
+@pytest.mark.parametrize("name", few_now(arm_names()))
 def test_the_servo_in_python_stays_on_the_line_into_every_end(name):
     made = servo(Servo, name)
     turns = made.kinematics.arm.task.weights[3:] == (1.0, 1.0, 1.0)
@@ -168,7 +179,7 @@ def test_the_servo_in_python_stays_on_the_line_into_every_end(name):
 
 
 @pytest.mark.parametrize("around", ["nothing", "itself", "obstacles"])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", few_now(range(8)))
 def test_from_any_posture_nothing_is_added_to_what_is_asked(seed, around):
     """A translation slides along what it meets and does not turn; a turn stays where it is."""
     generator = np.random.default_rng(seed)
