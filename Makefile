@@ -35,7 +35,7 @@ unexport PYTHONDONTWRITEBYTECODE
 help:
 	@echo "make demo    run a demo against simulated peers, DEMO_ROBOT=$(DEMO_ROBOT) ($(DEMO_SECONDS) s)"
 	@echo "make test    the tests of every change: what computes, and one of each mechanism that is real"
-	@echo "make test-matrix  all the others, and all demos, part by part: MATRIX=\"tests browser docs demos pythons kernel lerobot\""
+	@echo "make test-matrix  all the others, and all demos, part by part: MATRIX=\"tests studies browser docs demos pythons kernel lerobot\""
 	@echo "make page    the console's page, where the one that is there is not of these sources"
 	@echo "make lock    the versions that make installs, in locks/ (NEWEST=1: the newest of everything)"
 	@echo "make test-kernel  the drivers against the real Linux kernel, in a virtual machine"
@@ -72,7 +72,7 @@ help:
 	@echo "make clean   remove the environment and caches"
 
 # Versions and hashes are those of locks/; NEWEST=1 installs the newest instead, in a new environment.
-$(VENV)/.cardan: pyproject.toml hatch_build.py tools/environment tools/install tools/native \
+$(VENV)/.cardan: pyproject.toml studies/pyproject.toml hatch_build.py tools/environment tools/install tools/native \
 		locks/make.txt locks/uv.txt locks/arm.txt $(C_SOURCES)
 	tools/native & native=$$!; tools/environment "$(PYTHON)" "$(VENV)" && \
 		{ ! wait $$native || export CARDAN_NATIVE=compiled; } && \
@@ -111,7 +111,7 @@ demo: $(if $(filter --list,$(DEMO_ROBOT)),$(VENV)/.cardan,$(DEMO_READY))
 demo: $(if $(filter console,$(DEMO_ROBOT)),page)
 	$(BIN)/cardan demo $(DEMO_ROBOT) --seconds $(DEMO_SECONDS)
 
-# Where a test runs is said by its mark: tests/conftest.py.
+# Where a test runs is said by its mark: conftest.py.
 test: $(VENV)/.cardan-dev page
 ifeq ($(strip $(PYTEST)),)
 	TEST_WORKERS=$(TEST_WORKERS) tools/test $(BIN)/python
@@ -172,7 +172,7 @@ docs-pictures: $(VENV)/.cardan-dev page
 # On a computer that has nothing else to do.
 docs-evaluation: $(VENV)/.cardan-dev
 	$(BIN)/cardan evaluate $(EVALUATE) --output build/evaluation
-	$(BIN)/python -m tests.docs_evaluation build/evaluation
+	$(BIN)/python -m studies.tests.docs_evaluation build/evaluation
 
 demo-picture: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.demo_picture

@@ -22,9 +22,9 @@ from pathlib import Path
 from typing import Any
 
 from bench.egm_latency import ANSWER_WITHIN_S, PERIOD_S, SESSIONS
-from cardan.evaluation.cartesian.controller import START, datagram, obeyed
 from cardan.gateway.session.demo import launched
 from cardan.gateway.session.examples import free_ports
+from studies.cartesian.controller import START, datagram, obeyed
 
 SECONDS = 12.0
 SAMPLES_KEPT = 100_000

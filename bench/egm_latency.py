@@ -20,8 +20,8 @@ from collections.abc import Iterator
 from bench import native
 from bench.figures import Aim, Figures
 from bench.responders import C_ECHO, KINDS
-from cardan.evaluation.cartesian.controller import START, datagram, obeyed, session
 from cardan.gateway.session.examples import free_ports
+from studies.cartesian.controller import START, datagram, obeyed, session
 
 CYCLES = 5000
 WARM_UP_TURNS = 30

@@ -17,8 +17,8 @@ from pathlib import Path
 
 from bench import pages
 from cardan.errors import ExtraMissingError
-from cardan.evaluation.haptics import earlier, faults, stability, timing, zwidth
-from cardan.evaluation.haptics.stability import HELD, LIGHTLY, PUSHES, compare
+from studies.haptics import earlier, faults, stability, timing, zwidth
+from studies.haptics.stability import HELD, LIGHTLY, PUSHES, compare
 
 DOCS = Path(__file__).parents[1] / "docs"
 
@@ -52,8 +52,8 @@ def main() -> None:
             print(f"docs/{page} has these numbers")
     if directory is not None:
         try:
-            from cardan.evaluation import plotting
-            from cardan.evaluation.haptics import plots
+            from studies import plotting
+            from studies.haptics import plots
         except ExtraMissingError as error:
             print(f"no plots: {error}")
         else:

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bench.figures import Figures
-from cardan.evaluation.motoros.rig import FIRST_PUSH_S, Array, peers, read_log, session_tables
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.protocols import simple_message as sm
+from studies.motoros.rig import FIRST_PUSH_S, Array, peers, read_log, session_tables
 
 REQUESTS = 2000
 RATES_HZ = (100, 250)

@@ -12,8 +12,8 @@ import sys
 from pathlib import Path
 
 from cardan.errors import ExtraMissingError
-from cardan.evaluation.thesis import study
-from cardan.evaluation.thesis.rig import table
+from studies.thesis import study
+from studies.thesis.rig import table
 
 
 def main() -> None:
@@ -27,8 +27,8 @@ def main() -> None:
         print(f"   first refusal of a turn: {refusal}")
     if directory is not None:
         try:
-            from cardan.evaluation import plotting
-            from cardan.evaluation.thesis import plots
+            from studies import plotting
+            from studies.thesis import plots
         except ExtraMissingError as error:
             print(f"\nno plots: {error}")
             return

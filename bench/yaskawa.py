@@ -15,8 +15,8 @@ import sys
 from pathlib import Path
 
 from cardan.errors import ExtraMissingError
-from cardan.evaluation.motoros.analysis import Result
-from cardan.evaluation.motoros.published import (
+from studies.motoros.analysis import Result
+from studies.motoros.published import (
     STANDARD,
     STANDARD_MEAN,
     VELOCITY,
@@ -24,7 +24,7 @@ from cardan.evaluation.motoros.published import (
     WORDS,
     Delays,
 )
-from cardan.evaluation.motoros.study import EVERY, measure
+from studies.motoros.study import EVERY, measure
 
 ADDED_AT_MOST_S = 0.040
 """What velocity mode may add between the mouse and the controller's command."""
@@ -44,8 +44,8 @@ def main() -> None:
     print(verdicts(results))
     if directory is not None:
         try:
-            from cardan.evaluation import plotting
-            from cardan.evaluation.motoros import plots
+            from studies import plotting
+            from studies.motoros import plots
         except ExtraMissingError as error:
             print(f"\nno plots: {error}")
             return

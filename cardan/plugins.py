@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
 from importlib.metadata import EntryPoint
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar, cast
 
 from cardan.errors import CardanError, ConfigurationError, ExtraMissingError
 from cardan.printable import printable
@@ -99,11 +99,8 @@ class Finder(Generic[T]):
             raise ConfigurationError(
                 self._word, f"{of} cannot be loaded: {reason(error)}"
             ) from error
-        if not (isinstance(loaded, type) and issubclass(loaded, self._base)):
-            raise ConfigurationError(self._word, f"{of} is not a cardan {self._word}")
-        if wrong := self._wrong_attribute(loaded):
-            raise ConfigurationError(self._word, f"{of} cannot be used: {wrong}")
-        return loaded
+        self._check(loaded, of)
+        return cast("type[T]", loaded)
 
     def load_all(self) -> Loaded[T]:
         """Every class that can be loaded, and why the others cannot: one that is broken does not
@@ -143,6 +140,13 @@ class Finder(Generic[T]):
             raise ConfigurationError(
                 key, f"{self._word} {name!r} cannot be used: {reason(error)}"
             ) from error
+
+    def _check(self, loaded: Any, of: str) -> None:
+        """Raise ConfigurationError where that is none of these; `of` says of what."""
+        if not (isinstance(loaded, type) and issubclass(loaded, self._base)):
+            raise ConfigurationError(self._word, f"{of} is not a cardan {self._word}")
+        if wrong := self._wrong_attribute(loaded):
+            raise ConfigurationError(self._word, f"{of} cannot be used: {wrong}")
 
     def _wrong_attribute(self, loaded: type[T]) -> str:
         """What a class declares otherwise than the interface does; empty: nothing."""

@@ -53,8 +53,8 @@ def evaluate(
             raise ConfigurationError("--compare", "measures nothing: leave --quick and --only out")
         _compare(*compare, output)
         return
-    from cardan.evaluation import report as reporting
-    from cardan.evaluation.studies import chosen
+    from studies import report as reporting
+    from studies.studies import chosen
 
     studies, folder = chosen(only), output or Path("report")
     report = reporting.evaluate(
@@ -68,7 +68,7 @@ def evaluate(
 
 
 def _compare(old_path: Path, new_path: Path, folder: Path | None) -> None:
-    from cardan.evaluation import comparison, report as reporting
+    from studies import comparison, report as reporting
 
     old, new = reporting.read(old_path), reporting.read(new_path)
     compared = comparison.compare(old, new)

@@ -6,10 +6,10 @@ import enum
 from pathlib import Path
 from typing import NamedTuple
 
-from cardan.evaluation import document
-from cardan.evaluation.document import Block, Heading, Points
-from cardan.evaluation.report import Report
-from cardan.evaluation.result import Figure, Table
+from studies import document
+from studies.document import Block, Heading, Points
+from studies.report import Report
+from studies.result import Figure, Table
 
 MARKDOWN, HTML = "comparison.md", "comparison.html"
 TITLE = "Two reports compared"

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from cardan.evaluation.result import Table
+from studies.result import Table
 
 
 class Heading(NamedTuple):

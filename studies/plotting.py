@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from cardan import arm_libraries as arm_libraries  # numpy, which matplotlib needs.
-from cardan.evaluation.result import Drawn
 from cardan.extras import missing_extra
+from studies.result import Drawn
 
 try:
     import matplotlib as mpl

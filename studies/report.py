@@ -13,10 +13,10 @@ from typing import Any
 
 from cardan import files
 from cardan.errors import CardanError, ConfigurationError, ExtraMissingError
-from cardan.evaluation import conditions, document
-from cardan.evaluation.document import Block, Heading, Paragraph, Picture, Points
-from cardan.evaluation.result import Drawn, Figure, Result, Table
-from cardan.evaluation.studies import Study
+from studies import conditions, document
+from studies.document import Block, Heading, Paragraph, Picture, Points
+from studies.result import Drawn, Figure, Result, Table
+from studies.studies import Study
 
 FORMAT = 1
 """Of report.json; a report of another one cannot be compared."""
@@ -36,7 +36,7 @@ class Part:
     seconds: float = 0.0
     """What it took."""
     load: float = 0.0
-    """Before it; see :func:`cardan.evaluation.conditions.load`."""
+    """Before it; see :func:`studies.conditions.load`."""
     seeds: list[str] = field(default_factory=list)
     shortened: list[str] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
@@ -122,7 +122,7 @@ def _pictures(study: Study, found: Result, folder: Path, report: Report) -> list
     if found.draw is None or report.pictures_missing:
         return []
     try:
-        from cardan.evaluation import plotting
+        from studies import plotting
 
         saved: list[Drawn] = plotting.save(
             folder, found.draw(), ("svg", "png"), prefix=f"{study.name}-"

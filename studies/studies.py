@@ -6,7 +6,7 @@ import importlib
 from typing import NamedTuple
 
 from cardan.errors import ConfigurationError
-from cardan.evaluation.result import Result
+from studies.result import Result
 
 
 class Study(NamedTuple):
@@ -25,7 +25,7 @@ class Study(NamedTuple):
 
 
 STUDIES = {
-    name: Study(name, title, source, f"cardan.evaluation.{name}.study")
+    name: Study(name, title, source, f"studies.{name}.study")
     for name, title, source in (
         (
             "thesis",

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "cardan"
+STUDIES = ROOT / "studies"
 FOLDER = ROOT / "docs" / "messages"
 HEAD = "<!-- made by tests/docs_messages.py -->\n"
 
@@ -82,7 +83,7 @@ PAGES = {
             ),
             Part(
                 "Evaluation",
-                ("evaluation",),
+                ("studies",),
                 "[evaluation](../evaluation.md); a quiet machine",
             ),
             Part(
@@ -309,7 +310,7 @@ SAID = re.compile(
 """Names of tables and constants whose texts are messages."""
 WRONG = re.compile(r"_?(wrong|error|refusal)")
 """Functions that make an error of their text."""
-RAISED_ONLY = ("sim_peers", "dissect", "protocols", "cli", "evaluation")
+RAISED_ONLY = ("sim_peers", "dissect", "protocols", "cli", "studies")
 """Parts of which only errors are messages: their other texts are output, reports and scripts."""
 FEWEST_WORDS = 3
 
@@ -460,23 +461,27 @@ class Reader(ast.NodeVisitor):
         self.found.append(Message(text, kind, line))
 
 
+def inside(path: Path) -> Path:
+    """Where a source is in the package, or in the source tree."""
+    return path.relative_to(PACKAGE if path.is_relative_to(PACKAGE) else ROOT)
+
+
 def messages_of(path: Path) -> list[Message]:
     """Of one file, in its order."""
-    inside = path.relative_to(PACKAGE)
-    reader = Reader(inside.parts[0] in RAISED_ONLY)
+    reader = Reader(inside(path).parts[0] in RAISED_ONLY)
     reader.visit(ast.parse(path.read_text(encoding="utf-8")))
     return sorted(reader.found, key=lambda message: message.line)
 
 
 def home(path: Path) -> Part | None:
     """The part with the most of the path; None: none has it."""
-    inside = path.relative_to(PACKAGE).as_posix()
+    place = inside(path).as_posix()
     _, part = max(
         (
             (len(source), part)
             for part in (DOCTOR, *(part for page in PAGES.values() for part in page.parts))
             for source in part.sources
-            if inside == source or inside.startswith(f"{source}/")
+            if place == source or place.startswith(f"{source}/")
         ),
         default=(0, None),
         key=lambda found: found[0],
@@ -487,7 +492,8 @@ def home(path: Path) -> Part | None:
 def files() -> dict[str, list[Path]]:
     """The sources of each part, by its title."""
     found: dict[str, list[Path]] = {}
-    for path in sorted(PACKAGE.rglob("*.py")):
+    studies = [path for path in STUDIES.rglob("*.py") if "tests" not in inside(path).parts]
+    for path in sorted((*PACKAGE.rglob("*.py"), *studies)):
         if (part := home(path)) is not None:
             found.setdefault(part.title, []).append(path)
     return found

@@ -11,6 +11,16 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parents[1] / "cardan"
+SOURCE_TREE = PACKAGE.parent
+BESIDE = {
+    "bench",
+    "conftest",
+    "fuzz",
+    "studies",
+    "tests",
+    *(path.name for path in SOURCE_TREE.glob("plugins/*")),
+}
+"""What stands on the package, and is not there where only the package is installed."""
 LEAVES = {
     "arm_libraries",
     "bounds",
@@ -48,15 +58,6 @@ MAY_IMPORT = {
     "sim_peers": {"sim_peers", "bus", "protocols", *LEAVES},
     "dissect": {"dissect", *LEAVES},
     "conform": {"bus", "conform", "dissect", "drivers", "protocols", "sim_peers", *LEAVES},
-    "evaluation": {
-        "evaluation",
-        "gateway",
-        "drivers",
-        "bus",
-        "protocols",
-        "sim_peers",
-        *LEAVES,
-    },
     "api": {"drivers", "gateway", *LEAVES},
     **dict.fromkeys(LEAVES, LEAVES),
     "__init__": {"api"},
@@ -90,9 +91,7 @@ robot; the console reads cameras for its pages; what serves spacenavd's programs
 spacenavd is."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
-FREE_OF_CIRCLES = (
-    "bus", "drivers", "protocols", "sim_peers", "dissect", "conform", "gateway", "evaluation",
-)  # fmt: skip
+FREE_OF_CIRCLES = ("bus", "drivers", "protocols", "sim_peers", "dissect", "conform", "gateway")
 
 GATEWAY_ROOMS = {
     "common": set(),
@@ -120,13 +119,6 @@ ARM_MODEL = (
     "cardan.conform.joint_stream.rig",
     "cardan.conform.joint_stream_driver.pilot",
     "cardan.conform.ros2_arm.rig",
-    "cardan.evaluation.cartesian.",
-    "cardan.evaluation.devices.",
-    "cardan.evaluation.haptics.",
-    "cardan.evaluation.metrics",
-    "cardan.evaluation.motoros.",
-    "cardan.evaluation.plotting",
-    "cardan.evaluation.thesis.",
     "cardan.gateway.arm.activities.",
     "cardan.gateway.arm.arm_body",
     "cardan.gateway.arm.device",
@@ -224,6 +216,17 @@ def test_imports_point_one_way(path):
             assert parts[1] in allowed, f"{path.relative_to(PACKAGE)} imports {name}"
 
 
+@pytest.mark.parametrize("path", MODULES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_the_package_imports_nothing_that_stands_on_it(path):
+    assert not {name.split(".")[0] for name in imported(path)} & BESIDE
+
+
+def test_what_stands_on_the_package_is_there():
+    assert {"studies", "lerobot_robot_cardan"} < BESIDE
+    for name in BESIDE:
+        assert [*SOURCE_TREE.glob(f"{name}*"), *SOURCE_TREE.glob(f"plugins/{name}")], name
+
+
 @pytest.mark.parametrize(
     "path", sorted((PACKAGE / "protocols").rglob("*.py")), ids=lambda p: p.stem
 )
@@ -242,8 +245,9 @@ def test_the_libraries_of_an_arms_model_are_imported_in_one_place(path):
     assert found == (ARM_LIBRARIES if path.stem == "arm_libraries" else set())
 
 
-def test_only_what_needs_an_arms_model_needs_the_extra():
-    names = [module_name(path) for path in MODULES if path.stem != "__main__"]
+def said_without_an_arms_model(paths):
+    """By the name of each module that cannot be imported without the extra: what is said."""
+    names = [module_name(path) for path in paths if path.stem != "__main__"]
     done = subprocess.run(
         [sys.executable, "-c", IMPORT_WITHOUT.format(without=sorted(ARM_LIBRARIES), names=names)],
         capture_output=True,
@@ -251,7 +255,11 @@ def test_only_what_needs_an_arms_model_needs_the_extra():
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    said = dict(line.split(": ", 1) for line in done.stdout.splitlines())
+    return dict(line.split(": ", 1) for line in done.stdout.splitlines())
+
+
+def test_only_what_needs_an_arms_model_needs_the_extra():
+    said = said_without_an_arms_model(MODULES)
     assert [name for name in said if not name.startswith(ARM_MODEL)] == []
     assert "cardan.gateway.arm.device" in said
     assert len(set(said.values())) == 1
@@ -270,14 +278,19 @@ def test_a_command_begins_without_what_only_some_need():
     assert NOT_AT_ONCE & {*done.stdout.split()} == set()
 
 
-@pytest.mark.parametrize("name", FREE_OF_CIRCLES)
-def test_no_import_circles(name):
-    paths = {module_name(path): path for path in (PACKAGE / name).rglob("*.py")}
+def assert_no_circles(sources):
+    """No module of `sources` imports itself by way of others."""
+    paths = {module_name(path): path for path in sources}
     graph = {module: imported_modules(path, set(paths)) for module, path in paths.items()}
     try:
         graphlib.TopologicalSorter(graph).prepare()
     except graphlib.CycleError as error:
         pytest.fail(" imports ".join(reversed(error.args[1])))
+
+
+@pytest.mark.parametrize("name", FREE_OF_CIRCLES)
+def test_no_import_circles(name):
+    assert_no_circles((PACKAGE / name).rglob("*.py"))
 
 
 def test_the_rooms_of_the_gateway_stand_on_each_other():

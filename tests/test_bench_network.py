@@ -7,9 +7,9 @@ pytest.importorskip("websockets", reason='websockets is not installed: "cardan[n
 
 from bench import network, pages
 from bench.network import clients, publication, session
-from cardan.evaluation.cartesian import command
-from cardan.evaluation.cartesian.controller import START
-from cardan.evaluation.cartesian.rig import Robot
+from studies.cartesian import command
+from studies.cartesian.controller import START
+from studies.cartesian.rig import Robot
 
 
 def test_each_part_has_its_place_in_the_page():

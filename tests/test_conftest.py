@@ -12,9 +12,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from tests.conftest import pytest_ignore_collect
+import conftest
+from conftest import pytest_ignore_collect
 
-CONFTEST = Path(__file__).with_name("conftest.py")
+CONFTEST = Path(conftest.__file__)
 
 TESTS = """
 import pytest

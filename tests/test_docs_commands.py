@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 import typer.main
+from typer.core import TyperGroup
 
 from cardan import cli
 from tests.docs_commands import AT_ONCE, BY_HAND, PEER, ROOT, RUN, commands
@@ -84,11 +85,11 @@ def test_the_command_line_takes_it(command):
         return
     words = shlex.split(command.line.removeprefix("sudo ").partition(" | ")[0])[1:]
     found, names = the_command_line(), ["cardan"]
-    while commands_below := getattr(found, "commands", None):
+    while isinstance(found, TyperGroup):
         if not words or words[0].startswith("-"):
             break
         names.append(words.pop(0))
-        found = commands_below[names[-1]]
+        found = found.get_command(None, names[-1])
     if words == ["--install-completion"]:
         return
     with found.make_context(names[-1], words):

@@ -25,7 +25,7 @@ NEEDED = [
         "from pathlib import Path; from cardan.gateway.recording.plot import plot; "
         "plot(Path('a.mcap'), Path('a.png'))",
     ),
-    ("matplotlib.pyplot", "evaluate", "import cardan.evaluation.plotting"),
+    ("matplotlib.pyplot", "evaluate", "import studies.plotting"),
     (
         "can",
         "can",

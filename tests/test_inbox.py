@@ -90,7 +90,7 @@ def test_no_other_queue_is_waited_for_with_a_time_out():
     root = Path(__file__).parents[1]
     waits = [
         f"{file.relative_to(root)}: {line.strip()}"
-        for folder in ("cardan", "plugins", "bench", "examples", "tools")
+        for folder in ("cardan", "plugins", "studies", "bench", "examples", "tools")
         for file in (root / folder).rglob("*.py")
         for line in file.read_text(encoding="utf-8").splitlines()
         if re.search(r"\.get\((block=|True|timeout=)", line)

@@ -26,7 +26,6 @@ WITHOUT = {
     "plot": "writes a file",
     "export": "writes a data set, and says in words what of it is missing",
     "conform": "prints JSON by --format, as it has four of them",
-    "evaluate": "writes its report as JSON, too",
     "dissect": "prints captures field by field, for people",
     "service": "show prints a file; the others do what their lines say",
 }

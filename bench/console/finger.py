@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench.network.clients import face
-from cardan.evaluation.cartesian.controller import session
-from cardan.evaluation.cartesian.rig import (
+from cardan.gateway.session.browser import Tab, chromium, find_chromium
+from cardan.gateway.session.examples import free_ports
+from studies.cartesian.controller import session
+from studies.cartesian.rig import (
     MODEL,
     PERIOD_S,
     Robot,
@@ -22,8 +24,6 @@ from cardan.evaluation.cartesian.rig import (
     network_table,
     quantile,
 )
-from cardan.gateway.session.browser import Tab, chromium, find_chromium
-from cardan.gateway.session.examples import free_ports
 from tests.console.hand import FINGER, RELOADED, STATE, enable, jog
 
 AIMS_S = (0.015, 0.040)

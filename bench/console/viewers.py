@@ -6,8 +6,10 @@ from contextlib import ExitStack
 
 from bench.network.audience import Place
 from bench.network.clients import Load, face, load
-from cardan.evaluation.cartesian.controller import session
-from cardan.evaluation.cartesian.rig import (
+from cardan.gateway.bus.options import DEFAULT_NAME
+from cardan.gateway.session.examples import free_ports
+from studies.cartesian.controller import session
+from studies.cartesian.rig import (
     MODEL,
     Robot,
     free_endpoint,
@@ -15,8 +17,6 @@ from cardan.evaluation.cartesian.rig import (
     network_table,
     quantile,
 )
-from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.gateway.session.examples import free_ports
 
 VIEWERS = 20
 RATE_HZ = 30.0

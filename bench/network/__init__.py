@@ -14,7 +14,7 @@ from pathlib import Path
 
 from bench import pages
 from bench.network import clients, publication, session
-from cardan.evaluation.cartesian import command
+from studies.cartesian import command
 
 PAGE = Path(__file__).parents[2] / "docs/measurements.md"
 

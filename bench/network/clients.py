@@ -12,8 +12,12 @@ from typing import NamedTuple
 
 from bench.network.audience import Place, audience
 from cardan.bus.options import BusOptions
-from cardan.evaluation.cartesian.controller import session
-from cardan.evaluation.cartesian.rig import (
+from cardan.gateway.arm.codes import Parameter, Stream
+from cardan.gateway.bus.options import DEFAULT_NAME
+from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.gateway.session.examples import free_ports
+from studies.cartesian.controller import session
+from studies.cartesian.rig import (
     MODEL,
     PERIOD_S,
     Robot,
@@ -25,10 +29,6 @@ from cardan.evaluation.cartesian.rig import (
     quantile,
     resident_bytes,
 )
-from cardan.gateway.arm.codes import Parameter, Stream
-from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.gateway.bus.remote import RemoteCartesianDevice
-from cardan.gateway.session.examples import free_ports
 
 RATE_HZ = 60.0
 CLIENTS = (1, 10, 50)

@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 from bench.network.listening import listener
 from cardan.bus.node import Publisher
-from cardan.evaluation.cartesian.rig import PERIOD_S, as_a_controller, free_endpoint, quantile
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.network import SessionNetwork
 from cardan.gateway.session.session import make_session
+from studies.cartesian.rig import PERIOD_S, as_a_controller, free_endpoint, quantile
 
 AIM_S = 25e-6
 """Of one publication."""

@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 from bench.egm_latency import MOVE, TOUCH
 from bench.network.listening import listener
-from cardan.evaluation.cartesian.controller import session
-from cardan.evaluation.cartesian.rig import (
+from cardan.gateway.session.examples import free_ports
+from studies.cartesian.controller import session
+from studies.cartesian.rig import (
     MODEL,
     PERIOD_S,
     Robot,
@@ -20,7 +21,6 @@ from cardan.evaluation.cartesian.rig import (
     network_table,
     quantile,
 )
-from cardan.gateway.session.examples import free_ports
 
 AIM = 1.1
 """Times the p99 of the session without the network."""

@@ -16,6 +16,7 @@ from cardan import __version__, output
 from cardan.cli import completion
 from cardan.cli.bus import echo, hz, network
 from cardan.cli.common import (
+    EPILOG,
     EXIT_CANNOT_OPEN,
     EXIT_FAILED,
     EXIT_INCOMPLETE,
@@ -36,8 +37,8 @@ from cardan.cli.conform import conform
 from cardan.cli.daemon import COMMANDS as DAEMON_COMMANDS, arm, service
 from cardan.cli.dissect import Dissect
 from cardan.cli.doctor import doctor
-from cardan.cli.evaluate import evaluate
 from cardan.cli.face import face
+from cardan.cli.installed import CardanCommands
 from cardan.cli.recording import export, plot, record, replay
 from cardan.cli.sim import sim
 from cardan.drivers.base import FoundDevice, OperatorDevice
@@ -54,13 +55,9 @@ if TYPE_CHECKING:
     from cardan.gateway.session.config import SessionConfig
     from cardan.gateway.session.launched import Launched
 
-EPILOG = (
-    "Exit codes: 0 success; 1 internal error, or nothing can be printed; 2 wrong configuration or "
-    "usage; 3 a device or robot cannot be opened; 4 it ran, but with problems, which it names."
-)
-
 app = typer.Typer(
     name="cardan",
+    cls=CardanCommands,
     help="Drive a robot arm from a hand-held device.\n\n"
     "New here? [bold]cardan demo[/bold] shows it without any hardware. Then copy a file from "
     "examples/, [bold]cardan check[/bold] it, and [bold]cardan run[/bold] it.",
@@ -73,7 +70,7 @@ app.add_typer(sim)
 app.add_typer(face)
 app.add_typer(service)
 for _command in (
-    network, echo, hz, record, replay, plot, export, *DAEMON_COMMANDS, doctor, conform, evaluate,
+    network, echo, hz, record, replay, plot, export, *DAEMON_COMMANDS, doctor, conform,
 ):  # fmt: skip
     # Of an arm's verbs -0.1 is a number, and no option.
     _settings = {"ignore_unknown_options": _command is arm}

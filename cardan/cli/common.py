@@ -25,6 +25,11 @@ EXIT_USAGE = 2
 EXIT_CANNOT_OPEN = 3
 EXIT_INCOMPLETE = 4
 
+EPILOG = (
+    "Exit codes: 0 success; 1 internal error, or nothing can be printed; 2 wrong configuration or "
+    "usage; 3 a device or robot cannot be opened; 4 it ran, but with problems, which it names."
+)
+
 
 def check_seconds(seconds: float | None) -> float | None:
     """A duration from the command line, s. Raises OptionError unless it is 0 or more, and ends."""

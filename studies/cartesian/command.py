@@ -17,8 +17,14 @@ from websockets.sync.client import connect
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
 from cardan.errors import install_command
-from cardan.evaluation.cartesian.controller import session
-from cardan.evaluation.cartesian.rig import (
+from cardan.gateway.arm.codes import Parameter, Stream
+from cardan.gateway.bus.options import DEFAULT_NAME
+from cardan.gateway.bus.remote import RemoteCartesianDevice
+from cardan.gateway.session.examples import free_ports
+from cardan.gateway.session.launched import launched
+from cardan.protocols.ros2.cdr import codec_of
+from studies.cartesian.controller import session
+from studies.cartesian.rig import (
     MODEL,
     PERIOD_S,
     Robot,
@@ -28,12 +34,6 @@ from cardan.evaluation.cartesian.rig import (
     network_table,
     quantile,
 )
-from cardan.gateway.arm.codes import Parameter, Stream
-from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.gateway.bus.remote import RemoteCartesianDevice
-from cardan.gateway.session.examples import free_ports
-from cardan.gateway.session.launched import launched
-from cardan.protocols.ros2.cdr import codec_of
 
 TOPIC = f"/{DEFAULT_NAME}/command/twist"
 TYPE = "geometry_msgs/msg/Twist"

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cardan.arm_libraries import np
-from cardan.evaluation.cartesian.command import Delays
-from cardan.evaluation.plotting import plt
-from cardan.evaluation.result import Drawn
+from studies.cartesian.command import Delays
+from studies.plotting import plt
+from studies.result import Drawn
 
 
 def draw(found: dict[str, Delays]) -> Iterator[Drawn]:

@@ -9,9 +9,9 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-from cardan.evaluation.cartesian.controller import START, datagram, obeyed
 from cardan.protocols.egm import EgmMeasuredForce
 from cardan.realtime import ask_for_real_time
+from studies.cartesian.controller import START, datagram, obeyed
 
 MODEL = """
 mode = "joint"

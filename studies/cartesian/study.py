@@ -5,9 +5,9 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 
-from cardan.evaluation.cartesian import command
-from cardan.evaluation.cartesian.rig import PERIOD_S, quantile
-from cardan.evaluation.result import Drawn, Figure, Result, Table, spread_of, table_of
+from studies.cartesian import command
+from studies.cartesian.rig import PERIOD_S, quantile
+from studies.result import Drawn, Figure, Result, Table, spread_of, table_of
 
 TRIALS, QUICK_TRIALS = 300, 20
 BLOCKS = 5
@@ -28,7 +28,7 @@ def run(quick: bool) -> Result:
     found = command.measure(QUICK_TRIALS if quick else TRIALS)
 
     def draw() -> Iterator[Drawn]:
-        from cardan.evaluation.cartesian import plots
+        from studies.cartesian import plots
 
         return plots.draw(found)
 

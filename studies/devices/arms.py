@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from cardan.arm_libraries import np
-from cardan.evaluation.metrics import delay_by_least_error
-from cardan.evaluation.result import Figure, Table, known
-from cardan.evaluation.thesis.rig import DT_S, Array, Metronome, Rig
+from studies.metrics import delay_by_least_error
+from studies.result import Figure, Table, known
+from studies.thesis.rig import DT_S, Array, Metronome, Rig
 
 ARMS = ("asibot", "amor", "teo_right_arm", "ur5", "gofa_crb15000_5")
 PUBLISHED = {"asibot", "amor", "teo_right_arm"}

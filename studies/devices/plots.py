@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from cardan.evaluation.devices.sessions import Driven, within
-from cardan.evaluation.plotting import plt
-from cardan.evaluation.result import Drawn
+from studies.devices.sessions import Driven, within
+from studies.plotting import plt
+from studies.result import Drawn
 
 
 def draw(found: Sequence[Driven]) -> Iterator[Drawn]:

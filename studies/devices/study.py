@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cardan.evaluation.devices import arms, sessions
-from cardan.evaluation.result import Drawn, Result
+from studies.devices import arms, sessions
+from studies.result import Drawn, Result
 
 SECONDS, TURNS = 15.0, 2
 QUICK_S = 3.0
@@ -28,7 +28,7 @@ def run(quick: bool) -> Result:
         driven = sessions.measure((*sessions.PUBLISHED, *sessions.OTHERS), SECONDS, TURNS)
 
     def draw() -> Iterator[Drawn]:
-        from cardan.evaluation.devices import plots
+        from studies.devices import plots
 
         return plots.draw(driven)
 

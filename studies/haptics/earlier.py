@@ -14,9 +14,12 @@ from typing import NamedTuple
 
 from cardan.arm_libraries import np
 from cardan.drivers.omni.limits import TickLimits
-from cardan.evaluation.haptics.loop import TICK_S, Rig, Trace
-from cardan.evaluation.haptics.remote import Link, RemoteWall, Wall
-from cardan.evaluation.haptics.stability import (
+from cardan.haptics import HapticCommand
+from cardan.sim_peers.omni.settings import HandMotion, Waypoint
+from cardan.types import ZERO3, Vector3
+from studies.haptics.loop import TICK_S, Rig, Trace
+from studies.haptics.remote import Link, RemoteWall, Wall
+from studies.haptics.stability import (
     HELD,
     LIGHTLY,
     OURS,
@@ -26,9 +29,6 @@ from cardan.evaluation.haptics.stability import (
     hidden_j,
     link_words,
 )
-from cardan.haptics import HapticCommand
-from cardan.sim_peers.omni.settings import HandMotion, Waypoint
-from cardan.types import ZERO3, Vector3
 
 SURPLUS_J = 0.05
 """The most that the tick keeps of what it took in; by cardan/drivers/omni/tick.h."""

@@ -15,7 +15,6 @@ from cardan.arm_libraries import np
 from cardan.drivers.omni import library as libhd
 from cardan.drivers.omni.limits import TickLimits
 from cardan.errors import CommandError
-from cardan.evaluation.haptics.loop import TICK_S, Array, Rig, Trace
 from cardan.haptics import (
     HapticCommand,
     HapticState,
@@ -28,6 +27,7 @@ from cardan.protocols.hdapi.constants import State
 from cardan.sim_peers.omni.library import library_path
 from cardan.sim_peers.omni.settings import INKWELL_M, HandMotion, OmniSettings, Waypoint
 from cardan.types import ZERO3, Vector3
+from studies.haptics.loop import TICK_S, Array, Rig, Trace
 
 FAULT_S = 2.0
 AFTER_S = 1.0

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from cardan.arm_libraries import np
-from cardan.evaluation.haptics import theory
-from cardan.evaluation.haptics.faults import FAULT_S, LIMITS, Felt
-from cardan.evaluation.haptics.loop import TICK_S, Array, Trace
-from cardan.evaluation.haptics.remote import Link
-from cardan.evaluation.haptics.stability import (
+from studies.haptics import theory
+from studies.haptics.faults import FAULT_S, LIMITS, Felt
+from studies.haptics.loop import TICK_S, Array, Trace
+from studies.haptics.remote import Link
+from studies.haptics.stability import (
     CHANNEL_DELAY_S,
     CHANNEL_STIFFNESS_N_M,
     GRID_DELAYS_S,
@@ -31,9 +31,9 @@ from cardan.evaluation.haptics.stability import (
     link_words,
     remote,
 )
-from cardan.evaluation.haptics.zwidth import VISCOUS_N_S_M, Width
-from cardan.evaluation.plotting import colors, plt
-from cardan.evaluation.result import Drawn
+from studies.haptics.zwidth import VISCOUS_N_S_M, Width
+from studies.plotting import colors, plt
+from studies.result import Drawn
 
 OURS_COLOUR, OFF_COLOUR, PLAIN_COLOUR = "tab:blue", "tab:orange", "tab:red"
 THEORY = "black"

@@ -13,12 +13,12 @@ from typing import NamedTuple
 
 from cardan.arm_libraries import np
 from cardan.drivers.omni.limits import TickLimits, UncheckedLimits
-from cardan.evaluation.haptics.loop import TICK_S, Array, Rig, Trace
-from cardan.evaluation.haptics.remote import Link, RemoteWall, Wall
-from cardan.evaluation.side_by_side import side_by_side
 from cardan.haptics import HapticCommand, Plane
 from cardan.sim_peers.omni.settings import HandMotion, OmniSettings, Waypoint
 from cardan.types import ZERO3, Vector3
+from studies.haptics.loop import TICK_S, Array, Rig, Trace
+from studies.haptics.remote import Link, RemoteWall, Wall
+from studies.side_by_side import side_by_side
 
 OURS = TickLimits(engage_ramp_s=0.1)
 PLAIN = UncheckedLimits(

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from cardan.arm_libraries import np
-from cardan.evaluation.haptics import drawing, faults, stability, timing, zwidth
-from cardan.evaluation.haptics.stability import HELD, LIGHTLY, PUSHES, Compared, Push
-from cardan.evaluation.result import Drawn, Figure, Result, Table, known, table_of
+from studies.haptics import drawing, faults, stability, timing, zwidth
+from studies.haptics.stability import HELD, LIGHTLY, PUSHES, Compared, Push
+from studies.result import Drawn, Figure, Result, Table, known, table_of
 
 DRAWING_S, QUICK_DRAWING_S = 30.0, 10.0
 
@@ -76,7 +76,7 @@ def run(quick: bool) -> Result:
             left_out.append(f"timing of the tick, which needs a C compiler: {error}")
 
     def draw() -> Iterator[Drawn]:
-        from cardan.evaluation.haptics import plots
+        from studies.haptics import plots
 
         return plots.draw_pair() if more is None else plots.draw(*more)
 

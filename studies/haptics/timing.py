@@ -27,7 +27,6 @@ from cardan.drivers.omni import library as libhd
 from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.omni.servo import Servo
 from cardan.drivers.omni.tick import Tick
-from cardan.evaluation.haptics.loop import Array
 from cardan.gateway.session.demo import choose_demo, simulated_hardware
 from cardan.gateway.session.supervisor import supervise
 from cardan.haptics import Fixture, HapticCommand, MeasuredForce, Plane
@@ -36,6 +35,7 @@ from cardan.protocols.hdapi.constants import CallbackCode, Capability, State
 from cardan.sim_peers.omni.library import SimulatedOmni
 from cardan.sim_peers.omni.settings import HandMotion, OmniSettings, Waypoint
 from cardan.types import Vector3
+from studies.haptics.loop import Array
 
 PERIOD_S = 0.001
 SECONDS = 2.0

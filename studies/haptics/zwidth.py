@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 from cardan.arm_libraries import np
 from cardan.drivers.omni.limits import TickLimits
-from cardan.evaluation.haptics import theory
-from cardan.evaluation.haptics.loop import TICK_S
-from cardan.evaluation.haptics.stability import (
+from studies.haptics import theory
+from studies.haptics.loop import TICK_S
+from studies.haptics.stability import (
     CONTROLLER_OFF,
     DROOP_N,
     OURS,
@@ -23,7 +23,7 @@ from cardan.evaluation.haptics.stability import (
     judge,
     local,
 )
-from cardan.evaluation.side_by_side import side_by_side
+from studies.side_by_side import side_by_side
 
 VISCOUS_N_S_M = 0.1
 """Of the simulated device."""

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from typing import Any
 
 from cardan.arm_libraries import np
-from cardan.evaluation.motoros.analysis import Result
-from cardan.evaluation.motoros.published import STANDARD_MEAN, VELOCITY_MEAN, WORDS, Delays
-from cardan.evaluation.motoros.rig import PUSH_S, Recording
-from cardan.evaluation.plotting import plt
-from cardan.evaluation.result import Drawn
+from studies.motoros.analysis import Result
+from studies.motoros.published import STANDARD_MEAN, VELOCITY_MEAN, WORDS, Delays
+from studies.motoros.rig import PUSH_S, Recording
+from studies.plotting import plt
+from studies.result import Drawn
 
 DEVICE, GOAL, MEASURED = "tab:blue", "tab:green", "tab:red"
 ZOOMED_S = 2.6

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from cardan.evaluation.motoros.analysis import Result as Run, analyse
-from cardan.evaluation.motoros.published import (
+from studies.motoros.analysis import Result as Run, analyse
+from studies.motoros.published import (
     STANDARD,
     STANDARD_MEAN,
     VELOCITY,
@@ -13,9 +13,9 @@ from cardan.evaluation.motoros.published import (
     WORDS,
     Delays,
 )
-from cardan.evaluation.motoros.rig import MODES, PLANTS, Recording, record
-from cardan.evaluation.result import Drawn, Figure, Result, Table, spread_of
-from cardan.evaluation.side_by_side import side_by_side
+from studies.motoros.rig import MODES, PLANTS, Recording, record
+from studies.result import Drawn, Figure, Result, Table, spread_of
+from studies.side_by_side import side_by_side
 
 PUSHES = 6
 TRIES = 3
@@ -70,7 +70,7 @@ def run(quick: bool) -> Result:
         found = measure(EVERY)
 
     def draw() -> Iterator[Drawn]:
-        from cardan.evaluation.motoros import plots
+        from studies.motoros import plots
 
         return plots.draw(found)
 

@@ -4,7 +4,7 @@ import pytest
 @pytest.fixture(scope="session")
 def short_thesis():
     """All of the thesis, as short as can be and on ideal drives alone: they stand for both."""
-    from cardan.evaluation.thesis import arbitrary, collision, eight, faults, line, study
+    from studies.thesis import arbitrary, collision, eight, faults, line, study
 
     straight = line.measure("ideal", 0.03, 1)
     course = eight.measure("ideal", 4.0)

@@ -1,4 +1,4 @@
-"""What docs/evaluation.md shows of a report: ``python -m tests.docs_evaluation FOLDER``.
+"""What docs/evaluation.md shows of a report: ``python -m studies.tests.docs_evaluation FOLDER``.
 
 Its tables stand between the page's markers, its pictures are in docs/images/evaluation. Needs
 Pillow, which comes with matplotlib.
@@ -10,11 +10,11 @@ import sys
 from pathlib import Path
 
 from bench import pages
-from cardan.evaluation import document
-from cardan.evaluation.report import Report, read
-from cardan.evaluation.result import Table
+from studies import document
+from studies.report import Report, read
+from studies.result import Table
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "evaluation.md"
 IMAGES = ROOT / "docs" / "images" / "evaluation"
 PICTURES = (

@@ -7,9 +7,9 @@ import sys
 import pytest
 
 from cardan import cli
-from cardan.evaluation.report import Part, Report, read, write
-from cardan.evaluation.result import Figure
-from cardan.evaluation.thesis import study
+from studies.report import Part, Report, read, write
+from studies.result import Figure
+from studies.thesis import study
 
 pytestmark = pytest.mark.matrix
 

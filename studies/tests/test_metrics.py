@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cardan.evaluation.metrics import (
+from studies.metrics import (
     delay_by_correlation,
     delay_by_least_error,
     delays_per_command,

@@ -6,18 +6,18 @@ import numpy as np
 import pytest
 
 from bench import yaskawa
-from cardan.evaluation.motoros import rig as study
-from cardan.evaluation.motoros.analysis import analyse
-from cardan.evaluation.motoros.published import (
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.types import JointCommand
+from studies.motoros import rig as study
+from studies.motoros.analysis import analyse
+from studies.motoros.published import (
     STANDARD,
     STANDARD_MEAN,
     VELOCITY,
     VELOCITY_MEAN,
     mean,
 )
-from cardan.evaluation.motoros.rig import GRID_S, PUSH_S, Recording
-from cardan.gateway.session.snapshot import Snapshot
-from cardan.types import JointCommand
+from studies.motoros.rig import GRID_S, PUSH_S, Recording
 from tests.drivers.motoros_rig import Rig
 
 pytestmark = pytest.mark.matrix

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from bench import pages
-from cardan.evaluation.report import Part, Report
-from cardan.evaluation.result import Figure
-from tests.docs_evaluation import IMAGES, PAGE, PICTURES, parts
+from studies.report import Part, Report
+from studies.result import Figure
+from studies.tests.docs_evaluation import IMAGES, PAGE, PICTURES, parts
 
 
 def test_each_part_has_its_place_in_the_page():

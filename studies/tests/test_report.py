@@ -8,12 +8,12 @@ from types import SimpleNamespace
 import pytest
 
 from cardan.errors import ConfigurationError, ExtraMissingError
-from cardan.evaluation import comparison, conditions, document, report as reporting
-from cardan.evaluation.comparison import Verdict
-from cardan.evaluation.document import Heading, Paragraph, Picture, Points
-from cardan.evaluation.report import Part, Report
-from cardan.evaluation.result import Figure, Result, Table, known, spread_of, table_of
-from cardan.evaluation.studies import STUDIES, Study, chosen
+from studies import comparison, conditions, document, report as reporting
+from studies.comparison import Verdict
+from studies.document import Heading, Paragraph, Picture, Points
+from studies.report import Part, Report
+from studies.result import Figure, Result, Table, known, spread_of, table_of
+from studies.studies import STUDIES, Study, chosen
 
 TABLE = Table(
     "A <table>", ("", "pub|lished"), (("**bold**", "`code|`"), ("a_b", "<1 & 2>")), "note"

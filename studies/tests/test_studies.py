@@ -9,20 +9,20 @@ from pathlib import Path
 import pytest
 
 from cardan.drivers.omni.limits import TickLimits
-from cardan.evaluation.cartesian import study as cartesian
-from cardan.evaluation.cartesian.command import Delays
-from cardan.evaluation.devices import arms, sessions
-from cardan.evaluation.haptics import drawing, study as haptics
-from cardan.evaluation.haptics.stability import PUSHES, compare
-from cardan.evaluation.motoros import study as motoros
-from cardan.evaluation.motoros.analysis import Phase, Result
-from cardan.evaluation.motoros.published import STANDARD, STANDARD_MEAN, VELOCITY, Delays as Stages
-from cardan.evaluation.studies import STUDIES
-from cardan.evaluation.thesis import study as thesis
-from cardan.evaluation.thesis.line import simulated
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.gateway.session.supervisor import Outcome
+from studies.cartesian import study as cartesian
+from studies.cartesian.command import Delays
+from studies.devices import arms, sessions
+from studies.haptics import drawing, study as haptics
+from studies.haptics.stability import PUSHES, compare
+from studies.motoros import study as motoros
+from studies.motoros.analysis import Phase, Result
+from studies.motoros.published import STANDARD, STANDARD_MEAN, VELOCITY, Delays as Stages
+from studies.studies import STUDIES
+from studies.thesis import study as thesis
+from studies.thesis.line import simulated
 
 pytestmark = pytest.mark.matrix
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from cardan.evaluation.thesis import arbitrary, collision, eight, faults, line
-from cardan.evaluation.thesis.rig import DT_S, Metronome, published_mechanism, signed_delays, table
+from studies.thesis import arbitrary, collision, eight, faults, line
+from studies.thesis.rig import DT_S, Metronome, published_mechanism, signed_delays, table
 
 pytestmark = pytest.mark.matrix
 

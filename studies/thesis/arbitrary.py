@@ -6,8 +6,9 @@ import math
 from typing import NamedTuple
 
 from cardan.arm_libraries import np, pin
-from cardan.evaluation.metrics import delay_by_correlation, delay_by_least_error, stop_phases
-from cardan.evaluation.thesis.rig import (
+from cardan.gateway.motion.shaping import PoseShaperLimits
+from studies.metrics import delay_by_correlation, delay_by_least_error, stop_phases
+from studies.thesis.rig import (
     DT_S,
     Array,
     Drive,
@@ -21,7 +22,6 @@ from cardan.evaluation.thesis.rig import (
     quantiles_ms,
     signed_delays,
 )
-from cardan.gateway.motion.shaping import PoseShaperLimits
 
 ROBOT = "pr2_right_arm"
 RATE_HZ = 50.0

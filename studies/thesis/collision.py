@@ -5,7 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.arm_libraries import np
-from cardan.evaluation.thesis.rig import (
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.collision import CollisionModel, Obstacle, box_obstacle
+from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.robots import load_arm
+from cardan.spatial import scale
+from cardan.types import ZERO_TWIST, Frame, Twist, Vector3
+from studies.thesis.rig import (
     STIFF,
     Array,
     Drive,
@@ -17,12 +23,6 @@ from cardan.evaluation.thesis.rig import (
     Trace,
     both,
 )
-from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.collision import CollisionModel, Obstacle, box_obstacle
-from cardan.gateway.motion.reference import ReferenceLimits
-from cardan.robots import load_arm
-from cardan.spatial import scale
-from cardan.types import ZERO_TWIST, Frame, Twist, Vector3
 
 SPEED_M_S = 0.1
 RATE_HZ = 20.0

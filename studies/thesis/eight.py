@@ -5,8 +5,12 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 from cardan.arm_libraries import np, npt
-from cardan.evaluation.metrics import delay_by_correlation, delay_by_least_error, stop_phases
-from cardan.evaluation.thesis.rig import (
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.collision import box_obstacle
+from cardan.robots import load_arm
+from cardan.types import Vector3
+from studies.metrics import delay_by_correlation, delay_by_least_error, stop_phases
+from studies.thesis.rig import (
     DT_S,
     Array,
     Drive,
@@ -17,10 +21,6 @@ from cardan.evaluation.thesis.rig import (
     quantiles_ms,
     signed_delays,
 )
-from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.collision import box_obstacle
-from cardan.robots import load_arm
-from cardan.types import Vector3
 
 DURATION_S = 33.0
 TAIL_S = 2.0

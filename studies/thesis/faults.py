@@ -7,9 +7,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from cardan.arm_libraries import np
-from cardan.evaluation.metrics import stop_phases
-from cardan.evaluation.thesis.line import START_DEG
-from cardan.evaluation.thesis.rig import DT_S, Drive, Rig, Row, Streams, Trace, both
+from studies.metrics import stop_phases
+from studies.thesis.line import START_DEG
+from studies.thesis.rig import DT_S, Drive, Rig, Row, Streams, Trace, both
 
 SPEED_M_S = 0.1
 RATE_HZ = 50.0

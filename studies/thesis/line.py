@@ -6,14 +6,17 @@ from dataclasses import replace
 from typing import Any, NamedTuple
 
 from cardan.arm_libraries import np
-from cardan.evaluation.metrics import (
+from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
+from cardan.types import IDENTITY, Pose, Vector3
+from studies.metrics import (
     Errors,
     delay_by_correlation,
     delay_by_least_error,
     delays_per_command,
     errors,
 )
-from cardan.evaluation.thesis.rig import (
+from studies.thesis.rig import (
     DT_S,
     JERK_M_S3,
     STIFF,
@@ -25,9 +28,6 @@ from cardan.evaluation.thesis.rig import (
     published_mechanism,
     quantiles_ms,
 )
-from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
-from cardan.types import IDENTITY, Pose, Vector3
 
 SPEED_M_S = 0.1
 RATE_HZ = 20.0

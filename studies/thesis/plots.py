@@ -6,10 +6,10 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from cardan.arm_libraries import np
-from cardan.evaluation.plotting import patches, plt
-from cardan.evaluation.result import Drawn
-from cardan.evaluation.thesis import arbitrary, collision, eight, faults, line
-from cardan.evaluation.thesis.rig import DT_S, Array
+from studies.plotting import patches, plt
+from studies.result import Drawn
+from studies.thesis import arbitrary, collision, eight, faults, line
+from studies.thesis.rig import DT_S, Array
 
 COMMAND, OURS, OTHER, PUBLISHED = "0.55", "tab:blue", "tab:orange", "tab:red"
 

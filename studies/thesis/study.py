@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
 from cardan.arm_libraries import np
-from cardan.evaluation.result import Drawn, Figure, Result, Table, known
-from cardan.evaluation.side_by_side import side_by_side
-from cardan.evaluation.thesis import arbitrary, collision, eight, faults, line
-from cardan.evaluation.thesis.rig import DRIVES, DT_S, Array, Drive, Row
+from studies.result import Drawn, Figure, Result, Table, known
+from studies.side_by_side import side_by_side
+from studies.thesis import arbitrary, collision, eight, faults, line
+from studies.thesis.rig import DRIVES, DT_S, Array, Drive, Row
 
 QUICK_LENGTH_M = 0.05
 QUICK_EIGHT_S = 5.0
@@ -108,7 +108,7 @@ def run(quick: bool) -> Result:
     found = measure(quick)
 
     def draw() -> Iterator[Drawn]:
-        from cardan.evaluation.thesis import plots
+        from studies.thesis import plots
 
         return plots.draw(*found)
 

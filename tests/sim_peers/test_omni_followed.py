@@ -12,12 +12,12 @@ import pytest
 from cardan import spatial
 from cardan.drivers import registry
 from cardan.drivers.omni.limits import TickLimits
-from cardan.evaluation.haptics.loop import Rig
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
 from cardan.haptics import HapticCommand
 from cardan.sim_peers.omni import OmniSettings
 from cardan.types import ZERO3, Vector3
+from studies.haptics.loop import Rig
 from tests.gateway.force.test_omni import TABLE, VirtualOmni
 from tests.sim_peers.omni_virtual import LibHD, needs_library
 

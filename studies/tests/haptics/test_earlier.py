@@ -6,9 +6,9 @@ import functools
 
 import pytest
 
-from cardan.evaluation.haptics import earlier
-from cardan.evaluation.haptics.earlier import CONTACTS, SURPLUS_J, Before
-from cardan.evaluation.haptics.stability import HELD, LIGHTLY, OURS, PLAIN, RESTLESS_M_S
+from studies.haptics import earlier
+from studies.haptics.earlier import CONTACTS, SURPLUS_J, Before
+from studies.haptics.stability import HELD, LIGHTLY, OURS, PLAIN, RESTLESS_M_S
 
 pytestmark = pytest.mark.matrix
 

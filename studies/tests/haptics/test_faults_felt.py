@@ -10,9 +10,9 @@ import math
 import numpy as np
 import pytest
 
-from cardan.evaluation.haptics.faults import FAULT_S, FAULTS, LIMITS, feel, table
-from cardan.evaluation.haptics.loop import TICK_S
 from cardan.haptics import OperatingState
+from studies.haptics.faults import FAULT_S, FAULTS, LIMITS, feel, table
+from studies.haptics.loop import TICK_S
 
 pytestmark = pytest.mark.matrix
 

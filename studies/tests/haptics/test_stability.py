@@ -1,7 +1,7 @@
 """The closed loop in virtual time: where the plain loop feeds the hand, ours stays passive.
 
 Energy is the simulation's own. The bound is the budget of tick.h and what the encoders and the
-motors' converter hid from the books, which `cardan.evaluation.haptics.stability` adds up from the
+motors' converter hid from the books, which `studies.haptics.stability` adds up from the
 truth; the sum for hard accelerations is not in it.
 """
 
@@ -14,10 +14,12 @@ import random
 import numpy as np
 import pytest
 
-from cardan.evaluation.haptics import theory
-from cardan.evaluation.haptics.loop import MISPLACED_M, Rig
-from cardan.evaluation.haptics.remote import Channel, Link, RemoteWall, Robot, Wall
-from cardan.evaluation.haptics.stability import (
+from cardan.haptics import HapticCommand, Plane
+from cardan.types import ZERO3, Vector3
+from studies.haptics import theory
+from studies.haptics.loop import MISPLACED_M, Rig
+from studies.haptics.remote import Channel, Link, RemoteWall, Robot, Wall
+from studies.haptics.stability import (
     HANDS,
     HELD,
     LIGHTLY,
@@ -33,9 +35,7 @@ from cardan.evaluation.haptics.stability import (
     summary,
     table,
 )
-from cardan.evaluation.haptics.zwidth import FRICTIONLESS
-from cardan.haptics import HapticCommand, Plane
-from cardan.types import ZERO3, Vector3
+from studies.haptics.zwidth import FRICTIONLESS
 
 pytestmark = pytest.mark.matrix
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cardan.evaluation.haptics import timing, zwidth
-from cardan.evaluation.haptics.faults import FAULTS
-from cardan.evaluation.haptics.stability import PUSHES, link_words
+from studies.haptics import timing, zwidth
+from studies.haptics.faults import FAULTS
+from studies.haptics.stability import PUSHES, link_words
 
 pytestmark = pytest.mark.matrix
 

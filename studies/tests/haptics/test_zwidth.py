@@ -7,9 +7,9 @@ import functools
 
 import pytest
 
-from cardan.evaluation.haptics import theory, zwidth
-from cardan.evaluation.haptics.loop import TICK_S
-from cardan.evaluation.haptics.stability import CONTROLLER_OFF, OURS, PLAIN, UNHELD, judge, local
+from studies.haptics import theory, zwidth
+from studies.haptics.loop import TICK_S
+from studies.haptics.stability import CONTROLLER_OFF, OURS, PLAIN, UNHELD, judge, local
 
 pytestmark = pytest.mark.matrix
 

@@ -16,7 +16,6 @@ from cardan.drivers import registry
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.jr3_can import Jr3Options
 from cardan.drivers.omni.limits import TickLimits
-from cardan.evaluation.haptics.loop import Rig
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
@@ -24,6 +23,7 @@ from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions
 from cardan.sim_peers.omni.library import available
 from cardan.spatial import from_euler_zyx
 from cardan.types import DeviceCapabilities
+from studies.haptics.loop import Rig
 from tests.drivers import jr3_rig
 from tests.gateway.force.fakes import PERIOD_S, robot_state
 from tests.gateway.force.test_session import ScriptedRobot, drivers, session as fake_session  # noqa: F401

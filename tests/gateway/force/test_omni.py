@@ -10,11 +10,11 @@ import pytest
 
 from cardan.drivers import registry
 from cardan.drivers.omni.limits import TickLimits
-from cardan.evaluation.haptics.loop import Rig
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
 from cardan.sim_peers.omni.library import available
 from cardan.types import DeviceLink, DeviceState
+from studies.haptics.loop import Rig
 from tests.gateway.force.fakes import REST, FakeHaptic
 
 pytestmark = [

@@ -165,7 +165,7 @@ def test_a_file_needs_a_device_that_gives_force(tmp_path):
 @pytest.mark.matrix
 def test_the_devices_own_limits_hold_of_what_a_program_asks(monkeypatch):
     """5 N at once, then 5 N the other way, then silence, on the simulated Omni and its tick."""
-    from cardan.evaluation.haptics.loop import Rig as OmniRig
+    from studies.haptics.loop import Rig as OmniRig
 
     limits = TickLimits()
 

@@ -1,0 +1,116 @@
+"""Commands of other packages, by the entry points of the group ``cardan.commands``."""
+
+import sys
+from importlib.metadata import EntryPoint
+
+import pytest
+import typer
+
+from cardan import cli
+from cardan.cli import installed
+from cardan.errors import ExtraMissingError
+
+POINTS = {
+    "wave": f"{__name__}:wave",
+    "lacking": f"{__name__}:lacking",
+    "gone": "no_such_module_at_all:wave",
+    "number": "math:pi",
+    "strange": f"{__name__}:strange",
+    "check": f"{__name__}:wave",
+}
+
+
+def wave(times: int = 1) -> None:
+    """Wave the arm."""
+    print("waved", times)
+    if times == 4:
+        raise typer.Exit(4)
+
+
+def lacking() -> None:
+    """Need a package."""
+    raise ExtraMissingError("waving", "flags", "flags", "No module named 'flags'")
+
+
+def strange(times: object) -> None:
+    """Have a parameter that no command line can give."""
+
+
+@pytest.fixture
+def others(monkeypatch):
+    """What other packages have, each broken in its own way but two; one has the name of ours."""
+    points = [EntryPoint(name, target, "cardan.commands") for name, target in POINTS.items()]
+    monkeypatch.setattr(installed, "entry_points", lambda group: points)
+
+
+@pytest.fixture
+def cardan(monkeypatch, capsys):
+    """The command, in this process; gives what it said."""
+
+    def run(*words, code=0):
+        monkeypatch.setattr(sys, "argv", ["cardan", *words])
+        monkeypatch.setenv("COLUMNS", "200")
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        said = capsys.readouterr()
+        assert (ended.value.code or 0) == code, said
+        return said.out if code == 0 else said.err
+
+    return run
+
+
+@pytest.mark.usefixtures("others")
+def test_a_command_of_another_package_is_one_of_ours(cardan, capsys):
+    assert cardan("wave", "--times", "3") == "waved 3\n"
+    cardan("wave", "--times", "4", code=4)
+    assert "cardan wave --help" in cardan("wave", "--often", code=2)
+    assert "Wave the arm." in cardan("wave", "--help")
+    assert 'pip install "cardan[flags]"' in cardan("lacking", code=3)
+
+
+@pytest.mark.usefixtures("others")
+def test_help_names_it_and_goes_on_past_what_cannot_be_loaded(cardan):
+    said = cardan("--help")
+    assert "Wave the arm." in said
+    for name in ("gone", "number", "strange"):
+        assert f"│ {name} " in said
+    assert said.index("│ doctor ") < said.index("│ wave ")
+
+
+@pytest.mark.usefixtures("others")
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("gone", "cannot be loaded: ModuleNotFoundError: No module named 'no_such_module_at_all'"),
+        ("number", "math:pi of command 'number' is no function"),
+        ("strange", "command 'strange' cannot be used: RuntimeError: "),
+    ],
+)
+def test_what_cannot_be_loaded_says_why_in_one_line(cardan, name, words):
+    said = cardan(name, "--times", "1", code=2)
+    assert said.startswith("cardan: command: ")
+    assert words in said
+    assert said.count("\n") == 1
+
+
+@pytest.mark.usefixtures("others")
+def test_ours_have_their_names_first(cardan):
+    assert "configuration file" in cardan("check", "--help")
+
+
+def test_a_command_of_the_source_tree_says_where_it_is(cardan, monkeypatch):
+    monkeypatch.setattr(installed, "entry_points", lambda group: [])
+    said = cardan("evaluate", "--quick", code=2)
+    assert said.startswith("cardan: evaluate: ")
+    assert "pip install ./studies" in said
+    assert said.count("\n") == 1
+    assert "evaluate" not in cardan("--help")
+    assert "`cardan --help`" in cardan("evaluated", code=2)
+
+
+def test_a_command_of_ours_asks_nothing_about_what_is_installed(cardan, monkeypatch):
+    def asked(group):
+        raise AssertionError(group)
+
+    monkeypatch.setattr(installed, "entry_points", asked)
+    assert "abb_egm" in cardan("drivers")
