@@ -29,23 +29,6 @@ class Generic(enum.IntEnum):
     GET = vocab("get")
 
 
-class Verb(enum.IntEnum):
-    """Requests."""
-
-    STAT = vocab("stat")
-    INV = vocab("inv")
-    MOVJ = vocab("movj")
-    RELJ = vocab("relj")
-    MOVL = vocab("movl")
-    MOVV = vocab("movv")
-    GCMP = vocab("gcmp")
-    FORC = vocab("forc")
-    STOP = vocab("stop")
-    WAIT = vocab("wait")
-    TOOL = vocab("tool")
-    ACT = vocab("act")
-
-
 class Stream(enum.IntEnum):
     """Streaming commands; values of the parameter cpsc."""
 

@@ -1,4 +1,4 @@
-"""Paths in time: straight lines of poses, joints that arrive together, a twist kept up.
+"""Paths in time: straight lines of poses, joints that arrive together.
 
 A path answers where it is at any time since its start, and brakes along itself.
 """
@@ -12,7 +12,7 @@ from typing import Literal
 
 from cardan.arm_libraries import np, npt
 from cardan.errors import ConfigurationError
-from cardan.gateway.motion.profiles import JerkLimited, Profile, Ramp
+from cardan.gateway.motion.profiles import JerkLimited, Profile
 from cardan.spatial import (
     add,
     compose,
@@ -20,7 +20,6 @@ from cardan.spatial import (
     multiply,
     norm,
     normalized,
-    rotate,
     rotation_between,
     same_hemisphere,
     scale,
@@ -158,55 +157,10 @@ class LinePath(_ScrewPath):
         return (self.goal if t_s >= self.duration_s else pose), twist
 
 
-class TwistPath(_ScrewPath):
-    """`twist` kept up without end, reached from rest with the accelerations of `limits`.
-
-    The axes of a twist in the tool frame are those of `start`, for good. Where it is faster than
-    `limits` allow, all of it is slowed by one factor; `twist` is what it comes to, in base axes.
-    """
-
-    def __init__(
-        self,
-        start: Pose,
-        twist: Twist,
-        limits: PathLimits,
-        *,
-        profile: ProfileName = "trapezoid",
-    ) -> None:
-        start = _based(start)
-        linear, angular = twist.linear, twist.angular
-        if twist.frame is Frame.TOOL:
-            linear, angular = rotate(start.orientation, linear), rotate(start.orientation, angular)
-        speeds = (norm(linear), norm(angular))
-        if not math.isfinite(sum(speeds)):
-            raise ValueError(f"twist {tuple(linear)}, {tuple(angular)} is not finite")
-        fastest, acceleration, jerk = _cartesian_bounds(limits, *speeds, profile)
-        share = min(1.0, fastest)
-        super().__init__(start, linear, angular, Ramp(share, acceleration, jerk))
-        self.twist = Twist(scale(linear, share), scale(angular, share), Frame.BASE)
-
-
 def wrap_angle(angle_rad: float) -> float:
     """`angle_rad` in (-pi, pi]."""
     turn = 2.0 * math.pi
     return angle_rad - turn * math.ceil((angle_rad - math.pi) / turn)
-
-
-def isochronous_time(
-    displacement: Sequence[float], speeds: Sequence[float]
-) -> tuple[float, FloatArray]:
-    """Time (s) in which all joints arrive together, and their speeds, at constant speed.
-
-    `displacement` in rad or m, `speeds` the highest of each joint in rad/s or m/s.
-    """
-    ways = np.abs(np.asarray(displacement, dtype=np.float64))
-    highest = np.asarray(speeds, dtype=np.float64)
-    if highest.shape != ways.shape or ways.ndim != 1:
-        raise ValueError(f"{ways.size} displacements, but {highest.size} speeds")
-    if not (highest > 0.0).all():
-        raise ValueError(f"speeds {highest.tolist()} are not all above 0")
-    time_s = float((ways / highest).max(initial=0.0))
-    return time_s, ways / time_s if time_s > 0.0 else np.zeros_like(ways)
 
 
 class JointPath:

@@ -256,18 +256,6 @@ class JerkLimited(Profile):
         super().__init__(phases, acceleration, jerk, start, (length, 0.0))
 
 
-class Trapezoid(JerkLimited):
-    """From rest to rest over `length` with speed and acceleration bounded.
-
-    `duration_s` as in :class:`JerkLimited`; an infinite acceleration makes the speed constant.
-    """
-
-    def __init__(
-        self, length: float, speed: float, acceleration: float, duration_s: float | None = None
-    ) -> None:
-        super().__init__(length, speed, acceleration, math.inf, duration_s)
-
-
 class Ramp(Profile):
     """From rest to `speed` as quickly as the limits allow, and on without end."""
 

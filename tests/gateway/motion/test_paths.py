@@ -11,18 +11,13 @@ from cardan.gateway.motion.paths import (
     JointPath,
     LinePath,
     PathLimits,
-    TwistPath,
-    isochronous_time,
     wrap_angle,
 )
 from cardan.spatial import (
-    add,
     compose,
     dot,
     from_rotation_vector,
-    multiply,
     norm,
-    rotate,
     rotation_between,
     scale,
     subtract,
@@ -149,61 +144,11 @@ def test_senseless_limits_and_profiles_are_refused_by_name():
 # ---------------------------------------------------------------------------------------------
 
 
-@given(poses, st.sampled_from(Frame), profiles)
-def test_a_twist_goes_on_along_axes_fixed_at_the_start(start, frame, profile):
-    twist = Twist(Vector3(0.03, 0.0, 0.02), Vector3(0.0, 0.1, 0.0), frame)
-    path = TwistPath(start, twist, LIMITS, profile=profile)
-    assert path.duration_s == math.inf
-    assert path.at(0.0)[1] == Twist(ZERO3, ZERO3)
-    linear, angular = twist.linear, twist.angular
-    if frame is Frame.TOOL:
-        linear, angular = rotate(start.orientation, linear), rotate(start.orientation, angular)
-    (before, reached), (after, _) = path.at(5.0), path.at(105.0)
-    assert reached.linear == pytest.approx(linear)
-    assert reached.angular == pytest.approx(angular)
-    moved = subtract(after.position, before.position)
-    assert moved == pytest.approx(scale(linear, 100.0), abs=1e-9)
-    turned = multiply(from_rotation_vector(scale(angular, 100.0)), before.orientation)
-    assert apart(after, Pose(after.position, turned))[1] < 1e-6
-
-
-def test_a_twist_reaches_its_speed_with_the_acceleration_and_brakes_the_same_way():
-    path = TwistPath(IDENTITY_POSE, Twist(Vector3(0.05, 0, 0), ZERO3), LIMITS)
-    assert path.at(0.25)[1].linear.x == pytest.approx(0.025)
-    stop = path.brake(3.0)
-    assert stop.duration_s == pytest.approx(0.5)
-    end = stop.at(1.0)[0].position
-    assert end == pytest.approx(add(path.at(3.0)[0].position, Vector3(0.0125, 0, 0)))
-
-
-def test_a_twist_beyond_the_limits_is_slowed_as_a_whole():
-    path = TwistPath(IDENTITY_POSE, Twist(Vector3(0.5, 0, 0), Vector3(0, 0, 0.1)), LIMITS)
-    assert path.twist.linear == pytest.approx((0.05, 0, 0))
-    assert path.twist.angular == pytest.approx((0, 0, 0.01))
-    assert path.at(100.0)[1].linear == pytest.approx((0.05, 0, 0))
-
-
-def test_a_twist_of_zero_stays_and_one_of_nan_is_refused():
-    still = TwistPath(IDENTITY_POSE, Twist(ZERO3, ZERO3), LIMITS)
-    assert still.at(10.0) == (IDENTITY_POSE, Twist(ZERO3, ZERO3))
-    with pytest.raises(ValueError, match="finite"):
-        TwistPath(IDENTITY_POSE, Twist(Vector3(math.nan, 0, 0), ZERO3), LIMITS)
-
-
-# ---------------------------------------------------------------------------------------------
-
-
 def test_isochronous_times_and_speeds():
     way = np.radians([5, -2, 0, 20, 0, 10])
-    time_s, speeds = isochronous_time(way, np.radians([10.0] * 6))
-    assert time_s == pytest.approx(2.0)
-    assert np.degrees(speeds) == pytest.approx([2.5, 1, 0, 10, 0, 5])
     path = JointPath([0.0] * 6, way, np.radians([10.0] * 6), [math.inf] * 6)
     assert path.duration_s == pytest.approx(2.0)
     assert np.degrees(path.at(1.0)[1]) == pytest.approx([2.5, -1, 0, 10, 0, 5])
-    assert isochronous_time([0.0], [1.0])[0] == 0.0
-    with pytest.raises(ValueError, match="above 0"):
-        isochronous_time([1.0], [0.0])
 
 
 angles = st.lists(st.floats(-6.0, 6.0), min_size=6, max_size=6)

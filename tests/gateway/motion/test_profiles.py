@@ -6,7 +6,7 @@ import math
 import pytest
 from hypothesis import assume, given, strategies as st
 
-from cardan.gateway.motion.profiles import JerkLimited, Ramp, Trapezoid
+from cardan.gateway.motion.profiles import JerkLimited, Ramp
 
 lengths = st.floats(1e-6, 1e3)
 limits = st.floats(1e-2, 1e2)
@@ -64,7 +64,7 @@ def test_bounds_hold_at_all_times_and_ends_are_exact(length, speed, acceleration
     ],
 )
 def test_trapezoid_times(length, duration_s, peak):
-    profile = Trapezoid(length, 0.05, 0.02)
+    profile = JerkLimited(length, 0.05, 0.02, math.inf)
     assert profile.duration_s == pytest.approx(duration_s, abs=6e-5)
     assert profile.at(0.5 * duration_s).ds == pytest.approx(peak, abs=1e-5)
 
@@ -82,7 +82,7 @@ def test_seven_phase_times_with_each_degenerate_case():
 
 
 def test_infinite_limits():
-    constant = Trapezoid(3.0, 1.5, math.inf)
+    constant = JerkLimited(3.0, 1.5, math.inf, math.inf)
     assert constant.duration_s == 2.0
     assert constant.at(1.0) == (1.5, 1.5, 0.0)
     assert constant.brake(1.0).at(0.0) == (1.5, 0.0, 0.0)
@@ -91,7 +91,7 @@ def test_infinite_limits():
 
 
 def test_nothing_to_do_takes_no_time_or_as_long_as_asked():
-    assert Trapezoid(0.0, 1.0, 1.0).duration_s == 0.0
+    assert JerkLimited(0.0, 1.0, 1.0, math.inf).duration_s == 0.0
     waiting = JerkLimited(0.0, 1.0, 1.0, 1.0, duration_s=2.0)
     assert waiting.duration_s == 2.0
     assert waiting.at(1.0) == (0.0, 0.0, 0.0)
@@ -99,7 +99,7 @@ def test_nothing_to_do_takes_no_time_or_as_long_as_asked():
 
 def test_a_duration_below_the_quickest_is_refused_with_both_times():
     with pytest.raises(ValueError, match=r"duration 8 s .* 8.5 s"):
-        Trapezoid(0.3, 0.05, 0.02, duration_s=8.0)
+        JerkLimited(0.3, 0.05, 0.02, math.inf, duration_s=8.0)
 
 
 @pytest.mark.parametrize(
