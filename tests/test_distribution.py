@@ -164,6 +164,19 @@ def test_the_distributions_for_lerobot_are_in_the_archive_alone(wheel: Path, sdi
         assert {member.name.partition("/")[2] for member in archive_} >= sources
 
 
+def test_the_studies_are_in_the_archive_alone(wheel: Path, sdist: Path) -> None:
+    sources = {str(path.relative_to(ROOT)) for path in (ROOT / "studies").rglob("*.py")}
+    sources |= {"studies/pyproject.toml", "studies/haptics/probe.c", "conftest.py"}
+    with zipfile.ZipFile(wheel) as archive:
+        assert not [name for name in archive.namelist() if name.startswith("studies/")]
+    with tarfile.open(sdist) as archive_:
+        assert {member.name.partition("/")[2] for member in archive_} >= sources
+
+
+def test_a_command_of_the_source_tree_says_where_it_is(light: Installation) -> None:
+    assert "pip install ./studies" in light.cardan("evaluate", "--quick", codes=(2,))
+
+
 def test_its_page_needs_nothing_of_the_checkout(light: Installation) -> None:
     program = (
         "from cardan.gateway.faces.console.site import Site;"
