@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from cardan.bus.node import BusNode, Received, ServiceRequest
 from cardan.errors import CardanError, MotionRefusedError
-from cardan.gateway.arm.codes import Begins
+from cardan.gateway.arm.codes import Begins, vocab_text
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
     ENDLESS,
@@ -31,7 +31,7 @@ from cardan.gateway.arm.requests import (
     encode_note,
     encode_reply,
 )
-from cardan.gateway.arm.streams import QUEUED_S
+from cardan.gateway.arm.streams import PRESETS, QUEUED_S
 from cardan.gateway.bus.actions import Ahead, ArmAction
 from cardan.gateway.bus.arm_parameters import ArmParameters
 from cardan.gateway.bus.arm_topics import OK, WARN, Part
@@ -569,11 +569,17 @@ class _TopicClient:
             published_s = attachment.source_ns * 1e-9
             if abs(published_s - stamp_s) > PUBLISHED_S:
                 return
-        why = MotionRefusedError(
-            f"{request.verb}: {source.name!r} has been connected for {connected_s:.2f} s, so this "
-            "may have waited until it was: what its sender gave no stamp counts after "
-            f"{QUEUED_S:g} s"
-        )
+        owner = self._server.contested_by(source.name)
+        if owner:
+            preset = vocab_text(PRESETS[request.verb])
+            why = MotionRefusedError(f"{preset}: {owner!r} has authority over the arm")
+            self._server.contest(str(why))
+        else:
+            why = MotionRefusedError(
+                f"{request.verb}: {source.name!r} has been connected for {connected_s:.2f} s, so "
+                "this may have waited until it was: what its sender gave no stamp counts after "
+                f"{QUEUED_S:g} s"
+            )
         raise PacketError(str(why), request.id) from why
 
     def _asked_for(self, asks: Asks, number: int, source: str) -> Request | None:

@@ -448,3 +448,12 @@ def test_a_token_that_comes_while_its_node_streams_does_not_end_the_stream(bench
     bench.node.tokens.waiting.append((token, True))
     together(bench, 0.1, node)
     assert "refused" not in {outcome for _, outcome, _ in outcomes(bench)}
+
+
+def test_a_new_connection_is_told_who_has_the_arm(bench):
+    first = Node(bench, "/left/joystick", "b0", -SPEED_M_S)
+    together(bench, 0.5, first)
+    together(bench, 0.1, first, Node(bench, "/script", "c0", SPEED_M_S, new=True))
+    words = "twst: 'ros2 /left/joystick' has authority over the arm"
+    assert outcomes(bench)[-1] == ("ros2 /script", "refused", words)
+    assert bench.server.contested == 5
