@@ -203,8 +203,9 @@ class SpnavCore(DeviceCore):
     ) -> list[ServerRecord | Handshake]:
         """All but the oldest motions of each long run of them."""
         kept: list[ServerRecord | Handshake] = []
-        for are_motions, run in groupby(values, lambda value: isinstance(value, Motion)):
-            kept += [*run][-MOST_MOTIONS:] if are_motions else run
+        for are_motions, values_of in groupby(values, lambda value: isinstance(value, Motion)):
+            run = list(values_of)
+            kept += run[-MOST_MOTIONS:] if are_motions else run
         return kept
 
     def on_time(self, now_s: float) -> None:
