@@ -51,6 +51,8 @@ RESTS_S = 0.5
 """A hand counts once it was seen at rest."""
 
 MOST_AT_ONCE = 1000
+_page_program: Any = PageProgram
+_teleop: Any = TELEOP["data"]
 _NO_STAMP = {"sec": 0, "nanosec": 0}
 
 
@@ -232,7 +234,7 @@ class _PageFrames(_Held):
     target: ClassVar[dict[str, str]]
 
     def begin(self) -> None:
-        page = PageProgram(self.connection)
+        page: Any = _page_program(self.connection)
         page.begin()
         page.open(1, **self.target)
 
@@ -268,7 +270,7 @@ class PageTeleop(_Held):
     def message(self) -> bytes:
         passed_s = self.passed_s()
         place = {"x": 0.0, "y": 1.2, "z": -self.way * min(0.05, 0.1 * max(0.0, passed_s))}
-        data = {**TELEOP["data"], "position": place, "move": passed_s > 0.0}
+        data = {**_teleop, "position": place, "move": passed_s > 0.0}
         return _text({"type": "pose", "data": data})
 
 
