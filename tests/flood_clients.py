@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import re
 import socket
 import struct
 import time
@@ -21,7 +22,7 @@ from cardan.gateway.arm.codes import Begins
 from cardan.gateway.arm.requests import Request, encode_request
 from cardan.gateway.daemon.control import Ask, encode_ask
 from cardan.protocols.foxglove import SUBPROTOCOLS
-from cardan.protocols.handheld import JogTwist, OperatorFrame, Phone, encode_frame
+from cardan.protocols.handheld import OperatorFrame, Phone, encode_frame
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ControlMode,
@@ -46,7 +47,12 @@ SEND_S = 0.02
 """Longest time that a client is held up by what is full before it looks at its clock: its last byte
 has to be handed over when its time is up."""
 
+RESTS_S = 0.5
+"""A hand counts once it was seen at rest."""
+
 MOST_AT_ONCE = 1000
+_page_program: Any = PageProgram
+_teleop: Any = TELEOP["data"]
 _NO_STAMP = {"sec": 0, "nanosec": 0}
 
 
@@ -136,7 +142,8 @@ class _Web(_Stream):
 
     def __init__(self, endpoint: str, way: int) -> None:
         super().__init__(endpoint, way)
-        url = f"ws://127.0.0.1:{endpoint.rpartition(':')[2]}{self.path}"
+        (port,) = re.findall(r":(\d+)", endpoint)
+        url = f"ws://127.0.0.1:{port}{self.path}"
         self.connection = connect(
             url, compression=None, subprotocols=self.protocols, max_queue=None
         )
@@ -209,76 +216,62 @@ class PageJson(Rosbridge):
     path = "/ws"
 
 
-class _PageFrames(_Web):
-    """Operator frames of the page, in binary."""
+class _Held(_Web):
+    """The page's socket, by a hand that rests at first and then holds."""
 
     path = "/ws"
+    _began_s = 0.0
+
+    def passed_s(self) -> float:
+        """Since it holds; below 0: it rests still."""
+        self._began_s = self._began_s or time.monotonic()
+        return time.monotonic() - self._began_s - RESTS_S
+
+
+class _PageFrames(_Held):
+    """Operator frames of the page, in binary."""
+
     target: ClassVar[dict[str, str]]
 
     def begin(self) -> None:
-        page = PageProgram(self.connection)
+        page: Any = _page_program(self.connection)
         page.begin()
         page.open(1, **self.target)
-        page.frame(self.body(), hold=False)
-        self.made = page.sequence
 
     @abstractmethod
-    def body(self) -> Any:
+    def body(self, passed_s: float) -> Any:
         """What a frame has."""
 
     def message(self) -> bytes:
         self.made += 1
+        now_us, passed_s = int(time.monotonic() * 1e6), self.passed_s()
         frame = OperatorFrame(
-            self.body(), True, channel=1, sequence=self.made, time_us=int(time.monotonic() * 1e6)
+            self.body(max(0.0, passed_s)),
+            passed_s > 0.0,
+            channel=1,
+            sequence=self.made,
+            time_us=now_us,
         )
         return _binary(encode_frame(frame))
 
 
-class PageJog(_PageFrames):
-    """The page's buttons."""
-
-    target: ClassVar = {"arm": ARM}
-
-    def body(self) -> JogTwist:
-        return JogTwist(Vector3(self.way * SPEED_M_S, 0.0, 0.0), Vector3(0.0, 0.0, 0.0))
-
-
 class PagePhone(_PageFrames):
-    """A phone, tilted while it is held."""
+    """A phone, tilted while it is held: slowly, as a turn at once would be a leap."""
 
     target: ClassVar = {"device": "/phone"}
-    _began_s = 0.0
 
-    def begin(self) -> None:
-        super().begin()
-        self._began_s = time.monotonic()
-
-    def body(self) -> Phone:
-        # A turn at once would be a leap.
-        passed_s = time.monotonic() - self._began_s if self._began_s else 0.0
-        return Phone(Vector3(0.0, self.way * min(15.0, 30.0 * max(0.0, passed_s - 0.3)), 0.0))
+    def body(self, passed_s: float) -> Phone:
+        return Phone(Vector3(0.0, self.way * min(15.0, 30.0 * passed_s), 0.0))
 
 
-class PageTeleop(_Web):
+class PageTeleop(_Held):
     """The public page `teleop`: the phone goes away from where it was held."""
 
-    path = "/ws"
-    _began_s = 0.0
-
-    def begin(self) -> None:
-        self.connection.send(self._pose(0.0, False))
-        self._began_s = time.monotonic()
-
-    def _pose(self, z: float, move: bool) -> str:
-        place = {"x": 0.0, "y": 1.2, "z": z}
-        return json.dumps(
-            {"type": "pose", "data": {**TELEOP["data"], "position": place, "move": move}}
-        )
-
     def message(self) -> bytes:
-        passed_s = time.monotonic() - self._began_s
-        z = -self.way * min(0.05, 0.1 * max(0.0, passed_s - 0.3))
-        return Frame(Opcode.TEXT, self._pose(z, True).encode()).serialize(mask=True)
+        passed_s = self.passed_s()
+        place = {"x": 0.0, "y": 1.2, "z": -self.way * min(0.05, 0.1 * max(0.0, passed_s))}
+        data = {**_teleop, "position": place, "move": passed_s > 0.0}
+        return _text({"type": "pose", "data": data})
 
 
 class _Bus(Client):
@@ -419,7 +412,6 @@ MAKERS: dict[str, Callable[[str, int], Client]] = {
     "DDS": Dds,
     "Zenoh": Zenoh,
     "page, JSON": PageJson,
-    "page, jog frames": PageJog,
     "page, phone frames": PagePhone,
     "page, teleop": PageTeleop,
     "daemon's socket": Daemon,

@@ -44,13 +44,14 @@ FLOOD_S = 1.6
 """Longer than a backlog is tolerated for."""
 STOPPED_S = 1.0
 PORTION_S = 0.002
-BEGUN_S = 0.5
-"""From when a client is there until its flood begins."""
+BEGUN_S, BEGUN_PERIOD_S = 1.0, 0.02
+"""For how long, and how often, a client sends as clients do before its flood: the arm moves by
+then."""
 SETTLED_S = 0.5
 """How long the arm has to rest, after the time in which it should be at rest, ..."""
 WATCHED_S = 6.0
 """... and how long that is waited for."""
-COUNTED_S = 0.6
+COUNTED_S = 1.0
 """For how long it is measured what a message costs."""
 MOST_PER_S = 1e6
 """More than any client here hands over: of a message whose cost is too small to be measured."""
@@ -122,9 +123,8 @@ SERVERS = {
     "DDS": Server(("dds", "--dds-domain", "73")),
     "Zenoh": Server(counted_per_s=20_000.0),
     "page, JSON": Server(_PAGE),
-    "page, jog frames": Server(_PAGE),
-    "page, phone frames": Server(_PAGE, "phone", "hold", PHONE),
-    "page, teleop": Server(_PAGE, "xr", "hold", f'{PHONE}\npart = "viewer"'),
+    "page, phone frames": Server(_PAGE, "phone", "hold", PHONE, 100.0),
+    "page, teleop": Server(_PAGE, "xr", "hold", f'{PHONE}\npart = "viewer"', 100.0),
     "daemon's socket": Server(),
     "joint stream": Server(counted_per_s=20_000.0),
     "spnav": Server((), "spnav", "", 'socket = "{folder}/spnav.sock"', 20_000.0),
@@ -179,7 +179,10 @@ def send(
     whether the server had ended the connection. It stays until it is killed, unless its end is
     another."""
     client = MAKERS[name](endpoint, way)
-    time.sleep(BEGUN_S)
+    until_s = time.monotonic() + BEGUN_S
+    while time.monotonic() < until_s:
+        client.hand(1)
+        time.sleep(BEGUN_PERIOD_S)
     began_s = ended_s = time.monotonic()
     link.send(began_s)
     handed, cut = 0, False
