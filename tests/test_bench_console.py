@@ -49,7 +49,7 @@ def test_an_arm_that_moves_again_is_seen():
     times = [0.01 * step for step in range(200)]
 
     def moved(path):
-        return rig._again(times, [abs(path[-1] - each) for each in path], 0)
+        return rig._again(times, [abs(path[-1] - each) for each in path], [*range(200)])
 
     stopping = [min(0.01, 0.1 * when) for when in times]
     assert moved(stopping) < 1e-9
@@ -57,3 +57,6 @@ def test_an_arm_that_moves_again_is_seen():
         each + (0.005 if when > 1.0 else 0.0) for when, each in zip(times, stopping, strict=True)
     ]
     assert moved(again) == pytest.approx(0.005)
+    kept_from_work = [min(step, 12) + max(0, step - 100) for step in range(200)]
+    away = [abs(again[-1] - each) for each in again]
+    assert rig._again(times, away, kept_from_work) < 1e-9, "nobody commanded it while it stood"

@@ -5,7 +5,9 @@ import pytest
 from tests import flood_table
 from tests.docs_tables import END
 from tests.fault_table import PAGE
-from tests.flood_table import BEGIN, ENDS, LATE_S, RATES, SERVERS
+from tests.flood_table import BEGIN, ENDS, RATES, REST_S, SERVERS
+
+UNMEASURED = "–"
 
 
 def written():
@@ -23,16 +25,17 @@ def test_the_table_has_all_servers_rates_and_ends():
     ]
 
 
-def test_what_is_passed_on_after_the_last_byte_is_in_time():
+def test_the_arm_is_at_rest_in_time_after_the_last_byte():
     for _, _, *cells in written()[1:]:
         for cell in cells:
-            assert float(cell.rstrip("*")) <= 1e3 * LATE_S
+            if cell != UNMEASURED:
+                assert float(cell.rstrip("*")) <= 1e3 * REST_S
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(120)
+@pytest.mark.timeout(180)
 @pytest.mark.parametrize("name", SERVERS)
 def test_a_flood_moves_nothing_late(name):
     for row in flood_table.rows([name], [10.0], ["silence", "server stopped for 1 s"]):
-        assert row.late_s <= LATE_S + 0.1, row
-        assert row.passed, row
+        assert row.late_s <= REST_S + 0.1, row
+        assert row.moved_s, row

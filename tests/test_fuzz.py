@@ -16,7 +16,7 @@ import pytest
 from fuzz import corpus, run as runs, servers
 from fuzz.mutate import Mutator
 from fuzz.run import Outcome, check_growth, outcome_of, run, shares, table_of
-from fuzz.target import Form, Target, Watch, joined, split, tried
+from fuzz.target import Form, Target, Watch, joined, split
 from fuzz.targets import target_named, targets
 from tests.examples import examples
 
@@ -26,18 +26,10 @@ SHORT_INPUTS, SHORT_S = examples(300), 0.2
 
 
 @pytest.mark.parametrize("name", targets())
-def test_what_is_kept_is_understood_or_refused(name):
-    target = target_named(name)
-    for kept in corpus.kept(name):
-        tried(target, kept.given)
-    for given in target.seeds():
-        tried(target, given)
-
-
-@pytest.mark.parametrize("name", targets())
-def test_damaged_input_is_understood_or_refused(name):
+def test_good_kept_and_damaged_input_is_understood_or_refused(name):
     outcome = run(target_named(name), "short", SHORT_INPUTS, SHORT_S)
     assert not outcome.findings, _words(outcome)
+    assert outcome.inputs >= len(runs.population_of(target_named(name)))
     grown = check_growth(target_named(name), "short", 1)
     assert not grown.findings, _words(grown)
 

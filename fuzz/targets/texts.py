@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
+import time
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -96,7 +97,7 @@ class _Program:
     def __init__(self) -> None:
         self.told: list[bytes] = []
         self.gone: list[Callable[[], None]] = []
-        self.open = True
+        self.open, self.since_s = True, time.monotonic()
 
     def tell(self, *told: control.Told) -> None:
         """As the server's own: what cannot be encoded would end the daemon."""

@@ -151,7 +151,6 @@ def pages(bench):
 @pytest.mark.real(
     "*Stop* tapped with another finger",
     "mouse button let go",
-    "page's thread blocked for 1 s",
     "connection cut",
 )
 @pytest.mark.parametrize("name", [name for name, end in ENDS.items() if end.tested])

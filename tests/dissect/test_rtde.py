@@ -331,7 +331,7 @@ def test_joining_in_the_middle_and_an_early_end():
     assert reader.malformed.total() == 1
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.data())
 def test_splitting_and_reordering_change_nothing(data):
     messages = states(*(1.0 + 0.002 * n for n in range(5)))

@@ -40,7 +40,7 @@ def states(count, order="<"):
     return made
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.data(), st.sampled_from("<>"))
 def test_splitting_merging_reordering_and_repeating_change_nothing(data, order):
     messages = states(4, order)

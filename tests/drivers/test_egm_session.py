@@ -52,6 +52,7 @@ from cardan.types import (
     TwistCommand,
     Vector3,
 )
+from tests.examples import examples
 
 from .egm_controller import (
     HOME,
@@ -694,7 +695,7 @@ class TestCommands:
             )
         assert bench.session.sessions == 1
 
-    @settings(max_examples=60)
+    @settings(max_examples=examples(60))
     @given(
         st.lists(
             st.tuples(

@@ -10,6 +10,7 @@ from cardan.errors import CommandError
 from cardan.protocols.jr3_can import Ack, Forces, Moments, Opcode, encode_from_board
 from cardan.types import DeviceLink, Frame
 from tests.drivers.jr3_rig import NODE_ID, STEP_S, Rig
+from tests.examples import examples
 
 OFFSET = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
 REST = (0.0,) * 6
@@ -354,7 +355,7 @@ def test_the_sample_of_zeros_after_a_zero_is_no_rest():
 # -- values ----------------------------------------------------------------------------------------
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     st.lists(
         st.tuples(

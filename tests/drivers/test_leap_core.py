@@ -12,6 +12,7 @@ from cardan.protocols.leap import DeviceEvent, Hand, Malformed, TrackingFrame, V
 from cardan.spatial import from_rotation_vector, norm, rotation_between, subtract
 from cardan.types import DeviceLink, Vector3
 from tests.drivers.leap_frames import HOME, PERIOD_S, Rig, engaged, hand
+from tests.examples import examples
 
 FIST = {"grab_strength": 1.0}
 PINCH = {"pinch_strength": 1.0}
@@ -388,7 +389,7 @@ messages = st.one_of(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     st.sampled_from(["still", "open", "grab", "pinch"]),
     st.lists(st.tuples(st.floats(0.0, 0.15), messages), max_size=60),

@@ -139,7 +139,7 @@ class TestGuarantees:
         shortest_s = 1.5 / 2.0 + 2.0 / 10.0
         assert steps * PERIOD_S < shortest_s + 0.06
 
-    @settings(max_examples=50)
+    @settings(max_examples=examples(50))
     @given(dt_s=st.sampled_from([0.0, -1.0, -math.inf, math.nan, 1e-9]), command=commands)
     def test_no_time_no_change(self, dt_s: float, command: RobotCommand) -> None:
         guide = guide_at(0.1, 0.0, 0.0, velocities=(0.5, 0.1, -0.5))
@@ -246,7 +246,7 @@ class TestFollowing:
             worst = max(worst, abs(guide.positions[2] - goal))
         assert worst < 0.2 * PERIOD_S**2
 
-    @settings(max_examples=60)
+    @settings(max_examples=examples(60))
     @given(
         start=st.tuples(st.floats(-0.9, 0.4), st.floats(-0.015, 0.015), st.floats(-2.0, 2.0)),
         goal=st.tuples(st.floats(-0.9, 0.4), st.floats(-0.015, 0.015), st.floats(-2.0, 2.0)),
@@ -275,7 +275,7 @@ class TestFollowing:
         assert arrived_s <= 1.05 * least_s + 8.0 * dt_s
         assert guide.positions == pytest.approx(goal, abs=1e-6)
 
-    @settings(max_examples=60)
+    @settings(max_examples=examples(60))
     @given(jumps=st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=20))
     def test_a_joint_does_not_overshoot_because_another_changes_its_mind(
         self, jumps: Sequence[float]

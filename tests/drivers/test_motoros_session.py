@@ -32,6 +32,7 @@ from cardan.types import (
     RobotLink,
 )
 from tests.drivers.motoros_rig import Rig
+from tests.examples import examples
 
 HOME = load_arm("gp8").home
 MODES = ("velocity", "stream", "standard")
@@ -677,7 +678,7 @@ def test_a_feedback_that_no_robot_measures_is_ignored():
     assert (feed.velocities, feed.feedback_s) == ((), 1.2)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.lists(st.tuples(st.booleans(), st.binary(max_size=200)), max_size=8))
 def test_arbitrary_bytes_never_raise_and_send_no_command(pieces):
     session, now_s = MotorosSession(MotorosOptions()), 10.0

@@ -34,6 +34,7 @@ from tests.drivers.tick_rig import (
     rotation,
     size,
 )
+from tests.examples import examples
 
 
 def test_the_clamp_keeps_the_direction() -> None:
@@ -45,7 +46,7 @@ def test_the_clamp_keeps_the_direction() -> None:
     assert rig.state.reason == "limited to the largest force"
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(
     st.integers(0, 2**32 - 1),
     st.lists(st.lists(FIXTURES, max_size=4), min_size=1, max_size=6),

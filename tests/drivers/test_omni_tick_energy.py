@@ -27,6 +27,7 @@ from tests.drivers.tick_rig import (
     Rig,
     size,
 )
+from tests.examples import examples
 
 pytestmark = pytest.mark.matrix
 
@@ -124,7 +125,7 @@ def live(
     return rig, ledger
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(st.lists(FIXTURES, min_size=1, max_size=4), HANDS, VECTORS)
 def test_energy_is_bounded_in_any_scene(
     fixtures: list[Fixture], hand: tuple[float, ...], at: Vector3
@@ -132,7 +133,7 @@ def test_energy_is_bounded_in_any_scene(
     live(Hand(*hand, at), lambda k: {"fixtures": tuple(fixtures)} if k == 0 else {}, 400)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(
     FIXTURES,
     HANDS,
@@ -160,7 +161,7 @@ def test_energy_is_bounded_when_fixtures_move(
     live(Hand(*hand, ZERO3), scene, 400, energy_budget_j=budget_j)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(
     HANDS,
     st.floats(10.0, 3000.0),
@@ -193,7 +194,7 @@ def test_energy_is_bounded_behind_a_delay(
     live(body, scene, 500, quantum_m=6e-5 if quantised else 0.0)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(
     st.integers(0, 2**32 - 1),
     HANDS,

@@ -32,6 +32,7 @@ from cardan.sim_peers.spacemouse import (
     simulated_serial_puck,
 )
 from cardan.types import DeviceFeedback, DeviceLink
+from tests.examples import examples
 from tests.serving import in_a_thread
 from tests.waiting import until
 
@@ -353,7 +354,7 @@ GREETINGS = {
 }
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(data=st.lists(st.binary(max_size=60), max_size=20), key=st.sampled_from([None, *MODELS]))
 def test_noise_never_raises(data, key):
     session = SerialSession(serial_model_by_key(key) if key else None, 0.0)

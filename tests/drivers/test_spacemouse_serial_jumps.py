@@ -204,7 +204,7 @@ def test_a_wrong_bit_is_no_deflection_and_is_over_with_the_next_packet(hand, key
             )
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(hand=steps, key=st.sampled_from(MODELS))
 def test_a_hand_is_followed_packet_by_packet(hand, key):
     bench = Followed(key)

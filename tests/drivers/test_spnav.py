@@ -388,16 +388,6 @@ def test_behind_spacenavd_and_a_serial_spacemouse(tmp_path):
     assert told.core.state(told.now_s + 0.101).axes == REST
 
 
-HELD = """
-    0.30 axes 0 0 0.2 0 0 0 over 0.1
-    0.50 neutral over 0.1
-    0.80 press first
-    0.90 axes 0 0 0.6 0 0 0
-    9.00 neutral
-"""
-"""Touch and let go; then hold quite still, of which the daemon passes on nothing."""
-
-
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
 @pytest.mark.parametrize("interval", [40, 250, 999])
 def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, monkeypatch, interval):
@@ -439,9 +429,17 @@ def test_what_spacenavd_repeats_by_itself_is_no_sign_of_life(tmp_path, monkeypat
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")
 def test_a_steady_hand_on_a_serial_device_needs_the_longer_silence(tmp_path):
     """A hand that trembles by one count: some packets are like those before, and not passed on."""
-    daemon = spacenavd(tmp_path, HELD, jitter_lsb=1)
+    hand = PuckHand()
+    daemon = spacenavd(tmp_path, "", hand=hand, jitter_lsb=1)
     with daemon as (path, _), opened(path) as usual, opened(path, stale_after_s=1.0) as patient:
         assert 'transport = "serial"' in " ".join(usual.diagnosis())
+        hand.do("set_axes", push(2, 0.2))
+        for each in (usual, patient):
+            until(each, lambda _, heard=each: heard.metrics()["motion_age_s"] < math.inf)
+        hand.do("set_axes", REST)
+        for each in (usual, patient):
+            until(each, live)
+        hand.do("set_axes", push(2, 0.6))
         until(patient, lambda state: state.axes[2] > 0.5)
         end_s = time.monotonic() + 3.0
         until(patient, lambda state: not live(state) or time.monotonic() > end_s)
@@ -507,27 +505,23 @@ def keys_of(model):
     return [key for key in serial_model_by_key(model).buttons.values() if key not in UNTOLD]
 
 
-def presses(model):
-    """A script that presses all keys of a device, one after the other."""
-    keys = keys_of(model)
-    return "".join(
-        f"{0.5 + 0.2 * at:.1f} press {key}\n{0.6 + 0.2 * at:.1f} release {key}\n"
-        for at, key in enumerate(keys)
-    )
-
-
 def told_presses(folder, model):
     """The buttons that the driver has of a hand that presses all keys of a serial device."""
     folder.mkdir()
-    edges = []
-
-    def all_were_told(_):
-        edges.extend(driver.button_events())
-        return len(edges) == 2 * len(keys_of(model))
-
-    with spacenavd(folder, presses(model), model=model) as (path, _), opened(path) as driver:
-        until(driver, all_were_told)
+    hand, edges = PuckHand(), []
+    with spacenavd(folder, "", hand=hand, model=model) as (path, _), answered(path) as driver:
+        for key in keys_of(model):
+            for act in ("press", "release"):
+                hand.do(act, key)
+                count = len(edges) + 1
+                until(driver, lambda _, wanted=count: told(driver, edges) == wanted)
     return [event.button for event in edges if event.pressed]
+
+
+def told(driver, edges):
+    """How many edges the driver has told of, those of now among them."""
+    edges.extend(driver.button_events())
+    return len(edges)
 
 
 @pytest.mark.judged(device="spacenavd client", transport="socket", by="Debian spacenavd")

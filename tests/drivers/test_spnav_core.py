@@ -8,6 +8,7 @@ from hypothesis import given, strategies as st
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
 from cardan.drivers.spnav.core import (
     HANDSHAKE_TIMEOUT_S,
+    MOST_MOTIONS,
     OUT_OF_STEP,
     REPEAT_CHECK_S,
     REPLY_TIMEOUT_S,
@@ -742,3 +743,14 @@ def test_a_spaceball_turns_in_smaller_numbers_than_it_shifts():
 def test_options_name_what_is_wrong(options, words):
     with pytest.raises(ValueError, match=words):
         SpnavOptions(**options)
+
+
+def test_of_motions_that_waited_the_newest_count():
+    daemon = Daemon()
+    daemon.send(encode_motion(REST, 16))
+    before = daemon.core.metrics(daemon.now_s)["superseded"]
+    waited = b"".join(encode_motion((0, 0, 100 + n % 50, 0, 0, 0), 16) for n in range(5000))
+    daemon.send(waited + encode_button(1, True) + encode_motion(PUSH, 16))
+    assert daemon.core.state(daemon.now_s).axes == FORWARD
+    assert daemon.core.metrics(daemon.now_s)["superseded"] == before + 5000 - MOST_MOTIONS
+    assert daemon.core.state(daemon.now_s).buttons == {"button-1"}

@@ -45,7 +45,7 @@ class FakeDevice(OperatorDevice):
 
     def __init__(self, options: FakeDeviceOptions | None = None) -> None:
         super().__init__(options)
-        self.looks = 0
+        self.looks, self.gripped = 0, False
         self.led: list[bool] = []
         self.is_open = False
 
@@ -68,7 +68,10 @@ class FakeDevice(OperatorDevice):
         return DeviceState(time.monotonic(), DeviceLink.LIVE, axes, buttons)
 
     def button_events(self) -> list[ButtonEvent]:
-        return [ButtonEvent(time.monotonic(), "grip", True)] if self.looks == 50 else []
+        if self.looks < 50 or self.gripped:
+            return []
+        self.gripped = True
+        return [ButtonEvent(time.monotonic(), "grip", True)]
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
         assert feedback.led is not None

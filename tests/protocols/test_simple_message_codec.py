@@ -75,7 +75,7 @@ def test_every_type_and_every_body_is_served():
 
 @pytest.mark.parametrize("wire", WIRES, ids=lambda w: f"{w.byte_order.name}-{w.real_bytes}")
 @pytest.mark.parametrize(("body", "msg_type"), TYPES, ids=str)
-@settings(max_examples=15)
+@settings(max_examples=examples(20))
 @given(data=st.data())
 def test_every_message_comes_back_as_it_was(body, msg_type, wire, data):
     message = data.draw(st.sampled_from((sm.request, sm.topic, sm.reply)))(

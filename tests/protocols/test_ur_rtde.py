@@ -23,6 +23,7 @@ from cardan.protocols.ur.rtde import (
     TextLevel,
 )
 from cardan.protocols.ur.variables import INPUTS, OUTPUTS
+from tests.examples import examples
 
 WORKED = [
     (rtde.ask_version(), "0005560002", Request(PacketType.PROTOCOL_VERSION, 2)),
@@ -148,14 +149,14 @@ def test_what_no_controller_means(kind, payload, reason):
     assert reason in found.reason
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(st.integers(0, 255), st.binary(max_size=60))
 def test_nothing_that_comes_raises(kind, payload):
     rtde.read_reply(kind, payload)
     rtde.read_request(kind, payload)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(st.lists(st.sampled_from(sorted(OUTPUTS)), min_size=1, max_size=12, unique=True), st.data())
 def test_a_recipe_gives_back_what_it_packed(names, data):
     recipe = Recipe(1, names, [OUTPUTS[name] for name in names])

@@ -90,7 +90,7 @@ def test_what_is_no_package():
     assert "this is no primary interface" in reader.failure
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(st.integers(0, 255), st.binary(max_size=60))
 def test_no_package_raises(kind, content):
     primary.read_message(primary.Package(kind, content))

@@ -11,6 +11,7 @@ from cardan.protocols import jr3_can as jr3
 from cardan.sim_peers.base import load_script, parse_script
 from cardan.sim_peers.jr3 import SCRIPT_VERBS, SCRIPTS, ScriptedHand, SimulatedJr3
 from cardan.sim_peers.scripted import play
+from tests.examples import examples
 
 NODE = 33
 SCALES = jr3.TEO_SENSORS["right-hand"]
@@ -286,7 +287,7 @@ def test_loss_is_a_share():
     assert len(host.run(2.0)) == pytest.approx(4000 * 0.7, rel=0.05)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(st.lists(st.tuples(st.integers(0, 0x7FF), st.binary(max_size=8)), max_size=30))
 def test_nothing_on_the_bus_breaks_it(frames):
     host = Host()

@@ -13,6 +13,7 @@ from cardan.protocols.leap import hand_orientation, pitch_yaw_roll
 from cardan.sim_peers.leap import Anatomy, HandPosture, rotation_rows
 from cardan.sim_peers.leap.anatomy import as_version, frame_document
 from cardan.types import Vector3
+from tests.examples import examples
 
 HAND_FIELDS = {
     *("id", "type", "palmPosition", "stabilizedPalmPosition", "palmVelocity", "palmNormal"),
@@ -42,7 +43,7 @@ def determinant(rows):
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(sides, angles, angles, angles, shares, shares)
 def test_bones_fingers_and_bases_fit_together(side, pitch, yaw, roll, grab, pinch):
     hand, fingers = Anatomy(7, side, 0.0).measure(posture(pitch, yaw, roll, grab, pinch), 1.0)

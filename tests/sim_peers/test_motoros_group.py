@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.protocols.simple_message import InvalidSubcode
 from cardan.sim_peers.motoros_controller.group import ControlGroup, milliseconds
+from tests.examples import examples
 
 PER_RAD = (40_000.0, 32_595.5)
 IPC_S = 0.004
@@ -213,7 +214,7 @@ points = st.lists(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(points, st.sampled_from([0.002, 0.004, 0.008]))
 def test_increments_add_up_to_the_truncated_end_exactly(way, ipc_s):
     it = group(ipc_s=ipc_s)
@@ -232,7 +233,7 @@ def test_increments_add_up_to_the_truncated_end_exactly(way, ipc_s):
     assert [sum(axis) for axis in zip(*rows, strict=True)] == it.command
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(points)
 def test_a_steady_trajectory_takes_its_own_time(way):
     it = group()

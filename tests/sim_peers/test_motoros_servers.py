@@ -44,6 +44,7 @@ from cardan.sim_peers.motoros_controller import (
     MotorosControllerOptions,
     MotorosServers,
 )
+from tests.examples import examples
 
 START_S = 1000.0
 PING = request(Empty(), MessageType.PING)
@@ -859,7 +860,7 @@ STEP = st.tuples(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(steps=st.lists(STEP, max_size=12), strict=st.booleans(), big_endian=st.booleans())
 def test_no_bytes_raise_or_move_the_arm(steps, strict, big_endian):
     world = World(faults={"strict-recv": float(strict)}, big_endian=big_endian)

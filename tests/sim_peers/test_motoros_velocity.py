@@ -109,7 +109,7 @@ def test_a_speed_limit_slows_all_axes_alike(before, share, targets):
                 assert abs(increments[axis]) <= most * IPC_S * PER_RAD[axis] + 1.0 + TINY
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(speeds, st.floats(0.01, 0.2), st.integers(50, 200))
 def test_a_speed_limit_keeps_the_direction_without_drift(target, share, ticks):
     it = law()
@@ -126,7 +126,7 @@ def test_a_speed_limit_keeps_the_direction_without_drift(target, share, ticks):
             assert way[a] * target[b] == pytest.approx(way[b] * target[a], abs=3e-3)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.tuples(*[st.floats(-0.05, 0.05)] * 3), st.integers(100, 1000))
 def test_there_is_no_dead_band_and_no_drift(target, ticks):
     it = law()

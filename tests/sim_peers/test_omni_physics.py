@@ -13,6 +13,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 from cardan.protocols.hdapi import Error, Info, State
+from tests.examples import examples
 from tests.sim_peers.omni_virtual import LibHD, needs_library, program
 
 pytestmark = [needs_library, pytest.mark.matrix]
@@ -92,7 +93,7 @@ def test_the_inkwell_is_where_the_reference_has_it(hd: LibHD) -> None:
     assert hd.get(POSITION) == pytest.approx([0.0, -65.5107, -88.1142], abs=0.1)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(
     x=st.floats(-0.08, 0.08),
     y=st.floats(-0.06, 0.06),
@@ -327,7 +328,7 @@ def test_the_arm_ends_at_its_stops(hd: LibHD) -> None:
 # --- motors ----------------------------------------------------------------------------------
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(force=st.tuples(st.floats(-1.8, 1.8), st.floats(-1.8, 1.8), st.floats(-1.8, 1.8)))
 def test_the_motors_hold_whole_converter_steps_from_tick_to_tick(
     force: tuple[float, float, float],
@@ -398,7 +399,7 @@ def balance_j(hd: LibHD) -> float:
     return truth.hand_j + truth.delivered_j - truth.lost_j - truth.kinetic_j
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(
     seed=st.integers(0, 2**32),
     stiffness=st.floats(0.0, 3000.0),

@@ -19,7 +19,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from itertools import groupby
 from types import MappingProxyType
 
 from cardan.drivers.core import DeviceCore
@@ -44,6 +45,7 @@ from cardan.protocols.spnav import (
     Motion,
     Reply,
     ServerReader,
+    ServerRecord,
     encode_handshake,
     encode_request,
     encode_sensitivity,
@@ -65,6 +67,10 @@ HANDSHAKE_TIMEOUT_S = 0.3
 
 REPLY_TIMEOUT_S = 0.4
 """A request that is not answered by then counts as refused."""
+
+MOST_MOTIONS = 16
+"""Motions without anything between them that count of one read: what has 128 ms of the quickest
+device's was not read in time, and the newest say where the hand is now."""
 
 OUT_OF_STEP = 50
 """Meaningless records in a row after which the stream is out of step, or not a daemon's."""
@@ -170,7 +176,10 @@ class SpnavCore(DeviceCore):
         """The daemon sent `data`. Never raises."""
         if not self._open:
             return
-        for value in self._reader.feed(data):
+        values = self._reader.feed(data)
+        newest = self._newest_motions(values) if len(values) > MOST_MOTIONS else values
+        self._counts["superseded"] += len(values) - len(newest)
+        for value in newest:
             self._cached = None
             if isinstance(value, Motion):
                 self._on_motion(value, now_s)
@@ -187,6 +196,17 @@ class SpnavCore(DeviceCore):
             elif isinstance(value, Malformed):
                 self._counts["malformed_records"] += 1
                 self._malformed_in_a_row += 1
+
+    @staticmethod
+    def _newest_motions(
+        values: Sequence[ServerRecord | Handshake],
+    ) -> list[ServerRecord | Handshake]:
+        """All but the oldest motions of each long run of them."""
+        kept: list[ServerRecord | Handshake] = []
+        for are_motions, values_of in groupby(values, lambda value: isinstance(value, Motion)):
+            run = list(values_of)
+            kept += run[-MOST_MOTIONS:] if are_motions else run
+        return kept
 
     def on_time(self, now_s: float) -> None:
         """Give up waiting for what has not come by `now_s`; call it at least each 50 ms."""
@@ -279,6 +299,7 @@ class SpnavCore(DeviceCore):
             "silences": f"silences of more than {self._options.stale_after_s:g} s while deflected",
             "repeats": "motions that the daemon repeated by itself, ignored: set repeat-interval "
             "= -1 in its spnavrc",
+            "superseded": "motions that had waited until newer ones were there, ignored",
             "malformed_records": "records from the daemon that mean nothing, ignored",
             "unanswered_requests": "requests that the daemon did not answer",
             "unasked_replies": "answers that nothing was asked for, ignored",

@@ -32,7 +32,8 @@ AGREE_TIMEOUT_S = 1.0
 
 _CONNECT_TIMEOUT_S = 1.0
 _CLOSE_TIMEOUT_S = 0.1
-_ROOM_BYTES = 4096
+_ROOM_BYTES = 1 << 18
+"""More than a socket keeps by default: each read goes to the newest record."""
 
 
 class Spnav(ReadDevice[SpnavCore]):

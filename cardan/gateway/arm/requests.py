@@ -248,6 +248,9 @@ LATE_S = 1.0
 """Longest time for which a process may have stood still, or may have been starting, when it finds a
 request to begin a motion: who asked may have given up, or be gone, since."""
 
+STALE_S = 0.3
+"""Longest time for which a streamed command may have waited on its way to the arm."""
+
 SEQUENCED = frozenset({"pose", "jog", "twist", "wrench", "joints"})
 """Verbs that may carry a sequence number, a stamp, and whether they begin a stream."""
 

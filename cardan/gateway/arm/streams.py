@@ -461,12 +461,3 @@ STREAMED: dict[str, Callable[[Streams, Any, Sender], None]] = {
     "joints": Streams.joints,
 }
 """The streamed commands by the names that they are asked for."""
-
-PRESETS = {
-    "pose": Stream.POSE,
-    "jog": Stream.POSE,
-    "twist": Stream.TWIST,
-    "wrench": Stream.WRENCH,
-    "joints": Stream.JOINT,
-}
-"""The preset that each streamed command needs."""

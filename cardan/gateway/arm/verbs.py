@@ -30,6 +30,7 @@ from cardan.gateway.arm.checks import (
     six_of,
 )
 from cardan.gateway.arm.codes import (
+    PRESETS,
     Action,
     Begins,
     Parameter,
@@ -50,7 +51,7 @@ from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.planner import Planner
 from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
 from cardan.gateway.arm.repeating import Sender, argument_text
-from cardan.gateway.arm.streams import PRESETS, STREAMED, Streams
+from cardan.gateway.arm.streams import STREAMED, Streams
 from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
 from cardan.gateway.hand.source import HandSource
 from cardan.gateway.kinematics.arm import ArmKinematics

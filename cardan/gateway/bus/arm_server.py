@@ -17,12 +17,13 @@ from typing import Any, NamedTuple
 
 from cardan.bus.node import BusNode, Received, ServiceRequest
 from cardan.errors import CardanError, MotionRefusedError
-from cardan.gateway.arm.codes import Begins
+from cardan.gateway.arm.codes import PRESETS, Begins, vocab_text
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
     ENDLESS,
     NEW_MOTION,
     SEQUENCED,
+    STALE_S,
     MotionNote,
     PacketError,
     Request,
@@ -53,6 +54,7 @@ from cardan.gateway.bus.serving import key_end
 from cardan.gateway.bus.sources import STREAM_KEPT_S, Source, Sources, Unnamed
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 from cardan.protocols.ros2.messages import default_message
+from cardan.protocols.ros2.zenoh import Attachment
 from cardan.types import NEVER_S, Twist, Wrench
 
 RESULT_TYPE = "cardan_msgs/msg/CommandResult"
@@ -239,7 +241,7 @@ class ArmServer:
             told = self._tokens.poll()
             if told is None:
                 break
-            self._askers.take(*told)
+            self._askers.take(*told, self.now_s)
 
     def _collect_cancels(self, action: ArmAction) -> None:
         """Collect the cancellations of an action's goals. Goals that are there by then came before
@@ -480,6 +482,11 @@ class _Sender:
         """What is told with the next command that is accepted."""
 
 
+PUBLISHED_S = 0.05
+"""A stamp that is this near to the time at which its message was published on the bus was made
+then, as by a face for a client that gave none: it does not tell for how long the client kept the
+message."""
+
 NO_STAMP = "its stamp is zero: it counts as sent when it came"
 
 
@@ -545,7 +552,35 @@ class _TopicClient:
             stamp_s = _seconds(message["header"]["stamp"])
             sender.note = "" if stamp_s else NO_STAMP
             request = request._replace(stamp_s=stamp_s or None)
+        if self._streamed and not _asks_nothing(value):
+            self._check_connection(source, request, attachment)
         return server.watched(request, packet)
+
+    def _check_connection(
+        self, source: Source, request: Request, attachment: Attachment | None
+    ) -> None:
+        """Raise PacketError for what may have waited until its sender was connected: libraries keep
+        what is published meanwhile. A sender's own stamp tells, which the arm judges."""
+        connected_s = source.connected_s(self._server.now_s)
+        if connected_s >= STALE_S:
+            return
+        stamp_s = request.stamp_s
+        if stamp_s is not None and attachment is not None:
+            published_s = attachment.source_ns * 1e-9
+            if abs(published_s - stamp_s) > PUBLISHED_S:
+                return
+        owner = self._server.contested_by(source.name)
+        if owner:
+            preset = vocab_text(PRESETS[request.verb])
+            why = MotionRefusedError(f"{preset}: {owner!r} has authority over the arm")
+            self._server.contest(str(why))
+        else:
+            why = MotionRefusedError(
+                f"{request.verb}: {source.name!r} has been connected for {connected_s:.2f} s, so "
+                "this may have waited until it was: what its sender gave no stamp counts after "
+                f"{STALE_S:g} s"
+            )
+        raise PacketError(str(why), request.id) from why
 
     def _asked_for(self, asks: Asks, number: int, source: str) -> Request | None:
         request = Request(number, source, asks.verb)

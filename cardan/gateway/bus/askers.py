@@ -26,7 +26,9 @@ class Presence:
     """An endpoint, a node or a Zenoh session of somebody, from its first token to its last: one
     that comes back is another one."""
 
-    def __init__(self) -> None:
+    def __init__(self, since_s: float) -> None:
+        self.since_s = since_s
+        """When its first token came."""
         self.tokens = 0
         """How many it has."""
 
@@ -69,16 +71,19 @@ class Askers:
         self._owners: dict[str, Presence] = {}
         """Sessions by "ZID", nodes by "ZID/NODE"."""
 
-    def take(self, token: str, there: bool) -> None:
-        """A liveliness token has appeared or vanished, perhaps twice; what is none of ROS 2 counts
-        as nothing."""
+    def take(self, token: str, there: bool, now_s: float) -> None:
+        """A liveliness token has appeared or vanished now, perhaps twice; what is none of ROS 2
+        counts as nothing."""
         parts = token.split("/", 4)
         if len(parts) < 5 or parts[0] != LIVELINESS or parts[2] == self._own:
             return
         gid = gid_of_token(token)
         names = f"{parts[2]}/{parts[3]}", parts[2]
         if there and gid not in self._tokens:
-            owners = (Presence(), *(self._owners.setdefault(name, Presence()) for name in names))
+            owners = (
+                Presence(now_s),
+                *(self._owners.setdefault(name, Presence(now_s)) for name in names),
+            )
             for each in owners:
                 each.tokens += 1
             self._tokens[gid] = _Token(token, owners)

@@ -6,6 +6,7 @@ is another source.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Hashable
 
@@ -49,8 +50,8 @@ LONGEST_WORDS = LONGEST_NAME - TELLING_DIGITS - 2
 class Source:
     """A program that commands the arm, and its stream."""
 
-    def __init__(self, identity: Identity) -> None:
-        self.identity = identity
+    def __init__(self, identity: Identity, now_s: float) -> None:
+        self.identity, self._met_s = identity, now_s
         self.name = ""
         """In the arm's authority."""
         self.heard_s = NEVER_S
@@ -67,6 +68,11 @@ class Source:
         if presence is None:
             return now_s - self.heard_s > STREAM_KEPT_S
         return not presence.there()
+
+    def connected_s(self, now_s: float) -> float:
+        """For how long it has been on the bus; infinite where that is not known."""
+        presence = self.identity.presence
+        return math.inf if presence is None else now_s - min(presence.since_s, self._met_s)
 
     def stream(self, publisher: Hashable, now_s: float) -> bool:
         """Whether this one of its publishers may stream now, alone."""
@@ -123,7 +129,7 @@ class Sources:
         identity = self._askers.identity(packet)
         if identity.presence is None and not isinstance(packet, Received):
             # It may be of any program without a token, also of the one that streams.
-            source = Source(identity)
+            source = Source(identity, now_s)
             source.name = self._network
             return source
         return self._identified(identity, packet, now_s)
@@ -138,7 +144,7 @@ class Sources:
             if source is not None:
                 source.identity = identity
                 self._rename(source, now_s)
-        return self.heard(source or Source(identity), now_s)
+        return self.heard(source or Source(identity, now_s), now_s)
 
     def heard(self, source: Source, now_s: float) -> Source:
         """Note that a packet of `source` has come; it gets its name when it begins, and after a

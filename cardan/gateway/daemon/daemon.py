@@ -28,6 +28,7 @@ from cardan.gateway.arm.requests import (
     LATE_S,
     NEW_MOTION,
     SEQUENCED,
+    STALE_S,
     PacketError,
     decode_request,
 )
@@ -146,8 +147,6 @@ class Daemon:
         self._lines_dropped = 0
         self._server: ControlServer | None = None
         self._ending = False
-        self._polled_s = math.inf
-        """When it last looked at what is asked."""
         self._reload_asked = False
         self._reload: Reload | None = None
         """The one that is under way: sessions are looking whether they can take it."""
@@ -276,7 +275,6 @@ class Daemon:
         self._pass_devices()
         self._tell_watchers(now_s)
         server.poll(0.0 if len(self._events) else POLL_S)
-        self._polled_s = time.monotonic()
         with contextlib.suppress(InboxEmptyError):
             for _ in range(CALLS_A_TURN):
                 call = self._events.get(0.0)
@@ -579,10 +577,16 @@ class Daemon:
             raise ControlError(f"{kept.name} is {kept.unit.state.value}{why}", ask.id)
         if not process.snapshot.phase:
             raise ControlError(f"{kept.name} is starting", ask.id)
-        late_s = time.monotonic() - self._polled_s
-        if late_s > LATE_S and request.get("verb") in NEW_MOTION | SEQUENCED:
+        late_s, verb = time.monotonic() - connection.since_s, request.get("verb")
+        if late_s > LATE_S and verb in NEW_MOTION | SEQUENCED:
             raise ControlError(
                 f"the daemon stood still for {late_s:.1f} s when this came; ask again", ask.id
+            )
+        if late_s > STALE_S and verb in SEQUENCED:
+            raise ControlError(
+                f"{verb}: it may have waited for {late_s:.2f} s; more than {STALE_S:g} s is too "
+                "late to act on: send less often",
+                ask.id,
             )
         number = next(self._ids)
         try:

@@ -37,6 +37,9 @@ MAX_CONNECTIONS: Final = 64
 MAX_UNREAD_BYTES: Final = 1 << 20
 """What waits for a client that does not read; one with more is let go."""
 
+READ_BYTES: Final = 1 << 16
+"""Most that is read of a client at once."""
+
 TURN_S: Final = 0.01
 """Longest time for the requests of one client before others have their turn."""
 
@@ -69,6 +72,9 @@ class Connection:
         """Called when it is gone."""
         self.asked: deque[bytes] = deque()
         """Lines that wait for their turn; nothing is read meanwhile."""
+        self.empty_s = self.since_s = time.monotonic()
+        """When nothing of it waited to be read, last; and the same when `asked` was read: none of
+        that can have come before."""
         self._unsent = bytearray()
         self.open = True
 
@@ -151,7 +157,9 @@ class ControlServer:
             self._listening = True
             self._selector.register(self._socket.sock, selectors.EVENT_READ)
         asked = any(each.asked for each in self._connections.values())
-        for key, events in self._selector.select(0.0 if asked else timeout_s):
+        found = self._selector.select(0.0 if asked else timeout_s)
+        self._note_empty({key.fd for key, events in found if events & selectors.EVENT_READ})
+        for key, events in found:
             if key.fileobj is self._socket.sock:
                 self._accept()
             elif key.fd == self._wake_read:
@@ -165,6 +173,13 @@ class ControlServer:
         for connection in list(self._connections.values()):
             self._answer_some(connection)
             self._look_at(connection)
+
+    def _note_empty(self, readable: set[int]) -> None:
+        now_s = time.monotonic()
+        for number, connection in self._connections.items():
+            # Of those with lines that wait for their turn it was not looked.
+            if number not in readable and not connection.asked:
+                connection.empty_s = now_s
 
     def _accept(self) -> None:
         """Take all that wait, as far as there may be at once."""
@@ -199,11 +214,14 @@ class ControlServer:
 
     def _read(self, connection: Connection) -> None:
         try:
-            data = connection.sock.recv(65536)
+            data = connection.sock.recv(READ_BYTES)
         except BlockingIOError:
             return
         except OSError:
             data = b""
+        connection.since_s = connection.empty_s
+        if len(data) < READ_BYTES:
+            connection.empty_s = time.monotonic()
         if not data:
             connection.open = False
             return

@@ -17,8 +17,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-from websockets.exceptions import ConnectionClosed
-
 from cardan.bounds import ANY_PORT
 from cardan.bus.network import Handle, Network, NetworkError
 from cardan.bus.options import BusOptions
@@ -30,7 +28,6 @@ from cardan.gateway.faces.foxglove_client import Client, Shown, sdk, shared_feed
 from cardan.gateway.faces.graph import VisibleGraph
 from cardan.gateway.faces.numbers import ClientNumbers
 from cardan.gateway.faces.parameters import EVENT, EVENTS
-from cardan.gateway.faces.reading import network_for
 from cardan.gateway.faces.refusals import Refusals
 from cardan.gateway.faces.tokens import Role
 from cardan.gateway.faces.web import Front, FrontConnection, WebOptions, serve_until
@@ -127,19 +124,9 @@ class FoxgloveServer:
             self._mailbox.close()
 
     async def _run(self, connection: FrontConnection, peer: str, role: Role) -> None:
-        assert self._mailbox is not None
-        address = connection.remote_address
-        with self._numbers.of(address[0] if address else "") as number:
-            await self._run_as(f"foxglove_client_{number}", connection, peer, role, self._mailbox)
-
-    async def _run_as(
-        self, name: str, connection: FrontConnection, peer: str, role: Role, mailbox: Mailbox
-    ) -> None:
-        """Serve a client as the node `name`."""
-        # A node of its own: a motion without end that it asked for ends with it.
-        part = self._network.part(name)
-        network = network_for(role, part)
-        try:
+        mailbox = self._mailbox
+        assert mailbox is not None
+        with self._numbers.joined("foxglove", connection, self._network, role) as (name, network):
             client = Client(
                 connection,
                 peer,
@@ -161,10 +148,6 @@ class FoxgloveServer:
                         await client.relay()
             finally:
                 self._clients.discard(client)
-        except ConnectionClosed:
-            pass
-        finally:
-            network.close()
 
     def _shown(self) -> Shown:
         return Shown(self._graph.topics(), self._graph.callable_services())

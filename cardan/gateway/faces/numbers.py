@@ -8,6 +8,13 @@ import itertools
 import time
 from collections.abc import Callable, Iterator
 
+from websockets.exceptions import ConnectionClosed
+
+from cardan.bus.network import Network
+from cardan.gateway.faces.reading import network_for
+from cardan.gateway.faces.tokens import Role
+from cardan.gateway.faces.web import FrontConnection
+
 KEPT = 64
 """Numbers of clients that have left which are kept for their addresses; the oldest go first."""
 
@@ -32,6 +39,23 @@ class ClientNumbers:
             yield number
         finally:
             self._left = [*self._left[1 - KEPT :], (address, number, self._clock())]
+
+    @contextlib.contextmanager
+    def joined(
+        self, kind: str, connection: FrontConnection, network: Network, role: Role
+    ) -> Iterator[tuple[str, Network]]:
+        """The name on the network, and the part of it, of a client of this kind while it is here;
+        that it leaves is no fault."""
+        address = connection.remote_address
+        with self.of(address[0] if address else "") as number:
+            name = f"{kind}_client_{number}"
+            # A node of its own: a motion without end that it asked for ends with it.
+            part = network_for(role, network.part(name))
+            try:
+                with contextlib.suppress(ConnectionClosed):
+                    yield name, part
+            finally:
+                part.close()
 
     def _take(self, address: str) -> int:
         now_s = self._clock()

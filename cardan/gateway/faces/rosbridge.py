@@ -12,8 +12,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from websockets.exceptions import ConnectionClosed
-
 from cardan.bounds import ANY_PORT
 from cardan.bus.network import Network
 from cardan.bus.options import BusOptions
@@ -104,19 +102,9 @@ class RosbridgeServer:
         return RosApi(network, Caller(network, mailbox), self._allowed)
 
     async def _run(self, connection: FrontConnection, peer: str, role: Role) -> None:
-        assert self._mailbox is not None
-        address = connection.remote_address
-        with self._numbers.of(address[0] if address else "") as number:
-            await self._run_as(f"rosbridge_client_{number}", connection, peer, role, self._mailbox)
-
-    async def _run_as(
-        self, name: str, connection: FrontConnection, peer: str, role: Role, mailbox: Mailbox
-    ) -> None:
-        """Serve a client as the node `name`."""
-        # A node of its own: a motion without end that it asked for ends with it.
-        part = self._network.part(name)
-        network = network_for(role, part)
-        try:
+        mailbox = self._mailbox
+        assert mailbox is not None
+        with self._numbers.joined("rosbridge", connection, self._network, role) as (name, network):
             client = Client(
                 connection,
                 peer,
@@ -138,10 +126,6 @@ class RosbridgeServer:
                         await self._serve(client, connection, network, role)
             finally:
                 self._clients.discard(client)
-        except ConnectionClosed:
-            pass
-        finally:
-            network.close()
 
     async def _serve(
         self, client: Client, connection: FrontConnection, _network: Network, _role: Role

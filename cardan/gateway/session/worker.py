@@ -29,6 +29,7 @@ from cardan.gateway.arm.requests import (
     ENDLESS,
     LATE_S,
     NEW_MOTION,
+    STALE_S,
     MotionNote,
     PacketError,
     Request,
@@ -51,9 +52,6 @@ MAX_PENDING = 32
 
 MAX_WAITS = 8
 """Largest number of requests that wait for a motion's end, each in a thread of its own."""
-
-STALE_S = 0.3
-"""Longest wait of a streamed command for its turn: after more it is not executed."""
 
 MALFORMED, VERB, BUSY = "malformed", "verb", "busy"
 REFUSALS = (MALFORMED, VERB, BUSY)

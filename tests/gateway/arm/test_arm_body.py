@@ -33,6 +33,7 @@ from cardan.types import (
     RobotState,
     Vector3,
 )
+from tests.examples import examples
 
 DT_S = 0.004
 MODEL = load_arm("ur5")
@@ -204,7 +205,7 @@ joint_values = st.tuples(*[st.floats(-0.05, 0.05)] * 6).map(np.array)
 joint_speeds = st.tuples(*[st.floats(-3.0, 3.0)] * 6).map(np.array)
 
 
-@settings(max_examples=50, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(50), suppress_health_check=list(HealthCheck))
 @given(joint_speeds, joint_values, st.floats(0.0, 0.5))
 def test_no_joint_is_placed_faster_than_commanded_or_the_other_way(v, way, time_s):
     body = moving(v)

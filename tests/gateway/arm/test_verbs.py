@@ -33,6 +33,7 @@ from cardan.types import (
     RobotLink,
     Vector3,
 )
+from tests.examples import examples
 from tests.gateway.arm.arms import DT_S, GOFA, World, quick, streams, turned
 
 
@@ -715,7 +716,7 @@ actions = st.lists(
 )  # fmt: skip
 
 
-@settings(max_examples=25, suppress_health_check=list(HealthCheck))
+@settings(max_examples=examples(25), suppress_health_check=list(HealthCheck))
 @given(
     st.sampled_from([GOFA, "ur5", "pr2_left_arm", "asibot"]),
     st.sampled_from([CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE]),

@@ -18,7 +18,7 @@ def token(entity_id, zid=OTHER, node_id="0", kind=PUBLISHER, node="user"):
 def known(*tokens):
     askers = Askers(OWN)
     for each in tokens:
-        askers.take(each, True)
+        askers.take(each, True, 0.0)
     return askers
 
 
@@ -33,9 +33,9 @@ def test_an_endpoint_is_there_until_its_token_vanishes():
     askers = known(mine, others)
     endpoint = askers.endpoint(gid_of_token(mine))
     assert endpoint.there()
-    askers.take(others, False)
+    askers.take(others, False, 0.0)
     assert endpoint.there()
-    askers.take(mine, False)
+    askers.take(mine, False, 0.0)
     assert not endpoint.there()
     assert askers.endpoint(gid_of_token(mine)) is None
 
@@ -44,9 +44,9 @@ def test_a_node_is_there_while_it_has_any_token():
     client, node = token("1", kind=CLIENT), token("0", kind=NODE)
     askers = known(node, client, token("5", node_id="4", node="another"))
     asked = askers.node(gid_of_token(client))
-    askers.take(client, False)
+    askers.take(client, False, 0.0)
     assert asked.there()
-    askers.take(node, False)
+    askers.take(node, False, 0.0)
     assert not asked.there()
     assert askers.session(OTHER).there()
 
@@ -55,9 +55,9 @@ def test_a_session_is_there_while_any_of_its_nodes_is():
     tokens = token("1"), token("5", node_id="4")
     askers = known(*tokens)
     session = askers.session(OTHER)
-    askers.take(tokens[0], False)
+    askers.take(tokens[0], False, 0.0)
     assert session.there()
-    askers.take(tokens[1], False)
+    askers.take(tokens[1], False, 0.0)
     assert not session.there()
     assert askers.session(OTHER) is None
 
@@ -66,8 +66,8 @@ def test_who_comes_back_is_somebody_else():
     mine = token("1")
     askers = known(mine)
     before = askers.endpoint(gid_of_token(mine)), askers.session(OTHER)
-    askers.take(mine, False)
-    askers.take(mine, True)
+    askers.take(mine, False, 0.0)
+    askers.take(mine, True, 0.0)
     assert not any(each.there() for each in before)
     assert askers.endpoint(gid_of_token(mine)).there()
 
@@ -76,11 +76,11 @@ def test_tokens_that_come_twice_or_leave_without_having_come_count_once():
     mine = token("1")
     askers = known(mine, mine)
     session = askers.session(OTHER)
-    askers.take(token("7"), False)
+    askers.take(token("7"), False, 0.0)
     assert session.there()
-    askers.take(mine, False)
+    askers.take(mine, False, 0.0)
     assert not session.there()
-    askers.take(mine, False)
+    askers.take(mine, False, 0.0)
 
 
 def test_what_is_no_token_of_ros_is_nobody():

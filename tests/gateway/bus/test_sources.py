@@ -5,6 +5,7 @@ import pytest
 from cardan.bus.node import LEASE_MS, gid_of_token
 from cardan.gateway.arm.authority import LEASE_S
 from cardan.gateway.arm.codes import Stream
+from cardan.gateway.arm.streams import QUEUED_S
 from cardan.gateway.bus.arm_topics import OK, WARN
 from cardan.gateway.bus.commands import ASK_TYPE
 from cardan.gateway.bus.sources import BEGINS_S, NAMED_WITHIN_S, SOURCES_KEPT, STREAM_KEPT_S
@@ -26,14 +27,19 @@ def bench():
 
 
 class Node:
-    """A program on the bus that streams at 50 Hz."""
+    """A program on the bus that streams at 50 Hz; unless it is `new`, it has been there before."""
 
-    def __init__(self, bench, name, zid, speed_m_s=0.0, appears=True, topic=TWIST, number="0"):
+    def __init__(
+        self, bench, name, zid, speed_m_s=0.0, appears=True, topic=TWIST, number="0", new=False
+    ):
         self.bench, self.name, self.zid, self.topic = bench, name, zid, topic
         self.number, self.speed_m_s = number, speed_m_s
         self.token = bench.appear(name, zid=zid, number=number) if appears else None
         self.gid = gid_of_token(self.token) if appears else zid.encode().ljust(16, b"-")
         self.sent = 0
+        if appears and not new:
+            bench.poll(QUEUED_S)
+            bench.poll(QUEUED_S)
 
     def send(self):
         self.sent += 1
@@ -305,7 +311,7 @@ def test_the_name_that_a_program_chooses_is_its_own_while_it_is_there(bench):
 
 def late(bench, name, zid, speed_m_s):
     """A node, and its token, which has not come."""
-    node = Node(bench, name, zid, speed_m_s)
+    node = Node(bench, name, zid, speed_m_s, new=True)
     token, _ = bench.node.tokens.waiting.pop()
     return node, token
 
@@ -315,7 +321,7 @@ def test_a_node_whose_token_comes_after_its_first_message_is_named_first(bench):
     assert together(bench, NAMED_WITHIN_S / 2, node) == 0.0
     assert owner(bench) == ""
     bench.node.tokens.waiting.append((token, True))
-    assert together(bench, 1.0, node) < -0.08
+    assert together(bench, QUEUED_S + 1.0, node) < -0.08
     assert owner(bench) == "ros2 /joystick"
     assert {source for source, *_ in outcomes(bench)} == {"ros2 /joystick"}
     node.leave()
@@ -391,3 +397,63 @@ def test_the_name_of_a_program_that_was_killed_is_free_when_its_token_goes(bench
     first.leave()
     bench.poll(DT_S)
     assert '"error"' not in ask(again)
+
+
+@pytest.mark.parametrize("number", [1, 50])
+@pytest.mark.parametrize("by_the_face", [False, True], ids=["unstamped", "stamped by a face"])
+def test_what_its_sender_may_have_kept_until_it_was_connected_moves_nothing(
+    bench, number, by_the_face
+):
+    bench.poll()
+    node = Node(bench, "/rosbridge_client_1", "b0", new=True)
+
+    def send(z, ahead_s=0.0):
+        node.sent += 1
+        message = {"header": {"frame_id": "base_link"}, "twist": {"linear": {"z": z}}}
+        source_ns = round((1000.0 + bench.now_s + ahead_s) * 1e9)
+        if by_the_face:
+            sec, nanosec = divmod(source_ns - 1000, 10**9)
+            message["header"]["stamp"] = {"sec": sec, "nanosec": nanosec}
+        how = {"gid": node.gid, "zid": node.zid, "sequence": node.sent, "source_ns": source_ns}
+        bench.publish(TWIST, message, **how)
+
+    def go_on(seconds):
+        before = bench.world.six()[2]
+        for _ in range(round(seconds / DT_S)):
+            bench.poll(DT_S)
+            bench.world.tick()
+        return bench.world.six()[2] - before
+
+    for each in range(number):
+        send(-0.25, 1e-4 * each)
+        go_on(DT_S * (each % 2))
+    assert go_on(1.0) == 0.0
+    told = outcomes(bench)
+    assert [outcome for _, outcome, _ in told] == ["refused"] * len(told) != []
+    assert "may have waited until it was" in told[0][2]
+    # What is live then moves it.
+    assert sum(send(-0.25) or go_on(0.02) for _ in range(25)) < -0.02
+
+
+def test_what_stops_a_stream_of_a_new_connection_is_heard_at_once(bench):
+    node = Node(bench, "/rosbridge_client_1", "b0", new=True)
+    node.send()
+    bench.poll(DT_S)
+    assert [each.verb for each in bench.requests] == ["twist"], "a twist of zero"
+
+
+def test_a_token_that_comes_while_its_node_streams_does_not_end_the_stream(bench):
+    node, token = late(bench, "/joystick", "b0", -SPEED_M_S)
+    together(bench, NAMED_WITHIN_S + QUEUED_S, node)
+    bench.node.tokens.waiting.append((token, True))
+    together(bench, 0.1, node)
+    assert "refused" not in {outcome for _, outcome, _ in outcomes(bench)}
+
+
+def test_a_new_connection_is_told_who_has_the_arm(bench):
+    first = Node(bench, "/left/joystick", "b0", -SPEED_M_S)
+    together(bench, 0.5, first)
+    together(bench, 0.1, first, Node(bench, "/script", "c0", SPEED_M_S, new=True))
+    words = "twst: 'ros2 /left/joystick' has authority over the arm"
+    assert outcomes(bench)[-1] == ("ros2 /script", "refused", words)
+    assert bench.server.contested == 5

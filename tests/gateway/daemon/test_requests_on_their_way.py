@@ -1,20 +1,22 @@
 """Requests on their way through the daemon, and what becomes of them when somebody is gone; without
 processes."""
 
+import contextlib
 import json
 import socket
 import time
 
 import pytest
 
-from cardan.gateway.arm.requests import LATE_S
+from cardan.gateway.arm.requests import LATE_S, STALE_S
+from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.control import Ask, LineReader, decode_told
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.keeping import Ended
 from cardan.gateway.daemon.kept import _ended
 from cardan.gateway.daemon.layout import read_layout
 from cardan.gateway.daemon.processes import RunningSession
-from cardan.gateway.daemon.server import Connection
+from cardan.gateway.daemon.server import Connection, ControlServer
 from cardan.gateway.session.snapshot import Snapshot
 
 SESSION = """
@@ -152,12 +154,42 @@ def test_a_session_that_starts_or_does_not_read_takes_no_requests(bench):
 
 
 def test_a_daemon_that_stood_still_passes_no_motion_on(bench):
-    bench.daemon._polled_s = time.monotonic() - 2 * LATE_S
+    bench.connection.since_s = time.monotonic() - 2 * LATE_S
     for verb in ("movl", "twist", "trajectory"):
         bench.ask(verb)
         assert "the daemon stood still for" in bench.heard().value
     bench.ask("stop")
     assert bench.asked == ["stop"]
+
+
+def test_a_streamed_command_that_may_have_waited_is_not_passed_on(bench):
+    bench.connection.since_s = time.monotonic() - 2 * STALE_S
+    bench.ask("twist")
+    assert "send less often" in bench.heard().value
+    bench.ask("movl")
+    bench.ask("stop")
+    assert bench.asked == ["movl", "stop"]
+
+
+def test_it_is_known_since_when_a_request_can_have_waited(tmp_path):
+    asked = []
+    server = ControlServer(
+        str(tmp_path / "sock"), "", lambda _ask, asker: asked.append(asker.since_s)
+    )
+    with contextlib.closing(server), ControlClient(server.path) as client:
+        server.poll(0.0)
+        server.poll(0.0)
+        empty_s = time.monotonic()
+        client.send(Ask(1, "units"))
+        stopped_s = time.monotonic()
+        client.send(Ask(2, "units"))
+        server.poll(0.0)
+        assert len(asked) == 2
+        assert all(each <= empty_s for each in asked)
+        server.poll(0.0)
+        client.send(Ask(3, "units"))
+        server.poll(0.0)
+        assert asked[2] >= stopped_s
 
 
 def test_what_a_session_did_last_is_told_though_its_process_has_ended(bench, monkeypatch):

@@ -82,9 +82,9 @@ def test_guessing_is_slow():
     assert one.check(asked(f"/?t={ADMIN}"), 5.0) is Role.ADMIN, "others come in"
     assert one.check(asked(), 5.0).status == 401, "who gives none guesses nothing"
     assert one.check(asked("/?t=guess-0123456789", "10.0.0.3"), 5.0).status == 401
-    hours_s = 3 * 3600
-    tried = sum(one.check(wrong, 100.0 + at_s).status == 401 for at_s in range(hours_s))
-    assert tried <= hours_s / FORGOTTEN_S + BURST
+    long_s = 100 * int(FORGOTTEN_S)
+    tried = sum(one.check(wrong, 100.0 + at_s).status == 401 for at_s in range(long_s))
+    assert tried <= long_s / FORGOTTEN_S + BURST
 
 
 def test_who_knows_how_a_token_begins_guesses_the_rest_slowly():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from contextlib import ExitStack, contextmanager
 
 import pytest
@@ -31,12 +32,14 @@ SHARE = 0.25
 """Of MoveIt Servo's full speed: 0.1 m/s."""
 
 
-def fields(share):
-    return {"header": {"frame_id": "base_link"}, "twist": {"linear": {"z": share}}}
+def fields(share, stamp_ns=0):
+    stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
+    header = {"stamp": stamp, "frame_id": "base_link"}
+    return {"header": header, "twist": {"linear": {"z": share}}}
 
 
-def encoded(share):
-    return codec_of(TWIST).encode(completed(TWIST, fields(share)))
+def encoded(share, stamp_ns=0):
+    return codec_of(TWIST).encode(completed(TWIST, fields(share, stamp_ns)))
 
 
 class Streaming:
@@ -95,7 +98,7 @@ class Rosbridge:
                 if frame["op"] == "status" and words in frame["msg"]:
                     return frame["level"] == "error"
 
-        return lambda share: client.send("publish", topic=TOPIC, msg=fields(share)), told
+        return lambda *what: client.send("publish", topic=TOPIC, msg=fields(*what)), told
 
     def source(self, name, number):
         return f"ros2 /rosbridge_client_{number}"
@@ -114,7 +117,7 @@ class Foxglove:
         client = self.stack.enter_context(foxglove_client(self.face))
         number = client.advertise(TOPIC, TWIST)
         client.settle()
-        return lambda share: client.publish(number, encoded(share)), client.status
+        return lambda *what: client.publish(number, encoded(*what)), client.status
 
     def source(self, name, number):
         return f"ros2 /foxglove_client_{number}"
@@ -203,6 +206,17 @@ def test_the_first_moves_the_arm_and_the_second_is_refused_and_told_so(transport
         assert refused["reason"] == f"twst: {mine!r} has authority over the arm"
         if told is not None:
             assert told("has authority over the arm")
+
+
+@pytest.mark.parametrize("transport", [Rosbridge, Foxglove])
+def test_a_client_whose_clock_is_not_known_yet_is_told_so_once(transport):
+    unknown = "the clock of its sender is not known yet"
+    with session() as here, ExitStack() as stack:
+        publish, told = transport(here, stack).join("joystick")
+        with Streaming(lambda share: publish(share, time.time_ns()), SHARE):
+            assert told(unknown)
+            until(lambda: any(each["outcome"] == "accepted" for each in here.results))
+        assert sum(unknown in each["reason"] for each in here.results) == 1
 
 
 @pytest.mark.parametrize("transport", [Zenoh, Dds])

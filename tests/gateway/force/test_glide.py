@@ -12,6 +12,7 @@ from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.haptics import WorldMap
 from cardan.spatial import norm, subtract
 from cardan.types import ZERO3, Vector3
+from tests.examples import examples
 from tests.gateway.hand.test_differential import plans, rpys
 from tests.gateway.hand_rig import DT_S, HandRig, displaced
 
@@ -72,7 +73,7 @@ WORKSPACE = ReferenceLimits(
 )
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(plans, rpys, st.floats(0.3, 3.0))
 def test_nothing_makes_the_rendered_place_leap(plan, rpy, factor):
     """Recaptures, slips and edges: it moves by what the hand moves, twice at most, and glides."""

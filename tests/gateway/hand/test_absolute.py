@@ -10,6 +10,7 @@ from cardan.gateway.hand.mapping import Mode, Orientation
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.spatial import add, from_euler_zyx, multiply, norm, rotate, rotation_between, subtract
 from cardan.types import DeviceLink, Vector3
+from tests.examples import examples
 from tests.gateway.hand.test_differential import plans, play, rpys
 from tests.gateway.hand_rig import HAND, HandRig, close, displaced
 
@@ -136,7 +137,7 @@ def test_a_lost_hand_brakes_and_a_leap_is_not_followed():
     assert not rig.core.following
 
 
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 @given(
     plans,
     st.sampled_from([{"clutch": "button_2"}, {"clutch": "button_2", "deadman": ("grip",)},

@@ -79,7 +79,7 @@ turns = st.builds(Vector3, angles, angles, angles)
 rpys = st.tuples(*[st.floats(-180.0, 180.0)] * 3)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(
     turns,
     rpys,
@@ -192,7 +192,7 @@ def test_both_buttons_in_one_tick_while_clutched_out(order):
 
 
 @given(st.lists(st.booleans(), max_size=7))
-@settings(max_examples=50)
+@settings(max_examples=examples(50))
 def test_a_chattering_button_counts_its_presses(edges):
     """All in one tick; what bounces is the driver's to remove, but nothing else comes of it."""
     rig = HandRig().run()
@@ -523,7 +523,7 @@ def determinant(m):
     return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
 
 
-@settings(max_examples=25)
+@settings(max_examples=examples(25))
 @given(
     rpys,
     st.sampled_from(list(Frame)),
@@ -694,7 +694,7 @@ def test_never_a_step(plan, buttons, frame, orientation, rpy, factors, jerk):
     play(rig.run().press("grip").run().tap("button_2"), plan)
 
 
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 @given(plans)
 def test_nothing_moves_without_a_following_hand(plan):
     """With a robot that is where it is told, so that nothing has to come back."""

@@ -8,6 +8,7 @@ from hypothesis import given, settings, strategies as st
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.spatial import from_rotation_vector, norm, rotate, rotation_between, scale, subtract
 from cardan.types import IDENTITY, ZERO3, ZERO_TWIST, Frame, Pose, Twist, Vector3
+from tests.examples import examples
 
 DT_S = 0.004
 START = Pose(Vector3(0.5, 0.0, 0.8), IDENTITY)
@@ -53,7 +54,7 @@ def test_tool_twist_is_along_the_tool():
     assert moved == pytest.approx(rotate(tilted.orientation, Vector3(0, 0, norm(moved))), abs=1e-12)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(st.lists(st.tuples(twists, st.integers(1, 40)), min_size=1, max_size=8))
 def test_speed_and_acceleration_are_never_exceeded(plan):
     limits = ReferenceLimits(

@@ -16,6 +16,7 @@ from cardan.gateway.motion.shaping import (
 )
 from cardan.spatial import from_rotation_vector, norm, rotation_between, scale, subtract
 from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, Frame, Pose, Vector3
+from tests.examples import examples
 
 DT_S = 0.004
 LIMITS = PoseShaperLimits()
@@ -88,7 +89,7 @@ def test_a_straight_change_does_not_overshoot_and_is_time_optimal(target, times,
 
 
 @given(st.floats(0.05, 2.0), st.floats(-2.0, 2.0))
-@settings(max_examples=30)
+@settings(max_examples=examples(30))
 def test_velocity_against_ruckig(target, start):
     shaper = JerkLimitedVector(1, 4.0, 5.0, 100.0)
     shaper.reset((start,))
@@ -140,7 +141,7 @@ def apart(shaper, goal):
 
 
 @given(st.floats(1e-6, 2.0), st.lists(periods, min_size=1, max_size=7))
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_a_resting_target_is_reached_straight_in_time_and_not_passed(distance, times):
     direction = Vector3(0.48, -0.6, 0.64)
     goal = Pose(scale(direction, distance), IDENTITY)
@@ -174,7 +175,7 @@ def assert_within(shaper, last, dt_s, slack=1e-6):
 
 
 @given(st.lists(poses, min_size=1, max_size=25), st.sampled_from([0.002, 0.004, 0.01]))
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 def test_bounds_hold_while_the_target_jumps_and_it_arrives_after(targets, dt_s):
     shaper = placed()
     last = shaper.acceleration

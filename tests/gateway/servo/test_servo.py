@@ -18,6 +18,7 @@ from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.servo.servo import Servo
 from cardan.robots import load_arm
 from cardan.types import Vector3
+from tests.examples import examples
 
 DT_S = 0.002
 ACCELERATION = 15.0
@@ -156,6 +157,7 @@ def test_holding_the_line_stops_at_the_end_of_reach_and_comes_back():
     assert there @ outward - back > 0.075
 
 
+@pytest.mark.matrix("python-gp8", "python-amor", "compiled-gp8", "compiled-amor")
 @pytest.mark.parametrize("name", ["ur5", "gp8", "pr2_right_arm", "asibot", "amor"])
 def test_random_commands_never_break_a_limit_nor_the_programme(name):
     drive = Drive(servo(name))
@@ -189,7 +191,7 @@ def wall(made_q_deg=(0, -90, 100, -100, -90, 0)):
 
 
 @pytest.mark.parametrize("policy", Policy)
-@pytest.mark.parametrize("speed", [0.1, 0.5, 1.0])
+@pytest.mark.parametrize("speed", [0.1, pytest.param(0.5, marks=pytest.mark.matrix), 1.0])
 def test_a_thin_wall_is_not_touched_slid_along_and_left_without_hesitation(policy, speed):
     drive = wall()
     made = drive.servo
@@ -309,7 +311,7 @@ def test_joint_rates_add_to_the_twist():
     assert moved[1:] == pytest.approx(np.zeros(5), abs=2e-3)
 
 
-@pytest.mark.parametrize("turns", [10, -10])
+@pytest.mark.parametrize("turns", [10, pytest.param(-10, marks=pytest.mark.matrix)])
 def test_a_continuous_wrist_turns_ten_times_without_a_refusal(turns):
     drive = Drive(servo("pr2_right_arm"))
     made = drive.servo
@@ -321,7 +323,7 @@ def test_a_continuous_wrist_turns_ten_times_without_a_refusal(turns):
     assert (made.q[6] - start) / (2 * math.pi) == pytest.approx(turns, abs=0.5)
 
 
-@settings(max_examples=30, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=examples(30), suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 2**32 - 1))
 def test_placing_it_anew_never_moves_it(seed):
     made = servo()

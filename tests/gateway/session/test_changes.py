@@ -11,6 +11,7 @@ from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.session.changes import RULES, Effect, Moment, all_keys, rule_of, staged
 from cardan.gateway.session.config import parse_config
 from cardan.tables import as_table
+from tests.examples import examples
 
 BASE = {
     "robot": {"driver": "sim_arm", "robot": "ur5"},
@@ -251,7 +252,7 @@ def not_looser(now, before):
         assert bool(getattr(now.mapping, button)) is bool(getattr(before.mapping, button))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=examples(25), deadline=None)
 @given(CONFIGS, CONFIGS)
 def test_before_it_is_disarmed_no_limit_is_looser(old, new):
     configs = staged(old, new).configs

@@ -166,6 +166,15 @@ class User:
         )
         return GoalStatus(answer["status"]), answer["result"]
 
+    def wait_for_authority(self):
+        """Wait until no other source has the arm: one that has left keeps it for its lease."""
+        topic = f"{ARM}/state/status"
+        self.heard(topic)
+        until(
+            lambda: any(each["authority"] in ("", "ros2 /user") for each in self.heard(topic)),
+            "the end of the lease",
+        )
+
     def rest(self):
         """Stop what moves and wait until it rests."""
         assert self.call("stop", "std_srvs/srv/Trigger")["success"]
@@ -198,6 +207,7 @@ def user(tmp_path_factory):
 def quick_and_at_rest(user):
     """Each test begins at rest, with quick motions."""
     user.rest()
+    user.wait_for_authority()
     assert user.set("preset_streaming_cmd", "none")["successful"]
     for name, value in (
         ("trajectory_reference_speed", 0.2),

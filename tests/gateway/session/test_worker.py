@@ -16,6 +16,7 @@ from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
     LATE_S,
+    STALE_S,
     MotionNote,
     PacketError,
     Request,
@@ -26,7 +27,6 @@ from cardan.gateway.arm.requests import (
 from cardan.gateway.session.worker import (
     MAX_PENDING,
     MAX_WAITS,
-    STALE_S,
     ChannelClient,
     RequestWorker,
 )

@@ -17,6 +17,7 @@ from cardan.types import (
     Twist,
     Vector3,
 )
+from tests.examples import examples
 
 DT_S = 0.004
 LIMITS = ReferenceLimits()
@@ -62,7 +63,7 @@ def test_it_begins_at_the_bodys_own_speed_and_place_wherever_the_reference_was()
     assert body.twist.linear == pytest.approx((0.2 - most, 0.0, 0.0))
 
 
-@settings(max_examples=40)
+@settings(max_examples=examples(40))
 @given(*[st.floats(-0.14, 0.14)] * 3, *[st.floats(-0.5, 0.5)] * 3)
 def test_it_takes_no_longer_than_the_limits_demand(x, y, z, rx, ry, rz):
     linear, angular = Vector3(x, y, z), Vector3(rx, ry, rz)
