@@ -19,6 +19,7 @@ from cardan.gateway.arm.activities.torque import TorqueMotion
 from cardan.gateway.arm.activities.twist_stream import FollowTwistStream
 from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.authority import HAND, VERBS
+from cardan.gateway.arm.backlog import STALE_S
 from cardan.gateway.arm.checks import (
     LONGEST_NAME,
     FramedPose,
@@ -48,10 +49,6 @@ from cardan.types import NEVER_S, ZERO_TWIST, Frame, Pose, Twist, Vector3, Wrenc
 
 CLOCK_SET_BACK_S = 1.0
 """A sender's stamp that is older by more than any network delays is from a clock that was set."""
-
-QUEUED_S = 0.3
-"""A command that is this much older than the freshest one of its sender, by the sender's own clock
-against ours, waited in a queue: it is dropped, not executed late."""
 
 
 class _Link:
@@ -121,7 +118,7 @@ class Delays:
             waited_s = max(0.0, waited_s - DRIFT * silent_s)
         if unproven_s < math.inf:
             step_s, passed_s = stamp_s - anchor[0], now_s - anchor[1]
-            if now_s - unproven_s > QUEUED_S or (
+            if now_s - unproven_s > STALE_S or (
                 step_s >= AGREE_S and abs(passed_s - step_s) <= 0.5 * step_s
             ):
                 unproven_s = math.inf
@@ -139,15 +136,15 @@ class Delays:
         known = self._kept.get(owner)
         if known is None:
             return ""
-        if known.waited_s > QUEUED_S:
+        if known.waited_s > STALE_S:
             return (
-                f"it waited for {known.waited_s:.2f} s on its way; more than {QUEUED_S:g} s is too "
+                f"it waited for {known.waited_s:.2f} s on its way; more than {STALE_S:g} s is too "
                 "late to act on"
             )
         if known.unproven_s < math.inf:
             return (
                 "the clock of its sender is not known yet, so it may have waited on its way: "
-                f"commands count once two stamps agree with their arrival, or after {QUEUED_S:g} s"
+                f"commands count once two stamps agree with their arrival, or after {STALE_S:g} s"
             )
         return ""
 
@@ -461,12 +458,3 @@ STREAMED: dict[str, Callable[[Streams, Any, Sender], None]] = {
     "joints": Streams.joints,
 }
 """The streamed commands by the names that they are asked for."""
-
-PRESETS = {
-    "pose": Stream.POSE,
-    "jog": Stream.POSE,
-    "twist": Stream.TWIST,
-    "wrench": Stream.WRENCH,
-    "joints": Stream.JOINT,
-}
-"""The preset that each streamed command needs."""

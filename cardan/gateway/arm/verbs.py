@@ -50,7 +50,8 @@ from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.planner import Planner
 from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
 from cardan.gateway.arm.repeating import Sender, argument_text
-from cardan.gateway.arm.streams import PRESETS, STREAMED, Streams
+from cardan.gateway.arm.requests import PRESETS
+from cardan.gateway.arm.streams import STREAMED, Streams
 from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
 from cardan.gateway.hand.source import HandSource
 from cardan.gateway.kinematics.arm import ArmKinematics

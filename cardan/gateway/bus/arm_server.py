@@ -17,11 +17,13 @@ from typing import Any, NamedTuple
 
 from cardan.bus.node import BusNode, Received, ServiceRequest
 from cardan.errors import CardanError, MotionRefusedError
+from cardan.gateway.arm.backlog import STALE_S
 from cardan.gateway.arm.codes import Begins, vocab_text
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
     ENDLESS,
     NEW_MOTION,
+    PRESETS,
     SEQUENCED,
     MotionNote,
     PacketError,
@@ -31,7 +33,6 @@ from cardan.gateway.arm.requests import (
     encode_note,
     encode_reply,
 )
-from cardan.gateway.arm.streams import PRESETS, QUEUED_S
 from cardan.gateway.bus.actions import Ahead, ArmAction
 from cardan.gateway.bus.arm_parameters import ArmParameters
 from cardan.gateway.bus.arm_topics import OK, WARN, Part
@@ -436,7 +437,8 @@ class _PacketClient:
             why = self._server.sources.claim(request.source, packet, self._server.now_s)
             if why:
                 raise PacketError(why, number) from MotionRefusedError(f"{request.verb}: {why}")
-        return self._server.watched(request._replace(id=number), packet)
+        # A time since which it waited would be of another computer's clock.
+        return self._server.watched(request._replace(id=number, since_s=None), packet)
 
     def done(self, request: Request, result: Any) -> None:
         """Respond with the reply."""
@@ -562,7 +564,7 @@ class _TopicClient:
         """Raise PacketError for what may have waited until its sender was connected: libraries keep
         what is published meanwhile. A sender's own stamp tells, which the arm judges."""
         connected_s = source.connected_s(self._server.now_s)
-        if connected_s >= QUEUED_S:
+        if connected_s >= STALE_S:
             return
         stamp_s = request.stamp_s
         if stamp_s is not None and attachment is not None:
@@ -578,7 +580,7 @@ class _TopicClient:
             why = MotionRefusedError(
                 f"{request.verb}: {source.name!r} has been connected for {connected_s:.2f} s, so "
                 "this may have waited until it was: what its sender gave no stamp counts after "
-                f"{QUEUED_S:g} s"
+                f"{STALE_S:g} s"
             )
         raise PacketError(str(why), request.id) from why
 
