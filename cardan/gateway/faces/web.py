@@ -31,7 +31,7 @@ from websockets.typing import Data, Subprotocol
 from cardan.bounds import ANY_PORT, LISTEN_HOST, Range
 from cardan.errors import AddressError, ConfigurationError, OptionError
 from cardan.files import read_text
-from cardan.gateway.arm.backlog import BACKLOGGED, STALE_S, Backlog
+from cardan.gateway.arm.backlog import BACKLOGGED, Backlog
 from cardan.gateway.faces import telling
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.door import Caller, Denied, Door
@@ -73,9 +73,6 @@ HANDSHAKE_S = 5.0
 BACKLOG = 1024
 """Connections that the system keeps until this server takes them: who comes then has to try again,
 which systems do after a whole second."""
-
-NEVER_STALE = "/stop", "/release", "/cancel_goal"
-"""How names end of what only ends something."""
 
 ARRIVALS_KEPT = 256
 ARRIVALS_PERIOD_S = 0.01
@@ -327,17 +324,6 @@ class FrontConnection(ServerConnection):
             self.note_backlog()
             # What waits already is taken without a turn of the loop: others have theirs.
             await asyncio.sleep(0)
-
-
-def is_stale(name: str, waited_s: float) -> bool:
-    """Whether what a client published, called or asked of an action waited for too long to act on;
-    what stops is never too late."""
-    return waited_s > STALE_S and not name.endswith(NEVER_STALE)
-
-
-def stale_words(name: str, waited_s: float) -> str:
-    """Why a call or a goal that `is_stale` is refused."""
-    return f"{name}: it waited here for up to {waited_s:.1f} s; that is too late to act on"
 
 
 class WebServer(AbstractAsyncContextManager[Any], Protocol):

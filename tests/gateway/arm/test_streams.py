@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from cardan.gateway.arm.backlog import STALE_S
+from cardan.gateway.arm.backlog import STALE_S, Delays
 from cardan.gateway.arm.codes import Begins, Stream
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.streams import STREAMED, Delays
+from cardan.gateway.arm.streams import STREAMED
 from tests.gateway.arm.arms import DT_S, World, quick, streaming, streams, turned
 
 
