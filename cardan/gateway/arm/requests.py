@@ -34,7 +34,7 @@ from cardan.gateway.arm.checks import (
     joint_numbers,
     six_numbers,
 )
-from cardan.gateway.arm.codes import Begins, State, Stream
+from cardan.gateway.arm.codes import PRESETS, Begins, State, Stream
 from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Rehearsal, Stat
 from cardan.gateway.servo.status import ServoStatus
 from cardan.types import Frame, Pose, Quaternion, Twist, Vector3, Wrench
@@ -81,6 +81,9 @@ class Request(NamedTuple):
     """Of a streamed command: whether it chooses its own where none is chosen; None: never."""
     wanted: Callable[[], bool] | None = None
     """Whether it is still to begin: what was cancelled before its turn is not; None: always."""
+    since_s: float | None = None
+    """Local monotonic time: it can have waited since then until it came to the session; None: since
+    the session looked before, at most."""
 
 
 class MotionNote(NamedTuple):
@@ -248,10 +251,7 @@ LATE_S = 1.0
 """Longest time for which a process may have stood still, or may have been starting, when it finds a
 request to begin a motion: who asked may have given up, or be gone, since."""
 
-STALE_S = 0.3
-"""Longest time for which a streamed command may have waited on its way to the arm."""
-
-SEQUENCED = frozenset({"pose", "jog", "twist", "wrench", "joints"})
+SEQUENCED = frozenset(PRESETS)
 """Verbs that may carry a sequence number, a stamp, and whether they begin a stream."""
 
 FRAMED: Mapping[str, Callable[[Vector3, Vector3, Frame], Any]] = {"twist": Twist, "wrench": Wrench}
@@ -282,6 +282,8 @@ def encode_request(request: Request) -> bytes:
         table["stamp"] = request.stamp_s
     if request.begins is not None:
         table["begins"] = _BEGINS_WORDS[request.begins]
+    if request.since_s is not None:
+        table["since"] = request.since_s
     return _packed(table)
 
 
@@ -308,6 +310,7 @@ def _request(number: int, table: dict[str, Any]) -> Request:
     if argument is not None:
         value = argument.back(verb, table.pop("value", None))
     stamp_s, begins = None, None
+    since_s = _number("since", table.pop("since")) if "since" in table else None
     if verb in SEQUENCED:
         sequence = table.pop("sequence", None)
         if sequence is not None:
@@ -322,7 +325,9 @@ def _request(number: int, table: dict[str, Any]) -> Request:
         value = FRAMED[verb](Vector3(*value[:3]), Vector3(*value[3:]), frame)
     if table:
         _refuse(verb, f"takes no {', '.join(map(brief, table))}")
-    return Request(number, source, verb, value, sequence, stamp_s=stamp_s, begins=begins)
+    return Request(
+        number, source, verb, value, sequence, stamp_s=stamp_s, begins=begins, since_s=since_s
+    )
 
 
 def _one_of(known: Mapping[str, _ValueT], verb: str, key: str, given: Any) -> _ValueT:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 from cardan.arm_libraries import np
 from cardan.errors import MotionRefusedError
@@ -19,6 +19,7 @@ from cardan.gateway.arm.activities.torque import TorqueMotion
 from cardan.gateway.arm.activities.twist_stream import FollowTwistStream
 from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.authority import HAND, VERBS
+from cardan.gateway.arm.backlog import Delays
 from cardan.gateway.arm.checks import (
     LONGEST_NAME,
     FramedPose,
@@ -49,10 +50,6 @@ from cardan.types import NEVER_S, ZERO_TWIST, Frame, Pose, Twist, Vector3, Wrenc
 CLOCK_SET_BACK_S = 1.0
 """A sender's stamp that is older by more than any network delays is from a clock that was set."""
 
-QUEUED_S = 0.3
-"""A command that is this much older than the freshest one of its sender, by the sender's own clock
-against ours, waited in a queue: it is dropped, not executed late."""
-
 
 class _Link:
     """The sender of the present stream, and the newest command from it."""
@@ -62,94 +59,6 @@ class _Link:
         self.owner: str | None = None
         self.sequence: int | None = None
         self.sent_s = NEVER_S
-
-
-SENDERS = 64
-"""Senders whose delays are kept; the one that was silent longest goes first."""
-
-REMEMBERED_S = 30.0
-"""How long the smallest delay of a sender that goes on counts, at least; twice this at most. Two
-clocks that differ by 100 ppm part by 6 ms meanwhile, and one that was set is believed again."""
-
-FORGOTTEN_S = 3600.0
-"""After so long a silence nothing is known of a sender's clock any more."""
-
-DRIFT = 1e-4
-"""By how much two clocks may part while their sender is silent."""
-
-AGREE_S = 0.005
-"""Shortest time between two stamps that says something."""
-
-
-class _Quickest(NamedTuple):
-    """The smallest delays of one sender, s: of the present period and of the one before."""
-
-    began_s: float
-    now_s: float
-    before_s: float
-    heard_s: float
-    """When its newest command came."""
-    unproven_s: float
-    """When its first command came, while nothing shows that its stamps are live; else infinite."""
-    anchor: tuple[float, float]
-    """Of a command that the next ones are compared with: its stamp, and when it came."""
-    waited_s: float = 0.0
-    """Of its newest command: how much longer than its quickest it was on its way."""
-
-
-class Delays:
-    """The smallest difference seen lately between reception here and each sender's own stamps."""
-
-    def __init__(self) -> None:
-        self._kept: dict[str | None, _Quickest] = {}
-
-    def hear(self, owner: str | None, stamp_s: float, now_s: float, kept: str = "") -> float:
-        """Learn from a command, taken or not; how much longer than its sender's quickest it was on
-        its way, s; 0 for a first. `kept`: a sender that is not forgotten for others."""
-        known = self._kept.pop(owner, None)
-        if known is None or now_s - known.heard_s > FORGOTTEN_S:
-            # Between a program without a name, which is this one, and the arm there is no queue.
-            unproven_s = now_s if owner else math.inf
-            known = _Quickest(now_s, math.inf, math.inf, now_s, unproven_s, (stamp_s, now_s))
-        began_s, quickest_s, before_s, heard_s, unproven_s, anchor, _ = known
-        if now_s - began_s >= REMEMBERED_S:
-            began_s, quickest_s, before_s = now_s, math.inf, quickest_s
-        silent_s = now_s - heard_s
-        delay_s = now_s - stamp_s
-        waited_s = delay_s - min(quickest_s, before_s, delay_s)
-        if silent_s > REMEMBERED_S:
-            waited_s = max(0.0, waited_s - DRIFT * silent_s)
-        if unproven_s < math.inf:
-            step_s, passed_s = stamp_s - anchor[0], now_s - anchor[1]
-            if now_s - unproven_s > QUEUED_S or (
-                step_s >= AGREE_S and abs(passed_s - step_s) <= 0.5 * step_s
-            ):
-                unproven_s = math.inf
-            elif abs(step_s) >= AGREE_S:
-                anchor = stamp_s, now_s
-        if len(self._kept) >= SENDERS:
-            del self._kept[next(each for each in self._kept if each != kept)]
-        self._kept[owner] = _Quickest(
-            began_s, min(quickest_s, delay_s), before_s, now_s, unproven_s, anchor, waited_s
-        )
-        return waited_s
-
-    def late(self, owner: str | None) -> str:
-        """Why the newest command of a sender is too late to act on; empty: it is not."""
-        known = self._kept.get(owner)
-        if known is None:
-            return ""
-        if known.waited_s > QUEUED_S:
-            return (
-                f"it waited for {known.waited_s:.2f} s on its way; more than {QUEUED_S:g} s is too "
-                "late to act on"
-            )
-        if known.unproven_s < math.inf:
-            return (
-                "the clock of its sender is not known yet, so it may have waited on its way: "
-                f"commands count once two stamps agree with their arrival, or after {QUEUED_S:g} s"
-            )
-        return ""
 
 
 def _is_time(stamp_s: object) -> bool:

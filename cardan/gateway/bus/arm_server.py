@@ -17,13 +17,13 @@ from typing import Any, NamedTuple
 
 from cardan.bus.node import BusNode, Received, ServiceRequest
 from cardan.errors import CardanError, MotionRefusedError
+from cardan.gateway.arm.backlog import STALE_S
 from cardan.gateway.arm.codes import PRESETS, Begins, vocab_text
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
     ENDLESS,
     NEW_MOTION,
     SEQUENCED,
-    STALE_S,
     MotionNote,
     PacketError,
     Request,
@@ -436,7 +436,8 @@ class _PacketClient:
             why = self._server.sources.claim(request.source, packet, self._server.now_s)
             if why:
                 raise PacketError(why, number) from MotionRefusedError(f"{request.verb}: {why}")
-        return self._server.watched(request._replace(id=number), packet)
+        # A time since which it waited would be of another computer's clock.
+        return self._server.watched(request._replace(id=number, since_s=None), packet)
 
     def done(self, request: Request, result: Any) -> None:
         """Respond with the reply."""

@@ -22,13 +22,13 @@ from typing import Any, Final, NamedTuple
 
 from cardan import __version__
 from cardan.errors import CardanError, ConfigurationError
+from cardan.gateway.arm.backlog import STALE_S
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
     ENDLESS,
     LATE_S,
     NEW_MOTION,
     SEQUENCED,
-    STALE_S,
     PacketError,
     decode_request,
 )
@@ -590,7 +590,8 @@ class Daemon:
             )
         number = next(self._ids)
         try:
-            packet = json.dumps(request | {"id": number}, separators=(",", ":")).encode()
+            told = request | {"id": number, "since": connection.since_s}
+            packet = json.dumps(told, separators=(",", ":")).encode()
             endless = decode_request(packet).verb in ENDLESS
         except RecursionError:
             raise ControlError("ask: its value is too deep", ask.id) from None

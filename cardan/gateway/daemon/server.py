@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Any, Final
 
 from cardan.errors import AddressError, ConfigurationError
+from cardan.gateway.arm.backlog import BACKLOGGED, Backlog
 from cardan.gateway.daemon.control import (
     Ask,
     ControlError,
@@ -75,6 +76,7 @@ class Connection:
         self.empty_s = self.since_s = time.monotonic()
         """When nothing of it waited to be read, last; and the same when `asked` was read: none of
         that can have come before."""
+        self.backlog = Backlog()
         self._unsent = bytearray()
         self.open = True
 
@@ -219,10 +221,15 @@ class ControlServer:
             return
         except OSError:
             data = b""
-        connection.since_s = connection.empty_s
+        connection.since_s, now_s = connection.empty_s, time.monotonic()
         if len(data) < READ_BYTES:
-            connection.empty_s = time.monotonic()
+            connection.empty_s = now_s
         if not data:
+            connection.open = False
+            return
+        if connection.backlog.lasts(now_s - connection.since_s, now_s):
+            _log.warning("a program that sends more than can be handled is let go")
+            connection.tell(Told(None, "error", BACKLOGGED))
             connection.open = False
             return
         try:

@@ -22,6 +22,7 @@ from cardan.bus.dds.network import DdsNetwork
 from cardan.bus.network import Answered, Failure, Handle, NetworkError, Publisher, Topic
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
+from cardan.gateway.arm.backlog import Delays, is_stale
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.standstill import StandStill
 from cardan.protocols.ros2.dds import Endpoint
@@ -44,7 +45,7 @@ MOST_BYTES = 10_000_000
 MOST_CALLS = 64
 """Calls of one participant that wait for their replies; of more there is no reply."""
 
-STALE_S = 0.3
+HANDED_ON_S = 0.3
 """How long after it stood still what comes counts as sent before: as long as DDS takes to hand on
 what the system had kept."""
 
@@ -88,7 +89,8 @@ class Bridge:
     def __init__(self, bus: BusNetwork, dds: DdsNetwork, allowed: Allowed) -> None:
         self.counts: Counter[str] = Counter()
         """"out", "in": messages passed on; "calls"; "refused": messages and calls that were not;
-        "stale": those that waited while this process stood still."""
+        "stale": those that waited while this process stood still, and messages that waited for too
+        long on their way from DDS."""
         self._bus, self._dds, self._allowed = bus, dds, allowed
         self._lock = threading.Lock()
         self._outs: dict[str, _Out] = {}
@@ -184,7 +186,7 @@ class Bridge:
     # -- in ----------------------------------------------------------------------------------------
 
     def _stood_still(self, seconds: float) -> None:
-        self._stale_until_s = time.monotonic() + STALE_S
+        self._stale_until_s = time.monotonic() + HANDED_ON_S
         _log.warning(
             "this bridge stood still for %.1f s: what came from DDS meanwhile is not acted on",
             seconds,
@@ -229,10 +231,17 @@ class Bridge:
     def _subscribe(self, name: str, type_name: str) -> Handle:
         # An old command must not be given again when the bridge begins anew.
         history = self._bus.wants_history(name)
+        delays = Delays()
 
-        def passed(cdr: bytes, _stamp_ns: int, writer: Endpoint | None) -> None:
+        def waited_s(stamp_ns: int, writer: Endpoint | None) -> float:
+            """For how much longer than its writer's quickest a message was on its way."""
+            if writer is None or stamp_ns <= 0:
+                return 0.0
+            return delays.hear(writer.guid, stamp_ns * 1e-9, time.monotonic())
+
+        def passed(cdr: bytes, stamp_ns: int, writer: Endpoint | None) -> None:
             publisher = None
-            if not history and self._stale(name):
+            if not history and (is_stale(name, waited_s(stamp_ns, writer)) or self._stale(name)):
                 self.counts["stale"] += 1
                 return
             if len(cdr) > MOST_BYTES:

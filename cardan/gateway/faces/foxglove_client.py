@@ -26,6 +26,7 @@ from websockets.typing import Subprotocol
 from cardan.bus.network import Handle, Network, NetworkError, Service, Topic
 from cardan.errors import DriverError, shown
 from cardan.extras import missing_extra
+from cardan.gateway.arm.backlog import STALE_S, is_stale, stale_words
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.assets import Packages
 from cardan.gateway.faces.calls import Caller, CallError, Mailbox
@@ -36,7 +37,7 @@ from cardan.gateway.faces.parameters import REFUSALS as PARAMETER_REFUSALS, Node
 from cardan.gateway.faces.publishing import Advertisements, RefusedError
 from cardan.gateway.faces.reading import READING_SERVICES
 from cardan.gateway.faces.sending import Sender, ready
-from cardan.gateway.faces.web import STALE_S, FrontConnection, is_stale, stale_words
+from cardan.gateway.faces.web import FrontConnection
 from cardan.protocols import foxglove as protocol
 from cardan.protocols.foxglove import CDR, JSON, ROS2MSG
 from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit

@@ -19,6 +19,7 @@ from cardan.bus.network import (
     NetworkError,
 )
 from cardan.errors import shown
+from cardan.gateway.arm.backlog import is_stale, stale_words
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.calls import Caller, CallError, Mailbox
 from cardan.gateway.faces.outbox import LATCHED_DEPTH, Stream
@@ -27,7 +28,7 @@ from cardan.gateway.faces.reading import READING_SERVICES
 from cardan.gateway.faces.rosapi import LOG, ROSOUT, SERVICES as ROSAPI_SERVICES, RosApi
 from cardan.gateway.faces.rosbridge_feeds import ClientStream, Feeds, RosbridgeFeed
 from cardan.gateway.faces.sending import Sender
-from cardan.gateway.faces.web import FrontConnection, is_stale, stale_words
+from cardan.gateway.faces.web import FrontConnection
 from cardan.protocols.ros2.actions import CANCEL_TYPE, CancelCode, GoalStatus
 from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of
 from cardan.protocols.ros2.interfaces import (

@@ -31,6 +31,7 @@ from websockets.typing import Data, Subprotocol
 from cardan.bounds import ANY_PORT, LISTEN_HOST, Range
 from cardan.errors import AddressError, ConfigurationError, OptionError
 from cardan.files import read_text
+from cardan.gateway.arm.backlog import BACKLOGGED, Backlog
 from cardan.gateway.faces import telling
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.door import Caller, Denied, Door
@@ -73,16 +74,6 @@ BACKLOG = 1024
 """Connections that the system keeps until this server takes them: who comes then has to try again,
 which systems do after a whole second."""
 
-STALE_S = 0.3
-"""A publication that may have waited for longer is not passed on: it would be acted on late."""
-
-NEVER_STALE = "/stop", "/release", "/cancel_goal"
-"""How names end of what only ends something."""
-
-BACKLOGGED_S = 1.0
-"""A client of which something waits for more than STALE_S, for this long, sends more than can be
-handled: it is disconnected."""
-
 ARRIVALS_KEPT = 256
 ARRIVALS_PERIOD_S = 0.01
 """How many times it is kept in mind what had arrived, and how far they are apart: longer together
@@ -97,9 +88,6 @@ SOCKET_PATH = "/ws"
 
 MOST_DENIALS_SHOWN = 10
 """Later ones are logged for debugging only, so that nobody can fill a disk."""
-
-BACKLOGGED = f"what you send has waited here for more than {STALE_S:g} s: send less often"
-"""The reason that a client is told, of 123 bytes at most."""
 
 _CLIENTS = Range(1, 1000, "", "each costs a connection")
 _FRAME_BYTES = Range(1000, 100_000_000, "bytes", "a frame is read before it is refused")
@@ -281,11 +269,12 @@ class FrontConnection(ServerConnection):
     _cut_off = False
     _ending: asyncio.Task[None] | None = None
     _socket: socket.socket | None = None
-    _since_s = _backlogged_s = NEVER_S
+    _since_s = NEVER_S
 
     def __init__(self, *given: Any, **options: Any) -> None:
         super().__init__(*given, **options)
         self.arrivals = Arrivals(self.loop.time())
+        self._backlog = Backlog()
 
     def watch(self, look: Callable[[], None], backlogged: Callable[[], None]) -> None:
         """Have `look` called before each frame is handed on, and `backlogged` when it is ended as
@@ -326,7 +315,7 @@ class FrontConnection(ServerConnection):
             self._since_s = self.arrivals.take_frame()
             if self._cut_off:
                 return
-            if self._ending is None and self._is_backlogged():
+            if self._ending is None and self._backlog.lasts(self.waited_s, self.loop.time()):
                 self._tell_backlogged()
                 # Reading goes on, or the client's farewell would not be read.
                 self._ending = self.loop.create_task(self.close(1008, BACKLOGGED))
@@ -335,26 +324,6 @@ class FrontConnection(ServerConnection):
             self.note_backlog()
             # What waits already is taken without a turn of the loop: others have theirs.
             await asyncio.sleep(0)
-
-    def _is_backlogged(self) -> bool:
-        now_s = self.loop.time()
-        if self.waited_s <= STALE_S:
-            self._backlogged_s = NEVER_S
-            return False
-        if self._backlogged_s == NEVER_S:
-            self._backlogged_s = now_s
-        return now_s - self._backlogged_s > BACKLOGGED_S
-
-
-def is_stale(name: str, waited_s: float) -> bool:
-    """Whether what a client published, called or asked of an action waited for too long to act on;
-    what stops is never too late."""
-    return waited_s > STALE_S and not name.endswith(NEVER_STALE)
-
-
-def stale_words(name: str, waited_s: float) -> str:
-    """Why a call or a goal that `is_stale` is refused."""
-    return f"{name}: it waited here for up to {waited_s:.1f} s; that is too late to act on"
 
 
 class WebServer(AbstractAsyncContextManager[Any], Protocol):

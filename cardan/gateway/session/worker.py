@@ -20,6 +20,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from cardan.errors import CardanError, MotionRefusedError
+from cardan.gateway.arm.backlog import STALE_S
 from cardan.gateway.arm.codes import Begins
 from cardan.gateway.arm.desk import VerbDesk
 from cardan.gateway.arm.link import LoopLink
@@ -29,7 +30,7 @@ from cardan.gateway.arm.requests import (
     ENDLESS,
     LATE_S,
     NEW_MOTION,
-    STALE_S,
+    SEQUENCED,
     MotionNote,
     PacketError,
     Request,
@@ -66,8 +67,7 @@ _QUICK = frozenset(
 )
 """Verbs that neither plan nor wait."""
 
-_STREAMED = frozenset({"pose", "jog", "twist", "wrench", "joints"})
-_BEGINNING = _STREAMED & _QUICK
+_BEGINNING = SEQUENCED & _QUICK
 """Streamed commands that plan only where they begin their stream."""
 
 
@@ -272,8 +272,11 @@ class RequestWorker:
                 self._count(MALFORMED)
                 client.refused(None, CardanError(repr(error)))
                 continue
-            if request is not None:
-                self._dispatch(_Job(client, request, received_s, late_s))
+            if request is None:
+                continue
+            if request.since_s is not None:
+                late_s = max(late_s, received_s - request.since_s)
+            self._dispatch(_Job(client, request, received_s, late_s))
 
     def _dispatch(self, job: _Job) -> None:
         verb = job.request.verb
@@ -342,7 +345,7 @@ class RequestWorker:
         try:
             desk = self._opened()
             waited_s = self._clock() - job.received_s + job.late_s
-            if request.verb in _STREAMED and waited_s > STALE_S:
+            if request.verb in SEQUENCED and waited_s > STALE_S:
                 self._reply(job, f"{request.verb}: it waited for more than {STALE_S:g} s")
                 return
             if request.begins is not None and job.ended_by:

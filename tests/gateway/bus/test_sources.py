@@ -4,8 +4,8 @@ import pytest
 
 from cardan.bus.node import LEASE_MS, gid_of_token
 from cardan.gateway.arm.authority import LEASE_S
+from cardan.gateway.arm.backlog import STALE_S
 from cardan.gateway.arm.codes import Stream
-from cardan.gateway.arm.streams import QUEUED_S
 from cardan.gateway.bus.arm_topics import OK, WARN
 from cardan.gateway.bus.commands import ASK_TYPE
 from cardan.gateway.bus.sources import BEGINS_S, NAMED_WITHIN_S, SOURCES_KEPT, STREAM_KEPT_S
@@ -38,8 +38,8 @@ class Node:
         self.gid = gid_of_token(self.token) if appears else zid.encode().ljust(16, b"-")
         self.sent = 0
         if appears and not new:
-            bench.poll(QUEUED_S)
-            bench.poll(QUEUED_S)
+            bench.poll(STALE_S)
+            bench.poll(STALE_S)
 
     def send(self):
         self.sent += 1
@@ -321,7 +321,7 @@ def test_a_node_whose_token_comes_after_its_first_message_is_named_first(bench):
     assert together(bench, NAMED_WITHIN_S / 2, node) == 0.0
     assert owner(bench) == ""
     bench.node.tokens.waiting.append((token, True))
-    assert together(bench, QUEUED_S + 1.0, node) < -0.08
+    assert together(bench, STALE_S + 1.0, node) < -0.08
     assert owner(bench) == "ros2 /joystick"
     assert {source for source, *_ in outcomes(bench)} == {"ros2 /joystick"}
     node.leave()
@@ -444,7 +444,7 @@ def test_what_stops_a_stream_of_a_new_connection_is_heard_at_once(bench):
 
 def test_a_token_that_comes_while_its_node_streams_does_not_end_the_stream(bench):
     node, token = late(bench, "/joystick", "b0", -SPEED_M_S)
-    together(bench, NAMED_WITHIN_S + QUEUED_S, node)
+    together(bench, NAMED_WITHIN_S + STALE_S, node)
     bench.node.tokens.waiting.append((token, True))
     together(bench, 0.1, node)
     assert "refused" not in {outcome for _, outcome, _ in outcomes(bench)}

@@ -2,13 +2,16 @@
 processes."""
 
 import contextlib
+import itertools
 import json
 import socket
 import time
 
 import pytest
 
-from cardan.gateway.arm.requests import LATE_S, STALE_S
+from cardan.gateway.arm.backlog import BACKLOGGED, BACKLOGGED_S, STALE_S
+from cardan.gateway.arm.requests import LATE_S
+from cardan.gateway.daemon import server as serving
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.control import Ask, LineReader, decode_told
 from cardan.gateway.daemon.daemon import Daemon
@@ -60,8 +63,8 @@ class Bench:
         self.connection = Connection(ours)
         self._reader, self._lines = LineReader(), []
 
-    def ask(self, verb, number=7):
-        request = {"id": number, "source": "a", "verb": verb}
+    def ask(self, verb, number=7, **more):
+        request = {"id": number, "source": "a", "verb": verb, **more}
         if verb in ("movl", "movv"):
             request["value"] = [0.0, 0.0, 0.01, 0.0, 0.0, 0.0]
         self.daemon._handle(Ask(number, "ask", "one", request), self.connection)
@@ -169,6 +172,73 @@ def test_a_streamed_command_that_may_have_waited_is_not_passed_on(bench):
     bench.ask("movl")
     bench.ask("stop")
     assert bench.asked == ["movl", "stop"]
+
+
+def test_the_session_is_told_since_when_a_request_can_have_waited(bench):
+    """Whatever its client says."""
+    for number, verb in enumerate(("twist", "movl")):
+        bench.connection.since_s = time.monotonic() - 0.1 * STALE_S
+        bench.ask(verb, number, since=0.0)
+        assert bench.session.sent[-1]["since"] == bench.connection.since_s
+
+
+class Flood:
+    """A socket that always has as much as is read at once; and the clock of its server."""
+
+    def __init__(self):
+        self.now_s = 100.0
+        self.told = bytearray()
+        line = b'{"id":1,"do":"units"}\n'
+        self._bytes = itertools.cycle(line)
+
+    def recv(self, count):
+        return bytes(itertools.islice(self._bytes, count))
+
+    def send(self, data):
+        self.told += data
+        return len(data)
+
+    def monotonic(self):
+        return self.now_s
+
+
+@pytest.fixture
+def flooded(tmp_path, monkeypatch):
+    """A server, the connection of one that floods it, and its socket."""
+    flood = Flood()
+    monkeypatch.setattr(serving, "time", flood)
+    with contextlib.closing(ControlServer(str(tmp_path / "sock"), "", lambda *_: None)) as server:
+        yield server, Connection(flood), flood
+
+
+def floods(flooded, seconds):
+    """Read again and again, as long as it is connected; for how long that was."""
+    server, connection, flood = flooded
+    began_s = flood.now_s
+    while connection.open and flood.now_s < began_s + seconds:
+        server._read(connection)
+        connection.asked.clear()
+        flood.now_s += 0.01
+    return flood.now_s - began_s
+
+
+def test_who_sends_more_than_can_be_handled_is_let_go_with_the_reason(flooded):
+    _, connection, flood = flooded
+    most_s = STALE_S + BACKLOGGED_S
+    assert floods(flooded, 2 * most_s) == pytest.approx(most_s, abs=0.05)
+    assert not connection.open
+    assert decode_told(bytes(flood.told).splitlines()[-1]).value == BACKLOGGED
+
+
+def test_a_backlog_that_was_worked_off_is_forgotten(flooded):
+    _, connection, flood = flooded
+    for _ in range(5):
+        floods(flooded, STALE_S + 0.9 * BACKLOGGED_S)
+        assert connection.open
+        # Less than is read at once.
+        connection.empty_s = flood.now_s
+        floods(flooded, 0.02)
+    assert not flood.told
 
 
 def test_it_is_known_since_when_a_request_can_have_waited(tmp_path):

@@ -2,7 +2,8 @@
 
 import pytest
 
-from cardan.gateway.faces.web import ARRIVALS_KEPT, ARRIVALS_PERIOD_S, STALE_S, Arrivals
+from cardan.gateway.arm.backlog import STALE_S
+from cardan.gateway.faces.web import ARRIVALS_KEPT, ARRIVALS_PERIOD_S, Arrivals
 
 
 def test_a_frame_is_as_old_as_the_last_look_that_did_not_find_its_end():

@@ -11,7 +11,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
-from cardan.gateway.faces.web import STALE_S
+from cardan.gateway.arm.backlog import STALE_S
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from tests.gateway.faces.foxglove_rig import foxglove_client, foxglove_face

@@ -11,12 +11,12 @@ from types import SimpleNamespace
 import pytest
 
 from cardan.errors import MotionLoopError, MotionRefusedError
+from cardan.gateway.arm.backlog import STALE_S
 from cardan.gateway.arm.codes import Begins, Stream
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
     LATE_S,
-    STALE_S,
     MotionNote,
     PacketError,
     Request,
@@ -286,6 +286,21 @@ def test_a_streamed_command_of_a_time_without_a_turn_is_not_acted_on(bench):
     bench.ask(1, "twist", POSE, 4)
     assert "it waited" in bench.heard()[1]
     assert bench.verbs.streamed == []
+
+
+@pytest.mark.parametrize("verb", ["twist", "movl"])
+def test_what_waited_before_it_came_to_the_session_counts(bench, verb):
+    """At the daemon's socket, and in the channel from there while the session was busy."""
+    bench.verbs.go_on.set()
+    bench.worker.turn(bench.now_s)
+    longest_s = STALE_S if verb == "twist" else LATE_S
+    for number, waited_s in enumerate((1.1 * longest_s, 0.9 * longest_s), 1):
+        bench.worker.turn(bench.now_s)
+        request = Request(number, "a", verb, POSE, since_s=bench.now_s - waited_s)
+        bench.offer(encode_request(request))
+        answer = str(bench.heard(verb))
+        assert ("it waited" in answer or "stood still" in answer) is (number == 1)
+    assert len(bench.verbs.streamed) + len(bench.verbs.began) == 1
 
 
 def test_refusals_and_what_is_no_request_are_answered(bench):
