@@ -369,11 +369,14 @@ def rows(
 
 
 def table(found: Iterable[Row]) -> str:
-    """What stands in the page: ms, and a star where the server ended the connection."""
+    """What stands in the page: ms, bold where that is too long, and a star where the server ended
+    the connection."""
     cells: dict[tuple[str, float], dict[str, str]] = {}
     for row in found:
         star = "*" if row.ended_by_server else ""
-        cells.setdefault((row.server, row.rate), {})[row.end] = f"{1e3 * row.late_s:.0f}{star}"
+        ms = f"{1e3 * row.late_s:.0f}"
+        text = f"**{ms}**{star}" if row.late_s > REST_S else f"{ms}{star}"
+        cells.setdefault((row.server, row.rate), {})[row.end] = text
     columns = ("server", "times what is handled", *ENDS)
     return markdown(
         columns,
