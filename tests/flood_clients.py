@@ -31,7 +31,12 @@ from cardan.protocols.joint_stream import (
 )
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from cardan.protocols.spnav import encode_motion
+from cardan.protocols.spnav import (
+    NEWEST_VERSION,
+    encode_handshake,
+    encode_motion,
+    encode_sensitivity,
+)
 from cardan.types import Vector3
 from tests.gateway.faces.console.rig import PageProgram
 from tests.protocols.test_handheld import TELEOP
@@ -394,7 +399,12 @@ class Spnav(_Stream):
             listening.listen()
             listening.settimeout(20.0)
             self.socket, _ = listening.accept()
+        # A daemon that answers nothing is one of the first protocol, once the driver says so.
+        heard = b""
+        while len(heard) < len(encode_handshake(NEWEST_VERSION) + encode_sensitivity(1.0)):
+            heard += self.socket.recv(64)
         self.socket.sendall(encode_motion((0,) * 6, 16))
+        time.sleep(RESTS_S)
 
     def message(self) -> bytes:
         # Records that are the same again and again are a daemon's, not a hand's.

@@ -66,7 +66,7 @@ class DatagramSession(ABC, Generic[MessageT]):
 
     A newer session of the controller voids earlier commands; an older one, or a lower sequence
     number in the same, is ignored unless the link is lost: then it is a new session, too. A state
-    that the arm cannot have come to since the one before, whoever sent it, is none: the arm is held
+    that the arm cannot have come to since the one before, by any sender, is none: the arm is held
     with that reason for as long as it is said to be there, and the next state within its reach
     begins a new session. Times are local monotonic ones.
     """

@@ -644,10 +644,14 @@ def test_enable_never_waits_unless_told_to(bench):
     assert omni.haptics().state is OperatingState.ENABLED
 
 
-def test_disable_ends_an_enable_that_waits(bench):
+def test_disable_ends_an_enable_that_waits(bench, monkeypatch):
     omni = bench.device()
     omni.open()
-    failures = []
+    failures, waits = [], threading.Event()
+
+    def settling(_now_s):
+        waits.set()
+        return True
 
     def enable():
         try:
@@ -656,11 +660,13 @@ def test_disable_ends_an_enable_that_waits(bench):
             failures.append(str(error))
 
     waiting = threading.Thread(target=enable)
-    waiting.start()
-    time.sleep(0.05)
-    assert waiting.is_alive()
-    omni.disable()
-    waiting.join(PATIENCE_S)
+    with monkeypatch.context() as never_ready:
+        never_ready.setattr(omni._core, "force_obstacle", lambda _now_s: "it settles")
+        never_ready.setattr(omni._core, "settling", settling)
+        waiting.start()
+        assert waits.wait(PATIENCE_S)
+        omni.disable()
+        waiting.join(PATIENCE_S)
     assert not waiting.is_alive()
     assert failures == ["the force is not enabled: it was disabled meanwhile"]
     assert omni.haptics().state is OperatingState.DISABLED

@@ -317,7 +317,7 @@ class DdsNode:
         )
 
     def graph_reader(self) -> GraphReader:
-        """Who is on DDS. Raises DriverError."""
+        """A reader of the participants, writers and readers on DDS. Raises DriverError."""
         return GraphReader(self._opened()[0])
 
     def _names(self, name: str, type_name: str) -> tuple[str, str]:

@@ -77,7 +77,7 @@ class Goals:
     order. A cancellation of a goal that has not come is answered with UNKNOWN_GOAL_ID, as there is
     no goal to name, and remembered: ids are made for one goal each. The goal is then accepted as
     one that is being cancelled, and must not begin. It is not rejected, because only an accepted
-    goal has a result, and CANCELED is what whoever waits for it has to be told.
+    goal has a result, and a client that waits for it has to be told CANCELED.
     """
 
     def __init__(self, kept: int = KEPT, kept_s: float = KEPT_S) -> None:

@@ -187,6 +187,7 @@ def test_a_client_of_rosbridge_that_closes_right_after_its_goal(rosbridge, watch
         with connect(rosbridge) as client:
             meet(client)
             send(client, verb, watcher)
-        time.sleep(0.5)  # Of a goal that it had, the arm would be on its way.
+        # Its node leaves the network with it, and then no goal of it goes on.
+        until(lambda: not any("rosbridge_client" in node for node in watcher.nodes()))
         assert where(watcher)["position"]["z"] == pytest.approx(z, abs=5e-3)
         assert_stays(watcher, where(watcher)["position"]["z"])
