@@ -23,11 +23,30 @@ def test_the_table_has_all_servers_rates_and_ends():
     ]
 
 
-def test_the_arm_is_at_rest_in_time_after_the_last_byte_or_the_page_shows_that_it_is_not():
-    for _, _, *cells in written()[1:]:
-        for cell in cells:
-            late = float(cell.strip("*")) > 1e3 * REST_S
-            assert cell.startswith("**") == late, cell
+CLIENT_STOPS, SERVER_STOPS = "client stopped for 1 s", "server stopped for 1 s"
+LATE = {
+    "rosbridge, JSON": {"abort", CLIENT_STOPS},
+    "rosbridge, CBOR": {CLIENT_STOPS},
+    "rosbridge, fragments": {"abort"},
+    "Foxglove": {"close", "abort"},
+    "DDS": {SERVER_STOPS},
+    "Zenoh": {"silence", "close", "abort", CLIENT_STOPS},
+    "page, JSON": {"close", "abort", SERVER_STOPS},
+    "daemon's socket": {CLIENT_STOPS, SERVER_STOPS},
+    "joint stream": {SERVER_STOPS},
+    "spnav": {"abort", SERVER_STOPS},
+}
+"""Known faults: after these the arm is at rest later than it has to be. What is mended leaves."""
+
+
+def test_the_arm_is_at_rest_in_time_after_the_last_byte_but_for_known_faults():
+    late = {}
+    for name, _, *cells in written()[1:]:
+        for end, cell in zip(ENDS, cells, strict=True):
+            if float(cell.strip("*")) > 1e3 * REST_S:
+                late.setdefault(name, set()).add(end)
+                assert cell.startswith("**"), cell
+    assert late == LATE
 
 
 @pytest.mark.matrix

@@ -290,7 +290,7 @@ def test_what_is_heard_first_may_be_the_wrong_one():
     ours = session()
     ours.listens_until_s = 1.0
     first = ours.receive(message((0.0,) * 6, sender=2), 0.0)
-    assert first.hold_reason.startswith("listening for 1 s whether anybody else publishes")
+    assert first.hold_reason.startswith("listening for 1 s for another publisher")
     assert ours.command(JointCommand((0.002,) * 6), 0.0) is None
     for n in range(1, 300):
         now_s = 0.01 * n

@@ -268,7 +268,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         return sender
 
     def _rivalry(self, message: JointStates, now_s: float) -> str:
-        """Who publishes our joints beside the publisher that counts, in words; empty: nobody."""
+        """Other publishers of our joints than the one that counts, in words; empty: none."""
         there = {gid: each for gid, each in self._rivals.items() if now_s - each.heard_s < LIVING_S}
         if not there or self._sender is None:
             return ""
@@ -366,7 +366,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
                 )
         if now_s < self.listens_until_s:
             return (
-                f"listening for {LIVING_S:g} s whether anybody else publishes the arm's joints on "
+                f"listening for {LIVING_S:g} s for another publisher of the arm's joints on "
                 f"{self.options.states_topic}"
             )
         return ""
