@@ -151,6 +151,7 @@ def test_an_input_that_does_not_end_is_a_finding(monkeypatch):
     assert Watch().count == 0
 
 
+@pytest.mark.matrix
 def test_time_and_memory_that_grow_faster_than_input_are_findings():
     def quadratic(data):
         return sum(1 for i in range(len(data) // 64) for j in range(len(data) // 32) if i < j)

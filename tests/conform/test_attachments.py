@@ -45,6 +45,7 @@ def test_tcp_of_the_capture_is_whole(tmp_path):
         assert (again.chksum, again[TCP].chksum) == sums
 
 
+@pytest.mark.matrix
 def test_a_client_of_ours_begins_its_connections_in_the_capture(tmp_path):
     from scapy.layers.inet import TCP
     from scapy.utils import rdpcap

@@ -20,6 +20,12 @@ DEVICES = [
 ]
 
 
+@pytest.fixture(autouse=True)
+def nobody_comes(monkeypatch):
+    """Those on a bus need not wait for a node."""
+    monkeypatch.setattr("cardan.drivers.ros2_nodes.device.MEET_S", 0.05)
+
+
 def nowhere(driver, tmp_path, **more):
     """Options of a device that is not there."""
     nothing = str(tmp_path / "none")

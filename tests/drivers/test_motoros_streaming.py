@@ -257,7 +257,7 @@ class TestPointStream:
         bench.now_s = bench.empty_s + 5 * IPC_S
         assert bench.motion.settled(bench.now_s)
 
-    @pytest.mark.parametrize("rests", [True, False])
+    @pytest.mark.parametrize("rests", [True, pytest.param(False, marks=pytest.mark.matrix)])
     def test_a_new_trajectory_is_begun_before_times_become_coarse(self, rests):
         """At a standstill when there is one, else by a brake."""
         bench = Bench(PointStream, point_spacing_s=0.2).start()

@@ -406,7 +406,7 @@ def test_a_tick_leaves_nothing_in_python():
     def left():
         gc.collect()
         before = sys.getallocatedblocks()
-        ticks(2000)
+        ticks(1000)
         gc.collect()
         return sys.getallocatedblocks() - before
 

@@ -190,6 +190,7 @@ def wall(made_q_deg=(0, -90, 100, -100, -90, 0)):
     return Drive(servo(obstacles=(obstacle,), q_deg=made_q_deg))
 
 
+@pytest.mark.matrix("python-0.1-Policy.PATH", "python-0.1-Policy.REACH")
 @pytest.mark.parametrize("policy", Policy)
 @pytest.mark.parametrize("speed", [0.1, pytest.param(0.5, marks=pytest.mark.matrix), 1.0])
 def test_a_thin_wall_is_not_touched_slid_along_and_left_without_hesitation(policy, speed):
@@ -311,6 +312,7 @@ def test_joint_rates_add_to_the_twist():
     assert moved[1:] == pytest.approx(np.zeros(5), abs=2e-3)
 
 
+@pytest.mark.matrix("python-10")
 @pytest.mark.parametrize("turns", [10, pytest.param(-10, marks=pytest.mark.matrix)])
 def test_a_continuous_wrist_turns_ten_times_without_a_refusal(turns):
     drive = Drive(servo("pr2_right_arm"))
