@@ -47,8 +47,11 @@ class Handle(Protocol):
 class Publisher(Handle, Protocol):
     """Publishes on one topic."""
 
-    def publish(self, cdr: bytes) -> None:
-        """Publish a message: plain CDR with its encapsulation, of exact length."""
+    def publish(self, cdr: bytes, sent_ns: int = 0) -> None:
+        """Publish a message: plain CDR with its encapsulation, of exact length.
+
+        `sent_ns`: when who it comes from had sent it, ns since the epoch, so that its reader sees
+        how long it was on its way; 0: now. DDS always says now."""
 
 
 Heard = Callable[[bytes, int], None]

@@ -395,10 +395,10 @@ class _Sender(_Declared):
         self._sequences = itertools.count(1)
         self._lock = threading.Lock()
 
-    def publish(self, cdr: bytes) -> None:
+    def publish(self, cdr: bytes, sent_ns: int = 0) -> None:
         """Publish a message."""
         with self._lock:
-            attachment = Attachment(next(self._sequences), time.time_ns(), self._gid)
+            attachment = Attachment(next(self._sequences), sent_ns or time.time_ns(), self._gid)
             self._publisher.put(cdr, attachment=attachment.encode())
 
 

@@ -536,8 +536,8 @@ class _Sender(_Given):
         """Whether somebody subscribes."""
         return not self.closed and bool(self._writer.matched())
 
-    def publish(self, cdr: bytes) -> None:
-        """Publish a message."""
+    def publish(self, cdr: bytes, sent_ns: int = 0) -> None:
+        """Publish a message; DDS gives it its time."""
         if not self.closed:
             self._writer.write(cdr)
 

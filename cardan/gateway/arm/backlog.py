@@ -8,8 +8,13 @@ from typing import NamedTuple
 
 from cardan.types import NEVER_S
 
-STALE_S = 0.3
-"""What may have waited for longer is not acted on: its sender may have stopped since."""
+STALE_S = 0.2
+"""What may have waited for longer is not acted on: its sender may have stopped since. With the
+stream's timeout and the way that braking takes, the arm is at rest within 0.4 s."""
+
+PROVEN_S = 0.3
+"""For how long what comes of a sender that is not known yet may have waited until it was
+connected."""
 
 NEVER_STALE = "/stop", "/release", "/cancel_goal"
 """How names end of what only ends something."""
@@ -31,6 +36,13 @@ def is_stale(name: str, waited_s: float) -> bool:
 def stale_words(name: str, waited_s: float) -> str:
     """Why a call or a goal that `is_stale` is refused."""
     return f"{name}: it waited here for up to {waited_s:.1f} s; that is too late to act on"
+
+
+def late_words(waited_s: float) -> str:
+    """Why a streamed command is refused that waited for longer than STALE_S."""
+    return (
+        f"it waited for {waited_s:.2f} s on its way; more than {STALE_S:g} s is too late to act on"
+    )
 
 
 class Backlog:
@@ -107,7 +119,7 @@ class Delays:
             waited_s = max(0.0, waited_s - DRIFT * silent_s)
         if unproven_s < math.inf:
             step_s, passed_s = stamp_s - anchor[0], now_s - anchor[1]
-            if now_s - unproven_s > STALE_S or (
+            if now_s - unproven_s > PROVEN_S or (
                 step_s >= AGREE_S and abs(passed_s - step_s) <= 0.5 * step_s
             ):
                 unproven_s = math.inf
@@ -126,13 +138,10 @@ class Delays:
         if known is None:
             return ""
         if known.waited_s > STALE_S:
-            return (
-                f"it waited for {known.waited_s:.2f} s on its way; more than {STALE_S:g} s is too "
-                "late to act on"
-            )
+            return late_words(known.waited_s)
         if known.unproven_s < math.inf:
             return (
                 "the clock of its sender is not known yet, so it may have waited on its way: "
-                f"commands count once two stamps agree with their arrival, or after {STALE_S:g} s"
+                f"commands count once two stamps agree with their arrival, or after {PROVEN_S:g} s"
             )
         return ""

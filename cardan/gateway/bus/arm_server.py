@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from cardan.bus.node import BusNode, Received, ServiceRequest
 from cardan.errors import CardanError, MotionRefusedError
-from cardan.gateway.arm.backlog import STALE_S
+from cardan.gateway.arm.backlog import PROVEN_S, STALE_S, Delays, late_words
 from cardan.gateway.arm.codes import PRESETS, Begins, vocab_text
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
@@ -475,6 +475,8 @@ class _Sender:
         self.source: Source | None = None
         """The program that it belongs to."""
         self.sequence, self.source_ns = -1, -1
+        self.clock_runs = False
+        """Whether what it says of when it sent its messages was seen to change."""
         self.heard_s = NEVER_S
         """When its newest message came."""
         self.told = ""
@@ -501,6 +503,8 @@ class _TopicClient:
     def __init__(self, server: ArmServer, command: TopicCommand) -> None:
         self._server, self._command = server, command
         types = ((command.type_name, command.value), *command.also)
+        self._delays = Delays()
+        """Of publishers of a stream, by when they say that they sent a message."""
         self._types = {server.key_end(name): (codec_of(name), value) for name, value in types}
         self._streamed = command.verb in SEQUENCED
         self._senders: dict[tuple[bytes, str], _Sender] = {}
@@ -511,7 +515,7 @@ class _TopicClient:
     def decode(self, packet: Received) -> Request | None:
         """The request in a message; None for one that came twice. Raises PacketError."""
         server, command = self._server, self._command
-        attachment = packet.attachment
+        attachment, waited_s = packet.attachment, 0.0
         if attachment is None:
             sequence, sender = 0, self._sender((b"", packet.zid))
         else:
@@ -522,6 +526,10 @@ class _TopicClient:
                     return None
             if 0 <= sender.sequence < sequence - 1:
                 self._note_lost(sender, sender.sequence + 1, sequence - 1)
+            if self._streamed:
+                sent_s = attachment.source_ns * 1e-9
+                waited_s = self._delays.hear(sender.key, sent_s, server.now_s)
+                sender.clock_runs |= 0 <= sender.source_ns < attachment.source_ns
             sender.sequence, sender.source_ns = sequence, attachment.source_ns
         source = self._source(sender, packet)
         number = server.next_id()
@@ -554,6 +562,9 @@ class _TopicClient:
             sender.note = "" if stamp_s else NO_STAMP
             request = request._replace(stamp_s=stamp_s or None)
         if self._streamed and not _asks_nothing(value):
+            if sender.clock_runs and waited_s > STALE_S:
+                why = MotionRefusedError(f"{command.verb}: {late_words(waited_s)}")
+                raise PacketError(str(why), number) from why
             self._check_connection(source, request, attachment)
         return server.watched(request, packet)
 
@@ -563,7 +574,7 @@ class _TopicClient:
         """Raise PacketError for what may have waited until its sender was connected: libraries keep
         what is published meanwhile. A sender's own stamp tells, which the arm judges."""
         connected_s = source.connected_s(self._server.now_s)
-        if connected_s >= STALE_S:
+        if connected_s >= PROVEN_S:
             return
         stamp_s = request.stamp_s
         if stamp_s is not None and attachment is not None:
@@ -579,7 +590,7 @@ class _TopicClient:
             why = MotionRefusedError(
                 f"{request.verb}: {source.name!r} has been connected for {connected_s:.2f} s, so "
                 "this may have waited until it was: what its sender gave no stamp counts after "
-                f"{STALE_S:g} s"
+                f"{PROVEN_S:g} s"
             )
         raise PacketError(str(why), request.id) from why
 

@@ -50,6 +50,9 @@ BACKLOG: Final = MAX_CONNECTIONS
 SHORTAGE_PAUSE_S: Final = 0.5
 """Pause of taking new programs in where no file can be opened for one."""
 
+STOOD_STILL_S: Final = 0.05
+"""Looking for what has come took so much longer than it may: this process was stopped meanwhile."""
+
 _log = logging.getLogger(__name__)
 
 _ADVICE = Advice(
@@ -159,8 +162,15 @@ class ControlServer:
             self._listening = True
             self._selector.register(self._socket.sock, selectors.EVENT_READ)
         asked = any(each.asked for each in self._connections.values())
+        began_s = time.monotonic()
         found = self._selector.select(0.0 if asked else timeout_s)
-        self._note_empty({key.fd for key, events in found if events & selectors.EVENT_READ})
+        now_s = time.monotonic()
+        # After a process stood still, epoll says that nothing is there though it is, if the time
+        # is up by then: nothing was there when it began to look.
+        empty_s = began_s if now_s - began_s > timeout_s + STOOD_STILL_S else now_s
+        self._note_empty(
+            {key.fd for key, events in found if events & selectors.EVENT_READ}, empty_s
+        )
         for key, events in found:
             if key.fileobj is self._socket.sock:
                 self._accept()
@@ -176,8 +186,7 @@ class ControlServer:
             self._answer_some(connection)
             self._look_at(connection)
 
-    def _note_empty(self, readable: set[int]) -> None:
-        now_s = time.monotonic()
+    def _note_empty(self, readable: set[int], now_s: float) -> None:
         for number, connection in self._connections.items():
             # Of those with lines that wait for their turn it was not looked.
             if number not in readable and not connection.asked:

@@ -254,7 +254,7 @@ class Bridge:
                 self.counts["refused"] += 1
                 return
             self.counts["in"] += 1
-            publisher.publish(cdr)
+            publisher.publish(cdr, max(0, stamp_ns))
 
         return self._dds.subscribe_from(name, type_name, passed, history)
 

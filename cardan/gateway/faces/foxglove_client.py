@@ -13,7 +13,6 @@ import json
 import logging
 import secrets
 import socket
-import time
 from collections import Counter
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from functools import partial
@@ -503,15 +502,17 @@ class Client:
         if published is None or advertised is None:
             raise RefusedError(f"nothing is advertised as channel {number}")
         codec = codec_of(advertised.type)
+        # Later ones may have been handed on since, until the SDK hands this one back.
+        since_ns = self._connection.since_ns
         if published.encoding == JSON:
             try:
                 fields = json.loads(data)
             except (ValueError, RecursionError):
                 raise RefusedError(f"{published.topic}: {shown(data)} is no JSON") from None
-            data = codec.encode(completed(advertised.type, fields, Stamp.of_ns(time.time_ns())))
+            data = codec.encode(completed(advertised.type, fields, Stamp.of_ns(since_ns)))
         elif isinstance(found := codec.decode(data), Malformed):
             raise RefusedError(f"{published.topic}: no {advertised.type}: {found.reason}")
-        advertised.publisher.publish(data)
+        advertised.publisher.publish(data, since_ns)
 
     # -- services --------------------------------------------------------------------------------
 

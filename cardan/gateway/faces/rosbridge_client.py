@@ -286,9 +286,9 @@ class Client:
             if not (asked.type or self._advertised.type_of(topic)):
                 raise RefusedError(f"{topic} has no type yet: advertise it before you publish")
             advertised = self._advertised.add(topic, asked.type, asked.latch, None)
-        now = Stamp.of_ns(time.time_ns())
-        message = completed(advertised.type, asked.message, now)
-        advertised.publisher.publish(codec_of(advertised.type).encode(message))
+        since_ns = self.connection.since_ns
+        message = completed(advertised.type, asked.message, Stamp.of_ns(since_ns))
+        advertised.publisher.publish(codec_of(advertised.type).encode(message), since_ns)
 
     # -- services --------------------------------------------------------------------------------
 

@@ -270,6 +270,9 @@ class FrontConnection(ServerConnection):
     _ending: asyncio.Task[None] | None = None
     _socket: socket.socket | None = None
     _since_s = NEVER_S
+    since_ns = 0
+    """When the end of the frame handed on last can have arrived at the earliest, ns since the
+    epoch."""
 
     def __init__(self, *given: Any, **options: Any) -> None:
         super().__init__(*given, **options)
@@ -301,8 +304,9 @@ class FrontConnection(ServerConnection):
 
     def note_backlog(self) -> None:
         """Note what has arrived until now, read or not."""
+        now_s = self.loop.time()  # Before it looks: this process may stand still in between.
         if self._socket is not None and has_room(self._socket):
-            self.arrivals.note(waiting_bytes(self._socket), self.loop.time())
+            self.arrivals.note(waiting_bytes(self._socket), now_s)
 
     def cut_off(self) -> None:
         """End it at once, with all that has arrived and was not read."""
@@ -313,6 +317,8 @@ class FrontConnection(ServerConnection):
         async for frame in super().__aiter__():
             self._look()
             self._since_s = self.arrivals.take_frame()
+            now_ns = time.time_ns()
+            self.since_ns = now_ns - int(1e9 * self.waited_s)
             if self._cut_off:
                 return
             if self._ending is None and self._backlog.lasts(self.waited_s, self.loop.time()):

@@ -4,7 +4,7 @@ import pytest
 
 from cardan.bus.node import LEASE_MS, gid_of_token
 from cardan.gateway.arm.authority import LEASE_S
-from cardan.gateway.arm.backlog import STALE_S
+from cardan.gateway.arm.backlog import PROVEN_S, STALE_S
 from cardan.gateway.arm.codes import Stream
 from cardan.gateway.bus.arm_topics import OK, WARN
 from cardan.gateway.bus.commands import ASK_TYPE
@@ -38,14 +38,16 @@ class Node:
         self.gid = gid_of_token(self.token) if appears else zid.encode().ljust(16, b"-")
         self.sent = 0
         if appears and not new:
-            bench.poll(STALE_S)
-            bench.poll(STALE_S)
+            bench.poll(PROVEN_S)
+            bench.poll(PROVEN_S)
 
-    def send(self):
+    def send(self, waited_s=0.0, stands=False):
+        """A message that was on its way for `waited_s`; `stands`: by a clock that stands still."""
         self.sent += 1
         share = {"z": self.speed_m_s / FULL_M_S}
         message = {"header": {"frame_id": "base_link"}, "twist": {"linear": share}}
-        how = {"gid": self.gid, "zid": self.zid, "sequence": self.sent, "source_ns": self.sent}
+        sent_ns = 1 if stands else round(1e9 * (self.bench.now_s - waited_s)) + self.sent
+        how = {"gid": self.gid, "zid": self.zid, "sequence": self.sent, "source_ns": sent_ns}
         self.bench.publish(self.topic, message, **how)
 
     def leave(self):
@@ -321,7 +323,7 @@ def test_a_node_whose_token_comes_after_its_first_message_is_named_first(bench):
     assert together(bench, NAMED_WITHIN_S / 2, node) == 0.0
     assert owner(bench) == ""
     bench.node.tokens.waiting.append((token, True))
-    assert together(bench, STALE_S + 1.0, node) < -0.08
+    assert together(bench, PROVEN_S + 1.0, node) < -0.08
     assert owner(bench) == "ros2 /joystick"
     assert {source for source, *_ in outcomes(bench)} == {"ros2 /joystick"}
     node.leave()
@@ -444,7 +446,7 @@ def test_what_stops_a_stream_of_a_new_connection_is_heard_at_once(bench):
 
 def test_a_token_that_comes_while_its_node_streams_does_not_end_the_stream(bench):
     node, token = late(bench, "/joystick", "b0", -SPEED_M_S)
-    together(bench, NAMED_WITHIN_S + STALE_S, node)
+    together(bench, NAMED_WITHIN_S + PROVEN_S, node)
     bench.node.tokens.waiting.append((token, True))
     together(bench, 0.1, node)
     assert "refused" not in {outcome for _, outcome, _ in outcomes(bench)}
@@ -457,3 +459,32 @@ def test_a_new_connection_is_told_who_has_the_arm(bench):
     words = "twst: 'ros2 /left/joystick' has authority over the arm"
     assert outcomes(bench)[-1] == ("ros2 /script", "refused", words)
     assert bench.server.contested == 5
+
+
+def test_what_its_publisher_sent_long_ago_moves_nothing_and_what_comes_after_it_does(bench):
+    """A bridge, a server or a network stood still between; the message has no stamp."""
+    node = Node(bench, "/joystick", "b0", -SPEED_M_S)
+    together(bench, 0.5, node)
+    together(bench, 1.0)
+    assert not bench.world.verbs.body.moving
+    before = len(outcomes(bench))
+    node.send(waited_s=STALE_S + 0.01)
+    bench.poll(DT_S)
+    bench.world.tick()
+    assert "too late to act on" in outcomes(bench)[before][2]
+    assert together(bench, 0.3) == 0.0
+    node.send(waited_s=STALE_S - 0.05)
+    bench.poll(DT_S)
+    bench.world.tick()
+    assert together(bench, 0.3) < 0.0
+
+
+def test_a_publisher_whose_clock_stands_still_is_heard(bench):
+    """As those of small computers that tell no time."""
+    node = Node(bench, "/joystick", "b0", -SPEED_M_S)
+    for _ in range(100):
+        node.send(stands=True)
+        bench.poll(DT_S)
+        bench.world.tick()
+    assert bench.world.verbs.body.moving
+    assert {outcome for _, outcome, _ in outcomes(bench)} == {"accepted"}

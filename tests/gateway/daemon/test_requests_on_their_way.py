@@ -6,6 +6,7 @@ import itertools
 import json
 import socket
 import time
+from collections import deque
 
 import pytest
 
@@ -279,3 +280,25 @@ def test_what_a_session_did_last_is_told_though_its_process_has_ended(bench, mon
         ("running", "session"),
         ("arm", "disarmed"),
     ]
+
+
+def test_nothing_counts_as_empty_that_was_looked_at_before_the_daemon_stood_still(
+    flooded, monkeypatch
+):
+    """What epoll says then: the time is up, and nothing is there."""
+    server, connection, flood = flooded
+    connection.asked, connection.sock = deque(), flood
+    monkeypatch.setattr(server, "_connections", {7: connection})
+    monkeypatch.setattr(server, "_answer_some", lambda _: None)
+    monkeypatch.setattr(server, "_look_at", lambda _: None)
+    for stood_still_s in (0.0, 1.0):
+        looked_s = flood.now_s
+
+        def select(timeout_s, stood_still_s=stood_still_s):
+            flood.now_s += timeout_s + stood_still_s
+            return []
+
+        monkeypatch.setattr(server._selector, "select", select)
+        server.poll(0.1)
+        assert connection.empty_s == (looked_s if stood_still_s else flood.now_s)
+    server._connections.clear()

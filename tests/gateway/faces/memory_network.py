@@ -31,7 +31,7 @@ class _Publisher(_Handle):
         super().__init__(close)
         self._publish = publish
 
-    def publish(self, cdr: bytes) -> None:
+    def publish(self, cdr: bytes, sent_ns: int = 0) -> None:
         assert not self.closed
         self._publish(cdr)
 

@@ -1,8 +1,11 @@
 """How old what a client sent can be, in virtual time."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from cardan.gateway.arm.backlog import STALE_S
+from cardan.gateway.faces import web
 from cardan.gateway.faces.web import ARRIVALS_KEPT, ARRIVALS_PERIOD_S, Arrivals
 
 
@@ -66,3 +69,24 @@ def test_what_is_kept_in_mind_is_bounded_and_nothing_seems_younger_for_it():
     arrivals.read(10)
     arrivals.end_frame()
     assert arrivals.take_frame() == 0.0
+
+
+def test_what_arrived_while_the_server_stood_still_in_the_midst_of_a_look_is_old(monkeypatch):
+    clock = SimpleNamespace(now_s=1.0)
+
+    def looks(_socket):
+        clock.now_s += 1.0  # It stands still.
+        return 100
+
+    monkeypatch.setattr(web, "has_room", lambda _: True)
+    monkeypatch.setattr(web, "waiting_bytes", looks)
+    connection = SimpleNamespace(
+        loop=SimpleNamespace(time=lambda: clock.now_s), arrivals=Arrivals(0.0), _socket=object()
+    )
+    web.FrontConnection.note_backlog(connection)
+    connection.arrivals.read(100)
+    connection.arrivals.end_frame()
+    web.FrontConnection.note_backlog(connection)
+    connection.arrivals.read(100)
+    connection.arrivals.end_frame()
+    assert [connection.arrivals.take_frame() for _ in range(2)] == [0.0, 1.0]

@@ -20,15 +20,20 @@ class Bench:
 
     def __init__(self):
         self.now_s, self.passed, self.latched = 100.0, [], False
+        self.sent_ns = 0
         dds = SimpleNamespace(
             watch_departures=lambda _: None,
             subscribe_from=lambda _topic, _type, heard, _history: heard,
             node_of=lambda writer: f"/{writer.guid.decode()}",
         )
-        publisher = SimpleNamespace(publish=self.passed.append)
+        publisher = SimpleNamespace(publish=self.publish)
         client = SimpleNamespace(advertise=lambda *_: publisher)
         bus = SimpleNamespace(part=lambda *_: client, wants_history=lambda _: self.latched)
         self.bridge = Bridge(bus, dds, Allowed(("*",), (), ()))
+
+    def publish(self, cdr, sent_ns):
+        self.passed.append(cdr)
+        self.sent_ns = sent_ns
 
     def monotonic(self):
         return self.now_s
@@ -85,3 +90,11 @@ def test_who_does_not_say_when_it_published_is_heard(bench):
     heard = bench.subscribe(TOPIC)
     for number in range(50):
         assert bench.brings(heard, bytes([number]), 0.0, stamp_ns=0)
+
+
+def test_what_is_passed_on_says_when_its_writer_sent_it(bench):
+    heard = bench.subscribe(TOPIC)
+    assert bench.brings(heard, b"1", QUICKEST_S)
+    assert bench.sent_ns == round((bench.now_s - QUICKEST_S + AHEAD_S) * 1e9)
+    assert bench.brings(heard, b"2", QUICKEST_S, stamp_ns=-1)
+    assert bench.sent_ns == 0
