@@ -22,7 +22,7 @@ from cardan.gateway.arm.codes import Begins
 from cardan.gateway.arm.requests import Request, encode_request
 from cardan.gateway.daemon.control import Ask, encode_ask
 from cardan.protocols.foxglove import SUBPROTOCOLS
-from cardan.protocols.handheld import OperatorFrame, Phone, encode_frame
+from cardan.protocols.handheld import JogTwist, OperatorFrame, Phone, encode_frame
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ControlMode,
@@ -269,6 +269,16 @@ class PagePhone(_PageFrames):
         return Phone(Vector3(0.0, self.way * min(15.0, 30.0 * passed_s), 0.0))
 
 
+class PageJog(_PageFrames):
+    """A button of the page that jogs the arm along an axis while it is held."""
+
+    target: ClassVar = {"arm": ARM}
+
+    def body(self, passed_s: float) -> JogTwist:
+        speed_m_s = self.way * SPEED_M_S if passed_s > 0.0 else 0.0
+        return JogTwist(Vector3(speed_m_s, 0.0, 0.0), Vector3(0.0, 0.0, 0.0))
+
+
 class PageTeleop(_Held):
     """The public page `teleop`: the phone goes away from where it was held."""
 
@@ -423,6 +433,7 @@ MAKERS: dict[str, Callable[[str, int], Client]] = {
     "Zenoh": Zenoh,
     "page, JSON": PageJson,
     "page, phone frames": PagePhone,
+    "page, jog frames": PageJog,
     "page, teleop": PageTeleop,
     "daemon's socket": Daemon,
     "joint stream": JointStream,

@@ -38,6 +38,7 @@ from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import Outcome as SessionOutcome, SessionProcess
 from cardan.robots import load_arm
+from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceCapabilities, DeviceLink, DeviceState
 from tests.serving import PATIENT, in_a_thread
@@ -454,6 +455,14 @@ class Supervising:
         for stream in (self._process.stdin, self._process.stdout):
             stream.close()
 
+    def kill(self):
+        self._process.kill()
+        self._process.wait(TIMEOUT_S)
+
+    @property
+    def returncode(self):
+        return self._process.returncode
+
     def say(self):
         self._process.stdin.write("\n")
         self._process.stdin.flush()
@@ -498,6 +507,41 @@ def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
         )
         assert "choose this streaming command first" in program.words["STREAM"]
         until(program.is_moving, "motion that was asked for anew")
+
+
+STREAMING = """
+import sys
+from cardan.gateway.session.remote import RemoteArm
+
+with RemoteArm(sys.argv[1]) as arm:
+    arm.set_parameter("streamingCommand", "twst")
+    while True:
+        arm.twist([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
+"""
+
+
+@pytest.mark.parametrize("program", [PROGRAM, STREAMING], ids=["movv", "twist"])
+def test_an_arm_moved_by_verbs_rests_when_its_program_is_killed(program, tmp_path):
+    options = SimulatedArmOptions(robot="ur5", port=0, plant=PlantOptions(drive="ideal"))
+    peer = SimulatedArmPeer(options)
+    config = tmp_path / "session.toml"
+    with in_a_thread(peer):
+        config.write_text(
+            '[robot]\ndriver = "sim_arm"\nrobot = "ur5"\ntransport = "udp"\n'
+            f'endpoint = "{peer.endpoint}"\n[arm]\nmodel = "ur5"\n'
+        )
+
+        def moves():
+            return any(abs(each) > 1e-3 for each in peer.core.plant.velocities)
+
+        with Supervising(program, config) as killed:
+            until(moves, "motion")
+            before = peer.core.plant.positions
+            killed.kill()
+            until(lambda: not moves(), "rest")
+            assert killed.returncode == -signal.SIGKILL
+        way = max(abs(b - a) for a, b in zip(before, peer.core.plant.positions, strict=True))
+        assert way < 0.05  # rad; 0.02 m/s for half a second, and room for a busy machine.
 
 
 def test_an_arm_moved_by_a_hand_rests_while_its_view_is_stopped(tmp_path):
