@@ -19,6 +19,9 @@ connected."""
 NEVER_STALE = "/stop", "/release", "/cancel_goal"
 """How names end of what only ends something."""
 
+UNKNOWN_CLOCK = "the clock of its sender is not known yet"
+"""Why the first commands of a sender are refused, for PROVEN_S at most."""
+
 BACKLOGGED_S = 1.0
 """A client of which something waits for more than STALE_S, for this long, sends more than can be
 handled: it is disconnected."""
@@ -141,7 +144,7 @@ class Delays:
             return late_words(known.waited_s)
         if known.unproven_s < math.inf:
             return (
-                "the clock of its sender is not known yet, so it may have waited on its way: "
-                f"commands count once two stamps agree with their arrival, or after {PROVEN_S:g} s"
+                f"{UNKNOWN_CLOCK}, so it may have waited on its way: commands count once two "
+                f"stamps agree with their arrival, or after {PROVEN_S:g} s"
             )
         return ""

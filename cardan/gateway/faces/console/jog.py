@@ -1,7 +1,8 @@
 """Streams what a hand on a page wants to an arm, as a source of its own name, by the arm's `ask`.
 
 One request is under way at a time, and after it the newest wish goes: nothing waits in a queue. The
-arm's own controller limits, watches and refuses; what it refuses ends the hold.
+arm's own controller limits, watches and refuses; what it refuses ends the hold, but for the first
+commands of a hand whose clock it does not know yet.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from typing import Any, NamedTuple
 
 from cardan.bus.network import NetworkError, Service
 from cardan.errors import CardanError
+from cardan.gateway.arm.backlog import UNKNOWN_CLOCK
 from cardan.gateway.arm.codes import Begins, Parameter, Stream
 from cardan.gateway.arm.requests import (
     PacketError,
@@ -150,7 +152,7 @@ class ArmJog:
                 why = await self._send(wish)
             except (CardanError, CallError, NetworkError) as error:
                 why = str(error)
-            if why and wish.moves:
+            if why and wish.moves and not (UNKNOWN_CLOCK in why and not self._begun):
                 self._tell_refused(why)
 
     async def _send(self, wish: Wish) -> str:

@@ -8,6 +8,7 @@ import json
 
 import pytest
 
+from cardan.gateway.arm.backlog import Delays
 from cardan.gateway.arm.requests import encode_reply
 from cardan.gateway.faces.console.jog import ArmJog, Wish
 from cardan.protocols.handheld import JogJoints, JogTwist
@@ -34,11 +35,11 @@ class Arm:
     def verbs(self):
         return [each["verb"] for each in self.asked]
 
-    async def answer(self):
+    async def answer(self, result=None):
         """To all that was asked."""
         for asked, answer in zip(self.asked, self._answers, strict=True):
             if not answer.done():
-                answer.set_result({"reply": encode_reply(asked["id"], None).decode()})
+                answer.set_result({"reply": encode_reply(asked["id"], result).decode()})
         await settle()
 
 
@@ -86,3 +87,32 @@ def test_a_hold_goes_on_with_its_newest_command():
     twists = [each["value"] for each in arm.asked if each["verb"] == "twist"]
     assert [each[2] for each in twists] == [0.2, 0.0]
     assert arm.verbs[-2:] == ["twist", "release"]
+
+
+@pytest.mark.parametrize("again", [True, False])
+def test_the_first_press_of_a_hand_that_the_arm_does_not_know_yet_moves_it(again):
+    """The arm refuses it until it knows the hand's clock; later in a hold that would be an end."""
+    delays = Delays()
+    delays.hear("page hand", 5.0, 7.0)
+    why = delays.late("page hand")
+    assert why
+
+    async def pressed():
+        arm, refused = Arm(), []
+        jog = ArmJog("/arm", "page hand", arm, refused.append)
+        jog.open()
+        jog.begin()
+        for answer in (None, why) if again else (why, None):
+            jog.move(TWIST)
+            await settle()
+            await arm.answer(answer)
+        begins = [each.get("begins") for each in arm.asked]
+        closing = asyncio.get_running_loop().create_task(jog.close())
+        await settle()
+        await arm.answer()
+        await closing
+        return refused, begins
+
+    refused, begins = asyncio.run(pressed())
+    assert refused == ([why] if again else [])
+    assert begins == (["new", None] if again else ["new", "new"])
