@@ -23,7 +23,7 @@ from tests.drivers.ros2_rig import joint_states
 pytestmark = pytest.mark.matrix
 
 HOME = load_arm("ur5").home
-WITHIN_S = 20.0
+WITHIN_S = 40.0
 
 
 def cycles(robot):

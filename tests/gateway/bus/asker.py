@@ -4,8 +4,10 @@ asker.py ENDPOINT topic|service|remote [peer|client]
 asker.py dds/DOMAIN topic|service
 """
 
+import select
 import sys
 import time
+from collections.abc import Callable
 
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
@@ -19,12 +21,22 @@ from tests.waiting import until
 ARM = f"/{DEFAULT_NAME}"
 TWIST = "geometry_msgs/msg/Twist"
 SERVICE = "cardan_msgs/srv/MoveTwist"
+AGAIN_S = 5.0
 
 
 def slow_twist():
     message = default_message(TWIST)
     message["linear"]["z"] = -0.02
     return message
+
+
+def keep_asking(ask: Callable[[], object]) -> None:
+    """Until its input ends. Again now and then: what waited while a session or a bridge stood still
+    is refused, as on a busy computer."""
+    ask()
+    print("asked", flush=True)
+    while not select.select([sys.stdin], [], [], AGAIN_S)[0]:
+        ask()
 
 
 def wait_for_the_arm(options):
@@ -41,12 +53,12 @@ def ask_on_dds(domain, way):
         if way == "topic":
             publisher = network.advertise(f"{ARM}/command/movv", TWIST, latched=False)
             until(lambda: publisher.heard, "somebody subscribes")
-            publisher.publish(codec_of(TWIST).encode(slow_twist()))
+            data = codec_of(TWIST).encode(slow_twist())
+            keep_asking(lambda: publisher.publish(data))
         else:
-            request = codec_of(f"{SERVICE}_Request").encode({"xdot": slow_twist()})
-            network.call(f"{ARM}/movv", SERVICE, request, lambda _reply: None, 20.0)
-        print("asked", flush=True)
-        sys.stdin.read()
+            data = codec_of(f"{SERVICE}_Request").encode({"xdot": slow_twist()})
+            answered = lambda _reply: None  # noqa: E731
+            keep_asking(lambda: network.call(f"{ARM}/movv", SERVICE, data, answered, 20.0))
 
 
 def main(endpoint, way, mode="peer"):
@@ -64,12 +76,12 @@ def main(endpoint, way, mode="peer"):
     with BusNode(options, "asker") as node:
         if way == "topic":
             publisher = node.publisher(f"{ARM}/command/movv", TWIST)
-            publisher.put(codec_of(TWIST).encode(slow_twist()), time.time_ns())
+            data = codec_of(TWIST).encode(slow_twist())
+            keep_asking(lambda: publisher.put(data, time.time_ns()))
         else:
             client = node.client(f"{ARM}/movv", SERVICE)
-            client.call(codec_of(f"{SERVICE}_Request").encode({"xdot": slow_twist()}))
-        print("asked", flush=True)
-        sys.stdin.read()
+            data = codec_of(f"{SERVICE}_Request").encode({"xdot": slow_twist()})
+            keep_asking(lambda: client.call(data))
 
 
 if __name__ == "__main__":

@@ -27,7 +27,7 @@ pytestmark = pytest.mark.matrix
 ARM = f"/{DEFAULT_NAME}"
 RESULT = "cardan_msgs/msg/CommandResult"
 TWIST = "geometry_msgs/msg/Twist"
-TIMEOUT_S = 20.0
+TIMEOUT_S = 40.0
 GONE = "the node that asked is gone"
 
 
