@@ -74,13 +74,6 @@ def test_the_values_of_an_option_are_listed(name, flag, key, count):
     assert [line.split()[0] for line in lines].count(key) == 1
 
 
-def test_a_serial_device_lists_its_own_faults():
-    listed = said("spacemouse", "--serial", "port", "--list-faults")
-    assert [line.split()[0] for line in listed.splitlines()] == [
-        fault.name for fault in spacemouse.SERIAL_FAULTS
-    ]
-
-
 def test_a_peer_is_imported_when_its_command_is_asked_for(monkeypatch):
     asked = []
     load = registry.load

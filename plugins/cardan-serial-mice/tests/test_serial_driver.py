@@ -12,25 +12,23 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.drivers import reading
-from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseCore, SpaceMouseOptions, serial_port
-from cardan.drivers.spacemouse.serial_jumps import JUMP
-from cardan.drivers.spacemouse.serial_session import (
-    DETECT_TIMEOUT_S,
-    SerialSession,
-    device_model,
-)
+from cardan.drivers.spacemouse import SpaceMouseOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError
-from cardan.protocols.connexion_serial import (
+from cardan_serial_mice.protocol import (
     SERIAL_MODELS,
     encode_orb_keys,
     serial_model_by_key,
 )
-from cardan.sim_peers.spacemouse import (
-    SpaceMousePeer,
-    SpaceMousePeerOptions,
+from cardan_serial_mice.driver import SpaceMouseSerial, SpaceMouseSerialOptions, port as port_module
+from cardan_serial_mice.driver.jumps import JUMP
+from cardan_serial_mice.driver.session import DETECT_TIMEOUT_S, SerialSession
+from cardan_serial_mice.peer import (
+    SerialPuckPeer,
+    SerialPuckPeerOptions,
     peer as peer_module,
     simulated_serial_puck,
 )
+from serial_bench import PLAIN, REST, STEP_S, Bench
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.examples import examples
 from tests.serving import in_a_thread
@@ -38,104 +36,10 @@ from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
 
-STEP_S = 0.004
 PATIENCE_S = 10.0
-PLAIN = SpaceMouseOptions(dead_zone=0.0)
 DEFLECTION = (0.4, -0.2, 0.6, -0.1, 0.3, -0.5)
-REST = (0.0,) * 6
 LATE_S = 0.1 + STEP_S
 """The rule: neutral so long after the last good report."""
-
-
-class Bench:
-    """A simulated device, a conversation and a core, wired to each other."""
-
-    def __init__(self, key, faults=None, told=True, jitter_lsb=0, boot_s=None):
-        self.puck = simulated_serial_puck(
-            serial_model_by_key(key), faults=faults, jitter_lsb=jitter_lsb, boot_s=boot_s
-        )
-        self.told = serial_model_by_key(key) if told else None
-        self.core = SpaceMouseCore(PLAIN)
-        self.now_s = 0.0
-        self.states = []
-        self.failures = []
-        self.notices = []
-        self.session = None
-        self.opened = False
-        self.rng = random.Random(5)
-
-    def connect(self):
-        self.puck.power(True)
-        self.session = SerialSession(self.told, self.now_s)
-        self.opened = False
-
-    def run(self, seconds, axes=None):
-        """Hold the cap at `axes`; the state at the end."""
-        if axes is not None:
-            self.puck.set_axes(axes)
-        end_s = self.now_s + seconds
-        while self.now_s < end_s:
-            self.now_s += STEP_S
-            self.step()
-            self.states.append((self.now_s, self.core.state(self.now_s)))
-        return self.states[-1][1]
-
-    def step(self):
-        arrived = self.puck.reports(self.now_s)
-        session = self.session
-        if session is None or not self.puck.plugged:
-            if self.opened:
-                self.core.on_lost("unplugged", self.now_s)
-                self.opened = False
-            self.session = None
-            if self.puck.plugged:
-                self.connect()
-            return
-        words = session.send(self.now_s)
-        # A slow line hands bytes over one by one, a stalled one in heaps.
-        if words:
-            self.puck.receive(words)
-        for notice in session.notices(self.now_s):
-            self.notices.append((self.now_s, notice))
-            if self.opened:
-                self.core.on_notice(notice, self.now_s)
-        for portion in arrived:
-            cut = self.rng.randrange(len(portion) + 1)
-            for part in (portion[:cut], portion[cut:]):
-                values = session.receive(part, self.now_s) if part else []
-                for notice in session.notices(self.now_s):
-                    self.notices.append((self.now_s, notice))
-                    self.core.on_notice(notice, self.now_s)
-                if session.running and not self.opened:
-                    self.opened = True
-                    model = device_model(session.model)
-                    self.core.on_opened(self.now_s, model, None, session.model.period_s)
-                for value in values:
-                    self.core.on_value(value, self.now_s)
-        if session.running and not self.opened:
-            self.opened = True
-            self.core.on_opened(
-                self.now_s, device_model(session.model), None, session.model.period_s
-            )
-        if reason := session.failure(self.now_s):
-            self.failures.append((self.now_s, reason))
-            if self.opened:
-                self.core.on_lost(reason, self.now_s)
-            self.puck.power(False)
-            self.session = None
-
-    def touch(self):
-        self.run(0.2, (0.0, 0.0, 0.3, 0.0, 0.0, 0.0))
-        return self.run(0.4, REST)
-
-    def live(self):
-        self.run(3.0)
-        state = self.touch()
-        assert state.link is DeviceLink.LIVE, (state, self.failures)
-        return self
-
-    def last_motion_s(self):
-        return max((at_s for at_s, state in self.states if any(state.axes)), default=0.0)
 
 
 MODELS = [model.key for model in SERIAL_MODELS]
@@ -615,16 +519,16 @@ def eager_scripts(monkeypatch):
 def peer_at(tmp_path, model, script, **more):
     file = tmp_path / "script"
     file.write_text(script)
-    return SpaceMousePeer(
-        SpaceMousePeerOptions(
-            serial=str(tmp_path / "port"), model=model, script=str(file), boot_s=0.02, **more
+    return SerialPuckPeer(
+        SerialPuckPeerOptions(
+            port=str(tmp_path / "port"), model=model, script=str(file), boot_s=0.02, **more
         )
     )
 
 
 def mouse_at(peer, **more):
     more = {"dead_zone": 0.0, **more}
-    return SpaceMouse(SpaceMouseOptions(transport="serial", path=peer.endpoint, **more))
+    return SpaceMouseSerial(SpaceMouseSerialOptions(path=peer.endpoint, **more))
 
 
 TOUCH_AND_HOLD = """
@@ -696,10 +600,10 @@ def test_a_spaceorb_that_vanishes_and_comes_back(tmp_path, monkeypatch):
 def test_ports_that_are_none(tmp_path):
     path = str(tmp_path / "nothing")
     with pytest.raises(DeviceNotFoundError, match=r"no serial port at .*nothing"):
-        SpaceMouse(SpaceMouseOptions(transport="serial", path=path)).open()
+        SpaceMouseSerial(SpaceMouseSerialOptions(path=path)).open()
     (tmp_path / "nothing").touch()
     with pytest.raises(DeviceAccessError, match=r"cannot open .*it is no serial port"):
-        SpaceMouse(SpaceMouseOptions(transport="serial", path=path)).open()
+        SpaceMouseSerial(SpaceMouseSerialOptions(path=path)).open()
 
 
 @pytest.mark.parametrize(
@@ -721,7 +625,7 @@ def test_why_a_port_cannot_be_opened(monkeypatch, tmp_path, number, words):
     path = tmp_path / "port"
     path.touch()
     with pytest.raises(DeviceAccessError, match=words):
-        SpaceMouse(SpaceMouseOptions(transport="serial", path=str(path))).open()
+        SpaceMouseSerial(SpaceMouseSerialOptions(path=str(path))).open()
 
 
 @pytest.mark.parametrize("number", [errno.EIO, errno.EACCES])
@@ -735,13 +639,13 @@ def test_a_port_that_hangs_up_while_it_is_opened(monkeypatch, number):
     monkeypatch.setattr(termios, "tcflush", flush)
     words = {errno.EIO: "there is nothing at that port", errno.EACCES: "no permission"}[number]
     with pytest.raises(DeviceAccessError, match=words):
-        SpaceMouse(SpaceMouseOptions(transport="serial", path=os.ttyname(slave))).open()
+        SpaceMouseSerial(SpaceMouseSerialOptions(path=os.ttyname(slave))).open()
     os.close(master)
     os.close(slave)
 
 
 def test_nothing_answers(tmp_path, monkeypatch):
-    monkeypatch.setattr(serial_port, "time", fast_clock(20.0))
+    monkeypatch.setattr(port_module, "time", fast_clock(20.0))
     peer = peer_at(tmp_path, "magellan", "0 neutral", faults={"mute": 1.0})
     with in_a_thread(peer), pytest.raises(DeviceAccessError, match="no serial device answers"):
         mouse_at(peer).open()
@@ -762,22 +666,18 @@ def test_closing_does_not_wait_for_a_device_that_does_not_answer(tmp_path):
         begin_s = time.monotonic()
         mouse.close()
         assert time.monotonic() - begin_s < 1.0
-        assert not [t for t in threading.enumerate() if t.name == "cardan-spacemouse"]
+        assert not [t for t in threading.enumerate() if t.name == "cardan-spacemouseserial"]
 
 
 def test_options_of_serial_devices():
     with pytest.raises(ValueError, match="path: '' is not allowed; it must be the path of the"):
-        SpaceMouseOptions(transport="serial")
+        SpaceMouseSerialOptions(path="")
     with pytest.raises(
         ValueError,
         match="model: 'spacenavigator' is not allowed; it must be empty or one of magellan",
     ):
-        SpaceMouseOptions(transport="serial", path="/dev/ttyS0", model="spacenavigator")
-    with pytest.raises(
-        ValueError, match="slot: '1' is not allowed; it must be empty for transport 'serial'"
-    ):
-        SpaceMouseOptions(transport="serial", path="/dev/ttyS0", slot="1")
+        SpaceMouseSerialOptions(model="spacenavigator")
     with pytest.raises(ValueError, match="model: 'magellan' is not allowed"):
         SpaceMouseOptions(model="magellan")
-    options = SpaceMouseOptions(transport="serial", path="/dev/ttyS0", model="spaceorb")
-    assert SpaceMouse(options).capabilities.buttons[0] == "a"
+    options = SpaceMouseSerialOptions(model="spaceorb")
+    assert SpaceMouseSerial(options).capabilities.buttons[0] == "a"

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan_serial_mice.peer import SerialPuckPeer, SerialPuckPeerOptions
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix
@@ -82,8 +82,8 @@ def judge_once(model, script, folder):
     (folder / "run").mkdir(parents=True)
     port = folder / "port"
     (folder / "conf").write_text(f"serial = {port}\nled = off\n")
-    peer = SpaceMousePeer(
-        SpaceMousePeerOptions(serial=str(port), model=model, script=script, jitter_lsb=0)
+    peer = SerialPuckPeer(
+        SerialPuckPeerOptions(port=str(port), model=model, script=script, jitter_lsb=0)
     )
     with in_a_thread(peer):
         daemon = subprocess.Popen(
@@ -159,7 +159,7 @@ def test_inputattach_starts_it(model, script, tmp_path):
     if shutil.which("inputattach") is None:
         pytest.skip("there is no inputattach: install the Debian package inputattach")
     port = str(tmp_path / "port")
-    peer = SpaceMousePeer(SpaceMousePeerOptions(serial=port, model=model, script=script))
+    peer = SerialPuckPeer(SerialPuckPeerOptions(port=port, model=model, script=script))
     with in_a_thread(peer):
         process = subprocess.Popen(
             ["inputattach", "--spaceball", port], stderr=subprocess.PIPE, text=True

@@ -5,11 +5,11 @@ import itertools
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
-from cardan.drivers.spacemouse.serial_jumps import JUMP, REST, JumpGuard
-from cardan.drivers.spacemouse.serial_session import SerialSession, device_model
+from cardan_serial_mice.driver import SerialMouseCore, SpaceMouseSerialOptions
+from cardan_serial_mice.driver.jumps import JUMP, REST, JumpGuard
+from cardan_serial_mice.driver.session import SerialSession, device_model
 from cardan.protocols.connexion import from_robot_axes
-from cardan.protocols.connexion_serial import (
+from cardan_serial_mice.protocol import (
     SERIAL_MODELS,
     SpaceballMotion,
     encode_magellan_motion,
@@ -121,7 +121,7 @@ class Followed:
     def __init__(self, key):
         self.model = model = serial_model_by_key(key)
         self.session = SerialSession(model, 0.0)
-        self.core = SpaceMouseCore(SpaceMouseOptions(dead_zone=0.0))
+        self.core = SerialMouseCore(SpaceMouseSerialOptions(dead_zone=0.0))
         self.now_s = 0.0
         self.session.receive(GREETINGS[model.protocol], 0.0)
         while not self.session.running:

@@ -3,8 +3,8 @@
 import pytest
 from hypothesis import example, given, strategies as st
 
-from cardan.dissect import connexion_serial as layers
-from cardan.dissect.connexion_serial import (
+from cardan_serial_mice import dissect as layers
+from cardan_serial_mice.dissect import (
     Broken,
     MagellanCompressedMotion,
     MagellanExtendedKeys,
@@ -23,7 +23,7 @@ from cardan.dissect.connexion_serial import (
     SpaceOrbPacket,
     SpaceOrbText,
 )
-from cardan.protocols import connexion_serial as codec
+from cardan_serial_mice import protocol as codec
 
 
 def _hex(text):

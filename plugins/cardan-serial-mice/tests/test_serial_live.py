@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cardan.conform import Level, Outcome, registry, run
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan_serial_mice.peer import SerialPuckPeer, SerialPuckPeerOptions
 from tests.serving import in_a_thread
 from tests.told_hand import ToldHand
 
@@ -30,7 +30,7 @@ UNPLUGGED = {"MAG-301", "BALL-301", "ORB-301"}
 )
 def test_serial_devices_are_judged_at_a_port(suite, model, tmp_path):
     hand = ToldHand()
-    peer = SpaceMousePeer(SpaceMousePeerOptions(serial=str(tmp_path / "port"), model=model))
+    peer = SerialPuckPeer(SerialPuckPeerOptions(port=str(tmp_path / "port"), model=model))
     peer.hand = hand
     with in_a_thread(peer):
         found = registry.load(suite)

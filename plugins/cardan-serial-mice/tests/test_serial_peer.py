@@ -8,7 +8,7 @@ import time
 import pytest
 
 from cardan.errors import AddressError, OptionError, ScriptError
-from cardan.protocols.connexion_serial import (
+from cardan_serial_mice.protocol import (
     SERIAL_MODELS,
     MagellanKeys,
     MagellanMotion,
@@ -27,15 +27,17 @@ from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse import (
     SCRIPT_VERBS,
-    SERIAL_FAULTS,
     KeyboardHand,
     ScriptedHand,
-    SpaceMousePeer,
-    SpaceMousePeerOptions,
+)
+from cardan.sim_peers.spacemouse.keyboard import status_line
+from cardan_serial_mice.peer import (
+    SERIAL_FAULTS,
+    SerialPuckPeer,
+    SerialPuckPeerOptions,
     peer as peer_module,
     simulated_serial_puck,
 )
-from cardan.sim_peers.spacemouse.keyboard import status_line
 from tests.serving import in_a_thread
 from tests.waiting import until
 
@@ -570,7 +572,7 @@ def test_every_fault_does_something_and_others_are_refused():
 def options(tmp_path, script="", **more):
     file = tmp_path / "script"
     file.write_text(script or "0.0 neutral")
-    return SpaceMousePeerOptions(serial=str(tmp_path / "port"), script=str(file), **more)
+    return SerialPuckPeerOptions(port=str(tmp_path / "port"), script=str(file), **more)
 
 
 def hear(fd, wanted, patience_s=PATIENCE_S):
@@ -589,7 +591,7 @@ def hear(fd, wanted, patience_s=PATIENCE_S):
 
 
 def test_the_port_is_a_terminal_and_powers_the_device(tmp_path):
-    peer = SpaceMousePeer(options(tmp_path, boot_s=0.02))
+    peer = SerialPuckPeer(options(tmp_path, boot_s=0.02))
     assert peer.endpoint == str(tmp_path / "port")
     with in_a_thread(peer):
         assert not peer.device.powered
@@ -612,7 +614,7 @@ def test_the_port_is_a_terminal_and_powers_the_device(tmp_path):
 
 def test_unplugging_hangs_the_port_up(tmp_path):
     script = "0.1 unplug\n0.3 replug"
-    peer = SpaceMousePeer(options(tmp_path, script, model="spaceorb", boot_s=0.0))
+    peer = SerialPuckPeer(options(tmp_path, script, model="spaceorb", boot_s=0.0))
     with in_a_thread(peer):
         fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
         hear(fd, b"R")
@@ -629,7 +631,7 @@ def test_unplugging_hangs_the_port_up(tmp_path):
 def test_the_script_waits_for_a_host(tmp_path, monkeypatch):
     monkeypatch.setattr(peer_module, "SCRIPT_DELAY_S", 0.2)
     script = "0.0 axes 0 0 0.5 0 0 0"
-    peer = SpaceMousePeer(options(tmp_path, script, boot_s=0.0, faults={"unplug": 0.4}))
+    peer = SerialPuckPeer(options(tmp_path, script, boot_s=0.0, faults={"unplug": 0.4}))
     with in_a_thread(peer):
         fd = os.open(peer.endpoint, os.O_RDWR | os.O_NOCTTY)
         until(lambda: peer.device.powered)
@@ -647,7 +649,7 @@ def test_the_script_waits_for_a_host(tmp_path, monkeypatch):
 
 
 def test_a_link_that_a_killed_peer_left_is_taken_over(tmp_path):
-    dead = SpaceMousePeer(options(tmp_path))
+    dead = SerialPuckPeer(options(tmp_path))
     dead.open()
     left = os.readlink(dead.endpoint), (tmp_path / "port.lock").read_text()
     assert left[0] == left[1]
@@ -656,45 +658,45 @@ def test_a_link_that_a_killed_peer_left_is_taken_over(tmp_path):
     master, slave = os.openpty()  # the number is somebody else's now
     os.symlink(os.ttyname(slave), tmp_path / "port")
     with pytest.raises(AddressError, match="no simulated device made it"):
-        SpaceMousePeer(options(tmp_path)).open()
+        SerialPuckPeer(options(tmp_path)).open()
     assert os.path.islink(tmp_path / "port")
     (tmp_path / "port.lock").write_text(os.ttyname(slave))
-    peer = SpaceMousePeer(options(tmp_path))
+    peer = SerialPuckPeer(options(tmp_path))
     peer.open()
     assert os.readlink(peer.endpoint) != os.ttyname(slave)
     peer.close()
     (tmp_path / "port.lock").write_text("mine")
     with pytest.raises(AddressError, match="is no lock of a link"):
-        SpaceMousePeer(options(tmp_path)).open()
+        SerialPuckPeer(options(tmp_path)).open()
     assert (tmp_path / "port.lock").read_text() == "mine"
     os.close(master)
     os.close(slave)
 
 
 def test_a_refused_port_comes_later(tmp_path):
-    with in_a_thread(SpaceMousePeer(options(tmp_path, faults={"refuse": 0.1}))) as peer:
+    with in_a_thread(SerialPuckPeer(options(tmp_path, faults={"refuse": 0.1}))) as peer:
         assert not os.path.lexists(peer.endpoint)
         until(lambda: os.path.exists(peer.endpoint))
 
 
 def test_paths_that_are_taken(tmp_path):
-    first = SpaceMousePeer(options(tmp_path))
+    first = SerialPuckPeer(options(tmp_path))
     first.open()
     with pytest.raises(AddressError, match="another simulated device"):
-        SpaceMousePeer(options(tmp_path)).open()
+        SerialPuckPeer(options(tmp_path)).open()
     first.close()
     first.close()
     os.symlink("/dev/pts/not-there", tmp_path / "port")  # of a peer that died
-    again = SpaceMousePeer(options(tmp_path))
+    again = SerialPuckPeer(options(tmp_path))
     again.open()
     again.close()
     (tmp_path / "port").write_text("mine")
     with pytest.raises(AddressError, match="is not a link"):
-        SpaceMousePeer(options(tmp_path)).open()
+        SerialPuckPeer(options(tmp_path)).open()
     (tmp_path / "port").unlink()
-    nowhere = SpaceMousePeerOptions(serial=str(tmp_path / "no" / "port"), script="rest")
+    nowhere = SerialPuckPeerOptions(port=str(tmp_path / "no" / "port"), script="rest")
     with pytest.raises(AddressError, match="cannot create the link"):
-        SpaceMousePeer(nowhere).open()
+        SerialPuckPeer(nowhere).open()
 
 
 @pytest.mark.parametrize(
@@ -710,4 +712,4 @@ def test_paths_that_are_taken(tmp_path):
 def test_bad_options(tmp_path, settings, words):
     error = OptionError if "it must be" in words else ScriptError
     with pytest.raises(error, match=words):
-        SpaceMousePeer(options(tmp_path, **settings))
+        SerialPuckPeer(options(tmp_path, **settings))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.protocols.connexion import to_robot_axes
-from cardan.protocols.connexion_serial import (
+from cardan_serial_mice.protocol import (
     SERIAL_MODELS,
     CommandReader,
     MagellanEcho,
@@ -51,7 +51,7 @@ from cardan.protocols.connexion_serial import (
     to_hid_counts,
     unescape,
 )
-from cardan.protocols.connexion_serial.values import (
+from cardan_serial_mice.protocol.values import (
     BAD_CHECKSUM,
     BAD_CODE,
     BAD_LENGTH,

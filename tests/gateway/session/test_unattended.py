@@ -211,7 +211,7 @@ def test_what_may_reach_hardware_is_refused(tmp_path, block, tables, words):
         ("sim spacemouse --uhid", "--uhid makes a device of this computer"),
         ("sim abb-gofa --to gofa:6510", "--to=gofa:6510 is not an address of this computer only"),
         ("sim motoman-gp8 --host 0.0.0.0", "--host=0.0.0.0 is not an address of this computer"),
-        ("sim spacemouse --serial /dev/ttyUSB0", "is a device of this computer"),
+        ("sim spacemouse-serial --port /dev/ttyUSB0", "is a device of this computer"),
         ("spnav --socket x", "spnav serves {examples}/FILE"),
         ("spnav {examples}/spacemouse-gofa.toml", "spnav serves {examples}/FILE, and needs"),
     ],

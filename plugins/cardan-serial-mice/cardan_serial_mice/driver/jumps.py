@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.protocols.connexion_serial import Counts
+from cardan_serial_mice.protocol import Counts
 
 JUMP = 0.55
 """A fast hand takes some 0.1 s from rest to the stop: half the full scale in a period of 50 ms."""

@@ -1,75 +1,63 @@
-"""The way to a device at a serial port."""
+"""An open serial port with a device at it."""
 
 from __future__ import annotations
 
 import errno
-import os
 import time
 from collections import deque
 from collections.abc import Callable
 
 from cardan.drivers.serial_port import WAIT_S, SerialPort
-from cardan.drivers.spacemouse.serial_session import SerialSession, device_model
-from cardan.drivers.spacemouse.transports import HidCandidate, Link, Reading, Transport
 from cardan.errors import DeviceAccessError
-from cardan.protocols.connexion_serial import SerialModel
+from cardan.protocols.connexion import InputReport, Model
+
+from cardan_serial_mice.driver.notices import Notice
+from cardan_serial_mice.driver.session import SerialSession, device_model
+from cardan_serial_mice.protocol import SerialModel
 
 BAUD = 9600
 STOP_BITS = 2
 """Suits devices of one stop bit, too."""
 
-
-class SerialTransport(Transport):
-    """The serial port at `path`, and the device of `model` there; None: detect it.
-
-    `stopping` is asked while a device is being found, which takes up to some seconds.
-    """
-
-    name = "serial"
-
-    def __init__(
-        self,
-        path: str,
-        model: SerialModel | None = None,
-        stopping: Callable[[], bool] = lambda: False,
-    ) -> None:
-        self._path = path
-        self._model = model
-        self._stopping = stopping
-
-    def find(self) -> list[HidCandidate]:
-        """The port, if there is one. It is not asked what is there: that would disturb it."""
-        if os.name == "posix" and not os.path.exists(self._path):
-            return []
-        name = self._model.name if self._model else "serial device"
-        model = device_model(self._model) if self._model else None
-        return [HidCandidate(name, 0, 0, self.name, self._path, model=model)]
-
-    def open(self, device: HidCandidate) -> Link:
-        """Open the port, find out what is there and start it."""
-        port = SerialPort(device.path, BAUD, stop_bits=STOP_BITS)
-        session = SerialSession(self._model, time.monotonic())
-        link = SerialLink(port, session)
-        try:
-            link.start(self._stopping)
-        except OSError as error:
-            link.close()
-            raise DeviceAccessError(f"{device.path}: {error.strerror or error}") from None
-        except BaseException:
-            link.close()
-            raise
-        return link
+Reading = InputReport | Notice
+"""A report, or a change of the device's condition."""
 
 
-class SerialLink(Link):
+class SerialLink:
     """An open serial port and the conversation with the device there."""
+
+    model: Model
+    """What has answered."""
+    period_s: float
+    """Period of reports while deflected."""
 
     def __init__(self, port: SerialPort, session: SerialSession) -> None:
         self._port = port
         self._session = session
         self._waiting: deque[Reading] = deque()
 
-    def start(self, stopping: Callable[[], bool]) -> None:
+    @classmethod
+    def open(
+        cls, path: str, model: SerialModel | None, stopping: Callable[[], bool]
+    ) -> SerialLink:
+        """Open the port, find out what is there (`model` None: whatever answers) and start it.
+
+        `stopping` is asked meanwhile, which takes up to some seconds. Raises DeviceAccessError or
+        DeviceNotFoundError that says what to do.
+        """
+        port = SerialPort(path, BAUD, stop_bits=STOP_BITS)
+        link = cls(port, SerialSession(model, time.monotonic()))
+        try:
+            link._start(stopping)
+        except OSError as error:
+            link.close()
+            raise DeviceAccessError(f"{path}: {error.strerror or error}") from None
+        except BaseException:
+            link.close()
+            raise
+        return link
+
+    def _start(self, stopping: Callable[[], bool]) -> None:
         """Find out what is there and start it. Raises OSError when nothing answers."""
         session = self._session
         while not session.running:
@@ -83,17 +71,14 @@ class SerialLink(Link):
         self.period_s = session.model.period_s
 
     def read(self, timeout_s: float) -> Reading | None:
-        """The oldest waiting report; None when none comes in time."""
+        """The oldest waiting report; None when none comes in time. Raises OSError once the device
+        is gone. A `timeout_s` of 0 does not wait."""
         if not self._waiting:
             self._converse(timeout_s)
         return self._waiting.popleft() if self._waiting else None
 
-    def write(self, report: bytes) -> None:
-        """No serial device has anything that an output report sets."""
-        raise OSError(errno.ENOTSUP, "a serial device takes no output reports")
-
     def close(self) -> None:
-        """Close the port, which takes the device's power."""
+        """Close the port, which takes the device's power. Never raises."""
         self._port.close()
 
     def _converse(self, timeout_s: float) -> None:

@@ -7,7 +7,7 @@ Motion is repeated, so the next packet replaces a lost one. A change of the keys
 one is down, and after every packet that cannot be read, the device is asked for them.
 
 Packets of a Spaceball carry no check: impossible motion is refused, and implausible motion is
-held until the packet after it (`serial_jumps`).
+held until the packet after it (`jumps`).
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cardan.drivers.spacemouse.notices import Doubt, Lapse, Notice, Restart
-from cardan.drivers.spacemouse.serial_jumps import JUMP, JumpGuard
+from cardan_serial_mice.driver.notices import Doubt, Lapse, Notice, Restart
+from cardan_serial_mice.driver.jumps import JUMP, JumpGuard
 from cardan.protocols.connexion import (
     ButtonBits,
     Family,
@@ -27,7 +27,7 @@ from cardan.protocols.connexion import (
     Model,
     Motion,
 )
-from cardan.protocols.connexion_serial import (
+from cardan_serial_mice.protocol import (
     Counts,
     MagellanCompressedMotion,
     MagellanEcho,

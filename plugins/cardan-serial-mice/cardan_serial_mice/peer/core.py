@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 
 from cardan.errors import ScriptError
 from cardan.protocols.connexion import from_robot_axes
-from cardan.protocols.connexion_serial import (
+from cardan_serial_mice.protocol import (
     CommandReader,
     SerialModel,
     SpaceballMotion,
@@ -25,17 +25,17 @@ from cardan.protocols.connexion_serial import (
     from_hid_counts,
     keys_of_mask,
 )
-from cardan.protocols.connexion_serial.magellan import ALPHABET, COMPRESSED_MAX, COMPRESSED_MIN
-from cardan.protocols.connexion_serial.spaceball import (
+from cardan_serial_mice.protocol.magellan import ALPHABET, COMPRESSED_MAX, COMPRESSED_MIN
+from cardan_serial_mice.protocol.spaceball import (
     LONGEST_PERIOD,
     PERIOD_UNIT_S,
     XOFF,
     XON,
     SpaceballKeys as Keys,
 )
-from cardan.protocols.connexion_serial.spaceorb import COUNT_MAX, COUNT_MIN, HEARTBEAT_S
+from cardan_serial_mice.protocol.spaceorb import COUNT_MAX, COUNT_MIN, HEARTBEAT_S
 from cardan.sim_peers.spacemouse.core import NEUTRAL
-from cardan.sim_peers.spacemouse.serial_line import SerialLine
+from cardan_serial_mice.peer.line import SerialLine
 
 BOOT_S: Mapping[str, float] = {"magellan": 0.5, "spaceball": 0.5, "spaceorb": 1.0}
 """From power to the first command that a device of each protocol hears."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.protocols.connexion_serial import SerialModel
+from cardan_serial_mice.protocol import SerialModel
 from cardan.sim_peers.base import FaultSwitch, check_faults
 from cardan.sim_peers.report_line import ReportLine
 

@@ -1,6 +1,6 @@
 """The serial protocols of 3Dconnexion's older six-axis devices: Magellan, Spaceball, SpaceOrb."""
 
-from cardan.protocols.connexion_serial.magellan import (
+from cardan_serial_mice.protocol.magellan import (
     MagellanCompressedMotion as MagellanCompressedMotion,
     MagellanEcho as MagellanEcho,
     MagellanError as MagellanError,
@@ -13,7 +13,7 @@ from cardan.protocols.connexion_serial.magellan import (
     encode_magellan_keys as encode_magellan_keys,
     encode_magellan_motion as encode_magellan_motion,
 )
-from cardan.protocols.connexion_serial.models import (
+from cardan_serial_mice.protocol.models import (
     SERIAL_MODELS as SERIAL_MODELS,
     Counts as Counts,
     SerialModel as SerialModel,
@@ -25,7 +25,7 @@ from cardan.protocols.connexion_serial.models import (
     serial_model_by_key as serial_model_by_key,
     to_hid_counts as to_hid_counts,
 )
-from cardan.protocols.connexion_serial.spaceball import (
+from cardan_serial_mice.protocol.spaceball import (
     SpaceballAdvancedKeys as SpaceballAdvancedKeys,
     SpaceballEcho as SpaceballEcho,
     SpaceballError as SpaceballError,
@@ -40,7 +40,7 @@ from cardan.protocols.connexion_serial.spaceball import (
     escape as escape,
     unescape as unescape,
 )
-from cardan.protocols.connexion_serial.spaceorb import (
+from cardan_serial_mice.protocol.spaceorb import (
     OrbError as OrbError,
     OrbKeys as OrbKeys,
     OrbMotion as OrbMotion,
@@ -55,7 +55,7 @@ from cardan.protocols.connexion_serial.spaceorb import (
     encode_orb_reset as encode_orb_reset,
     encode_orb_text as encode_orb_text,
 )
-from cardan.protocols.connexion_serial.values import (
+from cardan_serial_mice.protocol.values import (
     CommandReader as CommandReader,
     Malformed as Malformed,
 )

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Literal, NamedTuple
 
-from cardan.protocols.connexion_serial.spaceball import SpaceballAdvancedKeys, SpaceballKeys
+from cardan_serial_mice.protocol.spaceball import SpaceballAdvancedKeys, SpaceballKeys
 
 Protocol = Literal["magellan", "spaceball", "spaceorb"]
 Counts = tuple[int, int, int, int, int, int]

@@ -14,7 +14,7 @@ import re
 import struct
 from typing import NamedTuple
 
-from cardan.protocols.connexion_serial.values import (
+from cardan_serial_mice.protocol.values import (
     BAD_CODE,
     BAD_LENGTH,
     CR,

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cardan.protocols.connexion_serial.values import (
+from cardan_serial_mice.protocol.values import (
     BAD_CHECKSUM,
     BAD_LENGTH,
     CR,

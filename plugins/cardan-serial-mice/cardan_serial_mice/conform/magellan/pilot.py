@@ -6,13 +6,13 @@ from cardan.conform.conduct import Script, Wait, mark, send
 from cardan.conform.hands import HandPilot
 from cardan.conform.requirements import Level
 from cardan.conform.timeline import Event
-from cardan.protocols.connexion_serial import (
+from cardan_serial_mice.protocol import (
     MagellanKeys,
     MagellanMotion,
     MagellanReader,
     Malformed,
 )
-from cardan.protocols.connexion_serial.magellan import (
+from cardan_serial_mice.protocol.magellan import (
     EXTENDED_COMPRESSED,
     MODE_3D,
     QUERY_EXTENDED,

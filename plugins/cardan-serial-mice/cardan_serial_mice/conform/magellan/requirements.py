@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cardan.conform.magellan.pilot import UNKNOWN
-from cardan.conform.magellan.seen import MagellanSeen
+from cardan_serial_mice.conform.magellan.pilot import UNKNOWN
+from cardan_serial_mice.conform.magellan.seen import MagellanSeen
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
@@ -12,14 +12,14 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.serial_puck import judges
+from cardan_serial_mice.conform.puck import judges
 from cardan.errors import ExtraMissingError
-from cardan.protocols.connexion_serial import (
+from cardan_serial_mice.protocol import (
     MagellanCompressedMotion,
     MagellanError,
     MagellanVersion,
 )
-from cardan.protocols.connexion_serial.magellan import (
+from cardan_serial_mice.protocol.magellan import (
     EXTENDED_COMPRESSED,
     MODE_3D,
     QUERY_EXTENDED,
@@ -112,7 +112,7 @@ def it_stays(seen: MagellanSeen) -> Verdict:
 def both_descriptions_agree(seen: MagellanSeen) -> Verdict:
     """A second reader, the scapy layers, sees packets where the first one does."""
     try:
-        from cardan.dissect.connexion_serial import Broken, MagellanPacket
+        from cardan_serial_mice.dissect import Broken, MagellanPacket
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     return judges.read_twice(

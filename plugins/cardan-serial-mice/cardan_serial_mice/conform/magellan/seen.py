@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cardan.conform.serial_puck.seen import PuckSeen, Tongue
-from cardan.protocols.connexion_serial import (
+from cardan_serial_mice.conform.puck.seen import PuckSeen, Tongue
+from cardan_serial_mice.protocol import (
     MagellanError,
     MagellanKeys,
     MagellanMotion,

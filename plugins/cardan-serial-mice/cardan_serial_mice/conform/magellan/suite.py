@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from cardan.conform.conduct import Conduct
-from cardan.conform.magellan.pilot import MagellanPilot
-from cardan.conform.magellan.requirements import requires
-from cardan.conform.magellan.seen import MagellanSeen, MagellanTongue
+from cardan_serial_mice.conform.magellan.pilot import MagellanPilot
+from cardan_serial_mice.conform.magellan.requirements import requires
+from cardan_serial_mice.conform.magellan.seen import MagellanSeen, MagellanTongue
 from cardan.conform.requirements import Level
-from cardan.conform.serial_puck.rig import PuckRig
+from cardan_serial_mice.conform.puck.rig import PuckRig
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.wires import SerialLine, Wires
-from cardan.protocols.connexion_serial.magellan import BAUD
+from cardan_serial_mice.protocol.magellan import BAUD
 from cardan.sim_peers.base import FaultSwitch
-from cardan.sim_peers.spacemouse.serial_line import SERIAL_FAULTS
+from cardan_serial_mice.peer.line import SERIAL_FAULTS
 
 
 class Magellan(Suite[MagellanSeen]):
@@ -26,7 +26,7 @@ class Magellan(Suite[MagellanSeen]):
     judges = "the device"
     speaks = "Magellan's serial packets, 9600 baud"
     target = "the serial port of the device, as /dev/ttyUSB0"
-    peer = "spacemouse"
+    peer = "spacemouse-serial"
     requirements = requires.all()
     transport = Transport("other")
     seconds = 1.2

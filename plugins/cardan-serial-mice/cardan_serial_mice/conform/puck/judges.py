@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from cardan.conform.requirements import Verdict, failed, not_seen, passed
-from cardan.conform.serial_puck.seen import Asked, PuckSeen
+from cardan_serial_mice.conform.puck.seen import Asked, PuckSeen
 from cardan.conform.silences import never_silent
 
 HELD = ("push-held", "twist-held")

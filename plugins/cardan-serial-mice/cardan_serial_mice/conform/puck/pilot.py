@@ -7,7 +7,7 @@ from typing import Any
 from cardan.conform.conduct import Script, Wait, mark, send
 from cardan.conform.hands import HandPilot
 from cardan.conform.requirements import Level
-from cardan.conform.serial_puck.seen import Tongue
+from cardan_serial_mice.conform.puck.seen import Tongue
 from cardan.conform.timeline import Event
 
 REST_S = 0.6

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Generic, Protocol, TypeVar
 
 from cardan.conform.timeline import Kind, Phase, Timeline
-from cardan.protocols.connexion_serial import Malformed
+from cardan_serial_mice.protocol import Malformed
 
 V = TypeVar("V")
 

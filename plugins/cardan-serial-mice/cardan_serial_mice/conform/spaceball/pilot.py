@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from cardan.conform.conduct import Script, Wait, mark
 from cardan.conform.requirements import Level
-from cardan.conform.serial_puck.pilot import REST_S, PuckPilot
-from cardan.conform.spaceball.tongue import UNKNOWN, BallTongue
-from cardan.protocols.connexion_serial.spaceball import (
+from cardan_serial_mice.conform.puck.pilot import REST_S, PuckPilot
+from cardan_serial_mice.conform.spaceball.tongue import UNKNOWN, BallTongue
+from cardan_serial_mice.protocol.spaceball import (
     BINARY,
     QUERY_KEYS,
     RATE_20_HZ,

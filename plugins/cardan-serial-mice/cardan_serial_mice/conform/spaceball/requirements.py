@@ -14,10 +14,10 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.serial_puck import judges
-from cardan.conform.spaceball.tongue import UNKNOWN, BallSeen
+from cardan_serial_mice.conform.puck import judges
+from cardan_serial_mice.conform.spaceball.tongue import UNKNOWN, BallSeen
 from cardan.errors import ExtraMissingError
-from cardan.protocols.connexion_serial import (
+from cardan_serial_mice.protocol import (
     SpaceballAdvancedKeys,
     SpaceballError,
     SpaceballKeys,
@@ -25,7 +25,7 @@ from cardan.protocols.connexion_serial import (
     SpaceballReset,
     model_of_firmware,
 )
-from cardan.protocols.connexion_serial.spaceball import (
+from cardan_serial_mice.protocol.spaceball import (
     BINARY,
     PERIOD_UNIT_S,
     QUERY_KEYS,
@@ -121,7 +121,7 @@ def it_stays(seen: BallSeen) -> Verdict:
 def both_descriptions_agree(seen: BallSeen) -> Verdict:
     """A second reader, the scapy layers, finds as many broken packets as the first one."""
     try:
-        from cardan.dissect.connexion_serial import Broken, SpaceballPacket
+        from cardan_serial_mice.dissect import Broken, SpaceballPacket
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     return judges.read_twice(

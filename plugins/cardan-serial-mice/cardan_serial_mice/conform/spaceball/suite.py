@@ -7,16 +7,16 @@ from typing import ClassVar
 
 from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
-from cardan.conform.serial_puck.rig import PuckRig
-from cardan.conform.spaceball.pilot import SpaceballPilot
-from cardan.conform.spaceball.requirements import requires
-from cardan.conform.spaceball.tongue import BallSeen, BallTongue
+from cardan_serial_mice.conform.puck.rig import PuckRig
+from cardan_serial_mice.conform.spaceball.pilot import SpaceballPilot
+from cardan_serial_mice.conform.spaceball.requirements import requires
+from cardan_serial_mice.conform.spaceball.tongue import BallSeen, BallTongue
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.wires import SerialLine, Wires
-from cardan.protocols.connexion_serial.spaceball import BAUD
+from cardan_serial_mice.protocol.spaceball import BAUD
 from cardan.sim_peers.base import FaultSwitch
-from cardan.sim_peers.spacemouse.serial_line import SERIAL_FAULTS
+from cardan_serial_mice.peer.line import SERIAL_FAULTS
 
 
 class Spaceball(Suite[BallSeen]):
@@ -26,7 +26,7 @@ class Spaceball(Suite[BallSeen]):
     judges = "the device"
     speaks = "the Spaceball's serial packets, 9600 baud"
     target = "the serial port of the device, as /dev/ttyUSB0"
-    peer = "spacemouse"
+    peer = "spacemouse-serial"
     requirements = requires.all()
     transport = Transport("other")
     seconds = 1.2

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cardan.conform.serial_puck.seen import PuckSeen, Tongue
-from cardan.protocols.connexion_serial import (
+from cardan_serial_mice.conform.puck.seen import PuckSeen, Tongue
+from cardan_serial_mice.protocol import (
     SpaceballAdvancedKeys,
     SpaceballEcho,
     SpaceballError,
@@ -13,7 +13,7 @@ from cardan.protocols.connexion_serial import (
     SpaceballReader,
     SpaceballReset,
 )
-from cardan.protocols.connexion_serial.spaceball import QUERY_KEYS, RESET
+from cardan_serial_mice.protocol.spaceball import QUERY_KEYS, RESET
 
 BallSeen = PuckSeen[SpaceballPacket]
 UNKNOWN = b"U0"

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from cardan.conform.conduct import Script, Wait, mark
 from cardan.conform.requirements import Level
-from cardan.conform.serial_puck.pilot import REST_S, PuckPilot
-from cardan.conform.spaceorb.tongue import NULL_REGION, POLL, OrbTongue
-from cardan.protocols.connexion_serial.spaceorb import HEARTBEAT_S, QUERY
+from cardan_serial_mice.conform.puck.pilot import REST_S, PuckPilot
+from cardan_serial_mice.conform.spaceorb.tongue import NULL_REGION, POLL, OrbTongue
+from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
 
 BOOT_S = 2.0
 """From power, which the open port gives, until it has said what it is."""

@@ -12,11 +12,11 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.serial_puck import judges
-from cardan.conform.spaceorb.tongue import NULL_REGION, POLL, OrbSeen
+from cardan_serial_mice.conform.puck import judges
+from cardan_serial_mice.conform.spaceorb.tongue import NULL_REGION, POLL, OrbSeen
 from cardan.errors import ExtraMissingError
-from cardan.protocols.connexion_serial import OrbError, OrbKeys, OrbReset, OrbText
-from cardan.protocols.connexion_serial.spaceorb import HEARTBEAT_S, QUERY
+from cardan_serial_mice.protocol import OrbError, OrbKeys, OrbReset, OrbText
+from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
 
 KERNEL = "Linux drivers/input/joystick/spaceorb.c"
 CAPTURES = (
@@ -147,7 +147,7 @@ def it_stays(seen: OrbSeen) -> Verdict:
 def both_descriptions_agree(seen: OrbSeen) -> Verdict:
     """A second reader, the scapy layers, finds as many broken packets as the first one."""
     try:
-        from cardan.dissect.connexion_serial import Broken, SpaceOrbPacket
+        from cardan_serial_mice.dissect import Broken, SpaceOrbPacket
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     return judges.read_twice(seen, _pieces, lambda piece: isinstance(SpaceOrbPacket(piece), Broken))

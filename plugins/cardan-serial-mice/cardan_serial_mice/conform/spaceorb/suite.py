@@ -7,16 +7,16 @@ from typing import ClassVar
 
 from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
-from cardan.conform.serial_puck.rig import PuckRig
-from cardan.conform.spaceorb.pilot import SpaceOrbPilot
-from cardan.conform.spaceorb.requirements import requires
-from cardan.conform.spaceorb.tongue import OrbSeen, OrbTongue
+from cardan_serial_mice.conform.puck.rig import PuckRig
+from cardan_serial_mice.conform.spaceorb.pilot import SpaceOrbPilot
+from cardan_serial_mice.conform.spaceorb.requirements import requires
+from cardan_serial_mice.conform.spaceorb.tongue import OrbSeen, OrbTongue
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.wires import SerialLine, Wires
-from cardan.protocols.connexion_serial.spaceorb import BAUD
+from cardan_serial_mice.protocol.spaceorb import BAUD
 from cardan.sim_peers.base import FaultSwitch
-from cardan.sim_peers.spacemouse.serial_line import SERIAL_FAULTS
+from cardan_serial_mice.peer.line import SERIAL_FAULTS
 
 
 class SpaceOrb(Suite[OrbSeen]):
@@ -26,7 +26,7 @@ class SpaceOrb(Suite[OrbSeen]):
     judges = "the device"
     speaks = "the SpaceOrb's serial packets, 9600 baud"
     target = "the serial port of the device, as /dev/ttyUSB0"
-    peer = "spacemouse"
+    peer = "spacemouse-serial"
     requirements = requires.all()
     transport = Transport("other")
     seconds = 1.2

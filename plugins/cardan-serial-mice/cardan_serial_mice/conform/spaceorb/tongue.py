@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from cardan.conform.serial_puck.seen import PuckSeen, Tongue
-from cardan.protocols.connexion_serial import OrbKeys, OrbMotion, OrbPacket, OrbReader, OrbText
+from cardan_serial_mice.conform.puck.seen import PuckSeen, Tongue
+from cardan_serial_mice.protocol import OrbKeys, OrbMotion, OrbPacket, OrbReader, OrbText
 
 OrbSeen = PuckSeen[OrbPacket]
 POLL = b"d"
