@@ -18,9 +18,9 @@ from cardan.gateway.session.changes import RULES
 from cardan.gateway.session.examples import find_demos
 from cardan.gateway.spnav import identity_of
 from cardan.protocols.connexion import MODELS
+from cardan.sim_peers import registry as peers
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import SERIAL_MODELS
-from cardan.sim_peers import registry as peers
 from tests import docs_messages, network_table
 
 ROOT = Path(__file__).parents[1]
@@ -47,7 +47,9 @@ def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join([lines[0], f"|{'---|' * len(columns)}\n", *lines[1:]])
 
 
-PLUGINS = {path.parent.name: path.parents[1] for path in ROOT.glob("plugins/cardan-*/*/__init__.py")}
+PLUGINS = {
+    path.parent.name: path.parents[1] for path in ROOT.glob("plugins/cardan-*/*/__init__.py")
+}
 """The folder of each plug-in of this repository, by its package."""
 
 

@@ -27,9 +27,9 @@ from cardan.gateway.session.examples import Demo
 from cardan.options import hints
 from cardan.protocols import connexion, egm, simple_message as sm
 from cardan.sim_peers import registry as peers
-from cardan_serial_mice.peer import SERIAL_FAULTS
 from cardan.tables import keys_of, read_table
 from cardan.types import Pose, Quaternion, Vector3
+from cardan_serial_mice.peer import SERIAL_FAULTS
 from tests.ranges import ranges
 from tests.tutorials import steps
 

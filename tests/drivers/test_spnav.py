@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan.drivers.spnav import Spnav, SpnavCore, SpnavOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
 from cardan.gateway.spnav import (
@@ -22,7 +21,6 @@ from cardan.gateway.spnav import (
     core as server_core,
     identity_of,
 )
-from cardan_serial_mice.protocol import serial_model_by_key
 from cardan.protocols.spnav import (
     RECORD_BYTES,
     Code,
@@ -32,6 +30,8 @@ from cardan.protocols.spnav import (
 )
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
+from cardan_serial_mice.driver import SpaceMouseSerial
+from cardan_serial_mice.protocol import serial_model_by_key
 from tests.serving import in_a_thread
 from tests.spacenavd import TIMEOUT_S, PuckHand, spacenavd
 

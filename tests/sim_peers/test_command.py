@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from cardan.cli.sim import sim
 from cardan.errors import ConfigurationError, ScriptError
-from cardan.sim_peers import registry, spacemouse
+from cardan.sim_peers import registry
 from cardan.sim_peers.base import FaultSwitch
 from cardan.sim_peers.command import PeerCommand, name_and_unit, numbers, option
 
@@ -63,7 +63,8 @@ def test_what_a_peer_declares_is_offered(name):
 @pytest.mark.parametrize(
     ("name", "flag", "key", "count"),
     [
-        ("spacemouse", "--list-models", "spacenavigator", 31),
+        ("spacemouse", "--list-models", "spacenavigator", 25),
+        ("spacemouse-serial", "--list-models", "magellan", 6),
         ("gamepad", "--list-models", "xbox-360", 5),
         ("jr3", "--list-sensors", "right-hand", 4),
     ],

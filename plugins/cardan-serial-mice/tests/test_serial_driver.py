@@ -2,7 +2,6 @@
 
 import errno
 import os
-import random
 import termios
 import threading
 import time
@@ -14,11 +13,7 @@ from hypothesis import given, settings, strategies as st
 from cardan.drivers import reading
 from cardan.drivers.spacemouse import SpaceMouseOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError
-from cardan_serial_mice.protocol import (
-    SERIAL_MODELS,
-    encode_orb_keys,
-    serial_model_by_key,
-)
+from cardan.types import DeviceFeedback, DeviceLink
 from cardan_serial_mice.driver import SpaceMouseSerial, SpaceMouseSerialOptions, port as port_module
 from cardan_serial_mice.driver.jumps import JUMP
 from cardan_serial_mice.driver.session import DETECT_TIMEOUT_S, SerialSession
@@ -26,10 +21,13 @@ from cardan_serial_mice.peer import (
     SerialPuckPeer,
     SerialPuckPeerOptions,
     peer as peer_module,
-    simulated_serial_puck,
 )
-from serial_bench import PLAIN, REST, STEP_S, Bench
-from cardan.types import DeviceFeedback, DeviceLink
+from cardan_serial_mice.protocol import (
+    SERIAL_MODELS,
+    encode_orb_keys,
+    serial_model_by_key,
+)
+from serial_bench import REST, STEP_S, Bench
 from tests.examples import examples
 from tests.serving import in_a_thread
 from tests.waiting import until

@@ -5,10 +5,11 @@ import itertools
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from cardan.protocols.connexion import from_robot_axes
+from cardan.types import DeviceLink
 from cardan_serial_mice.driver import SerialMouseCore, SpaceMouseSerialOptions
 from cardan_serial_mice.driver.jumps import JUMP, REST, JumpGuard
 from cardan_serial_mice.driver.session import SerialSession, device_model
-from cardan.protocols.connexion import from_robot_axes
 from cardan_serial_mice.protocol import (
     SERIAL_MODELS,
     SpaceballMotion,
@@ -18,7 +19,6 @@ from cardan_serial_mice.protocol import (
     from_hid_counts,
     serial_model_by_key,
 )
-from cardan.types import DeviceLink
 from tests.examples import examples
 
 pytestmark = pytest.mark.matrix

@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import example, given, strategies as st
 
-from cardan_serial_mice import dissect as layers
+from cardan_serial_mice import dissect as layers, protocol as codec
 from cardan_serial_mice.dissect import (
     Broken,
     MagellanCompressedMotion,
@@ -23,7 +23,6 @@ from cardan_serial_mice.dissect import (
     SpaceOrbPacket,
     SpaceOrbText,
 )
-from cardan_serial_mice import protocol as codec
 
 
 def _hex(text):

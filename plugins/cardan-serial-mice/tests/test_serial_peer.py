@@ -8,21 +8,6 @@ import time
 import pytest
 
 from cardan.errors import AddressError, OptionError, ScriptError
-from cardan_serial_mice.protocol import (
-    SERIAL_MODELS,
-    MagellanKeys,
-    MagellanMotion,
-    MagellanReader,
-    Malformed,
-    OrbKeys,
-    OrbMotion,
-    OrbReader,
-    OrbReset,
-    SpaceballAdvancedKeys,
-    SpaceballMotion,
-    SpaceballReader,
-    serial_model_by_key,
-)
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse import (
@@ -37,6 +22,21 @@ from cardan_serial_mice.peer import (
     SerialPuckPeerOptions,
     peer as peer_module,
     simulated_serial_puck,
+)
+from cardan_serial_mice.protocol import (
+    SERIAL_MODELS,
+    MagellanKeys,
+    MagellanMotion,
+    MagellanReader,
+    Malformed,
+    OrbKeys,
+    OrbMotion,
+    OrbReader,
+    OrbReset,
+    SpaceballAdvancedKeys,
+    SpaceballMotion,
+    SpaceballReader,
+    serial_model_by_key,
 )
 from tests.serving import in_a_thread
 from tests.waiting import until

@@ -12,8 +12,6 @@ from cardan.gateway.spnav import (
     identity_of,
 )
 from cardan.protocols.connexion import MODELS, model_by_key
-from cardan_serial_mice.driver import SpaceMouseSerial
-from cardan_serial_mice.protocol import SERIAL_MODELS
 from cardan.protocols.spnav import (
     DEVICE_TYPES,
     Button,
@@ -24,6 +22,8 @@ from cardan.protocols.spnav import (
     encode_request,
 )
 from cardan.types import ButtonEvent, DeviceLink, DeviceState
+from cardan_serial_mice.driver import SpaceMouseSerial
+from cardan_serial_mice.protocol import SERIAL_MODELS
 
 UNTOLD = {
     "lipari",

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 
 from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.types import DeviceLink
-
 from cardan_serial_mice.driver.notices import Doubt, Lapse, Notice
 
 

@@ -13,7 +13,6 @@ from cardan.errors import DeviceNotFoundError
 from cardan.protocols.connexion import Model
 from cardan.sockets import absence
 from cardan.types import DeviceCapabilities
-
 from cardan_serial_mice.driver.core import SerialMouseCore
 from cardan_serial_mice.driver.notices import Doubt, Lapse, Restart
 from cardan_serial_mice.driver.options import SpaceMouseSerialOptions
@@ -67,7 +66,9 @@ class SpaceMouseSerial(ReadDevice[SerialMouseCore]):
         """What the device has. No buttons listed: unknown, as the model is."""
         with self._lock:
             labels = self._core.labels
-        return DeviceCapabilities(gives_pose=False, buttons=labels)
+        return DeviceCapabilities(
+            gives_pose=False, buttons=labels, feedback=frozenset(), battery=False
+        )
 
     @property
     def model(self) -> Model | None:

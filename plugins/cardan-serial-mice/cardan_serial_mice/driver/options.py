@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from cardan.drivers.spacemouse.options import MouseOptions
 from cardan.options import require_each
-
 from cardan_serial_mice.protocol import SERIAL_MODELS
 
 _KEYS = tuple(model.key for model in SERIAL_MODELS)

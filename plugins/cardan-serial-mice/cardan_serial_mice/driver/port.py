@@ -10,7 +10,6 @@ from collections.abc import Callable
 from cardan.drivers.serial_port import WAIT_S, SerialPort
 from cardan.errors import DeviceAccessError
 from cardan.protocols.connexion import InputReport, Model
-
 from cardan_serial_mice.driver.notices import Notice
 from cardan_serial_mice.driver.session import SerialSession, device_model
 from cardan_serial_mice.protocol import SerialModel
@@ -37,9 +36,7 @@ class SerialLink:
         self._waiting: deque[Reading] = deque()
 
     @classmethod
-    def open(
-        cls, path: str, model: SerialModel | None, stopping: Callable[[], bool]
-    ) -> SerialLink:
+    def open(cls, path: str, model: SerialModel | None, stopping: Callable[[], bool]) -> SerialLink:
         """Open the port, find out what is there (`model` None: whatever answers) and start it.
 
         `stopping` is asked meanwhile, which takes up to some seconds. Raises DeviceAccessError or

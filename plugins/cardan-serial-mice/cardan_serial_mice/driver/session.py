@@ -17,8 +17,6 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cardan_serial_mice.driver.notices import Doubt, Lapse, Notice, Restart
-from cardan_serial_mice.driver.jumps import JUMP, JumpGuard
 from cardan.protocols.connexion import (
     ButtonBits,
     Family,
@@ -27,6 +25,8 @@ from cardan.protocols.connexion import (
     Model,
     Motion,
 )
+from cardan_serial_mice.driver.jumps import JUMP, JumpGuard
+from cardan_serial_mice.driver.notices import Doubt, Lapse, Notice, Restart
 from cardan_serial_mice.protocol import (
     Counts,
     MagellanCompressedMotion,

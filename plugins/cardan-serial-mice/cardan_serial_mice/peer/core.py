@@ -9,6 +9,8 @@ from collections.abc import Mapping, Sequence
 
 from cardan.errors import ScriptError
 from cardan.protocols.connexion import from_robot_axes
+from cardan.sim_peers.spacemouse.core import NEUTRAL
+from cardan_serial_mice.peer.line import SerialLine
 from cardan_serial_mice.protocol import (
     CommandReader,
     SerialModel,
@@ -34,8 +36,6 @@ from cardan_serial_mice.protocol.spaceball import (
     SpaceballKeys as Keys,
 )
 from cardan_serial_mice.protocol.spaceorb import COUNT_MAX, COUNT_MIN, HEARTBEAT_S
-from cardan.sim_peers.spacemouse.core import NEUTRAL
-from cardan_serial_mice.peer.line import SerialLine
 
 BOOT_S: Mapping[str, float] = {"magellan": 0.5, "spaceball": 0.5, "spaceorb": 1.0}
 """From power to the first command that a device of each protocol hears."""

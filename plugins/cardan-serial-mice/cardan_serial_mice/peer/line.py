@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan_serial_mice.protocol import SerialModel
 from cardan.sim_peers.base import FaultSwitch, check_faults
 from cardan.sim_peers.report_line import ReportLine
+from cardan_serial_mice.protocol import SerialModel
 
 SERIAL_FAULTS = (
     FaultSwitch("unplug", "the port vanishes at VALUE s, whatever the device is doing", 3.0),

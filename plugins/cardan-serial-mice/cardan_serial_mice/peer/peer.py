@@ -12,7 +12,6 @@ from cardan.sim_peers.carriers.pseudo_terminal import PseudoTerminal
 from cardan.sim_peers.command import option
 from cardan.sim_peers.spacemouse import ScriptedHand
 from cardan.sim_peers.spacemouse.peer import PuckPeer, PuckPeerOptions
-
 from cardan_serial_mice.peer.core import SimulatedSerialPuck, simulated_serial_puck
 from cardan_serial_mice.protocol import SERIAL_MODELS, serial_model_by_key
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from cardan_serial_mice.conform.magellan.pilot import UNKNOWN
-from cardan_serial_mice.conform.magellan.seen import MagellanSeen
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
@@ -12,8 +10,10 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan_serial_mice.conform.puck import judges
 from cardan.errors import ExtraMissingError
+from cardan_serial_mice.conform.magellan.pilot import UNKNOWN
+from cardan_serial_mice.conform.magellan.seen import MagellanSeen
+from cardan_serial_mice.conform.puck import judges
 from cardan_serial_mice.protocol import (
     MagellanCompressedMotion,
     MagellanError,

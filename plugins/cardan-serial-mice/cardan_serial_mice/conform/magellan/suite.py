@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from cardan.conform.conduct import Conduct
-from cardan_serial_mice.conform.magellan.pilot import MagellanPilot
-from cardan_serial_mice.conform.magellan.requirements import requires
-from cardan_serial_mice.conform.magellan.seen import MagellanSeen, MagellanTongue
 from cardan.conform.requirements import Level
-from cardan_serial_mice.conform.puck.rig import PuckRig
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.wires import SerialLine, Wires
-from cardan_serial_mice.protocol.magellan import BAUD
 from cardan.sim_peers.base import FaultSwitch
+from cardan_serial_mice.conform.magellan.pilot import MagellanPilot
+from cardan_serial_mice.conform.magellan.requirements import requires
+from cardan_serial_mice.conform.magellan.seen import MagellanSeen, MagellanTongue
+from cardan_serial_mice.conform.puck.rig import PuckRig
 from cardan_serial_mice.peer.line import SERIAL_FAULTS
+from cardan_serial_mice.protocol.magellan import BAUD
 
 
 class Magellan(Suite[MagellanSeen]):

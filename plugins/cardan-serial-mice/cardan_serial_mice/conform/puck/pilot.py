@@ -7,8 +7,8 @@ from typing import Any
 from cardan.conform.conduct import Script, Wait, mark, send
 from cardan.conform.hands import HandPilot
 from cardan.conform.requirements import Level
-from cardan_serial_mice.conform.puck.seen import Tongue
 from cardan.conform.timeline import Event
+from cardan_serial_mice.conform.puck.seen import Tongue
 
 REST_S = 0.6
 ANSWER_S = 0.6

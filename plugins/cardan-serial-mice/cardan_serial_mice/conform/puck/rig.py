@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from cardan.conform.conduct import Act, Conduct
 from cardan.conform.timeline import Kind
-from cardan_serial_mice.protocol import serial_model_by_key
 from cardan_serial_mice.peer.core import simulated_serial_puck
+from cardan_serial_mice.protocol import serial_model_by_key
 
 LONGEST_S = 300.0
 """Of a simulated run; a script that waits for what never comes ends before."""

@@ -14,9 +14,9 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.errors import ExtraMissingError
 from cardan_serial_mice.conform.puck import judges
 from cardan_serial_mice.conform.spaceball.tongue import UNKNOWN, BallSeen
-from cardan.errors import ExtraMissingError
 from cardan_serial_mice.protocol import (
     SpaceballAdvancedKeys,
     SpaceballError,

@@ -12,9 +12,9 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.errors import ExtraMissingError
 from cardan_serial_mice.conform.puck import judges
 from cardan_serial_mice.conform.spaceorb.tongue import NULL_REGION, POLL, OrbSeen
-from cardan.errors import ExtraMissingError
 from cardan_serial_mice.protocol import OrbError, OrbKeys, OrbReset, OrbText
 from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
 
