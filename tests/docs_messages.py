@@ -219,7 +219,7 @@ PAGES = {
             Part("Captures", ("dissect",), "`cardan dissect` reads pcap and pcapng"),
             Part(
                 "Conformance",
-                ("conform",),
+                ("conform", "cardan-serial-mice/cardan_serial_mice/conform"),
                 "`cardan conform --list`; [conformance](../conformance.md)",
             ),
             Part(

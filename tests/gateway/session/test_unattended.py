@@ -133,13 +133,13 @@ GP8_PORTS = 'ports = ["robot.motion_port", "robot.state_port", "robot.io_port"]'
             (
                 (LAUNCH, FILES),
                 MOUSE.replace("socket", transport) + ARM,
-                f"device.transport: '{transport}' may reach hardware; it must be 'socket' or",
+                f"device.transport: '{transport}' may reach hardware; it must be 'socket'",
             )
             for transport in ("auto", "hidraw", "libusb", "usb")
         ),
         (
             (LAUNCH,),
-            MOUSE.replace('"socket"', '"serial"') + ARM,
+            '[device]\ndriver = "spacemouse_serial"\npath = "mouse.sock"\n' + ARM,
             "device.path: 'mouse.sock' may reach hardware",
         ),
         *(
