@@ -35,7 +35,7 @@ unexport PYTHONDONTWRITEBYTECODE
 help:
 	@echo "make demo    run a demo against simulated peers, DEMO_ROBOT=$(DEMO_ROBOT) ($(DEMO_SECONDS) s)"
 	@echo "make test    the tests of every change: what computes, and one of each mechanism that is real"
-	@echo "make test-matrix  all the others, and all demos, part by part: MATRIX=\"tests studies browser docs demos pythons kernel lerobot\""
+	@echo "make test-matrix  all the others, and all demos, part by part: MATRIX=\"tests studies plugins browser docs demos pythons kernel lerobot\""
 	@echo "make page    the console's page, where the one that is there is not of these sources"
 	@echo "make lock    the versions that make installs, in locks/ (NEWEST=1: the newest of everything)"
 	@echo "make test-kernel  the drivers against the real Linux kernel, in a virtual machine"
@@ -72,7 +72,7 @@ help:
 	@echo "make clean   remove the environment and caches"
 
 # Versions and hashes are those of locks/; NEWEST=1 installs the newest instead, in a new environment.
-$(VENV)/.cardan: pyproject.toml studies/pyproject.toml hatch_build.py tools/environment tools/install tools/native \
+$(VENV)/.cardan: pyproject.toml studies/pyproject.toml $(wildcard plugins/cardan-*/pyproject.toml) hatch_build.py tools/environment tools/install tools/native \
 		locks/make.txt locks/uv.txt locks/arm.txt $(C_SOURCES)
 	tools/native & native=$$!; tools/environment "$(PYTHON)" "$(VENV)" && \
 		{ ! wait $$native || export CARDAN_NATIVE=compiled; } && \

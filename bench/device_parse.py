@@ -20,21 +20,21 @@ from bench.figures import median_costs
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.leap import LeapCore, LeapOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
-from cardan.drivers.spacemouse.serial_session import SerialSession, device_model
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
 from cardan.drivers.wiimote import WiimoteOptions
 from cardan.protocols.connexion import encode_motion, find_model
-from cardan.protocols.connexion_serial import (
+from cardan.protocols.leap import decode_service
+from cardan.protocols.spnav import encode_motion as encode_spnav_motion
+from cardan.sim_peers.leap import SimulatedLeapService
+from cardan.types import DeviceLink, DeviceState
+from cardan_serial_mice.driver.session import SerialSession, device_model
+from cardan_serial_mice.protocol import (
     SpaceballMotion,
     encode_orb_keys,
     encode_orb_motion,
     encode_spaceball_motion,
     serial_model_by_key,
 )
-from cardan.protocols.leap import decode_service
-from cardan.protocols.spnav import encode_motion as encode_spnav_motion
-from cardan.sim_peers.leap import SimulatedLeapService
-from cardan.types import DeviceLink, DeviceState
 from tests.drivers import evdev_bench, jr3_rig, wiimote_bench
 
 RECORD_S = 1.0

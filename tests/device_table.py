@@ -13,6 +13,7 @@ from pathlib import Path
 from tests import docs_tables, test_device_faults
 
 TESTS = Path(__file__).parent
+PLUGINS = TESTS.parent / "plugins"
 PAGE = TESTS.parent / "docs" / "devices.md"
 JUDGED = "<!-- made by tests/device_table.py -->\n"
 FAULTS = "<!-- made by tests/test_device_faults.py -->\n"
@@ -21,7 +22,7 @@ FAULTS = "<!-- made by tests/test_device_faults.py -->\n"
 def judged() -> set[tuple[str, str, str]]:
     """(device, transport, by) of every mark, whether its test can run here or not."""
     found = set()
-    for path in TESTS.rglob("*.py"):
+    for path in (*TESTS.rglob("*.py"), *PLUGINS.glob("*/tests/*.py")):
         text = path.read_text(encoding="utf-8")
         if ".judged" not in text:  # Most: reading them all takes seconds.
             continue

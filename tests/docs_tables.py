@@ -7,7 +7,6 @@ test_docs_tables holds them current. To write all of them anew: ``make docs-tabl
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,9 @@ from cardan.gateway.session.changes import RULES
 from cardan.gateway.session.examples import find_demos
 from cardan.gateway.spnav import identity_of
 from cardan.protocols.connexion import MODELS
-from cardan.protocols.connexion_serial import SERIAL_MODELS
 from cardan.sim_peers import registry as peers
+from cardan_serial_mice.driver import SpaceMouseSerial
+from cardan_serial_mice.protocol import SERIAL_MODELS
 from tests import docs_messages, network_table
 
 ROOT = Path(__file__).parents[1]
@@ -47,15 +47,38 @@ def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "".join([lines[0], f"|{'---|' * len(columns)}\n", *lines[1:]])
 
 
+PLUGINS = {
+    path.parent.name: path.parents[1] for path in ROOT.glob("plugins/cardan-*/*/__init__.py")
+}
+"""The folder of each plug-in of this repository, by its package."""
+
+
+def plugin_of(kind: type[Any]) -> str:
+    """In brackets the plug-in that has a class, with a space before; empty: Cardan itself."""
+    folder = PLUGINS.get(kind.__module__.partition(".")[0])
+    return f" (plug-in `{folder.name}`)" if folder else ""
+
+
+def ours(registry: Any) -> dict[str, Any]:
+    """The classes of a registry that are Cardan's, then those of its plug-ins, by name."""
+    names = dict.fromkeys((*registry.BUILT_IN, *registry.names()))
+    found = {name: registry.load(name) for name in names}
+    return {
+        name: kind
+        for name, kind in found.items()
+        if kind.__module__.partition(".")[0] in {"cardan", *PLUGINS}
+    }
+
+
 def link(kind: type[Driver], folder: str = "", section: str = "") -> str:
     """What a driver drives, linked to its page from a page that is outside of `folder`."""
     page = kind.page if "://" in kind.page else folder + kind.page
-    return f"[{kind.summary}]({page}{section})"
+    return f"[{kind.summary}]({page}{section}){plugin_of(kind)}"
 
 
-BUILT_IN: dict[str, type[Driver]] = {name: drivers.load(name) for name in drivers.BUILT_IN}
-DEVICES = {name: kind for name, kind in BUILT_IN.items() if issubclass(kind, OperatorDevice)}
-ROBOTS = {name: kind for name, kind in BUILT_IN.items() if name not in DEVICES}
+DRIVERS: dict[str, type[Driver]] = ours(drivers)
+DEVICES = {name: kind for name, kind in DRIVERS.items() if issubclass(kind, OperatorDevice)}
+ROBOTS = {name: kind for name, kind in DRIVERS.items() if name not in DEVICES}
 
 
 def _overview() -> str:
@@ -90,10 +113,13 @@ def _options() -> str:
 
 def _peers(page: str) -> Callable[[], str]:
     def table() -> str:
-        declared: dict[str, type[Any]] = {name: peers.load(name) for name in peers.BUILT_IN}
         rows = [
-            (f"`cardan sim {name}`", " ".join((peer.__doc__ or "").split()), peer.speaks)
-            for name, peer in declared.items()
+            (
+                f"`cardan sim {name}`",
+                " ".join((peer.__doc__ or "").split()) + plugin_of(peer),
+                peer.speaks,
+            )
+            for name, peer in ours(peers).items()
             if peer.page == page
         ]
         return markdown(("command", "stands in for", "protocol and transport"), rows)
@@ -101,15 +127,13 @@ def _peers(page: str) -> Callable[[], str]:
     return table
 
 
-def _faults(peer: str, **given: str) -> Callable[[], str]:
-    """The faults of a peer, where these options are given."""
+def _faults(peer: str) -> Callable[[], str]:
+    """The faults of a peer."""
 
     def table() -> str:
-        declared = peers.load(peer)
-        options = {each.name: each.default for each in dataclasses.fields(declared.Options)}
         rows = [
             (f"`{fault.name}`", f"{fault.default:g}", fault.help)
-            for fault in declared.faults_with(options | given)
+            for fault in peers.load(peer).faults
         ]
         return markdown(("fault", "default", "what happens"), rows)
 
@@ -128,7 +152,7 @@ def _demos() -> str:
         (
             f"`cardan demo {name}`",
             demo.description.replace("<", "&lt;"),
-            f"[example](../examples/{demo.file.name})",
+            f"[example](../{demo.file.relative_to(ROOT)})",
         )
         for name, demo in find_demos().items()
     ]
@@ -141,7 +165,7 @@ def _spnav_buttons() -> str:
     for mouse in (
         *(SpaceMouse(model=model.key) for model in MODELS if model.buttons),
         *(
-            SpaceMouse(transport="serial", path="PORT", model=model.key)
+            SpaceMouseSerial(model=model.key)
             for model in SERIAL_MODELS
             if model.key != "spaceorb"  # spacenavd does not know it.
         ),
@@ -182,7 +206,7 @@ TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/spnav.md", "buttons"): _spnav_buttons,
     ("docs/simulated-peers.md", "peers"): _peers("simulated-peers.md"),
     ("docs/simulated-devices.md", "peers"): _peers("simulated-devices.md"),
-    ("docs/simulated-devices.md", "faults of serial devices"): _faults("spacemouse", serial="port"),
+    ("docs/simulated-devices.md", "faults of serial devices"): _faults("spacemouse-serial"),
     **FAULTS,
 }
 """By page and name."""

@@ -18,7 +18,7 @@ from cardan.protocols.spnav import (
     encode_handshake,
     encode_request,
 )
-from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from cardan_serial_mice.peer import SerialPuckPeer, SerialPuckPeerOptions
 from tests.serving import in_a_thread
 
 TIMEOUT_S = 30.0
@@ -105,9 +105,9 @@ def spacenavd(folder, script, *, settings="", model="magellan", hand=None, **opt
     (folder / "hand.txt").write_text(script)
     (folder / "spnavrc").write_text(f"serial = {folder}/port\n{settings}")
     port, steps = str(folder / "port"), str(folder / "hand.txt")
-    chosen = SpaceMousePeerOptions(serial=port, model=model, script=steps, **options)
+    chosen = SerialPuckPeerOptions(port=port, model=model, script=steps, **options)
     for _ in range(PROBES):
-        peer = SpaceMousePeer(chosen)
+        peer = SerialPuckPeer(chosen)
         if hand is not None:
             peer.hand = hand
         with in_a_thread(peer), _started(folder, daemon) as (path, old_client):

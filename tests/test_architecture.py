@@ -4,11 +4,14 @@ import ast
 import fnmatch
 import functools
 import graphlib
+import importlib
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from cardan.tables import read_toml
 
 PACKAGE = Path(__file__).parents[1] / "cardan"
 SOURCE_TREE = PACKAGE.parent
@@ -18,9 +21,15 @@ BESIDE = {
     "fuzz",
     "studies",
     "tests",
-    *(path.name for path in SOURCE_TREE.glob("plugins/*")),
+    *(path.parent.name for path in SOURCE_TREE.glob("plugins/*/*/__init__.py")),
 }
 """What stands on the package, and is not there where only the package is installed."""
+PLUGINS = sorted(SOURCE_TREE.glob("plugins/cardan-*"))
+GROUPS = {
+    "cardan.checks", "cardan.commands", "cardan.conform", "cardan.dissect", "cardan.drivers",
+    "cardan.faces", "cardan.filters", "cardan.sim_peers",
+}  # fmt: skip
+"""Entry points by which a plug-in may reach Cardan."""
 LEAVES = {
     "arm_libraries",
     "bounds",
@@ -241,9 +250,31 @@ def outside(path):
 
 
 def test_what_stands_on_the_package_is_there():
-    assert {"studies", "lerobot_robot_cardan"} < BESIDE
+    assert {"studies", "lerobot_robot_cardan", "cardan_serial_mice"} < BESIDE
     for name in BESIDE:
-        assert [*SOURCE_TREE.glob(f"{name}*"), *SOURCE_TREE.glob(f"plugins/{name}")], name
+        assert [*SOURCE_TREE.glob(f"{name}*"), *SOURCE_TREE.glob(f"plugins/*/{name}")], name
+
+
+@pytest.mark.parametrize("folder", PLUGINS, ids=lambda folder: folder.name)
+def test_a_plug_in_is_reached_by_its_entry_points_alone(folder):
+    project = read_toml(folder / "pyproject.toml")["project"]
+    (package,) = (path.parent for path in folder.glob("*/__init__.py"))
+    assert (folder / "README.md").is_file()
+    assert package.name == folder.name.replace("-", "_") == project["name"].replace("-", "_")
+    assert [each for each in project["dependencies"] if each.startswith("cardan")]
+    points = project["entry-points"]
+    assert points.keys() <= GROUPS
+    for target in (target for group in points.values() for target in group.values()):
+        module, _, name = target.partition(":")
+        assert module.partition(".")[0] == package.name
+        assert getattr(importlib.import_module(module), name)
+    found = {
+        name
+        for path in package.rglob("*.py")
+        for name in imported(path)
+        if name.partition(".")[0] in BESIDE - {package.name}
+    }
+    assert found == set()
 
 
 def test_protocols_do_no_io_and_keep_no_clock():

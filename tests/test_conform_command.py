@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from importlib.metadata import EntryPoint
 from xml.etree import ElementTree
 
 import pytest
@@ -75,7 +76,7 @@ def test_reports_are_saved_and_compared(output, tmp_path):
     ("words", "why"),
     [
         ((), "PROTOCOL: give one of: 3dconnexion, "),
-        (("nothing",), "there is no 'nothing'; there are: 3dconnexion, "),
+        (("nothing",), "there is no protocol 'nothing'; allowed: 3dconnexion, "),
         (("egm", "--fault", "gremlins"), "there is no fault 'gremlins'; there are: clock-step"),
         (("egm", "--fault", "drop", "--target", "x:1"), "only a simulated peer has faults"),
         (("egm", "--target", ":6510", "--level", "2", "--yes"), "give --i-am-at-the-enable-switch"),
@@ -126,3 +127,17 @@ def test_without_scapy_its_requirement_says_what_to_install():
         each for each in json.loads(done.stdout)["results"] if "cardan[dissect]" in each["said"]
     ]
     assert [each["outcome"] for each in found] == ["not applicable"]
+
+
+def test_suites_of_other_packages_are_there_and_broken_ones_are_named(output, monkeypatch):
+    points = [
+        EntryPoint("another", "cardan.conform.jr3.suite:Jr3", registry.ENTRY_POINT_GROUP),
+        EntryPoint("broken", "nowhere:Suite", registry.ENTRY_POINT_GROUP),
+    ]
+    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    assert registry.load("another").name == "jr3"
+    assert set(registry.names()) == {*registry.BUILT_IN, "another", "broken"}
+    assert run("--list") == 0
+    out = output()
+    assert "broken  cannot be loaded: " in out
+    assert "3dconnexion" in out

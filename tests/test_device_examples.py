@@ -52,7 +52,6 @@ SCRIPTS = {
     "keyboard-ur5-simulated.toml": "short",
     "leap-gofa-simulated.toml": "short",
     "leap-ur5-simulated.toml": "short",
-    "spacemouse-serial-simulated.toml": "strokes",
     "spacemouse-ur5-simulated.toml": "strokes",
     "spnav-ur5-simulated.toml": "strokes",
     "wiimote-ur5-simulated.toml": "short",

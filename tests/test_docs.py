@@ -26,9 +26,10 @@ from cardan.gateway.session import assembly, config
 from cardan.gateway.session.examples import Demo
 from cardan.options import hints
 from cardan.protocols import connexion, egm, simple_message as sm
-from cardan.sim_peers import registry as peers, spacemouse
+from cardan.sim_peers import registry as peers
 from cardan.tables import keys_of, read_table
 from cardan.types import Pose, Quaternion, Vector3
+from cardan_serial_mice.peer import SERIAL_FAULTS
 from tests.ranges import ranges
 from tests.tutorials import steps
 
@@ -299,7 +300,7 @@ def test_every_fault_of_a_peer_is_there_with_its_default(name, peer):
 def test_every_fault_of_a_serial_device_is_there_with_its_default():
     table = rows(section(told_of("spacemouse"), "Faults of the serial ones"))
     assert {name: cells[0] for name, cells in table.items()} == {
-        switch.name: f"{switch.default:g}" for switch in spacemouse.SERIAL_FAULTS
+        switch.name: f"{switch.default:g}" for switch in SERIAL_FAULTS
     }
 
 
@@ -323,7 +324,7 @@ def test_every_option_of_a_peer_is_there(name, peer):
     commands = typer.main.get_command(cli.app).commands["sim"].commands
     offered = {
         option
-        for each in peers.BUILT_IN
+        for each in peers.names()
         if told_of(each) == told_of(name)
         for parameter in commands[each].params
         for option in parameter.opts

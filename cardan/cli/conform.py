@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from cardan.cli.common import EXIT_INCOMPLETE, check_seconds, print_table
+from cardan.cli.common import EXIT_INCOMPLETE, check_seconds, print_table, print_unusable
 from cardan.errors import ConfigurationError
 from cardan.files import read_text
 from cardan.printable import printable
@@ -101,9 +101,11 @@ def conform(
     from cardan.conform import registry
 
     if list_:
-        suites = [registry.load(name) for name in registry.names()]
+        found = registry.load_all()
+        suites = found.classes.values()
         rows = [(each.name, each.judges, each.speaks, each.target) for each in suites]
         print_table(("protocol", "judges", "speaks", "target"), rows)
+        print_unusable(found)
         return
     if compare is not None:
         _compare(compare)

@@ -78,7 +78,7 @@ def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
         listed = [flag for flag in lists if given.pop(f"list_{flag}")]
         seconds, verbose, level = (given.pop(name) for name in SERVING)
         for flag in listed:
-            for line in lists[flag][1](given):
+            for line in lists[flag][1]():
                 print(line)
         if listed:
             return
@@ -87,15 +87,15 @@ def _command(name: str, peer: type[PeerCommand[Any]]) -> Any:
             if field in own:
                 continue
             if field == "faults":
-                value = parse_faults(value or (), peer.faults_with(given))
+                value = parse_faults(value or (), peer.faults)
             values[peer.Options][field] = value
         run_logged(lambda: peer.run(made(peer.Options, values), seconds), own, verbose, level)
 
     return command_of(name, peer, own, parameters, run)
 
 
-Lines = Callable[[Mapping[str, Any]], Iterator[str]]
-"""Lines to print, where these options are given."""
+Lines = Callable[[], Iterator[str]]
+"""Lines to print."""
 
 
 def _lists(
@@ -105,13 +105,13 @@ def _lists(
 
     def values(listed: Sequence[tuple[str, str]]) -> Lines:
         width = max(16, *(len(value) for value, _ in listed))
-        return lambda _given: (f"{value:{width}} {text}" for value, text in listed)
+        return lambda: (f"{value:{width}} {text}" for value, text in listed)
 
-    def faults(given: Mapping[str, Any]) -> Iterator[str]:
-        for fault in peer.faults_with(given):
+    def faults() -> Iterator[str]:
+        for fault in peer.faults:
             yield f"{fault.name:16} {fault.help} (default {fault.default:g})"
 
-    def scripts(_given: Mapping[str, Any]) -> Iterator[str]:
+    def scripts() -> Iterator[str]:
         for name, text in peer.scripts.items():
             first = text.strip().splitlines()[0]
             yield f"{name:16} {first.lstrip('# ') if first.startswith('#') else ''}"

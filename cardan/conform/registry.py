@@ -1,14 +1,16 @@
-"""Finds suites by name."""
+"""Finds suites by name: the built-in table, then the entry points of installed packages."""
 
 from __future__ import annotations
 
-import importlib
+from importlib.metadata import EntryPoints, entry_points
 from typing import Any
 
 from cardan.conform.suite import Suite
-from cardan.errors import ConfigurationError
+from cardan.plugins import Finder, Loaded
 
-SUITES = {
+ENTRY_POINT_GROUP = "cardan.conform"
+
+BUILT_IN = {
     "3dconnexion": "cardan.conform.connexion.suite:Connexion",
     "egm": "cardan.conform.egm.suite:Egm",
     "egm-driver": "cardan.conform.egm_driver.suite:EgmDriver",
@@ -17,30 +19,40 @@ SUITES = {
     "joint-stream": "cardan.conform.joint_stream.suite:JointStream",
     "joint-stream-driver": "cardan.conform.joint_stream_driver.suite:JointStreamDriver",
     "leap": "cardan.conform.leap.suite:Leap",
-    "magellan": "cardan.conform.magellan.suite:Magellan",
     "motoros": "cardan.conform.motoros.suite:Motoros",
     "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriver",
     "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
-    "spaceball": "cardan.conform.spaceball.suite:Spaceball",
-    "spaceorb": "cardan.conform.spaceorb.suite:SpaceOrb",
     "spnav": "cardan.conform.spnav.suite:SpnavDaemon",
     "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtde",
     "wiimote": "cardan.conform.wiimote.suite:Wiimote",
 }
-"""Module and class of each. Imported when it is asked for: each brings its simulated peer along."""
+"""Our own. Imported when they are asked for: each brings its simulated peer along. Other packages
+add theirs by an entry point of the same form."""
+
+
+def _installed() -> EntryPoints:
+    return entry_points(group=ENTRY_POINT_GROUP)
+
+
+# mypy wants a class that can be instantiated; a Finder only compares with it.
+_FINDER: Finder[Suite[Any]] = Finder(
+    Suite,  # type: ignore[type-abstract]
+    "protocol",
+    BUILT_IN,
+    _installed,
+)
 
 
 def names() -> tuple[str, ...]:
     """The names of all suites, sorted."""
-    return tuple(sorted(SUITES))
+    return _FINDER.names()
 
 
 def load(name: str) -> Suite[Any]:
     """The suite of that name; ConfigurationError names those there are."""
-    if name not in SUITES:
-        raise ConfigurationError(
-            "PROTOCOL", f"there is no {name!r}; there are: {', '.join(names())}"
-        )
-    module, _, attribute = SUITES[name].partition(":")
-    suite: Suite[Any] = getattr(importlib.import_module(module), attribute)()
-    return suite
+    return _FINDER.load(name)()
+
+
+def load_all() -> Loaded[Suite[Any]]:
+    """Every suite class, and why others cannot be loaded."""
+    return _FINDER.load_all()

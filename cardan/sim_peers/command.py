@@ -112,11 +112,6 @@ class PeerCommand(Generic[OptionsT]):
     """Usage of each verb of a script."""
 
     @classmethod
-    def faults_with(cls, given: Mapping[str, Any]) -> Sequence[FaultSwitch]:
-        """The faults it can have where these options are given, by their fields' names."""
-        return cls.faults
-
-    @classmethod
     def run(cls, options: OptionsT, seconds: float | None) -> int | None:
         """Run the peer until `seconds` are over (None: until it is interrupted). The command's exit
         code; None: 0."""

@@ -48,7 +48,6 @@ PARTS = {
 
 PROTOCOLS = (
     "connexion",
-    "connexion_serial",
     "egm",
     "evdev",
     "foxglove",

@@ -16,12 +16,10 @@ from cardan.drivers.jr3_can.core import ZERO_LOST_REASON
 from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
 from cardan.drivers.leap import LeapCore, LeapOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
-from cardan.drivers.spacemouse.serial_session import SerialSession
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
 from cardan.drivers.wiimote import WiimoteCore, WiimoteOptions
 from cardan.protocols import (
     connexion,
-    connexion_serial as cs,
     evdev,
     handheld,
     jr3_can,
@@ -30,11 +28,13 @@ from cardan.protocols import (
     uevent,
     wiimote as wm,
 )
-from cardan.protocols.connexion_serial import models as serial_models
 from cardan.protocols.evdev import requests as evdev_requests, uinput
 from cardan.protocols.hid import MalformedReport
 from cardan.sim_peers.evdev import MODELS as EVDEV_MODELS
 from cardan.types import DeviceLink, DeviceState
+from cardan_serial_mice import protocol as cs
+from cardan_serial_mice.driver.session import SerialSession
+from cardan_serial_mice.protocol import models as serial_models
 from fuzz.target import Form, Packets, Target
 from fuzz.targets.common import (
     all_finite,

@@ -9,7 +9,6 @@ from typing import Any
 from cardan.errors import ScriptError
 from cardan.gateway.spnav.core import SpnavServerCore
 from cardan.protocols import connexion, joint_stream as js, spnav
-from cardan.protocols.connexion_serial import models
 from cardan.protocols.evdev import requests as evdev_requests
 from cardan.protocols.jr3_can import TEO_SENSORS
 from cardan.sim_peers.arm import SimulatedArm
@@ -29,9 +28,10 @@ from cardan.sim_peers.motoros_controller import (
 from cardan.sim_peers.omni import hand as omni_hand
 from cardan.sim_peers.omni.settings import parse_omni_faults
 from cardan.sim_peers.spacemouse import SimulatedSpaceMouse, hand as mouse_hand
-from cardan.sim_peers.spacemouse.serial_core import simulated_serial_puck
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 from cardan.sim_peers.wiimote import SimulatedWiimote, hand as wiimote_hand
+from cardan_serial_mice.peer.core import simulated_serial_puck
+from cardan_serial_mice.protocol import models
 from fuzz.target import Form, Packets, Target
 from fuzz.targets import devices, robots
 from fuzz.targets.common import all_finite, text_of

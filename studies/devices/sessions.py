@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from cardan.gateway.hand.mapping import Mode
 from cardan.gateway.session.demo import choose_demo, find_problems, simulated_hardware
+from cardan.gateway.session.examples import find_demos
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.gateway.session.supervisor import supervise
 from studies.result import Figure, Table, known, spread_of
@@ -30,8 +31,9 @@ PUBLISHED = (
 OTHERS = (
     Device("gamepad", "gamepad-ur5"),
     Device("keyboard", "keyboard-ur5"),
-    Device("serial 3Dconnexion device", "spacemouse-serial"),
 )
+SERIAL = Device("serial 3Dconnexion device", "spacemouse-serial")
+"""With its plug-in."""
 
 COMMANDS = {Mode.RATE: "velocity", Mode.POSITION: "position", Mode.ABSOLUTE: "absolute position"}
 
@@ -45,6 +47,11 @@ class Driven(NamedTuple):
     runs: tuple[Snapshot, ...]
     """The last snapshot of each."""
     problems: tuple[str, ...]
+
+
+def others() -> tuple[Device, ...]:
+    """Devices that no paper has, of those that are installed."""
+    return (*OTHERS, SERIAL) if SERIAL.demo in find_demos() else OTHERS
 
 
 def measure(devices: Sequence[Device], seconds: float, turns: int) -> list[Driven]:

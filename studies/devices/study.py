@@ -25,14 +25,14 @@ def run(quick: bool) -> Result:
     if quick:
         driven = sessions.measure(sessions.PUBLISHED, QUICK_S, 1)
     else:
-        driven = sessions.measure((*sessions.PUBLISHED, *sessions.OTHERS), SECONDS, TURNS)
+        driven = sessions.measure((*sessions.PUBLISHED, *sessions.others()), SECONDS, TURNS)
 
     def draw() -> Iterator[Drawn]:
         from studies.devices import plots
 
         return plots.draw(driven)
 
-    others = ", ".join(each.name for each in sessions.OTHERS)
+    others = ", ".join(each.name for each in sessions.others())
     shortened = (
         f"{QUICK_S:g} s of each device once instead of {SECONDS:g} s {TURNS} times: no spread",
         f"left out: {others}; all arms but two",

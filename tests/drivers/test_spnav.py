@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav import Spnav, SpnavCore, SpnavOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
 from cardan.gateway.spnav import (
@@ -22,7 +21,6 @@ from cardan.gateway.spnav import (
     core as server_core,
     identity_of,
 )
-from cardan.protocols.connexion_serial import serial_model_by_key
 from cardan.protocols.spnav import (
     RECORD_BYTES,
     Code,
@@ -32,6 +30,8 @@ from cardan.protocols.spnav import (
 )
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
+from cardan_serial_mice.driver import SpaceMouseSerial
+from cardan_serial_mice.protocol import serial_model_by_key
 from tests.serving import in_a_thread
 from tests.spacenavd import TIMEOUT_S, PuckHand, spacenavd
 
@@ -432,7 +432,7 @@ def test_a_steady_hand_on_a_serial_device_needs_the_longer_silence(tmp_path):
     hand = PuckHand()
     daemon = spacenavd(tmp_path, "", hand=hand, jitter_lsb=1)
     with daemon as (path, _), opened(path) as usual, opened(path, stale_after_s=1.0) as patient:
-        assert 'transport = "serial"' in " ".join(usual.diagnosis())
+        assert '"spacemouse_serial"' in " ".join(usual.diagnosis())
         hand.do("set_axes", push(2, 0.2))
         for each in (usual, patient):
             until(each, lambda _, heard=each: heard.metrics()["motion_age_s"] < math.inf)
@@ -532,6 +532,6 @@ def test_spacenavd_numbers_the_keys_of_serial_devices_as_our_server_does():
         told = pool.map(lambda model: told_presses(Path(name) / model, model), models)
         told = dict(zip(models, told, strict=True))
     for model in models:
-        mouse = SpaceMouse(transport="serial", path="PORT", model=model)
+        mouse = SpaceMouseSerial(model=model)
         served = identity_of(mouse).button_numbers
         assert told[model] == [f"button-{served[key]}" for key in keys_of(model)]

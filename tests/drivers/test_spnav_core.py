@@ -554,8 +554,8 @@ def test_a_serial_device_behind_the_daemon_is_told_with_the_way_out(device_type,
     daemon.reopen()
     words = " ".join(daemon.core.diagnosis(daemon.now_s))
     assert name in words
-    assert 'driver = "spacemouse"' in words
-    assert 'transport = "serial"' in words
+    assert 'driver = "spacemouse_serial"' in words
+    assert "install the plug-in cardan-serial-mice" in words
     assert daemon.core.device_name == name
     daemon.arm()
     daemon.motion(PUSH)

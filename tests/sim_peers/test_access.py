@@ -10,11 +10,12 @@ import pytest
 from cardan.sim_peers.evdev.peer import EvdevPeer, EvdevPeerOptions
 from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.sim_peers.wiimote.peer import WiimotePeer, WiimotePeerOptions
+from cardan_serial_mice.peer import SerialPuckPeer, SerialPuckPeerOptions
 
 MADE = {
     "events": lambda path, **more: EvdevPeer(EvdevPeerOptions(path=path, **more)),
     "hid": lambda path, **more: SpaceMousePeer(SpaceMousePeerOptions(hid=path, **more)),
-    "serial": lambda path, **more: SpaceMousePeer(SpaceMousePeerOptions(serial=path, **more)),
+    "serial": lambda path, **more: SerialPuckPeer(SerialPuckPeerOptions(port=path, **more)),
     "l2cap": lambda path, **more: WiimotePeer(WiimotePeerOptions(l2cap=path, **more)),
 }
 

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from cardan.cli.sim import sim
 from cardan.errors import ConfigurationError, ScriptError
-from cardan.sim_peers import registry, spacemouse
+from cardan.sim_peers import registry
 from cardan.sim_peers.base import FaultSwitch
 from cardan.sim_peers.command import PeerCommand, name_and_unit, numbers, option
 
@@ -63,7 +63,8 @@ def test_what_a_peer_declares_is_offered(name):
 @pytest.mark.parametrize(
     ("name", "flag", "key", "count"),
     [
-        ("spacemouse", "--list-models", "spacenavigator", 31),
+        ("spacemouse", "--list-models", "spacenavigator", 25),
+        ("spacemouse-serial", "--list-models", "magellan", 6),
         ("gamepad", "--list-models", "xbox-360", 5),
         ("jr3", "--list-sensors", "right-hand", 4),
     ],
@@ -72,13 +73,6 @@ def test_the_values_of_an_option_are_listed(name, flag, key, count):
     lines = said(name, flag).splitlines()
     assert len(lines) == count
     assert [line.split()[0] for line in lines].count(key) == 1
-
-
-def test_a_serial_device_lists_its_own_faults():
-    listed = said("spacemouse", "--serial", "port", "--list-faults")
-    assert [line.split()[0] for line in listed.splitlines()] == [
-        fault.name for fault in spacemouse.SERIAL_FAULTS
-    ]
 
 
 def test_a_peer_is_imported_when_its_command_is_asked_for(monkeypatch):

@@ -1,8 +1,7 @@
 """What a SpaceMouse's reports mean, without any I/O and in the caller's time.
 
 A device at rest is silent, and a deflected one reports all the time (over HID a pair of halves or
-one whole report each 16 ms, over a serial line a packet each 33 to 60 ms). So silence counts as
-rest only after a report of rest:
+one whole report each 16 ms). So silence counts as rest only after a report of rest:
 
 - After opening, a loss or a silence, the axes are zero (NEEDS_NEUTRAL) until both translation and
   rotation were reported inside the dead zone. An untouched device sends nothing, so the operator
@@ -19,8 +18,7 @@ from cardan.drivers.core import DeviceCore
 from cardan.drivers.shaping import Shaper, ShapingOptions
 from cardan.drivers.spacemouse.buttons import Buttons
 from cardan.drivers.spacemouse.drift import DRIFT_AFTER_S, DriftDetector
-from cardan.drivers.spacemouse.notices import Doubt, Lapse, Notice
-from cardan.drivers.spacemouse.options import SpaceMouseOptions
+from cardan.drivers.spacemouse.options import MouseOptions
 from cardan.errors import CommandError
 from cardan.protocols.connexion import (
     DEFAULT_FULL_SCALE,
@@ -48,7 +46,7 @@ STALE_AFTER_S = 0.09
 0.1 s; the difference is for one cycle of the reader."""
 
 SLOW_STALE_AFTER_S = 0.1
-"""The same for a device that reports less often, as all do over a serial line."""
+"""The same for a device that reports less often."""
 
 GAP_AFTER_S = 3 * REPORT_PERIOD_S
 """Silence of a deflected device beyond this is counted."""
@@ -94,7 +92,7 @@ class SpaceMouseCore(DeviceCore):
     `model` may be unknown (None): the family is found from the reports in any case.
     """
 
-    def __init__(self, options: SpaceMouseOptions, model: Model | None = None) -> None:
+    def __init__(self, options: MouseOptions, model: Model | None = None) -> None:
         super().__init__()
         self._options = options
         self._shaper = Shaper(options)
@@ -118,7 +116,7 @@ class SpaceMouseCore(DeviceCore):
     def reshape(self, options: ShapingOptions) -> None:
         """Shape deflections by other options from the next report on."""
         super().reshape(options)
-        assert isinstance(options, SpaceMouseOptions)
+        assert isinstance(options, MouseOptions)
         self._options, self._radial = options, options.dead_zone_shape == "radial"
         self._dead_counts = options.dead_zone * self._full_scale
 
@@ -145,17 +143,6 @@ class SpaceMouseCore(DeviceCore):
         self._low_battery = False
         self._begin(OPENED_REASON, now_s)
         self._buttons.on_opened()
-
-    def on_notice(self, notice: Notice, now_s: float) -> None:
-        """What became of the device, at `now_s`, beside its reports."""
-        if isinstance(notice, Lapse):
-            self.on_lost(notice.reason, now_s)
-        elif not isinstance(notice, Doubt):
-            self.on_opened(now_s, notice.model, None, notice.period_s)
-        elif self._open:
-            self._counts["doubts"] += 1
-            self._resumed_reason = notice.reason
-            self._invalidate_input(DeviceLink.STALE, notice.reason, now_s)
 
     def on_report(self, report: bytes, now_s: float) -> None:
         """An input report of its true length was received at `now_s`. Never raises."""
@@ -224,7 +211,6 @@ class SpaceMouseCore(DeviceCore):
     def _counters(self) -> Mapping[str, str]:
         return {
             "silences": f"silences of more than {self._stale_after_s:g} s while deflected",
-            "doubts": "queries of the buttons without an answer",
             "gaps": f"gaps of more than {1000.0 * self._gap_after_s:.0f} ms while deflected",
             "unpaired_halves": "translation or rotation reports without the other half",
             "unusual_lengths": "motion reports of an unusual length",

@@ -12,14 +12,10 @@ from cardan.drivers.access import obstacle, such
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.simulated import OWN
 from cardan.drivers.spacemouse.core import SpaceMouseCore
-from cardan.drivers.spacemouse.notices import Doubt, Lapse, Restart
 from cardan.drivers.spacemouse.options import SpaceMouseOptions
-from cardan.drivers.spacemouse.serial_port import SerialTransport
-from cardan.drivers.spacemouse.serial_session import device_model
 from cardan.drivers.spacemouse.transports import (
     HidCandidate,
     Link,
-    Reading,
     SocketTransport,
     Transport,
     hid_transport,
@@ -37,7 +33,6 @@ from cardan.protocols.connexion import (
     full_scale_of,
     model_by_key,
 )
-from cardan.protocols.connexion_serial import serial_model_by_key
 from cardan.sockets import absence
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
@@ -69,10 +64,10 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
     """
 
     Options = SpaceMouseOptions
-    summary = "3Dconnexion mice: USB, receivers, serial"
+    summary = "3Dconnexion mice: USB, receivers"
     page = "spacemouse.md"
     peer = "spacemouse"
-    simulated = ({"transport": ("socket", "serial"), "path": OWN},)
+    simulated = ({"transport": ("socket",), "path": OWN},)
     gives = "six deflections, buttons"
     takes_back = "light"
     suits = "rate, base frame"
@@ -99,9 +94,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         super().__init__(options, **keywords)
         options = self.options
         self._model: Model | None = None
-        if options.model and options.transport == "serial":
-            self._model = device_model(serial_model_by_key(options.model))
-        elif options.model:
+        if options.model:
             self._model = model_by_key(options.model)
         self._core = SpaceMouseCore(options, self._model)
         self._transports = tuple(self._usual_transports() if transports is None else transports)
@@ -113,10 +106,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     @classmethod
     def find(cls) -> list[base.FoundDevice]:
-        """The HID devices that are plugged in; where hidapi shows none, those that raw USB does.
-
-        Serial ports cannot be asked without disturbing what is there, so none of them is here.
-        """
+        """The HID devices that are plugged in; where hidapi shows none, those that raw USB does."""
         rows = []
         try:
             found = list_devices()
@@ -147,8 +137,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
     def open(self) -> None:
         """Open the device and start to read it.
 
-        Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set. At a
-        serial port this takes up to some seconds, until the device has started and answered.
+        Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set.
         """
         if not self._opened:
             self._led_wanted = {"keep": None, "on": True, "off": False}[self.options.led]
@@ -202,8 +191,6 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
 
     @property
     def _may_have_led(self) -> bool:
-        if self.options.transport == "serial":
-            return False
         return self._model is None or self._model.led
 
     # -- finding and opening -------------------------------------------------------------------
@@ -214,9 +201,6 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
             return hid_transports()
         if options.transport == "socket":
             return (SocketTransport(options.path, self._model),)
-        if options.transport == "serial":
-            model = serial_model_by_key(options.model) if options.model else None
-            return (SerialTransport(options.path, model, lambda: self._stop.is_set()),)
         if options.transport == "usb":
             return (UsbTransport(),)
         return (hid_transport(options.transport),)
@@ -252,7 +236,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         if not links:
             return False
         descriptor = links[0].descriptor()
-        model = links[0].model or group[0].model
+        model = group[0].model
         self._opened_s = now_s = time.monotonic()
         with self._lock:
             self._links = links
@@ -261,7 +245,6 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
                 now_s,
                 model,
                 full_scale_of(descriptor) if descriptor else None,
-                links[0].period_s,
             )
         self._led_shown = None
         return True
@@ -281,8 +264,6 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         options = self.options
         if options.transport == "socket":
             return f"{absence(options.path)}: start the simulated device first"
-        if options.transport == "serial":
-            return f"{absence(options.path, 'serial port')}: check the adapter and its name"
         wanted = such(options, "path", "model", "serial", "port", "slot")
         return f"no 3Dconnexion device{wanted} is plugged in; `cardan devices` lists what there is"
 
@@ -321,7 +302,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
                 self._links.remove(link)
                 link.close()
                 continue
-            if isinstance(report, bytes) and report[0] in SPEAKING_IDS:
+            if report and report[0] in SPEAKING_IDS:
                 for other in self._links:
                     if other is not link:
                         other.close()
@@ -330,18 +311,12 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
                 self._notify()
                 return
 
-    def _take(self, report: Reading) -> None:
+    def _take(self, report: bytes) -> None:
         now_s = time.monotonic()
-        if (tap := self.tap) is not None and isinstance(report, bytes):
+        if (tap := self.tap) is not None:
             tap(report, False, "")
         with self._lock:
-            if isinstance(report, bytes):
-                self._core.on_report(report, now_s)
-            elif isinstance(report, (Doubt, Lapse, Restart)):
-                self._core.on_notice(report, now_s)
-                self._opened_s = now_s
-            else:
-                self._core.on_value(report, now_s)
+            self._core.on_report(report, now_s)
 
     def _show_led(self, link: Link) -> None:
         """Bring the LED to what is wanted; a Compact's goes off only after it was switched on."""

@@ -1,6 +1,6 @@
 """Ways to a device's reports: hidapi's back ends, and a socket for simulated devices.
 
-Raw USB is in :mod:`.usb`, serial ports are in :mod:`.serial_port`.
+Raw USB is in :mod:`.usb`.
 """
 
 from __future__ import annotations
@@ -14,13 +14,10 @@ from typing import NamedTuple
 from cardan.drivers.access import refusal
 from cardan.drivers.hid import HidDevice, load_hid
 from cardan.drivers.packet_socket import PacketSocket, open_simulated
-from cardan.drivers.spacemouse.core import REPORT_PERIOD_S
-from cardan.drivers.spacemouse.notices import Notice
 from cardan.errors import DeviceAccessError
 from cardan.protocols.connexion import (
     CONNEXION,
     LOGITECH,
-    InputReport,
     Model,
     find_model,
     is_candidate,
@@ -47,21 +44,12 @@ class HidCandidate(NamedTuple):
     """USB port ("1-2.3"), which stays the same until it is replugged; empty: not known."""
 
 
-Reading = bytes | InputReport | Notice
-"""A HID report of its true length, a decoded one, or a change of the device's condition."""
-
-
 class Link(ABC):
     """An open device. All methods but close() raise OSError once it is gone."""
 
-    model: Model | None = None
-    """What it has turned out to be, where opening it shows that."""
-    period_s: float = REPORT_PERIOD_S
-    """Period of reports while deflected."""
-
     @abstractmethod
-    def read(self, timeout_s: float) -> Reading | None:
-        """The oldest waiting input report; None when none comes in time.
+    def read(self, timeout_s: float) -> bytes | None:
+        """The oldest waiting input report, of its true length; None when none comes in time.
 
         A `timeout_s` of 0 does not wait.
         """

@@ -321,8 +321,8 @@ class SpnavCore(DeviceCore):
             words.append(
                 f"the daemon's device is a {self.device_name} at a serial port, of which spacenavd "
                 "(but not `cardan spnav`) drops motion that does not change: the arm brakes while "
-                'the hand is steady. End spacenavd, and set driver = "spacemouse", transport = '
-                '"serial" and path = the port'
+                "the hand is steady. End spacenavd, install the plug-in cardan-serial-mice, and "
+                'set driver = "spacemouse_serial" and path = the port'
             )
         if self._open and self._version == 0:
             words.append(

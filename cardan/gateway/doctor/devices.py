@@ -27,8 +27,8 @@ INSTALL_RULES: Final = (
     "plug the device in again"
 )
 
-THREE_D_DRIVERS: Final = frozenset({"spacemouse"})
-"""Drivers whose devices spacenavd takes for itself."""
+THREE_D_DRIVERS: Final = frozenset({"spacemouse", "spacemouse_serial"})
+"""Drivers whose devices spacenavd takes for itself; the second is a plug-in's."""
 
 
 def judge_devices(found: Sequence[FoundDevice], wanted: Iterable[Used]) -> Iterator[Finding]:

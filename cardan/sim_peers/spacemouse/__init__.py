@@ -18,10 +18,3 @@ from cardan.sim_peers.spacemouse.peer import (
     SpaceMousePeer as SpaceMousePeer,
     SpaceMousePeerOptions as SpaceMousePeerOptions,
 )
-from cardan.sim_peers.spacemouse.serial_core import (
-    SimulatedSerialPuck as SimulatedSerialPuck,
-    simulated_serial_puck as simulated_serial_puck,
-)
-from cardan.sim_peers.spacemouse.serial_line import (
-    SERIAL_FAULTS as SERIAL_FAULTS,
-)

@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
-from cardan.sim_peers.base import FaultSwitch
 from cardan.sim_peers.command import PeerCommand
 from cardan.sim_peers.spacemouse.faults import FAULTS
 from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS
 from cardan.sim_peers.spacemouse.peer import SpaceMousePeer, SpaceMousePeerOptions
-from cardan.sim_peers.spacemouse.serial_line import SERIAL_FAULTS
 
 
 class SpaceMouse(PeerCommand[SpaceMousePeerOptions]):
-    """A 3Dconnexion device, USB (HID reports) or serial, moved by a script or by the keyboard."""
+    """A 3Dconnexion device (HID reports), moved by a script or by the keyboard."""
 
     Options, Peer = SpaceMousePeerOptions, SpaceMousePeer
     page = "simulated-devices.md"
     speaks = (
         "[HID reports](protocols/3dconnexion-hid.md), one per packet of a Unix socket, by "
-        "uhid or USB/IP; [serial packets](protocols/3dconnexion-serial.md) on a "
-        "pseudo-terminal"
+        "uhid or USB/IP"
     )
     epilog = "Prints READY and where it is once it can be opened."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
-
-    @classmethod
-    def faults_with(cls, given: Mapping[str, Any]) -> Sequence[FaultSwitch]:
-        return SERIAL_FAULTS if given["serial"] else FAULTS

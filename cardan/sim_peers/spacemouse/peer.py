@@ -1,4 +1,4 @@
-"""Serves a simulated 3Dconnexion device: on a socket, a serial port, by uhid or over USB/IP."""
+"""Serves a simulated 3Dconnexion device: on a socket, by uhid or over USB/IP."""
 
 from __future__ import annotations
 
@@ -8,16 +8,14 @@ import selectors
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 from cardan import bounds
 from cardan.errors import ConfigurationError, OptionError, ScriptError
 from cardan.protocols.connexion import CONNEXION, MODELS, model_by_key
 from cardan.protocols.connexion.descriptors import descriptor_for
-from cardan.protocols.connexion_serial import SERIAL_MODELS, serial_model_by_key
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.carriers.base import Carrier
-from cardan.sim_peers.carriers.pseudo_terminal import PseudoTerminal
 from cardan.sim_peers.carriers.uhid import (
     BUS_BLUETOOTH,
     BUS_USB,
@@ -37,13 +35,10 @@ from cardan.sim_peers.spacemouse.keyboard import (
     Terminal,
     status_line,
 )
-from cardan.sim_peers.spacemouse.serial_core import SimulatedSerialPuck, simulated_serial_puck
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 
 STATUS_PERIOD_S = 0.1
 """Period at which the user's status line is drawn."""
-SCRIPT_DELAY_S = 1.0
-"""From the host's start of a serial device to the script's: the host is to find the cap at rest."""
 BLUETOOTH_MODELS = frozenset({"spacemouse-wireless-bt", "spacemouse-pro-wireless-bt"})
 """Models that need no cable and no receiver."""
 UNFIT_FAULTS: Mapping[str, Mapping[str, str]] = {
@@ -61,36 +56,34 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpaceMousePeerOptions(NodeOptions):
-    """What to simulate, who moves it, and which one of the four carriers opens it."""
+class PuckPeerOptions(NodeOptions):
+    """Who moves a device that has a cap."""
 
-    model: str = option(
-        "",
-        "Which device; see --list-models. Default: spacenavigator, magellan if serial.",
-        metavar="NAME",
-        listed=[
-            *(
-                (model.key, f"{model.vendor_id:04x}:{model.product_id:04x}  {model.name}")
-                for model in MODELS
-            ),
-            *((model.key, f"serial     {model.name}") for model in SERIAL_MODELS),
-        ],
-    )
     keyboard: bool = option(False, "Move it with this terminal's keys.")
     """Instead of the script."""
+    jitter_lsb: Annotated[int, bounds.NOISE_COUNTS] = 1
+    """Noise on every axis while deflected, counts."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpaceMousePeerOptions(PuckPeerOptions):
+    """What to simulate, who moves it, and which one of the three carriers opens it."""
+
+    model: str = option(
+        "spacenavigator",
+        "Which device; see --list-models.",
+        metavar="NAME",
+        listed=[
+            (model.key, f"{model.vendor_id:04x}:{model.product_id:04x}  {model.name}")
+            for model in MODELS
+        ],
+    )
     hid: str = option("", "Unix seqpacket socket: each packet one raw HID report.", metavar="PATH")
-    serial: str = option("", "A serial port: a link to a pseudo-terminal.", metavar="LINK")
-    """The script starts `SCRIPT_DELAY_S` after a program has first started the device."""
     uhid: bool = option(False, "A HID device of this machine's kernel (/dev/uhid).")
     usbip: Annotated[int, bounds.ANY_PORT] | None = option(
         None, "A USB device by USB/IP at this port of 127.0.0.1; 0: any.", metavar="PORT"
     )
     """The tool ``usbip`` expects 3240 unless told otherwise."""
-    jitter_lsb: Annotated[int, bounds.NOISE_COUNTS] = 1
-    """Noise on every axis while deflected, counts."""
-    boot_s: Annotated[float, bounds.NOT_NEGATIVE] | None = None
-    """Start-up time of a serial device: from power, which the open port gives, to the first command
-    that it receives; None: as long as one of its kind takes."""
     uhid_path: str = UHID_PATH
     """The kernel's file."""
     physical_path: str = "cardan/uhid"
@@ -101,31 +94,33 @@ class SpaceMousePeerOptions(NodeOptions):
     """What the host calls the device that it attaches over USB/IP."""
 
 
-class SpaceMousePeer(HandPeer[Puck, bytes]):
-    """A simulated 3Dconnexion device, moved by a script or by the keyboard.
+P = TypeVar("P", bound=Puck)
 
-    Raises ConfigurationError unless exactly one carrier is given, OptionError for a model that does
-    not exist, ScriptError for a script or fault that does not exist or does not fit.
+
+class PuckPeer(HandPeer[P, bytes]):
+    """A simulated device with a cap, moved by a script, which begins at `script_s` of the device's
+    time, or by the keyboard.
+
+    Raises ScriptError for a script that does not exist or does not fit.
     """
 
-    def __init__(self, options: SpaceMousePeerOptions) -> None:
-        device, carrier = (_serial if _carrier_option(options) == "--serial" else _hid)(options)
+    def __init__(
+        self,
+        device: P,
+        carrier: Carrier[bytes],
+        options: PuckPeerOptions,
+        *,
+        script_s: float = 0.0,
+    ) -> None:
         self._keys: KeyboardHand | None = None
         self._terminal: Terminal | None = None
-        self._waiting: tuple[SimulatedSerialPuck, ScriptedHand] | None = None
-        """The device and the script that wait for a host."""
         hand: KeyboardHand | ScriptedHand
         if options.keyboard:
             hand = self._keys = KeyboardHand()
             self._terminal = Terminal()
         else:
             steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
-            if isinstance(device, SimulatedSerialPuck) and options.start_on_connect:
-                hand = ScriptedHand(steps, device.model, start_s=math.inf)
-                device.faults_from_s = math.inf
-                self._waiting = device, hand
-            else:
-                hand = ScriptedHand(steps, device.model)
+            hand = ScriptedHand(steps, device.model, start_s=script_s)
         super().__init__(device, hand, carrier, options)
         self._led = device.led
         self._status = ""
@@ -154,11 +149,6 @@ class SpaceMousePeer(HandPeer[Puck, bytes]):
         if self.device.led != self._led:
             self._led = self.device.led
             _log.info("LED %s", "on" if self._led else "off")
-        if self._waiting is not None and self._waiting[0].host_began:
-            device, script = self._waiting
-            self._waiting = None
-            device.faults_from_s = self.device_s() + SCRIPT_DELAY_S
-            script.start(device.faults_from_s)
         if now_s >= self._status_due_s:
             self._status_due_s = now_s + STATUS_PERIOD_S
             self._draw_status()
@@ -184,11 +174,21 @@ class SpaceMousePeer(HandPeer[Puck, bytes]):
             sys.stdout.flush()
 
 
+class SpaceMousePeer(PuckPeer[SimulatedSpaceMouse]):
+    """A simulated 3Dconnexion device with HID reports.
+
+    Raises ConfigurationError unless exactly one carrier is given, OptionError for a model that does
+    not exist, ScriptError for a script or fault that does not exist or does not fit.
+    """
+
+    def __init__(self, options: SpaceMousePeerOptions) -> None:
+        super().__init__(*_made(options), options)
+
+
 def _carrier_option(options: SpaceMousePeerOptions) -> str:
     """The one way to open the device that is given. Raises ConfigurationError."""
     ways = {
         "--hid": bool(options.hid),
-        "--serial": bool(options.serial),
         "--uhid": options.uhid,
         "--usbip": options.usbip is not None,
     }
@@ -199,33 +199,15 @@ def _carrier_option(options: SpaceMousePeerOptions) -> str:
     return given[0]
 
 
-def _serial(options: SpaceMousePeerOptions) -> tuple[SimulatedSerialPuck, Carrier[bytes]]:
-    """A serial device, and its port."""
-    key = options.model or "magellan"
+def _made(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, Carrier[bytes]]:
+    """The device, and what carries its reports."""
+    carrier = _carrier_option(options)
     try:
-        model = serial_model_by_key(key)
-    except KeyError:
-        allowed = f"one of {', '.join(model.key for model in SERIAL_MODELS)}"
-        raise OptionError("model", key, allowed) from None
-    device = simulated_serial_puck(
-        model,
-        faults=options.faults,
-        jitter_lsb=options.jitter_lsb,
-        seed=options.seed,
-        boot_s=options.boot_s,
-    )
-    return device, PseudoTerminal(options.serial, device, options.mode)
-
-
-def _hid(options: SpaceMousePeerOptions) -> tuple[SimulatedSpaceMouse, Carrier[bytes]]:
-    """A device with HID reports, and what carries them."""
-    key = options.model or "spacenavigator"
-    try:
-        model = model_by_key(key)
+        model = model_by_key(options.model)
     except KeyError:
         allowed = f"one of {', '.join(model.key for model in MODELS)}"
-        raise OptionError("model", key, allowed) from None
-    for name, why in UNFIT_FAULTS.get(_carrier_option(options), {}).items():
+        raise OptionError("model", options.model, allowed) from None
+    for name, why in UNFIT_FAULTS.get(carrier, {}).items():
         if name in options.faults:
             raise ScriptError(f"fault {name}: {why}")
     device = SimulatedSpaceMouse(

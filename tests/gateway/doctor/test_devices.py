@@ -65,7 +65,7 @@ def test_nodes_that_files_name():
 def test_a_file_that_names_a_node(tmp_path):
     file = tmp_path / "mouse.toml"
     file.write_text(
-        '[device]\ndriver = "spacemouse"\ntransport = "serial"\npath = "/dev/ttyNONE7"\n'
+        '[device]\ndriver = "spacemouse_serial"\npath = "/dev/ttyNONE7"\n'
         '[robot]\ndriver = "abb_egm"\n'
     )
     layout, wrong = read_files([file])

@@ -133,13 +133,13 @@ GP8_PORTS = 'ports = ["robot.motion_port", "robot.state_port", "robot.io_port"]'
             (
                 (LAUNCH, FILES),
                 MOUSE.replace("socket", transport) + ARM,
-                f"device.transport: '{transport}' may reach hardware; it must be 'socket' or",
+                f"device.transport: '{transport}' may reach hardware; it must be 'socket'",
             )
             for transport in ("auto", "hidraw", "libusb", "usb")
         ),
         (
             (LAUNCH,),
-            MOUSE.replace('"socket"', '"serial"') + ARM,
+            '[device]\ndriver = "spacemouse_serial"\npath = "mouse.sock"\n' + ARM,
             "device.path: 'mouse.sock' may reach hardware",
         ),
         *(
@@ -211,7 +211,7 @@ def test_what_may_reach_hardware_is_refused(tmp_path, block, tables, words):
         ("sim spacemouse --uhid", "--uhid makes a device of this computer"),
         ("sim abb-gofa --to gofa:6510", "--to=gofa:6510 is not an address of this computer only"),
         ("sim motoman-gp8 --host 0.0.0.0", "--host=0.0.0.0 is not an address of this computer"),
-        ("sim spacemouse --serial /dev/ttyUSB0", "is a device of this computer"),
+        ("sim spacemouse-serial --port /dev/ttyUSB0", "is a device of this computer"),
         ("spnav --socket x", "spnav serves {examples}/FILE"),
         ("spnav {examples}/spacemouse-gofa.toml", "spnav serves {examples}/FILE, and needs"),
     ],

@@ -12,7 +12,6 @@ from cardan.gateway.spnav import (
     identity_of,
 )
 from cardan.protocols.connexion import MODELS, model_by_key
-from cardan.protocols.connexion_serial import SERIAL_MODELS
 from cardan.protocols.spnav import (
     DEVICE_TYPES,
     Button,
@@ -23,6 +22,8 @@ from cardan.protocols.spnav import (
     encode_request,
 )
 from cardan.types import ButtonEvent, DeviceLink, DeviceState
+from cardan_serial_mice.driver import SpaceMouseSerial
+from cardan_serial_mice.protocol import SERIAL_MODELS
 
 UNTOLD = {
     "lipari",
@@ -39,8 +40,7 @@ def usb_mouse(model):
 
 
 def serial_mouse(model):
-    options = SpaceMouseOptions(transport="serial", path="/dev/ttyS0", model=model.key)
-    return SpaceMouse(options)
+    return SpaceMouseSerial(model=model.key)
 
 
 def counts_of(axes, identity, full_scale=None):

@@ -1,0 +1,1 @@
+"""Six-axis devices at a serial port, for Cardan: Magellan, Spaceball and SpaceOrb."""

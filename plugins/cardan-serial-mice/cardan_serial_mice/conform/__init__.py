@@ -1,0 +1,1 @@
+"""What serial six-axis devices are judged by."""

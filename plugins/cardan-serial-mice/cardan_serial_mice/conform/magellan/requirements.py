@@ -1,0 +1,213 @@
+"""What a serial device that speaks Magellan's protocol must do."""
+
+from __future__ import annotations
+
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.errors import ExtraMissingError
+from cardan_serial_mice.conform.magellan.pilot import UNKNOWN
+from cardan_serial_mice.conform.magellan.seen import MagellanSeen
+from cardan_serial_mice.conform.puck import judges
+from cardan_serial_mice.protocol import (
+    MagellanCompressedMotion,
+    MagellanError,
+    MagellanVersion,
+)
+from cardan_serial_mice.protocol.magellan import (
+    EXTENDED_COMPRESSED,
+    MODE_3D,
+    QUERY_EXTENDED,
+    QUERY_KEYS,
+    QUERY_VERSION,
+)
+
+MANUAL = "LogiCad3D, Magellan programmer's manual"
+KERNEL = f"{MANUAL}; Linux drivers/input/joystick/magellan.c"
+SPACENAVD = "FreeSpacenav spacenavd, src/serial"
+RATE = f"{MANUAL}: periods of (n + 1) 20 ms; 58 ms were measured"
+
+FASTEST_S, SLOWEST_S = 0.018, 0.075
+"""Of a Turbo model, and of the default setting p22 with a tolerance."""
+SILENT_S = 0.2
+VERSION_WITHIN_S = 0.25
+MOST_COUNTS = 512
+
+requires: Requirements[MagellanSeen] = Requirements("MAG")
+
+
+@requires(1, "the system's serial driver")
+def it_can_be_opened(seen: MagellanSeen) -> Verdict:
+    """The port can be opened."""
+    return judges.opened(seen)
+
+
+@requires(2, f"{MANUAL}: mode 3 is the default")
+def deflection_is_reported(seen: MagellanSeen) -> Verdict:
+    """Deflected, it sends motion packets without having been told to."""
+    return judges.reported(seen)
+
+
+@requires(3, KERNEL)
+def packets_are_whole(seen: MagellanSeen) -> Verdict:
+    """Every packet has a known letter, its length, and no byte or sum that cannot be."""
+    return judges.whole(seen)
+
+
+@requires(4, RATE)
+def the_rate_is_a_magellans(seen: MagellanSeen) -> Verdict:
+    """Held deflected, it sends a packet every 18 to 75 ms."""
+    return judges.rate(seen, FASTEST_S, SLOWEST_S)
+
+
+@requires(5, f"{MANUAL}: data are sent periodically while they are not zero")
+def deflection_is_never_silent(seen: MagellanSeen) -> Verdict:
+    """Held deflected, it is never silent for more than 0.2 s."""
+    return judges.silent(seen, SILENT_S)
+
+
+@requires(6, f"{MANUAL}: one zero packet, then silence")
+def the_last_value_is_zero(seen: MagellanSeen) -> Verdict:
+    """Let go, it sends zero on all axes, once or twice, as the last of the motion."""
+    return judges.ends_with_zero(seen)
+
+
+@requires(7, f"{MANUAL}: one zero packet, then silence")
+def rest_is_silent(seen: MagellanSeen) -> Verdict:
+    """Let go, it then sends nothing."""
+    return judges.silent_at_rest(seen)
+
+
+@requires(8, "+-360 (Linux) to +-512 at the default sensitivity")
+def counts_are_in_range(seen: MagellanSeen) -> Verdict:
+    """At the default sensitivity no axis goes beyond +-512."""
+    return judges.in_range(seen, MOST_COUNTS, MOST_COUNTS)
+
+
+@requires(9, f"{MANUAL}: X right, Y up, Z towards the operator; right-handed")
+def axes_have_their_signs(seen: MagellanSeen) -> Verdict:
+    """Pushed to the right X is positive and the largest; twisted clockwise B is negative and the
+    largest."""
+    return judges.signs(seen)
+
+
+@requires(10, f"{MANUAL}, k")
+def buttons_are_told(seen: MagellanSeen) -> Verdict:
+    """A button that is pressed is told, and again when it is let go."""
+    return judges.buttons(seen)
+
+
+@requires(11, "the system's serial driver")
+def it_stays(seen: MagellanSeen) -> Verdict:
+    """The port does not go while it is used."""
+    return judges.stays(seen)
+
+
+@requires(12, "cardan.dissect: a second description of the protocol")
+def both_descriptions_agree(seen: MagellanSeen) -> Verdict:
+    """A second reader, the scapy layers, sees packets where the first one does."""
+    try:
+        from cardan_serial_mice.dissect import Broken, MagellanPacket
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
+    return judges.read_twice(
+        seen, judges.lines, lambda line: isinstance(MagellanPacket(line), Broken)
+    )
+
+
+# -- level 1: asked -------------------------------------------------------------------------------
+
+
+@requires(101, f"{SPACENAVD}: it waits a quarter of a second for the version")
+def the_version_is_told(seen: MagellanSeen) -> Verdict:
+    """vQ is answered with a version within 0.25 s."""
+    found = seen.told(QUERY_VERSION)
+    if found is None:
+        return not_seen("it was not asked")
+    if found.answer is None or not isinstance(found.answer.value, MagellanVersion):
+        return failed("no version came", [found.number])
+    after_ms = (found.answer.time_s - found.time_s) * 1e3
+    said = f"{found.answer.value.text!r} complete after {after_ms:.0f} ms"
+    # The line itself takes 1.1 ms a byte.
+    first_ms = after_ms - 1.2 * len(found.answer.value.text)
+    if first_ms > VERSION_WITHIN_S * 1e3:
+        return failed(said, [found.answer.number], first_ms, "ms")
+    return passed(said, max(0.0, first_ms), "ms")
+
+
+@requires(102, f"{MANUAL}: a command that sets something is echoed")
+def settings_are_echoed(seen: MagellanSeen) -> Verdict:
+    """m3 and c33 are echoed."""
+    found = [seen.told(command) for command in (MODE_3D, EXTENDED_COMPRESSED)]
+    asked = [each for each in found if each is not None]
+    if not asked:
+        return not_seen("nothing was set")
+    wrong = [
+        each.number
+        for each in asked
+        if each.answer is None or getattr(each.answer.value, "command", b"") != each.command
+    ]
+    return failed("no such echo", wrong) if wrong else passed("both")
+
+
+@requires(103, f"{MANUAL}, kQ")
+def keys_can_be_asked_for(seen: MagellanSeen) -> Verdict:
+    """kQ is answered with the keys, of which none is down."""
+    found = seen.told(QUERY_KEYS)
+    if found is None:
+        return not_seen("it was not asked")
+    mask = getattr(found.answer.value, "mask", None) if found.answer else None
+    if mask is None:
+        return failed("no keys came", [found.number])
+    return passed("none is down") if not mask else failed(f"mask {mask:#x}", [found.number])
+
+
+@requires(104, f"{MANUAL}, e: 1 is an illegal command")
+def unknown_commands_are_refused(seen: MagellanSeen) -> Verdict:
+    """What is no command is answered with an error."""
+    if seen.told(UNKNOWN) is None:
+        return not_seen("none was sent")
+    found = [each.value for each in seen.during("ask") if isinstance(each.value, MagellanError)]
+    return passed(f"error {found[0].code}") if found else failed("no error came")
+
+
+@requires(105, f"{MANUAL}, c: compressed data with a checksum")
+def motion_is_compressed(seen: MagellanSeen) -> Verdict:
+    """After c33 motion comes compressed."""
+    found = seen.motions("push-again")
+    told = seen.told(EXTENDED_COMPRESSED)
+    if told is None or told.answer is None or not found:
+        return not_seen("no motion came after it")
+    wrong = [e.number for e in found if not isinstance(e.value, MagellanCompressedMotion)]
+    if wrong:
+        return failed(f"{len(wrong)} of {len(found)} did not", wrong)
+    return passed(f"{len(found)} packets")
+
+
+@requires(106, f"{MANUAL}, cQ")
+def settings_last(seen: MagellanSeen) -> Verdict:
+    """What was set is still so later: cQ is answered c33."""
+    set_, found = seen.told(EXTENDED_COMPRESSED), seen.told(QUERY_EXTENDED)
+    if set_ is None or found is None or set_.answer is None:
+        return not_seen("nothing was set")
+    said = getattr(found.answer.value, "command", b"") if found.answer else b""
+    if said == EXTENDED_COMPRESSED:
+        return passed("c33")
+    return failed(f"answered {said.decode('ascii', 'replace')!r}", [found.number])
+
+
+@requires(107, f"{MANUAL}, d")
+def it_reports_again(seen: MagellanSeen) -> Verdict:
+    """After it was set up it reports motion as before."""
+    return judges.reported_again(seen)
+
+
+@requires(301, "the system's serial driver")
+def unplugging_is_told(seen: MagellanSeen) -> Verdict:
+    """Its port unplugged, the system says that it is gone, and nothing more comes."""
+    return judges.unplugged(seen)

@@ -1,0 +1,53 @@
+"""The suite of a serial device that speaks Magellan's protocol."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from cardan.conform.conduct import Conduct
+from cardan.conform.requirements import Level
+from cardan.conform.suite import Suite, Transport
+from cardan.conform.timeline import Timeline
+from cardan.conform.wires import SerialLine, Wires
+from cardan.sim_peers.base import FaultSwitch
+from cardan_serial_mice.conform.magellan.pilot import MagellanPilot
+from cardan_serial_mice.conform.magellan.requirements import requires
+from cardan_serial_mice.conform.magellan.seen import MagellanSeen, MagellanTongue
+from cardan_serial_mice.conform.puck.rig import PuckRig
+from cardan_serial_mice.peer.line import SERIAL_FAULTS
+from cardan_serial_mice.protocol.magellan import BAUD
+
+
+class Magellan(Suite[MagellanSeen]):
+    """A Magellan SpaceMouse, a CadMan or a Spaceball 5000 on a serial line."""
+
+    name = "magellan"
+    judges = "the device"
+    speaks = "Magellan's serial packets, 9600 baud"
+    target = "the serial port of the device, as /dev/ttyUSB0"
+    peer = "spacemouse-serial"
+    requirements = requires.all()
+    transport = Transport("other")
+    seconds = 1.2
+    # While it is held deflected; between two commands; more than any sensitivity's default gives.
+    tried_with: ClassVar[Mapping[str, float]] = {
+        "silence": 1.5,
+        "power-loss": 6.5,
+        "overrange": 1.5,
+    }
+
+    def see(self, timeline: Timeline) -> MagellanSeen:
+        return MagellanSeen(timeline, MagellanTongue())
+
+    def pilot(self, level: Level, seconds: float) -> MagellanPilot:
+        return MagellanPilot(level, seconds)
+
+    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+        PuckRig("magellan", conduct, faults, seed).run()
+
+    def wires(self, target: str) -> Wires:
+        return SerialLine(target, BAUD, stop_bits=2)
+
+    def switches(self) -> tuple[FaultSwitch, ...]:
+        return SERIAL_FAULTS

@@ -1,0 +1,193 @@
+"""Judges that any serial six-axis device can have."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from cardan.conform.requirements import Verdict, failed, not_seen, passed
+from cardan.conform.silences import never_silent
+from cardan_serial_mice.conform.puck.seen import Asked, PuckSeen
+
+HELD = ("push-held", "twist-held")
+NOTHING = "no packets came"
+Seen = PuckSeen[Any]
+
+
+def opened(seen: Seen) -> Verdict:
+    """The port can be opened."""
+    return failed("it was refused", seen.refused) if seen.refused else passed("opened")
+
+
+def reported(seen: Seen) -> Verdict:
+    """Deflected, it sends motion."""
+    if seen.refused or seen.phase("push-held") is None:
+        return not_seen("it was never deflected")
+    found = [each for each in seen.motions("push", "push-held") if any(each.counts)]
+    return passed(f"{len(found)} packets") if found else failed("none came")
+
+
+def reported_again(seen: Seen) -> Verdict:
+    """After it was asked it reports motion as before."""
+    if seen.phase("push-again") is None or seen.refused:
+        return not_seen("it was not asked")
+    found = [each for each in seen.motions("push-again") if any(each.counts)]
+    return passed(f"{len(found)} packets") if found else failed("none came")
+
+
+def whole(seen: Seen) -> Verdict:
+    """No packet is malformed."""
+    if not seen.packets:
+        return not_seen(NOTHING)
+    wrong = [
+        (each.number, f"{chr(each.value.letter)!r} {each.value.reason}")
+        for each in seen.packets
+        if each.is_malformed
+    ]
+    if wrong:
+        words = f"{len(wrong)} of {len(seen.packets)}: {wrong[0][1]}"
+        return failed(words, (n for n, _ in wrong))
+    return passed(f"{len(seen.packets)} packets")
+
+
+def rate(seen: Seen, fastest_s: float, slowest_s: float) -> Verdict:
+    """Held deflected, its mean period lies between these."""
+    periods = []
+    for name in HELD:
+        found = seen.motions(name)
+        if len(found) > 3:
+            periods.append((found[-1].time_s - found[0].time_s) / (len(found) - 1))
+    if not periods:
+        return not_seen(NOTHING)
+    worst = max(periods)
+    said = f"{worst * 1e3:.0f} ms"
+    good = min(periods) >= fastest_s and worst <= slowest_s
+    return passed(said, worst * 1e3, "ms") if good else failed(said)
+
+
+def silent(seen: Seen, most_s: float) -> Verdict:
+    """Held deflected, it is never silent for longer."""
+    return never_silent(((seen.phase(name), seen.motions(name)) for name in HELD), most_s)
+
+
+def ends_with_zero(seen: Seen) -> Verdict:
+    """The last packet of each motion is zero on all axes."""
+    wrong, count = [], 0
+    for name in ("push", "twist"):
+        found = seen.motions(f"{name}-held", f"{name}-over")
+        if not any(any(each.counts) for each in found):
+            continue
+        count += 1
+        if any(found[-1].counts):
+            wrong.append(found[-1].number)
+    if wrong:
+        return failed("the last one is not zero", wrong)
+    return passed(f"{count} motions") if count else not_seen("it was never deflected")
+
+
+def silent_at_rest(seen: Seen) -> Verdict:
+    """Let go, it sends no motion."""
+    if seen.phase("push-rest") is None or not seen.packets:
+        return not_seen("it was never let go")
+    talks = [each.number for each in seen.motions("rest", "push-rest", "twist-rest")]
+    return failed(f"{len(talks)} packets at rest", talks) if talks else passed("silent")
+
+
+def in_range(seen: Seen, most: int, most_rotation: int) -> Verdict:
+    """No axis goes beyond these counts."""
+    found = [each for each in seen.packets if each.counts]
+    if not found:
+        return not_seen(NOTHING)
+    moved = max(abs(count) for each in found for count in each.counts[:3])
+    turned = max(abs(count) for each in found for count in each.counts[3:])
+    wrong = [
+        each.number
+        for each in found
+        if max(map(abs, each.counts[:3])) > most or max(map(abs, each.counts[3:])) > most_rotation
+    ]
+    said = f"{moved} and {turned} counts at most"
+    return failed(said, wrong) if wrong else passed(said)
+
+
+def signs(seen: Seen) -> Verdict:
+    """Pushed to the right X is positive and the largest; twisted clockwise B is negative and the
+    largest of the rotations."""
+    push, twist = (
+        [each.counts for each in seen.motions(name)] for name in ("push-held", "twist-held")
+    )
+    if not push or not twist:
+        return not_seen("it was not pushed and twisted")
+    one, other = _mean(push), _mean(twist)
+    said = f"X {one[0]:.0f}, B {other[4]:.0f} counts"
+    # Translations and rotations may have scales of their own.
+    good = one[0] == max(one[:3], key=abs) > 0 and other[4] == max(other[3:], key=abs) < 0
+    return passed(said) if good else failed(said)
+
+
+def _mean(rows: Sequence[tuple[int, ...]]) -> list[float]:
+    return [sum(axis) / len(rows) for axis in zip(*rows, strict=True)]
+
+
+def buttons(seen: Seen) -> Verdict:
+    """A button that is pressed is told, and again when it is let go."""
+    if seen.phase("release") is None or seen.refused:
+        return not_seen("none was pressed")
+    down, up = seen.keys("press"), seen.keys("release")
+    if not down or not down[-1]:
+        return failed("pressing was not told")
+    if down[-1] & (down[-1] - 1):
+        return failed("two are told")
+    if not up:
+        return failed("letting go was not told")
+    return passed("pressed and let go") if not up[-1] else failed("it stays down")
+
+
+def stays(seen: Seen) -> Verdict:
+    """The port does not go while it is used."""
+    hand = seen.phase("unplug")
+    wrong = [index for index in seen.lost if hand is None or index < hand.first]
+    if seen.refused:
+        return not_seen("it was never opened")
+    return failed("it went", wrong) if wrong else passed("it stayed")
+
+
+def unplugged(seen: Seen) -> Verdict:
+    """Its port unplugged, the system says that it is gone, and nothing more comes."""
+    phase = seen.phase("unplug")
+    gone = [] if phase is None else [index for index in seen.lost if index >= phase.first]
+    if not gone:
+        return not_seen("it was not unplugged, or its port stays without it")
+    after = [each.number for each in seen.packets if each.number > gone[0]]
+    return failed("packets come from what is gone", after) if after else passed("told")
+
+
+def answered(asked: Asked[Any] | None, within_s: float) -> Verdict:
+    """A command has its answer within that time."""
+    if asked is None:
+        return not_seen("it was not asked")
+    if asked.answer is None:
+        return failed("no answer", [asked.number])
+    after_ms = (asked.answer.time_s - asked.time_s) * 1e3
+    said = f"after {after_ms:.0f} ms"
+    if after_ms > within_s * 1e3:
+        return failed(said, [asked.answer.number], after_ms, "ms")
+    return passed(said, after_ms, "ms")
+
+
+def lines(stream: bytes) -> list[bytes]:
+    """Whole packets of a stream, where each ends with CR."""
+    return [each + b"\r" for each in stream.split(b"\r")[:-1] if each]
+
+
+def read_twice(
+    seen: Seen, cut: Callable[[bytes], list[bytes]], is_broken: Callable[[bytes], bool]
+) -> Verdict:
+    """A second reader, which cuts the stream and knows what is broken, agrees with the first."""
+    pieces = cut(seen.stream)
+    if not pieces:
+        return not_seen(NOTHING)
+    broken = sum(map(is_broken, pieces))
+    known = [each.number for each in seen.packets if each.is_malformed]
+    if broken != len(known):
+        return failed(f"{broken} are broken to one, {len(known)} to the other", known)
+    return passed(f"{len(pieces)} packets read twice")

@@ -1,0 +1,127 @@
+"""What judges of a serial six-axis device look at: its packets, decoded once."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan_serial_mice.protocol import Malformed
+
+V = TypeVar("V")
+
+
+class Reader(Protocol[V]):
+    """Cuts a device's stream into packets."""
+
+    def feed(self, data: bytes) -> list[V]: ...
+
+
+@dataclass(frozen=True)
+class Packet(Generic[V]):
+    """A packet of the device."""
+
+    number: int
+    """Of the event that completed it."""
+    time_s: float
+    value: V
+    counts: tuple[int, ...]
+    """Of a motion; else empty."""
+    mask: int | None
+    """Of keys, those that are down."""
+
+    @property
+    def is_malformed(self) -> bool:
+        """Whether it is no packet."""
+        return isinstance(self.value, Malformed)
+
+
+@dataclass(frozen=True)
+class Asked(Generic[V]):
+    """A command of ours, and the first packet after it that answers it."""
+
+    number: int
+    time_s: float
+    command: bytes
+    answer: Packet[V] | None
+
+
+class Tongue(ABC, Generic[V]):
+    """What the packets of one protocol mean."""
+
+    @abstractmethod
+    def reader(self) -> Reader[V]:
+        """A new reader of a device's stream."""
+
+    @abstractmethod
+    def counts(self, value: V) -> tuple[int, ...]:
+        """Six counts of a motion; none of another packet."""
+
+    @abstractmethod
+    def mask(self, value: V) -> int | None:
+        """The keys that are down, of a packet that tells them."""
+
+    @abstractmethod
+    def answers(self, value: V, command: bytes) -> bool:
+        """Whether it may be the answer to a command."""
+
+
+class PuckSeen(Generic[V]):
+    """The packets of a timeline."""
+
+    def __init__(self, timeline: Timeline, tongue: Tongue[V]) -> None:
+        self.phases = timeline.phases()
+        self.packets: list[Packet[V]] = []
+        self.stream = b""
+        """All that came."""
+        self.lost: list[int] = []
+        self.refused: list[int] = []
+        self._tongue = tongue
+        reader = tongue.reader()
+        commands: list[tuple[int, float, bytes]] = []
+        for index, event in enumerate(timeline):
+            if event.kind is Kind.CLOSED and not event.sent:
+                self.lost.append(index)
+            elif event.kind is Kind.REFUSED:
+                self.refused.append(index)
+            elif event.kind is not Kind.DATA:
+                continue
+            elif event.sent:
+                commands.append((index, event.time_s, event.data.strip(b"\r")))
+            else:
+                self.stream += event.data
+                self.packets += [
+                    Packet(index, event.time_s, value, tongue.counts(value), tongue.mask(value))
+                    for value in reader.feed(event.data)
+                ]
+        self.asked = [
+            Asked(index, time_s, command, self._answer(index, command))
+            for index, time_s, command in commands
+            if command
+        ]
+
+    def _answer(self, index: int, command: bytes) -> Packet[V] | None:
+        later = (each for each in self.packets if each.number > index)
+        return next((e for e in later if self._tongue.answers(e.value, command)), None)
+
+    def told(self, command: bytes) -> Asked[V] | None:
+        """The first command of these bytes."""
+        return next((each for each in self.asked if each.command == command), None)
+
+    def phase(self, name: str) -> Phase | None:
+        """The phase of that name, if the pilot came to it."""
+        return self.phases.get(name)
+
+    def during(self, *names: str) -> list[Packet[V]]:
+        """The packets of these phases."""
+        found = [self.phases[name] for name in names if name in self.phases]
+        return [r for r in self.packets if any(p.first <= r.number < p.end for p in found)]
+
+    def motions(self, *names: str) -> list[Packet[V]]:
+        """Those with axes."""
+        return [each for each in self.during(*names) if each.counts]
+
+    def keys(self, *names: str) -> list[int]:
+        """The masks that were told in these phases."""
+        return [each.mask for each in self.during(*names) if each.mask is not None]

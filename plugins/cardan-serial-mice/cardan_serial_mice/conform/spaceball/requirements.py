@@ -1,0 +1,279 @@
+"""What a Spaceball on its serial line must do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+from statistics import median
+
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.errors import ExtraMissingError
+from cardan_serial_mice.conform.puck import judges
+from cardan_serial_mice.conform.spaceball.tongue import UNKNOWN, BallSeen
+from cardan_serial_mice.protocol import (
+    SpaceballAdvancedKeys,
+    SpaceballError,
+    SpaceballKeys,
+    SpaceballMotion,
+    SpaceballReset,
+    model_of_firmware,
+)
+from cardan_serial_mice.protocol.spaceball import (
+    BINARY,
+    PERIOD_UNIT_S,
+    QUERY_KEYS,
+    RATE_20_HZ,
+    RESET,
+    SEND_VECTORS,
+    XOFF,
+    XON,
+)
+
+HOSTS = "VRPN, Linux spaceball.c and inputattach (docs/protocols/3dconnexion-serial.md)"
+SPACENAVD = "FreeSpacenav spacenavd, src/serial"
+KERNEL = "Linux drivers/input/joystick/spaceball.c"
+
+FASTEST_S, SLOWEST_S = 0.045, 0.060
+SILENT_S = 0.2
+MOST_COUNTS, MOST_TURN_COUNTS = 10_000, 2000
+"""A quarter more than Linux's driver takes for a full deflection at 20 Hz."""
+RESET_WITHIN_S, ANSWER_S = 2.0, 0.25
+PERIOD_SHARE, PERIOD_S = 0.1, 0.1
+STEADY_SHARE, STEADY_COUNTS = 0.25, 400
+
+requires: Requirements[BallSeen] = Requirements("BALL")
+
+
+@requires(1, "the system's serial driver")
+def it_can_be_opened(seen: BallSeen) -> Verdict:
+    """The port can be opened."""
+    return judges.opened(seen)
+
+
+def _lines(seen: BallSeen, *phases: str) -> list[tuple[int, str]]:
+    found = seen.during(*phases) if phases else seen.packets
+    return [(e.number, e.value.text) for e in found if isinstance(e.value, SpaceballReset)]
+
+
+def _banner(lines: Iterable[tuple[int, str]]) -> Verdict:
+    texts = [text for _, text in lines]
+    if not any(text.startswith("1") for text in texts):
+        return failed("nothing came")
+    firmware = [text for text in texts if text.startswith("2")]
+    if not firmware:
+        return failed("it does not name its firmware")
+    model = model_of_firmware(firmware[0])
+    return failed(repr(firmware[0])) if model is None else passed(model.name)
+
+
+@requires(2, f"{SPACENAVD}: @1 and @2")
+def it_says_what_it_is(seen: BallSeen) -> Verdict:
+    """Within 2 s of power it says that it is alive, and names a firmware that is known."""
+    return not_seen("it was never opened") if seen.refused else _banner(_lines(seen, "rest"))
+
+
+@requires(3, f"{SPACENAVD}: @1 and @2")
+def it_starts_once(seen: BallSeen) -> Verdict:
+    """It starts with its power and with a reset, and at no other time."""
+    asked = {number for number, _ in _lines(seen, "rest", "reset")}
+    found = [number for number, _ in _lines(seen)]
+    if not found:
+        return not_seen("it never said that it has started")
+    wrong = [number for number in found if number not in asked]
+    return failed(f"{len(wrong)} lines come unasked", wrong) if wrong else passed("once")
+
+
+@requires(4, f"{HOSTS}: a letter, data with escapes, and CR")
+def packets_are_whole(seen: BallSeen) -> Verdict:
+    """Every packet has a known letter, its length, and escapes that there are."""
+    return judges.whole(seen)
+
+
+@requires(5, f"{HOSTS}: no ball data without M")
+def it_waits_to_be_told(seen: BallSeen) -> Verdict:
+    """Before it is told to, it sends no motion."""
+    if not seen.packets:
+        return not_seen(judges.NOTHING)
+    found = [each.number for each in seen.motions("rest", "press", "release", "reset")]
+    return failed(f"{len(found)} packets", found) if found else passed("none")
+
+
+@requires(6, f"{HOSTS}: K, and . of a 4000 FLX")
+def buttons_are_told(seen: BallSeen) -> Verdict:
+    """A button that is pressed is told, alone, and again when it is let go."""
+    return judges.buttons(seen)
+
+
+@requires(7, "the system's serial driver")
+def it_stays(seen: BallSeen) -> Verdict:
+    """The port does not go while it is used."""
+    return judges.stays(seen)
+
+
+@requires(8, "cardan.dissect: a second description of the protocol")
+def both_descriptions_agree(seen: BallSeen) -> Verdict:
+    """A second reader, the scapy layers, finds as many broken packets as the first one."""
+    try:
+        from cardan_serial_mice.dissect import Broken, SpaceballPacket
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
+    return judges.read_twice(
+        seen, _pieces, lambda piece: isinstance(SpaceballPacket(piece), Broken)
+    )
+
+
+def _pieces(stream: bytes) -> list[bytes]:
+    return judges.lines(stream.translate(None, bytes((XON, XOFF, 0x0A))))
+
+
+@requires(9, f"{HOSTS}: bytes of keys carry bit 6")
+def bytes_of_keys_are_marked(seen: BallSeen) -> Verdict:
+    """Both bytes of every packet of keys have bit 6."""
+    found = [
+        (each.number, each.value)
+        for each in seen.packets
+        if isinstance(each.value, (SpaceballKeys, SpaceballAdvancedKeys))
+    ]
+    wrong = [number for number, keys in found if not keys.high & keys.low & 0x40]
+    if not found:
+        return not_seen("no keys were told")
+    return failed(f"{len(wrong)} of {len(found)}", wrong) if wrong else passed(f"{len(found)}")
+
+
+# -- level 1: asked -------------------------------------------------------------------------------
+
+
+@requires(101, f"{SPACENAVD}: it waits 2 s for @1")
+def it_can_be_reset(seen: BallSeen) -> Verdict:
+    """Reset, it says within 2 s what it is."""
+    if seen.told(RESET) is None:
+        return not_seen("it was not reset")
+    said = _banner(_lines(seen, "reset"))
+    within = judges.answered(seen.told(RESET), RESET_WITHIN_S)
+    return said if said.outcome.value == "failed" else within
+
+
+@requires(102, f"{HOSTS}: a command that sets something is echoed")
+def settings_are_echoed(seen: BallSeen) -> Verdict:
+    """CB, P and M are echoed within 0.25 s."""
+    asked = [seen.told(command) for command in (BINARY, RATE_20_HZ, SEND_VECTORS)]
+    verdicts = [judges.answered(each, ANSWER_S) for each in asked]
+    return next((each for each in verdicts if each.outcome.value == "failed"), verdicts[-1])
+
+
+@requires(103, f"{HOSTS}: k")
+def keys_can_be_asked_for(seen: BallSeen) -> Verdict:
+    """k is answered within 0.25 s with the keys, of which none is down."""
+    asked = seen.told(QUERY_KEYS)
+    if asked is not None and asked.answer is not None and asked.answer.mask:
+        return failed(f"mask {asked.answer.mask:#x}", [asked.answer.number])
+    return judges.answered(asked, ANSWER_S)
+
+
+@requires(104, f"{HOSTS}: ?")
+def unknown_commands_are_refused(seen: BallSeen) -> Verdict:
+    """What is no command is answered with ? within 0.25 s, and nothing else is."""
+    told = seen.told(UNKNOWN)
+    if told is None:
+        return not_seen("none was sent")
+    early = [
+        each.number
+        for each in seen.packets
+        if isinstance(each.value, SpaceballError) and each.number < told.number
+    ]
+    return failed("it refuses others, too", early) if early else judges.answered(told, ANSWER_S)
+
+
+@requires(105, f"{HOSTS}: D while it is deflected")
+def deflection_is_reported(seen: BallSeen) -> Verdict:
+    """Told to, it sends motion while it is deflected."""
+    return judges.reported(seen)
+
+
+@requires(106, f"{HOSTS}: P@r@r is 50 ms")
+def the_rate_is_what_was_set(seen: BallSeen) -> Verdict:
+    """Held deflected, it sends a packet every 45 to 60 ms."""
+    return judges.rate(seen, FASTEST_S, SLOWEST_S)
+
+
+@requires(107, f"{HOSTS}: D while it is deflected")
+def deflection_is_never_silent(seen: BallSeen) -> Verdict:
+    """Held deflected, it is never silent for more than 0.2 s."""
+    return judges.silent(seen, SILENT_S)
+
+
+@requires(108, f"{HOSTS}: zero, then none")
+def the_last_value_is_zero(seen: BallSeen) -> Verdict:
+    """Let go, it sends zero on all axes as the last of the motion."""
+    return judges.ends_with_zero(seen)
+
+
+@requires(109, f"{HOSTS}: zero, then none")
+def rest_is_silent(seen: BallSeen) -> Verdict:
+    """Let go, it then sends no motion."""
+    return judges.silent_at_rest(seen)
+
+
+@requires(110, f"{KERNEL}: +-8000 and +-1600")
+def counts_are_in_range(seen: BallSeen) -> Verdict:
+    """At 20 Hz no translation goes beyond +-10000 counts, and no rotation beyond +-2000."""
+    return judges.in_range(seen, MOST_COUNTS, MOST_TURN_COUNTS)
+
+
+@requires(111, f"{HOSTS}: X right, Y up, Z away; rotations about them by the right hand")
+def axes_have_their_signs(seen: BallSeen) -> Verdict:
+    """Pushed to the right X is positive and the largest translation; twisted clockwise the rotation
+    about Y is negative and the largest."""
+    return judges.signs(seen)
+
+
+@requires(112, f"{HOSTS}: the period in sixteenths of a millisecond")
+def periods_are_those_of_motion(seen: BallSeen) -> Verdict:
+    """The periods that motions tell add up to the time between them, to 10 %, and none is off by
+    more than 0.1 s."""
+    told_s, took_s, wrong = 0.0, 0.0, []
+    for name in judges.HELD:
+        for one, other in pairwise(seen.motions(name)):
+            assert isinstance(other.value, SpaceballMotion)
+            period_s, between_s = PERIOD_UNIT_S * other.value.period, other.time_s - one.time_s
+            told_s, took_s = told_s + period_s, took_s + between_s
+            if abs(period_s - between_s) > PERIOD_S:
+                wrong.append(other.number)
+    if wrong:
+        return failed(f"{len(wrong)} are off", wrong)
+    if not took_s:
+        return not_seen(judges.NOTHING)
+    said = f"{100.0 * told_s / took_s:.0f} % of the time"
+    return passed(said) if abs(told_s / took_s - 1.0) < PERIOD_SHARE else failed(said)
+
+
+@requires(113, "packets have no checksum: what is mangled shows as a leap")
+def a_steady_hand_is_steady(seen: BallSeen) -> Verdict:
+    """Held steadily, no axis leaps by a quarter of its size, or 400 counts where that is more."""
+    wrong, count = [], 0
+    for name in judges.HELD:
+        found = seen.motions(name)
+        count += len(found)
+        if not found:
+            continue
+        middles = [median(axis) for axis in zip(*(each.counts for each in found), strict=True)]
+        for each in found:
+            off = zip(each.counts, middles, strict=True)
+            if any(abs(c - m) > max(STEADY_COUNTS, STEADY_SHARE * abs(m)) for c, m in off):
+                wrong.append(each.number)
+    if wrong:
+        return failed(f"{len(wrong)} of {count} leap", wrong)
+    return passed(f"{count} packets") if count else not_seen(judges.NOTHING)
+
+
+@requires(301, "the system's serial driver")
+def unplugging_is_told(seen: BallSeen) -> Verdict:
+    """Its port unplugged, the system says that it is gone, and nothing more comes."""
+    return judges.unplugged(seen)

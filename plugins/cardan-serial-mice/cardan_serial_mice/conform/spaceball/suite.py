@@ -1,0 +1,49 @@
+"""The suite of a Spaceball on its serial line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from cardan.conform.conduct import Conduct
+from cardan.conform.requirements import Level
+from cardan.conform.suite import Suite, Transport
+from cardan.conform.timeline import Timeline
+from cardan.conform.wires import SerialLine, Wires
+from cardan.sim_peers.base import FaultSwitch
+from cardan_serial_mice.conform.puck.rig import PuckRig
+from cardan_serial_mice.conform.spaceball.pilot import SpaceballPilot
+from cardan_serial_mice.conform.spaceball.requirements import requires
+from cardan_serial_mice.conform.spaceball.tongue import BallSeen, BallTongue
+from cardan_serial_mice.peer.line import SERIAL_FAULTS
+from cardan_serial_mice.protocol.spaceball import BAUD
+
+
+class Spaceball(Suite[BallSeen]):
+    """A Spaceball 1003, 2003, 3003 or 4000 FLX. A Spaceball 5000 speaks as a Magellan."""
+
+    name = "spaceball"
+    judges = "the device"
+    speaks = "the Spaceball's serial packets, 9600 baud"
+    target = "the serial port of the device, as /dev/ttyUSB0"
+    peer = "spacemouse-serial"
+    requirements = requires.all()
+    transport = Transport("other")
+    seconds = 1.2
+    # While it is held deflected; more than the range has over.
+    tried_with: ClassVar[Mapping[str, float]] = {"power-loss": 4.5, "overrange": 1.5}
+
+    def see(self, timeline: Timeline) -> BallSeen:
+        return BallSeen(timeline, BallTongue())
+
+    def pilot(self, level: Level, seconds: float) -> SpaceballPilot:
+        return SpaceballPilot(level, seconds)
+
+    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+        PuckRig("spaceball-2003", conduct, faults, seed).run()
+
+    def wires(self, target: str) -> Wires:
+        return SerialLine(target, BAUD)
+
+    def switches(self) -> tuple[FaultSwitch, ...]:
+        return SERIAL_FAULTS

@@ -1,0 +1,210 @@
+"""What a SpaceOrb 360 on its serial line must do."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+from cardan.conform.requirements import (
+    Requirements,
+    Verdict,
+    failed,
+    not_applicable,
+    not_seen,
+    passed,
+)
+from cardan.errors import ExtraMissingError
+from cardan_serial_mice.conform.puck import judges
+from cardan_serial_mice.conform.spaceorb.tongue import NULL_REGION, POLL, OrbSeen
+from cardan_serial_mice.protocol import OrbError, OrbKeys, OrbReset, OrbText
+from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
+
+KERNEL = "Linux drivers/input/joystick/spaceorb.c"
+CAPTURES = (
+    "published descriptions and captures of the SpaceOrb (docs/protocols/3dconnexion-serial.md)"
+)
+
+FASTEST_S, SLOWEST_S = 0.028, 0.040
+SILENT_S = 0.2
+MOST_COUNTS = 510
+"""508 of Linux's driver, and the noise of a held cap."""
+BEAT_S = 1.3 * HEARTBEAT_S
+ANSWER_S = 0.25
+
+requires: Requirements[OrbSeen] = Requirements("ORB")
+
+
+@requires(1, "the system's serial driver")
+def it_can_be_opened(seen: OrbSeen) -> Verdict:
+    """The port can be opened."""
+    return judges.opened(seen)
+
+
+@requires(2, f"{CAPTURES}: R, a second after power")
+def it_says_what_it_is(seen: OrbSeen) -> Verdict:
+    """Within 2 s of power it says what it is, and names itself a Spaceball."""
+    if seen.refused:
+        return not_seen("it was never opened")
+    found = [e for e in seen.during("rest") if isinstance(e.value, OrbReset)]
+    if not found or not isinstance(found[0].value, OrbReset):
+        return failed("nothing came")
+    said = found[0].value.text
+    return passed(repr(said)) if "paceball" in said else failed(repr(said), [found[0].number])
+
+
+@requires(3, f"{CAPTURES}: R, a second after power")
+def it_starts_once(seen: OrbSeen) -> Verdict:
+    """It starts once, and not anew while it is used."""
+    found = [each.number for each in seen.packets if isinstance(each.value, OrbReset)]
+    if not found:
+        return not_seen("it never said that it has started")
+    return failed(f"{len(found)} times", found[1:]) if len(found) > 1 else passed("once")
+
+
+@requires(4, f"{KERNEL}; {CAPTURES}: data with bit 7 set, and a checksum")
+def packets_are_whole(seen: OrbSeen) -> Verdict:
+    """Every packet has a known letter, its length, and a right checksum."""
+    return judges.whole(seen)
+
+
+@requires(5, f"{CAPTURES}: K once a second and more")
+def it_says_that_it_is_there(seen: OrbSeen) -> Verdict:
+    """At rest it tells its buttons every 1.3 s and more often."""
+    phase = seen.phase("beats")
+    if phase is None or seen.refused:
+        return not_seen("it was never opened")
+    found = [e.time_s for e in seen.during("beats") if isinstance(e.value, OrbKeys)]
+    times = [phase.start_s, *found, phase.end_s]
+    longest = max(b - a for a, b in pairwise(times))
+    said = f"{longest:.2f} s at most"
+    return passed(said, longest, "s") if longest <= BEAT_S else failed(said, (), longest, "s")
+
+
+@requires(6, KERNEL)
+def it_is_well(seen: OrbSeen) -> Verdict:
+    """It tells of no error."""
+    found = [each.number for each in seen.packets if isinstance(each.value, OrbError)]
+    if not seen.packets:
+        return not_seen(judges.NOTHING)
+    return failed(f"{len(found)} times", found) if found else passed("none")
+
+
+@requires(7, f"{CAPTURES}: D while it is deflected")
+def deflection_is_reported(seen: OrbSeen) -> Verdict:
+    """Deflected, it sends motion without having been told to."""
+    return judges.reported(seen)
+
+
+@requires(8, f"{CAPTURES}: 33 ms")
+def the_rate_is_an_orbs(seen: OrbSeen) -> Verdict:
+    """Held deflected, it sends a packet every 28 to 40 ms."""
+    return judges.rate(seen, FASTEST_S, SLOWEST_S)
+
+
+@requires(9, f"{CAPTURES}: D while it is deflected")
+def deflection_is_never_silent(seen: OrbSeen) -> Verdict:
+    """Held deflected, it is never silent for more than 0.2 s."""
+    return judges.silent(seen, SILENT_S)
+
+
+@requires(10, f"{CAPTURES}: one zero packet, then none")
+def the_last_value_is_zero(seen: OrbSeen) -> Verdict:
+    """Let go, it sends zero on all axes as the last of the motion."""
+    return judges.ends_with_zero(seen)
+
+
+@requires(11, f"{CAPTURES}: one zero packet, then none")
+def rest_is_silent(seen: OrbSeen) -> Verdict:
+    """Let go, it then sends no motion."""
+    return judges.silent_at_rest(seen)
+
+
+@requires(12, f"{KERNEL}: +-508")
+def counts_are_in_range(seen: OrbSeen) -> Verdict:
+    """No axis goes beyond +-510."""
+    return judges.in_range(seen, MOST_COUNTS, MOST_COUNTS)
+
+
+@requires(13, f"{CAPTURES}: X right, Y up, Z towards the operator; right-handed")
+def axes_have_their_signs(seen: OrbSeen) -> Verdict:
+    """Pushed to the right X is positive and the largest translation; twisted clockwise the rotation
+    about Y is negative and the largest."""
+    return judges.signs(seen)
+
+
+@requires(14, f"{CAPTURES}, K")
+def buttons_are_told(seen: OrbSeen) -> Verdict:
+    """A button that is pressed is told, alone, and again when it is let go."""
+    return judges.buttons(seen)
+
+
+@requires(15, "the system's serial driver")
+def it_stays(seen: OrbSeen) -> Verdict:
+    """The port does not go while it is used."""
+    return judges.stays(seen)
+
+
+@requires(16, "cardan.dissect: a second description of the protocol")
+def both_descriptions_agree(seen: OrbSeen) -> Verdict:
+    """A second reader, the scapy layers, finds as many broken packets as the first one."""
+    try:
+        from cardan_serial_mice.dissect import Broken, SpaceOrbPacket
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
+    return judges.read_twice(seen, _pieces, lambda piece: isinstance(SpaceOrbPacket(piece), Broken))
+
+
+def _pieces(stream: bytes) -> list[bytes]:
+    """Packets of a stream: a letter, and what has bit 7 set; of the last one, which may not be
+    whole, there is none."""
+    pieces: list[bytearray] = []
+    for byte in stream:
+        if byte < 0x80 or not pieces:
+            pieces.append(bytearray())
+        if byte != 0x0D:
+            pieces[-1].append(byte)
+    return [bytes(each) for each in pieces[:-1] if each]
+
+
+# -- level 1: asked -------------------------------------------------------------------------------
+
+
+@requires(101, f"{CAPTURES}: ?")
+def it_can_be_asked_what_it_is(seen: OrbSeen) -> Verdict:
+    """? is answered within 0.25 s, with two packets of information."""
+    asked = seen.told(QUERY)
+    verdict = judges.answered(asked, ANSWER_S)
+    found = [
+        each.value
+        for each in seen.during("ask")
+        if isinstance(each.value, OrbText) and each.value.letter == ord("!")
+    ]
+    if asked is not None and asked.answer is not None and len(found) != 2:
+        return failed(f"{len(found)} packets", [asked.number])
+    return verdict
+
+
+@requires(102, f"{CAPTURES}: n")
+def the_null_region_can_be_asked_for(seen: OrbSeen) -> Verdict:
+    """n is answered with the null region within 0.25 s."""
+    return judges.answered(seen.told(NULL_REGION), ANSWER_S)
+
+
+@requires(103, f"{CAPTURES}: d")
+def motion_can_be_asked_for(seen: OrbSeen) -> Verdict:
+    """d is answered with a motion within 0.25 s, which is zero at rest."""
+    asked = seen.told(POLL)
+    if asked is not None and asked.answer is not None and any(asked.answer.counts):
+        return failed(f"{asked.answer.counts}", [asked.answer.number])
+    return judges.answered(asked, ANSWER_S)
+
+
+@requires(104, f"{CAPTURES}: D while it is deflected")
+def it_reports_again(seen: OrbSeen) -> Verdict:
+    """After it was asked it reports motion as before."""
+    return judges.reported_again(seen)
+
+
+@requires(301, "the system's serial driver")
+def unplugging_is_told(seen: OrbSeen) -> Verdict:
+    """Its port unplugged, the system says that it is gone, and nothing more comes."""
+    return judges.unplugged(seen)

@@ -1,0 +1,49 @@
+"""The suite of a SpaceOrb 360 on its serial line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from cardan.conform.conduct import Conduct
+from cardan.conform.requirements import Level
+from cardan.conform.suite import Suite, Transport
+from cardan.conform.timeline import Timeline
+from cardan.conform.wires import SerialLine, Wires
+from cardan.sim_peers.base import FaultSwitch
+from cardan_serial_mice.conform.puck.rig import PuckRig
+from cardan_serial_mice.conform.spaceorb.pilot import SpaceOrbPilot
+from cardan_serial_mice.conform.spaceorb.requirements import requires
+from cardan_serial_mice.conform.spaceorb.tongue import OrbSeen, OrbTongue
+from cardan_serial_mice.peer.line import SERIAL_FAULTS
+from cardan_serial_mice.protocol.spaceorb import BAUD
+
+
+class SpaceOrb(Suite[OrbSeen]):
+    """A SpaceOrb 360, or a Spaceball Avenger, which speaks the same."""
+
+    name = "spaceorb"
+    judges = "the device"
+    speaks = "the SpaceOrb's serial packets, 9600 baud"
+    target = "the serial port of the device, as /dev/ttyUSB0"
+    peer = "spacemouse-serial"
+    requirements = requires.all()
+    transport = Transport("other")
+    seconds = 1.2
+    # When it has started.
+    tried_with: ClassVar[Mapping[str, float]] = {"power-loss": 5.5}
+
+    def see(self, timeline: Timeline) -> OrbSeen:
+        return OrbSeen(timeline, OrbTongue())
+
+    def pilot(self, level: Level, seconds: float) -> SpaceOrbPilot:
+        return SpaceOrbPilot(level, seconds)
+
+    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+        PuckRig("spaceorb", conduct, faults, seed).run()
+
+    def wires(self, target: str) -> Wires:
+        return SerialLine(target, BAUD)
+
+    def switches(self) -> tuple[FaultSwitch, ...]:
+        return SERIAL_FAULTS

@@ -1,0 +1,30 @@
+"""What can be set about the driver of serial devices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from cardan.drivers.spacemouse.options import MouseOptions
+from cardan.options import require_each
+from cardan_serial_mice.protocol import SERIAL_MODELS
+
+_KEYS = tuple(model.key for model in SERIAL_MODELS)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpaceMouseSerialOptions(MouseOptions):
+    """Options of :class:`SpaceMouseSerial`. Raises OptionError for a value that is not allowed."""
+
+    path: str = "/dev/ttyUSB0"
+    """The serial port."""
+    model: str = ""
+    """Key of the model that is there ("spaceball-4000"). Empty: whatever answers."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        good = not self.model or self.model in _KEYS
+        require_each(
+            self,
+            ("path", self.path, "the path of the serial port"),
+            ("model", good, f"empty or one of {', '.join(_KEYS)}"),
+        )

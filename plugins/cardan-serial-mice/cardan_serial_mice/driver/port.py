@@ -1,0 +1,96 @@
+"""An open serial port with a device at it."""
+
+from __future__ import annotations
+
+import errno
+import time
+from collections import deque
+from collections.abc import Callable
+
+from cardan.drivers.serial_port import WAIT_S, SerialPort
+from cardan.errors import DeviceAccessError
+from cardan.protocols.connexion import InputReport, Model
+from cardan_serial_mice.driver.notices import Notice
+from cardan_serial_mice.driver.session import SerialSession, device_model
+from cardan_serial_mice.protocol import SerialModel
+
+BAUD = 9600
+STOP_BITS = 2
+"""Suits devices of one stop bit, too."""
+
+Reading = InputReport | Notice
+"""A report, or a change of the device's condition."""
+
+
+class SerialLink:
+    """An open serial port and the conversation with the device there."""
+
+    model: Model
+    """What has answered."""
+    period_s: float
+    """Period of reports while deflected."""
+
+    def __init__(self, port: SerialPort, session: SerialSession) -> None:
+        self._port = port
+        self._session = session
+        self._waiting: deque[Reading] = deque()
+
+    @classmethod
+    def open(cls, path: str, model: SerialModel | None, stopping: Callable[[], bool]) -> SerialLink:
+        """Open the port, find out what is there (`model` None: whatever answers) and start it.
+
+        `stopping` is asked meanwhile, which takes up to some seconds. Raises DeviceAccessError or
+        DeviceNotFoundError that says what to do.
+        """
+        port = SerialPort(path, BAUD, stop_bits=STOP_BITS)
+        link = cls(port, SerialSession(model, time.monotonic()))
+        try:
+            link._start(stopping)
+        except OSError as error:
+            link.close()
+            raise DeviceAccessError(f"{path}: {error.strerror or error}") from None
+        except BaseException:
+            link.close()
+            raise
+        return link
+
+    def _start(self, stopping: Callable[[], bool]) -> None:
+        """Find out what is there and start it. Raises OSError when nothing answers."""
+        session = self._session
+        while not session.running:
+            self._converse(WAIT_S)
+            if not session.running:
+                self._waiting.clear()  # from before it had its settings
+            if stopping():
+                raise OSError(errno.EINTR, "closed while the device was being started")
+        assert session.model is not None
+        self.model = device_model(session.model)
+        self.period_s = session.model.period_s
+
+    def read(self, timeout_s: float) -> Reading | None:
+        """The oldest waiting report; None when none comes in time. Raises OSError once the device
+        is gone. A `timeout_s` of 0 does not wait."""
+        if not self._waiting:
+            self._converse(timeout_s)
+        return self._waiting.popleft() if self._waiting else None
+
+    def close(self) -> None:
+        """Close the port, which takes the device's power. Never raises."""
+        self._port.close()
+
+    def _converse(self, timeout_s: float) -> None:
+        """Send what is due, and take what comes soon; of a `timeout_s` of 0, what is there.
+
+        Raises OSError.
+        """
+        session = self._session
+        if words := session.send(time.monotonic()):
+            self._port.write(words)
+        data = self._port.read(wait=timeout_s > 0.0)
+        now_s = time.monotonic()
+        reports = session.receive(data, now_s) if data else ()
+        # A lapse comes first: what was reported before it is gone.
+        self._waiting.extend(session.notices(now_s))
+        self._waiting.extend(reports)
+        if reason := session.failure(now_s):
+            raise OSError(errno.ENODEV, reason)

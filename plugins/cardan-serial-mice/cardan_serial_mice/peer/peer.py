@@ -1,0 +1,82 @@
+"""Serves a simulated serial device at a pseudo-terminal."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+from cardan import bounds
+from cardan.errors import ConfigurationError, OptionError
+from cardan.sim_peers.carriers.pseudo_terminal import PseudoTerminal
+from cardan.sim_peers.command import option
+from cardan.sim_peers.spacemouse import ScriptedHand
+from cardan.sim_peers.spacemouse.peer import PuckPeer, PuckPeerOptions
+from cardan_serial_mice.peer.core import SimulatedSerialPuck, simulated_serial_puck
+from cardan_serial_mice.protocol import SERIAL_MODELS, serial_model_by_key
+
+SCRIPT_DELAY_S = 1.0
+"""From the host's start of the device to the script's: the host is to find the cap at rest."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SerialPuckPeerOptions(PuckPeerOptions):
+    """What to simulate, who moves it, and where its port is.
+
+    The script starts `SCRIPT_DELAY_S` after a program has first started the device.
+    """
+
+    model: str = option(
+        "magellan",
+        "Which device; see --list-models.",
+        metavar="NAME",
+        listed=[(model.key, model.name) for model in SERIAL_MODELS],
+    )
+    port: str = option("", "Its serial port: a link to a pseudo-terminal.", metavar="LINK")
+    boot_s: Annotated[float, bounds.NOT_NEGATIVE] | None = None
+    """Start-up time: from power, which the open port gives, to the first command that it receives;
+    None: as long as one of its kind takes."""
+
+
+class SerialPuckPeer(PuckPeer[SimulatedSerialPuck]):
+    """A simulated serial device, moved by a script or by the keyboard.
+
+    Raises ConfigurationError without a port, OptionError for a model that does not exist,
+    ScriptError for a script or fault that does not exist or does not fit.
+    """
+
+    def __init__(self, options: SerialPuckPeerOptions) -> None:
+        if not options.port:
+            raise ConfigurationError("port", "give the path at which its port is to be")
+        try:
+            model = serial_model_by_key(options.model)
+        except KeyError:
+            allowed = f"one of {', '.join(model.key for model in SERIAL_MODELS)}"
+            raise OptionError("model", options.model, allowed) from None
+        device = simulated_serial_puck(
+            model,
+            faults=options.faults,
+            jitter_lsb=options.jitter_lsb,
+            seed=options.seed,
+            boot_s=options.boot_s,
+        )
+        waits = options.start_on_connect and not options.keyboard
+        super().__init__(
+            device,
+            PseudoTerminal(options.port, device, options.mode),
+            options,
+            script_s=math.inf if waits else 0.0,
+        )
+        self._waits = waits
+        """The script waits for a host."""
+        if waits:
+            device.faults_from_s = math.inf
+
+    def _follow(self, now_s: float) -> None:
+        super()._follow(now_s)
+        if self._waits and self.device.host_began:
+            self._waits = False
+            self.device.faults_from_s = self.device_s() + SCRIPT_DELAY_S
+            # Tests put a hand of their own in its place.
+            if isinstance(self.hand, ScriptedHand):
+                self.hand.start(self.device.faults_from_s)

@@ -1,0 +1,94 @@
+"""The serial devices against every way to lose one, as tests/test_device_faults.py has all others:
+neutral in time, and no way back but by a neutral state. The table of the README is of this."""
+
+from pathlib import Path
+
+import pytest
+
+from cardan.drivers.spacemouse.core import SLOW_STALE_AFTER_S
+from serial_bench import REST, Bench
+from tests.test_device_faults import (
+    HALF,
+    Subject,
+    cases,
+    check_neutral_in_time_and_only_neutral_leads_back,
+    table,
+)
+
+README = Path(__file__).parents[1] / "README.md"
+
+
+class Serial(Subject):
+    """A packet each 33 to 60 ms. Below 0.1 s, two periods of a Spaceball would be a silence, so
+    this is when the core gives it up, and a look sees it."""
+
+    step_s = 0.004
+    within_s = SLOW_STALE_AFTER_S + step_s
+    key = ""
+
+    def __init__(self):
+        super().__init__()
+        self.rig = Bench(self.key)
+        self.rig.live()
+        self.button = next(iter(self.rig.puck.model.buttons.values()))
+        genuine = self.rig.puck.reports
+
+        def reports(now_s):
+            passed = [self.passed(portion, now_s) for portion in genuine(now_s)]
+            return [portion for portion in passed if portion]
+
+        self.rig.puck.reports = reports
+
+    def deflect(self):
+        self.rig.puck.press(self.button)
+        self.rig.run(0.5, HALF)
+
+    def let_go(self):
+        self.rig.puck.release(self.button)
+        self.rig.run(0.5, REST)
+
+    def unplug(self):
+        self.rig.puck.unplug()
+        self.rig.run(self.step_s)
+
+    def replug(self):
+        self.rig.puck.replug()
+
+
+class Magellan(Serial):
+    name = "Magellan, serial"
+    key = "magellan"
+
+
+class Spaceball2003(Serial):
+    name = "Spaceball 2003, serial"
+    key = "spaceball-2003"
+
+
+class Spaceball3003(Serial):
+    name = "Spaceball 3003, serial"
+    key = "spaceball-3003"
+
+
+class Spaceball4000(Serial):
+    name = "Spaceball 4000 FLX, serial"
+    key = "spaceball-4000"
+
+
+class SpaceOrb(Serial):
+    name = "SpaceOrb 360, serial"
+    key = "spaceorb"
+
+
+SUBJECTS = (Magellan, Spaceball2003, Spaceball3003, Spaceball4000, SpaceOrb)
+
+
+@pytest.mark.matrix
+@pytest.mark.parametrize(("kind", "fault"), cases(SUBJECTS))
+def test_neutral_in_time_and_only_neutral_leads_back(kind, fault):
+    check_neutral_in_time_and_only_neutral_leads_back(kind, fault)
+
+
+@pytest.mark.matrix
+def test_the_table_of_the_readme_is_current():
+    assert table(SUBJECTS) in README.read_text(encoding="utf-8")
