@@ -90,7 +90,7 @@ RUN = {
     r"cardan evaluate --compare": "studies/tests/test_command.py::test_two_reports_are_compared",
     r"cardan evaluate": "studies/tests/test_command.py::test_a_study_becomes_a_report_with_pictures",
     r"cardan force": "tests/gateway/force/test_service.py",
-    r"cardan spnav": "tests/gateway/spnav/test_server.py",
+    r"cardan spnav": "plugins/cardan-spnav-server/tests/test_spnav_server.py",
     r"cardan sim \S+ .*--keyboard": "tests/sim_peers",
     r"cardan sim jr3 --serve-socketcand": "tests/sim_peers",
     r"cardan sim omni .*cardan haptic": "tests/gateway/session/test_haptic_alone.py",

@@ -17,7 +17,7 @@ from cardan.drivers.base import Driver, OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.gateway.session.changes import RULES
 from cardan.gateway.session.examples import find_demos
-from cardan.gateway.spnav import identity_of
+from cardan_spnav_server import identity_of
 from cardan.protocols.connexion import MODELS
 from cardan.protocols.connexion_serial import SERIAL_MODELS
 from cardan.sim_peers import registry as peers

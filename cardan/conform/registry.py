@@ -25,7 +25,6 @@ BUILT_IN = {
     "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
     "spaceball": "cardan.conform.spaceball.suite:Spaceball",
     "spaceorb": "cardan.conform.spaceorb.suite:SpaceOrb",
-    "spnav": "cardan.conform.spnav.suite:SpnavDaemon",
     "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtde",
     "wiimote": "cardan.conform.wiimote.suite:Wiimote",
 }

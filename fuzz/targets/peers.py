@@ -7,7 +7,7 @@ from functools import cache
 from typing import Any
 
 from cardan.errors import ScriptError
-from cardan.gateway.spnav.core import SpnavServerCore
+from cardan_spnav_server.core import SpnavServerCore
 from cardan.protocols import connexion, joint_stream as js, spnav
 from cardan.protocols.connexion_serial import models
 from cardan.protocols.evdev import requests as evdev_requests

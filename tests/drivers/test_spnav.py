@@ -14,7 +14,7 @@ import pytest
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav import Spnav, SpnavCore, SpnavOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
-from cardan.gateway.spnav import (
+from cardan_spnav_server import (
     DeviceIdentity,
     SpnavServer,
     SpnavServerCore,

@@ -15,8 +15,8 @@ from types import MappingProxyType
 from typing import Annotated
 
 from cardan.bounds import COUNTS
-from cardan.gateway.spnav.client import SpnavClient
-from cardan.gateway.spnav.identity import DeviceIdentity
+from cardan_spnav_server.client import SpnavClient
+from cardan_spnav_server.identity import DeviceIdentity
 from cardan.options import check_value
 from cardan.protocols.spnav import (
     FAILED,

@@ -16,7 +16,7 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spacemouse.transports import HidCandidate, Link, Transport
 from cardan.errors import AddressError, DeviceNotFoundError
-from cardan.gateway.spnav import (
+from cardan_spnav_server import (
     DeviceIdentity,
     SpnavServer,
     SpnavServerCore,

@@ -6,9 +6,9 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.spnav import DeviceIdentity, SpnavServerCore, SpnavServerOptions
-from cardan.gateway.spnav.client import QUIET_S, UNREAD_EDGES
-from cardan.gateway.spnav.core import (
+from cardan_spnav_server import DeviceIdentity, SpnavServerCore, SpnavServerOptions
+from cardan_spnav_server.client import QUIET_S, UNREAD_EDGES
+from cardan_spnav_server.core import (
     MAX_CLIENTS,
     MOTION_PERIOD_S,
     REPEAT_PERIOD_S,

@@ -6,7 +6,7 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
 from cardan.drivers.spnav.core import usual_full_scales
 from cardan.drivers.wiimote import Wiimote
-from cardan.gateway.spnav import (
+from cardan_spnav_server import (
     DeviceIdentity,
     SpnavServerCore,
     identity_of,

@@ -7,8 +7,8 @@ import sys
 import pytest
 from hypothesis import example, given, strategies as st
 
-from cardan.dissect import spnav as layers
-from cardan.dissect.spnav import (
+from cardan_spnav_server import dissect as layers
+from cardan_spnav_server.dissect import (
     SpnavBroken,
     SpnavDevice,
     SpnavFromClient,

@@ -16,7 +16,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.silences import never_silent
-from cardan.conform.spnav.pilot import (
+from cardan_spnav_server.conform.pilot import (
     NEW,
     NEW_FACTOR,
     OLD,
@@ -26,8 +26,8 @@ from cardan.conform.spnav.pilot import (
     STRINGS,
     UNKNOWN,
 )
-from cardan.conform.spnav.second import readings_differ
-from cardan.conform.spnav.seen import Asked, Record, SpnavSeen
+from cardan_spnav_server.conform.second import readings_differ
+from cardan_spnav_server.conform.seen import Asked, Record, SpnavSeen
 from cardan.protocols.spnav import (
     DEVICE_TYPES,
     MASK_V1,

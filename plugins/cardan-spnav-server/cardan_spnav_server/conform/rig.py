@@ -10,11 +10,11 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 
 from cardan.conform.conduct import Act, Conduct
-from cardan.conform.spnav.faults import FAULTS
-from cardan.conform.spnav.pilot import NEW, OLD, OTHER
+from cardan_spnav_server.conform.faults import FAULTS
+from cardan_spnav_server.conform.pilot import NEW, OLD, OTHER
 from cardan.conform.timeline import Kind
-from cardan.gateway.spnav.core import SpnavServerCore
-from cardan.gateway.spnav.identity import DeviceIdentity
+from cardan_spnav_server.core import SpnavServerCore
+from cardan_spnav_server.identity import DeviceIdentity
 from cardan.protocols.spnav import (
     OK,
     RECORD_BYTES,
