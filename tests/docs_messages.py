@@ -16,7 +16,9 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "cardan"
-STUDIES = ROOT / "studies"
+PLUGINS = ROOT / "plugins"
+BESIDE = ("studies", "plugins/cardan-*/*")
+"""Packages of other distributions of this repository, by their folders."""
 FOLDER = ROOT / "docs" / "messages"
 HEAD = "<!-- made by tests/docs_messages.py -->\n"
 
@@ -99,7 +101,7 @@ PAGES = {
         "and the arm brakes or stands.",
         (
             _driver("3Dconnexion devices", "spacemouse", "spacemouse.md"),
-            _driver("spacenavd", "spnav", "spnav.md", "gateway/spnav"),
+            _driver("spacenavd", "spnav", "spnav.md", "cardan-spnav-server/cardan_spnav_server"),
             _driver("Wii Remote", "wiimote", "wiimote.md"),
             _driver("Leap Motion", "leap", "leap.md"),
             _driver("Gamepads", "gamepad", "gamepad.md", "drivers/evdev"),
@@ -212,7 +214,7 @@ PAGES = {
             Part("Captures", ("dissect",), "`cardan dissect` reads pcap and pcapng"),
             Part(
                 "Conformance",
-                ("conform",),
+                ("conform", "cardan-spnav-server/cardan_spnav_server/conform"),
                 "`cardan conform --list`; [conformance](../conformance.md)",
             ),
             Part(
@@ -462,8 +464,10 @@ class Reader(ast.NodeVisitor):
 
 
 def inside(path: Path) -> Path:
-    """Where a source is in the package, or in the source tree."""
-    return path.relative_to(PACKAGE if path.is_relative_to(PACKAGE) else ROOT)
+    """Where a source is in Cardan's package, in a plug-in's folder, or in the source tree."""
+    if path.is_relative_to(PACKAGE):
+        return path.relative_to(PACKAGE)
+    return path.relative_to(PLUGINS if path.is_relative_to(PLUGINS) else ROOT)
 
 
 def messages_of(path: Path) -> list[Message]:
@@ -492,8 +496,14 @@ def home(path: Path) -> Part | None:
 def files() -> dict[str, list[Path]]:
     """The sources of each part, by its title."""
     found: dict[str, list[Path]] = {}
-    studies = [path for path in STUDIES.rglob("*.py") if "tests" not in inside(path).parts]
-    for path in sorted((*PACKAGE.rglob("*.py"), *studies)):
+    beside = [
+        path
+        for folders in BESIDE
+        for folder in ROOT.glob(folders)
+        for path in folder.rglob("*.py")
+        if "tests" not in inside(path).parts
+    ]
+    for path in sorted((*PACKAGE.rglob("*.py"), *beside)):
         if (part := home(path)) is not None:
             found.setdefault(part.title, []).append(path)
     return found
