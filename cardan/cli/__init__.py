@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import math
 import sys
 from collections.abc import Iterator, Sequence
@@ -42,7 +41,7 @@ from cardan.cli.installed import CardanCommands
 from cardan.cli.recording import export, plot, record, replay
 from cardan.cli.sim import sim
 from cardan.drivers.base import FoundDevice, OperatorDevice
-from cardan.errors import CaptureError, CardanError, ConfigurationError, OptionError, ScriptError
+from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
 from cardan.gateway.daemon.control import ControlError
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.plugins import Loaded

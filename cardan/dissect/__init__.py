@@ -6,9 +6,8 @@ Needs the optional extra ``cardan[dissect]`` (scapy). The scapy layers themselve
 datagrams as well, are in :mod:`cardan.dissect.egm`, :mod:`cardan.dissect.joint_stream`,
 :mod:`cardan.dissect.simple_message`, :mod:`cardan.dissect.rtde`, :mod:`cardan.dissect.connexion`,
 :mod:`cardan.dissect.wiimote` and :mod:`cardan.dissect.jr3_can`; those of protocols that no capture
-has, because they stay on a serial line or a Unix socket, in
-:mod:`cardan.dissect.connexion_serial` and :mod:`cardan_spnav_server.dissect`. They are written from the
-protocols' documentation and not from :mod:`cardan.protocols`. Other packages add protocols by an
+has, because they stay on a serial line, in :mod:`cardan.dissect.connexion_serial`. They are written
+from the protocols' documentation and not from :mod:`cardan.protocols`. Other packages add protocols by an
 entry point, see :class:`cardan.dissect.reader.Dissector`.
 """
 

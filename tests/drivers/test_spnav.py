@@ -14,14 +14,6 @@ import pytest
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav import Spnav, SpnavCore, SpnavOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
-from cardan_spnav_server import (
-    DeviceIdentity,
-    SpnavServer,
-    SpnavServerCore,
-    SpnavServerOptions,
-    core as server_core,
-    identity_of,
-)
 from cardan.protocols.connexion_serial import serial_model_by_key
 from cardan.protocols.spnav import (
     RECORD_BYTES,
@@ -32,6 +24,14 @@ from cardan.protocols.spnav import (
 )
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
+from cardan_spnav_server import (
+    DeviceIdentity,
+    SpnavServer,
+    SpnavServerCore,
+    SpnavServerOptions,
+    core as server_core,
+    identity_of,
+)
 from tests.serving import in_a_thread
 from tests.spacenavd import TIMEOUT_S, PuckHand, spacenavd
 

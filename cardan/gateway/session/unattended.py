@@ -2,7 +2,8 @@
 
 The rule allows what is known to be harmless and refuses all else: see
 :mod:`cardan.drivers.simulated` for drivers. Programs that a demo starts are simulated peers, and
-``cardan spnav`` (plugins/cardan-spnav-server) of a simulated device; none is given a program to run.
+``cardan spnav``, of plugins/cardan-spnav-server, of a simulated device; none is given a program to
+run.
 """
 
 from __future__ import annotations

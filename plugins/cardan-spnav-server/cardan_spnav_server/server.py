@@ -14,13 +14,13 @@ from collections.abc import Callable, Sequence
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError
 from cardan.gateway.common.serving import interruptible
-from cardan_spnav_server.core import MOTION_PERIOD_S, SpnavServerCore
-from cardan_spnav_server.identity import DEFAULT_NAME, DeviceIdentity, identity_of
-from cardan_spnav_server.options import SpnavServerOptions
 from cardan.openable import Openable
 from cardan.realtime import ask_for_real_time
 from cardan.sockets import EVERYBODY, OWNER_ONLY, Advice, UnixSocket
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
+from cardan_spnav_server.core import MOTION_PERIOD_S, SpnavServerCore
+from cardan_spnav_server.identity import DEFAULT_NAME, DeviceIdentity, identity_of
+from cardan_spnav_server.options import SpnavServerOptions
 
 POLL_PERIOD_S = 0.004
 """How often a served device is read while a program is connected."""

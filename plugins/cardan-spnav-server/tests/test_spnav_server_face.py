@@ -40,9 +40,7 @@ def test_a_session_serves_programs_that_use_libspnav(tmp_path):
         server=SpnavServerOptions(socket=str(path), model="spacemouse-pro"),
     )
     ready, stop, begun_s = threading.Event(), threading.Event(), time.monotonic()
-    node = BusNode(
-        BusOptions(router="", listen=(f"tcp/127.0.0.1:{port}",)), "session", "/left"
-    )
+    node = BusNode(BusOptions(router="", listen=(f"tcp/127.0.0.1:{port}",)), "session", "/left")
     serving = threading.Thread(
         target=SpnavFace.serve, args=(options, lambda endpoint: ready.set(), stop)
     )
@@ -84,9 +82,7 @@ def test_a_session_serves_programs_that_use_libspnav(tmp_path):
             assert added == Button(11, False)  # As spacenavd numbers esc.
             motion = until(lambda each: isinstance(each, Motion) and any(each[:6]), pushed)
             assert motion.z == pytest.approx(0.5 * 350, abs=1)
-            button = until(
-                lambda each: isinstance(each, Button), lambda: state(PUSH, ["menu"])
-            )
+            button = until(lambda each: isinstance(each, Button), lambda: state(PUSH, ["menu"]))
             assert button == Button(4, True)
             released = until(
                 lambda each: isinstance(each, Button), lambda: state(link=DeviceLink.STALE)

@@ -6,11 +6,6 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
 from cardan.drivers.spnav.core import usual_full_scales
 from cardan.drivers.wiimote import Wiimote
-from cardan_spnav_server import (
-    DeviceIdentity,
-    SpnavServerCore,
-    identity_of,
-)
 from cardan.protocols.connexion import MODELS, model_by_key
 from cardan.protocols.connexion_serial import SERIAL_MODELS
 from cardan.protocols.spnav import (
@@ -23,6 +18,11 @@ from cardan.protocols.spnav import (
     encode_request,
 )
 from cardan.types import ButtonEvent, DeviceLink, DeviceState
+from cardan_spnav_server import (
+    DeviceIdentity,
+    SpnavServerCore,
+    identity_of,
+)
 
 UNTOLD = {
     "lipari",

@@ -7,6 +7,7 @@ import sys
 import pytest
 from hypothesis import example, given, strategies as st
 
+from cardan.protocols import spnav as codec
 from cardan_spnav_server import dissect as layers
 from cardan_spnav_server.dissect import (
     SpnavBroken,
@@ -21,7 +22,6 @@ from cardan_spnav_server.dissect import (
     SpnavSensitivity,
     string_messages,
 )
-from cardan.protocols import spnav as codec
 
 pytestmark = pytest.mark.skipif(
     sys.byteorder != "little", reason="the layers read the records of little-endian machines"

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from cardan.conform.requirements import Verdict, failed, not_applicable, not_seen, passed
-from cardan_spnav_server.conform.seen import Record, SpnavSeen
 from cardan.errors import ExtraMissingError
 from cardan.protocols.spnav import (
     RECORD_BYTES,
@@ -19,6 +18,7 @@ from cardan.protocols.spnav import (
     RawButton,
     Reply,
 )
+from cardan_spnav_server.conform.seen import Record, SpnavSeen
 
 WORD_BYTES = 4
 COMPARED = 2000
