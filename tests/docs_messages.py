@@ -313,7 +313,7 @@ SAID = re.compile(
 WRONG = re.compile(r"_?(wrong|error|refusal)")
 """Functions that make an error of their text."""
 RAISED_ONLY = ("sim_peers", "dissect", "protocols", "cli", "studies")
-"""Parts of which only errors are messages: their other texts are output, reports and scripts."""
+"""Folders and modules of which only errors are messages: their other texts are output, reports and scripts."""
 FEWEST_WORDS = 3
 
 
@@ -472,7 +472,7 @@ def inside(path: Path) -> Path:
 
 def messages_of(path: Path) -> list[Message]:
     """Of one file, in its order."""
-    reader = Reader(inside(path).parts[0] in RAISED_ONLY)
+    reader = Reader(not {inside(path).parts[0], path.stem}.isdisjoint(RAISED_ONLY))
     reader.visit(ast.parse(path.read_text(encoding="utf-8")))
     return sorted(reader.found, key=lambda message: message.line)
 

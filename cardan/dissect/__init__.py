@@ -7,8 +7,8 @@ datagrams as well, are in :mod:`cardan.dissect.egm`, :mod:`cardan.dissect.joint_
 :mod:`cardan.dissect.simple_message`, :mod:`cardan.dissect.rtde`, :mod:`cardan.dissect.connexion`,
 :mod:`cardan.dissect.wiimote` and :mod:`cardan.dissect.jr3_can`; those of protocols that no capture
 has, because they stay on a serial line, in :mod:`cardan.dissect.connexion_serial`. They are written
-from the protocols' documentation and not from :mod:`cardan.protocols`. Other packages add protocols by an
-entry point, see :class:`cardan.dissect.reader.Dissector`.
+from the protocols' documentation and not from :mod:`cardan.protocols`. Other packages add protocols
+by an entry point, see :class:`cardan.dissect.reader.Dissector`.
 """
 
 from __future__ import annotations
