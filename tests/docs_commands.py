@@ -13,7 +13,12 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).parents[1]
 PAGES = sorted(
-    [*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("examples/**/README.md")]
+    [
+        *ROOT.glob("*.md"),
+        *ROOT.glob("docs/**/*.md"),
+        *ROOT.glob("examples/**/README.md"),
+        *ROOT.glob("plugins/**/README.md"),
+    ]
 )
 PROGRAMS = re.compile(
     r"(?:sudo |[A-Z_]+=\S+ )*(?:cardan|make|pip|python|python3|cp|adb|ros2|export|modprobe|"
@@ -90,7 +95,8 @@ RUN = {
     r"cardan evaluate --compare": "studies/tests/test_command.py::test_two_reports_are_compared",
     r"cardan evaluate": "studies/tests/test_command.py::test_a_study_becomes_a_report_with_pictures",
     r"cardan force": "tests/gateway/force/test_service.py",
-    r"cardan spnav": "tests/gateway/spnav/test_server.py",
+    r"cardan face spnav": "plugins/cardan-spnav-server/tests/test_spnav_server_face.py",
+    r"cardan spnav": "plugins/cardan-spnav-server/tests/test_spnav_server.py",
     r"cardan sim \S+ .*--keyboard": "tests/sim_peers",
     r"cardan sim jr3 --serve-socketcand": "tests/sim_peers",
     r"cardan sim omni .*cardan haptic": "tests/gateway/session/test_haptic_alone.py",

@@ -106,7 +106,7 @@ PAGES = {
                 "spacemouse.md",
                 "cardan-serial-mice/cardan_serial_mice/driver",
             ),
-            _driver("spacenavd", "spnav", "spnav.md", "gateway/spnav"),
+            _driver("spacenavd", "spnav", "spnav.md", "cardan-spnav-server/cardan_spnav_server"),
             _driver("Wii Remote", "wiimote", "wiimote.md"),
             _driver("Leap Motion", "leap", "leap.md"),
             _driver("Gamepads", "gamepad", "gamepad.md", "drivers/evdev"),
@@ -219,7 +219,11 @@ PAGES = {
             Part("Captures", ("dissect",), "`cardan dissect` reads pcap and pcapng"),
             Part(
                 "Conformance",
-                ("conform", "cardan-serial-mice/cardan_serial_mice/conform"),
+                (
+                    "conform",
+                    "cardan-serial-mice/cardan_serial_mice/conform",
+                    "cardan-spnav-server/cardan_spnav_server/conform",
+                ),
                 "`cardan conform --list`; [conformance](../conformance.md)",
             ),
             Part(
@@ -318,7 +322,7 @@ SAID = re.compile(
 WRONG = re.compile(r"_?(wrong|error|refusal)")
 """Functions that make an error of their text."""
 RAISED_ONLY = ("sim_peers", "dissect", "protocols", "cli", "studies")
-"""Parts of which only errors are messages: their other texts are output, reports and scripts."""
+"""Folders and modules of which only errors are messages: their other texts are output, reports and scripts."""
 FEWEST_WORDS = 3
 
 
@@ -477,7 +481,7 @@ def inside(path: Path) -> Path:
 
 def messages_of(path: Path) -> list[Message]:
     """Of one file, in its order."""
-    reader = Reader(inside(path).parts[0] in RAISED_ONLY)
+    reader = Reader(not {inside(path).parts[0], path.stem}.isdisjoint(RAISED_ONLY))
     reader.visit(ast.parse(path.read_text(encoding="utf-8")))
     return sorted(reader.found, key=lambda message: message.line)
 

@@ -16,11 +16,11 @@ from cardan.drivers.base import Driver, OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.gateway.session.changes import RULES
 from cardan.gateway.session.examples import find_demos
-from cardan.gateway.spnav import identity_of
 from cardan.protocols.connexion import MODELS
 from cardan.sim_peers import registry as peers
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import SERIAL_MODELS
+from cardan_spnav_server import identity_of
 from tests import docs_messages, network_table
 
 ROOT = Path(__file__).parents[1]

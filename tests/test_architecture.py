@@ -72,9 +72,7 @@ MAY_IMPORT = {
     "__init__": {"api"},
 }
 EXCEPTIONS = {
-    "conform/spnav": ("cardan.gateway.spnav.*",),
     "drivers/sim_arm": ("cardan.sim_peers", "cardan.sim_peers.arm", "cardan.sim_peers.base"),
-    "gateway/spnav": ("cardan.protocols", "cardan.protocols.spnav"),
     "gateway/bus": ("cardan.protocols", "cardan.protocols.ros2.*"),
     "gateway/recording": ("cardan.protocols", "cardan.protocols.ros2.*"),
     "gateway/faces": (
@@ -95,9 +93,8 @@ EXCEPTIONS = {
     ),
 }
 """The simulated arm's driver has the simulated arm for its hardware, in the same process; and the
-gateway serves spacenavd's protocol, rosbridge and Foxglove's itself, to programs instead of a
-robot; the console reads cameras for its pages; what serves spacenavd's programs here is judged as
-spacenavd is."""
+gateway serves rosbridge and Foxglove's protocol itself, to programs instead of a robot; the console
+reads cameras for its pages."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FREE_OF_CIRCLES = ("bus", "drivers", "protocols", "sim_peers", "dissect", "conform", "gateway")
@@ -109,7 +106,6 @@ GATEWAY_ROOMS = {
     "servo": {"kinematics"},
     "hand": {"motion"},
     "force": {"common"},
-    "spnav": {"common"},
     "arm": {"hand", "motion", "kinematics", "servo"},
     "bus": {"arm", "motion"},
     "faces": {"common", "arm"},
@@ -117,7 +113,7 @@ GATEWAY_ROOMS = {
     "doctor": {"daemon", "session", "faces", "hand", "common"},
     "learning": {"session", "bus", "arm", "hand", "force", "motion"},
     "recording": {"session", "bus", "arm", "common", "faces", "learning"},
-    "session": {"bus", "arm", "hand", "force", "spnav", "motion", "kinematics", "servo", "common"},
+    "session": {"bus", "arm", "hand", "force", "motion", "kinematics", "servo", "common"},
 }
 """What each room of the gateway may import, besides itself. Nobody imports `recording` and
 `doctor`: only commands use them; `learning` is for recording and for plugins/."""

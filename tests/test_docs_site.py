@@ -34,6 +34,7 @@ def test_every_page_is_in_the_navigation():
         *ROOT.glob("*.md"),
         *(ROOT / "docs").rglob("*.md"),
         *(ROOT / "examples").rglob("README.md"),
+        *(ROOT / "plugins").rglob("README.md"),
     }
     assert {path.resolve() for path in pages} - {index.resolve()} == linked
 

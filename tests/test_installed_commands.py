@@ -98,13 +98,21 @@ def test_ours_have_their_names_first(cardan):
     assert "configuration file" in cardan("check", "--help")
 
 
-def test_a_command_of_the_source_tree_says_where_it_is(cardan, monkeypatch):
+@pytest.mark.parametrize(
+    ("words", "folder"),
+    [
+        (("evaluate", "--quick"), "studies"),
+        (("spnav", "--socket", "x"), "plugins/cardan-spnav-server"),
+    ],
+    ids=["evaluate", "spnav"],
+)
+def test_a_command_of_the_source_tree_says_where_it_is(cardan, monkeypatch, words, folder):
     monkeypatch.setattr(installed, "entry_points", lambda group: [])
-    said = cardan("evaluate", "--quick", code=2)
-    assert said.startswith("cardan: evaluate: ")
-    assert "pip install ./studies" in said
+    said = cardan(*words, code=2)
+    assert said.startswith(f"cardan: {words[0]}: ")
+    assert f"pip install ./{folder}" in said
     assert said.count("\n") == 1
-    assert "evaluate" not in cardan("--help")
+    assert words[0] not in cardan("--help")
     assert "`cardan --help`" in cardan("evaluated", code=2)
 
 

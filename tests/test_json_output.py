@@ -17,7 +17,6 @@ WITHOUT = {
     "run": "lives until it is ended; its session is read by the daemon or the network",
     "serve": "its log is JSON by --log-format",
     "udev": "prints a file",
-    "spnav": "lives until it is ended",
     "force": "lives until it is ended",
     "haptic": "lives until it is ended",
     "echo": "prints JSON, nothing else",

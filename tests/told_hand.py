@@ -4,10 +4,9 @@ import math
 import queue
 
 from cardan.conform.hands import KEYS, PUSHES
-from cardan.conform.spnav.pilot import ALONE, MASKED, SAME, SCALED
 
 AGAIN = "Push the cap once more."
-STEPS = {how: name for name, how in (*PUSHES, *KEYS, *SAME, *SCALED, *MASKED, *ALONE)}
+STEPS = {how: name for name, how in (*PUSHES, *KEYS)}
 STEPS[AGAIN] = "push"
 RIGHT, CLOCKWISE = (0.0, -0.5, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
 REST = (0.0,) * 6
@@ -16,8 +15,10 @@ REST = (0.0,) * 6
 class ToldHand:
     """Does what a person would who is told to."""
 
-    def __init__(self):
+    def __init__(self, more=()):
+        """`more`: what a suite asks besides, each a step and its words."""
         self.told = queue.SimpleQueue()
+        self._steps = STEPS | {how: name for name, how in more}
 
     @property
     def next_due_s(self):
@@ -25,7 +26,7 @@ class ToldHand:
 
     def advance(self, now_s, device):
         while not self.told.empty():
-            what = STEPS.get(self.told.get(), "let-go")
+            what = self._steps.get(self.told.get(), "let-go")
             if what == "twist":
                 device.set_axes(CLOCKWISE)
             elif what == "let-go":

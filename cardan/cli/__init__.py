@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import math
 import sys
 from collections.abc import Iterator, Sequence
@@ -42,7 +41,7 @@ from cardan.cli.installed import CardanCommands
 from cardan.cli.recording import export, plot, record, replay
 from cardan.cli.sim import sim
 from cardan.drivers.base import FoundDevice, OperatorDevice
-from cardan.errors import CaptureError, CardanError, ConfigurationError, OptionError, ScriptError
+from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
 from cardan.gateway.daemon.control import ControlError
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.plugins import Loaded
@@ -497,49 +496,6 @@ def udev() -> None:
     from cardan.drivers.udev import udev_rules
 
     print(udev_rules(), end="")
-
-
-@app.command()
-def spnav(
-    file: Annotated[
-        Path | None,
-        typer.Argument(
-            metavar="[FILE]",
-            help="Configuration file whose device is served; default: the first SpaceMouse.",
-        ),
-    ] = None,
-    socket: Annotated[
-        str | None,
-        typer.Option(metavar="PATH", help="The socket; default: spacenavd's own place."),
-    ] = None,
-    everybody: Annotated[
-        bool, typer.Option("--everybody", help="Let every user of this machine connect.")
-    ] = False,
-    seconds: Seconds = None,
-    verbose: Verbose = False,
-    log_level: Level = None,
-) -> None:
-    """Serve an operator device to stock programs that use libspnav, as spacenavd does: version 0
-    and 1 of its protocol. Prints READY and the socket's path once it serves."""
-    from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
-    from cardan.gateway.session.assembly import load_served, make_device
-    from cardan.gateway.spnav import SpnavServerOptions, serve_device
-
-    begin_serving(verbose, log_level)
-    if file is None:
-        device: OperatorDevice = SpaceMouse(SpaceMouseOptions(wait_for_device=True))
-        options = SpnavServerOptions()
-    else:
-        config = load_served(file)
-        device, options = make_device(config), config.spnav
-    try:
-        if socket is not None:
-            options = dataclasses.replace(options, socket=socket)
-    except OptionError as error:
-        raise OptionError("--socket", error.value, error.allowed) from None
-    if everybody:
-        options = dataclasses.replace(options, access="everybody")
-    serve_device(device, options, seconds)
 
 
 @app.command(epilog=EPILOG)

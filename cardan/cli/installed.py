@@ -16,7 +16,7 @@ from cardan.plugins import Finder
 
 ENTRY_POINT_GROUP = "cardan.commands"
 
-IN_SOURCE_TREE = {"evaluate": "studies"}
+IN_SOURCE_TREE = {"evaluate": "studies", "spnav": "plugins/cardan-spnav-server"}
 """Commands of distributions that only the source tree has, and the folders of those."""
 
 

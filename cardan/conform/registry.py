@@ -22,7 +22,6 @@ BUILT_IN = {
     "motoros": "cardan.conform.motoros.suite:Motoros",
     "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriver",
     "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
-    "spnav": "cardan.conform.spnav.suite:SpnavDaemon",
     "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtde",
     "wiimote": "cardan.conform.wiimote.suite:Wiimote",
 }

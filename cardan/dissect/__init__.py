@@ -5,8 +5,7 @@ sensors on CAN.
 Needs the optional extra ``cardan[dissect]`` (scapy). The scapy layers themselves, for building
 datagrams as well, are in :mod:`cardan.dissect.egm`, :mod:`cardan.dissect.joint_stream`,
 :mod:`cardan.dissect.simple_message`, :mod:`cardan.dissect.rtde`, :mod:`cardan.dissect.connexion`,
-:mod:`cardan.dissect.wiimote` and :mod:`cardan.dissect.jr3_can`; those of spacenavd's Unix
-socket, which no capture has, are in :mod:`cardan.dissect.spnav`. They are written from the
+:mod:`cardan.dissect.wiimote` and :mod:`cardan.dissect.jr3_can`. They are written from the
 protocols' documentation and not from :mod:`cardan.protocols`. Other packages add protocols by an
 entry point, see :class:`cardan.dissect.reader.Dissector`.
 """

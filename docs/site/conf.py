@@ -30,6 +30,7 @@ include_patterns = [
     "*.md",
     "docs/**",
     "examples/**/README.md",
+    "plugins/**/README.md",
 ]
 exclude_patterns = ["docs/site", "docs/images", "build", "dist", ".venv*", "console", "**/.git"]
 suppress_warnings = [

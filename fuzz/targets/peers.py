@@ -7,7 +7,6 @@ from functools import cache
 from typing import Any
 
 from cardan.errors import ScriptError
-from cardan.gateway.spnav.core import SpnavServerCore
 from cardan.protocols import connexion, joint_stream as js, spnav
 from cardan.protocols.evdev import requests as evdev_requests
 from cardan.protocols.jr3_can import TEO_SENSORS
@@ -32,6 +31,7 @@ from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 from cardan.sim_peers.wiimote import SimulatedWiimote, hand as wiimote_hand
 from cardan_serial_mice.peer.core import simulated_serial_puck
 from cardan_serial_mice.protocol import models
+from cardan_spnav_server.core import SpnavServerCore
 from fuzz.target import Form, Packets, Target
 from fuzz.targets import devices, robots
 from fuzz.targets.common import all_finite, text_of

@@ -13,14 +13,6 @@ import pytest
 
 from cardan.drivers.spnav import Spnav, SpnavCore, SpnavOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
-from cardan.gateway.spnav import (
-    DeviceIdentity,
-    SpnavServer,
-    SpnavServerCore,
-    SpnavServerOptions,
-    core as server_core,
-    identity_of,
-)
 from cardan.protocols.spnav import (
     RECORD_BYTES,
     Code,
@@ -32,6 +24,14 @@ from cardan.sim_peers.base import SimulatedPeer
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import serial_model_by_key
+from cardan_spnav_server import (
+    DeviceIdentity,
+    SpnavServer,
+    SpnavServerCore,
+    SpnavServerOptions,
+    core as server_core,
+    identity_of,
+)
 from tests.serving import in_a_thread
 from tests.spacenavd import TIMEOUT_S, PuckHand, spacenavd
 

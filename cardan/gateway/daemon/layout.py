@@ -162,10 +162,9 @@ def sharers(sessions: Mapping[str, SessionEntry]) -> dict[str, list[str]]:
 
 def _check_shared(device: str, config: SessionConfig) -> None:
     """Raise ConfigurationError where a session cannot take its device later."""
-    if config.gives_force or config.spnav is not None:
-        key = "spnav" if config.spnav is not None else "force"
+    if config.gives_force:
         raise ConfigurationError(
-            key, f"the device {device!r} serves several sessions, which this does not go with"
+            "force", f"the device {device!r} serves several sessions, which this does not go with"
         )
 
 

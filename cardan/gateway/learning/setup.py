@@ -141,7 +141,6 @@ def make_arm(
         filters=(),
         force=NoForceTable(),
         fixtures=(),
-        spnav=None,
     )
     if why := why_no_verbs(config):
         raise ConfigurationError("arm", why)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
@@ -55,7 +55,6 @@ from cardan.gateway.session.config import (
     HapticConfig,
     LimitsTable,
     ObstacleTable,
-    ServedConfig,
     SessionConfig,
     parse_config,
 )
@@ -79,7 +78,8 @@ if TYPE_CHECKING:
     from cardan.gateway.kinematics.collision import Obstacle
     from cardan.gateway.session.network import SessionNetwork
 
-Part = TypeVar("Part", ServedConfig, ForceConfig, HapticConfig)
+Part = TypeVar("Part")
+
 
 ARM_COMMANDS = frozenset({CommandKind.JOINT, CommandKind.JOINT_VELOCITY, CommandKind.POSE})
 """Commands of which a robot must take one for a session to drive it by the model of its arm."""
@@ -110,7 +110,14 @@ def make_driver(table: registry.DriverTable, key: str) -> Driver:
     return made
 
 
-def make_device(config: SessionConfig | ServedConfig | HapticConfig) -> OperatorDevice:
+class WithDevice(Protocol):
+    """What is read of a file with ``[device]``."""
+
+    @property
+    def device(self) -> registry.DriverTable | None: ...
+
+
+def make_device(config: WithDevice) -> OperatorDevice:
     """The operator device that is configured, not opened yet."""
     if config.device is None:
         raise ConfigurationError("device", "is missing: which driver reads the operator device?")
@@ -588,17 +595,10 @@ def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
             )
 
 
-def load_served(path: Path) -> ServedConfig:
-    """Read and check what ``cardan spnav`` needs of a file: ``[device]`` and ``[spnav]``."""
-    config = _read_part(ServedConfig, path)
-    make_device(config)
-    return config
-
-
 def load_haptic(path: Path) -> HapticConfig:
     """Read and check what ``cardan haptic`` needs of a file: ``[device]``, ``[network]`` and the
     age of ``[force]``."""
-    config = _read_part(HapticConfig, path)
+    config = read_part(HapticConfig, path)
     device = make_device(config)
     if not isinstance(device, HapticDevice):
         raise ConfigurationError(
@@ -609,12 +609,12 @@ def load_haptic(path: Path) -> HapticConfig:
 
 def load_force(path: Path) -> ForceConfig:
     """Read and check what ``cardan force`` needs of a file: ``[force]`` and ``[[fixtures]]``."""
-    config = _read_part(ForceConfig, path)
+    config = read_part(ForceConfig, path)
     make_source(config.force)
     return config
 
 
-def _read_part(kind: type[Part], path: Path) -> Part:
+def read_part(kind: type[Part], path: Path) -> Part:
     """The tables of a file that `kind` has; all others may be anything."""
     keys = keys_of(kind)
     return read_table(kind, {key: each for key, each in read_toml(path).items() if key in keys})

@@ -206,7 +206,6 @@ RULES: Final[Mapping[str, Rule]] = {
     "watchdogs.following_error_m": LOWER,
     "watchdogs.following_error_rad": LOWER,
     "watchdogs.recovery": OFF,
-    "spnav": RESTART,
     "network": RESTART,
     "network.rate_hz": LIVE,
     "force": RESTART,

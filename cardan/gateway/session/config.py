@@ -32,7 +32,6 @@ from cardan.gateway.hand.filters.registry import FilterTable
 from cardan.gateway.hand.mapping import GripperAction, GripperOptions, MappingOptions, Mode
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import Policy, ServoOptions
-from cardan.gateway.spnav.options import SpnavServerOptions
 from cardan.options import Options
 from cardan.robots import SolidTable
 from cardan.spatial import from_euler_zyx
@@ -97,14 +96,6 @@ class ObstacleTable(SolidTable):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServedConfig(Options):
-    """What ``cardan spnav`` reads of a file: no robot is needed."""
-
-    device: DriverTable
-    spnav: SpnavServerOptions = field(default_factory=SpnavServerOptions)
-
-
-@dataclass(frozen=True, kw_only=True)
 class HapticConfig(Options):
     """What ``cardan haptic`` reads of a file: no robot is needed."""
 
@@ -152,7 +143,6 @@ class SessionConfig(Options):
     feedback: FeedbackOptions = field(default_factory=FeedbackOptions)
     limits: LimitsTable = field(default_factory=LimitsTable)
     watchdogs: Watchdogs = field(default_factory=Watchdogs)
-    spnav: SpnavServerOptions | None = None
     network: NetworkOptions | None = None
     """Shows the arm to ROS 2, and takes commands from there; None: no network."""
     force: ForceTables = field(default_factory=NoForceTable)

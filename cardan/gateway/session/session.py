@@ -58,7 +58,6 @@ from cardan.gateway.session.lending import GIVE, TAKE, DeviceLease
 from cardan.gateway.session.reloading import ORDER, PIECE, Reloading, Step
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.gateway.session.worker import ChannelClient, RequestWorker
-from cardan.gateway.spnav import SpnavService, identity_of
 from cardan.histogram import LatencyHistogram
 from cardan.logs import LogFormat, log_to_stderr
 from cardan.output import dropping_text
@@ -150,7 +149,6 @@ class Session:
         self._error_m: float | None = None
         self._feedback = HandFeedback(config.feedback, ())
         self._channels: Collection[str] = ()
-        self._spnav: SpnavService | None = None
         self._stop_reason = ""
 
     def stop(self, reason: str) -> None:
@@ -178,14 +176,6 @@ class Session:
                 if self._force.measured is not None:
                     opened.enter_context(self._force.measured.source)
                 self._force.start(self._tcp)
-            if (spnav := config.spnav) is not None and device is not None:
-                self._spnav = SpnavService(
-                    lambda: device.capabilities.buttons,
-                    spnav,
-                    lambda: identity_of(device, spnav.name),
-                )
-                self._spnav.start()
-                opened.callback(self._spnav.stop)
             if self._network is not None:
                 opened.callback(self._network.close)
                 measured = None if self._force is None else self._force.measured
@@ -255,7 +245,7 @@ class Session:
     def _loop(self, seconds: float) -> None:
         robot, controller = self.robot, self.controller
         operator, reloading = controller.hand, self._reloading
-        spnav, force = self._spnav, self._force
+        force = self._force
         monotonic, tick_cost = time.monotonic, self._ticks.add
         input_age, live = self._input_ages.add, DeviceLink.LIVE
         requests, network = self._requests, self._network
@@ -300,8 +290,6 @@ class Session:
                         controller.trip(disengage_reason)
                     elif force.guard.in_doubt:
                         controller.suspend()
-                if spnav is not None:
-                    spnav.offer(hand, events)
                 hand_feedback = self._feedback
                 if hand_feedback.useful and hand_feedback.due(now_s):
                     felt = felt_of(controller.status())
@@ -549,8 +537,6 @@ class Session:
                 s.diagnosis.insert(0, self._lease.problem)
         for each in self._filters:
             s.diagnosis += each.diagnosis()
-        if self._spnav is not None:
-            s.diagnosis += self._spnav.diagnosis()
         if self._force is not None:
             said = set(s.diagnosis)
             s.diagnosis += [line for line in self._force.diagnosis() if line not in said]

@@ -2,7 +2,8 @@
 
 The rule allows what is known to be harmless and refuses all else: see
 :mod:`cardan.drivers.simulated` for drivers. Programs that a demo starts are simulated peers, and
-``cardan spnav`` of a simulated device; none is given a program to run.
+``cardan spnav``, of plugins/cardan-spnav-server, of a simulated device; none is given a program to
+run.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from cardan.drivers.simulated import is_elsewhere, stays_here, why_not_simulated
 from cardan.errors import ConfigurationError, below
 from cardan.gateway.force.tables import RemoteForceTable, SensorForceTable
 from cardan.gateway.hand.filters import registry as filter_registry
-from cardan.gateway.session.config import ServedConfig, SessionConfig
+from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.examples import Demo
 from cardan.tables import read_table, read_toml
 
@@ -64,8 +65,6 @@ def check_unattended(
         _refuse(demo, "force.socket", "it must be one of `files`: any force node could be there")
     if config.network is not None:
         _check_network(demo, config.network, "network.router" in own)
-    if config.spnav is not None and "spnav.socket" not in own:
-        _refuse(demo, "spnav.socket", "it must be one of `files`: other programs look there")
 
 
 def _check_network(demo: Demo, network: BusOptions, own_router: bool) -> None:
@@ -149,9 +148,9 @@ def _checked_spnav(demo: Demo, words: Sequence[str]) -> list[str]:
     if not named or len(rest) != 1 or not Path(rest[0]).is_absolute():
         _refuse(demo, "launch", "spnav serves {examples}/FILE, and needs --socket PATH")
     tables: Mapping[str, Any] = read_toml(Path(rest[0]))
-    served = read_table(ServedConfig, {"device": tables.get("device")})
-    kind = registry.load(served.device.driver)
-    options_of = read_table(kind.Options, served.device.options, "device")
+    device = read_table(registry.DriverTable, tables.get("device"), "device")
+    kind = registry.load(device.driver)
+    options_of = read_table(kind.Options, device.options, "device")
 
     def in_folder(name: str) -> bool:
         path = getattr(options_of, name)

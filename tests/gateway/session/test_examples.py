@@ -57,7 +57,7 @@ def test_a_demo_is_a_configuration_and_commands_that_are_allowed(name, tmp_path)
     for words in launches:
         command = typer.main.get_command(cli.app)
         while hasattr(command, "commands"):
-            command = command.commands[words.pop(0)]
+            command = command.get_command(typer.Context(command), words.pop(0))
         command.make_context(name, words)
 
 

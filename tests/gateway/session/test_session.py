@@ -1,6 +1,5 @@
 """The loop: what it asks of its drivers, and what it tells about itself."""
 
-import contextlib
 import dataclasses
 import json
 import socket
@@ -184,26 +183,3 @@ def test_what_the_hand_feels_ends_with_the_session(fake_drivers, monkeypatch):
     s.run(seconds=20.0)
     assert felt[0] == pytest.approx(0.4)
     assert felt[-1] == 0.0
-
-
-def test_a_session_serves_programs_that_use_libspnav(fake_drivers, tmp_path):
-    path = tmp_path / "spnav.sock"
-    s = session(spnav={"socket": str(path)}, robot={"cycles": 10_000_000})
-    records = []
-    send = s.robot.send
-
-    def look(command):
-        send(command)
-        if len(s.robot.commands) == 20:
-            client.connect(str(path))
-        if len(s.robot.commands) > 20:
-            with contextlib.suppress(BlockingIOError):
-                records.append(client.recv(32))
-                s.stop("enough")
-
-    s.robot.send = look
-    with socket.socket(socket.AF_UNIX) as client:
-        client.settimeout(0.0)
-        s.run(seconds=20.0)
-    assert records
-    assert not path.exists()

@@ -185,7 +185,6 @@ GP8_PORTS = 'ports = ["robot.motion_port", "robot.state_port", "robot.io_port"]'
             OMNI + ARM + POSITION + SENSOR,
             "force.sensor.interface: 'socketcan' may reach hardware",
         ),
-        ((LAUNCH, FILES), MOUSE + ARM + "[spnav]", "spnav.socket: it must be one of `files`"),
     ],
 )
 def test_what_may_reach_hardware_is_refused(tmp_path, block, tables, words):

@@ -7,8 +7,9 @@ import sys
 import pytest
 from hypothesis import example, given, strategies as st
 
-from cardan.dissect import spnav as layers
-from cardan.dissect.spnav import (
+from cardan.protocols import spnav as codec
+from cardan_spnav_server import dissect as layers
+from cardan_spnav_server.dissect import (
     SpnavBroken,
     SpnavDevice,
     SpnavFromClient,
@@ -21,7 +22,6 @@ from cardan.dissect.spnav import (
     SpnavSensitivity,
     string_messages,
 )
-from cardan.protocols import spnav as codec
 
 pytestmark = pytest.mark.skipif(
     sys.byteorder != "little", reason="the layers read the records of little-endian machines"

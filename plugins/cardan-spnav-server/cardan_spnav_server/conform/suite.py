@@ -7,15 +7,15 @@ from typing import ClassVar
 
 from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
-from cardan.conform.spnav.faults import FAULTS
-from cardan.conform.spnav.pilot import SpnavPilot
-from cardan.conform.spnav.requirements import requires
-from cardan.conform.spnav.rig import SpnavRig
-from cardan.conform.spnav.seen import SpnavSeen
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.wires import UnixStream, Wires
 from cardan.sim_peers.base import FaultSwitch
+from cardan_spnav_server.conform.faults import FAULTS
+from cardan_spnav_server.conform.pilot import SpnavPilot
+from cardan_spnav_server.conform.requirements import requires
+from cardan_spnav_server.conform.rig import SpnavRig
+from cardan_spnav_server.conform.seen import SpnavSeen
 
 
 class SpnavDaemon(Suite[SpnavSeen]):

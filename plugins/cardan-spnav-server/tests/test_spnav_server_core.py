@@ -6,14 +6,6 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.spnav import DeviceIdentity, SpnavServerCore, SpnavServerOptions
-from cardan.gateway.spnav.client import QUIET_S, UNREAD_EDGES
-from cardan.gateway.spnav.core import (
-    MAX_CLIENTS,
-    MOTION_PERIOD_S,
-    REPEAT_PERIOD_S,
-    STALE_AFTER_S,
-)
 from cardan.protocols.spnav import (
     MASK_V0,
     MASK_V1,
@@ -36,6 +28,14 @@ from cardan.protocols.spnav import (
     float_of,
 )
 from cardan.types import ButtonEvent, DeviceLink, DeviceState
+from cardan_spnav_server import DeviceIdentity, SpnavServerCore, SpnavServerOptions
+from cardan_spnav_server.client import QUIET_S, UNREAD_EDGES
+from cardan_spnav_server.core import (
+    MAX_CLIENTS,
+    MOTION_PERIOD_S,
+    REPEAT_PERIOD_S,
+    STALE_AFTER_S,
+)
 
 REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PUSH = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.spnav.pilot import STRINGS
 from cardan.conform.timeline import Kind, Phase, Timeline
 from cardan.protocols.spnav import (
     RECORD_BYTES,
@@ -17,6 +16,7 @@ from cardan.protocols.spnav import (
     ServerRecord,
     decode_request,
 )
+from cardan_spnav_server.conform.pilot import STRINGS
 
 
 class Record(NamedTuple):

@@ -6,11 +6,6 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
 from cardan.drivers.spnav.core import usual_full_scales
 from cardan.drivers.wiimote import Wiimote
-from cardan.gateway.spnav import (
-    DeviceIdentity,
-    SpnavServerCore,
-    identity_of,
-)
 from cardan.protocols.connexion import MODELS, model_by_key
 from cardan.protocols.spnav import (
     DEVICE_TYPES,
@@ -24,6 +19,11 @@ from cardan.protocols.spnav import (
 from cardan.types import ButtonEvent, DeviceLink, DeviceState
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import SERIAL_MODELS
+from cardan_spnav_server import (
+    DeviceIdentity,
+    SpnavServerCore,
+    identity_of,
+)
 
 UNTOLD = {
     "lipari",

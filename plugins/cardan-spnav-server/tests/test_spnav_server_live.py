@@ -9,6 +9,7 @@ import pytest
 
 from cardan.conform import Level, Outcome, registry, run
 from cardan.errors import AddressError
+from cardan_spnav_server.conform.pilot import ALONE, MASKED, SAME, SCALED
 from tests.spacenavd import spacenavd
 from tests.told_hand import ToldHand
 
@@ -19,7 +20,7 @@ UNMET = {"SPNAV-112"}
 @pytest.mark.matrix
 def test_spacenavd_meets_what_our_own_server_does():
     """And where it does not, it is known and said in docs/conformance.md."""
-    hand = ToldHand()
+    hand = ToldHand((*SAME, *SCALED, *MASKED, *ALONE))
     suite = registry.load("spnav")
     with tempfile.TemporaryDirectory(prefix="cardan-") as folder:  # A socket's path is short.
         daemon = spacenavd(Path(folder), "0.1 neutral", hand=hand, jitter_lsb=1)

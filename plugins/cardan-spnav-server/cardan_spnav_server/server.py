@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import selectors
 import socket
 import threading
@@ -13,13 +14,13 @@ from collections.abc import Callable, Sequence
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError
 from cardan.gateway.common.serving import interruptible
-from cardan.gateway.spnav.core import MOTION_PERIOD_S, SpnavServerCore
-from cardan.gateway.spnav.identity import DEFAULT_NAME, DeviceIdentity, identity_of
-from cardan.gateway.spnav.options import SpnavServerOptions
 from cardan.openable import Openable
 from cardan.realtime import ask_for_real_time
 from cardan.sockets import EVERYBODY, OWNER_ONLY, Advice, UnixSocket
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
+from cardan_spnav_server.core import MOTION_PERIOD_S, SpnavServerCore
+from cardan_spnav_server.identity import DEFAULT_NAME, DeviceIdentity, identity_of
+from cardan_spnav_server.options import SpnavServerOptions
 
 POLL_PERIOD_S = 0.004
 """How often a served device is read while a program is connected."""
@@ -286,12 +287,30 @@ def serve_device(
     """Serve `device` to spacenavd's programs until `seconds` are over or a signal ends it.
 
     Opens it, prints READY and the socket's path, and closes it in the end. Programs may switch its
-    LED, and are told `identity`; None: what its driver knows of its model. Raises DriverError when
+    LED, and are told `identity`; None: what is known of its model. Raises DriverError when
     the device cannot be opened or the socket not be served.
     """
+    end_s = math.inf if seconds is None else time.monotonic() + seconds
+    with interruptible() as stop:
+        serve_until(device, options, _print_ready, stop, end_s, identity)
+
+
+def _print_ready(endpoint: str) -> None:
+    print(f"READY {endpoint}", flush=True)
+
+
+def serve_until(
+    device: OperatorDevice,
+    options: SpnavServerOptions | None,
+    ready: Callable[[str], None],
+    stop: threading.Event,
+    end_s: float = math.inf,
+    identity: DeviceIdentity | None = None,
+) -> None:
+    """The same until `stop` is set, or the monotonic time `end_s`; `ready` is called with the
+    socket's path."""
     options = options or SpnavServerOptions()
     with contextlib.ExitStack() as stack:
-        interrupted = stack.enter_context(interruptible())
         stack.enter_context(device)
         capabilities = device.capabilities
 
@@ -303,7 +322,7 @@ def serve_device(
             return device.capabilities.buttons
 
         def identify() -> DeviceIdentity:
-            return identity or identity_of(device, options.name)
+            return identity or options.identity or identity_of(device, options.name)
 
         core = SpnavServerCore(
             full_scale=options.full_scale,
@@ -312,9 +331,8 @@ def serve_device(
         server = stack.enter_context(SpnavServer(core, options))
         # A program takes a pause for a loss, or sees it as a jerk.
         ask_for_real_time()
-        print(f"READY {server.endpoint}", flush=True)
-        end_s = float("inf") if seconds is None else time.monotonic() + seconds
-        while not interrupted.is_set() and (now_s := time.monotonic()) < end_s:
+        ready(server.endpoint)
+        while not stop.is_set() and (now_s := time.monotonic()) < end_s:
             _offer(core, device.state(), device.button_events(), now_s, buttons, identify)
             server.step(min(end_s, now_s + (POLL_PERIOD_S if core.clients else IDLE_PERIOD_S)))
 

@@ -10,11 +10,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 
 from cardan.conform.conduct import Act, Conduct
-from cardan.conform.spnav.faults import FAULTS
-from cardan.conform.spnav.pilot import NEW, OLD, OTHER
 from cardan.conform.timeline import Kind
-from cardan.gateway.spnav.core import SpnavServerCore
-from cardan.gateway.spnav.identity import DeviceIdentity
 from cardan.protocols.spnav import (
     OK,
     RECORD_BYTES,
@@ -39,6 +35,10 @@ from cardan.protocols.spnav import (
 )
 from cardan.sim_peers.base import check_faults
 from cardan.types import Axes, ButtonEvent, DeviceLink, DeviceState
+from cardan_spnav_server.conform.faults import FAULTS
+from cardan_spnav_server.conform.pilot import NEW, OLD, OTHER
+from cardan_spnav_server.core import SpnavServerCore
+from cardan_spnav_server.identity import DeviceIdentity
 
 LONGEST_S = 300.0
 """Of a simulated run; a script that waits for what never comes ends before."""

@@ -1,17 +1,18 @@
 """Serves any operator device to the programs that know spacenavd."""
 
-from cardan.gateway.spnav.core import (
+from cardan_spnav_server.core import (
     SpnavServerCore as SpnavServerCore,
 )
-from cardan.gateway.spnav.identity import (
+from cardan_spnav_server.identity import (
     DeviceIdentity as DeviceIdentity,
     identity_of as identity_of,
 )
-from cardan.gateway.spnav.options import (
+from cardan_spnav_server.options import (
     SpnavServerOptions as SpnavServerOptions,
 )
-from cardan.gateway.spnav.server import (
+from cardan_spnav_server.server import (
     SpnavServer as SpnavServer,
     SpnavService as SpnavService,
     serve_device as serve_device,
+    serve_until as serve_until,
 )

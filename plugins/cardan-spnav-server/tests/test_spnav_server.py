@@ -16,14 +16,6 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spacemouse.transports import HidCandidate, Link, Transport
 from cardan.errors import AddressError, DeviceNotFoundError
-from cardan.gateway.spnav import (
-    DeviceIdentity,
-    SpnavServer,
-    SpnavServerCore,
-    SpnavServerOptions,
-    SpnavService,
-    serve_device,
-)
 from cardan.protocols.connexion import model_by_key
 from cardan.protocols.spnav import (
     RECORD_BYTES,
@@ -39,6 +31,14 @@ from cardan.protocols.spnav import (
     encode_request,
 )
 from cardan.types import ButtonEvent, DeviceCapabilities, DeviceLink, DeviceState
+from cardan_spnav_server import (
+    DeviceIdentity,
+    SpnavServer,
+    SpnavServerCore,
+    SpnavServerOptions,
+    SpnavService,
+    serve_device,
+)
 
 pytestmark = pytest.mark.matrix
 

@@ -15,8 +15,6 @@ from types import MappingProxyType
 from typing import Annotated
 
 from cardan.bounds import COUNTS
-from cardan.gateway.spnav.client import SpnavClient
-from cardan.gateway.spnav.identity import DeviceIdentity
 from cardan.options import check_value
 from cardan.protocols.spnav import (
     FAILED,
@@ -41,6 +39,8 @@ from cardan.protocols.spnav import (
     from_robot_axes,
 )
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+from cardan_spnav_server.client import SpnavClient
+from cardan_spnav_server.identity import DeviceIdentity
 
 MOTION_PERIOD_S = 0.008
 """Shortest period of sending a changing deflection."""

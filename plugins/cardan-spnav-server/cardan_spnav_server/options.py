@@ -6,8 +6,11 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan import bounds
+from cardan.errors import OptionError
 from cardan.options import Options
+from cardan.protocols.connexion import MODELS
 from cardan.protocols.spnav import DEFAULT_SOCKET
+from cardan_spnav_server.identity import DeviceIdentity, identity_behind_bus
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -24,3 +27,18 @@ class SpnavServerOptions(Options):
     name: str = ""
     """Name of the device that programs are told; empty: its model's, "Cardan" where that is not
     known."""
+    model: str = ""
+    """Key of the 3Dconnexion model that a session publishes on the bus, which does not tell it, as
+    "spacemouse-pro": programs get its identity and spacenavd's numbers of its buttons. Empty: what
+    the driver knows."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        keys = [model.key for model in MODELS]
+        if self.model and self.model not in keys:
+            raise OptionError("model", self.model, f"one of {', '.join(keys)}, or empty")
+
+    @property
+    def identity(self) -> DeviceIdentity | None:
+        """What programs get to know by `model`; None: there is none."""
+        return identity_behind_bus(self.model, self.name) if self.model else None

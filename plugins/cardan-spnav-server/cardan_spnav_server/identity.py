@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from cardan.drivers.base import OperatorDevice
+from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav.core import usual_full_scales
 from cardan.protocols.spnav import UNKNOWN_DEVICE, button_number
 
@@ -76,6 +77,20 @@ def identity_of(device: OperatorDevice, name: str = "") -> DeviceIdentity:
         product_id=model.product_id,
         button_numbers=_button_numbers(model),
     )
+
+
+def identity_behind_bus(model: str, name: str = "") -> DeviceIdentity:
+    """The identity of the 3Dconnexion device of that key, where its session publishes it on the
+    bus: as "button-0" and so on, in the order of its driver's list."""
+    mouse = SpaceMouse(model=model)
+    identity = identity_of(mouse, name)
+    known = identity.button_numbers
+    numbers = {
+        f"button-{place}": known[label]
+        for place, label in enumerate(mouse.capabilities.buttons)
+        if label in known
+    }
+    return identity._replace(button_numbers=MappingProxyType({**known, **numbers}))
 
 
 def _button_numbers(model: KnownModel) -> Mapping[str, int]:

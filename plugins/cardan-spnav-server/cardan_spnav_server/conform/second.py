@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 from cardan.conform.requirements import Verdict, failed, not_applicable, not_seen, passed
-from cardan.conform.spnav.seen import Record, SpnavSeen
 from cardan.errors import ExtraMissingError
 from cardan.protocols.spnav import (
     RECORD_BYTES,
@@ -19,6 +18,7 @@ from cardan.protocols.spnav import (
     RawButton,
     Reply,
 )
+from cardan_spnav_server.conform.seen import Record, SpnavSeen
 
 WORD_BYTES = 4
 COMPARED = 2000
@@ -28,7 +28,7 @@ COMPARED = 2000
 def readings_differ(seen: SpnavSeen) -> Verdict:
     """Whether the layers cut and read the daemon's streams as the codec does."""
     try:
-        from cardan.dissect.spnav import SpnavBroken, SpnavFromServer, SpnavHandshake
+        from cardan_spnav_server.dissect import SpnavBroken, SpnavFromServer, SpnavHandshake
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     count = 0

@@ -16,18 +16,6 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.silences import never_silent
-from cardan.conform.spnav.pilot import (
-    NEW,
-    NEW_FACTOR,
-    OLD,
-    OLD_FACTOR,
-    OTHER,
-    SETTINGS,
-    STRINGS,
-    UNKNOWN,
-)
-from cardan.conform.spnav.second import readings_differ
-from cardan.conform.spnav.seen import Asked, Record, SpnavSeen
 from cardan.protocols.spnav import (
     DEVICE_TYPES,
     MASK_V1,
@@ -47,6 +35,18 @@ from cardan.protocols.spnav import (
     StringAssembler,
     float_of,
 )
+from cardan_spnav_server.conform.pilot import (
+    NEW,
+    NEW_FACTOR,
+    OLD,
+    OLD_FACTOR,
+    OTHER,
+    SETTINGS,
+    STRINGS,
+    UNKNOWN,
+)
+from cardan_spnav_server.conform.second import readings_differ
+from cardan_spnav_server.conform.seen import Asked, Record, SpnavSeen
 
 PROTOCOL = "FreeSpacenav, spacenavd's description of its protocol"
 LIBSPNAV = "FreeSpacenav libspnav, src/spnav.c"

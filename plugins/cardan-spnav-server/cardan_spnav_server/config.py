@@ -1,0 +1,17 @@
+"""What ``cardan spnav`` reads of a file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from cardan.drivers.registry import DriverTable
+from cardan.options import Options
+from cardan_spnav_server.options import SpnavServerOptions
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServedConfig(Options):
+    """``[device]`` and ``[spnav]``: no robot is needed."""
+
+    device: DriverTable
+    spnav: SpnavServerOptions = field(default_factory=SpnavServerOptions)

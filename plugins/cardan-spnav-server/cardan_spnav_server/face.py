@@ -1,0 +1,56 @@
+"""The face for programs that use libspnav: they watch the device of a session, by the bus."""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass, field, fields
+
+from cardan.bus.options import BusOptions
+from cardan.drivers.ros2_spacenav import Ros2Spacenav, Ros2SpacenavOptions
+from cardan.gateway.bus.device_topics import SPACENAV_FULL
+from cardan.gateway.faces.base import Face, Ready
+from cardan.options import Options
+from cardan_spnav_server.options import SpnavServerOptions
+from cardan_spnav_server.server import serve_until
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceTopic(Options):
+    """Where the session publishes its device."""
+
+    topic: str = "/spacenav/joy"
+    """The device's, of a session with device = true in [network]: with its namespace before it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpnavFaceOptions(Options):
+    """The bus, the device on it, and the socket."""
+
+    bus: BusOptions = field(default_factory=BusOptions)
+    device: DeviceTopic = field(default_factory=DeviceTopic)
+    server: SpnavServerOptions = field(default_factory=SpnavServerOptions)
+
+
+class SpnavFace(Face[SpnavFaceOptions]):
+    """Serve the operator device of a session to stock programs that use libspnav, as spacenavd
+    does."""
+
+    Options = SpnavFaceOptions
+    page = "spnav.md"
+
+    @classmethod
+    def serve(cls, options: SpnavFaceOptions, ready: Ready, stop: threading.Event) -> None:
+        """Serve until `stop` is set. Raises AddressError, ConfigurationError, ExtraMissingError or
+        DriverError."""
+        bus = {each.name: getattr(options.bus, each.name) for each in fields(options.bus)}
+        device = Ros2Spacenav(
+            Ros2SpacenavOptions(
+                **bus,
+                topic=options.device.topic,
+                name="spnav_server",
+                full_scale=SPACENAV_FULL,
+                dead_zone=0.0,  # The session's driver has had its own.
+                wait_for_device=True,
+            )
+        )
+        serve_until(device, options.server, ready, stop)
