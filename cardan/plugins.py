@@ -17,6 +17,30 @@ from cardan.signals import EndingSignalError
 
 T = TypeVar("T")
 
+_SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spnav-server"
+IN_SOURCE_TREE = {
+    "command": {"evaluate": "studies", "spnav": _SPNAV_SERVER},
+    "driver": {"spacemouse_serial": _SERIAL_MICE},
+    "face": {"spnav": _SPNAV_SERVER},
+    "protocol": {
+        **dict.fromkeys(("magellan", "spaceball", "spaceorb"), _SERIAL_MICE),
+        "spnav": _SPNAV_SERVER,
+    },
+    "simulated peer": {"spacemouse-serial": _SERIAL_MICE},
+}
+"""What distributions have that only the source tree has, and the folders of those."""
+
+
+def not_installed(word: str, name: str) -> str:
+    """Why `name`, a `word`, cannot be found though the source tree has it; empty: it has not."""
+    folder = IN_SOURCE_TREE.get(word, {}).get(name)
+    if folder is None:
+        return ""
+    return (
+        f"it is in the folder {folder} of Cardan's source tree, and not installed: run "
+        f"`pip install ./{folder}` there, or `make demo`"
+    )
+
 
 def reason(error: BaseException) -> str:
     """What went wrong in a plug-in, in one line."""
@@ -85,7 +109,9 @@ class Finder(Generic[T]):
             else:
                 raise ConfigurationError(
                     self._word,
-                    f"there is no {self._word} {name!r}; allowed: {', '.join(self.names())}",
+                    f"{self._word} {name!r}: {why}"
+                    if (why := not_installed(self._word, name))
+                    else f"there is no {self._word} {name!r}; allowed: {', '.join(self.names())}",
                 )
         module, _, attribute = target.partition(":")
         of = f"{target} of {self._word} {name!r}"

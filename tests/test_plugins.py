@@ -3,12 +3,18 @@
 import re
 import sys
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import pytest
 
 from cardan.errors import ConfigurationError, ExtraMissingError
-from cardan.plugins import Finder, reason
+from cardan.plugins import IN_SOURCE_TREE, Finder, reason
 from cardan.signals import EndingSignalError
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
 
 POINTS = [
     EntryPoint("theirs", "decimal:DivisionByZero", "group"),
@@ -196,3 +202,33 @@ def test_what_is_missing_is_no_fault_of_a_plug_in(tmp_path, monkeypatch, raised,
 def test_a_shortage_in_use_is_no_fault_of_a_plug_in(finder):
     with pytest.raises(MemoryError), finder.using("theirs", "trap"):
         raise MemoryError
+
+
+def plugins_entry_points():
+    """What is found by each group's entry points: of the groups of this source tree's own."""
+    words = {
+        "cardan.commands": "command",
+        "cardan.conform": "protocol",
+        "cardan.drivers": "driver",
+        "cardan.faces": "face",
+        "cardan.sim_peers": "simulated peer",
+    }
+    root = Path(__file__).parents[1]
+    for file in (root / "studies/pyproject.toml", *root.glob("plugins/cardan-*/pyproject.toml")):
+        project = tomllib.loads(file.read_text(encoding="utf-8"))["project"]
+        for group, points in project["entry-points"].items():
+            for name in points:
+                yield words[group], name, str(file.parent.relative_to(root))
+
+
+def test_what_only_the_source_tree_has_is_said_with_its_folder():
+    found = list(plugins_entry_points())
+    assert {(word, name): folder for word, name, folder in found} == {
+        (word, name): folder
+        for word, names in IN_SOURCE_TREE.items()
+        for name, folder in names.items()
+    }
+    for word, name, folder in found:
+        none = Finder(Exception, word, {}, list)
+        with pytest.raises(ConfigurationError, match=f"pip install ./{folder}"):
+            none.load(name)

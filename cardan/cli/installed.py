@@ -12,12 +12,9 @@ from typer.core import TyperGroup
 from cardan.cli.common import EPILOG
 from cardan.cli.declared import Commands, broken
 from cardan.errors import ConfigurationError
-from cardan.plugins import Finder
+from cardan.plugins import Finder, not_installed
 
 ENTRY_POINT_GROUP = "cardan.commands"
-
-IN_SOURCE_TREE = {"evaluate": "studies", "spnav": "plugins/cardan-spnav-server"}
-"""Commands of distributions that only the source tree has, and the folders of those."""
 
 
 def _installed() -> EntryPoints:
@@ -50,11 +47,7 @@ class CardanCommands(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         found = super().get_command(ctx, cmd_name) or self._others.get(cmd_name)
-        if found is None and (folder := IN_SOURCE_TREE.get(cmd_name)):
-            error = ConfigurationError(
-                cmd_name,
-                f"it is in the folder {folder} of Cardan's source tree, and not installed: run "
-                f"`pip install ./{folder}` there, or `make demo`",
-            )
+        if found is None and (why := not_installed("command", cmd_name)):
+            error = ConfigurationError(cmd_name, why)
             return broken(cmd_name, error)
         return found
