@@ -37,7 +37,7 @@ def not_installed(word: str, name: str) -> str:
     if folder is None:
         return ""
     return (
-        f"it is in the folder {folder} of Cardan's source tree, and not installed: run "
+        f"{name!r} is in the folder {folder} of Cardan's source tree, and not installed: run "
         f"`pip install ./{folder}` there, or `make demo`"
     )
 
@@ -109,9 +109,8 @@ class Finder(Generic[T]):
             else:
                 raise ConfigurationError(
                     self._word,
-                    f"{self._word} {name!r}: {why}"
-                    if (why := not_installed(self._word, name))
-                    else f"there is no {self._word} {name!r}; allowed: {', '.join(self.names())}",
+                    not_installed(self._word, name)
+                    or f"there is no {self._word} {name!r}; allowed: {', '.join(self.names())}",
                 )
         module, _, attribute = target.partition(":")
         of = f"{target} of {self._word} {name!r}"

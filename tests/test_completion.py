@@ -35,7 +35,7 @@ def names(offered):
 def test_demos_and_drivers_and_verbs():
     assert names(completion.demos("go")) == ["gofa"]
     assert {"omni", "omni-ur5"} <= {*names(completion.demos("omni"))}
-    assert names(completion.drivers("spa")) == ["spacemouse"]
+    assert names(completion.drivers("spa")) == ["spacemouse", "spacemouse_serial"]
     assert names(completion.verbs("mov")) == ["movj", "movl", "movv"]
 
 

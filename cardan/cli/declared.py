@@ -39,7 +39,7 @@ from cardan.cli.common import (
 )
 from cardan.errors import ConfigurationError, OptionError
 from cardan.options import CODE_ONLY
-from cardan.plugins import Loaded, is_lack, reason
+from cardan.plugins import Loaded, is_lack, not_installed, reason
 from cardan.sim_peers.command import Option, name_and_unit, option_of
 
 
@@ -261,7 +261,7 @@ class Commands(Mapping[str, Any]):
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._made:
-            if name not in self._registry.names():
+            if name not in self._registry.names() and not not_installed(self._word, name):
                 raise KeyError(name)
             try:
                 with self._registry.using(name, self._word):

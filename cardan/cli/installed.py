@@ -10,9 +10,9 @@ import typer
 from typer.core import TyperGroup
 
 from cardan.cli.common import EPILOG
-from cardan.cli.declared import Commands, broken
+from cardan.cli.declared import Commands
 from cardan.errors import ConfigurationError
-from cardan.plugins import Finder, not_installed
+from cardan.plugins import Finder
 
 ENTRY_POINT_GROUP = "cardan.commands"
 
@@ -46,8 +46,4 @@ class CardanCommands(TyperGroup):
         return [*own, *(name for name in self._others if name not in own)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        found = super().get_command(ctx, cmd_name) or self._others.get(cmd_name)
-        if found is None and (why := not_installed("command", cmd_name)):
-            error = ConfigurationError(cmd_name, why)
-            return broken(cmd_name, error)
-        return found
+        return super().get_command(ctx, cmd_name) or self._others.get(cmd_name)
