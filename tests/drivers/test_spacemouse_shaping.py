@@ -105,7 +105,7 @@ def test_continuous_and_monotonic(dead_zone, curve, shape):
         ({"full_scale": math.inf}, "full_scale: inf is not allowed"),
         (
             {"transport": "bus"},
-            "transport: 'bus' is not allowed; it must be one of auto, hidraw, libusb, usb, serial",
+            "transport: 'bus' is not allowed; it must be one of auto, hidraw, libusb, usb, socket",
         ),
         (
             {"dead_zone_shape": "box"},
