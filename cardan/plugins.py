@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, is_dataclass
 from importlib.metadata import EntryPoint
+from types import MappingProxyType
 from typing import Any, Generic, TypeVar, cast
 
 from cardan.errors import CardanError, ConfigurationError, ExtraMissingError
@@ -47,7 +48,8 @@ class Finder(Generic[T]):
 
     `word` is the term for one in errors and their key ("driver"). `built_in`
     maps names to targets ("package.module:Class") and wins over the entry points that `installed`
-    gives, which is asked only where they matter. Neither is copied.
+    gives, which is asked only where they matter. `in_source_tree` has the folders of distributions
+    of ours that are not always installed, by the names that they have. None is copied.
     """
 
     def __init__(
@@ -56,9 +58,11 @@ class Finder(Generic[T]):
         word: str,
         built_in: Mapping[str, str],
         installed: Callable[[], Iterable[EntryPoint]],
+        in_source_tree: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._base, self._word = base, word
         self._built_in, self._installed = built_in, installed
+        self._in_source_tree = in_source_tree
 
     def names(self) -> tuple[str, ...]:
         """Every name that can be loaded, sorted."""
@@ -83,6 +87,12 @@ class Finder(Generic[T]):
                     target = point.value
                     break
             else:
+                if folder := self._in_source_tree.get(name):
+                    raise ConfigurationError(
+                        self._word,
+                        f"{name!r} is in the folder {folder} of Cardan's source tree, and not "
+                        f"installed: run `pip install ./{folder}` there, or `make demo`",
+                    )
                 raise ConfigurationError(
                     self._word,
                     f"there is no {self._word} {name!r}; allowed: {', '.join(self.names())}",

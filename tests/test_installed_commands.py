@@ -109,7 +109,7 @@ def test_ours_have_their_names_first(cardan):
 def test_a_command_of_the_source_tree_says_where_it_is(cardan, monkeypatch, words, folder):
     monkeypatch.setattr(installed, "entry_points", lambda group: [])
     said = cardan(*words, code=2)
-    assert said.startswith(f"cardan: {words[0]}: ")
+    assert said.startswith(f"cardan: command: {words[0]!r} is in the folder {folder} ")
     assert f"pip install ./{folder}" in said
     assert said.count("\n") == 1
     assert words[0] not in cardan("--help")

@@ -12,7 +12,7 @@ import enum
 import inspect
 import textwrap
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import AbstractContextManager
 from typing import (
     Annotated,
@@ -254,14 +254,22 @@ class Commands(Mapping[str, Any]):
     """The commands of a registry by name; what it names is imported when its command is asked
     for."""
 
-    def __init__(self, registry: Registry, word: str, make: Callable[[str, Any], Any]) -> None:
-        """`make` makes the command of a name and its class; `word` is the term for one."""
+    def __init__(
+        self,
+        registry: Registry,
+        word: str,
+        make: Callable[[str, Any], Any],
+        elsewhere: Collection[str] = (),
+    ) -> None:
+        """`make` makes the command of a name and its class; `word` is the term for one. Commands
+        that are `elsewhere` say where, and are not listed."""
         self._registry, self._word, self._make = registry, word, make
+        self._elsewhere = elsewhere
         self._made: dict[str, Any] = {}
 
     def __getitem__(self, name: str) -> Any:
         if name not in self._made:
-            if name not in self._registry.names():
+            if name not in self._elsewhere and name not in self._registry.names():
                 raise KeyError(name)
             try:
                 with self._registry.using(name, self._word):

@@ -29,7 +29,7 @@ from cardan.gateway.faces.base import Face
 class _Faces(TyperGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self.commands: Any = Commands(registry, "face", _command)
+        self.commands: Any = Commands(registry, "face", _command, registry.IN_SOURCE_TREE)
 
 
 face = typer.Typer(name="face", cls=_Faces, no_args_is_help=True, rich_markup_mode="rich")

@@ -10,7 +10,7 @@ import typer
 from typer.core import TyperGroup
 
 from cardan.cli.common import EPILOG
-from cardan.cli.declared import Commands, broken
+from cardan.cli.declared import Commands
 from cardan.errors import ConfigurationError
 from cardan.plugins import Finder
 
@@ -41,20 +41,12 @@ class CardanCommands(TyperGroup):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        finder = _Functions(object, "command", {}, _installed)
-        self._others = Commands(finder, "command", _command)
+        finder = _Functions(object, "command", {}, _installed, IN_SOURCE_TREE)
+        self._others = Commands(finder, "command", _command, IN_SOURCE_TREE)
 
     def list_commands(self, ctx: Any) -> list[str]:
         own = super().list_commands(ctx)
         return [*own, *(name for name in self._others if name not in own)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        found = super().get_command(ctx, cmd_name) or self._others.get(cmd_name)
-        if found is None and (folder := IN_SOURCE_TREE.get(cmd_name)):
-            error = ConfigurationError(
-                cmd_name,
-                f"it is in the folder {folder} of Cardan's source tree, and not installed: run "
-                f"`pip install ./{folder}` there, or `make demo`",
-            )
-            return broken(cmd_name, error)
-        return found
+        return super().get_command(ctx, cmd_name) or self._others.get(cmd_name)

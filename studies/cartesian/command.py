@@ -81,8 +81,8 @@ def _rosbridge(endpoint: str) -> Iterator[Put]:
 @contextmanager
 def _dds(endpoint: str) -> Iterator[Put]:
     """A participant on a DDS domain of this run alone, behind the face."""
-    from cardan.bus.dds.network import DdsNetwork
-    from cardan.bus.dds.options import DdsOptions
+    from cardan.bus.dds_options import DdsOptions
+    from cardan_dds.network import DdsNetwork
 
     options, codec = DdsOptions(dds_domain=random.randrange(100, 200)), codec_of(TYPE)
     words = ("face", "dds", "--router", endpoint, "--dds-domain", str(options.dds_domain))

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.bounds import Range
-from cardan.bus.dds.options import DdsOptions
+from cardan.bus.dds_options import DdsOptions
 from cardan.drivers.node_options import NodeOptions
 from cardan.errors import OptionError
 from cardan.options import require

@@ -13,7 +13,6 @@ ENTRY_POINT_GROUP = "cardan.faces"
 
 BUILT_IN = {
     "console": "cardan.gateway.faces.console.face:Console",
-    "dds": "cardan.gateway.faces.dds:Dds",
     "foxglove": "cardan.gateway.faces.foxglove:Foxglove",
     "metrics": "cardan.gateway.daemon.metrics:Metrics",
     "recorder": "cardan.gateway.recording.face:RecorderFace",
@@ -22,13 +21,22 @@ BUILT_IN = {
 }
 """Our own faces. Other packages add theirs by an entry point of the same form."""
 
+IN_SOURCE_TREE = {"dds": "plugins/cardan-dds", "spnav": "plugins/cardan-spnav-server"}
+"""Faces of our plug-ins, and the folders of those."""
+
 
 def _installed() -> EntryPoints:
     return entry_points(group=ENTRY_POINT_GROUP)
 
 
 # mypy wants a class that can be instantiated; a Finder only compares with it.
-_FINDER: Finder[Face[Any]] = Finder(Face, "face", BUILT_IN, _installed)  # type: ignore[type-abstract]
+_FINDER: Finder[Face[Any]] = Finder(
+    Face,  # type: ignore[type-abstract]
+    "face",
+    BUILT_IN,
+    _installed,
+    IN_SOURCE_TREE,
+)
 
 
 def names() -> tuple[str, ...]:
