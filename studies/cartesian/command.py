@@ -182,9 +182,10 @@ class Trial:
 
 def left_out() -> str:
     """Why a transport cannot be measured here; empty: all can."""
-    if find_spec("cyclonedds") is not None:
+    lacking = [name for name in ("cardan_dds", "cyclonedds") if find_spec(name) is None]
+    if not lacking:
         return ""
-    return f"DDS, for lack of cyclonedds: {install_command('dds')}"
+    return f"DDS, for lack of {' and '.join(lacking)}: {install_command('dds')}"
 
 
 def measure(trials: int = TRIALS) -> dict[str, Delays]:
