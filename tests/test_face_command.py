@@ -79,6 +79,17 @@ def test_every_face_tells_what_it_does_and_what_its_options_mean(name):
     assert declared.epilog in told
 
 
+@pytest.mark.parametrize("name", registry.IN_SOURCE_TREE)
+def test_a_face_of_a_plug_in_that_is_missing_says_what_to_install(monkeypatch, name):
+    monkeypatch.setattr(registry, "entry_points", lambda group: [])
+    folder = registry.IN_SOURCE_TREE[name]
+    with pytest.raises(ConfigurationError, match=f"run `pip install ./{folder}` there"):
+        said(name, "--domain", "1")
+    with pytest.raises(ConfigurationError, match=f"{name!r} is in the folder {folder} "):
+        registry.load(name)
+    assert f" {name} " not in said("--list")
+
+
 def test_the_fields_of_all_options_inside_are_options_with_their_texts(echo):
     told = said("echo", "--help")
     for words in (

@@ -7,11 +7,12 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
 
-from cardan.bus.dds import cyclone
+
 from cardan.bus.dds_options import DdsOptions
 from cardan.bus.network import Failure, NetworkError
 from cardan.errors import ConfigurationError, ExtraMissingError
 from cardan.protocols.ros2.zenoh import Qos
+from cardan_dds import cyclone
 from cardan_dds.cyclone import LOOPBACK, Participant
 from cardan_dds.wire import Announcement, Endpoint, NodeInfo, ServicePacket
 from tests.dds_rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
