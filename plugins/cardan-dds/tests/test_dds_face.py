@@ -1,7 +1,5 @@
 """The face, and the nodes of the transport, as Cardan finds them by their entry points."""
 
-import pytest
-
 from cardan.bus import transports
 from cardan.gateway.faces import registry
 from cardan_dds.face import Dds
@@ -20,8 +18,3 @@ def test_the_face_tells_what_it_does_and_what_its_options_mean():
     told = said("dds", "--help")
     for words in ("--seconds", "--dds-domain", "--dds-config", "--topics", Dds.epilog):
         assert words in told
-
-
-@pytest.mark.parametrize("name", ["dds_domain", "dds_config", "dds_distribution"])
-def test_options_of_dds_are_those_that_drivers_have(name):
-    assert hasattr(Dds.Options().dds, name)
