@@ -198,11 +198,17 @@ PAGES = {
                 "[why it does not move](../console.md#why-it-does-not-move)",
             ),
             Part(
-                "Faces", ("gateway/faces",), "[faces](../ros2.md#faces), [security](../security.md)"
+                "Faces",
+                (
+                    "gateway/faces",
+                    "cardan-dds/cardan_dds/face.py",
+                    "cardan-dds/cardan_dds/bridge.py",
+                ),
+                "[faces](../ros2.md#faces), [security](../security.md)",
             ),
             Part(
                 "The bus",
-                ("bus",),
+                ("bus", "cardan-dds/cardan_dds"),
                 "`cardan network FILE`; [routers](../ros2.md#routers-and-several-computers)",
             ),
         ),

@@ -331,8 +331,8 @@ class Dds(_Bus):
     """A node on DDS."""
 
     def joined(self) -> Network:
-        from cardan.bus.dds.network import DdsNetwork
-        from cardan.bus.dds.options import DdsOptions
+        from cardan.bus.dds_options import DdsOptions
+        from cardan_dds.network import DdsNetwork
 
         network = DdsNetwork(DdsOptions(dds_domain=int(self.endpoint.rpartition("/")[2])), "flood")
         network.open()

@@ -26,8 +26,8 @@ BESIDE = {
 """What stands on the package, and is not there where only the package is installed."""
 PLUGINS = sorted(SOURCE_TREE.glob("plugins/cardan-*"))
 GROUPS = {
-    "cardan.checks", "cardan.commands", "cardan.conform", "cardan.dissect", "cardan.drivers",
-    "cardan.faces", "cardan.filters", "cardan.sim_peers",
+    "cardan.buses", "cardan.checks", "cardan.commands", "cardan.conform", "cardan.dissect",
+    "cardan.drivers", "cardan.faces", "cardan.filters", "cardan.sim_peers",
 }  # fmt: skip
 """Entry points by which a plug-in may reach Cardan."""
 LEAVES = {
@@ -246,7 +246,7 @@ def outside(path):
 
 
 def test_what_stands_on_the_package_is_there():
-    assert {"studies", "lerobot_robot_cardan", "cardan_serial_mice"} < BESIDE
+    assert {"studies", "lerobot_robot_cardan", "cardan_dds", "cardan_serial_mice"} < BESIDE
     for name in BESIDE:
         assert [*SOURCE_TREE.glob(f"{name}*"), *SOURCE_TREE.glob(f"plugins/*/{name}")], name
 

@@ -19,6 +19,7 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.faces import registry
 from cardan.gateway.faces.base import Face
 from cardan.options import CODE_ONLY, Options
+from cardan.plugins import IN_SOURCE_TREE
 from tests.serving import free_endpoint
 
 WIDE = {"COLUMNS": "400", "NO_COLOR": "1", "TERM": "dumb"}
@@ -77,6 +78,17 @@ def test_every_face_tells_what_it_does_and_what_its_options_mean(name):
     told = said(name, "--help")
     assert "--seconds" in told
     assert declared.epilog in told
+
+
+@pytest.mark.parametrize("name", IN_SOURCE_TREE["face"])
+def test_a_face_of_a_plug_in_that_is_missing_says_what_to_install(monkeypatch, name):
+    monkeypatch.setattr(registry, "entry_points", lambda group: [])
+    folder = IN_SOURCE_TREE["face"][name]
+    with pytest.raises(ConfigurationError, match=f"run `pip install ./{folder}` there"):
+        said(name, "--domain", "1")
+    with pytest.raises(ConfigurationError, match=f"{name!r} is in the folder {folder} "):
+        registry.load(name)
+    assert f" {name} " not in said("--list")
 
 
 def test_the_fields_of_all_options_inside_are_options_with_their_texts(echo):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib.metadata
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -28,6 +28,12 @@ OF_TOOLS = {"make", "uv"}
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
+PLUGINS = {
+    path.parent.name: tomllib.loads(path.read_text(encoding="utf-8"))["project"]["dependencies"]
+    for path in ROOT.glob("plugins/cardan-*/pyproject.toml")
+}
+"""What each plug-in of this repository needs."""
+
 WRITE = "run `make lock`"
 
 
@@ -61,12 +67,20 @@ def versions(lock: str, variables: dict[str, str]) -> dict[str, str]:
 
 
 def asked_for(extra: str) -> Iterator[Requirement]:
-    """What an extra of pyproject.toml needs, with what the extras that it names need."""
-    for text in EXTRAS[extra]:
+    """What an extra of pyproject.toml needs, with what the extras and plug-ins that it names
+    need."""
+    yield from needed_by(EXTRAS[extra])
+
+
+def needed_by(texts: Iterable[str]) -> Iterator[Requirement]:
+    """What such requirements come to."""
+    for text in texts:
         requirement = Requirement(text)
         if requirement.name == "cardan":
             for other in requirement.extras:
                 yield from asked_for(other)
+        elif requirement.name in PLUGINS:
+            yield from needed_by(PLUGINS[requirement.name])
         else:
             yield requirement
 
@@ -77,6 +91,7 @@ def test_each_package_has_hashes_and_no_address(lock):
     assert not re.search(r"^-", LOCKS[lock], re.MULTILINE), "an option of pip"
     for requirement, hashes in entries(lock):
         assert hashes, requirement
+        assert requirement.name not in {"cardan", *PLUGINS}, "it is on no index"
         assert all(re.fullmatch(r"sha256:[0-9a-f]{64}", each) for each in hashes), requirement
 
 

@@ -207,6 +207,7 @@ def test_a_shortage_in_use_is_no_fault_of_a_plug_in(finder):
 def plugins_entry_points():
     """What is found by each group's entry points: of the groups of this source tree's own."""
     words = {
+        "cardan.buses": "transport",
         "cardan.commands": "command",
         "cardan.conform": "protocol",
         "cardan.drivers": "driver",

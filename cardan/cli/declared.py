@@ -255,7 +255,8 @@ class Commands(Mapping[str, Any]):
     for."""
 
     def __init__(self, registry: Registry, word: str, make: Callable[[str, Any], Any]) -> None:
-        """`make` makes the command of a name and its class; `word` is the term for one."""
+        """`make` makes the command of a name and its class; `word` is the term for one. Commands
+        that only the source tree has say where, and are not listed."""
         self._registry, self._word, self._make = registry, word, make
         self._made: dict[str, Any] = {}
 

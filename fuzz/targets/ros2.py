@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from cardan.errors import CardanError
 from cardan.gateway.bus.remote import parse_address
-from cardan.protocols.ros2 import dds, names, zenoh
+from cardan.protocols.ros2 import names, zenoh
 from cardan.protocols.ros2.actions import Goals
 from cardan.protocols.ros2.cdr import CdrError, Codec, Malformed, codec_of
 from cardan.protocols.ros2.definitions import TEXT
@@ -30,6 +30,7 @@ from cardan.protocols.ros2.parameters import (
 )
 from cardan.sim_peers.ros2_arm import controllers
 from cardan.sim_peers.ros2_arm.options import RosArmOptions
+from cardan_dds import wire
 from fuzz.target import Form, Packets, Target
 from fuzz.targets.common import all_finite, same, text_of
 from tests.gateway.bus import rig as bus_rig
@@ -95,7 +96,7 @@ def _cdr(data: bytes) -> object:
     again = codec.decode(encoded)
     same(again, found)
     json_text(name, found)
-    dds.exact(name, dds.padded(body))
+    wire.exact(name, wire.padded(body))
     return number, len(body) > 64
 
 
@@ -187,33 +188,33 @@ def _zenoh_seeds() -> Iterator[bytes]:
 
 
 def _dds(data: bytes) -> object:
-    packet = dds.ServicePacket.decode(data)
+    packet = wire.ServicePacket.decode(data)
     if packet is not None:
-        same(dds.ServicePacket.decode(packet.encode())[:2], packet[:2])  # type: ignore[index]
+        same(wire.ServicePacket.decode(packet.encode())[:2], packet[:2])  # type: ignore[index]
     found = []
     for gid_bytes in (16, 24):
-        announced = dds.Announcement.decode(data, gid_bytes)
+        announced = wire.Announcement.decode(data, gid_bytes)
         found.append(announced is not None)
         if announced is not None:
-            again = dds.Announcement.decode(announced.encode(gid_bytes), gid_bytes)
+            again = wire.Announcement.decode(announced.encode(gid_bytes), gid_bytes)
             assert again is not None, announced
-            graph = dds.DdsGraph()
+            graph = wire.DdsGraph()
             graph.announce(announced)
             graph.nodes()
             graph.forget(announced.participant)
-    pairs = dds.parsed_user_data(data)
+    pairs = wire.parsed_user_data(data)
     topic, _, kind = text_of(data).partition("|")
-    name = dds.ros_name(topic, kind)
+    name = wire.ros_name(topic, kind)
     return packet is not None, tuple(found), len(pairs) > 0, name and name.prefix
 
 
 def _dds_seeds() -> Iterator[bytes]:
     cdr = codec_of("std_srvs/srv/Trigger_Response").encode({"success": True, "message": "ok"})
-    yield dds.ServicePacket(0x1234, 7, cdr).encode()
-    node = dds.NodeInfo("/ns/arm", (bytes(range(16)),), (bytes(range(16, 32)),) * 2)
+    yield wire.ServicePacket(0x1234, 7, cdr).encode()
+    node = wire.NodeInfo("/ns/arm", (bytes(range(16)),), (bytes(range(16, 32)),) * 2)
     for gid_bytes in (16, 24):
-        yield dds.Announcement(bytes(range(16)), (node, dds.NodeInfo("/b"))).encode(gid_bytes)
-    yield dds.user_data({"typehash": "RIHS01_ab", "serviceid": "1.2.3"})
+        yield wire.Announcement(bytes(range(16)), (node, wire.NodeInfo("/b"))).encode(gid_bytes)
+    yield wire.user_data({"typehash": "RIHS01_ab", "serviceid": "1.2.3"})
     for topic in ("rt/arm/cmd", "rq/arm/stopRequest", "rr/arm/stopReply"):
         yield f"{topic}|std_srvs::srv::dds_::Trigger_Request_".encode()
 

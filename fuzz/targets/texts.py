@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from cardan import tables
-from cardan.bus.dds.options import DdsOptions
+from cardan.bus.dds_options import DdsOptions
 from cardan.errors import CardanError, ConfigurationError
 from cardan.gateway.arm import cycle_record, requests
 from cardan.gateway.common import certificates

@@ -81,8 +81,8 @@ def _rosbridge(endpoint: str) -> Iterator[Put]:
 @contextmanager
 def _dds(endpoint: str) -> Iterator[Put]:
     """A participant on a DDS domain of this run alone, behind the face."""
-    from cardan.bus.dds.network import DdsNetwork
-    from cardan.bus.dds.options import DdsOptions
+    from cardan.bus.dds_options import DdsOptions
+    from cardan_dds.network import DdsNetwork
 
     options, codec = DdsOptions(dds_domain=random.randrange(100, 200)), codec_of(TYPE)
     words = ("face", "dds", "--router", endpoint, "--dds-domain", str(options.dds_domain))
@@ -182,9 +182,10 @@ class Trial:
 
 def left_out() -> str:
     """Why a transport cannot be measured here; empty: all can."""
-    if find_spec("cyclonedds") is not None:
+    lacking = [name for name in ("cardan_dds", "cyclonedds") if find_spec(name) is None]
+    if not lacking:
         return ""
-    return f"DDS, for lack of cyclonedds: {install_command('dds')}"
+    return f"DDS, for lack of {' and '.join(lacking)}: {install_command('dds')}"
 
 
 def measure(trials: int = TRIALS) -> dict[str, Delays]:

@@ -7,7 +7,6 @@ import pytest
 
 pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
 
-from cardan.bus.dds.node import DdsNode
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
 from cardan.drivers.ros2_arm import Ros2Arm
@@ -17,7 +16,8 @@ from cardan.gateway.session.examples import free_ports
 from cardan.robots import load_arm
 from cardan.sim_peers.ros2_arm import RosArmOptions, RosArmPeer
 from cardan.types import HoldCommand, JointCommand, RobotLink
-from tests.bus.dds.rig import OPTIONS
+from cardan_dds.node import DdsNode
+from tests.dds_rig import OPTIONS
 from tests.drivers.ros2_rig import joint_states
 
 pytestmark = pytest.mark.matrix

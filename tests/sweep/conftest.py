@@ -38,7 +38,7 @@ def running(session):
 def domain(session):
     """Of DDS, with the face between it and the session, in a process of its own."""
     pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
-    from tests.bus.dds.rig import OPTIONS
+    from tests.dds_rig import OPTIONS
 
     number = str(OPTIONS.number)
     with served("face", "dds", "--router", session.endpoint, "--dds-domain", number):

@@ -16,11 +16,11 @@ warnings.filterwarnings("ignore", message="dora-rs ROS2 Bridge")
 import dora  # noqa: E402
 import pyarrow as pa  # noqa: E402
 
-from cardan.bus.dds.network import DdsNetwork  # noqa: E402
-from cardan.bus.dds.options import DdsOptions  # noqa: E402
-from cardan.protocols.ros2.dds import RUST_DDS  # noqa: E402
+from cardan.bus.dds_options import DdsOptions  # noqa: E402
 from cardan.protocols.ros2.interfaces import DUMMY_MEMBER, message_type  # noqa: E402
 from cardan.protocols.ros2.messages import completed  # noqa: E402
+from cardan_dds.network import DdsNetwork  # noqa: E402
+from cardan_dds.wire import RUST_DDS  # noqa: E402
 from tests.sweep.plan import RESULT, command  # noqa: E402
 from tests.waiting import until  # noqa: E402
 

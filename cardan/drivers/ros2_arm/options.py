@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.bounds import Range
-from cardan.bus.dds.options import DdsOptions
+from cardan.bus.dds_options import DdsOptions
 from cardan.drivers.node_options import NodeOptions
 from cardan.errors import OptionError
 from cardan.options import require
@@ -43,7 +43,7 @@ class Ros2ArmOptions(NodeOptions):
     a prefix ("left_shoulder_pan_joint"); empty: as in `robot`."""
     transport: Literal["zenoh", "dds"] = "zenoh"
     """What the robot's nodes speak, as their RMW_IMPLEMENTATION says: zenoh: rmw_zenoh_cpp; dds:
-    rmw_cyclonedds_cpp or rmw_fastrtps_cpp, which needs cardan[dds]."""
+    rmw_cyclonedds_cpp or rmw_fastrtps_cpp, which needs the plug-in cardan-dds."""
     dds_config: str = ""
     """For dds: configuration of Cyclone DDS, XML or file://PATH. Empty: CYCLONEDDS_URI where that
     is set, or else this computer alone."""

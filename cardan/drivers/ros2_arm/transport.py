@@ -7,8 +7,9 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from cardan.bus.dds.node import DdsNode
+from cardan.bus import transports
 from cardan.bus.node import BusNode, Received, gid_of
+from cardan.bus.transports import OtherNode
 from cardan.drivers.datagram_robot import Transport
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
@@ -44,7 +45,7 @@ class Ros2Transport(Transport, Protocol):
 class NodeTransport(ABC):
     """By a node of its own."""
 
-    def __init__(self, options: Ros2ArmOptions, node: BusNode | DdsNode) -> None:
+    def __init__(self, options: Ros2ArmOptions, node: BusNode | OtherNode) -> None:
         """Raises DriverError, ConfigurationError or ExtraMissingError."""
         self._options, self._node = options, node
         node.open()
@@ -139,7 +140,7 @@ class DdsTransport(NodeTransport):
 
     def __init__(self, options: Ros2ArmOptions) -> None:
         """Raises DriverError, ConfigurationError or ExtraMissingError."""
-        node = DdsNode(options.dds, options.name)
+        node = transports.load("dds")(options.dds, options.name)
         super().__init__(options, node)
         try:
             self._graph = node.graph_reader()
@@ -149,7 +150,7 @@ class DdsTransport(NodeTransport):
 
     def _found(self) -> bool:
         # Read all the time, as what is not would be kept.
-        self._graph.learn(self._graph.take())
+        self._graph.look()
         return self._commands.heard
 
     def publisher(self, gid: bytes) -> str:

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
 from cardan import __version__
+from cardan.bus import transports
 from cardan.bus.options import BusOptions
 from cardan.drivers import registry as drivers
 from cardan.drivers.hid import load_hid
@@ -241,6 +242,7 @@ class PlugIns(Check):
                     ("driver", drivers.load_all()),
                     ("filter", filters.load_all()),
                     ("face", faces.load_all()),
+                    ("transport", transports.load_all()),
                     ("check", checks.load_all()),
                 ]
             )

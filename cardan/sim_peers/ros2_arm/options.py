@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 from cardan import bounds
 from cardan.bounds import Range
-from cardan.bus.dds.options import DdsOptions
+from cardan.bus.dds_options import DdsOptions
 from cardan.bus.options import DOMAIN, BusOptions
 from cardan.errors import ConfigurationError
 from cardan.options import Options

@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import time
 
-from cardan.bus.dds.node import DdsNode, DdsPublisher, DdsSubscription
+from cardan.bus import transports
 from cardan.bus.node import BusNode, Publisher, WaitingSubscription
+from cardan.bus.transports import OtherNode, OtherPublisher, OtherSubscription
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.zenoh import LATCHED_QOS
 from cardan.sim_peers.base import SimulatedPeer
@@ -41,10 +42,10 @@ class RosArmPeer(SimulatedPeer):
     def __init__(self, options: RosArmOptions | None = None) -> None:
         self.options = options = RosArmOptions() if options is None else options
         self.core = RosArm(options)
-        self._node: BusNode | DdsNode | None = None
-        self._publishers: dict[int, Publisher | DdsPublisher] = {}
-        self._commands: WaitingSubscription | DdsSubscription | None = None
-        self._description: Publisher | DdsPublisher | None = None
+        self._node: BusNode | OtherNode | None = None
+        self._publishers: dict[int, Publisher | OtherPublisher] = {}
+        self._commands: WaitingSubscription | OtherSubscription | None = None
+        self._description: Publisher | OtherPublisher | None = None
         """Kept: it is off the bus when it is nobody's."""
         self._next_s = 0.0
         self._out: FaultyLink[StateMessage] | None = None
@@ -67,9 +68,9 @@ class RosArmPeer(SimulatedPeer):
             self._next_s = time.monotonic()
 
     def _join(self) -> None:
-        node: BusNode | DdsNode
+        node: BusNode | OtherNode
         if self.options.transport == "dds":
-            node = DdsNode(self.options.dds, NODE)
+            node = transports.load("dds")(self.options.dds, NODE)
         else:
             node = BusNode(self.options.bus, NODE)
         node.open()

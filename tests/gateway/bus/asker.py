@@ -45,8 +45,8 @@ def wait_for_the_arm(options):
 
 
 def ask_on_dds(domain, way):
-    from cardan.bus.dds.network import DdsNetwork
-    from cardan.bus.dds.options import DdsOptions
+    from cardan.bus.dds_options import DdsOptions
+    from cardan_dds.network import DdsNetwork
 
     with DdsNetwork(DdsOptions(dds_domain=int(domain)), "asker") as network:
         assert network.wait_for_service(f"{ARM}/movv", 20.0)

@@ -14,11 +14,11 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.gateway.faces import dds as dds_face
-from cardan.gateway.faces.dds import DdsBridgeOptions, DdsFaceOptions
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from tests.bus.dds.rig import OPTIONS, network as dds_node
+from cardan_dds import face as dds_face
+from cardan_dds.face import DdsBridgeOptions, DdsFaceOptions
+from tests.dds_rig import OPTIONS, network as dds_node
 from tests.gateway.bus.test_liveness import served as session
 from tests.gateway.faces.foxglove_rig import foxglove_client, foxglove_face
 from tests.gateway.faces.rig import plain_client, rosbridge

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import threading
+from pathlib import Path
 
 import pytest
 
@@ -14,7 +15,7 @@ pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[d
 from cardan.protocols.ros2.actions import GoalStatus
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from tests.bus.dds.rig import OPTIONS, TIMEOUT_S, network
+from tests.dds_rig import OPTIONS, TIMEOUT_S, network
 from tests.ros2_packages import write_packages
 from tests.serving import ARM_SESSION, free_endpoint, served
 from tests.waiting import until
@@ -22,6 +23,7 @@ from tests.waiting import until
 pytestmark = pytest.mark.matrix
 
 ARM = "/left/arm"
+DORA = Path(__file__).with_name("dora_dds.py")
 MOVE, POSE = "cardan_msgs/action/MovePose", "geometry_msgs/msg/Pose"
 
 
@@ -106,7 +108,7 @@ def test_a_node_of_dora_rs_watches_and_commands_the_arm(user, domain, tmp_path):
     write_packages(tmp_path)
     told = json.loads(
         subprocess.run(
-            [sys.executable, "-m", "tests.ros2_dora_dds", ARM],
+            [sys.executable, str(DORA), ARM],
             env={**os.environ, "AMENT_PREFIX_PATH": str(tmp_path), "ROS_DOMAIN_ID": domain},
             stdout=subprocess.PIPE, check=True, timeout=100.0,
         ).stdout

@@ -18,16 +18,16 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from cardan.bus.dds.network import DdsNetwork
 from cardan.bus.network import Answered, Failure, Handle, NetworkError, Publisher, Topic
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
 from cardan.gateway.arm.backlog import Delays, is_stale
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.standstill import StandStill
-from cardan.protocols.ros2.dds import Endpoint
 from cardan.protocols.ros2.names import RosNameError, checked_name
 from cardan.types import NEVER_S
+from cardan_dds.network import DdsNetwork
+from cardan_dds.wire import Endpoint
 
 NODE = "cardan_dds_face"
 """Name of the bridge's node on both sides."""

@@ -4,7 +4,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.protocols.ros2.cdr import codec_of
-from cardan.protocols.ros2.dds import (
+from cardan.protocols.ros2.messages import completed, default_message
+from cardan.protocols.ros2.type_hash import type_hash
+from cardan_dds.wire import (
     BARE_NODE,
     CYCLONE,
     DISCOVERY_TYPE,
@@ -28,8 +30,6 @@ from cardan.protocols.ros2.dds import (
     user_data,
     vendor,
 )
-from cardan.protocols.ros2.messages import completed, default_message
-from cardan.protocols.ros2.type_hash import type_hash
 
 STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"
 CYCLONE_GUID = b"\x01\x10" + bytes(range(14))

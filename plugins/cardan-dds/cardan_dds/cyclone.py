@@ -19,13 +19,13 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from typing import Any, NamedTuple
 
-from cardan.bus.dds.options import DdsOptions
+from cardan.bus.dds_options import DdsOptions
 from cardan.errors import ConfigurationError, DriverError
 from cardan.extras import missing_extra
-from cardan.protocols.ros2.dds import ENCLAVE, Endpoint, padded
 from cardan.protocols.ros2.interfaces import Field, InterfaceError, message_type
 from cardan.protocols.ros2.names import type_of_dds
 from cardan.protocols.ros2.zenoh import Qos
+from cardan_dds.wire import ENCLAVE, Endpoint, padded
 
 LOOPBACK = """
 <CycloneDDS xmlns="https://cdds.io/config"><Domain Id="any">

@@ -14,16 +14,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TypeVar
 
-from cardan.bus.dds.cyclone import (
-    Participant,
-    Reader,
-    Sample,
-    Waiter,
-    Writer,
-    type_is_usable,
-)
-from cardan.bus.dds.node import Announcer, GraphReader, topic_user_data
-from cardan.bus.dds.options import DdsOptions
+from cardan.bus.dds_options import DdsOptions
 from cardan.bus.network import (
     Answered,
     Asked,
@@ -35,7 +26,20 @@ from cardan.bus.network import (
     Topic,
 )
 from cardan.errors import DriverError
-from cardan.protocols.ros2.dds import (
+from cardan.protocols.ros2.interfaces import InterfaceError, full_name
+from cardan.protocols.ros2.names import RosNameError, checked_name
+from cardan.protocols.ros2.type_hash import type_hash
+from cardan.protocols.ros2.zenoh import PARAMETERS_QOS, Qos
+from cardan_dds.cyclone import (
+    Participant,
+    Reader,
+    Sample,
+    Waiter,
+    Writer,
+    type_is_usable,
+)
+from cardan_dds.node import Announcer, GraphReader, topic_user_data
+from cardan_dds.wire import (
     BARE_NODE,
     CYCLONE,
     HEADER_SENDERS,
@@ -51,10 +55,6 @@ from cardan.protocols.ros2.dds import (
     service_id,
     user_data,
 )
-from cardan.protocols.ros2.interfaces import InterfaceError, full_name
-from cardan.protocols.ros2.names import RosNameError, checked_name
-from cardan.protocols.ros2.type_hash import type_hash
-from cardan.protocols.ros2.zenoh import PARAMETERS_QOS, Qos
 
 LONGEST_CALL_S = 3600.0
 """How long a call without a time limit waits for its reply."""

@@ -7,14 +7,15 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
 
-from cardan.bus.dds import cyclone
-from cardan.bus.dds.cyclone import LOOPBACK, Participant
-from cardan.bus.dds.options import DdsOptions
+
+from cardan.bus.dds_options import DdsOptions
 from cardan.bus.network import Failure, NetworkError
 from cardan.errors import ConfigurationError, ExtraMissingError
-from cardan.protocols.ros2.dds import Announcement, Endpoint, NodeInfo, ServicePacket
 from cardan.protocols.ros2.zenoh import Qos
-from tests.bus.dds.rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
+from cardan_dds import cyclone
+from cardan_dds.cyclone import LOOPBACK, Participant
+from cardan_dds.wire import Announcement, Endpoint, NodeInfo, ServicePacket
+from tests.dds_rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
@@ -255,7 +256,7 @@ def test_where_types_cannot_be_hidden_they_are_those_of_ros(pair, monkeypatch):
 
 def test_humble_has_longer_ids_and_is_understood():
     options = DdsOptions(dds_domain=OPTIONS.dds_domain, dds_distribution="humble")
-    from cardan.bus.dds.network import DdsNetwork
+    from cardan_dds.network import DdsNetwork
 
     with DdsNetwork(options, "old") as old, network("new") as new, DdsNetwork(options, "peer") as p:
         until(lambda: "/peer" in old.nodes() and "/old" in p.nodes())

@@ -15,12 +15,12 @@ pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip insta
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
-from cardan.gateway.faces import dds as face
 from cardan.gateway.faces.allowed import Allowed
-from cardan.gateway.faces.bridge import NODE, Bridge
-from cardan.gateway.faces.dds import DdsBridgeOptions, DdsFaceOptions
 from cardan.gateway.faces.standstill import StandStill
-from tests.bus.dds.rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
+from cardan_dds import face as face
+from cardan_dds.bridge import NODE, Bridge
+from cardan_dds.face import DdsBridgeOptions, DdsFaceOptions
+from tests.dds_rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
 from tests.serving import free_endpoint
 from tests.waiting import until
 
@@ -132,8 +132,8 @@ def test_a_participant_that_leaves_takes_its_node_from_the_bus(sides):
 
 PUBLISHER = """
 import sys
-from cardan.bus.dds.network import DdsNetwork
-from cardan.bus.dds.options import DdsOptions
+from cardan_dds.network import DdsNetwork
+from cardan.bus.dds_options import DdsOptions
 with DdsNetwork(DdsOptions(dds_domain=int(sys.argv[1])), "guest") as guest:
     kept = guest.advertise("/arm/command", "std_msgs/msg/String", latched=False)
     sys.stdin.read()

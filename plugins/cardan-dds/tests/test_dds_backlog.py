@@ -5,9 +5,9 @@ from types import SimpleNamespace
 import pytest
 
 from cardan.gateway.arm.backlog import STALE_S
-from cardan.gateway.faces import bridge as bridging
 from cardan.gateway.faces.allowed import Allowed
-from cardan.gateway.faces.bridge import Bridge
+from cardan_dds import bridge as bridging
+from cardan_dds.bridge import Bridge
 
 TWIST = "geometry_msgs/msg/TwistStamped"
 TOPIC = "/servo_node/delta_twist_cmds"

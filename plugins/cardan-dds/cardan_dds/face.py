@@ -5,14 +5,14 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, field
 
-from cardan.bus.dds.network import DdsNetwork
-from cardan.bus.dds.options import DdsOptions
+from cardan.bus.dds_options import DdsOptions
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.base import Face, Ready
-from cardan.gateway.faces.bridge import NODE, Bridge
 from cardan.options import Options
+from cardan_dds.bridge import NODE, Bridge
+from cardan_dds.network import DdsNetwork
 
 LOOK_S = 0.05
 """How often it looks who has come and gone, and whether it is to end."""

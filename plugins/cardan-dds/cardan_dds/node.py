@@ -10,11 +10,16 @@ from collections import deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cardan.bus.dds.cyclone import Participant, Reader, Sample, Waiter, Writer
-from cardan.bus.dds.options import DdsOptions
+from cardan.bus.dds_options import DdsOptions
 from cardan.bus.node import Received
+from cardan.bus.transports import OtherNode
 from cardan.errors import DriverError
-from cardan.protocols.ros2.dds import (
+from cardan.protocols.ros2.interfaces import InterfaceError, full_name
+from cardan.protocols.ros2.names import checked_name, dds_type
+from cardan.protocols.ros2.type_hash import type_hash
+from cardan.protocols.ros2.zenoh import DEFAULT_QOS, Attachment, Qos
+from cardan_dds.cyclone import Participant, Reader, Sample, Waiter, Writer
+from cardan_dds.wire import (
     BARE_NODE,
     DISCOVERY_TOPIC,
     DISCOVERY_TYPE,
@@ -30,10 +35,6 @@ from cardan.protocols.ros2.dds import (
     exact,
     user_data,
 )
-from cardan.protocols.ros2.interfaces import InterfaceError, full_name
-from cardan.protocols.ros2.names import checked_name, dds_type
-from cardan.protocols.ros2.type_hash import type_hash
-from cardan.protocols.ros2.zenoh import DEFAULT_QOS, Attachment, Qos
 
 WRITERS_KEPT = 64
 """Writers of a topic whose messages are counted."""
@@ -172,6 +173,10 @@ class GraphReader:
         for guid in found.departed:
             self.graph.forget(guid)
 
+    def look(self) -> None:
+        """Have what is new in the graph, by one step."""
+        self.learn(self.take())
+
     def writer(self, gid: bytes) -> str:
         """Full name of the node that has the writer which attachments call `gid`; empty: it is
         not announced."""
@@ -255,7 +260,7 @@ class DdsSubscription:
         self._waiter.close()
 
 
-class DdsNode:
+class DdsNode(OtherNode):
     """A node with a participant of its own, for drivers and simulated robots: what BusNode is on
     Zenoh, as far as they need it.
 

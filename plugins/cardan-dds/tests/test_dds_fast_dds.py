@@ -10,11 +10,11 @@ import pytest
 
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
 
-from cardan.bus.dds.network import DdsNetwork
 from cardan.bus.network import Failure
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.type_hash import type_hash
-from tests.bus.dds.rig import OPTIONS, STRING, TRIGGER, encoded, network
+from cardan_dds.network import DdsNetwork
+from tests.dds_rig import OPTIONS, STRING, TRIGGER, encoded, network
 from tests.fastdds import FastNode, user_data
 from tests.waiting import until
 

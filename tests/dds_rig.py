@@ -2,10 +2,10 @@
 
 import random
 
-from cardan.bus.dds.network import DdsNetwork
-from cardan.bus.dds.options import DdsOptions
+from cardan.bus.dds_options import DdsOptions
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
+from cardan_dds.network import DdsNetwork
 
 TIMEOUT_S = 20.0
 

@@ -1,4 +1,4 @@
-"""A node of dora-rs over DDS, with RustDDS: `python -m tests.ros2_dora_dds ARM`, on its own.
+"""A node of dora-rs over DDS, with RustDDS: `python dora_dds.py ARM`, on its own.
 
 Prints what it saw of the arm's topics as one line of JSON. Services are left out: over DDS dora-rs
 reads what is in them from the wrong byte. Source: dora-rs 1.1, Ros2Context; AMENT_PREFIX_PATH leads

@@ -1,0 +1,31 @@
+"""Nodes on other transports than Zenoh are those of plug-ins; one that is missing is told."""
+
+import pytest
+
+from cardan.bus import transports
+from cardan.drivers.ros2_arm import Ros2Arm
+from cardan.errors import ConfigurationError
+from cardan.sim_peers.ros2_arm import RosArmOptions, RosArmPeer
+
+WORDS = "transport: 'dds' is in the folder plugins/cardan-dds .*: run `pip install ./plugins"
+
+
+@pytest.fixture
+def bare(monkeypatch):
+    """As where no plug-in is installed."""
+    monkeypatch.setattr(transports, "entry_points", lambda group: [])
+
+
+@pytest.mark.usefixtures("bare")
+def test_a_driver_and_a_peer_say_what_to_install():
+    with pytest.raises(ConfigurationError, match=WORDS):
+        Ros2Arm(transport="dds").open()
+    with pytest.raises(ConfigurationError, match=WORDS):
+        RosArmPeer(RosArmOptions(transport="dds")).open()
+
+
+@pytest.mark.usefixtures("bare")
+def test_one_that_nobody_has():
+    with pytest.raises(ConfigurationError, match="there is no transport 'pigeon'"):
+        transports.load("pigeon")
+    assert transports.load_all().classes == {}
