@@ -26,6 +26,15 @@ def reason(error: BaseException) -> str:
     return words if isinstance(error, CardanError) else f"{type(error).__name__}: {words}"
 
 
+def not_installed(key: str, what: str, folder: str) -> ConfigurationError:
+    """Says that `what`, of a distribution in that folder of the source tree, is not installed."""
+    return ConfigurationError(
+        key,
+        f"{what} is in the folder {folder} of Cardan's source tree, and not installed: run "
+        f"`pip install ./{folder}` there, or `make demo`",
+    )
+
+
 def is_lack(error: Exception) -> bool:
     """Whether `error` says that a package, memory or files were missing: no fault of a plug-in."""
     return isinstance(error, ExtraMissingError) or bool(shortage(error))

@@ -198,7 +198,9 @@ PAGES = {
                 "[why it does not move](../console.md#why-it-does-not-move)",
             ),
             Part(
-                "Faces", ("gateway/faces",), "[faces](../ros2.md#faces), [security](../security.md)"
+                "Faces",
+                ("gateway/faces", "cardan-foxglove/cardan_foxglove"),
+                "[faces](../ros2.md#faces), [security](../security.md)",
             ),
             Part(
                 "The bus",
@@ -224,7 +226,7 @@ PAGES = {
             ),
             Part(
                 "Protocols",
-                ("protocols",),
+                ("protocols", "cardan-foxglove/cardan_foxglove/protocol.py"),
                 "what was to be encoded or decoded breaks the protocol: its page says the bytes",
             ),
         ),

@@ -79,7 +79,6 @@ EXCEPTIONS = {
     "gateway/recording": ("cardan.protocols", "cardan.protocols.ros2.*"),
     "gateway/faces": (
         "cardan.protocols",
-        "cardan.protocols.foxglove",
         "cardan.protocols.rate",
         "cardan.protocols.ros2.*",
         "cardan.protocols.rosbridge",
@@ -95,9 +94,9 @@ EXCEPTIONS = {
     ),
 }
 """The simulated arm's driver has the simulated arm for its hardware, in the same process; and the
-gateway serves spacenavd's protocol, rosbridge and Foxglove's itself, to programs instead of a
-robot; the console reads cameras for its pages; what serves spacenavd's programs here is judged as
-spacenavd is."""
+gateway serves spacenavd's protocol and rosbridge itself, to programs instead of a robot; the
+console reads cameras for its pages; what serves spacenavd's programs here is judged as spacenavd
+is."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FREE_OF_CIRCLES = ("bus", "drivers", "protocols", "sim_peers", "dissect", "conform", "gateway")
@@ -250,7 +249,7 @@ def outside(path):
 
 
 def test_what_stands_on_the_package_is_there():
-    assert {"studies", "lerobot_robot_cardan", "cardan_serial_mice"} < BESIDE
+    assert {"studies", "lerobot_robot_cardan", "cardan_serial_mice", "cardan_foxglove"} < BESIDE
     for name in BESIDE:
         assert [*SOURCE_TREE.glob(f"{name}*"), *SOURCE_TREE.glob(f"plugins/*/{name}")], name
 

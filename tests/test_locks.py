@@ -28,6 +28,7 @@ OF_TOOLS = {"make", "uv"}
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
+PLUGINS = sorted(ROOT.glob("plugins/cardan-*"))
 WRITE = "run `make lock`"
 
 
@@ -107,6 +108,18 @@ def test_what_builds_cardan_is_locked():
     locked = versions("make", environment("3.10"))
     for requirement in map(Requirement, PROJECT["build-system"]["requires"]):
         assert requirement.specifier.contains(locked[requirement.name]), WRITE
+
+
+@pytest.mark.parametrize("folder", PLUGINS, ids=lambda folder: folder.name)
+def test_what_a_plug_in_needs_is_locked_for_developers(folder):
+    project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for requirement in map(Requirement, project["dependencies"]):
+        if requirement.name == "cardan":
+            assert requirement.extras <= EXTRAS.keys()
+            continue
+        for python in PYTHONS:
+            locked = versions("dev", environment(python))
+            assert requirement.specifier.contains(locked[requirement.name]), WRITE
 
 
 def test_what_demos_need_is_locked():

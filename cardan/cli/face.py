@@ -13,6 +13,7 @@ from cardan.cli.declared import (
     SERVING,
     Commands,
     all_given,
+    broken,
     collected,
     command_of,
     listed,
@@ -24,12 +25,19 @@ from cardan.cli.declared import (
 from cardan.errors import ConfigurationError
 from cardan.gateway.faces import registry
 from cardan.gateway.faces.base import Face
+from cardan.plugins import not_installed
 
 
 class _Faces(TyperGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands: Any = Commands(registry, "face", _command)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        if cmd_name in registry.IN_SOURCE_TREE and cmd_name not in self.commands:
+            folder = registry.IN_SOURCE_TREE[cmd_name]
+            return broken(cmd_name, not_installed("face", repr(cmd_name), folder))
+        return super().get_command(ctx, cmd_name)
 
 
 face = typer.Typer(name="face", cls=_Faces, no_args_is_help=True, rich_markup_mode="rich")

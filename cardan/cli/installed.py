@@ -12,7 +12,7 @@ from typer.core import TyperGroup
 from cardan.cli.common import EPILOG
 from cardan.cli.declared import Commands, broken
 from cardan.errors import ConfigurationError
-from cardan.plugins import Finder
+from cardan.plugins import Finder, not_installed
 
 ENTRY_POINT_GROUP = "cardan.commands"
 
@@ -51,10 +51,5 @@ class CardanCommands(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         found = super().get_command(ctx, cmd_name) or self._others.get(cmd_name)
         if found is None and (folder := IN_SOURCE_TREE.get(cmd_name)):
-            error = ConfigurationError(
-                cmd_name,
-                f"it is in the folder {folder} of Cardan's source tree, and not installed: run "
-                f"`pip install ./{folder}` there, or `make demo`",
-            )
-            return broken(cmd_name, error)
+            return broken(cmd_name, not_installed(cmd_name, "it", folder))
         return found

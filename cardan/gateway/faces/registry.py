@@ -7,20 +7,22 @@ from importlib.metadata import EntryPoints, entry_points
 from typing import Any
 
 from cardan.gateway.faces.base import Face
-from cardan.plugins import Finder, Loaded
+from cardan.plugins import Finder, Loaded, not_installed
 
 ENTRY_POINT_GROUP = "cardan.faces"
 
 BUILT_IN = {
     "console": "cardan.gateway.faces.console.face:Console",
     "dds": "cardan.gateway.faces.dds:Dds",
-    "foxglove": "cardan.gateway.faces.foxglove:Foxglove",
     "metrics": "cardan.gateway.daemon.metrics:Metrics",
     "recorder": "cardan.gateway.recording.face:RecorderFace",
     "rosbridge": "cardan.gateway.faces.rosbridge:Rosbridge",
     "router": "cardan.gateway.faces.router:Router",
 }
 """Our own faces. Other packages add theirs by an entry point of the same form."""
+
+IN_SOURCE_TREE = {"foxglove": "plugins/cardan-foxglove"}
+"""Faces of distributions that only the source tree has, and the folders of those."""
 
 
 def _installed() -> EntryPoints:
@@ -37,7 +39,11 @@ def names() -> tuple[str, ...]:
 
 
 def load(name: str) -> type[Face[Any]]:
-    """The declaration of the face called `name`; ConfigurationError names the ones there are."""
+    """The declaration of the face called `name`; ConfigurationError names the ones there are, or
+    says what installs it."""
+    folder = IN_SOURCE_TREE.get(name)
+    if folder is not None and name not in names():
+        raise not_installed("face", repr(name), folder)
     return _FINDER.load(name)
 
 
