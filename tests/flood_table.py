@@ -3,7 +3,8 @@ rest.
 
 Real sockets; the simulated arm, its session, the server and the client are processes of their own.
 To write it anew, in less than 15 minutes: ``make flood-table``, or ``python -m tests.flood_table``.
-``--only WORDS`` measures the rows whose name has these words, and writes nothing.
+``--only WORDS`` measures the rows whose name has these words, and writes nothing. Foxglove's needs
+the plug-in cardan-foxglove.
 """
 
 from __future__ import annotations
