@@ -21,7 +21,11 @@ _SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spna
 IN_SOURCE_TREE = {
     "command": {"evaluate": "studies", "spnav": _SPNAV_SERVER},
     "driver": {"spacemouse_serial": _SERIAL_MICE},
-    "face": {"dds": "plugins/cardan-dds", "spnav": _SPNAV_SERVER},
+    "face": {
+        "dds": "plugins/cardan-dds",
+        "foxglove": "plugins/cardan-foxglove",
+        "spnav": _SPNAV_SERVER,
+    },
     "protocol": {
         **dict.fromkeys(("magellan", "spaceball", "spaceorb"), _SERIAL_MICE),
         "spnav": _SPNAV_SERVER,

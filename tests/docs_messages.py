@@ -203,6 +203,7 @@ PAGES = {
                     "gateway/faces",
                     "cardan-dds/cardan_dds/face.py",
                     "cardan-dds/cardan_dds/bridge.py",
+                    "cardan-foxglove/cardan_foxglove",
                 ),
                 "[faces](../ros2.md#faces), [security](../security.md)",
             ),
@@ -234,7 +235,7 @@ PAGES = {
             ),
             Part(
                 "Protocols",
-                ("protocols",),
+                ("protocols", "cardan-foxglove/cardan_foxglove/protocol.py"),
                 "what was to be encoded or decoded breaks the protocol: its page says the bytes",
             ),
         ),

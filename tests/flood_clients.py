@@ -21,7 +21,6 @@ from cardan.bus.options import BusOptions
 from cardan.gateway.arm.codes import Begins
 from cardan.gateway.arm.requests import Request, encode_request
 from cardan.gateway.daemon.control import Ask, encode_ask
-from cardan.protocols.foxglove import SUBPROTOCOLS
 from cardan.protocols.handheld import JogTwist, OperatorFrame, Phone, encode_frame
 from cardan.protocols.joint_stream import (
     ArmCommand,
@@ -207,7 +206,7 @@ class RosbridgeFragments(Rosbridge):
 class Foxglove(_Web):
     """Foxglove's protocol, in CDR."""
 
-    protocols = SUBPROTOCOLS[:1]
+    protocols = ("foxglove.sdk.v1",)
 
     def begin(self) -> None:
         channel = {"id": 1, "topic": TOPIC, "encoding": "cdr", "schemaName": TWIST}

@@ -3,7 +3,8 @@ rest.
 
 Real sockets; the simulated arm, its session, the server and the client are processes of their own.
 To write it anew, in less than 15 minutes: ``make flood-table``, or ``python -m tests.flood_table``.
-``--only WORDS`` measures the rows whose name has these words anew, and leaves the others.
+``--only WORDS`` measures the rows whose name has these words anew, and leaves the others. Those of
+DDS and Foxglove need their plug-ins.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ from cardan.protocols.ros2.zenoh import data_key
 from cardan.types import IDENTITY_POSE, DeviceCapabilities
 
 TESTS = Path(__file__).parent
+PLUGINS = TESTS.parent / "plugins"
 
 Kind = Literal["published", "taken", "service", "action"]
 
@@ -129,7 +130,7 @@ def _order(name: str) -> tuple[int, str]:
 def shown() -> set[Shown]:
     """What every mark says, whether its test can run here or not."""
     found = set()
-    for path in TESTS.rglob("*.py"):
+    for path in (*TESTS.rglob("*.py"), *PLUGINS.glob("*/tests/*.py")):
         text = path.read_text(encoding="utf-8")
         if ".shown_on" not in text:  # Most: reading them all takes seconds.
             continue

@@ -77,7 +77,6 @@ EXCEPTIONS = {
     "gateway/recording": ("cardan.protocols", "cardan.protocols.ros2.*"),
     "gateway/faces": (
         "cardan.protocols",
-        "cardan.protocols.foxglove",
         "cardan.protocols.rate",
         "cardan.protocols.ros2.*",
         "cardan.protocols.rosbridge",
@@ -93,8 +92,8 @@ EXCEPTIONS = {
     ),
 }
 """The simulated arm's driver has the simulated arm for its hardware, in the same process; and the
-gateway serves rosbridge and Foxglove's protocol itself, to programs instead of a robot; the console
-reads cameras for its pages."""
+gateway serves rosbridge itself, to programs instead of a robot; the console reads cameras for its
+pages."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FREE_OF_CIRCLES = ("bus", "drivers", "protocols", "sim_peers", "dissect", "conform", "gateway")
@@ -246,7 +245,8 @@ def outside(path):
 
 
 def test_what_stands_on_the_package_is_there():
-    assert {"studies", "lerobot_robot_cardan", "cardan_dds", "cardan_serial_mice"} < BESIDE
+    assert {"studies", "lerobot_robot_cardan", "cardan_dds", "cardan_foxglove"} < BESIDE
+    assert {"cardan_serial_mice", "cardan_spnav_server"} < BESIDE
     for name in BESIDE:
         assert [*SOURCE_TREE.glob(f"{name}*"), *SOURCE_TREE.glob(f"plugins/*/{name}")], name
 

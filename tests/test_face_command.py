@@ -6,6 +6,7 @@ import sys
 import threading
 from dataclasses import dataclass, field
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import ClassVar, Literal
 
 import pytest
@@ -140,6 +141,16 @@ def test_a_face_that_cannot_be_loaded_says_why(monkeypatch):
     assert "broken  cannot be loaded: ModuleNotFoundError" in said("--list")
     with pytest.raises(ConfigurationError, match="No module named 'nowhere'"):
         said("broken")
+
+
+@pytest.mark.parametrize("name", IN_SOURCE_TREE["face"])
+def test_a_face_of_the_source_tree_says_how_it_is_installed(monkeypatch, name):
+    folder = IN_SOURCE_TREE["face"][name]
+    assert (Path(__file__).parents[1] / folder / "pyproject.toml").is_file()
+    monkeypatch.setattr(registry, "entry_points", lambda group: [])
+    for ask in (lambda: said(name, "--port", "0"), lambda: check_words(name, [])):
+        with pytest.raises(ConfigurationError, match=f"face: {name!r} is .*install ./{folder}`"):
+            ask()
 
 
 def test_serving_without_a_terminal_ends_by_its_time_in_any_thread(echo, capsys):

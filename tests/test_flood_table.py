@@ -35,6 +35,8 @@ def test_the_arm_is_at_rest_in_time_after_the_last_byte_but_for_known_faults():
 @pytest.mark.timeout(180)
 @pytest.mark.parametrize("name", SERVERS)
 def test_a_flood_moves_nothing_late(name):
+    if name == "Foxglove":
+        pytest.importorskip("cardan_foxglove", reason="pip install ./plugins/cardan-foxglove")
     for row in flood_table.rows([name], [10.0], ["silence", "server stopped for 1 s"]):
         assert row.late_s <= REST_S + 0.1, row
         assert row.moved_s, row

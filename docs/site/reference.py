@@ -50,7 +50,6 @@ PROTOCOLS = (
     "connexion",
     "egm",
     "evdev",
-    "foxglove",
     "handheld",
     "hdapi",
     "joint_stream",

@@ -31,11 +31,11 @@ from cardan.gateway.hand.filters.readings import decode_centroid, decode_proximi
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.examples import example_files, read_demo
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.protocols import foxglove
 from cardan.protocols.rosbridge import operations, rosapi
 from cardan.protocols.rosbridge.session import Session
 from cardan.robots import arm_model
 from cardan.types import Vector3
+from cardan_foxglove import protocol as foxglove
 from fuzz.target import Form, Packets, Target
 from fuzz.targets.captures import _file, _folder
 from fuzz.targets.common import joined_streams, kinds, near, same, text_of

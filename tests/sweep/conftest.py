@@ -1,7 +1,5 @@
 """A live session, and the faces beside it."""
 
-from types import SimpleNamespace
-
 import pytest
 
 from cardan.bus.options import BusOptions
@@ -43,11 +41,3 @@ def domain(session):
     number = str(OPTIONS.number)
     with served("face", "dds", "--router", session.endpoint, "--dds-domain", number):
         yield OPTIONS.number
-
-
-@pytest.fixture(scope="module")
-def foxglove(session):
-    """The Foxglove server beside the session, in a process of its own."""
-    pytest.importorskip("foxglove", reason="foxglove-sdk: pip install cardan[foxglove]")
-    with served("face", "foxglove", "--router", session.endpoint, "--port", "0") as endpoint:
-        yield SimpleNamespace(port=int(endpoint.rpartition(":")[2]))

@@ -11,23 +11,19 @@ from pathlib import Path
 
 import pytest
 
-from cardan.gateway.bus.arm_parameters import PARAMETERS
 from cardan.protocols.ros2.cdr import codec_of
 from tests import network_table
 from tests.fastdds import FastNode
-from tests.gateway.faces.foxglove_rig import foxglove_client
 from tests.network_table import Shown
 from tests.npm import installed
 from tests.ros2_packages import write_packages
-from tests.sweep.plan import NODE, RESULT, command, plan, wanted_rows
-from tests.waiting import until
+from tests.sweep.plan import RESULT, command, plan, wanted_rows
 
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]
 
 MODULE = (Path(__file__).parent / "roslib_judge.mjs").read_text(encoding="utf-8")
 LATCHED = ("_static", "_description", "/configuration", "/surroundings")
 TIMEOUT_S = 20.0
-FOXGLOVE = (sys.executable, "-m", "tests.sweep.foxglove_judge")
 ROSLIB = ("node", "--input-type=module", "-e", MODULE, "--")
 
 
@@ -119,39 +115,6 @@ def test_roslib_1_over_rosbridge(session, judgement, running):
 def test_roslib_2_over_rosbridge(session, judgement, running):
     command, folder = [*ROSLIB, str(running.port), RESULT], installed("roslib", "2.1.0")
     check(judgement, told(session, command, judgement, cwd=folder))
-
-
-# Actions are not in Foxglove's protocol; its services are called in CDR only.
-@pytest.mark.shown_on(
-    transport="Foxglove",
-    by="own client",
-    kinds=("published", "taken", "service"),
-    but=("~/raw/device", "imu/data_raw"),
-)
-def test_everything_by_foxglove(session, judgement, foxglove):
-    check(judgement, told(session, [*FOXGLOVE, str(foxglove.port), "cdr"], judgement))
-
-
-@pytest.mark.shown_on(transport="Foxglove", by="own client", kinds=("taken",))
-def test_commands_in_json_by_foxglove(session, judgement, foxglove):
-    check(judgement, told(session, [*FOXGLOVE, str(foxglove.port), "json"], judgement))
-
-
-def test_every_parameter_is_read_and_set_by_foxglove(session, foxglove):
-    with foxglove_client(foxglove) as client:
-        client.service(f"{NODE}/set_parameters_atomically")
-        found = [each for each in client.get() if each["name"].startswith(f"{NODE}.")]
-        names = {f"{NODE}.{each.name}" for each in PARAMETERS}
-        assert {each["name"] for each in found} == names
-
-        def all_are_set():
-            client.heard.clear()
-            for each in found:
-                assert client.set(**each) == [each]
-            return not [said for said in client.heard if said["op"] == "status"]
-
-        # Who commanded before keeps the arm for its lease.
-        until(all_are_set, "every parameter is set")
 
 
 # Over DDS dora-rs leaves out the one byte of an empty message, and Cyclone DDS drops what is left;

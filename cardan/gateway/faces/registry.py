@@ -13,7 +13,6 @@ ENTRY_POINT_GROUP = "cardan.faces"
 
 BUILT_IN = {
     "console": "cardan.gateway.faces.console.face:Console",
-    "foxglove": "cardan.gateway.faces.foxglove:Foxglove",
     "metrics": "cardan.gateway.daemon.metrics:Metrics",
     "recorder": "cardan.gateway.recording.face:RecorderFace",
     "rosbridge": "cardan.gateway.faces.rosbridge:Rosbridge",

@@ -121,15 +121,12 @@ model = "ur5"
 name = "two"
 device = { driver = "jr3_can", channel = "can0" }
 robot = { driver = "abb_egm" }
-[faces.view]
-face = "foxglove"
 """
     )
     layout, _ = read_files([file])
     needed = needed_extras(Subject((file,), layout))
     assert needed["arm"] == "[arm] of one"
     assert needed["network"] == "[network] of one"
-    assert needed["foxglove"] == "face view"
 
 
 @pytest.mark.parametrize(

@@ -100,7 +100,7 @@ def test_faces_join_the_bus_too(tmp_path):
     file = tmp_path / "faces.toml"
     file.write_text(
         '[faces.rosbridge]\nrouter = "tcp/192.168.7.7:7447"\nmode = "client"\ndomain = 4\n'
-        "[faces.router]\n[faces.foxglove]\ndomain = 999\n"
+        '[faces.router]\n[faces.far]\nface = "rosbridge"\ndomain = 999\n'
     )
     layout, wrong = read_files([file])
     assert not wrong

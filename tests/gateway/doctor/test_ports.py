@@ -96,7 +96,7 @@ LAB = """
 name = "gofa"
 robot = { driver = "abb_egm", listen_port = PORT }
 [faces.view]
-face = "foxglove"
+face = "rosbridge"
 port = 9191
 [faces.rosbridge]
 [faces.router]

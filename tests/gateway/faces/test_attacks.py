@@ -16,7 +16,6 @@ import pytest
 from websockets.sync.client import connect
 
 pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
-pytest.importorskip("foxglove", reason="foxglove-sdk: pip install cardan[foxglove]")
 pytest.importorskip("prometheus_client", reason="pip install cardan[metrics]")
 
 from cardan.gateway.daemon.metrics import MetricsOptions, MetricsServer
@@ -25,7 +24,6 @@ from cardan.gateway.faces.guessing import BURST
 from cardan.gateway.faces.registry import BUILT_IN
 from tests import certificates
 from tests.gateway.faces.console.rig import console
-from tests.gateway.faces.foxglove_rig import foxglove_face
 from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.gateway.faces.rig import WAIT_S, rosbridge, served
 from tests.waiting import until
@@ -49,10 +47,14 @@ class Target(NamedTuple):
     headers: tuple[str, ...]
     welcome: int
     """Status of the answer."""
+    subprotocols: tuple[str, ...] = ()
+    """Those that a client asks for."""
 
     def request(self, path=None, host="localhost", *more):
         """The bytes of a request."""
-        lines = (f"GET {path or self.path} HTTP/1.1", f"Host: {host}", *self.headers, *more)
+        asked = (f"Sec-WebSocket-Protocol: {each}" for each in self.subprotocols)
+        first = f"GET {path or self.path} HTTP/1.1", f"Host: {host}"
+        lines = (*first, *self.headers, *asked, *more)
         return "".join(f"{line}\r\n" for line in (*lines, "")).encode()
 
     def path_with(self, token):
@@ -75,12 +77,6 @@ def console_face(**options):
 
 TARGETS = {
     "rosbridge": Target(lambda **o: rosbridge(MemoryNetwork(), **o), "/", UPGRADE, 101),
-    "foxglove": Target(
-        lambda **o: foxglove_face(MemoryNetwork(), **o),
-        "/",
-        (*UPGRADE, "Sec-WebSocket-Protocol: foxglove.sdk.v1"),
-        101,
-    ),
     "console": Target(console_face, "/ws", UPGRADE, 101),
     "metrics": Target(metrics, "/metrics", (), 200),
 }
@@ -248,7 +244,7 @@ def stays(target, running):
         return contextlib.nullcontext()
     return connect(
         f"ws://127.0.0.1:{running.port}{target.path_with(TOKEN)}",
-        subprotocols=["foxglove.sdk.v1"] if "Sec-WebSocket-Protocol" in str(target) else None,
+        subprotocols=target.subprotocols or None,
     )
 
 

@@ -12,9 +12,6 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
 from cardan.gateway.arm.backlog import STALE_S
-from cardan.protocols.ros2.cdr import codec_of
-from cardan.protocols.ros2.messages import default_message
-from tests.gateway.faces.foxglove_rig import foxglove_client, foxglove_face
 from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.gateway.faces.rig import plain_client, rosbridge
 from tests.waiting import until
@@ -68,21 +65,6 @@ def test_a_message_in_fragments_that_waited_is_dropped():
         assert running.server.counts["stale"] == 1
 
 
-def test_what_waited_at_foxglove_is_dropped():
-    network = MemoryNetwork()
-    network.send = lambda *_given: None  # It would hear itself.
-    with foxglove_face(network) as running, foxglove_client(running) as client:
-        number = client.advertise("/cmd", TWIST)
-        until(lambda: network.publishers)
-        stall(running)
-        client.publish(number, codec_of(TWIST).encode(default_message(TWIST)))
-        client.settle()
-        assert network.published == []
-        assert running.server.counts["stale"] == 1
-        client.publish(number, codec_of(TWIST).encode(default_message(TWIST)))
-        until(lambda: len(network.published) == 1)
-
-
 def test_calls_and_goals_that_waited_are_refused_but_for_what_ends_something():
     network, called = MemoryNetwork(), []
     trigger, stat = "std_srvs/srv/Trigger", "cardan_msgs/srv/Stat"
@@ -105,21 +87,6 @@ def test_calls_and_goals_that_waited_are_refused_but_for_what_ends_something():
         assert "too late to act on" in str(answers["goal"]["values"])
         assert client.call("/arm/movl")
         assert called[-1] == "movl"
-
-
-def test_calls_that_waited_at_foxglove_are_refused():
-    network, called = MemoryNetwork(), []
-    network.offer("/arm/movl", "std_srvs/srv/Trigger", lambda _asked: called.append(1) or {})
-    with foxglove_face(network) as running, foxglove_client(running) as client:
-        client.settle()
-        client.service("/arm/movl")
-        request = "std_srvs/srv/Trigger_Request"
-        data = codec_of(request).encode(default_message(request))
-        stall(running)
-        assert "too late to act on" in client.call("/arm/movl", data)["message"]
-        assert called == []
-        client.call("/arm/movl", data)
-        assert called == [1]
 
 
 FLOOD = """

@@ -20,7 +20,6 @@ from cardan_dds import face as dds_face
 from cardan_dds.face import DdsBridgeOptions, DdsFaceOptions
 from tests.dds_rig import OPTIONS, network as dds_node
 from tests.gateway.bus.test_liveness import served as session
-from tests.gateway.faces.foxglove_rig import foxglove_client, foxglove_face
 from tests.gateway.faces.rig import plain_client, rosbridge
 from tests.waiting import until
 
@@ -104,25 +103,6 @@ class Rosbridge:
         return f"ros2 /rosbridge_client_{number}"
 
 
-class Foxglove:
-    """Two connections to a Foxglove server."""
-
-    def __init__(self, here, stack):
-        pytest.importorskip("foxglove", reason="foxglove-sdk: pip install cardan[foxglove]")
-        self.bus = stack.enter_context(BusNetwork(BusOptions(router=here.endpoint), "foxglove"))
-        until(lambda: f"/{DEFAULT_NAME}" in self.bus.nodes())
-        self.face, self.stack = stack.enter_context(foxglove_face(self.bus)), stack
-
-    def join(self, name):
-        client = self.stack.enter_context(foxglove_client(self.face))
-        number = client.advertise(TOPIC, TWIST)
-        client.settle()
-        return lambda *what: client.publish(number, encoded(*what)), client.status
-
-    def source(self, name, number):
-        return f"ros2 /foxglove_client_{number}"
-
-
 class Dds:
     """Two nodes on DDS, by the bridge."""
 
@@ -188,7 +168,7 @@ def owner(here):
     return here.session.controller.authority.owner
 
 
-@pytest.mark.parametrize("transport", [Zenoh, Rosbridge, Foxglove, Dds])
+@pytest.mark.parametrize("transport", [Zenoh, Rosbridge, Dds])
 def test_the_first_moves_the_arm_and_the_second_is_refused_and_told_so(transport):
     with session() as here, ExitStack() as stack:
         over = transport(here, stack)
@@ -208,7 +188,7 @@ def test_the_first_moves_the_arm_and_the_second_is_refused_and_told_so(transport
             assert told("has authority over the arm")
 
 
-@pytest.mark.parametrize("transport", [Rosbridge, Foxglove])
+@pytest.mark.parametrize("transport", [Rosbridge])
 def test_a_client_whose_clock_is_not_known_yet_is_told_so_once(transport):
     unknown = "the clock of its sender is not known yet"
     with session() as here, ExitStack() as stack:
@@ -234,7 +214,7 @@ def test_a_node_that_was_restarted_goes_on_within_its_lease(transport):
         assert {each["source"] for each in here.results} == {mine}
 
 
-@pytest.mark.parametrize("transport", [Zenoh, Rosbridge, Foxglove, Dds])
+@pytest.mark.parametrize("transport", [Zenoh, Rosbridge, Dds])
 def test_another_one_moves_the_arm_after_the_lease_of_the_one_that_has_gone(transport):
     with session() as here, ExitStack() as stack:
         over = transport(here, stack)

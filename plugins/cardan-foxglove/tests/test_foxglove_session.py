@@ -13,11 +13,11 @@ import pytest
 
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
-pytest.importorskip("foxglove", reason="foxglove-sdk: pip install cardan[foxglove]")
+pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/cardan-foxglove")
 
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from tests.gateway.faces.foxglove_rig import foxglove_client
+from foxglove_rig import foxglove_client
 from tests.gateway.faces.rig import WAIT_S
 from tests.serving import ARM_SESSION, free_endpoint, free_tcp_port
 

@@ -24,7 +24,6 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.faces.assets import Packages
 from cardan.gateway.faces.base import Face, Ready
 from cardan.gateway.faces.calls import Caller, Mailbox
-from cardan.gateway.faces.foxglove_client import Client, Shown, sdk, shared_feeds
 from cardan.gateway.faces.graph import VisibleGraph
 from cardan.gateway.faces.numbers import ClientNumbers
 from cardan.gateway.faces.parameters import EVENT, EVENTS
@@ -32,8 +31,9 @@ from cardan.gateway.faces.refusals import Refusals
 from cardan.gateway.faces.tokens import Role
 from cardan.gateway.faces.web import Front, FrontConnection, WebOptions, serve_until
 from cardan.options import Options
-from cardan.protocols.foxglove import SUBPROTOCOLS
 from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan_foxglove.client import Client, Shown, sdk, shared_feeds
+from cardan_foxglove.protocol import SUBPROTOCOLS
 
 PORT = 8765
 """Where Foxglove looks for a server."""

@@ -37,14 +37,14 @@ from cardan.gateway.faces.publishing import Advertisements, RefusedError
 from cardan.gateway.faces.reading import READING_SERVICES
 from cardan.gateway.faces.sending import Sender, ready
 from cardan.gateway.faces.web import FrontConnection
-from cardan.protocols import foxglove as protocol
-from cardan.protocols.foxglove import CDR, JSON, ROS2MSG
 from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit
 from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError, full_text, service_type
 from cardan.protocols.ros2.messages import MessageError, Stamp, completed
 from cardan.protocols.ros2.names import RosNameError
 from cardan.protocols.ros2.parameters import content_of
+from cardan_foxglove import protocol
+from cardan_foxglove.protocol import CDR, JSON, ROS2MSG
 
 CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"
 """Where a simulation or a replay says its time."""

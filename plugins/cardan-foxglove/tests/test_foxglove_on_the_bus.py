@@ -9,14 +9,14 @@ import time
 import pytest
 
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
-pytest.importorskip("foxglove", reason="foxglove-sdk: pip install cardan[foxglove]")
+pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/cardan-foxglove")
 
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
-from cardan.gateway.faces.foxglove import Foxglove, FoxgloveFaceOptions, FoxgloveOptions
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from tests.gateway.faces.foxglove_rig import foxglove_client
+from cardan_foxglove.face import Foxglove, FoxgloveFaceOptions, FoxgloveOptions
+from foxglove_rig import foxglove_client
 from tests.gateway.faces.nodes import Parameters
 from tests.gateway.faces.rig import WAIT_S
 from tests.waiting import until

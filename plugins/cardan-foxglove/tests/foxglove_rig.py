@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 from websockets.sync.client import connect
 
-from cardan.gateway.faces.foxglove import FoxgloveOptions, FoxgloveServer
+from cardan_foxglove.face import FoxgloveOptions, FoxgloveServer
 from tests.gateway.faces.rig import WAIT_S, served
 
 

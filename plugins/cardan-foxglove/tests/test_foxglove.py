@@ -14,16 +14,17 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-pytest.importorskip("foxglove", reason="foxglove-sdk: pip install cardan[foxglove]")
+pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/cardan-foxglove")
 
 from cardan.bus.network import Failure
 from cardan.errors import ExtraMissingError
-from cardan.gateway.faces import foxglove_client as module, sending
-from cardan.gateway.faces.foxglove import FoxgloveServer
+from cardan.gateway.faces import sending
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import full_text
 from cardan.protocols.ros2.messages import completed
-from tests.gateway.faces.foxglove_rig import foxglove_client, foxglove_face
+from cardan_foxglove import client as module
+from cardan_foxglove.face import FoxgloveServer
+from foxglove_rig import foxglove_client, foxglove_face
 from tests.gateway.faces.memory_network import TEST_NODE, MemoryNetwork
 from tests.gateway.faces.nodes import Parameters
 from tests.gateway.faces.rig import WAIT_S

@@ -1,5 +1,5 @@
 """A client written from the text of Foxglove's protocol as the judge of a sweep: `python -m
-tests.sweep.foxglove_judge PORT cdr|json < PLAN`. Commands are published in that encoding; the
+foxglove_judge PORT cdr|json < PLAN`. Commands are published in that encoding; the
 protocol has no actions.
 """
 
@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.messages import completed
-from tests.gateway.faces.foxglove_rig import foxglove_client
+from foxglove_rig import foxglove_client
 from tests.sweep.plan import RESULT, command
 
 TIMEOUT_S = 20.0

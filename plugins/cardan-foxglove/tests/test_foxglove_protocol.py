@@ -9,7 +9,9 @@ import struct
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.protocols.foxglove import (
+from cardan.protocols.rate import RateLimit
+from cardan.protocols.ros2.parameters import content_of, value_of
+from cardan_foxglove.protocol import (
     MOST_NAMES,
     GetParameters,
     Given,
@@ -28,8 +30,6 @@ from cardan.protocols.foxglove import (
     status,
     subscription_of,
 )
-from cardan.protocols.rate import RateLimit
-from cardan.protocols.ros2.parameters import content_of, value_of
 
 
 @pytest.mark.parametrize(

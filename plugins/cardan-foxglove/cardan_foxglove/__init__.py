@@ -1,0 +1,1 @@
+"""The bus of Cardan's sessions for Foxglove and Lichtblick."""

@@ -1,0 +1,40 @@
+"""The Foxglove server as a face of Cardan's: its command, the daemon's files, and the doctor."""
+
+from __future__ import annotations
+
+from cardan.gateway.doctor.base import Subject
+from cardan.gateway.doctor.files import read_files
+from cardan.gateway.doctor.installation import needed_extras
+from cardan.gateway.doctor.ports import Wanted, wanted_ports
+from cardan.gateway.faces import registry
+from cardan_foxglove.face import Foxglove
+from tests import test_face_command as shared
+
+
+def test_it_is_found_by_its_entry_point():
+    assert registry.load("foxglove") is Foxglove
+
+
+def test_the_face_tells_what_it_does_and_what_its_options_mean():
+    shared.test_every_face_tells_what_it_does_and_what_its_options_mean("foxglove")
+
+
+def test_the_doctor_knows_its_extra_and_its_port(tmp_path):
+    file = tmp_path / "lab.toml"
+    file.write_text('[faces.view]\nface = "foxglove"\nport = 9191\n[faces.foxglove]\n')
+    layout, wrong = read_files([file])
+    assert not wrong
+    subject = Subject((file,), layout)
+    assert needed_extras(subject) == {"foxglove": "face view"}
+    assert list(wanted_ports(subject)) == [
+        Wanted("tcp", "127.0.0.1", 9191, "face view"),
+        Wanted("tcp", "127.0.0.1", 8765, "face foxglove"),
+    ]
+
+
+def test_the_doctor_asks_no_bus_of_a_domain_that_cannot_be(tmp_path):
+    file = tmp_path / "lab.toml"
+    file.write_text("[faces.foxglove]\ndomain = 999\n")
+    layout, wrong = read_files([file])
+    assert not wrong
+    assert Subject((file,), layout).buses() == {}

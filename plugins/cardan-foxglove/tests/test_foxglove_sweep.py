@@ -1,0 +1,65 @@
+"""Everything that a session has on the network is heard, and answers, by the Foxglove server."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/cardan-foxglove")
+
+from cardan.gateway.bus.arm_parameters import PARAMETERS
+from foxglove_rig import foxglove_client
+from tests.serving import served
+from tests.sweep import conftest, test_sweep as shared
+from tests.sweep.plan import NODE
+from tests.sweep.test_sweep import check, told
+from tests.waiting import until
+
+pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]
+
+session, judgement = conftest.session, shared.judgement  # Fixtures.
+
+FOXGLOVE = (sys.executable, str(Path(__file__).with_name("foxglove_judge.py")))
+
+
+@pytest.fixture(scope="module")
+def foxglove(session):
+    """The Foxglove server beside the session, in a process of its own."""
+    with served("face", "foxglove", "--router", session.endpoint, "--port", "0") as endpoint:
+        yield SimpleNamespace(port=int(endpoint.rpartition(":")[2]))
+
+
+# Actions are not in Foxglove's protocol; its services are called in CDR only.
+@pytest.mark.shown_on(
+    transport="Foxglove",
+    by="own client",
+    kinds=("published", "taken", "service"),
+    but=("~/raw/device", "imu/data_raw"),
+)
+def test_everything_by_foxglove(session, judgement, foxglove):
+    check(judgement, told(session, [*FOXGLOVE, str(foxglove.port), "cdr"], judgement))
+
+
+@pytest.mark.shown_on(transport="Foxglove", by="own client", kinds=("taken",))
+def test_commands_in_json_by_foxglove(session, judgement, foxglove):
+    check(judgement, told(session, [*FOXGLOVE, str(foxglove.port), "json"], judgement))
+
+
+def test_every_parameter_is_read_and_set_by_foxglove(session, foxglove):
+    with foxglove_client(foxglove) as client:
+        client.service(f"{NODE}/set_parameters_atomically")
+        found = [each for each in client.get() if each["name"].startswith(f"{NODE}.")]
+        names = {f"{NODE}.{each.name}" for each in PARAMETERS}
+        assert {each["name"] for each in found} == names
+
+        def all_are_set():
+            client.heard.clear()
+            for each in found:
+                assert client.set(**each) == [each]
+            return not [said for said in client.heard if said["op"] == "status"]
+
+        # Who commanded before keeps the arm for its lease.
+        until(all_are_set, "every parameter is set")
