@@ -132,6 +132,8 @@ class TcpWatch(threading.Thread):
         """What it did from then until now."""
         with self._lock:
             began = int(np.searchsorted(self._times, at_s - WINDOW_S))
+            # On a busy computer nothing may have been seen for so long.
+            began = max(0, min(began, int(np.searchsorted(self._times, at_s)) - 1))
             times, points = self._times[began:], self._points[began:]
             commands = self._commands[began:]
         at = int(np.searchsorted(times, at_s))
