@@ -8,9 +8,12 @@ from typing import NamedTuple
 
 from cardan.types import NEVER_S
 
-STALE_S = 0.2
-"""What may have waited for longer is not acted on: its sender may have stopped since. With the
-stream's timeout and the way that braking takes, the arm is at rest within 0.4 s."""
+STALE_S = 0.3
+"""What may have waited for longer is not acted on: its sender may have stopped since."""
+
+STREAMED_S = 0.2
+"""The same of a streamed command, at the arm: with the stream's timeout and the way that braking
+takes it is at rest within 0.4 s."""
 
 PROVEN_S = 0.3
 """For how long what comes of a sender that is not known yet may have waited until it was
@@ -42,9 +45,10 @@ def stale_words(name: str, waited_s: float) -> str:
 
 
 def late_words(waited_s: float) -> str:
-    """Why a streamed command is refused that waited for longer than STALE_S."""
+    """Why a streamed command is refused that waited for longer than STREAMED_S."""
     return (
-        f"it waited for {waited_s:.2f} s on its way; more than {STALE_S:g} s is too late to act on"
+        f"it waited for {waited_s:.2f} s on its way; more than {STREAMED_S:g} s is too late to act "
+        "on"
     )
 
 
@@ -140,7 +144,7 @@ class Delays:
         known = self._kept.get(owner)
         if known is None:
             return ""
-        if known.waited_s > STALE_S:
+        if known.waited_s > STREAMED_S:
             return late_words(known.waited_s)
         if known.unproven_s < math.inf:
             return (

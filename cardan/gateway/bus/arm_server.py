@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from cardan.bus.node import BusNode, Received, ServiceRequest
 from cardan.errors import CardanError, MotionRefusedError
-from cardan.gateway.arm.backlog import PROVEN_S, STALE_S, Delays, late_words
+from cardan.gateway.arm.backlog import PROVEN_S, STREAMED_S, Delays, late_words
 from cardan.gateway.arm.codes import PRESETS, Begins, vocab_text
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
@@ -562,7 +562,7 @@ class _TopicClient:
             sender.note = "" if stamp_s else NO_STAMP
             request = request._replace(stamp_s=stamp_s or None)
         if self._streamed and not _asks_nothing(value):
-            if sender.clock_runs and waited_s > STALE_S:
+            if sender.clock_runs and waited_s > STREAMED_S:
                 why = MotionRefusedError(f"{command.verb}: {late_words(waited_s)}")
                 raise PacketError(str(why), number) from why
             self._check_connection(source, request, attachment)

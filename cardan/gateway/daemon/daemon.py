@@ -22,7 +22,7 @@ from typing import Any, Final, NamedTuple
 
 from cardan import __version__
 from cardan.errors import CardanError, ConfigurationError
-from cardan.gateway.arm.backlog import STALE_S
+from cardan.gateway.arm.backlog import STREAMED_S
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
     ENDLESS,
@@ -582,9 +582,9 @@ class Daemon:
             raise ControlError(
                 f"the daemon stood still for {late_s:.1f} s when this came; ask again", ask.id
             )
-        if late_s > STALE_S and verb in SEQUENCED:
+        if late_s > STREAMED_S and verb in SEQUENCED:
             raise ControlError(
-                f"{verb}: it may have waited for {late_s:.2f} s; more than {STALE_S:g} s is too "
+                f"{verb}: it may have waited for {late_s:.2f} s; more than {STREAMED_S:g} s is too "
                 "late to act on: send less often",
                 ask.id,
             )

@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from cardan.errors import CardanError, MotionRefusedError
-from cardan.gateway.arm.backlog import STALE_S
+from cardan.gateway.arm.backlog import STREAMED_S
 from cardan.gateway.arm.codes import Begins
 from cardan.gateway.arm.desk import VerbDesk
 from cardan.gateway.arm.link import LoopLink
@@ -345,8 +345,8 @@ class RequestWorker:
         try:
             desk = self._opened()
             waited_s = self._clock() - job.received_s + job.late_s
-            if request.verb in SEQUENCED and waited_s > STALE_S:
-                self._reply(job, f"{request.verb}: it waited for more than {STALE_S:g} s")
+            if request.verb in SEQUENCED and waited_s > STREAMED_S:
+                self._reply(job, f"{request.verb}: it waited for more than {STREAMED_S:g} s")
                 return
             if request.begins is not None and job.ended_by:
                 self._reply(job, f"{request.verb}: {_ENDED[job.ended_by]}")

@@ -4,7 +4,7 @@ import pytest
 
 from cardan.bus.node import LEASE_MS, gid_of_token
 from cardan.gateway.arm.authority import LEASE_S
-from cardan.gateway.arm.backlog import PROVEN_S, STALE_S
+from cardan.gateway.arm.backlog import PROVEN_S, STREAMED_S
 from cardan.gateway.arm.codes import Stream
 from cardan.gateway.bus.arm_topics import OK, WARN
 from cardan.gateway.bus.commands import ASK_TYPE
@@ -468,12 +468,12 @@ def test_what_its_publisher_sent_long_ago_moves_nothing_and_what_comes_after_it_
     together(bench, 1.0)
     assert not bench.world.verbs.body.moving
     before = len(outcomes(bench))
-    node.send(waited_s=STALE_S + 0.01)
+    node.send(waited_s=STREAMED_S + 0.01)
     bench.poll(DT_S)
     bench.world.tick()
     assert "too late to act on" in outcomes(bench)[before][2]
     assert together(bench, 0.3) == 0.0
-    node.send(waited_s=STALE_S - 0.05)
+    node.send(waited_s=STREAMED_S - 0.05)
     bench.poll(DT_S)
     bench.world.tick()
     assert together(bench, 0.3) < 0.0

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 import pytest
 
 from cardan.errors import MotionLoopError, MotionRefusedError
-from cardan.gateway.arm.backlog import STALE_S
+from cardan.gateway.arm.backlog import STALE_S, STREAMED_S
 from cardan.gateway.arm.codes import Begins, Stream
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
@@ -293,7 +293,7 @@ def test_what_waited_before_it_came_to_the_session_counts(bench, verb):
     """At the daemon's socket, and in the channel from there while the session was busy."""
     bench.verbs.go_on.set()
     bench.worker.turn(bench.now_s)
-    longest_s = STALE_S if verb == "twist" else LATE_S
+    longest_s = STREAMED_S if verb == "twist" else LATE_S
     for number, waited_s in enumerate((1.1 * longest_s, 0.9 * longest_s), 1):
         bench.worker.turn(bench.now_s)
         request = Request(number, "a", verb, POSE, since_s=bench.now_s - waited_s)
