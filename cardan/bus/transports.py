@@ -49,7 +49,7 @@ class OtherSubscription(Protocol):
 
 
 class OtherGraph(Protocol):
-    """Who is on the transport."""
+    """The nodes of other programs on the transport."""
 
     def look(self) -> None:
         """Take in who has come and gone."""
