@@ -4,7 +4,6 @@ them, and how they are found."""
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import partial
 from importlib.metadata import entry_points
 from typing import Protocol
 
@@ -97,6 +96,6 @@ FINDER: Finder[OtherNode] = Finder(
     OtherNode,  # type: ignore[type-abstract]
     "transport",
     {},
-    partial(entry_points, group=ENTRY_POINT_GROUP),
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
 )
 load, load_all = FINDER.load, FINDER.load_all

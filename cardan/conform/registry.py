@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -34,7 +33,7 @@ FINDER: Finder[Suite[Any]] = Finder(
     Suite,  # type: ignore[type-abstract]
     "protocol",
     BUILT_IN,
-    partial(entry_points, group=ENTRY_POINT_GROUP),
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
 )
 names, load_all = FINDER.names, FINDER.load_all
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-from functools import partial
 from importlib.metadata import entry_points
 
 from cardan.dissect.reader import Dissector
@@ -25,7 +24,7 @@ or from a port of EGM is EGM's, whatever it begins with."""
 
 
 FINDER: Finder[Dissector] = Finder(
-    Dissector, "dissector", BUILT_IN, partial(entry_points, group=ENTRY_POINT_GROUP)
+    Dissector, "dissector", BUILT_IN, lambda: entry_points(group=ENTRY_POINT_GROUP)
 )
 
 

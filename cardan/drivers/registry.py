@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -49,7 +48,7 @@ FINDER: Finder[Driver] = Finder(
     Driver,  # type: ignore[type-abstract]
     "driver",
     BUILT_IN,
-    partial(entry_points, group=ENTRY_POINT_GROUP),
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
 )
 names, packages, load_all, using = FINDER.names, FINDER.packages, FINDER.load_all, FINDER.using
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from importlib.metadata import entry_points
 
 from cardan.gateway.doctor.base import Check
@@ -41,7 +40,7 @@ FINDER: Finder[Check] = Finder(
     Check,  # type: ignore[type-abstract]
     "check",
     BUILT_IN,
-    partial(entry_points, group=ENTRY_POINT_GROUP),
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
 )
 load, load_all, using = FINDER.load, FINDER.load_all, FINDER.using
 

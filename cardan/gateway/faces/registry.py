@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -25,6 +24,6 @@ FINDER: Finder[Face[Any]] = Finder(
     Face,  # type: ignore[type-abstract]
     "face",
     BUILT_IN,
-    partial(entry_points, group=ENTRY_POINT_GROUP),
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
 )
 names, load, load_all, using = FINDER.names, FINDER.load, FINDER.load_all, FINDER.using

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from importlib.metadata import entry_points
 from typing import Any
 
@@ -34,6 +33,6 @@ FINDER: Finder[TwistFilter] = Finder(
     TwistFilter,  # type: ignore[type-abstract]
     "filter",
     BUILT_IN,
-    partial(entry_points, group=ENTRY_POINT_GROUP),
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
 )
 names, load, load_all, using = FINDER.names, FINDER.load, FINDER.load_all, FINDER.using
