@@ -9,12 +9,11 @@ import pytest
 
 from cardan import api, cli
 from cardan.drivers import registry
-from cardan.drivers.base import Driver, FoundDevice, OperatorDevice
+from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.drivers.udev import udev_rules
 from cardan.errors import ConfigurationError
 from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.hand.filters.base import TwistFilter
-from cardan.plugins import Finder
 from cardan.sim_peers import registry as peer_registry
 from cardan.sim_peers.command import PeerCommand
 from tests.gateway.fakes import FakeDevice
@@ -85,13 +84,12 @@ def plugins(monkeypatch):
         EntryPoint("odd", f"{__name__}:NoPeerOptions", "group"),
     ]
     filters = [EntryPoint("failing", f"{__name__}:FailingFilter", "group")]
-    for module, base, word, found in (
-        (registry, Driver, "driver", [*points, shadow]),
-        (peer_registry, PeerCommand, "simulated peer", peers),
-        (filter_registry, TwistFilter, "filter", filters),
+    for module, found in (
+        (registry, [*points, shadow]),
+        (peer_registry, peers),
+        (filter_registry, filters),
     ):
-        finder = Finder(base, word, module.BUILT_IN, lambda found=found: found)
-        monkeypatch.setattr(module, "_FINDER", finder)
+        monkeypatch.setattr(module.FINDER, "_installed", lambda found=found: found)
 
 
 @pytest.fixture

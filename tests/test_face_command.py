@@ -61,7 +61,7 @@ class Echo(Face[EchoOptions]):
 @pytest.fixture
 def echo(monkeypatch):
     point = EntryPoint("echo", f"{__name__}:Echo", registry.ENTRY_POINT_GROUP)
-    monkeypatch.setattr(registry, "entry_points", lambda group: [point])
+    monkeypatch.setattr(registry.FINDER, "_installed", lambda: [point])
     monkeypatch.setattr(Echo, "served", [])
     return Echo
 
@@ -83,7 +83,7 @@ def test_every_face_tells_what_it_does_and_what_its_options_mean(name):
 
 @pytest.mark.parametrize("name", IN_SOURCE_TREE["face"])
 def test_a_face_of_a_plug_in_that_is_missing_says_what_to_install(monkeypatch, name):
-    monkeypatch.setattr(registry, "entry_points", lambda group: [])
+    monkeypatch.setattr(registry.FINDER, "_installed", list)
     folder = IN_SOURCE_TREE["face"][name]
     with pytest.raises(ConfigurationError, match=f"run `pip install ./{folder}` there"):
         said(name, "--domain", "1")
@@ -137,7 +137,7 @@ def test_a_wrong_value_is_refused_by_the_name_of_its_option(echo, words, error):
 
 def test_a_face_that_cannot_be_loaded_says_why(monkeypatch):
     point = EntryPoint("broken", "nowhere:Face", registry.ENTRY_POINT_GROUP)
-    monkeypatch.setattr(registry, "entry_points", lambda group: [point])
+    monkeypatch.setattr(registry.FINDER, "_installed", lambda: [point])
     assert "broken  cannot be loaded: ModuleNotFoundError" in said("--list")
     with pytest.raises(ConfigurationError, match="No module named 'nowhere'"):
         said("broken")
@@ -147,7 +147,7 @@ def test_a_face_that_cannot_be_loaded_says_why(monkeypatch):
 def test_a_face_of_the_source_tree_says_how_it_is_installed(monkeypatch, name):
     folder = IN_SOURCE_TREE["face"][name]
     assert (Path(__file__).parents[1] / folder / "pyproject.toml").is_file()
-    monkeypatch.setattr(registry, "entry_points", lambda group: [])
+    monkeypatch.setattr(registry.FINDER, "_installed", list)
     for ask in (lambda: said(name, "--port", "0"), lambda: check_words(name, [])):
         with pytest.raises(ConfigurationError, match=f"face: {name!r} is .*install ./{folder}`"):
             ask()

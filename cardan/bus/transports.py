@@ -4,12 +4,12 @@ them, and how they are found."""
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from importlib.metadata import EntryPoints, entry_points
-from typing import Any, Protocol
+from importlib.metadata import entry_points
+from typing import Protocol
 
 from cardan.bus.dds_options import DdsOptions
 from cardan.bus.node import Received
-from cardan.plugins import Finder, Loaded
+from cardan.plugins import Finder
 from cardan.protocols.ros2.zenoh import DEFAULT_QOS, Qos
 
 ENTRY_POINT_GROUP = "cardan.buses"
@@ -92,24 +92,10 @@ class OtherNode(ABC):
         """A reader of who is there. Raises DriverError."""
 
 
-def _installed() -> EntryPoints:
-    return entry_points(group=ENTRY_POINT_GROUP)
-
-
-# mypy wants a class that can be instantiated; a Finder only compares with it.
-_FINDER: Finder[OtherNode] = Finder(
+FINDER: Finder[OtherNode] = Finder(
     OtherNode,  # type: ignore[type-abstract]
     "transport",
     {},
-    _installed,
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
 )
-
-
-def load(name: str) -> type[OtherNode]:
-    """The nodes of the transport called `name`; ConfigurationError where it is not installed."""
-    return _FINDER.load(name)
-
-
-def load_all() -> Loaded[Any]:
-    """Every class of nodes, and why others cannot be loaded."""
-    return _FINDER.load_all()
+load, load_all = FINDER.load, FINDER.load_all

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from importlib.metadata import EntryPoints, entry_points
+from importlib.metadata import entry_points
 from typing import Any
 
 from cardan.conform.suite import Suite
-from cardan.plugins import Finder, Loaded
+from cardan.plugins import Finder
 
 ENTRY_POINT_GROUP = "cardan.conform"
 
@@ -29,29 +29,15 @@ BUILT_IN = {
 add theirs by an entry point of the same form."""
 
 
-def _installed() -> EntryPoints:
-    return entry_points(group=ENTRY_POINT_GROUP)
-
-
-# mypy wants a class that can be instantiated; a Finder only compares with it.
-_FINDER: Finder[Suite[Any]] = Finder(
+FINDER: Finder[Suite[Any]] = Finder(
     Suite,  # type: ignore[type-abstract]
     "protocol",
     BUILT_IN,
-    _installed,
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
 )
-
-
-def names() -> tuple[str, ...]:
-    """The names of all suites, sorted."""
-    return _FINDER.names()
+names, load_all = FINDER.names, FINDER.load_all
 
 
 def load(name: str) -> Suite[Any]:
     """The suite of that name; ConfigurationError names those there are."""
-    return _FINDER.load(name)()
-
-
-def load_all() -> Loaded[Suite[Any]]:
-    """Every suite class, and why others cannot be loaded."""
-    return _FINDER.load_all()
+    return FINDER.load(name)()

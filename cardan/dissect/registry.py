@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from importlib.metadata import EntryPoints, entry_points
+from importlib.metadata import entry_points
 
 from cardan.dissect.reader import Dissector
 from cardan.plugins import Finder
@@ -23,17 +23,15 @@ BUILT_IN = {
 or from a port of EGM is EGM's, whatever it begins with."""
 
 
-def _installed() -> EntryPoints:
-    return entry_points(group=ENTRY_POINT_GROUP)
-
-
-_FINDER: Finder[Dissector] = Finder(Dissector, "dissector", BUILT_IN, _installed)
+FINDER: Finder[Dissector] = Finder(
+    Dissector, "dissector", BUILT_IN, lambda: entry_points(group=ENTRY_POINT_GROUP)
+)
 
 
 def dissectors() -> list[type[Dissector]]:
     """Every dissector there is, in the order in which they are offered packets. One that cannot be
     loaded is left out, and a warning is logged."""
-    found = _FINDER.load_all()
+    found = FINDER.load_all()
     for name, why in found.refused.items():
         logging.getLogger(__name__).warning("dissector %r %s", name, why)
     names = dict.fromkeys((*BUILT_IN, *found.classes))

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from importlib.metadata import EntryPoints, entry_points
+from importlib.metadata import entry_points
 from typing import Any
 
 from cardan.drivers.base import Driver
 from cardan.options import Options, require
-from cardan.plugins import Finder, Loaded
+from cardan.plugins import Finder
 from cardan.tables import OTHER_KEYS
 
 ENTRY_POINT_GROUP = "cardan.drivers"
@@ -45,36 +44,17 @@ class DriverTable(Options):
     options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
 
 
-def _installed() -> EntryPoints:
-    return entry_points(group=ENTRY_POINT_GROUP)
-
-
-# mypy wants a class that can be instantiated; a Finder only compares with it.
-_FINDER: Finder[Driver] = Finder(Driver, "driver", BUILT_IN, _installed)  # type: ignore[type-abstract]
-
-
-def names() -> tuple[str, ...]:
-    """Every driver name that can be loaded, sorted."""
-    return _FINDER.names()
-
-
-def packages() -> tuple[str, ...]:
-    """The top-level packages that have drivers, Cardan's own first."""
-    return _FINDER.packages()
+FINDER: Finder[Driver] = Finder(
+    Driver,  # type: ignore[type-abstract]
+    "driver",
+    BUILT_IN,
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
+)
+names, packages, load_all, using = FINDER.names, FINDER.packages, FINDER.load_all, FINDER.using
 
 
 def load(name: str) -> type[Driver]:
     """The driver class called `name`; ConfigurationError names the ones there are."""
     if not isinstance(name, str):  # What is installed is read only to say it.
         require(False, "driver", name, f"one of {', '.join(names())}")
-    return _FINDER.load(name)
-
-
-def load_all() -> Loaded[Driver]:
-    """Every driver class, and why others cannot be loaded."""
-    return _FINDER.load_all()
-
-
-def using(name: str, key: str) -> AbstractContextManager[None]:
-    """What another package's driver raises inside is a ConfigurationError of `key`."""
-    return _FINDER.using(name, key)
+    return FINDER.load(name)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
-from importlib.metadata import EntryPoints, entry_points
+from importlib.metadata import entry_points
 from typing import Any
 
-from cardan.plugins import Finder, Loaded
+from cardan.plugins import Finder
 from cardan.sim_peers.command import PeerCommand
 
 ENTRY_POINT_GROUP = "cardan.sim_peers"
@@ -31,28 +30,10 @@ BUILT_IN = {
 """Our own peers. Other packages add theirs by an entry point of the same form."""
 
 
-def _installed() -> EntryPoints:
-    return entry_points(group=ENTRY_POINT_GROUP)
-
-
-_FINDER: Finder[PeerCommand[Any]] = Finder(PeerCommand, "simulated peer", BUILT_IN, _installed)
-
-
-def names() -> tuple[str, ...]:
-    """Every name of a simulated peer that can be loaded, sorted."""
-    return _FINDER.names()
-
-
-def load(name: str) -> type[PeerCommand[Any]]:
-    """The declaration of the peer called `name`; ConfigurationError names the ones there are."""
-    return _FINDER.load(name)
-
-
-def load_all() -> Loaded[PeerCommand[Any]]:
-    """Every peer class, and why others cannot be loaded."""
-    return _FINDER.load_all()
-
-
-def using(name: str, key: str) -> AbstractContextManager[None]:
-    """What another package's peer raises inside is a ConfigurationError of `key`."""
-    return _FINDER.using(name, key)
+FINDER: Finder[PeerCommand[Any]] = Finder(
+    PeerCommand,
+    "simulated peer",
+    BUILT_IN,
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
+)
+names, load, load_all, using = FINDER.names, FINDER.load, FINDER.load_all, FINDER.using

@@ -13,7 +13,7 @@ WORDS = "transport: 'dds' is in the folder plugins/cardan-dds .*: run `pip insta
 @pytest.fixture
 def bare(monkeypatch):
     """As where no plug-in is installed."""
-    monkeypatch.setattr(transports, "entry_points", lambda group: [])
+    monkeypatch.setattr(transports.FINDER, "_installed", list)
 
 
 @pytest.mark.usefixtures("bare")

@@ -11,5 +11,5 @@ from cardan.dissect import registry
 def what_is_installed_is_looked_for_once():
     """In each file of tests: to read the metadata of all packages takes longer than a capture."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(registry, "entry_points", functools.cache(registry.entry_points))
+        patch.setattr(registry.FINDER, "_installed", functools.cache(registry.FINDER._installed))
         yield

@@ -19,7 +19,6 @@ from cardan.cli import app
 from cardan.dissect import dissect_file, network, registry
 from cardan.dissect.reader import Dissector, Numbers, ProtocolReader
 from cardan.errors import ConfigurationError
-from cardan.plugins import Finder
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -56,8 +55,7 @@ class Greetings(Dissector):
 
 def install(monkeypatch, target):
     point = EntryPoint("other", target, registry.ENTRY_POINT_GROUP)
-    finder = Finder(Dissector, "dissector", registry.BUILT_IN, lambda: [point])
-    monkeypatch.setattr(registry, "_FINDER", finder)
+    monkeypatch.setattr(registry.FINDER, "_installed", lambda: [point])
 
 
 @pytest.fixture
@@ -147,8 +145,7 @@ def test_the_example_of_the_page(tmp_path, monkeypatch):
     point = EntryPoint(
         "joystick", "my_package.dissect_joystick:JoystickDissector", "cardan.dissect"
     )
-    finder = type(registry._FINDER)(Dissector, "dissector", registry.BUILT_IN, lambda: [point])
-    monkeypatch.setattr(registry, "_FINDER", finder)
+    monkeypatch.setattr(registry.FINDER, "_installed", lambda: [point])
     payloads = (struct.pack("<hh", 3, -4), b"\0")
     frames = [Ether() / IP() / UDP(sport=900, dport=7001) / payload for payload in payloads]
     for frame in frames:

@@ -146,8 +146,7 @@ class Toaster(PeerCommand[ToasterOptions]):
 @pytest.fixture
 def toaster(monkeypatch):
     points = [EntryPoint("toaster", f"{__name__}:Toaster", registry.ENTRY_POINT_GROUP)]
-    groups = {registry.ENTRY_POINT_GROUP: points}
-    monkeypatch.setattr(registry, "entry_points", lambda group: groups[group])
+    monkeypatch.setattr(registry.FINDER, "_installed", lambda: points)
     MADE.clear()
 
 

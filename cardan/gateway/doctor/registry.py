@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from contextlib import AbstractContextManager
-from importlib.metadata import EntryPoints, entry_points
+from importlib.metadata import entry_points
 
 from cardan.gateway.doctor.base import Check
-from cardan.plugins import Finder, Loaded
+from cardan.plugins import Finder
 
 ENTRY_POINT_GROUP = "cardan.checks"
 
@@ -37,29 +36,15 @@ BUILT_IN = {
 of the same form."""
 
 
-def _installed() -> EntryPoints:
-    return entry_points(group=ENTRY_POINT_GROUP)
-
-
-# mypy wants a class that can be instantiated; a Finder only compares with it.
-_FINDER: Finder[Check] = Finder(Check, "check", BUILT_IN, _installed)  # type: ignore[type-abstract]
+FINDER: Finder[Check] = Finder(
+    Check,  # type: ignore[type-abstract]
+    "check",
+    BUILT_IN,
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
+)
+load, load_all, using = FINDER.load, FINDER.load_all, FINDER.using
 
 
 def names() -> tuple[str, ...]:
     """Every name of a check that can be loaded: ours in their order, then the others."""
-    return (*BUILT_IN, *(name for name in _FINDER.names() if name not in BUILT_IN))
-
-
-def load(name: str) -> type[Check]:
-    """The check called `name`; ConfigurationError names the ones there are."""
-    return _FINDER.load(name)
-
-
-def load_all() -> Loaded[Check]:
-    """Every check, and why others cannot be loaded."""
-    return _FINDER.load_all()
-
-
-def using(name: str, key: str) -> AbstractContextManager[None]:
-    """What another package's check raises inside is a ConfigurationError of `key`."""
-    return _FINDER.using(name, key)
+    return (*BUILT_IN, *(name for name in FINDER.names() if name not in BUILT_IN))

@@ -7,14 +7,12 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from cardan.drivers import registry
-from cardan.drivers.base import Driver
 from cardan.errors import ConfigurationError
 from cardan.gateway.session import demo as demos
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.demo import run_demo
 from cardan.gateway.session.examples import find_demos, read_demo
 from cardan.gateway.session.unattended import check_unattended, check_words
-from cardan.plugins import Finder
 from tests.gateway.fakes import FakeDevice
 
 DEMOS = find_demos()
@@ -285,8 +283,7 @@ def test_a_driver_of_another_package_is_held_to_the_strictest_rule(
     tmp_path, monkeypatch, driver, options, files, words
 ):
     point = EntryPoint("stick", f"{__name__}:{driver}", registry.ENTRY_POINT_GROUP)
-    finder = Finder(Driver, "driver", registry.BUILT_IN, lambda: [point])
-    monkeypatch.setattr(registry, "_FINDER", finder)
+    monkeypatch.setattr(registry.FINDER, "_installed", lambda: [point])
     tables = f'[device]\ndriver = "stick"\n{options}\n{ARM}'
     block = ('launch = ["sim stick"]', FILES if files else "")
     if words:

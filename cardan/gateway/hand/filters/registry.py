@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from importlib.metadata import EntryPoints, entry_points
+from importlib.metadata import entry_points
 from typing import Any
 
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.options import Options
-from cardan.plugins import Finder, Loaded
+from cardan.plugins import Finder
 from cardan.tables import OTHER_KEYS
 
 ENTRY_POINT_GROUP = "cardan.filters"
@@ -30,29 +29,10 @@ class FilterTable(Options):
     options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
 
 
-def _installed() -> EntryPoints:
-    return entry_points(group=ENTRY_POINT_GROUP)
-
-
-# mypy wants a class that can be instantiated; a Finder only compares with it.
-_FINDER: Finder[TwistFilter] = Finder(TwistFilter, "filter", BUILT_IN, _installed)  # type: ignore[type-abstract]
-
-
-def names() -> tuple[str, ...]:
-    """Every filter name that can be loaded, sorted."""
-    return _FINDER.names()
-
-
-def load(name: str) -> type[TwistFilter]:
-    """The filter class called `name`; ConfigurationError names the ones there are."""
-    return _FINDER.load(name)
-
-
-def load_all() -> Loaded[TwistFilter]:
-    """Every filter class, and why others cannot be loaded."""
-    return _FINDER.load_all()
-
-
-def using(name: str, key: str) -> AbstractContextManager[None]:
-    """What another package's filter raises inside is a ConfigurationError of `key`."""
-    return _FINDER.using(name, key)
+FINDER: Finder[TwistFilter] = Finder(
+    TwistFilter,  # type: ignore[type-abstract]
+    "filter",
+    BUILT_IN,
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
+)
+names, load, load_all, using = FINDER.names, FINDER.load, FINDER.load_all, FINDER.using

@@ -23,7 +23,7 @@ def test_filters_of_other_packages_are_found_by_their_entry_point(monkeypatch):
         ),
         EntryPoint("wrong", "cardan.types:Twist", registry.ENTRY_POINT_GROUP),
     ]
-    monkeypatch.setattr(registry, "entry_points", lambda group: points)
+    monkeypatch.setattr(registry.FINDER, "_installed", lambda: points)
     assert registry.load("theirs").__name__ == "Rule"
     assert registry.names() == ("camera", "proximity", "theirs", "wrong")
     with pytest.raises(ConfigurationError, match="is not a cardan filter"):
