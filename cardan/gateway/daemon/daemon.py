@@ -81,8 +81,6 @@ EVENTS_KEPT: Final = 1000
 
 WATCH_PERIODS_S: Final = (0.1, 60.0)
 
-NOT_IN_FILES: Final = "it is not in the files any more"
-
 _UNDER_WAY = ("waiting", "running")
 """Outcomes of motions that have not ended."""
 
@@ -327,7 +325,7 @@ class Daemon:
         """Nobody has its arm: what has changed takes effect."""
         if kept.unit.state is UnitState.RUNNING:
             if REMOVED in kept.changes_wait:
-                kept.unit.stop(now_s, NOT_IN_FILES)
+                _remove(kept)
             else:
                 kept.unit.restart(now_s, "its configuration has changed")
 
@@ -352,9 +350,9 @@ class Daemon:
     def _seen(self, name: str) -> Seen:
         kept = self._kept[name]
         assert isinstance(kept, KeptSession)
-        s, state = kept.snapshot, kept.unit.state
+        s = kept.snapshot
         return Seen(
-            state in (UnitState.RUNNING, UnitState.WAITING),
+            kept.unit.wanted,
             kept.process is not None,
             s.device_held,
             s.phase,
@@ -635,7 +633,7 @@ class Daemon:
         kept = self._kept[name]
         assert isinstance(kept, KeptSession)
         if REMOVED in kept.changes_wait:
-            kept.unit.stop(time.monotonic(), NOT_IN_FILES)
+            _remove(kept)
         kept.entry, kept.changes_wait = self.layout.sessions.get(name, kept.entry), ()
         self._share()
 
@@ -727,12 +725,12 @@ class Daemon:
     def _apply(self, layout: Layout, changes: Sequence[Change], now_s: float) -> None:
         before, self.layout = self.layout, layout
         for name in before.faces.keys() - layout.faces.keys() - layout.sessions.keys():
-            self._kept[name].unit.stop(now_s, NOT_IN_FILES)
+            _remove(self._kept[name])
         for name in before.sessions.keys() - layout.sessions.keys():
             kept = self._kept[name]
             assert isinstance(kept, KeptSession)
             if kept.process is None:
-                kept.unit.stop(now_s, NOT_IN_FILES)
+                _remove(kept)
             else:
                 kept.changes_wait = (REMOVED,)
         for name, session in layout.sessions.items():
@@ -769,6 +767,10 @@ class Daemon:
             kept.entry = entry
             if kept.unit.state is UnitState.RUNNING:
                 kept.unit.restart(now_s, "its options have changed")
+
+
+def _remove(kept: Kept) -> None:
+    kept.unit.stop(time.monotonic(), "it is not in the files any more")
 
 
 class _Watcher:

@@ -355,6 +355,16 @@ def test_who_has_a_shared_device_keeps_it_until_it_is_restarted_without_it(lab):
     for name in ("one", "two"):
         lab.end(name)
     assert [lab.session(name).has_device for name in ("one", "two")] == [True, False]
+    lab.file.write_text(SHARED + both.replace("0.25", "0.1", 1))
+    lab.rest("one")
+    lab.reload()
+    lab.look()
+    assert lab.session("one").ended
+    lab.daemon._pass_devices()
+    lab.end("one")
+    lab.daemon._pass_devices()
+    assert [lab.session(name).has_device for name in ("one", "two")] == [True, False]
+    assert not lab.session("two").told
     one = lab.session("one")
     one.snapshot = Snapshot(phase="moving", authority="hand", device_held=True)
     lab.file.write_text(SHARED + both.replace('device = "mouse"\n', "", 1))
