@@ -66,7 +66,6 @@ PAGES = {
                     "gateway/session/config.py",
                     "gateway/session/assembly.py",
                     "gateway/session/examples.py",
-                    "gateway/session/changes.py",
                     "tables.py",
                     "options.py",
                     "bounds.py",

@@ -14,7 +14,6 @@ from typing import Any
 from cardan.drivers import registry as drivers
 from cardan.drivers.base import Driver, OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
-from cardan.gateway.session.changes import RULES
 from cardan.gateway.session.examples import find_demos
 from cardan.protocols.connexion import MODELS
 from cardan.sim_peers import registry as peers
@@ -187,19 +186,9 @@ def _network() -> str:
     return markdown(columns, network_table.table())
 
 
-def _changes() -> str:
-    """When changes of a session's configuration take effect."""
-    keys: dict[str, list[str]] = {}
-    for key, rule in RULES.items():
-        keys.setdefault(rule.words, []).append(f"`{key}`")
-    rows = ((", ".join(named), words) for words, named in keys.items())
-    return markdown(("key, or all other keys of a table", "takes effect"), rows)
-
-
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("README.md", "overview"): _overview,
     ("docs/devices.md", "devices"): _devices,
-    ("docs/daemon.md", "when changes take effect"): _changes,
     ("docs/configuration.md", "drivers"): _options,
     ("docs/first-ten-minutes.md", "demos"): _demos,
     ("docs/judged.md", "network"): _network,

@@ -223,8 +223,8 @@ def reload(
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
-    """Have the daemon read its files anew: all that has changed takes effect, or nothing. Says of
-    each change when it does: live, when disarmed, or by a restart of the session."""
+    """Have the daemon read its files anew: all that has changed takes effect, or nothing. A session
+    that has changed is restarted as soon as nobody has its arm; says what waits for that."""
     from cardan.gateway.daemon.changes import Change
     from cardan.gateway.daemon.client import RELOAD_S, ControlClient
 
@@ -234,7 +234,7 @@ def reload(
         print_json(changes)
         return
     for change in changes:
-        print(printable(Change.of(change).in_words))
+        print(printable(Change(**change).in_words))
     if not changes:
         print("nothing has changed")
 

@@ -265,14 +265,6 @@ class OperatorDevice(Driver):
     def button_events(self) -> Sequence[ButtonEvent]:
         """Button edges since the last call, oldest first; none is lost. One consumer."""
 
-    reshapes: ClassVar[bool] = False
-    """Whether `reshape` works."""
-
-    def reshape(self, options: Any) -> None:
-        """Shape the deflections by other options from now on, also while it is open: only those of
-        :class:`cardan.drivers.shaping.ShapingOptions` may differ. Drivers that can override it."""
-        raise CommandError(f"{type(self).__name__} cannot: close it, and open another one")
-
     def feedback(self, feedback: DeviceFeedback) -> None:
         """Give `feedback` to the operator. Raises CommandError for a channel the device lacks."""
         missing = {

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping
 
 from cardan.drivers.buttons import ButtonEdges
-from cardan.drivers.shaping import Shaper, ShapingOptions
+from cardan.drivers.shaping import Shaper
 from cardan.types import (
     NEUTRAL,
     NEVER_S,
@@ -54,10 +54,6 @@ class DeviceCore(ABC):
         self._malformed: Counter[str] = Counter()
         """Reports that mean nothing, by what is wrong with them."""
         self._cached: DeviceState | None = None
-
-    def reshape(self, options: ShapingOptions) -> None:
-        """Shape deflections by other options from the next report on."""
-        self._shaper = Shaper(options)
 
     # -- what a core has to say, and may say ---------------------------------------------------
 

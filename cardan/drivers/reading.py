@@ -133,13 +133,6 @@ class ReadDevice(OperatorDevice, Generic[C]):
         with self._lock:
             return self._core.state(time.monotonic())
 
-    def reshape(self, options: Any) -> None:
-        """Shape the deflections by other options from the next report on."""
-        if not self.reshapes:
-            super().reshape(options)
-        with self._lock:
-            self._core.reshape(options)
-
     def button_events(self) -> Sequence[ButtonEvent]:
         """Button edges since the last call, oldest first."""
         with self._lock:

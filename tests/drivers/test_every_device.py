@@ -58,24 +58,6 @@ def test_it_is_neutral_before_it_was_opened(driver, tmp_path):
 
 
 @pytest.mark.parametrize("driver", DEVICES)
-def test_deflections_are_shaped_by_other_options_where_it_says_so(driver, tmp_path):
-    device = driver(nowhere(driver, tmp_path))
-    if not driver.reshapes:
-        with pytest.raises(CommandError, match="cannot"):
-            device.reshape(device.options)
-        return
-    half = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
-    device.reshape(dataclasses.replace(device.options, dead_zone=0.6))
-    assert device._core._shaper(half) == NEUTRAL
-    device.reshape(dataclasses.replace(device.options, dead_zone=0.0))
-    assert device._core._shaper(half) == half
-    # What counts as rest is what the shaper takes for it.
-    wanted = device._core._options.dead_zone if hasattr(device._core, "_options") else 0.0
-    assert wanted == 0.0
-    assert not getattr(device._core, "_dead_counts", 0.0)
-
-
-@pytest.mark.parametrize("driver", DEVICES)
 def test_what_is_not_there_is_said_in_words(driver, tmp_path):
     device = driver(nowhere(driver, tmp_path))
     with pytest.raises(DriverError, match=r"\w+ \w+ \w+"):

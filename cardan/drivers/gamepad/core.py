@@ -14,7 +14,7 @@ from collections.abc import Mapping
 
 from cardan.drivers.evdev.core import EvdevCore
 from cardan.drivers.gamepad.options import GamepadOptions
-from cardan.drivers.shaping import Deflections, Shaper, ShapingOptions
+from cardan.drivers.shaping import Deflections, Shaper
 from cardan.protocols.evdev import (
     ABS_BRAKE,
     ABS_GAS,
@@ -128,12 +128,6 @@ class GamepadCore(EvdevCore):
         self._sticks: dict[str, _Stick] = {}
         self._triggers: tuple[_Trigger, ...] = ()
         self._layout = PadLayout(PAD_BUTTONS)
-
-    def reshape(self, options: ShapingOptions) -> None:
-        """Shape deflections by other options from the next report on."""
-        super().reshape(options)
-        assert isinstance(options, GamepadOptions)
-        self._options = options
 
     @property
     def buttons(self) -> tuple[str, ...]:

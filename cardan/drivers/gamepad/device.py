@@ -54,7 +54,6 @@ class Gamepad(EvdevDevice[GamepadCore]):
     _kind = "gamepad"
     _permission_hint = CONSOLE_HINT
     _fits = staticmethod(is_gamepad)
-    reshapes = True
 
     def __init__(self, options: GamepadOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)

@@ -39,7 +39,6 @@ class Keyboard(EvdevDevice[KeyboardCore]):
     _kind = "keyboard"
     _permission_hint = GROUP_HINT
     _fits = staticmethod(is_keyboard)
-    reshapes = True
 
     def __init__(self, options: KeyboardOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)

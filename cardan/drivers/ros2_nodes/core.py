@@ -19,7 +19,7 @@ from typing import ClassVar
 from cardan.bus.node import Received
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.ros2_nodes.options import JoyOptions, Six
-from cardan.drivers.shaping import Deflections, Shaper, ShapingOptions
+from cardan.drivers.shaping import Deflections, Shaper
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 from cardan.protocols.ros2.names import dds_type
 from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink
@@ -130,12 +130,6 @@ class JoyCore(BusCore):
         """Those of the first message since the device was opened."""
         self._touched = False
         self._button_count = 0
-
-    def reshape(self, options: ShapingOptions) -> None:
-        """Shape deflections by other options from the next report on."""
-        super().reshape(options)
-        assert isinstance(options, JoyOptions)
-        self._options = options
 
     @property
     def labels(self) -> tuple[str, ...]:

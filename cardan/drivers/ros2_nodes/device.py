@@ -151,7 +151,6 @@ class NodeDevice(BusDevice[JoyCore]):
     _node_name = ""
     """The stock node."""
     _touch = ""
-    reshapes = True
 
     def __init__(self, options: JoyOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.shaping import Shaper, ShapingOptions
+from cardan.drivers.shaping import Shaper
 from cardan.drivers.spacemouse.buttons import Buttons
 from cardan.drivers.spacemouse.drift import DRIFT_AFTER_S, DriftDetector
 from cardan.drivers.spacemouse.options import MouseOptions
@@ -112,13 +112,6 @@ class SpaceMouseCore(DeviceCore):
         self._motion_s = NEVER_S
         self._set_period(REPORT_PERIOD_S)
         self._set_model(model, None)
-
-    def reshape(self, options: ShapingOptions) -> None:
-        """Shape deflections by other options from the next report on."""
-        super().reshape(options)
-        assert isinstance(options, MouseOptions)
-        self._options, self._radial = options, options.dead_zone_shape == "radial"
-        self._dead_counts = options.dead_zone * self._full_scale
 
     # -- what happens to the device ------------------------------------------------------------
 

@@ -82,7 +82,6 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
     )
     options: SpaceMouseOptions
     _kind = "SpaceMouse"
-    reshapes = True
 
     def __init__(
         self,

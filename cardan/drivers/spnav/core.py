@@ -24,7 +24,7 @@ from itertools import groupby
 from types import MappingProxyType
 
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.shaping import Shaper, ShapingOptions
+from cardan.drivers.shaping import Shaper
 from cardan.drivers.spnav.options import SpnavOptions
 from cardan.drivers.spnav.repeats import RepeatDetector
 from cardan.protocols.connexion import Family, find_model
@@ -124,14 +124,6 @@ class SpnavCore(DeviceCore):
         self._down: list[int] = []
         self._forget_connection()
         self._set_full_scale()
-
-    def reshape(self, options: ShapingOptions) -> None:
-        """Shape deflections by other options from the next report on."""
-        super().reshape(options)
-        assert isinstance(options, SpnavOptions)
-        self._options, self._radial = options, options.dead_zone_shape == "radial"
-        self._dead_counts = options.dead_zone * self._full_scale
-        self._rotation_dead_counts = options.dead_zone * self._rotation_full_scale
 
     def _forget_connection(self) -> None:
         self._reader = ServerReader()

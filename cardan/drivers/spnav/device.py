@@ -52,7 +52,6 @@ class Spnav(ReadDevice[SpnavCore]):
     suits = "rate, base frame"
     options: SpnavOptions
     _kind = "spacenavd socket"
-    reshapes = True
 
     def __init__(self, options: SpnavOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)

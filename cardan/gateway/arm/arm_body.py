@@ -16,12 +16,10 @@ from cardan.gateway.arm.body import (
     SHORTEST_S,
     Body,
     FollowingError,
-    ServoTuning,
 )
 from cardan.gateway.arm.gate import GateLimits
-from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, Kinematics, short_way, to_pose
-from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.motion.reference import Reference
 from cardan.gateway.servo.choice import AnyServo
 from cardan.gateway.servo.lag import ResponseLag
 from cardan.gateway.servo.servo import servo_steps
@@ -91,7 +89,10 @@ class ArmBody(Body):
         self.servo = servo
         self.kind = next((kind for kind in PREFERRED if kind in kinds), None)
         self.velocity_gain_1_s = VELOCITY_GAIN_1_S
-        self._tolerance_m = self._tolerance(tcp_tolerance_m)
+        if tcp_tolerance_m is None:
+            sends_poses = self.kind is CommandKind.POSE
+            tcp_tolerance_m = POSE_TCP_TOLERANCE_M if sends_poses else JOINT_TCP_TOLERANCE_M
+        self._tolerance_m = tcp_tolerance_m
         self._sent_as = sent_as or servo.kinematics
         self._highest = servo.kinematics.velocity
         self._fastest: list[float] = self._highest.tolist()
@@ -132,24 +133,6 @@ class ArmBody(Body):
 
     def status(self) -> ServoStatus:
         return self.servo.status()
-
-    def _tolerance(self, given_m: float | None) -> float:
-        if given_m is not None:
-            return given_m
-        sends_poses = self.kind is CommandKind.POSE
-        return POSE_TCP_TOLERANCE_M if sends_poses else JOINT_TCP_TOLERANCE_M
-
-    def tune(self, limits: ReferenceLimits, servo: ServoTuning | None) -> None:
-        if servo is None:
-            return
-        self.servo.tune(servo.options)
-        self._tolerance_m = self._tolerance(servo.tcp_tolerance_m)
-        if servo.tool != getattr(self._sent_as, "tool", servo.tool):
-            # Not where a verb has changed the servo's alone.
-            for kinematics in (self._sent_as, self.servo.kinematics):
-                if isinstance(kinematics, ArmKinematics):
-                    kinematics.set_tool(servo.tool)
-            self.servo.kinematics.update(self.servo.q)
 
     def keep_sent_as(self, kinematics: Kinematics) -> None:
         """Send poses by the tool of `kinematics`, which this body owns from now on, whatever tool

@@ -71,17 +71,14 @@ class Authority:
     def __init__(self, options: AuthorityOptions | None = None, network: str = "") -> None:
         """`network`: the first word of the sources of the arm's network, which no other source may
         have; empty: none commands it."""
-        self.tune(options or AuthorityOptions())
+        options = options or AuthorityOptions()
+        self.policy, self.named, self.lease_s = options.policy, options.named, options.lease_s
         self.network = network
         self._owner = ""
         self._since_s = self._renewed_s = NEVER_S
         self._handed_to = ""
         """Source that the authority was handed over to, until it uses it."""
         self._refused = ""
-
-    def tune(self, options: AuthorityOptions) -> None:
-        """Take another policy; who has the authority keeps it."""
-        self.policy, self.named, self.lease_s = options.policy, options.named, options.lease_s
 
     @property
     def owner(self) -> str:

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
-from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.servo.status import ServoStatus
 from cardan.spatial import (
     add,
@@ -89,16 +87,6 @@ class FollowingError(NamedTuple):
             f"the robot is {self.linear_m * 1e3:.0f} mm and {self.angular_rad:.2f} rad {relation} "
             f"its reference{joint}"
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class ServoTuning:
-    """What an arm with a model takes."""
-
-    options: ServoOptions
-    tcp_tolerance_m: float | None
-    tool: Pose
-    """The TCP that the robot's controller has, in the model's own."""
 
 
 class Body(ABC):
@@ -205,10 +193,6 @@ class Body(ABC):
         `approaching`: the robot is not to follow the motion. `blind`: the measurements in `state`
         are ignored.
         """
-
-    @abstractmethod
-    def tune(self, limits: ReferenceLimits, servo: ServoTuning | None) -> None:
-        """Take other limits and options, without a jump; the tool only at rest."""
 
     def status(self) -> ServoStatus | None:
         """Numbers of the servo's last tick; None without an arm's model."""
@@ -317,9 +301,6 @@ class FreeBody(Body):
         assert reference.pose is not None
         self._pose, self._twist = reference.pose, reference.twist
         return 1.0
-
-    def tune(self, limits: ReferenceLimits, servo: ServoTuning | None) -> None:
-        self.limits = limits
 
     def brake(self, dt_s: float) -> None:
         self._approach(ZERO_TWIST, dt_s)

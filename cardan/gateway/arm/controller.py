@@ -27,7 +27,6 @@ from cardan.gateway.arm.body import Body, FollowingError
 from cardan.gateway.arm.gate import Gate, GateLimits
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdogs, step_s
-from cardan.gateway.arm.tuning import Tuning
 from cardan.gateway.hand.position import resting_pose
 from cardan.gateway.hand.source import NO_REQUEST, HandRequest, HandSource, HandView
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
@@ -117,9 +116,6 @@ class ArmController:
         self.not_ready = "nothing was heard of the robot yet"
         """Why the robot cannot be commanded now; empty when it can."""
         self._gate = Gate(gate or limits_of_free_body(limits))
-        self._gate_by_limits = gate is None
-        self._gate_next: GateLimits | None = None
-        """What the gate takes as soon as the command is braked to it."""
         self.advanced_s = 0.0
         """Time by which the last tick advanced; lost time is not in it."""
         self._activity: Activity | None = None
@@ -353,46 +349,6 @@ class ArmController:
         if self.recovering:
             return f"coming back to the arm, {self._trip_reason}"
         return ""
-
-    @property
-    def unclaimed(self) -> bool:
-        """Whether nobody has the authority over the arm, and nothing moves it or is about to."""
-        return (
-            not self.authority.owner
-            and not self._claimed
-            and self.idle
-            and self.at_rest
-            and not self.recovering
-        )
-
-    def tune(self, tuning: Tuning) -> None:
-        """Take other limits and options between two ticks; what moves goes on without a jump, and
-        brakes to what is lower.
-
-        A limit may be loosened only by a tuning that `disarms`, and that only while the arm is
-        `unclaimed`: going on takes the deliberate act, as after a stop.
-        """
-        with self.lock:
-            self.note("tune")
-            if tuning.disarms:
-                self._disarm()
-                self.generation += 1
-                self._end_activity("the session's configuration was changed")
-                self._activity, self._braking = None, False
-            elif tuning.ends and self._activity is not None and not self._activity_is_the_hands:
-                self.generation += 1
-                if not self._activity.recovers:
-                    self._end_activity(tuning.ends)
-            self.supervision.tune(tuning.watchdogs)
-            self.authority.tune(tuning.authority)
-            self.body.tune(tuning.limits, tuning.servo)
-            self.reference.tune(tuning.limits)
-            if self.hand is not None and tuning.hand is not None:
-                self.hand.tune(tuning.hand)
-            if tuning.disarms:
-                self._rest_reference()
-            if self._gate_by_limits:
-                self._gate_next = limits_of_free_body(tuning.limits)
 
     def begin(self, activity: Activity) -> None:
         """Start an activity on an arm at rest."""
@@ -870,8 +826,6 @@ class ArmController:
             recovers = activity is not None and activity.recovers
             blind = blind or bool(self.supervision.distrust)
             command = body.command(robot, dt_s, recovers, blind)
-        if self._gate_next is not None and self._gate.tune(self._gate_next, body.twist):
-            self._gate_next = None
         wrong = self._gate.violation(command, dt_s)
         if not wrong:
             return command

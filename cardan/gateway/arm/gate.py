@@ -55,13 +55,6 @@ class Gate:
 
     def __init__(self, limits: GateLimits) -> None:
         self._last: RobotCommand | None = None
-        self._take(limits)
-        self._speeds: list[float] | None = None
-        """Speeds of the joints, from the last two commands."""
-        self._dt_s = 0.0
-        """The period that those speeds are means over."""
-
-    def _take(self, limits: GateLimits) -> None:
         self._limits = limits
         self._joint = [
             (SLACK * speed + NOISE_RAD_S, SLACK * acceleration, low, high)
@@ -74,17 +67,10 @@ class Gate:
             )
         ]
         """Speed, acceleration and range of each joint; empty where one of them is not known."""
-
-    def tune(self, limits: GateLimits, now: Twist) -> bool:
-        """Take other limits unless `now`, the commanded twist, is faster than they allow: it is
-        being braked, and has to be sent. Returns whether they were taken."""
-        if (
-            norm(now.linear) > SLACK * limits.linear_speed_m_s
-            or norm(now.angular) > SLACK * limits.angular_speed_rad_s
-        ):
-            return False
-        self._take(limits)
-        return True
+        self._speeds: list[float] | None = None
+        """Speeds of the joints, from the last two commands."""
+        self._dt_s = 0.0
+        """The period that those speeds are means over."""
 
     def reset(self) -> None:
         """Forget the last command (the robot moved without it): the next need only be finite."""

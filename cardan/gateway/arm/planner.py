@@ -132,19 +132,6 @@ class Planner:
         self.kinematics.set_tool(tool)
         self._boundless.set_tool(tool)
 
-    def tune(
-        self,
-        workspace: Workspace,
-        margins: Margins,
-        velocity: FloatArray,
-        acceleration: FloatArray,
-    ) -> None:
-        """Plan by other limits from now on; `velocity` and `acceleration` are those of the joints
-        (rad/s or m/s, rad/s² or m/s²; n each)."""
-        self.workspace, self.margins = workspace, margins
-        for kinematics in (self.kinematics, self._boundless):
-            kinematics.velocity[:], kinematics.acceleration[:] = velocity, acceleration
-
     def forward(self, q: FloatArray) -> SE3:
         """The TCP in the base for `q`."""
         return self.kinematics.forward(q)

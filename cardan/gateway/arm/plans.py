@@ -93,16 +93,12 @@ class Plans:
         self.parameters = parameters
         self.measuring = ArmKinematics(model)
         """With the tool, for measured joints."""
-        self.tune(options)
-        self._controller, self._body = controller, body
-        self.servo = body.servo
-
-    def tune(self, options: ControllerOptions) -> None:
-        """Plan by other limits from now on."""
         self.options = options
         self.deceleration = Deceleration(
             options.stop_deceleration_m_s2, options.stop_deceleration_rad_s2, 0.5
         )
+        self._controller, self._body = controller, body
+        self.servo = body.servo
 
     @property
     def tcp_frame(self) -> bool:

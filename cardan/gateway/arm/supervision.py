@@ -120,11 +120,6 @@ class Supervision:
         """Accept the readings again: after a deliberate act."""
         self.distrust = ""
 
-    def tune(self, watchdogs: Watchdogs) -> None:
-        """Take other limits from the next tick on."""
-        self.watchdogs = watchdogs
-        self.limit = watchdogs.error_limit()
-
     def look(self, state: RobotState, body: Body) -> Finding | None:
         """The gravest thing about this state before the command is compared with it; None when
         all is well."""

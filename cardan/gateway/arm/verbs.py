@@ -205,26 +205,6 @@ class ArmVerbs:
             gripper=gripper,
         )
 
-    def tune(
-        self, options: ControllerOptions, speed_share: float, acceleration_share: float
-    ) -> None:
-        """Plan by other limits from now on, and by the tool and the policy that the body has by
-        now; the shares are of the joints' limits. The caller holds `planning`, and what moves was
-        not planned before."""
-        bounds = self.servo.kinematics
-        self.options = options
-        self.plans.tune(options)
-        self.planner.tune(
-            options.streams.workspace_m,
-            options.margins,
-            speed_share * bounds.velocity,
-            acceleration_share * bounds.acceleration,
-        )
-        if self.plans.measuring.tool != self.body.tool:
-            self.planner.set_tool(self.body.tool)
-            self.plans.measuring.set_tool(self.body.tool)
-        self.parameters[Parameter.POLICY] = float(_TO_CODE[self.servo.policy])
-
     # -- what it is doing ------------------------------------------------------------------------
 
     @property

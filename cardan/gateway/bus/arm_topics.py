@@ -181,7 +181,7 @@ class ArmTopics:
             self._latch("robot_description", _STRING, {"data": robot_description})
         self._surroundings = node.publisher("~/surroundings", _STRING, LATCHED_QOS)
         if surroundings:
-            self.put_surroundings(surroundings)
+            self._surroundings.put(codec_of(_STRING).encode({"data": surroundings}), 0)
 
     def _geometry(self, name: str, kind: str, field_name: str, header: Message) -> _Stamped:
         type_name = f"geometry_msgs/msg/{kind}"
@@ -293,10 +293,6 @@ class ArmTopics:
         # A template costs several messages: not for a text that changes all the time.
         self._status_template = Template(_STATUS, message) if same else None
         self._status.put(codec_of(_STATUS).encode(message), now_ns)
-
-    def put_surroundings(self, text: str) -> None:
-        """Publish what is around the arm, which is JSON, for later subscriptions too."""
-        self._surroundings.put(codec_of(_STRING).encode({"data": text}), 0)
 
     def put_snapshot(self, text: str, now_ns: int) -> None:
         """Publish the session's snapshot, which is JSON."""

@@ -165,7 +165,8 @@ class SessionTaps:
     ) -> None:
         """`node` is open. `tables`: the session's configuration."""
         self._configuration = node.publisher(CONFIGURATION_TOPIC, STRING_TYPE, LATCHED_QOS)
-        self.configure(configuration_message(tables))
+        text = json.dumps(_described(tables))
+        self._configuration.put(codec_of(STRING_TYPE).encode({"data": text}), time.time_ns())
         self._engine = _EngineTap(node, controller)
         self._raw = [_RawTap(node, "robot", robot)]
         if device is not None:
@@ -176,11 +177,6 @@ class SessionTaps:
     def dropped(self) -> int:
         """Raw packets for which there was no room."""
         return sum(each.dropped for each in self._raw)
-
-    def configure(self, message: bytes) -> None:
-        """Publish the configuration, of :func:`configuration_message`; from a later one on a record
-        is not replayed."""
-        self._configuration.put(message, time.time_ns())
 
     def cycle(self, cycle: Cycle, now_s: float) -> None:
         """Publish what belongs to a cycle, after its answer has left."""
@@ -200,12 +196,6 @@ class SessionTaps:
         self._engine.end()
         for raw in self._raw:
             raw.end()
-
-
-def configuration_message(tables: Mapping[str, Any]) -> bytes:
-    """The message that tells of a session's configuration. Reads files: not for the loop."""
-    text = json.dumps(_described(tables))
-    return bytes(codec_of(STRING_TYPE).encode({"data": text}))
 
 
 def _described(tables: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,18 +1,24 @@
-"""What has changed between two layouts, and when each change takes effect."""
+"""What has changed in the files: of each session its keys, of a face all of it."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import fields, is_dataclass
 from typing import Any, Final, NamedTuple
 
-from cardan.gateway.daemon.layout import Layout
-from cardan.gateway.session.changes import EFFECTS, WAITS, Effect, staged
+from cardan.drivers import registry
+from cardan.drivers.registry import DriverTable
+from cardan.gateway.daemon.layout import FaceEntry
 from cardan.gateway.session.config import SessionConfig
-from cardan.gateway.session.reloading import Found
+from cardan.tables import keys_of, plain, read_table
 
+REMOVED: Final = "removed"
+"""What has changed of a session that is not in the files any more."""
+
+UNTIL_FREE: Final = "until nobody has the arm"
 UNTIL_START: Final = "until it starts"
-"""What changes of a session that does not run wait for."""
+"""What changes of a session wait for that runs, and of one that does not."""
 
 
 class Change(NamedTuple):
@@ -22,7 +28,6 @@ class Change(NamedTuple):
     """Session or face."""
     key: str
     """Empty: all of it."""
-    effect: Effect
     what: str
     """``added``, ``removed``, ``changed``, or ``taken back``: it waited, and waits no more."""
     old: Any = None
@@ -30,11 +35,6 @@ class Change(NamedTuple):
     new: Any = None
     waits: str = ""
     """For what; empty: for nothing."""
-
-    @classmethod
-    def of(cls, table: Mapping[str, Any]) -> Change:
-        """From its fields."""
-        return cls(**{**table, "effect": Effect(table["effect"])})
 
     @property
     def in_words(self) -> str:
@@ -44,40 +44,64 @@ class Change(NamedTuple):
         if self.key and what == "changed":
             what = f"{_shown(self.old)} -> {_shown(self.new)}"
         waits = f" (waits {self.waits})" if self.waits else ""
-        return f"{self.name}{key}: {what}, {self.effect.value}{waits}"
+        return f"{self.name}{key}: {what}{waits}"
 
 
 def _shown(value: Any) -> str:
     return "none" if value is None else json.dumps(value, ensure_ascii=False)
 
 
-def of_layouts(old: Layout, new: Layout) -> Iterator[Change]:
-    """What comes, what goes, and faces with other options."""
-    for before, after in ((old.sessions, new.sessions), (old.faces, new.faces)):
-        for name in before.keys() - after.keys():
-            yield Change(name, "", Effect.LIVE, "removed")
-        for name in after:
-            if name not in before:
-                yield Change(name, "", Effect.LIVE, "added")
-    for name, face in new.faces.items():
-        was = old.faces.get(name)
-        if was is not None and (was.face, was.words) != (face.face, face.words):
-            yield Change(name, "", Effect.LIVE, "changed")
+def of_faces(old: Mapping[str, FaceEntry], new: Mapping[str, FaceEntry]) -> Iterator[Change]:
+    """Faces that come, that go, and with other options."""
+    for name in old.keys() - new.keys():
+        yield Change(name, "", REMOVED)
+    for name, face in new.items():
+        if name not in old:
+            yield Change(name, "", "added")
+        elif (old[name].face, old[name].words) != (face.face, face.words):
+            yield Change(name, "", "changed")
 
 
-def of_session(name: str, found: Found) -> Iterator[Change]:
-    """Of a session that runs and has looked."""
-    for key, old, new, moment, come in found.changes:
-        waits = "" if come else WAITS[moment]
-        yield Change(name, key, EFFECTS[moment], "changed", old, new, waits)
-    for key in found.taken_back:
-        yield Change(name, key, Effect.LIVE, "taken back")
+def of_session(
+    name: str, old: SessionConfig, new: SessionConfig, waits: str, waited: Iterable[str]
+) -> Iterator[Change]:
+    """The keys that differ, and those that `waited` and are as they were."""
+    changed = set()
+    for key, was, now in _differences(old, new):
+        changed.add(key)
+        yield Change(name, key, "changed", plain(was), plain(now), waits)
+    for key in waited:
+        if key not in changed:
+            yield Change(name, key, "taken back")
 
 
-def of_resting(name: str, old: SessionConfig, new: SessionConfig, waits: str) -> Iterator[Change]:
-    """Of a session that does not run: all of it comes with its next start."""
-    for each in staged(old, new).changes:
-        yield Change(name, each.key, each.effect, "changed", each.old, each.new, waits)
+def _differences(old: SessionConfig, new: SessionConfig) -> Iterator[tuple[str, Any, Any]]:
+    """The keys that differ, with both values."""
+    for table in keys_of(SessionConfig):
+        was, now = getattr(old, table), getattr(new, table)
+        if was == now:
+            continue
+        if isinstance(was, DriverTable) and isinstance(now, DriverTable):
+            if was.driver == now.driver:
+                yield from _options(table, was, now)
+            else:
+                yield f"{table}.driver", was.driver, now.driver
+        elif is_dataclass(was) and type(was) is type(now):
+            for key in keys_of(type(was)):
+                before, after = getattr(was, key), getattr(now, key)
+                if before != after:
+                    yield f"{table}.{key}", before, after
+        else:
+            yield table, was, now
+
+
+def _options(table: str, was: DriverTable, now: DriverTable) -> Iterator[tuple[str, Any, Any]]:
+    kind: Any = registry.load(was.driver).Options
+    before, after = (read_table(kind, each.options, table) for each in (was, now))
+    for each in fields(kind):
+        values = getattr(before, each.name), getattr(after, each.name)
+        if values[0] != values[1]:
+            yield f"{table}.{each.name}", *values
 
 
 def in_words(changes: Iterable[Change]) -> str:

@@ -9,13 +9,11 @@ import contextlib
 import itertools
 import json
 import logging
-import math
 import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final, NamedTuple
@@ -33,18 +31,19 @@ from cardan.gateway.arm.requests import (
     decode_request,
 )
 from cardan.gateway.daemon.changes import (
+    REMOVED,
+    UNTIL_FREE,
     UNTIL_START,
     Change,
     in_words,
-    of_layouts,
-    of_resting,
+    of_faces,
     of_session,
 )
 from cardan.gateway.daemon.control import Ask, ControlError, Told
 from cardan.gateway.daemon.events import Event, EventLog, default_event_log
 from cardan.gateway.daemon.keeping import Ended, Unit, UnitState
 from cardan.gateway.daemon.kept import Kept, KeptFace, KeptSession, Line
-from cardan.gateway.daemon.layout import FaceEntry, Layout, sharers
+from cardan.gateway.daemon.layout import FaceEntry, Layout, SessionEntry, sharers
 from cardan.gateway.daemon.lending import Order, Seen, SharedDevice
 from cardan.gateway.daemon.notify import Notifier
 from cardan.gateway.daemon.processes import (
@@ -53,10 +52,7 @@ from cardan.gateway.daemon.processes import (
 )
 from cardan.gateway.daemon.server import Connection, ControlServer
 from cardan.gateway.faces.tokens import Role
-from cardan.gateway.session.changes import Moment
-from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.lending import GIVE, TAKE
-from cardan.gateway.session.reloading import Found, ReloadOrder
 from cardan.inbox import Inbox, InboxEmptyError
 from cardan.logs import fields
 from cardan.shortage import shortage
@@ -85,9 +81,6 @@ EVENTS_KEPT: Final = 1000
 
 WATCH_PERIODS_S: Final = (0.1, 60.0)
 
-LOOKS_WITHIN_S: Final = 5.0
-"""Longest time in which a session that runs looks at another configuration: it may be planning."""
-
 _UNDER_WAY = ("waiting", "running")
 """Outcomes of motions that have not ended."""
 
@@ -112,24 +105,6 @@ ReloadOutcome = Sequence[Change] | CardanError
 """Of a reload: its changes, or why nothing was changed."""
 
 
-@dataclass
-class Reload:
-    """A reload that is under way."""
-
-    number: int
-    check_only: bool
-    over: Callable[[ReloadOutcome], None]
-    layout: Layout | None = None
-    """None: the files are being read."""
-    until_s: float = math.inf
-    """When sessions that have not answered are waited for no longer."""
-    changes: list[Change] = field(default_factory=list)
-    asked: dict[str, RunningSession] = field(default_factory=dict)
-    found: dict[str, Found] = field(default_factory=dict)
-    begins_anew: set[str] = field(default_factory=set)
-    """Sessions that take it by a start."""
-
-
 class Daemon:
     """Runs all that a layout says until it is told to end."""
 
@@ -148,8 +123,8 @@ class Daemon:
         self._server: ControlServer | None = None
         self._ending = False
         self._reload_asked = False
-        self._reload: Reload | None = None
-        """The one that is under way: sessions are looking whether they can take it."""
+        self._reading = False
+        """Whether the files are being read for a reload."""
         self._watchers: dict[tuple[int, int], _Watcher] = {}
         self._followers: dict[tuple[int, int], tuple[Connection, Ask]] = {}
         self._notifier = Notifier()
@@ -162,11 +137,11 @@ class Daemon:
         """Who is told of a motion, by session and the motion's id."""
         self._shared: dict[str, SharedDevice] = {}
         """The devices that several sessions share, by name."""
-        self._share(layout)
         for name, session in layout.sessions.items():
             self._keep(KeptSession(name, session, layout.daemon.start_limit), session.start)
         for name, face in layout.faces.items():
             self._keep(KeptFace(name, face, layout.daemon.start_limit), face.start)
+        self._share()
 
     def _keep(self, kept: Kept, start: bool) -> None:
         self._kept[kept.name] = kept
@@ -174,19 +149,28 @@ class Daemon:
             name = kept.name
             kept.answered = lambda packet: self._answered(name, packet)
             kept.gone = lambda reason: self._session_gone(name, reason)
-            kept.found = lambda process, found: self._session_found(name, process, found)
             kept.has_device = lambda: self._holder(name) in ("", name)
             kept.lent = lambda: self._lent(name)
         if start:
             kept.unit.start(time.monotonic())
 
-    def _share(self, layout: Layout) -> None:
-        """Who shares devices by now; who has one keeps it."""
+    def _share(self) -> None:
+        """Who shares devices by now, each session by what it runs with; who has one keeps it."""
         before, self._shared = self._shared, {}
-        for device, names in sharers(layout.sessions).items():
-            shared = self._shared[device] = SharedDevice(device, names)
-            if device in before and before[device].holder in names:
-                shared.holder = before[device].holder
+        entries = {}
+        for name in (*self.layout.sessions, *self._kept):
+            kept = self._kept[name]
+            if isinstance(kept, KeptSession) and (kept.process or name in self.layout.sessions):
+                entries[name] = kept.entry
+        for device, names in sharers(entries).items():
+            shared = before.get(device)
+            if shared is None:
+                shared = SharedDevice(device, names)
+                seen = {name: self._seen(name) for name in names}
+                have = (name for name in names if seen[name].running and seen[name].held)
+                shared.holder = next(have, shared.holder)
+            shared.serve(names)
+            self._shared[device] = shared
 
     def _holder(self, name: str) -> str:
         """Session that has the device of this one; empty: it is not shared."""
@@ -260,12 +244,10 @@ class Daemon:
 
     def _turn(self, server: ControlServer) -> None:
         now_s = time.monotonic()
-        if self._reload_asked and self._reload is None:
+        if self._reload_asked and not self._reading:
             self._reload_asked = False
             self._notifier.reloading()
             self.reload(lambda _outcome: self._notifier.ready())
-        if self._reload is not None:
-            self._look_after_reload(self._reload, now_s)
         if self._notifier.watched:
             self._notifier.status(self._summary())
             if self._all_answer(now_s):
@@ -329,10 +311,8 @@ class Daemon:
     def _look_after(self, now_s: float) -> None:
         for kept in list(self._kept.values()):
             unit = kept.unit
-            if isinstance(kept, KeptSession) and kept.restart_waits and not kept.engaged:
-                kept.restart_waits = False
-                if unit.state is UnitState.RUNNING:
-                    unit.restart(now_s, "its configuration has changed")
+            if isinstance(kept, KeptSession) and kept.changes_wait and not kept.engaged:
+                self._renew(kept, now_s)
             if unit.is_ending and kept.process is not None:
                 kept.process.stop()
             elif unit.due(now_s):
@@ -340,6 +320,14 @@ class Daemon:
                     # It has ended by itself, and this daemon was too late to tell of that before.
                     self._find_events_of(kept, time.time())
                 self._begin(kept, now_s)
+
+    def _renew(self, kept: KeptSession, now_s: float) -> None:
+        """Nobody has its arm: what has changed takes effect."""
+        if kept.unit.state is UnitState.RUNNING:
+            if REMOVED in kept.changes_wait:
+                _remove(kept)
+            else:
+                kept.unit.restart(now_s, "its configuration has changed")
 
     def _begin(self, kept: Kept, now_s: float) -> None:
         kept.unit.begun(now_s)
@@ -362,9 +350,9 @@ class Daemon:
     def _seen(self, name: str) -> Seen:
         kept = self._kept[name]
         assert isinstance(kept, KeptSession)
-        s, state = kept.snapshot, kept.unit.state
+        s = kept.snapshot
         return Seen(
-            state in (UnitState.RUNNING, UnitState.WAITING),
+            kept.unit.wanted,
             kept.process is not None,
             s.device_held,
             s.phase,
@@ -642,6 +630,12 @@ class Daemon:
             route = self._motions.pop(key)
             note = {**route.note, "outcome": Outcome.ABORTED.value, "reason": why}
             route.connection.tell(Told(route.ask, "event", {"motion": note}))
+        kept = self._kept[name]
+        assert isinstance(kept, KeptSession)
+        if REMOVED in kept.changes_wait:
+            _remove(kept)
+        kept.entry, kept.changes_wait = self.layout.sessions.get(name, kept.entry), ()
+        self._share()
 
     def _asker_gone(self, name: str, motion: int) -> None:
         """Who asked for a motion is gone: one without end must not go on."""
@@ -658,13 +652,13 @@ class Daemon:
     # -- reload ----------------------------------------------------------------------------------
 
     def reload(self, over: Callable[[ReloadOutcome], None], check_only: bool = False) -> None:
-        """Read the files anew, check all of them, and apply what has changed, or nothing; or only
-        check it. `over` gets the changes once the sessions that run have looked at them, or why
-        nothing was changed. Raises ControlError where one is under way.
+        """Read the files anew, check all of them, and have what has changed take effect, or
+        nothing; or only check it. `over` gets the changes, or why nothing was changed. Raises
+        ControlError where one is under way.
         """
-        if self._reload is not None:
+        if self._reading:
             raise ControlError("a reload is under way; ask again when it is over")
-        reload = self._reload = Reload(next(self._ids), check_only, over)
+        self._reading = True
 
         def read() -> None:
             layout: Layout | CardanError
@@ -674,34 +668,27 @@ class Daemon:
                 layout = error
             except Exception as error:  # Who asked waits for an answer.
                 layout = ConfigurationError("", shortage(error) or repr(error))
-            self._told(lambda: self._take_layout(reload, layout))
+            self._told(lambda: over(self._take_layout(layout, check_only)))
 
         threading.Thread(target=read, name="cardan-reading", daemon=True).start()
 
-    def _take_layout(self, reload: Reload, layout: Layout | CardanError) -> None:
-        """The files have been read and checked: the sessions look whether they can take them."""
+    def _take_layout(self, layout: Layout | CardanError, check_only: bool) -> ReloadOutcome:
+        """The files have been read and checked."""
+        self._reading = False
         try:
             if isinstance(layout, CardanError):
                 raise layout
             self._check_kinds(layout)
         except CardanError as error:
-            self._refuse(reload, error)
-            return
-        now_s = time.monotonic()
-        reload.layout, reload.until_s = layout, now_s + LOOKS_WITHIN_S
-        reload.changes += of_layouts(self.layout, layout)
-        for name, entry in layout.sessions.items():
-            kept = self._kept.get(name)
-            if isinstance(kept, KeptSession) and name in self.layout.sessions:
-                self._ask_session(reload, kept, entry.config)
-        self._look_after_reload(reload, now_s)
-
-    def _refuse(self, reload: Reload, error: CardanError) -> None:
-        self._reload = None
-        if not reload.check_only:
-            what = "nothing was changed"
-            self._happened(Event(time.time(), "daemon", "reload refused", what, str(error)))
-        reload.over(error)
+            if not check_only:
+                what = "nothing was changed"
+                self._happened(Event(time.time(), "daemon", "reload refused", what, str(error)))
+            return error
+        changes = [*of_faces(self.layout.faces, layout.faces), *self._changes(layout)]
+        if not check_only:
+            self._happened(Event(time.time(), "daemon", "reload", in_words(changes)))
+            self._apply(layout, changes, time.monotonic())
+        return changes
 
     def _check_kinds(self, layout: Layout) -> None:
         """Raise ConfigurationError for what no reload can do."""
@@ -717,93 +704,62 @@ class Daemon:
                         name, "was a session and is a face now, or the other way round: rename it"
                     )
 
-    def _ask_session(self, reload: Reload, kept: KeptSession, config: SessionConfig) -> None:
-        """Have a session look at its configuration, where it runs."""
-        before, process, s = kept.entry.config, kept.process, kept.snapshot
-        if config == before and not s.changes_wait:
-            return
-        if isinstance(process, RunningSession) and s.phase:
-            with contextlib.suppress(OSError):  # It ends just now.
-                process.reload(reload.number, ReloadOrder.PREPARE, config)
-                reload.asked[kept.name] = process
-                return
-        # What begins just now has no arm yet, and begins once more.
-        reload.begins_anew.add(kept.name)
-        waits = UNTIL_START if process is None else ""
-        reload.changes += of_resting(kept.name, before, config, waits)
-
-    def _session_found(self, name: str, process: RunningSession, found: Found) -> None:
-        """A session has looked at the configuration that it is to have."""
-        reload = self._reload
-        if reload is None or found.number != reload.number:
-            return
-        if reload.asked.get(name) is process:
-            reload.found[name] = found
-            self._look_after_reload(reload, time.monotonic())
-
-    def _look_after_reload(self, reload: Reload, now_s: float) -> None:
-        """Apply it as soon as all sessions that it asked have agreed; or nothing."""
-        if (layout := reload.layout) is None:
-            return
-        why = ""
-        for name, process in list(reload.asked.items()):
-            if name in reload.found:
-                error = reload.found[name].error
-                why = why or (f"{name}: {error}" if error else "")
-            elif self._kept[name].process is not process:
-                del reload.asked[name]  # It has ended, and begins with the new one.
-                reload.begins_anew.add(name)
-            elif now_s < reload.until_s:
-                return
-            else:
-                why = why or f"{name}: it did not answer within {LOOKS_WITHIN_S:g} s"
-        self._reload = None
-        for name, found in reload.found.items():
-            reload.changes += of_session(name, found)
-        order = ReloadOrder.DROP if why or reload.check_only else ReloadOrder.APPLY
-        for process in reload.asked.values():
-            with contextlib.suppress(OSError):
-                process.reload(reload.number, order)
-        if why:
-            self._refuse(reload, ConfigurationError("", why))
-            return
-        if not reload.check_only:
-            self._happened(Event(time.time(), "daemon", "reload", in_words(reload.changes)))
-            self._apply(reload, layout, now_s)
-        reload.over(reload.changes)
-
-    def _apply(self, reload: Reload, layout: Layout, now_s: float) -> None:
-        for name in [*self.layout.sessions, *self.layout.faces]:
-            if name not in layout.sessions and name not in layout.faces:
-                self._kept[name].unit.stop(now_s, "it is not in the files any more")
-        for name, session in layout.sessions.items():
-            kept = self._kept.get(name)
-            if not isinstance(kept, KeptSession):
-                self._keep(
-                    KeptSession(name, session, self.layout.daemon.start_limit), session.start
-                )
+    def _changes(self, layout: Layout) -> Iterator[Change]:
+        """Of the sessions: those that run are compared by what they run with."""
+        for name in self.layout.sessions.keys() - layout.sessions.keys():
+            kept = self._kept[name]
+            assert isinstance(kept, KeptSession)
+            yield Change(name, "", REMOVED, waits=UNTIL_FREE if kept.engaged else "")
+        for name, entry in layout.sessions.items():
+            session = self._kept.get(name)
+            if not isinstance(session, KeptSession) or (
+                name not in self.layout.sessions and not session.changes_wait
+            ):
+                yield Change(name, "", "added")
                 continue
-            changed = session.config != kept.entry.config
-            kept.entry = session
-            if changed and kept.unit.state is UnitState.FAILED:
-                kept.unit.start(now_s)  # What it failed of may be mended.
-            if name not in self.layout.sessions and session.start:
-                kept.unit.start(now_s)  # It was in the files before.
-            if name in reload.asked:
-                found = reload.found[name].changes
-                kept.restart_waits = any(each[3] is Moment.RESTART for each in found)
-            elif name in reload.begins_anew:
-                kept.restart_waits = kept.process is not None
-        for name, face in layout.faces.items():
-            self._take_face(name, face, now_s)
-        self.layout = layout
-        self._share(layout)
+            waits = UNTIL_FREE if session.engaged else "" if session.process else UNTIL_START
+            yield from of_session(
+                name, session.entry.config, entry.config, waits, session.changes_wait
+            )
 
-    def _take_face(self, name: str, entry: FaceEntry, now_s: float) -> None:
+    def _apply(self, layout: Layout, changes: Sequence[Change], now_s: float) -> None:
+        before, self.layout = self.layout, layout
+        for name in before.faces.keys() - layout.faces.keys() - layout.sessions.keys():
+            _remove(self._kept[name])
+        for name in before.sessions.keys() - layout.sessions.keys():
+            kept = self._kept[name]
+            assert isinstance(kept, KeptSession)
+            if kept.process is None:
+                _remove(kept)
+            else:
+                kept.changes_wait = (REMOVED,)
+        for name, session in layout.sessions.items():
+            keys = [each.key for each in changes if (each.name, each.what) == (name, "changed")]
+            self._take_session(name, session, keys, name not in before.sessions, now_s)
+        for name, face in layout.faces.items():
+            self._take_face(name, face, name not in before.faces, now_s)
+        self._share()
+
+    def _take_session(
+        self, name: str, entry: SessionEntry, keys: Sequence[str], is_new: bool, now_s: float
+    ) -> None:
+        kept = self._kept.get(name)
+        if not isinstance(kept, KeptSession):
+            self._keep(KeptSession(name, entry, self.layout.daemon.start_limit), entry.start)
+            return
+        kept.changes_wait = () if kept.process is None else tuple(keys)
+        if not kept.changes_wait:
+            kept.entry = entry
+        if keys and kept.unit.state is UnitState.FAILED:
+            kept.unit.start(now_s)  # What it failed of may be mended.
+        if is_new and entry.start:
+            kept.unit.start(now_s)  # It was in the files before.
+
+    def _take_face(self, name: str, entry: FaceEntry, is_new: bool, now_s: float) -> None:
         kept = self._kept.get(name)
         if not isinstance(kept, KeptFace):
             self._keep(KeptFace(name, entry, self.layout.daemon.start_limit), entry.start)
-        elif name not in self.layout.faces:
+        elif is_new:
             kept.entry = entry
             if entry.start:
                 kept.unit.start(now_s)
@@ -811,6 +767,10 @@ class Daemon:
             kept.entry = entry
             if kept.unit.state is UnitState.RUNNING:
                 kept.unit.restart(now_s, "its options have changed")
+
+
+def _remove(kept: Kept) -> None:
+    kept.unit.stop(time.monotonic(), "it is not in the files any more")
 
 
 class _Watcher:

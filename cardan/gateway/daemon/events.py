@@ -100,13 +100,6 @@ class SessionWatch:
             if now.phase == "braking":
                 self.stops[_stop_reason(before, now)] += 1
             yield self._event(time_s, "arm", now.phase, why)
-        if now.changes_wait != before.changes_wait:
-            came = [key for key in now.changes_wait if key not in before.changes_wait]
-            went = [key for key in before.changes_wait if key not in now.changes_wait]
-            if came:
-                yield self._event(time_s, "configuration", ", ".join(came), "waits")
-            if went:
-                yield self._event(time_s, "configuration", ", ".join(went), "waits no more")
         words = _FIGURES.sub("", now.message)  # Figures in a message change all the time.
         if words != self._said:
             self._said = words

@@ -106,6 +106,12 @@ class Unit:
         return self.state is UnitState.WAITING and now_s >= self._due_s
 
     @property
+    def wanted(self) -> bool:
+        """Whether it runs, or is to run again by itself."""
+        ending = self.state is UnitState.ENDING and self._then_start
+        return ending or self.state in (UnitState.RUNNING, UnitState.WAITING)
+
+    @property
     def is_ending(self) -> bool:
         """Whether its process is to end."""
         return self.state is UnitState.ENDING

@@ -17,7 +17,6 @@ from cardan.gateway.daemon.keeping import Ended, Unit, UnitState
 from cardan.gateway.daemon.layout import FaceEntry, SessionEntry
 from cardan.gateway.daemon.processes import Process, RunningFace, RunningSession
 from cardan.gateway.daemon.usage import ProcessorUse
-from cardan.gateway.session.reloading import Found
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.logs import level_of
 from cardan.printable import printable
@@ -105,15 +104,16 @@ class KeptSession(Kept):
     def __init__(self, name: str, entry: SessionEntry, start_limit: int) -> None:
         super().__init__(name, start_limit)
         self.entry = entry
+        """What its process runs with, or will."""
         self.watch = SessionWatch(name)
         self.last: Snapshot | None = None
         """Of a process that has ended: its last one, of which no events were found yet."""
-        self.restart_waits = False
-        """Whether it begins anew as soon as nobody has its arm: a change needs that."""
+        self.changes_wait: tuple[str, ...] = ()
+        """Keys of its configuration that take effect as soon as nobody has its arm: it begins anew
+        then, or ends where it was removed."""
         self.answered: Callable[[bytes], None] = lambda _packet: None
         self.gone: Callable[[str], None] = lambda _reason: None
         """Called when its process has ended."""
-        self.found: Callable[[RunningSession, Found], None] = lambda _process, _found: None
         self.has_device: Callable[[], bool] = lambda: True
         """Whether it begins with its device, which other sessions may have."""
         self.lent: Callable[[], str] = lambda: ""
@@ -128,24 +128,18 @@ class KeptSession(Kept):
     def engaged(self) -> bool:
         """Whether somebody moves its arm, or has the authority to."""
         s = self.snapshot
-        if self.process is None or (s.phase == "holding" and not s.authority):
-            return False
-        return s.phase in ENGAGED
+        moves = s.phase in ENGAGED and s.phase != "holding"
+        return self.process is not None and (moves or s.authority != "")
 
     def begin(self, told: Tell, say: Say) -> None:
         def over(how: Ended, reason: str) -> None:
             told(lambda: _ended(self, how, reason))
 
-        def found(what: Found) -> None:
-            told(lambda: self.found(process, what))
-
-        self.restart_waits = False
-        self.process = process = RunningSession(
+        self.process = RunningSession(
             self.entry.config,
             lambda text: say(Line.of(self.name, text)),
             over,
             lambda packet: told(lambda: self.answered(packet)),
-            found,
             self.has_device(),
         )
 
@@ -172,7 +166,7 @@ class KeptSession(Kept):
             "trips": s.trips,
             "cycles": s.cycles,
             "tick_p99_s": s.tick_p99_s,
-            "changes_wait": s.changes_wait,
+            "changes_wait": list(self.changes_wait),
         }
 
 

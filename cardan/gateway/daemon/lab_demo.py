@@ -387,19 +387,19 @@ class _Lab:
         self._unplug(roles.unplugged, roles.device)
         unplugged_s = time.monotonic()
         pid = self._kill(roles.killed)
-        self._reload(roles.first)
+        old_pid = self._reload(roles.first)
         self._until("the device stays away", lambda: time.monotonic() >= unplugged_s + UNPLUGGED_S)
         self._plug(roles.unplugged, roles.device)
         self._pass_on(roles.shared, roles.first, roles.second)
         self._came_back(roles.killed, pid)
         self._until(
-            f"{roles.first} runs with its changed configuration",
+            f"{roles.first} was restarted with its changed configuration",
             lambda: (
-                not arms[roles.first].row["changes_wait"]
+                arms[roles.first].row["pid"] not in (old_pid, None)
                 and arms[roles.first].row["phase"] == "disarmed"
             ),
         )
-        self._done.append(f"{roles.first} runs with what was changed")
+        self._done.append(f"{roles.first} was restarted with what was changed")
         self._say(f"done after {time.monotonic() - began_s:.0f} s; the hands go on")
         while time.monotonic() < began_s + self._seconds:
             self._poll()
@@ -466,18 +466,20 @@ class _Lab:
             self.problems.append(f"{name} came back armed: {', '.join(arm.phases)}")
         self._done.append(f"{name} was killed, came back disarmed, and was armed by its hand")
 
-    def _reload(self, name: str) -> None:
+    def _reload(self, name: str) -> int:
+        pid: int = self._arms[name].row["pid"]
         self._say(f"a key of {name} is changed, then `cardan reload`:")
         self._hardware.change(name)
         with ControlClient(self._socket, RELOAD_S) as client, ThreadPoolExecutor(1) as beside:
             told = beside.submit(client.ask, "reload", value=False)
             self._until("the reload is over", told.done, RELOAD_S)
-            changes = [Change.of(each) for each in told.result()]
+            changes = [Change(**each) for each in told.result()]
         for change in changes:
             self._say(f"  {printable(change.in_words)}")
         if [change.name for change in changes] != [name]:
             self.problems.append(f"one key of {name} was changed, and reload told {changes}")
         self._done += [f"reload: {printable(change.in_words)}" for change in changes]
+        return pid
 
     def _pass_on(self, device: str, first: str, second: str) -> None:
         one, other = self._arms[first], self._arms[second]

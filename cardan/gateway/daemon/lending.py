@@ -52,6 +52,14 @@ class SharedDevice:
         """Session that waits for it; empty: none."""
         return self._next
 
+    def serve(self, sessions: Sequence[str]) -> None:
+        """These share it from now on; who has it keeps it."""
+        self.sessions = tuple(sessions)
+        if self.holder not in sessions:
+            self.holder, self._next = self.sessions[0], ""
+        if self._next not in sessions:
+            self._next = ""
+
     def pass_to(self, session: str) -> None:
         """Let `session`, one of its own, have it."""
         self._next = "" if session == self.holder else session

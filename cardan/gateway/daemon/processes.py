@@ -21,7 +21,6 @@ from cardan.gateway.daemon.client import SOCKET_VARIABLE
 from cardan.gateway.daemon.keeping import Ended
 from cardan.gateway.faces.telling import TELLS_VARIABLE, told
 from cardan.gateway.session.config import SessionConfig
-from cardan.gateway.session.reloading import ANSWER, Found, ReloadOrder, packets
 from cardan.gateway.session.session import (
     EXIT_CANNOT_OPEN,
     EXIT_CONFIGURATION,
@@ -87,17 +86,15 @@ class RunningSession(Process):
         say: Say,
         over: Over,
         answered: Callable[[bytes], None],
-        found: Callable[[Found], None],
         has_device: bool = True,
     ) -> None:
-        """Start it. `answered` gets its replies and the states of motions, `found` what it says of
-        a configuration that it is to take; `has_device`: whether it begins with its operator
-        device. Raises OSError."""
+        """Start it. `answered` gets its replies and the states of motions; `has_device`: whether it
+        begins with its operator device. Raises OSError."""
         self.snapshot = Snapshot(device_held=has_device)
         """The newest one."""
         self.due_s = time.monotonic() + STARTS_WITHIN_S
         """Local monotonic time of the next one, at the latest."""
-        self._over, self._answered, self._found = over, answered, found
+        self._over, self._answered = over, answered
         self._lines = Lines(say)
         self._process = SessionProcess(
             config, say=self._lines.take, has_device=has_device, log_format=LogFormat.PRIORITY
@@ -112,12 +109,6 @@ class RunningSession(Process):
     def send(self, packet: bytes) -> None:
         """Send a request. Raises OSError where it takes none."""
         self._process.send(packet)
-
-    def reload(self, number: int, order: ReloadOrder, config: SessionConfig | None = None) -> None:
-        """Have it prepare a configuration, take it, or drop it. Raises OSError where it takes no
-        requests."""
-        for packet in packets(number, order, config):
-            self._process.send(packet)
 
     def stop(self) -> None:
         self._process.stop()
@@ -140,9 +131,6 @@ class RunningSession(Process):
     def _take(self, packet: bytes) -> Snapshot | None:
         if is_answer(packet):
             self._answered(packet)
-            return None
-        if packet.startswith(ANSWER):
-            self._found(Found.of(packet))
             return None
         self.snapshot = Snapshot.from_bytes(packet)
         self.due_s = time.monotonic() + SILENT_S

@@ -101,22 +101,10 @@ class HandRequest(NamedTuple):
 NO_REQUEST = HandRequest(False, False, False, False, False, ZERO_TWIST, NO_RATES, False, "", "")
 
 
-class HandTuning(NamedTuple):
-    """Other options of a HandSource."""
-
-    mapping: TwistMapping
-    limits: ReferenceLimits
-    device_age_s: float
-
-
 def _followed(options: MappingOptions, limits: ReferenceLimits) -> HandMapping | None:
     if options.mode is Mode.POSITION:
         return PositionMapping(options, limits)
     return AbsoluteMapping(options, limits) if options.mode is Mode.ABSOLUTE else None
-
-
-def _holds(options: MappingOptions) -> bool:
-    return bool(options.deadman_buttons or options.clutch)
 
 
 class HandSource:
@@ -136,7 +124,7 @@ class HandSource:
         self._device_age_s = device_age_s
         self._position = _followed(mapping.options, limits)
         """The mapping of the device's pose; None in rate mode."""
-        self._holds = _holds(mapping.options)
+        self._holds = bool(mapping.options.deadman_buttons or mapping.options.clutch)
         """Whether an operator without motion still claims the arm, by a button."""
         self._deadman_was_up = False
         """Whether the dead-man was released, the device at rest, since the last interruption."""
@@ -147,35 +135,6 @@ class HandSource:
         self._refusal = ""
         """Why the last deliberate act was refused."""
         self._device: DeviceState | None = None
-
-    # -- other options ---------------------------------------------------------------------------
-
-    @property
-    def let_go(self) -> bool:
-        """Whether no button is held, nothing is deflected and no pose is followed, so that none of
-        them can change its meaning in the operator's hand."""
-        device, position = self._device, self._position
-        if device is None or device.link is not DeviceLink.LIVE:
-            return True
-        if position is not None:
-            return not device.buttons and not position.engaged
-        return not device.buttons and device.axes == NO_DEFLECTION
-
-    def tune(self, tuning: HandTuning) -> None:
-        """Take other options. Anything but speeds, scales and limits in rate mode, and limits, only
-        while it is `let_go`; the mode and what axes mean only while it is disarmed."""
-        before, mapping = self.mapping, tuning.mapping
-        mapping.gripper_closed = before.gripper_closed
-        if self._position is None or before.options != mapping.options:
-            self._position = _followed(mapping.options, tuning.limits)
-        else:
-            self._position.limits = tuning.limits
-        self.mapping, self._device_age_s = mapping, tuning.device_age_s
-        self._holds = _holds(mapping.options)
-        buttons = mapping.options.deadman_buttons, mapping.options.clutch
-        if buttons != (before.options.deadman_buttons, before.options.clutch):
-            # That a button was released before says nothing about another one.
-            self._deadman_was_up = self._clutch_was_up = False
 
     # -- one control tick ------------------------------------------------------------------------
 

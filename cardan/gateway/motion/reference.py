@@ -117,11 +117,6 @@ class Reference:
         self._has_workspace = any(limits.workspace_m)
         self._smooth_linear: JerkLimitedVector | None = None
         self._smooth_angular: JerkLimitedVector | None = None
-        self._make_smooth()
-
-    def _make_smooth(self) -> None:
-        limits = self.limits
-        self._smooth_linear = self._smooth_angular = None
         if limits.linear_jerk_m_s3 is not None:
             self._smooth_linear = JerkLimitedVector(
                 3,
@@ -136,19 +131,6 @@ class Reference:
                 limits.angular_acceleration_rad_s2,
                 limits.angular_jerk_rad_s3,
             )
-
-    def tune(self, limits: ReferenceLimits) -> None:
-        """Take other limits, without a jump: what is faster or farther than they allow is braked.
-
-        While it moves, its accelerations and jerks have to stay as they are.
-        """
-        self.limits = limits
-        self._has_workspace = any(limits.workspace_m)
-        if not self._has_workspace:
-            self.at_workspace_limit = False
-        if not self.moving:
-            # Of a moving one they go on, for targets that are within the new speeds.
-            self._make_smooth()
 
     @property
     def twist(self) -> Twist:

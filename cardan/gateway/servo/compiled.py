@@ -101,27 +101,6 @@ class CompiledServo:
         self._take_tool()
         self.place(np.array(kinematics.arm.home))
 
-    def tune(self, options: ServoOptions) -> None:
-        """As Servo.tune. Raises ConfigurationError, and changes nothing, for numbers that no servo
-        can have."""
-        bounds = JointBounds(self.kinematics, options.speed_share, options.acceleration_share)
-        collision = self.collision
-        safety = [] if collision is None else safety_distances(options, collision)
-        reason = self._library.kernel_tune(
-            self._handle,
-            ctypes.byref(_options(options, bounds)),
-            native.numbers(bounds.velocity),
-            native.numbers(bounds.acceleration),
-            native.numbers(safety),
-        )
-        if reason:
-            raise ConfigurationError(
-                "", f"the servo cannot take {options}: {layout.REASONS[reason]}"
-            )
-        if options.policy is not self.options.policy:
-            self.policy = options.policy
-        self.options, self.bounds = options, bounds
-
     def _window(self, field: str, count: int) -> FloatArray:
         offset = getattr(layout.CState, field).offset
         found: FloatArray = np.frombuffer(self._memory, dtype=float, count=count, offset=offset)

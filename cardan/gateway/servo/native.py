@@ -34,7 +34,6 @@ def kernel_library() -> Any:
         ("kernel_destroy", None, (c_void_p,)),
         ("kernel_state", c_void_p, (c_void_p,)),
         ("kernel_set_tool", c_int32, (c_void_p, numbers, numbers)),
-        ("kernel_tune", c_int32, (c_void_p, c_void_p, numbers, numbers, numbers)),
         ("kernel_place", c_int32, (c_void_p, numbers)),
         ("kernel_move_at", c_int32, (c_void_p, numbers)),
         ("kernel_tick", c_double, (c_void_p, c_double, c_int32)),

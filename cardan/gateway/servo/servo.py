@@ -176,18 +176,6 @@ class Servo:
         self._nearest_m = math.inf
         self._failures = 0
         self._iterations = 0
-        self._limit()
-
-    def tune(self, options: ServoOptions) -> None:
-        """Take other shares of the joints' limits and another safety distance, without a jump: what
-        is faster or nearer than they allow is braked. The policy only where it is another."""
-        if options.policy is not self.options.policy:
-            self.policy = options.policy
-        self.options = options
-        self._limit()
-
-    def _limit(self) -> None:
-        options, collision = self.options, self.collision
         self.bounds = JointBounds(self.kinematics, options.speed_share, options.acceleration_share)
         self._closing_m_s2 = closing_deceleration(options, self.bounds)
         self._safety = [] if collision is None else safety_distances(options, collision)

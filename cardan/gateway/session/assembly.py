@@ -16,10 +16,9 @@ from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import ConfigurationError, MotionRefusedError, below
 from cardan.gateway.arm.authority import Authority
-from cardan.gateway.arm.body import Body, FreeBody, ServoTuning
+from cardan.gateway.arm.body import Body, FreeBody
 from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.tuning import Tuning
 from cardan.gateway.force.conditioning import Conditioner
 from cardan.gateway.force.fixtures import FixtureSet
 from cardan.gateway.force.input import ForceInput
@@ -47,7 +46,7 @@ from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.hand.mapping import AXES, GripperOptions, MappingOptions, Mode, TwistMapping
 from cardan.gateway.hand.position import mirrors, unfollowed
-from cardan.gateway.hand.source import HandSource, HandTuning
+from cardan.gateway.hand.source import HandSource
 from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.session.config import (
     ArmTable,
@@ -262,45 +261,6 @@ def make_verb_options(config: SessionConfig) -> ControllerOptions:
         ),
         arrival=table,
     )
-
-
-def make_tuning(config: SessionConfig, *, ends: str = "", disarms: bool = False) -> Tuning:
-    """What the controller of a session takes of another configuration of it, in which nothing that
-    makes a new session is another; `ends` and `disarms` as :class:`Tuning` has them."""
-    hand, servo, table = None, None, config.arm
-    if config.device is not None:
-        hand = HandTuning(
-            TwistMapping(config.mapping, config.gripper),
-            config.limits,
-            config.watchdogs.device_age_s,
-        )
-    if table is not None:
-        servo = ServoTuning(
-            options=_servo_options(table), tcp_tolerance_m=table.tcp_tolerance_m, tool=table.tool()
-        )
-    return Tuning(
-        limits=config.limits,
-        watchdogs=config.watchdogs,
-        authority=config.authority,
-        hand=hand,
-        servo=servo,
-        ends=ends,
-        disarms=disarms,
-    )
-
-
-def check_tuning(
-    config: SessionConfig, now: SessionConfig, robot: RobotDriver, controller: ArmController
-) -> None:
-    """Raise ConfigurationError where a session that has the configuration `now` cannot take this
-    one, in which its robot is the same and it has an arm's model as before."""
-    _check_speeds(config.limits, robot.capabilities)
-    if config.arm is None or now.arm is None or config.arm.model != now.arm.model:
-        return
-    from cardan.gateway.arm.arm_body import ArmBody
-
-    assert isinstance(controller.body, ArmBody)
-    _check_joints(config, controller.body.servo.kinematics.names)
 
 
 def make_network(

@@ -177,17 +177,6 @@ class SessionNetwork:
         feedback = SessionFeedback(haptic, source) if options.commands else None
         return HapticServer(node, device, haptic, feedback, period_s=0.0)
 
-    def tune(self, rate_hz: float, configuration: bytes, surroundings: str) -> None:
-        """Publish the state this often from now on, the session's configuration, made by
-        :func:`~cardan.gateway.bus.taps.configuration_message`, and what is around the arm."""
-        if self._topics is not None:
-            self._topics.period_s = 1.0 / rate_hz
-            if surroundings != self._surroundings:
-                self._topics.put_surroundings(surroundings)
-        self._surroundings = surroundings
-        if self._taps is not None:
-            self._taps.configure(configuration)
-
     def poll(self, now_s: float) -> None:
         """Pass on the commands that have arrived."""
         if self._server is not None:

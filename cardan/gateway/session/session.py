@@ -37,25 +37,18 @@ from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.hand.feedback import Felt, HandFeedback
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.session.assembly import (
-    check_forces,
     check_mode,
-    check_tuning,
     has_output,
-    has_rigid_arm,
     make_controller,
     make_device,
     make_force,
     make_network,
     make_robot,
-    make_tuning,
-    make_verb_options,
     make_verbs,
 )
-from cardan.gateway.session.changes import Moment
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.heartbeat import BEAT, Heartbeat
 from cardan.gateway.session.lending import GIVE, TAKE, DeviceLease
-from cardan.gateway.session.reloading import ORDER, PIECE, Reloading, Step
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.gateway.session.worker import ChannelClient, RequestWorker
 from cardan.histogram import LatencyHistogram
@@ -65,7 +58,6 @@ from cardan.realtime import ask_for_real_time, share_interpreter_promptly
 from cardan.shortage import shortage
 from cardan.signals import ignore_ending, take_ending
 from cardan.spatial import norm, subtract
-from cardan.tables import as_table, read_table
 from cardan.types import (
     IDENTITY_POSE,
     ZERO3,
@@ -125,12 +117,8 @@ class Session:
         self._link = LoopLink()
         self._requests: RequestWorker | None = None
         self._network: SessionNetwork | None = None
-        self._reloading: Reloading | None = None
         if channel is not None:
             self._supervisor = ChannelClient(channel)
-            self._reloading = Reloading(
-                config, self._fits, self._take, self._has_come, self._supervisor.send
-            )
         if channel is not None or config.network is not None:
             self._requests = RequestWorker(
                 self._link,
@@ -207,8 +195,6 @@ class Session:
 
     def _end_requests(self) -> None:
         self._link.end("the session has ended: " + (self.snapshot.ending or "its robot is closed"))
-        if self._reloading is not None:
-            self._reloading.close()
         if self._requests is not None:
             self._requests.close()
 
@@ -244,7 +230,7 @@ class Session:
 
     def _loop(self, seconds: float) -> None:
         robot, controller = self.robot, self.controller
-        operator, reloading = controller.hand, self._reloading
+        operator = controller.hand
         force = self._force
         monotonic, tick_cost = time.monotonic, self._ticks.add
         input_age, live = self._input_ages.add, DeviceLink.LIVE
@@ -273,8 +259,6 @@ class Session:
                 requests.turn(now_s)
             if requests is not None and requests.busy:
                 requests.attend()
-            elif reloading is not None and reloading.busy:
-                self._link.attend()
             if operator is not None and hand is not None:
                 mapping = operator.mapping
                 if mapping.gripper_closed is not self._gripper_closed:
@@ -337,9 +321,6 @@ class Session:
                     elif packet in (TAKE, GIVE):
                         if self._lease is not None:
                             self._lease.want(packet == TAKE)
-                    elif packet.startswith((PIECE, ORDER)):
-                        if self._reloading is not None:
-                            self._reloading.offer(packet)
                     elif packet:
                         requests.offer(self._supervisor, packet, now_s)
                     else:
@@ -410,76 +391,6 @@ class Session:
             with contextlib.suppress(DriverError):
                 self.device.feedback(feedback)
 
-    # -- another configuration -------------------------------------------------------------------
-
-    def _fits(self, config: SessionConfig) -> None:
-        """Raise ConfigurationError where what is open here cannot be used so."""
-        now, device = self._config, self.device
-        if config.robot == now.robot and (config.arm is None) is (now.arm is None):
-            check_tuning(config, now, self.robot, self.controller)
-        if (
-            device is not None
-            and config.device is not None
-            and now.device is not None
-            and config.device.driver == now.device.driver
-        ):
-            self._check(config, device)
-            check_forces(config, device)
-
-    def _take(self, step: Step) -> bool:
-        """Take another configuration between two cycles, if its moment has come; in the thread of
-        the reloading."""
-        if not self._has_come(step.moment):
-            return False
-        assert self._requests is not None
-        config = step.config
-        disarms = step.moment is Moment.DISARMED
-        tuning = make_tuning(config, ends=step.ends, disarms=disarms)
-        feedback = None
-        if config.feedback != self._config.feedback:
-            feedback = HandFeedback(config.feedback, self._channels)
-        shape: Any = None
-        if (device := self.device) is not None and config.device != self._config.device:
-            assert config.device is not None
-            shape = read_table(type(device).Options, config.device.options, "device")
-        described, around = b"", ""
-        if self._network is not None:
-            from cardan.gateway.bus.taps import configuration_message
-            from cardan.gateway.session.surroundings import surroundings
-
-            described = configuration_message(as_table(config, from_file=False))
-            around = surroundings(config, has_rigid_arm(config))
-        taken = False
-
-        def exchange() -> None:
-            nonlocal taken
-            with self.controller.lock:
-                if not self._has_come(step.moment):
-                    return
-                self.controller.tune(tuning)
-                if verbs is not None and options is not None and config.arm is not None:
-                    arm = config.arm
-                    verbs.tune(options, arm.speed_share, arm.acceleration_share)
-            self._config, taken = config, True
-            if device is not None and shape is not None:
-                device.reshape(shape)
-            if feedback is not None:
-                self._send_feedback(self._feedback.last())
-                self._feedback = feedback
-            if self._network is not None and config.network is not None:
-                self._network.tune(config.network.rate_hz, described, around)
-
-        with self._requests.planning_paused() as verbs:
-            options = None if verbs is None else make_verb_options(config)
-            self._link.do(exchange)
-        return taken
-
-    def _has_come(self, moment: Moment) -> bool:
-        hand = self.controller.hand
-        if moment >= Moment.LET_GO and hand is not None and not hand.let_go:
-            return False
-        return moment < Moment.DISARMED or self.controller.unclaimed
-
     def _publish(self, state: RobotState, hand: DeviceState | None, elapsed_s: float) -> None:
         status = self.controller.status()
         s = self.snapshot
@@ -492,8 +403,6 @@ class Session:
         s.authority, s.authority_refused = authority.owner, authority.refused
         s.stops, s.stopped_by = self.controller.stops, self.controller.stopped_by
         s.authority_s = state.stamp_s - authority.since_s if authority.owner else None
-        if self._reloading is not None:
-            s.changes_wait = list(self._reloading.waits)
         s.robot_link, s.hold_reason = state.link.value, state.hold_reason
         s.sequence, s.joints_rad = state.sequence, list(state.joints)
         pose = state.pose

@@ -48,8 +48,6 @@ class Snapshot:
     """False: another session has the device."""
     device_passes: int = 0
     """How often the operator asked to pass the device on to the next session."""
-    changes_wait: list[str] = field(default_factory=list)
-    """Keys of the configuration that have changed and wait for their moment."""
     axes: list[float] = field(default_factory=list)
     buttons: list[str] = field(default_factory=list)
     battery: float | None = None

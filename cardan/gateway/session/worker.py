@@ -7,7 +7,6 @@ the other.
 
 from __future__ import annotations
 
-import contextlib
 import gc
 import itertools
 import math
@@ -16,7 +15,7 @@ import select
 import socket
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from cardan.errors import CardanError, MotionRefusedError
@@ -237,15 +236,6 @@ class RequestWorker:
                     break
             elif there is not None and not motion.ends and not there():
                 self._stop(GONE, "")
-
-    @contextlib.contextmanager
-    def planning_paused(self) -> Iterator[ArmVerbs | None]:
-        """Nothing is planned meanwhile, and no verbs are made; gives those that there are. Waits
-        for what is being planned: not for the loop's thread."""
-        with self._making:
-            verbs = self.verbs
-            with contextlib.nullcontext() if verbs is None else verbs.planning:
-                yield verbs
 
     def close(self) -> None:
         """The loop has ended: answer all that is under way so, and end the threads."""

@@ -57,13 +57,6 @@ def test_a_link_that_is_lost_has_its_reason(watch):
     assert found == [("robot", "lost", "no datagram for 0.1 s")]
 
 
-def test_changed_keys_that_wait_and_wait_no_more_are_told(watch):
-    found = told(watch, changes_wait=["limits.leash_m", "arm.model"])
-    assert found == [("configuration", "limits.leash_m, arm.model", "waits")]
-    found = told(watch, changes_wait=["arm.model"])
-    assert found == [("configuration", "limits.leash_m", "waits no more")]
-
-
 def test_figures_that_change_are_no_news(watch):
     assert told(watch, message="silent for 0.3 s") == [("message", "silent for 0.3 s", "")]
     assert told(watch, message="silent for 12.4 s") == []

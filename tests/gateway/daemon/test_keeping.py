@@ -129,6 +129,17 @@ def test_a_start_while_it_ends_is_not_lost(bench):
     assert bench.begin() == 0.0
 
 
+def test_it_is_wanted_also_while_it_ends_to_begin_anew(bench):
+    assert bench.unit.wanted
+    bench.begin()
+    bench.unit.restart(bench.now_s)
+    assert bench.unit.wanted
+    bench.unit.stop(bench.now_s)
+    assert not bench.unit.wanted
+    bench.end(Ended.AS_ASKED)
+    assert not bench.unit.wanted
+
+
 def test_a_stop_takes_a_restart_back(bench):
     bench.begin()
     bench.unit.restart(bench.now_s)

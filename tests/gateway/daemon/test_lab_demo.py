@@ -208,7 +208,7 @@ def test_the_whole_of_it():
     assert done.returncode == EXIT_OK, done.stdout + done.stderr
     assert DEMO.success_message in done.stdout
     assert "gofa  " in done.stdout
-    assert "reload: ur5-a mapping.linear_speed_m_s: 0.1 -> 0.08, live" in done.stdout
+    assert "reload: ur5-a mapping.linear_speed_m_s: 0.1 -> 0.08" in done.stdout
     assert "stood until the dead-man was pressed" in done.stdout
     assert "came back disarmed" in done.stdout
     assert re.search(r"ur5-b: \d+ mm by hand and verbs", done.stdout)

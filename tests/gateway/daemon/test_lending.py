@@ -158,3 +158,16 @@ def test_a_robot_that_is_not_ready_is_told_of_before_a_device_that_is_elsewhere(
     away.hold_reason = "the robot is not ready"
     assert why_nothing_moves(away, there) == "the robot is not ready"
     assert why_nothing_moves(Snapshot(message="press 'left' to move"), "") == "press 'left' to move"
+
+
+def test_who_has_it_keeps_it_when_other_sessions_come_to_share_it(bench):
+    bench.arms["one"].passes = 1
+    bench.run()
+    assert bench.holder == "two"
+    bench.shared.serve(["two", "one"])
+    bench.run()
+    assert bench.holder == "two"
+    bench.shared.serve(["one", "three"])
+    bench.arms["two"].held = False
+    bench.run()
+    assert bench.holder == "one"

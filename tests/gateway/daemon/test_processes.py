@@ -30,7 +30,7 @@ class Starting:
 def test_a_session_has_longer_for_its_first_snapshot(monkeypatch):
     monkeypatch.setattr(processes, "SessionProcess", Starting)
     before_s = time.monotonic()
-    session = RunningSession(None, print, lambda *_: None, print, print)
+    session = RunningSession(None, print, lambda *_: None, print)
     assert before_s <= session.due_s - STARTS_WITHIN_S <= time.monotonic()
     session._process.may_tell.set()
     assert session._process.told.wait(WITHIN_S)

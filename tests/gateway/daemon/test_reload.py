@@ -1,4 +1,4 @@
-"""A reload by the daemon, with sessions that answer as they are told."""
+"""A reload by the daemon, with sessions that are as they are told to be."""
 
 import errno
 import time
@@ -6,15 +6,14 @@ import time
 import pytest
 
 from cardan.errors import CardanError, ConfigurationError
-from cardan.gateway.daemon import daemon as daemon_module, kept
-from cardan.gateway.daemon.changes import Change
+from cardan.gateway.daemon import kept
+from cardan.gateway.daemon.changes import Change, of_session
 from cardan.gateway.daemon.control import ControlError
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.keeping import Ended
 from cardan.gateway.daemon.layout import read_layout, read_layout_beside
 from cardan.gateway.daemon.processes import RunningSession
-from cardan.gateway.session.changes import Effect, Moment, staged
-from cardan.gateway.session.reloading import Found, ReloadOrder
+from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.inbox import InboxEmptyError
 
@@ -29,29 +28,20 @@ linear_speed_m_s = {speed}
 """
 
 
-class Answering(RunningSession):
+class Told(RunningSession):
     """A session that runs, without a process."""
 
-    def __init__(self, config, say, over, answered, found, has_device=True):
-        self.config, self.over, self.found = config, over, found
-        self.snapshot = Snapshot(phase="moving", authority="verbs")
+    def __init__(self, config, say, over, answered, has_device=True):
+        self.config, self.over, self.has_device = config, over, has_device
+        self.snapshot = Snapshot(phase="moving", authority="verbs", device_held=has_device)
         self.due_s = time.monotonic()
-        self.orders = []
-        self.refuses = ""
-        self.silent = False
-        self.back = ()
+        self.told = []
         self.ended = False
 
     pid = 4711
 
-    def reload(self, number, order, config=None):
-        self.orders.append(order)
-        if order is ReloadOrder.PREPARE and not self.silent:
-            changes = tuple(
-                (each.key, each.old, each.new, each.moment, each.moment is Moment.NOW)
-                for each in staged(self.config, config).changes
-            )
-            self.found(Found(number, self.refuses, () if self.refuses else changes, self.back))
+    def send(self, packet):
+        self.told.append(packet)
 
     def stop(self):
         self.ended = True
@@ -59,7 +49,7 @@ class Answering(RunningSession):
 
 class Lab:
     def __init__(self, folder, monkeypatch):
-        monkeypatch.setattr(kept, "RunningSession", Answering)
+        monkeypatch.setattr(kept, "RunningSession", Told)
         self.file = folder / "lab.toml"
         self.write(one=0.25, two=0.25)
         self.daemon = Daemon(read_layout([self.file]), lambda: read_layout([self.file]))
@@ -88,13 +78,30 @@ class Lab:
         try:
             while True:
                 self.daemon._events.get(wait_s)()
-                wait_s = 0.0 if self.told else 0.2
+                wait_s = 0.0
         except InboxEmptyError:
             pass
 
-    def look(self, now_s):
-        self.daemon._look_after_reload(self.daemon._reload, now_s)
-        return self.told[0]
+    def rest(self, name, phase="disarmed"):
+        """Nobody has the arm of a session, which the daemon sees."""
+        self.session(name).snapshot = Snapshot(phase=phase)
+        self.look()
+
+    def look(self):
+        self.daemon._look_after(time.monotonic())
+
+    def end(self, name, how=Ended.AS_ASKED, reason=""):
+        """The process of a session ends, and begins anew where it is to."""
+        self.session(name).over(how, reason)
+        self.turn()
+        self.look()
+
+    def speed(self, name):
+        """What its process runs with."""
+        return self.session(name).config.limits.linear_speed_m_s
+
+    def row(self, name):
+        return self.kept(name).shown(time.monotonic())
 
 
 @pytest.fixture
@@ -113,125 +120,280 @@ def test_the_watchdog_is_fed_while_no_session_is_overdue(lab):
     assert not lab.daemon._all_answer(99.1)
 
 
-def test_all_sessions_are_asked_before_one_changes(lab):
-    lab.write(one=0.1, two=0.4)
-    assert words(lab.reload()) == [
-        "one limits.linear_speed_m_s: 0.25 -> 0.1, live",
-        "two limits.linear_speed_m_s: 0.25 -> 0.4, when disarmed (waits until disarmed)",
-    ]
-    for name in ("one", "two"):
-        assert lab.session(name).orders == [ReloadOrder.PREPARE, ReloadOrder.APPLY]
-    assert lab.daemon.layout.sessions["two"].config.limits.linear_speed_m_s == 0.4
+WAITS = " (waits until nobody has the arm)"
 
 
-def test_one_refusal_is_the_refusal_of_all(lab):
-    lab.session("two").refuses = "mapping.deadman: the device has no button 'z'"
-    lab.write(one=0.1, two=0.4, three=0.1)
-    outcome = lab.reload()
-    assert isinstance(outcome, ConfigurationError)
-    assert str(outcome) == "two: mapping.deadman: the device has no button 'z'"
-    for name in ("one", "two"):
-        assert lab.session(name).orders == [ReloadOrder.PREPARE, ReloadOrder.DROP]
-        assert lab.kept(name).entry.config.limits.linear_speed_m_s == 0.25
-    assert "three" not in lab.daemon._kept
-    assert "three" not in lab.daemon.layout.sessions
+def test_a_session_is_restarted_once_nobody_has_its_arm(lab):
+    lab.write(one=0.1, two=0.25)
+    before, other = lab.session("one"), lab.session("two")
+    assert words(lab.reload()) == [f"one limits.linear_speed_m_s: 0.25 -> 0.1{WAITS}"]
+    assert lab.row("one")["changes_wait"] == ["limits.linear_speed_m_s"]
+    assert lab.row("two")["changes_wait"] == []
+    lab.look()
+    assert not before.ended
+    lab.rest("one")
+    assert before.ended
+    assert lab.kept("one").unit.reason == "its configuration has changed"
+    lab.end("one")
+    assert lab.session("one") is not before
+    assert lab.speed("one") == 0.1
+    assert lab.row("one")["changes_wait"] == []
+    lab.session("one").snapshot = Snapshot(phase="disarmed")
+    lab.rest("two")
+    assert lab.session("two") is other
+    assert not other.ended
+
+
+@pytest.mark.parametrize(
+    ("phase", "authority", "waits"),
+    [
+        ("", "", False),
+        ("no robot", "", False),
+        ("disarmed", "", False),
+        ("disarmed", "verbs", True),
+        ("holding", "", False),
+        ("holding", "hand", True),
+        ("moving", "hand", True),
+        ("moving", "", True),
+        ("braking", "", True),
+        ("recovering", "", True),
+    ],
+)
+def test_a_restart_waits_while_somebody_has_the_arm_or_it_moves(lab, phase, authority, waits):
+    lab.session("one").snapshot = Snapshot(phase=phase, authority=authority)
+    lab.write(one=0.1, two=0.25)
+    told = words(lab.reload())
+    assert told == ["one limits.linear_speed_m_s: 0.25 -> 0.1" + (WAITS if waits else "")]
+    lab.look()
+    assert lab.session("one").ended is not waits
 
 
 def test_a_check_changes_nothing(lab):
     lab.write(one=0.1, two=0.25, three=0.1)
     assert words(lab.reload(check_only=True)) == [
-        "three: added, live",
-        "one limits.linear_speed_m_s: 0.25 -> 0.1, live",
+        f"one limits.linear_speed_m_s: 0.25 -> 0.1{WAITS}",
+        "three: added",
     ]
-    assert lab.session("one").orders == [ReloadOrder.PREPARE, ReloadOrder.DROP]
-    assert not lab.session("two").orders
+    lab.rest("one")
+    assert not lab.session("one").ended
     assert "three" not in lab.daemon._kept
-    assert lab.kept("one").entry.config.limits.linear_speed_m_s == 0.25
+    assert lab.row("one")["changes_wait"] == []
 
 
-def test_a_session_that_does_not_answer_refuses(lab):
-    lab.session("two").silent = True
-    lab.write(one=0.1, two=0.1)
-    assert lab.reload() is None
+def test_an_error_in_one_file_is_the_refusal_of_all(lab):
+    lab.write(one=0.1, two=0.4, three=0.1)
+    lab.file.write_text(lab.file.read_text().replace('model = "ur5"', 'model = "ur7"', 1))
+    outcome = lab.reload()
+    assert isinstance(outcome, ConfigurationError)
+    assert "ur7" in str(outcome)
+    for name in ("one", "two"):
+        lab.rest(name)
+        assert not lab.session(name).ended
+        assert lab.daemon.layout.sessions[name].config.limits.linear_speed_m_s == 0.25
+    assert "three" not in lab.daemon._kept
+
+
+def test_one_reload_at_a_time(lab):
+    lab.daemon.reload(lab.told.append)
     with pytest.raises(ControlError, match="a reload is under way"):
         lab.daemon.reload(lab.told.append)
-    now_s = time.monotonic()
-    outcome = lab.look(now_s + daemon_module.LOOKS_WITHIN_S)
-    assert str(outcome) == "two: it did not answer within 5 s"
-    assert lab.session("one").orders[-1] is ReloadOrder.DROP
+    lab.turn(wait_s=30.0)
+    assert lab.told == [[]]
 
 
-def test_a_session_that_ends_meanwhile_begins_with_the_new_one(lab):
-    lab.session("two").silent = True
+def test_of_two_reloads_the_newest_counts(lab):
+    lab.write(one=0.1, two=0.25)
+    lab.reload()
+    lab.write(one=0.2, two=0.1)
+    assert words(lab.reload()) == [
+        f"one limits.linear_speed_m_s: 0.25 -> 0.2{WAITS}",
+        f"two limits.linear_speed_m_s: 0.25 -> 0.1{WAITS}",
+    ]
+    assert words(lab.reload()) == [
+        f"one limits.linear_speed_m_s: 0.25 -> 0.2{WAITS}",
+        f"two limits.linear_speed_m_s: 0.25 -> 0.1{WAITS}",
+    ]
+    lab.rest("one")
+    lab.end("one")
+    assert lab.speed("one") == 0.2
+    assert not lab.session("two").ended
+
+
+def test_a_reload_while_a_session_ends_for_one_before(lab):
+    lab.write(one=0.1, two=0.25)
+    lab.reload()
+    lab.rest("one")
+    assert lab.session("one").ended
+    lab.write(one=0.2, two=0.25)
+    lab.reload()
+    lab.look()
+    lab.end("one")
+    assert lab.speed("one") == 0.2
+    assert lab.row("one")["changes_wait"] == []
+    lab.rest("one")
+    assert not lab.session("one").ended
+
+
+def test_what_changes_back_while_it_waits_is_nothing_to_do(lab):
+    before = lab.file.read_text()
+    lab.write(one=0.1, two=0.25)
+    lab.reload()
+    lab.file.write_text(before)
+    assert words(lab.reload()) == ["one limits.linear_speed_m_s: taken back"]
+    assert lab.row("one")["changes_wait"] == []
+    lab.rest("one")
+    assert not lab.session("one").ended
+    assert words(lab.reload()) == []
+
+
+def test_a_removal_that_is_taken_back_while_it_waits_is_nothing_to_do(lab):
+    before = lab.file.read_text()
+    lab.write(one=0.25)
+    assert words(lab.reload()) == [f"two: removed{WAITS}"]
+    assert lab.row("two")["changes_wait"] == ["removed"]
+    assert words(lab.reload()) == []
+    lab.look()
+    assert not lab.session("two").ended
+    lab.file.write_text(before)
+    assert words(lab.reload()) == ["two removed: taken back"]
+    lab.rest("two")
+    assert not lab.session("two").ended
+    assert lab.row("two")["state"] == "running"
+
+
+def test_a_session_that_dies_while_it_waits_begins_with_the_new_file(lab):
+    lab.write(one=0.1)
+    lab.reload()
+    for name in ("one", "two"):
+        lab.end(name, Ended.DIED, "killed")
+    assert lab.row("two")["state"] == "stopped"
+    assert lab.row("one")["state"] == "waiting"
+    lab.daemon._look_after(time.monotonic() + 60.0)
+    assert lab.speed("one") == 0.1
+    assert lab.row("one")["changes_wait"] == []
+
+
+def test_a_session_that_cannot_begin_with_its_new_file_says_so_and_harms_no_other(lab):
     lab.write(one=0.1, two=0.1)
-    assert lab.reload() is None
-    lab.kept("two").process = None
-    assert words(lab.look(time.monotonic())) == ["one limits.linear_speed_m_s: 0.25 -> 0.1, live"]
-    assert lab.kept("two").entry.config.limits.linear_speed_m_s == 0.1
+    lab.reload()
+    lab.rest("one")
+    lab.end("one")
+    why = "mapping.deadman: the device has no button 'z'"
+    lab.end("one", Ended.MISCONFIGURED, why)
+    assert (lab.row("one")["state"], lab.row("one")["reason"]) == ("failed", why)
+    assert lab.row("two")["state"] == "running"
+    assert not lab.session("two").ended
+    lab.rest("two")
+    lab.end("two")
+    assert lab.speed("two") == 0.1
 
 
 def test_a_session_that_does_not_run_takes_it_with_its_start(lab):
-    lab.kept("one").process = None
+    lab.kept("one").unit.stop(time.monotonic())
+    lab.end("one")
     lab.write(one=0.4, two=0.25)
     assert words(lab.reload()) == [
-        "one limits.linear_speed_m_s: 0.25 -> 0.4, when disarmed (waits until it starts)"
+        "one limits.linear_speed_m_s: 0.25 -> 0.4 (waits until it starts)"
     ]
-    assert lab.kept("one").entry.config.limits.linear_speed_m_s == 0.4
-    assert not lab.kept("one").restart_waits
-
-
-def test_a_restart_waits_until_nobody_has_the_arm(lab):
-    lab.file.write_text(lab.file.read_text().replace('"ur5" }', '"ur5", seed = 3 }', 1))
-    assert words(lab.reload()) == [
-        "one robot.seed: 0 -> 3, session restarted (waits until disarmed)"
-    ]
-    kept, now_s = lab.kept("one"), time.monotonic()
-    assert kept.restart_waits
-    lab.daemon._look_after(now_s)
-    assert not lab.session("one").ended
-    # It holds, armed, and nobody has the authority.
-    lab.session("one").snapshot = Snapshot(phase="holding")
-    lab.daemon._look_after(now_s)
-    assert lab.session("one").ended
-
-
-def test_a_restart_that_waits_is_taken_back(lab):
-    before = lab.file.read_text()
-    lab.file.write_text(before.replace('"ur5" }', '"ur5", seed = 3 }', 1))
-    lab.reload()
-    one = lab.session("one")
-    one.snapshot = Snapshot(phase="moving", authority="verbs", changes_wait=["robot.seed"])
-    one.back = ("robot.seed",)
-    lab.file.write_text(before)
-    assert words(lab.reload()) == ["one robot.seed: taken back, live"]
-    assert not lab.kept("one").restart_waits
+    lab.look()
+    assert lab.session("one") is None
+    assert lab.row("one")["changes_wait"] == []
+    lab.kept("one").unit.start(time.monotonic())
+    lab.look()
+    assert lab.speed("one") == 0.4
 
 
 def test_what_leaves_the_files_stops_and_starts_when_it_is_back(lab):
+    lab.rest("two")
     lab.write(one=0.25)
-    assert words(lab.reload()) == ["two: removed, live"]
-    lab.daemon._look_after(time.monotonic())
+    assert words(lab.reload()) == ["two: removed"]
+    lab.look()
     assert lab.session("two").ended
-    lab.kept("two").unit.ended(Ended.AS_ASKED, "", time.monotonic())
-    lab.kept("two").process = None
+    lab.end("two")
+    assert lab.row("two")["reason"] == "it is not in the files any more"
     lab.write(one=0.25, two=0.1)
-    assert words(lab.reload()) == ["two: added, live"]
-    lab.daemon._look_after(time.monotonic())
-    assert lab.session("two").config.limits.linear_speed_m_s == 0.1
+    assert words(lab.reload()) == ["two: added"]
+    lab.look()
+    assert lab.speed("two") == 0.1
 
 
 def test_a_session_that_had_failed_is_tried_again_with_what_has_changed(lab):
-    unit = lab.kept("one").unit
-    unit.ended(Ended.MISCONFIGURED, "mapping.deadman: ...", time.monotonic())
-    lab.kept("one").process = None
+    lab.end("one", Ended.MISCONFIGURED, "mapping.deadman: ...")
     lab.write(one=0.25, two=0.1)
     lab.reload()
-    assert unit.state.value == "failed"
+    assert lab.row("one")["state"] == "failed"
     lab.write(one=0.1, two=0.1)
     lab.reload()
-    lab.daemon._look_after(time.monotonic())
-    assert unit.state.value == "running"
-    assert lab.session("one").config.limits.linear_speed_m_s == 0.1
+    lab.look()
+    assert lab.row("one")["state"] == "running"
+    assert lab.speed("one") == 0.1
+
+
+def test_what_is_written_otherwise_and_means_the_same_is_no_change(lab):
+    lab.file.write_text(lab.file.read_text().replace('"ur5" }', '"ur5", seed = 0 }', 1))
+    assert words(lab.reload()) == []
+    lab.rest("one")
+    assert not lab.session("one").ended
+
+
+SHARED = """
+[devices.mouse]
+driver = "spacemouse"
+"""
+
+
+def test_who_has_a_shared_device_keeps_it_until_it_is_restarted_without_it(lab):
+    both = lab.file.read_text().replace("[sessions.arm]", 'device = "mouse"\n[sessions.arm]')
+    for name in ("one", "two"):
+        lab.rest(name)
+    lab.file.write_text(SHARED + both)
+    assert [each[:3] for each in lab.reload()] == [
+        ("one", "device", "changed"),
+        ("two", "device", "changed"),
+    ]
+    lab.look()
+    for name in ("one", "two"):
+        lab.end(name)
+    assert [lab.session(name).has_device for name in ("one", "two")] == [True, False]
+    lab.file.write_text(SHARED + both.replace("0.25", "0.1", 1))
+    lab.rest("one")
+    lab.reload()
+    lab.look()
+    assert lab.session("one").ended
+    lab.daemon._pass_devices()
+    lab.end("one")
+    lab.daemon._pass_devices()
+    assert [lab.session(name).has_device for name in ("one", "two")] == [True, False]
+    assert not lab.session("two").told
+    one = lab.session("one")
+    one.snapshot = Snapshot(phase="moving", authority="hand", device_held=True)
+    lab.file.write_text(SHARED + both.replace('device = "mouse"\n', "", 1))
+    lab.reload()
+    lab.daemon._pass_devices()
+    assert lab.daemon._shared["mouse"].sessions == ("one", "two")
+    assert not lab.session("two").told
+    one.snapshot = Snapshot(phase="disarmed", device_held=True)
+    lab.look()
+    lab.end("one")
+    assert "mouse" not in lab.daemon._shared
+
+
+def test_who_had_a_device_alone_keeps_it_when_another_one_comes_to_share_it(lab):
+    alone = lab.file.read_text().replace("[sessions.arm]", 'device = "mouse"\n[sessions.arm]', 1)
+    lab.rest("one")
+    lab.file.write_text(SHARED + alone)
+    lab.reload()
+    lab.look()
+    lab.end("one")
+    first = SESSION.format(name="zero", speed=0.25).replace(
+        "[sessions.arm]", 'device = "mouse"\n[sessions.arm]'
+    )
+    lab.file.write_text(SHARED + first + alone)
+    assert words(lab.reload()) == ["zero: added"]
+    lab.look()
+    assert not lab.session("zero").has_device
+    lab.daemon._pass_devices()
+    assert not lab.session("one").told
 
 
 def test_what_keeps_the_files_from_being_read_is_said(lab, monkeypatch):
@@ -241,7 +403,7 @@ def test_what_keeps_the_files_from_being_read_is_said(lab, monkeypatch):
     monkeypatch.setattr(lab.daemon, "_read", read)
     assert "too many files are open" in str(lab.reload())
     monkeypatch.undo()
-    assert lab.daemon._reload is None
+    assert words(lab.reload()) == []
 
 
 def test_what_the_files_say_wrong_is_refused(lab):
@@ -252,16 +414,60 @@ def test_what_the_files_say_wrong_is_refused(lab):
     assert "was a session and is a face now" in str(lab.reload())
     lab.file.write_text("[daemon]\nstart_limit = 3\n" + SESSION.format(name="one", speed=0.1))
     assert "restart the daemon" in str(lab.reload())
-    assert not lab.session("one").orders
+    lab.rest("one")
+    assert not lab.session("one").ended
 
 
-def test_changes_travel_as_tables():
-    change = Change("one", "mapping.deadman", Effect.LIVE, "changed", "left", ["a", "b"], "x")
-    assert Change.of(change._asdict()) == change
-    assert change.in_words == 'one mapping.deadman: "left" -> ["a", "b"], live (waits x)'
-    assert Change("one", "network", Effect.RESTARTED, "changed").in_words.endswith(
-        "none -> none, session restarted"
-    )
+BASE = {
+    "robot": {"driver": "sim_arm", "robot": "ur5"},
+    "arm": {"model": "ur5"},
+    "device": {"driver": "spacemouse"},
+    "mapping": {"deadman": "left"},
+}
+
+
+@pytest.mark.parametrize(
+    ("new", "found"),
+    [
+        ({}, {}),
+        ({"limits": {"linear_speed_m_s": 0.25}}, {}),
+        (
+            {"limits": {"linear_speed_m_s": 0.1, "workspace_x_m": [-1.0, 1.0]}},
+            {
+                "limits.linear_speed_m_s": (0.25, 0.1),
+                "limits.workspace_x_m": (None, [-1.0, 1.0]),
+            },
+        ),
+        ({"arm": {"model": "ur10"}}, {"arm.model": ("ur5", "ur10")}),
+        (
+            {"device": {"driver": "spacemouse", "dead_zone": 0.2, "serial": "A1"}},
+            {"device.dead_zone": (0.05, 0.2), "device.serial": ("", "A1")},
+        ),
+        ({"device": {"driver": "keyboard"}}, {"device.driver": ("spacemouse", "keyboard")}),
+        ({"mapping": {"deadman": ["left", "right"]}}, {
+            "mapping.deadman": ("left", ["left", "right"]),
+        }),
+    ],
+)  # fmt: skip
+def test_the_keys_that_differ(new, found):
+    old = parse_config(BASE)
+    changes = list(of_session("one", old, parse_config(BASE | new), "x", ()))
+    assert {each.key: (each.old, each.new) for each in changes} == found
+    assert all((each.name, each.what, each.waits) == ("one", "changed", "x") for each in changes)
+
+
+def test_a_table_that_comes_or_goes_is_one_change():
+    one = parse_config(BASE)
+    other = parse_config(BASE | {"network": {}})
+    for old, new in ((one, other), (other, one)):
+        assert [each.key for each in of_session("one", old, new, "", ())] == ["network"]
+    assert [each.key for each in of_session("one", one, one, "", ("network",))] == ["network"]
+
+
+def test_changes_are_told_in_words():
+    change = Change("one", "mapping.deadman", "changed", "left", ["a", "b"], "x")
+    assert change.in_words == 'one mapping.deadman: "left" -> ["a", "b"] (waits x)'
+    assert Change("one", "network", "changed").in_words.endswith("none -> none")
 
 
 @pytest.mark.matrix

@@ -96,7 +96,7 @@ def test_why():
     assert why(SESSION) == ""
     assert why(SESSION | {"state": "waiting", "reason": "busy", "why": "old"}) == "busy"
     changed = why(SESSION | {"changes_wait": ["arm.model", "limits.leash_m"]})
-    assert changed == "changes wait until it is disarmed: arm.model, limits.leash_m"
+    assert changed == "changes wait until nobody has its arm: arm.model, limits.leash_m"
     assert why(FACE) == "at ws://127.0.0.1:9090"
     assert why(FACE | {"state": "failed", "reason": "port taken"}) == "port taken"
     assert why(SESSION | {"why": "a\x1b[2J\nb"}) == why(SESSION | {"why": r"a\x1b[2J\nb"})

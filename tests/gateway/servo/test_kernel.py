@@ -14,7 +14,7 @@ import cardan
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
-from cardan.gateway.servo import choice, compiled, kernel_layout as layout, native
+from cardan.gateway.servo import choice, kernel_layout as layout, native
 from cardan.gateway.servo.choice import choose_servo
 from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.options import Policy, ServoOptions
@@ -265,44 +265,6 @@ def test_a_changed_tool_counts_from_the_next_tick():
 
 # ---------------------------------------------------------------------------------------------
 # Loading and choice
-
-
-def test_what_is_tuned_in_midst_of_a_motion_counts_as_in_python():
-    kinematics = [ArmKinematics(load_arm("ur5")) for _ in range(2)]
-    solid = box_obstacle("table", Vector3(0.1, 0.3, 0.05), Vector3(0.5, 0.7, 0.07))
-    python, kernel = (
-        kind(each, CollisionModel(each, [solid]), ServoOptions())
-        for kind, each in zip((Servo, CompiledServo), kinematics, strict=True)
-    )
-    slower = ServoOptions(
-        speed_share=0.2, acceleration_share=0.5, safety_distance_m=0.15, policy=Policy.REACH
-    )
-    for servo in (python, kernel):
-        servo.place(np.array(kinematics[0].arm.home))
-    x, y, z = kernel.pose.position
-    wanted = kernel.pose._replace(position=Vector3(x - 0.1, y + 0.2, z - 0.2))
-    for tick in range(250):
-        if tick == 50:
-            fast = np.abs(kernel.v).max()
-            for servo in (python, kernel):
-                servo.tune(slower)
-        for servo in (python, kernel):
-            servo.tick(wanted, STILL, DT_S)
-        assert kernel.v == pytest.approx(python.v, abs=1e-6)
-    assert kernel.policy is python.policy is Policy.REACH
-    assert kernel.bounds.velocity == python.bounds.velocity
-    assert (np.abs(kernel.v) <= np.array(kernel.bounds.velocity) + 1e-9).all()
-    assert fast > np.abs(kernel.v).max()
-
-
-def test_a_tuning_that_it_cannot_take_is_refused_and_changes_nothing(monkeypatch):
-    servo = made()
-    before = servo.options, servo.bounds
-    monkeypatch.setattr(compiled, "closing_deceleration", lambda *_: math.nan)
-    with pytest.raises(ConfigurationError, match="an option of the servo"):
-        servo.tune(ServoOptions(speed_share=0.1, policy=Policy.REACH))
-    assert (servo.options, servo.bounds) == before
-    assert servo.policy is Policy.PATH
 
 
 def test_the_compiled_one_is_chosen_wherever_there_is_one():

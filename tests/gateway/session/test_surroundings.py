@@ -10,7 +10,6 @@ import pytest
 
 from cardan.gateway.bus.arm_topics import ArmNames
 from cardan.gateway.bus.options import NetworkOptions
-from cardan.gateway.bus.taps import configuration_message
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.reach import tcp_range_m
 from cardan.gateway.session.config import parse_config
@@ -82,7 +81,7 @@ def test_where_collisions_are_not_avoided_no_distance_is_kept():
     assert around["obstacle_m"] is around["own_body_m"] is None
 
 
-def test_a_session_tells_it_again_where_it_has_changed():
+def test_a_session_tells_it_as_it_opens():
     network = SessionNetwork(
         NetworkOptions(), ArmNames(("joint_1",)), "", IDENTITY_POSE, print, bool, {}, "one"
     )
@@ -90,7 +89,5 @@ def test_a_session_tells_it_again_where_it_has_changed():
     node.open = lambda: None
     part = SimpleNamespace(capabilities=None, tap=None, witness=None)
     network.open(part, part, None)
-    for around in ("one", "another", "another"):
-        network.tune(10.0, configuration_message({}), around)
     (topic,) = (name for name in node.publishers if name.endswith("/surroundings"))
-    assert [each["data"] for each in node.publishers[topic].messages] == ["one", "another"]
+    assert [each["data"] for each in node.publishers[topic].messages] == ["one"]

@@ -233,23 +233,3 @@ int32_t kernel_set_tool(Kernel *kernel, const double rotation[9], const double p
     copy3(position, kernel->chain.tool.position);
     return true;
 }
-
-int32_t kernel_tune(Kernel *kernel, const KernelOptions *options, const double *velocity,
-                    const double *acceleration, const double *safety_m)
-{
-    if (!options_are_sound(options) || options->length_m != kernel->options.length_m)
-        return KERNEL_BAD_OPTIONS;
-    if (!limits_are_sound(velocity, acceleration, kernel->n))
-        return KERNEL_BAD_LIMITS;
-    if (!all_within(safety_m, kernel->pair_count, 0.0, LARGEST))
-        return KERNEL_BAD_PAIR;
-    kernel->options = *options;
-    set_gains(kernel);
-    for (int i = 0; i < kernel->n; i++) {
-        kernel->velocity[i] = velocity[i];
-        kernel->acceleration[i] = acceleration[i];
-    }
-    for (size_t pair = 0; pair < kernel->pair_count; pair++)
-        kernel->pairs[pair].safety_m = safety_m[pair];
-    return KERNEL_MADE;
-}

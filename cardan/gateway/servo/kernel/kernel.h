@@ -122,11 +122,6 @@ KERNEL_API KernelState *kernel_state(Kernel *kernel);
 KERNEL_API int32_t kernel_set_tool(Kernel *kernel, const double rotation[9],
                                    const double position[3]);
 
-/* Other options, limits of the joints, and distance for each pair, without a jump: what is faster or
- * nearer than they allow is braked. A reason, and nothing is changed, where they cannot be taken. */
-KERNEL_API int32_t kernel_tune(Kernel *kernel, const KernelOptions *options, const double *velocity,
-                               const double *acceleration, const double *safety_m);
-
 /* Start from `q`, at rest. False, and nothing is changed, where a number is none, or above 1e9. */
 KERNEL_API int32_t kernel_place(Kernel *kernel, const double *q);
 

@@ -44,7 +44,6 @@ class SpaceMouseSerial(ReadDevice[SerialMouseCore]):
     suits = "rate, base frame"
     options: SpaceMouseSerialOptions
     _kind = "serial SpaceMouse"
-    reshapes = True
 
     def __init__(self, options: SpaceMouseSerialOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
