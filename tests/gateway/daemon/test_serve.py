@@ -357,6 +357,8 @@ def test_a_reload_says_each_key_and_restarts_the_session_once_nobody_has_its_arm
         assert without_waits(one.cardan("reload", "--check").splitlines()) == said
         assert [each["name"] for each in one.ask("units")] == ["one"]
         assert without_waits(one.cardan("reload").splitlines()) == said
+        assert one.row("one")["pid"] == pid
+        arm.stop()
         # The lease of who moved it ends.
         until(lambda: one.row("one")["pid"] not in (pid, None), "the new process")
         one.until("one", authority="", phase="disarmed", changes_wait=[])
