@@ -91,7 +91,7 @@ def served_faces(
                 except DriverError:
                     if host == HOSTS[name][-1]:
                         raise
-                    say("it is for this computer alone")
+                    say(f"the face {name} is for this computer alone")
                     continue
                 for line in (*face.before, f"face {name}: {face.endpoint}"):
                     say(line)
