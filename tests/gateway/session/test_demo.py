@@ -193,7 +193,7 @@ def test_a_face_is_served_beside_the_session_for_whoever_comes(capsys):
     """Nobody does."""
     assert run_demo(5.0, "ros2") == EXIT_OK
     said = capsys.readouterr().out
-    assert re.search(r"face rosbridge: ws://127\.0\.0\.1:\d+\n", said)
+    assert re.search(r"face rosbridge: ws://127\.0\.0\.1:\d+", said)
     assert "move the arm by a client of that address" in said
     assert "nobody moved the arm" in said
 
