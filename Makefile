@@ -2,7 +2,7 @@
 #   make demo    environment, install, a demo against simulated peers for half a minute
 #   make test    environment, install with the test judges, the tests of every change
 # (DEMO_ROBOT=gp8 shows a Motoman, DEMO_ROBOT=omni a hand that feels what the pen touches,
-# DEMO_ROBOT=ros2 a web client on ROS 2's network, DEMO_ROBOT=lab a daemon with four arms,
+# DEMO_ROBOT=ros2 an arm on ROS 2's network for your web client, DEMO_ROBOT=lab a daemon with four arms,
 # DEMO_ROBOT=console the page for browsers, DEMO_ROBOT=--list lists all demos)
 PYTHON ?= python3
 VENV ?= .venv
@@ -52,7 +52,7 @@ help:
 	@echo "make hold-table  the table of docs/console-hold.md: every end of a hold on the page, by a real browser"
 	@echo "make console-pictures  docs/images/console-*.webp, which the tests compare the page with"
 	@echo "make docs-tables  the tables of drivers, simulated peers and demos, from their declarations"
-	@echo "make docs-pictures  the pictures of the console's page, by its demo and a browser"
+	@echo "make docs-pictures  the pictures of the console's page, by its acceptance test's browser"
 	@echo "make docs-evaluation  the report of docs/evaluation.md, EVALUATE=--quick for a short one"
 	@echo "make demo-picture  the moving picture of the README, from the demo"
 	@echo "make docs    the documentation as a site, in build/docs/site"
@@ -99,7 +99,7 @@ page: $(VENV)/.cardan
 
 # What this demo needs beside the arm's model: extras of Cardan, as its file has them. A page is
 # needed with the extra that serves it.
-DEMO_LOCKS := can console network record
+DEMO_LOCKS := can console network
 DEMO_READY := $(VENV)/.cardan-demo-$(subst /,-,$(DEMO_ROBOT))
 
 $(DEMO_READY): $(VENV)/.cardan $(DEMO_LOCKS:%=locks/%.txt)

@@ -24,7 +24,7 @@ from pathlib import Path
 from bench.egm_latency import MOVE, TOUCH
 from bench.figures import Figures
 from cardan.drivers.ur_rtde.program import Order
-from cardan.gateway.session.demo import launched
+from cardan.gateway.session.launched import launched
 from cardan.protocols.ur.rtde import Recipe
 from cardan.sim_peers.ur_controller import PORT_KINDS, UrController, UrControllerOptions, UrServers
 

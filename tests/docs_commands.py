@@ -72,7 +72,7 @@ RUN = {
     r"cardan demo (phone-ur5)": "tests/test_device_examples.py::test_the_example_runs",
     r"cardan demo omni-sphere": "tests/test_device_examples.py::test_the_haptic_example_runs_and_is_felt",
     r"cardan demo omni ": "tests/gateway/session/test_demo.py::test_the_drawing_runs_and_is_felt",
-    r"cardan demo console": "tests/gateway/session/test_console_demo.py::test_a_browser_moves_the_arm_by_the_page_and_pictures_of_it_are_left",
+    r"cardan demo console": "tests/gateway/session/test_console_demo.py::test_the_page_waits_for_a_person_and_says_where",
     r"cardan demo lever-ur5": "tests/test_template_packages.py::test_its_demos_run",
     r"cardan (drivers|sim) lever": "tests/test_template_packages.py::test_it_is_in_every_list",
     r"cardan doctor": "tests/test_doctor_command.py::test_what_fails_stands_with_why_and_the_command_that_mends_it",

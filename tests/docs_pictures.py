@@ -1,27 +1,34 @@
-"""Makes the pictures of the console's page in docs/images anew, by its demo (make docs-pictures).
+"""Makes the pictures of the console's page in docs/images anew, as the acceptance test takes them
+(make docs-pictures).
 
 They are as a person sees the page, with fewer colours, so that each is small.
 """
 
 from __future__ import annotations
 
-import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
 from PIL import Image
 
+from tests.acceptance.console import use_console
+from tests.console.browser import find_chromium
+
 FOLDER = Path(__file__).parents[1] / "docs/images"
 COLOURS = 128
-SECONDS = 40
+SECONDS = 40.0
 
 
 def main() -> None:
-    """Run the demo, and keep its pictures."""
+    """Use the page, and keep its pictures."""
+    browser = find_chromium()
+    if browser is None:
+        sys.exit("no Chromium is installed: tools/debian-packages judges")
     with tempfile.TemporaryDirectory() as folder:
-        words = ["demo", "console", "--seconds", str(SECONDS), "--pictures", folder]
-        subprocess.run([sys.executable, "-m", "cardan", *words], check=True)
+        _, problems = use_console(browser, Path(folder), SECONDS)
+        if problems:
+            sys.exit("\n".join(problems))
         for path in sorted(Path(folder).glob("console-*.png")):
             with Image.open(path) as picture:
                 plain = picture.convert("RGB").quantize(

@@ -12,8 +12,8 @@ import pytest
 
 from cardan.drivers.omni import OmniOptions
 from cardan.gateway.session.assembly import load_config
-from cardan.gateway.session.demo import launched
 from cardan.gateway.session.examples import free_ports
+from cardan.gateway.session.launched import launched
 from cardan.gateway.session.session import EXIT_OK, make_session
 from cardan.gateway.session.supervisor import supervise
 from cardan.sim_peers import registry as peers

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench.network.clients import face
-from cardan.gateway.session.browser import Tab, chromium, find_chromium
 from cardan.gateway.session.examples import free_ports
 from studies.cartesian.controller import session
 from studies.cartesian.rig import (
@@ -24,6 +23,7 @@ from studies.cartesian.rig import (
     network_table,
     quantile,
 )
+from tests.console.browser import Tab, chromium, find_chromium
 from tests.console.hand import FINGER, RELOADED, STATE, enable, jog
 
 AIMS_S = (0.015, 0.040)

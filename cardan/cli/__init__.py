@@ -179,13 +179,6 @@ def demo(
             help='Print the extras of Cardan that it needs beside "arm", then end.',
         ),
     ] = False,
-    pictures: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="Where the demo `console` leaves pictures of its page; by default a new folder.",
-        ),
-    ] = None,
     list_: Annotated[bool, typer.Option("--list", help="Print the demos, then end.")] = False,
     as_json: AsJson = False,
     verbose: Verbose = False,
@@ -219,14 +212,14 @@ def demo(
         print(",".join(chosen.extras))
         raise typer.Exit
     begin_serving(verbose, log_level)
-    if chosen.program == "lab":
-        from cardan.gateway.daemon.lab_demo import run_lab
+    if chosen.is_lab:
+        from cardan.gateway.daemon.demo import run_lab
 
         check_length(chosen, seconds)
         raise typer.Exit(run_lab(chosen, seconds))
     from cardan.gateway.faces.console.address import picture
 
-    raise typer.Exit(run_demo(seconds, name, pictures, picture))
+    raise typer.Exit(run_demo(seconds, name, picture))
 
 
 @app.command(epilog=EPILOG)
@@ -279,9 +272,10 @@ def run(
             raise ConfigurationError("--console-host", "is where --console serves: give both")
         if console and config.network is not None:
             from cardan.gateway.faces.console.address import picture
-            from cardan.gateway.session.with_console import with_console
+            from cardan.gateway.session.with_face import with_face
 
-            page = opened.enter_context(with_console(config.network, console_host or "127.0.0.1"))
+            host = console_host or "127.0.0.1"
+            page = opened.enter_context(with_face("console", config.network, host))
             print("\n".join((*page.before, f"console {page.endpoint}")), flush=True)
             if sys.stdout.isatty():
                 print(picture(page.endpoint), flush=True)

@@ -136,7 +136,7 @@ def top(
     from rich.console import Console
 
     from cardan.gateway.daemon.client import ControlClient
-    from cardan.gateway.daemon.view import frame, width_of
+    from cardan.gateway.daemon.view import show
     from cardan.gateway.session.panel import LivePanel
 
     end_s = None if seconds is None else time.monotonic() + seconds
@@ -149,10 +149,8 @@ def top(
         for rows in client.events("watch", value=period_s):
             if as_json:
                 print_json(rows)
-            elif panel.drawn:
-                panel.update(frame(rows, width_of(console)))
             else:
-                console.print(frame(rows, None), "", sep="\n", soft_wrap=True)
+                show(rows, console, panel)
             if end_s is not None and time.monotonic() >= end_s:
                 break
 

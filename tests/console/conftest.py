@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import pytest
 
-from cardan.gateway.session.browser import chromium, find_chromium
+from tests.console.browser import chromium, find_chromium
 
 
 @pytest.fixture(scope="package")

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cardan.gateway.session.browser import WAIT_S, Tab
+from tests.console.browser import WAIT_S, Tab
 
 STATE = "document.body.dataset.state"
 RELOADED = "document.querySelectorAll('.joint-jog').length > 0"

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from cardan.gateway.faces.console.holding import FRESH_S
-from cardan.gateway.session.browser import Browser, Tab, chromium, find_chromium
+from tests.console.browser import Browser, Tab, chromium, find_chromium
 from tests.console.hand import FINGER, KEY, MOUSE, RELOADED, Hand, Place, hold, jog, keeps
 from tests.console.proxy import Proxy, network_to
 from tests.console.rig import Face, Rig, Stop, face, robot_and_session

@@ -16,7 +16,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import NamedTuple
 
-from cardan.gateway.session.browser import Browser, Tab, chromium, find_chromium
+from tests.console.browser import Browser, Tab, chromium, find_chromium
 from tests.console.hand import RELOADED, keeps
 from tests.console.rig import Face, face
 from tests.serving import ARM_SESSION, free_endpoint

@@ -17,6 +17,7 @@ from rich.cells import cell_len, set_cell_size
 from rich.console import Console
 from rich.text import Text
 
+from cardan.gateway.session.panel import LivePanel
 from cardan.printable import printable
 
 COLUMNS: Final = ("name", "state", "for", "arm", "moved by", "device", "robot", "cpu")
@@ -67,16 +68,6 @@ def table(rows: Iterable[Row], width: int | None = None) -> Text:
     return Text("\n").join(lines)
 
 
-def line(row: Row, widths: Sequence[int]) -> Text:
-    """One of them alone, with columns of these widths."""
-    return _line(_cells(row), widths)
-
-
-def widths_of(rows: Iterable[Row]) -> list[int]:
-    """The widths that `rows` need, whatever becomes of them."""
-    return _widths([COLUMNS, *(_cells(row) for row in rows), _WIDEST], None)
-
-
 def why(row: Row) -> str:
     """Why it does not run or its arm does not move, what waits, and where it serves."""
     words = [row["reason"] or row.get("why", "")]
@@ -104,6 +95,14 @@ def frame(rows: Sequence[Row], width: int | None) -> Text:
     )
 
 
+def show(rows: Sequence[Row], console: Console, panel: LivePanel) -> None:
+    """Show it in the panel, or, where that is not on a terminal, as lines."""
+    if panel.drawn:
+        panel.update(frame(rows, width_of(console)))
+    else:
+        console.print(frame(rows, None), "", sep="\n", soft_wrap=True)
+
+
 def width_of(console: Console) -> int | None:
     """The width of a terminal; None: a program or a file reads it, and takes lines of any."""
     return console.width if console.is_terminal else None
@@ -122,10 +121,6 @@ def _cells(row: Row) -> tuple[str, ...]:
         "" if row["cpu"] is None else f"{100.0 * row['cpu']:.1f}%",
     )
     return tuple(map(printable, told))
-
-
-_WIDEST = ("", "stopped", "100 min", "recovering", "moved by", "", "", "100.0%")
-"""What may stand in a line."""
 
 
 def _widths(lines: Iterable[Sequence[str]], width: int | None) -> list[int]:

@@ -1,40 +1,41 @@
 """Runs an example without hardware: its simulated peers in processes of their own, and a session.
 
-The peers are started as any other program would start them, by the command line; what runs between
-them is the real gateway with the real drivers.
+What runs between the peers is the real gateway with the real drivers.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
-import secrets
 import shlex
-import shutil
 import sys
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 from cardan.drivers.omni.limits import TickLimits
-from cardan.errors import ConfigurationError
+from cardan.errors import ConfigurationError, DriverError
 from cardan.gateway.session.assembly import make_device
 from cardan.gateway.session.config import SessionConfig, parse_config
-from cardan.gateway.session.console_demo import run_with_console
 from cardan.gateway.session.examples import Demo, find_demos, read_demo
-from cardan.gateway.session.launched import READY_WITHIN_S, launched
-from cardan.gateway.session.network_demo import run_on_the_network
+from cardan.gateway.session.launched import READY_WITHIN_S
+from cardan.gateway.session.peers import Peers
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.supervisor import KILL_AFTER_S, Outcome, supervise
+from cardan.gateway.session.supervisor import KILL_AFTER_S, supervise
 from cardan.gateway.session.unattended import check_unattended, check_words
 from cardan.gateway.session.view import SessionView, summary
+from cardan.gateway.session.with_face import with_face
 
 EXIT_INCOMPLETE = 4
 
 CARDAN = (sys.executable, "-m", "cardan")
+
+ALL_INTERFACES = "0.0.0.0"
+HOSTS = {"console": (ALL_INTERFACES, "127.0.0.1"), "rosbridge": ("127.0.0.1",)}
+"""Where a face is served: at the first that can be. The page is for phones, too, wherever a
+certificate can be made."""
 
 WELL_FOLLOWED_M = 0.02
 """Largest distance of the simulated arm from its reference at the demo's speeds: servo delay and
@@ -64,35 +65,54 @@ def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConf
 
     Gives the session's configuration, and the command that it is run through (see `supervise`).
     """
-    # Should this process be stopped for ever, its peers still end by themselves.
-    until = ("--seconds", str(seconds + READY_WITHIN_S + KILL_AFTER_S))
     through: Sequence[str] = ()
     if demo.launcher:
         through = (*CARDAN, *check_words(demo, "launcher", shlex.split(demo.launcher)), "--")
-    with contextlib.ExitStack() as peers:
-        folder = Path(tempfile.gettempdir(), f"cardan-demo-{secrets.token_hex(4)}")
-        tables, launches = demo.prepare(folder)
-        config = parse_config(tables)
-        check_unattended(demo, config)
-        launches = [check_words(demo, "launch", words) for words in launches]
-        if demo.launch or demo.files:
-            # As late as can be: until a peer runs nobody removes it if this process is killed.
-            folder.mkdir(0o700)
-            peers.callback(shutil.rmtree, folder, ignore_errors=True)
-        for words in launches:
-            peers.enter_context(launched(*words, *until, folder=folder))
+    peers = Peers(demo, seconds + READY_WITHIN_S + KILL_AFTER_S)
+    config = parse_config(peers.tables)
+    check_unattended(demo, config)
+    with peers:
+        peers.start_all()
         yield config, through
 
 
-def find_problems(last: Snapshot, device_options: Any = None) -> list[str]:
+@contextlib.contextmanager
+def served_faces(
+    demo: Demo, config: SessionConfig, say: Callable[[str], None], picture_of: Callable[[str], str]
+) -> Iterator[None]:
+    """Serve the demo's faces beside its session, and say where."""
+    with contextlib.ExitStack() as opened:
+        for name in demo.faces:
+            if config.network is None:
+                raise ConfigurationError("network", f"is missing: the face {name} needs it")
+            for host in HOSTS[name]:
+                try:
+                    face = opened.enter_context(with_face(name, config.network, host, 0))
+                except DriverError:
+                    if host == HOSTS[name][-1]:
+                        raise
+                    say(f"the face {name} is for this computer alone")
+                    continue
+                for line in (*face.before, f"face {name}: {face.endpoint}"):
+                    say(line)
+                if host == ALL_INTERFACES:
+                    say(picture_of(face.endpoint))
+                break
+        yield
+
+
+def find_problems(
+    last: Snapshot, device_options: Any = None, *, may_rest: bool = False
+) -> list[str]:
     """The problems of a demo, by its last snapshot; empty when there were none.
 
     `device_options` are those of the device: a haptic one's force is held against its limits.
+    `may_rest`: nobody need move the arm.
     """
     found = []
     if last.cycles == 0:
         found.append("the robot was never commanded")
-    if last.path_m == 0.0:
+    if last.path_m == 0.0 and not may_rest:
         found.append("no path was commanded")
     if last.error_max_m > WELL_FOLLOWED_M:
         found.append(
@@ -153,6 +173,8 @@ def _force_problems(last: Snapshot, limits: TickLimits) -> list[str]:
 
 def _success(demo: Demo, last: Snapshot, device_options: Any) -> str:
     """The message of a demo without problems."""
+    if last.path_m == 0.0:
+        return "nobody moved the arm"
     if not isinstance(device_options, TickLimits):
         return demo.success_message
     return (
@@ -187,35 +209,21 @@ def check_length(demo: Demo, seconds: float) -> None:
         )
 
 
-def run_demo(
-    seconds: float,
-    name: str = "gofa",
-    pictures: Path | None = None,
-    picture_of: Callable[[str], str] = str,
-) -> int:
-    """Run a demo by its name or its file; returns the exit code of the command. One of a page
-    leaves pictures of it in the folder `pictures` (None: a new one); `picture_of` makes of the
-    page's address what a camera reads."""
+def run_demo(seconds: float, name: str = "gofa", picture_of: Callable[[str], str] = str) -> int:
+    """Run a demo by its name or its file; returns the exit code of the command. `picture_of` makes
+    of a page's address what a camera reads."""
     demo = choose_demo(name)
     check_length(demo, seconds)
-    if pictures is not None and demo.program != "console":
-        raise ConfigurationError("--pictures", f"{name} shows no page; the demo `console` does")
-    problems: list[str] = []
     with SessionView() as view:
+        say = partial(view.console.print, markup=False, highlight=False, soft_wrap=True)
         view.console.print(demo.description, markup=False)
-        with simulated_hardware(demo, seconds) as (config, through):
-
-            def run() -> Outcome:
-                return supervise(config, seconds, view.show, through=through, shown=view.is_read)
-
-            say = partial(view.console.print, markup=False, highlight=False, soft_wrap=True)
-            if demo.program == "console":
-                show = lambda address: say(picture_of(address))  # noqa: E731
-                outcome, problems = run_with_console(config, run, say, show, pictures)
-            elif demo.program:
-                outcome, problems = run_on_the_network(config, seconds, run, say, WELL_FOLLOWED_M)
-            else:
-                outcome = run()
+        with (
+            simulated_hardware(demo, seconds) as (config, through),
+            served_faces(demo, config, say, picture_of),
+        ):
+            if demo.invitation:
+                say(demo.invitation)
+            outcome = supervise(config, seconds, view.show, through=through, shown=view.is_read)
     if outcome.exit_code == EXIT_OK or outcome.last.cycles:
         view.console.print(summary(outcome.last))
     if outcome.exit_code != EXIT_OK:
@@ -225,7 +233,7 @@ def run_demo(
         view.console.print("ended early: not judged")
         return EXIT_OK
     options = make_device(config).options if config.device is not None else None
-    problems += find_problems(outcome.last, options)
+    problems = find_problems(outcome.last, options, may_rest=bool(demo.invitation))
     for line in (*find_remarks(outcome.last), *problems):
         print(f"cardan demo: {line}", file=sys.stderr)
     if not problems:

@@ -48,7 +48,7 @@ class Demo(Options):
     """An example that runs without hardware, and how: its block of comments."""
 
     file: Path = field(default=Path(), metadata=CODE_ONLY)
-    """The example, which is the session's configuration."""
+    """The example, which is the session's configuration, or the daemon's."""
     name: str
     """As ``cardan demo NAME`` takes it; by default the file's, without "-simulated"."""
     description: str
@@ -65,12 +65,11 @@ class Demo(Options):
     ports: tuple[str, ...] = ()
     """Keys of the configuration that are given free ports, in a row; of an endpoint of Zenoh's it
     is the port."""
-    program: Literal["", "console", "rosbridge", "lab"] = ""
-    """What runs beside it. ``rosbridge``: a program at ``cardan face rosbridge`` moves the arm of a
-    session without a device, while the session is recorded; the record is replayed after.
-    ``console``: a browser at ``cardan face console`` moves such an arm, by the page. ``lab``:
-    the example is a file of the daemon, ``cardan serve`` runs it, and what happens in a lab
-    happens."""
+    faces: tuple[Literal["console", "rosbridge"], ...] = ()
+    """What is served beside the session; its address is printed."""
+    invitation: str = ""
+    """What somebody may do meanwhile, printed before the session starts. Where a demo has one an
+    arm that nobody moves is no problem."""
     extras: tuple[str, ...] = ()
     """Extras of Cardan that it needs beside ``arm``, such as ``network``: ``make demo`` installs
     them."""
@@ -86,6 +85,11 @@ class Demo(Options):
                 except ValueError as error:
                     raise OptionError(key, command, f"words as in a shell ({error})") from None
                 require(words or key == "launcher", key, command, "words of a `cardan` command")
+
+    @property
+    def is_lab(self) -> bool:
+        """Whether its file is one of the daemon's, which has several sessions."""
+        return "sessions" in read_toml(self.file)
 
     @property
     def drivers(self) -> frozenset[str]:

@@ -6,7 +6,7 @@ import pytest
 from rich.cells import cell_len
 from rich.console import Console
 
-from cardan.gateway.daemon.view import frame, table, why, width_of, widths_of
+from cardan.gateway.daemon.view import frame, table, why, width_of
 
 SESSION = {
     "name": "gofa", "kind": "session", "state": "running", "reason": "", "since_s": 12.3,
@@ -107,7 +107,3 @@ def test_the_head_counts_and_names_what_does_not_run():
     head = frame([SESSION, waiting, FACE], None).plain.splitlines()[0]
     assert "2 sessions, 1 face; ur5 waiting" in head
     assert "nothing runs" in frame([], 80).plain
-
-
-def test_lines_alone_have_room_for_what_may_come():
-    assert all(most >= now for most, now in zip(widths_of([SESSION]), (4, 7, 4, 6), strict=False))

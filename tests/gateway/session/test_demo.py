@@ -2,33 +2,29 @@
 
 import contextlib
 import dataclasses
-import itertools
 import re
 import socket
 import subprocess
 import sys
-import threading
 from pathlib import Path
-from types import SimpleNamespace
-from typing import ClassVar
 
 import pytest
 
 from cardan.drivers.omni import OmniOptions
 from cardan.errors import ConfigurationError, DriverError
-from cardan.gateway.session import demo, network_demo, rosbridge_program
+from cardan.gateway.session import demo
 from cardan.gateway.session.demo import (
     EXIT_INCOMPLETE,
     FORCE_AGE_S,
     HELD_SHARE,
     choose_demo,
     find_problems,
-    launched,
     run_demo,
     simulated_hardware,
 )
 from cardan.gateway.session.examples import find_demos
-from cardan.gateway.session.rosbridge_program import RosbridgeProgram
+from cardan.gateway.session.launched import launched
+from cardan.gateway.session.peers import Peers
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import Outcome
@@ -79,6 +75,20 @@ def test_what_any_demo_may_lack(lack, words):
     for good, options in ((MOVED, None), (DRAWN, FELT)):
         (found,) = find_problems(dataclasses.replace(good, **lack), options)
         assert words in found
+
+
+def test_an_arm_that_nobody_need_move_may_rest(monkeypatch, capsys):
+    rested = dataclasses.replace(MOVED, finished=True, path_m=0.0)
+    assert find_problems(rested, may_rest=True) == []
+    pretend(monkeypatch, rested)
+    assert run_demo(10.0, "console") == EXIT_OK
+    said = capsys.readouterr().out
+    assert "open the page, press *Enable motion*" in said
+    assert "face console: http://127.0.0.1:8443" in said
+    assert "nobody moved the arm" in said
+    assert run_demo(10.0, "gofa") == EXIT_INCOMPLETE
+    (found,) = find_problems(dataclasses.replace(rested, cycles=0), may_rest=True)
+    assert "never commanded" in found
 
 
 @pytest.mark.parametrize(
@@ -133,9 +143,16 @@ def test_a_demo_that_was_ended_before_its_time_is_not_judged(monkeypatch, capsys
     assert ("not judged" in capsys.readouterr().out) is (code == EXIT_OK)
 
 
+class Served:
+    """A face."""
+
+    before, endpoint = (), "http://127.0.0.1:8443"
+
+
 def pretend(monkeypatch, last):
     """A session that ends with this snapshot; nothing runs."""
-    monkeypatch.setattr(demo, "launched", lambda *_, **__: contextlib.nullcontext())
+    monkeypatch.setattr(Peers, "start", lambda *_: None)
+    monkeypatch.setattr(demo, "with_face", lambda *_: contextlib.nullcontext(Served()))
     monkeypatch.setattr(demo, "supervise", lambda *_, **__: Outcome(EXIT_OK, last))
 
 
@@ -172,109 +189,13 @@ def test_what_a_demo_launches_serves_what_its_configuration_has():
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(180)  # Eight processes begin one after the other.
-def test_a_program_at_rosbridge_moves_the_robot_and_the_record_is_exact():
-    ran = subprocess.run(
-        [sys.executable, "-m", "cardan", "demo", "ros2", "--seconds", "8"],
-        capture_output=True,
-        text=True,
-        timeout=170,
-        check=False,
-    )
-    assert ran.returncode == 0, ran.stderr
-    for line in (
-        r"rosbridge face READY at ws://127\.0\.0\.1:\d+",
-        r"client: result: a twist was refused: twst: choose this streaming command first",
-        r"client: parameter preset_streaming_cmd is twist",
-        r"client: \d+ twists streamed in [56]\.\d s; TCP moved by up to 1\d\d\.\d mm, at most ",
-        r"record: \d+ messages of \d+ topics",
-        r"replay through the control core: .*: \d+ cycles, each command bit for bit the recorded",
-        r"\d+ poses seen again; path difference 0\.000 mm",
-    ):
-        assert re.search(line, ran.stdout), (line, ran.stdout)
-
-
-class Program:
-    """What a demo's program saw, all of it well."""
-
-    results: ClassVar = [
-        {"command": "twist", "outcome": "refused", "success": False, "reason": "choose it"},
-        {"command": "twist", "outcome": "accepted", "success": True, "reason": ""},
-    ]
-    moved_m, behind_m = 0.1, 0.004
-    refusals = RosbridgeProgram.refusals
-
-
-@pytest.mark.parametrize(
-    ("lack", "words"),
-    [
-        ({}, None),
-        ({"results": Program.results[:1]}, "did not tell that the twists were taken"),
-        ({"results": Program.results[1:]}, "a twist without a preset was not refused"),
-        ({"results": [*Program.results, Program.results[0]]}, "refused on the way: choose it"),
-        ({"moved_m": 0.001}, "the TCP moved by 1.0 mm only"),
-        ({"behind_m": 0.05}, "the TCP was 50.0 mm from where it was commanded"),
-        ({"behind_m": 0.0}, "the TCP was 0.0 mm from where it was commanded"),
-    ],
-)
-def test_what_a_program_may_find_wrong(lack, words):
-    program = Program()
-    vars(program).update(lack)
-    found = network_demo._judge_program(program, 0.02)
-    assert len(found) == (words is not None)
-    assert words is None or words in found[0]
-
-
-class Refused(RosbridgeProgram):
-    """A program whose arm refuses a stream at first."""
-
-    def __init__(self, reasons):
-        super().__init__("ws://127.0.0.1", "/arm")
-        self.results = Program.results[:1]
-        self._reasons = iter(reasons)
-
-    def wait_until_seen(self):
-        pass
-
-    def _send(self, **_operation):
-        pass
-
-    def _call(self, service, _values):
-        if service == "stop":
-            return {"success": True}
-        reason = next(self._reasons)
-        return {"results": [{"successful": not reason, "reason": reason}]}
-
-
-def test_a_program_asks_again_for_a_stream_that_was_refused(monkeypatch):
-    silent = "no datagram for 0.2 s"
-    monkeypatch.setattr(rosbridge_program, "ASK_AGAIN_S", 0.0)
-    Refused([silent, silent, ""]).drive(0.0, threading.Event())
-    monkeypatch.setattr(rosbridge_program, "ANSWER_WITHIN_S", 0.0)
-    with pytest.raises(DriverError, match=f"no stream of twists: {silent}"):
-        Refused(itertools.repeat(silent)).drive(0.0, threading.Event())
-
-
-@pytest.mark.parametrize(
-    ("code", "replayed", "words"),
-    [
-        (0, (0, ["/arm: 500 cycles, each command bit for bit the recorded one"]), None),
-        (4, (0, ["/arm: 500 cycles, each command bit for bit the recorded one"]), "not complete"),
-        (0, (4, ["/arm: the command of cycle 7 differs"]), "not replayed bit for bit"),
-        (0, (0, ["/arm: 300 cycles, each command bit for bit", "  not replayed"]), "to its end"),
-        (0, (0, ["/arm: 300 cycles, each command bit for bit"]), "not all of the session's 500"),
-        (0, (2, []), "not replayed bit for bit"),
-    ],
-)
-def test_what_a_record_may_lack(monkeypatch, tmp_path, code, replayed, words):
-    monkeypatch.setattr(network_demo, "_cardan", lambda *_: replayed)
-    recorder = SimpleNamespace(code=code, lines=("9 messages dropped",), complaints="")
-    outcome = Outcome(EXIT_OK, Snapshot(cycles=500))
-    said = []
-    found = network_demo._judge_record(recorder, tmp_path, outcome, said.append)
-    assert len(found) == (words is not None), found
-    assert words is None or words in found[0]
-    assert said[0] == "record: 9 messages dropped"
+def test_a_face_is_served_beside_the_session_for_whoever_comes(capsys):
+    """Nobody does."""
+    assert run_demo(5.0, "ros2") == EXIT_OK
+    said = capsys.readouterr().out
+    assert re.search(r"face rosbridge: ws://127\.0\.0\.1:\d+", said)
+    assert "move the arm by a client of that address" in said
+    assert "nobody moved the arm" in said
 
 
 def test_every_demo_names_the_extras_that_it_needs():
@@ -286,12 +207,11 @@ def test_every_demo_names_the_extras_that_it_needs():
         of_nodes = any(name.startswith(("phone", "ros2", "xr")) for name in each.drivers)
         on_a_network = of_nodes or "[network]" in text
         assert ("network" in each.extras) == on_a_network, each.name
-        assert ("console" in each.extras) == (each.program == "console"), each.name
-        assert ("record" in each.extras) == (each.program == "rosbridge"), each.name
+        assert ("console" in each.extras) == ("console" in each.faces), each.name
         assert ("can" in each.extras) == ("jr3_can" in each.drivers), each.name
 
 
-@pytest.mark.parametrize(("name", "extras"), [("ros2", "network,record\n"), ("gofa", "\n")])
+@pytest.mark.parametrize(("name", "extras"), [("ros2", "network\n"), ("gofa", "\n")])
 def test_the_extras_of_a_demo_are_told(name, extras):
     told = subprocess.run(
         [sys.executable, "-m", "cardan", "demo", "--extras", name],

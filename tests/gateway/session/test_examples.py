@@ -45,7 +45,7 @@ def test_every_example_without_hardware_is_a_demo():
 def test_a_demo_is_a_configuration_and_commands_that_are_allowed(name, tmp_path):
     demo = DEMOS[name]
     tables, launches = demo.prepare(tmp_path)
-    if demo.program == "lab":
+    if demo.is_lab:
         file = tmp_path / "lab.toml"
         file.write_text(as_toml(tables), encoding="utf-8")
         assert read_toml(file) == tables
@@ -141,7 +141,7 @@ def test_the_port_of_an_endpoint_becomes_one_of_the_demos_own(tmp_path):
 @pytest.mark.parametrize(
     ("block", "words"),
     [
-        (SAID + 'program = "page"', "demo.program: 'page' is not allowed; it must be .*rosbridge"),
+        (SAID + 'faces = ["page"]', "demo.faces: .*page.* is not allowed; .*rosbridge"),
         ("description = bread", "toaster-simulated.toml: demo is not TOML"),
         (
             SAID + 'lunch = ["sim toaster"]',

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from cardan.gateway.session.demo import launched
+from cardan.gateway.session.launched import launched
 
 pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 

@@ -12,6 +12,7 @@ from cardan.gateway.session import demo as demos
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.demo import run_demo
 from cardan.gateway.session.examples import find_demos, read_demo
+from cardan.gateway.session.peers import Peers
 from cardan.gateway.session.unattended import check_unattended, check_words
 from tests.gateway.fakes import FakeDevice
 
@@ -53,7 +54,7 @@ def checked(tmp_path, block, tables):
 @pytest.mark.parametrize("name", DEMOS)
 def test_every_demo_of_ours_is_simulated(name, tmp_path):
     tables, launches = DEMOS[name].prepare(tmp_path)
-    if DEMOS[name].program != "lab":  # tests/gateway/daemon/test_lab_demo.py
+    if not DEMOS[name].is_lab:  # tests/gateway/daemon/test_lab_demo.py
         check_unattended(DEMOS[name], parse_config(tables))
     for words in launches:
         joined = check_words(DEMOS[name], "launch", words)
@@ -297,7 +298,7 @@ def test_nothing_is_started_before_a_demo_is_refused(tmp_path, monkeypatch):
     def refuse(*_words, **_options):
         raise AssertionError
 
-    monkeypatch.setattr(demos, "launched", refuse)
+    monkeypatch.setattr(Peers, "start", refuse)
     monkeypatch.setattr(demos, "supervise", refuse)
     file = tmp_path / "real.toml"
     file.write_text(

@@ -1,5 +1,5 @@
-"""A demo on the network: a program at rosbridge moves the arm of a session, and the session is
-recorded. The record is put through the control core, and onto the network once more."""
+"""On the network a program at rosbridge moves the arm of a session, and the session is recorded.
+The record is put through the control core, and onto the network once more."""
 
 from __future__ import annotations
 
@@ -7,25 +7,29 @@ import math
 import re
 import subprocess
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from cardan.errors import CardanError, ConfigurationError
-from cardan.gateway.session.config import SessionConfig
+from cardan.errors import CardanError
+from cardan.gateway.session.demo import (
+    WELL_FOLLOWED_M,
+    choose_demo,
+    find_problems,
+    simulated_hardware,
+)
 from cardan.gateway.session.launched import Launched, launched
 from cardan.gateway.session.recorded import recorded
-from cardan.gateway.session.rosbridge_program import RosbridgeProgram, Vector
-from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
-from cardan.gateway.session.supervisor import Outcome
+from cardan.gateway.session.session import EXIT_OK
+from cardan.gateway.session.supervisor import Outcome, supervise
 from cardan.printable import printable
+from tests.acceptance.rosbridge_program import RosbridgeProgram, Vector
 
 BEFORE_AND_AFTER_S = 3.0
 """Of the session's time, what the program leaves for the arm to be seen, and to be stopped."""
 
 MOVED_M = 0.02
-"""What the TCP moves at least in the shortest demo."""
+"""What the TCP moves at least."""
 
 REPLAY_RATE = 4.0
 """How much faster than the session its record is shown on the network."""
@@ -39,42 +43,34 @@ SEEN_SHARE = 0.9
 _Say = Callable[[str], None]
 
 
-def run_on_the_network(
-    config: SessionConfig,
-    seconds: float,
-    run: Callable[[], Outcome],
-    say: _Say,
-    well_followed_m: float,
-) -> tuple[Outcome, list[str]]:
-    """Run the session by `run`, for `seconds`, with all that belongs to it; `say` is told what
-    happens. Gives its outcome, and what was not as it should be; the TCP is to be within
-    `well_followed_m` of its command.
-
-    Raises CardanError where something of it cannot be started.
-    """
-    network = config.network
-    if network is None:
-        raise ConfigurationError("network", "is missing: a demo with a program needs it")
-    node = "/".join(("", *filter(None, (network.namespace, network.name))))
-    router = ("--router", network.router)
-    with tempfile.TemporaryDirectory(prefix="cardan-demo-") as folder:
-        path = Path(folder, "session.mcap")
+def run_on_the_network(folder: Path, seconds: float, say: _Say = print) -> list[str]:
+    """Run the network's example for `seconds`, with all that belongs to it; `say` is told what
+    happens. The record goes to `folder`. Gives what was not as it should be."""
+    path = folder / "session.mcap"
+    with simulated_hardware(choose_demo("ros2"), seconds) as (config, _):
+        network = config.network
+        assert network is not None
+        node = "/".join(("", *filter(None, (network.namespace, network.name))))
+        router = ("--router", network.router)
         with (
             launched("face", "router", "--endpoint", network.router),
             launched("face", "rosbridge", "--port", "0", *router) as url,
         ):
-            say(f"rosbridge face READY at {url}")
             with recorded(network, path, *router) as recorder:
-                say("recorder READY")
                 program = RosbridgeProgram(url, node, say)
-                outcome, problems = _with_program(program, seconds - BEFORE_AND_AFTER_S, run)
-            if outcome.exit_code != EXIT_OK or outcome.last.ending == STOPPED_ON_REQUEST:
-                return outcome, []
-            problems += _judge_program(program, well_followed_m)
+                outcome, problems = _with_program(
+                    program,
+                    seconds - BEFORE_AND_AFTER_S,
+                    lambda: supervise(config, seconds, lambda _: None),
+                )
+            if outcome.exit_code != EXIT_OK:
+                return [f"the session failed: {outcome.last.error}"]
+            problems += find_problems(outcome.last)
+            problems += _judge_program(program)
             problems += _judge_record(recorder, path, outcome, say)
             if not problems:
                 problems += _shown_again(url, node, path, router, program.poses, say)
-    return outcome, problems
+    return problems
 
 
 def _with_program(
@@ -92,7 +88,7 @@ def _with_program(
             if not over.is_set():
                 problems.append(str(error))
 
-    thread = threading.Thread(target=work, name="demo-program", daemon=True)
+    thread = threading.Thread(target=work, name="rosbridge-client", daemon=True)
     thread.start()
     try:
         outcome = run()
@@ -102,7 +98,7 @@ def _with_program(
     return outcome, problems
 
 
-def _judge_program(program: RosbridgeProgram, well_followed_m: float) -> list[str]:
+def _judge_program(program: RosbridgeProgram) -> list[str]:
     problems = []
     if not program.refusals():
         problems.append("a twist without a preset was not refused: ~/result told nothing")
@@ -112,7 +108,7 @@ def _judge_program(program: RosbridgeProgram, well_followed_m: float) -> list[st
         problems.append(f"a twist was refused on the way: {program.refusals()[-1]}")
     if program.moved_m < MOVED_M:
         problems.append(f"the TCP moved by {1e3 * program.moved_m:.1f} mm only")
-    if not 0.0 < program.behind_m <= well_followed_m:
+    if not 0.0 < program.behind_m <= WELL_FOLLOWED_M:
         problems.append(f"the TCP was {1e3 * program.behind_m:.1f} mm from where it was commanded")
     return problems
 

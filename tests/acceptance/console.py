@@ -1,25 +1,23 @@
-"""A demo of the console: a person at the page, played by a program with a real browser, holds a jog
-button, previews a goal and goes there. Where there is no browser the page waits for a person."""
+"""A person at the console's page, played by a program with a real browser: it holds a jog button,
+previews a goal and goes there, and takes pictures of the page."""
 
 from __future__ import annotations
 
-import contextlib
 import json
 import math
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
-from cardan.bus.options import BusOptions
-from cardan.errors import CardanError, ConfigurationError, DriverError
-from cardan.gateway.session.browser import Tab, chromium, find_chromium
-from cardan.gateway.session.config import SessionConfig
-from cardan.gateway.session.launched import Launched
-from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
-from cardan.gateway.session.supervisor import Outcome
-from cardan.gateway.session.with_console import with_console
+from cardan.errors import CardanError, DriverError
+from cardan.gateway.session.demo import choose_demo, find_problems, simulated_hardware
+from cardan.gateway.session.session import EXIT_OK
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor import supervise
+from cardan.gateway.session.with_face import with_face
+from tests.console.browser import Tab, chromium
 
 WIDE, NARROW = (1120, 720), (360, 740)
 """CSS pixels of the screens: a notebook's, and a small phone's."""
@@ -46,9 +44,6 @@ STILL_S = 2.0
 """Before a picture is taken: without a graphics card the page draws the arm finely once it has
 been at rest for a while."""
 
-MOVES = "document.querySelector('.why').dataset.level === 'ok'"
-"""While something is held: the page says that the arm moves, without a limit in its way."""
-
 _Say = Callable[[str], None]
 
 
@@ -56,61 +51,27 @@ class OverError(Exception):
     """The session's time is over, or it has ended."""
 
 
-def run_with_console(
-    config: SessionConfig,
-    run: Callable[[], Outcome],
-    say: _Say,
-    show_address: _Say,
-    pictures: Path | None,
-) -> tuple[Outcome, list[str]]:
-    """Run the session by `run` with the console beside it, and the program at its page; `say` is
-    told what happens. `show_address` shows a page's address to somebody with a camera. Gives the
-    session's outcome, and what was not as it should be. Pictures of the page go to the folder
-    `pictures` (None: a new one, which is named).
-
-    Raises CardanError where something of it cannot be started.
-    """
-    network = config.network
-    if network is None:
-        raise ConfigurationError("network", "is missing: the console needs it")
-    browser = find_chromium()
-    if browser is None:
-        with _console_for_others(network, say) as face:
-            for line in face.before:
-                say(line)
-            say(f"there is no Chromium here that could show it. Open the page: {face.endpoint}")
-            show_address(face.endpoint)
-            return run(), []
-    folder = pictures or Path(tempfile.mkdtemp(prefix="cardan-console-"))
-    folder.mkdir(parents=True, exist_ok=True)
-    with with_console(network, "127.0.0.1", 0) as face:
-        say(f"console READY at {face.endpoint}")
-        over = threading.Event()
-        person = Person(face.endpoint, folder, say, over)
-        thread = threading.Thread(target=person.work, args=(browser,), daemon=True)
-        thread.start()
-        try:
-            outcome = run()
-        finally:
-            over.set()
-            thread.join()
-    say(f"pictures of the page: {folder}")
-    if outcome.exit_code != EXIT_OK or outcome.last.ending == STOPPED_ON_REQUEST:
-        return outcome, []
-    return outcome, person.problems()
-
-
-@contextlib.contextmanager
-def _console_for_others(network: BusOptions, say: _Say) -> Iterator[Launched]:
-    """The page for a phone or another computer; where no certificate can be made, for this computer
-    alone."""
-    with contextlib.ExitStack() as opened:
-        try:
-            face = opened.enter_context(with_console(network, "0.0.0.0", 0))
-        except DriverError:
-            say("the page is for this computer alone")
-            face = opened.enter_context(with_console(network, "127.0.0.1", 0))
-        yield face
+def use_console(
+    browser: str, folder: Path, seconds: float, say: _Say = print
+) -> tuple[Snapshot, list[str]]:
+    """Run the example of the console for `seconds`, and the person at its page with the program
+    `browser`; `say` is told what happens. Pictures of the page go to `folder`. Gives the session's
+    last snapshot, and what was not as it should be."""
+    with simulated_hardware(choose_demo("console"), seconds) as (config, _):
+        assert config.network is not None
+        with with_face("console", config.network, "127.0.0.1", 0) as face:
+            over = threading.Event()
+            person = Person(face.endpoint, folder, say, over)
+            thread = threading.Thread(target=person.work, args=(browser,), daemon=True)
+            thread.start()
+            try:
+                outcome = supervise(config, seconds, lambda _: None)
+            finally:
+                over.set()
+                thread.join()
+    if outcome.exit_code != EXIT_OK:
+        return outcome.last, [f"the session failed: {outcome.last.error}"]
+    return outcome.last, person.problems() + find_problems(outcome.last)
 
 
 class Person:

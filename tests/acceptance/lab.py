@@ -1,9 +1,9 @@
-"""A demo of the daemon: a lab of four arms and three devices, and what happens in one.
+"""What happens in a lab of four arms and three devices.
 
 The simulated devices and robots, and `cardan serve` with the lab's file, are processes as any other
-program would start them. What its people do is done here, from outside: a device is unplugged and
-plugged in again, a session killed, a key of the file changed, a device passed on. What is seen of
-it is shown, as ``cardan top`` does, and judged.
+program would start them. What the lab's people do is done here, from outside: a device is unplugged
+and plugged in again, a session killed, a key of the file changed, a device passed on. What is seen
+of it is judged.
 """
 
 from __future__ import annotations
@@ -12,45 +12,26 @@ import contextlib
 import itertools
 import math
 import os
-import secrets
-import shutil
 import signal
-import sys
-import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from rich.console import Console
-from rich.text import Text
-
-from cardan.errors import CardanError, ConfigurationError, MotionLoopError, MotionRefusedError
+from cardan.errors import ConfigurationError, MotionLoopError, MotionRefusedError
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.daemon import view
 from cardan.gateway.daemon.changes import Change
 from cardan.gateway.daemon.client import RELOAD_S, ControlClient, DaemonArm
+from cardan.gateway.daemon.demo import POLL_S, READY_S, simulated_lab, write_lab
 from cardan.gateway.daemon.kept import ENGAGED
-from cardan.gateway.daemon.layout import Layout, read_layout, sharers
-from cardan.gateway.daemon.processes import ENDS_WITHIN_S
+from cardan.gateway.daemon.layout import Layout, sharers
+from cardan.gateway.session.demo import WELL_FOLLOWED_M, choose_demo
 from cardan.gateway.session.examples import Demo
-from cardan.gateway.session.launched import READY_WITHIN_S, Launched
-from cardan.gateway.session.panel import LivePanel
+from cardan.gateway.session.peers import Peers
 from cardan.gateway.session.session import EXIT_OK
-from cardan.gateway.session.unattended import check_unattended, check_words
 from cardan.printable import printable
-from cardan.signals import on_ending
-from cardan.tables import as_toml
-
-EXIT_INCOMPLETE: Final = 4
-
-POLL_S: Final = 0.1
-"""How often the lab is looked at: as often as the daemon looks."""
-
-READY_S: Final = 60.0
-"""Longest time until all arms are there: the daemon and each session import their arms' models, on
-two cores with other work to do."""
 
 STEP_S: Final = 30.0
 """Longest time for one thing to happen: 5 s, on a computer with nothing else to do."""
@@ -59,7 +40,7 @@ STEPS: Final = 12
 """How many there are."""
 
 UNPLUGGED_S: Final = 1.5
-"""How long a device stays away, so that a person sees it."""
+"""How long a device stays away."""
 
 MOVED_M: Final = 0.01
 """What the TCP of each arm moves at least: a stroke is 4 cm."""
@@ -70,9 +51,6 @@ STOOD_M: Final = 0.001
 SETTLES_S: Final = 1.0
 """Time until a disarmed arm is where it was told to stop, to some 0.1 mm: the position law of EGM
 comes nearer by two thirds in 0.3 s, from 2 mm."""
-
-WELL_FOLLOWED_M: Final = 0.02
-"""Largest distance of an arm from its reference, as in the other demos."""
 
 LIFT_M: Final = 0.05
 """How far the verb moves its arm."""
@@ -98,198 +76,61 @@ class Roles(NamedTuple):
     """The one that gets it; until then verbs move its arm."""
 
 
-class _EndedEarlyError(Exception):
-    """Ctrl-C."""
-
-
-class _NotSeenError(Exception):
+class NotSeenError(Exception):
     """Something did not happen in time."""
 
 
-def run_lab(demo: Demo, seconds: float) -> int:
-    """Run the demo for `seconds` from when all arms are there, or, on a busy computer, until all
-    has happened; the exit code of the command."""
-    told: list[int] = []
-    problems: list[str] = []
-    shown = LabView()
-    shown.say(demo.description)
-    lab: _Lab | None = None
-    try:
-        with on_ending(told.append), _Hardware(demo, seconds) as hardware, shown:
-            with hardware.daemon() as daemon:
-                lab = _Lab(hardware, daemon.endpoint, seconds, shown, told)
-                try:
-                    lab.perform()
-                except _NotSeenError as error:
-                    problems.append(str(error))
-                except CardanError:
-                    if not told:
-                        raise
-                    raise _EndedEarlyError from None
-                finally:
-                    lab.leave()
-            if daemon.code != EXIT_OK:
-                problems.append(f"the daemon ended with status {daemon.code}: {daemon.complaints}")
-    except _EndedEarlyError:
-        shown.say("ended early: not judged")
-        return EXIT_OK
-    problems += [*lab.problems, *lab.left_behind(hardware.folder)]
-    shown.say("")
+def live_in_lab(say: Callable[[str], None] = print) -> list[str]:
+    """Run the lab's example until all has happened; `say` is told what happens. Gives what was not
+    as it should be."""
+    demo, problems = choose_demo("lab"), []
+    with (
+        simulated_lab(demo, STEPS * STEP_S) as (peers, layout, daemon),
+        ControlClient(daemon.endpoint) as client,
+    ):
+        lab = Lab(Hardware(demo, peers, layout), daemon.endpoint, client, say)
+        try:
+            lab.perform()
+        except NotSeenError as error:
+            problems.append(str(error))
+    if daemon.code != EXIT_OK:
+        problems.append(f"the daemon ended with status {daemon.code}: {daemon.complaints}")
     for line in lab.summary():
-        shown.say(line)
-    for line in problems:
-        print(f"cardan demo: {line}", file=sys.stderr)
-    if not problems:
-        shown.say(demo.success_message)
-    return EXIT_INCOMPLETE if problems else EXIT_OK
+        say(line)
+    return [*problems, *lab.problems, *lab.left_behind(peers.folder)]
 
 
-class LabView:
-    """Shows the lab as ``cardan top`` does: live on a terminal, elsewhere a line for what has
-    changed."""
+class Hardware:
+    """What stands in for the lab's hardware, and its file."""
 
-    def __init__(self, console: Console | None = None) -> None:
-        self.console = console or Console()
-        self._panel = LivePanel(self.console)
-        self._began_s = time.monotonic()
-        self._widths = [0] * len(view.COLUMNS)
-        self._before: dict[str, tuple[object, ...]] = {}
-
-    def __enter__(self) -> LabView:
-        self._began_s = time.monotonic()
-        self._panel.__enter__()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._panel.__exit__(*exception)
-
-    def say(self, words: str) -> None:
-        """Say what happens now."""
-        self.console.print(words, markup=False, highlight=False, soft_wrap=True)
-
-    def show(self, rows: Sequence[view.Row]) -> None:
-        """Show these."""
-        if self._panel.drawn:
-            self._panel.update(view.frame(rows, view.width_of(self.console)))
-            return
-        self._widths = [max(pair) for pair in zip(self._widths, view.widths_of(rows), strict=True)]
-        for row in view.sorted_rows(rows):
-            now = _seen_of(row)
-            if now != self._before.get(row["name"]):
-                self._before[row["name"]] = now
-                line = Text(f"{time.monotonic() - self._began_s:5.1f} s  ")
-                line.append_text(view.line(row, self._widths))
-                if words := view.why(row):
-                    line.append(f"  | {words}")
-                self.console.print(line, soft_wrap=True)
-
-
-def _seen_of(row: view.Row) -> tuple[object, ...]:
-    """What is worth a line when it changes: an arm that is moved stands still now and then."""
-    engaged = row["phase"] in ENGAGED
-    links = row["device_link"], row["robot_link"]
-    return row["state"], engaged or row["phase"], row["authority"], links, row["changes_wait"]
-
-
-class _Hardware:
-    """What the lab is made of: its file, and what stands in for its hardware."""
-
-    def __init__(self, demo: Demo, seconds: float) -> None:
-        self.folder = Path(tempfile.gettempdir(), f"cardan-demo-{secrets.token_hex(4)}")
-        self._tables, launches = demo.prepare(self.folder)
-        if "daemon" in self._tables:
-            raise ConfigurationError(f"{demo.file}: daemon", "the demo has a daemon of its own")
-        self._tables["daemon"] = {
-            "socket": str(self.folder / "cardan.sock"),
-            "event_log": str(self.folder / "events.jsonl"),
-        }
-        self._commands = [check_words(demo, "launch", words) for words in launches]
-        # Should this process be stopped for ever, they still end by themselves.
-        longest_s = READY_WITHIN_S + READY_S + max(seconds, STEPS * STEP_S) + ENDS_WITHIN_S
-        self._until = ("--seconds", str(longest_s))
-        self._demo = demo
-        self._running: dict[int, Launched] = {}
-        self.roles = Roles("", "", "", "", "", "")
-        self.sessions: tuple[str, ...] = ()
-
-    def __enter__(self) -> _Hardware:
-        self.folder.mkdir(0o700)
-        try:
-            layout = read_layout([self._write()])
-            _check_simulated(self._demo, self._tables, layout)
-            self.sessions = tuple(layout.sessions)
-            self.roles = _roles_of(self._demo, layout)
-            for index in range(len(self._commands)):
-                self._launch(index)
-        except BaseException:
-            self.__exit__()
-            raise
-        return self
-
-    def __exit__(self, *_exception: object) -> None:
-        for each in self._running.values():
-            each.end()
-        shutil.rmtree(self.folder, ignore_errors=True)
-
-    @contextlib.contextmanager
-    def daemon(self) -> Iterator[Launched]:
-        """``cardan serve`` with the lab's file."""
-        words = ("serve", "lab.toml", *self._until)
-        daemon = Launched(
-            *words, folder=self.folder, ready_within_s=READY_S, end_within_s=ENDS_WITHIN_S
-        )
-        try:
-            yield daemon
-        finally:
-            daemon.end()
+    def __init__(self, demo: Demo, peers: Peers, layout: Layout) -> None:
+        self.sessions = tuple(layout.sessions)
+        self.roles = _roles_of(demo, layout)
+        self._peers = peers
 
     def unplug(self, device: str) -> None:
         """Unplug a device."""
-        self._running.pop(self._of(device)).end()
+        self._peers.end(self._of(device))
 
     def plug(self, device: str) -> None:
         """Plug it in again."""
-        self._launch(self._of(device))
+        self._peers.start(self._of(device))
 
     def change(self, session: str) -> None:
         """Make the hand of a session slower, in the lab's file."""
-        (table,) = (each for each in self._tables["sessions"] if each["name"] == session)
+        (table,) = (each for each in self._peers.tables["sessions"] if each["name"] == session)
         speed_m_s = table["mapping"]["linear_speed_m_s"]
         table["mapping"]["linear_speed_m_s"] = round(speed_m_s * SLOWER, 6)
-        self._write()
-
-    def _write(self) -> Path:
-        file = self.folder / "lab.toml"
-        # In place of the old one at once: whoever reads it finds one of them, whole.
-        fresh = file.with_suffix(".new")
-        fresh.write_text(as_toml(self._tables), encoding="utf-8")
-        return fresh.replace(file)
+        write_lab(self._peers)
 
     def _of(self, device: str) -> int:
         """The command that stands in for a device: the one that has its path."""
-        path = self._tables["devices"][device]["path"]
+        path = self._peers.tables["devices"][device]["path"]
         return next(
             index
-            for index, words in enumerate(self._commands)
+            for index, words in enumerate(self._peers.commands)
             if any(word.endswith(f"={path}") for word in words)
         )
-
-    def _launch(self, index: int) -> None:
-        words = (*self._commands[index], *self._until)
-        self._running[index] = Launched(*words, folder=self.folder)
-
-
-def _check_simulated(demo: Demo, tables: Mapping[str, Any], layout: Layout) -> None:
-    """Raise ConfigurationError unless all that the lab reaches is simulated."""
-    if layout.faces:
-        raise ConfigurationError(f"{demo.file}: faces", "a demo has none: others could reach it")
-    for table in tables["sessions"]:
-        names = {
-            key: f"{key}s.{table[key]}"
-            for key in ("device", "robot")
-            if isinstance(table.get(key), str)
-        }
-        check_unattended(demo, layout.sessions[table["name"]].config, names)
 
 
 def _roles_of(demo: Demo, layout: Layout) -> Roles:
@@ -307,7 +148,7 @@ def _roles_of(demo: Demo, layout: Layout) -> Roles:
     return Roles(*alone[0], alone[1][0], *shared[0][:3])
 
 
-class _Arm:
+class Arm:
     """What is seen of an arm."""
 
     def __init__(self) -> None:
@@ -347,37 +188,30 @@ class _Arm:
             self.moved_by.add(snapshot["authority"])
 
 
-class _Lab:
+class Lab:
     """The lab while it runs: what its people do, and what is seen."""
 
     def __init__(
-        self, hardware: _Hardware, socket: str, seconds: float, shown: LabView, told: list[int]
+        self, hardware: Hardware, socket: str, client: ControlClient, say: Callable[[str], None]
     ) -> None:
         self.problems: list[str] = []
-        self._hardware, self._socket, self._seconds = hardware, socket, seconds
-        self._shown, self._told = shown, told
-        self._client = ControlClient(socket)
-        self._arms = {name: _Arm() for name in hardware.sessions}
+        self._hardware, self._socket, self._client, self._say = hardware, socket, client, say
+        self._arms = {name: Arm() for name in hardware.sessions}
         self._pids: set[int] = set()
         self._parked: dict[str, list[float]] = {}
         """Arms that must stand, by session, and where they do."""
         self._done: list[str] = []
 
-    def leave(self) -> None:
-        """Leave the daemon alone."""
-        self._client.close()
-
     # -- what happens ----------------------------------------------------------------------------
 
     def perform(self) -> None:
-        """All of it, in its time."""
+        """All of it."""
         roles, arms = self._hardware.roles, self._arms
         self._until(
             f"all {len(arms)} robots are there",
             lambda: all(each.row.get("robot_link") == "live" for each in arms.values()),
             READY_S,
         )
-        began_s = time.monotonic()
         self._say(f"all {len(arms)} arms are there; hands move three of them, a verb the fourth")
         self._move_by_verb(roles.second)
         self._until(
@@ -400,9 +234,6 @@ class _Lab:
             ),
         )
         self._done.append(f"{roles.first} was restarted with what was changed")
-        self._say(f"done after {time.monotonic() - began_s:.0f} s; the hands go on")
-        while time.monotonic() < began_s + self._seconds:
-            self._poll()
 
     def _move_by_verb(self, name: str) -> None:
         with DaemonArm(name, path=self._socket) as arm:
@@ -494,21 +325,16 @@ class _Lab:
 
     # -- what is seen ----------------------------------------------------------------------------
 
-    def _say(self, words: str) -> None:
-        self._shown.say(words)
-
     def _until(self, what: str, found: Callable[[], bool], within_s: float = STEP_S) -> None:
         give_up_s = time.monotonic() + within_s
         self._poll()
         while not found():
             if time.monotonic() >= give_up_s:
-                raise _NotSeenError(f"this did not happen within {within_s:.0f} s: {what}")
+                raise NotSeenError(f"this did not happen within {within_s:.0f} s: {what}")
             self._poll()
 
     def _poll(self) -> None:
         time.sleep(POLL_S)
-        if self._told:
-            raise _EndedEarlyError
         rows = self._client.ask("figures")["units"]
         for row in rows:
             if row["pid"] is not None:
@@ -524,7 +350,6 @@ class _Lab:
                 self.problems.append(f"{name} moved, though its device was away")
                 del self._parked[name]
                 break
-        self._shown.show(rows)
 
     def left_behind(self, folder: Path) -> list[str]:
         """What should not be there any more, once all has ended; and what each arm did wrong."""
@@ -559,7 +384,7 @@ def _armed_by_plugging(events: Sequence[Mapping[str, Any]]) -> bool:
     return any(each in (("arm", "holding"), ("arm", "moving")) for each in until_back)
 
 
-def _live(arm: _Arm) -> bool:
+def _live(arm: Arm) -> bool:
     return bool(arm.row["device_link"] == "live")
 
 

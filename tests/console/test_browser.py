@@ -1,0 +1,62 @@
+"""The browser's driver: what it says of one that does not start, and that none outlives it."""
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cardan.errors import DriverError
+from tests.console.browser import chromium
+from tests.waiting import until
+
+STAYS = """
+import sys
+from pathlib import Path
+from tests.console.browser import chromium
+with chromium(sys.argv[1], Path(sys.argv[2])):
+    pass
+"""
+"""A program that waits for a browser."""
+
+
+@pytest.fixture
+def program(tmp_path):
+    """Writes a program, and gives its path: `program(lines)`."""
+
+    def write(lines):
+        path = tmp_path / "browser"
+        path.write_text(f"#!/bin/sh\n{lines}\n")
+        path.chmod(0o755)
+        return str(path)
+
+    return write
+
+
+def test_a_browser_that_does_not_start_is_named(tmp_path, program):
+    path = program("exit 3")
+    with pytest.raises(DriverError, match=r"browser ended with 3$"), chromium(path, tmp_path):
+        pass
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL], ids=lambda how: how.name)
+def test_a_browser_ends_with_the_program_that_started_it_however_that_ends(tmp_path, program, how):
+    """Debian's are started by a script, which waits for them."""
+    own = tmp_path / "own"
+    path = program(f"sleep 1000 &\necho $! >{own}.new\nmv {own}.new {own}\nwait")
+    with subprocess.Popen(
+        [sys.executable, "-c", STAYS, path, str(tmp_path)], cwd=Path(__file__).parents[2]
+    ) as starter:
+        until(own.exists)
+        starter.send_signal(how)
+    pid = int(own.read_text())
+    until(lambda: not is_running(pid))
+
+
+def is_running(pid):
+    """Whether a process runs; one that nobody has waited for does not."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
