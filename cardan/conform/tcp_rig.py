@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Generic, TypeVar
+from typing import Any, Generic
 
 from cardan.conform.conduct import Act, Conduct
 from cardan.conform.timeline import Kind
-from cardan.sim_peers.tcp_peer import TcpServers
+from cardan.sim_peers.tcp_servers import KindT, TcpServers
 
 LONGEST_S = 300.0
 """Of a simulated run; a script that waits for what never comes ends before."""
@@ -15,13 +15,11 @@ STEP_S = 1e-6
 NETWORK_S = 1e-4
 """How long a piece is on its way to the servers."""
 
-KindT = TypeVar("KindT", bound=str)
-
 
 class TcpRig(ABC, Generic[KindT]):
     """Carries what servers and pilot write, in order, and does what is asked by hand."""
 
-    def __init__(self, conduct: Conduct, servers: TcpServers[KindT]) -> None:
+    def __init__(self, conduct: Conduct, servers: TcpServers[KindT, Any]) -> None:
         self._conduct, self._servers = conduct, servers
         self._numbers: dict[str, int] = {}
         self._now_s = 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cardan.sim_peers.base import FaultSwitch
+from cardan.sim_peers.tcp_servers import RESET, SILENT
 
 SERVER_FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.share("drop-reply", "share of replies that are never sent"),
@@ -10,11 +11,9 @@ SERVER_FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.share(
         "stale-reply", "share of replies in whose place the one before is sent again"
     ),
-    FaultSwitch(
-        "silent", "from this time on nothing is sent or read, the sockets stay open, s", 5.0
-    ),
+    SILENT,
     FaultSwitch.at("cut", "the motion connection is closed"),
-    FaultSwitch.at("reset", "every connection is reset"),
+    RESET,
     FaultSwitch.flag(
         "strict-recv",
         "one recv is one message, as in MotoROS: a split message is refused and lost",
