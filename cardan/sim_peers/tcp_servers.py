@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar, Final, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
 from cardan.sim_peers.base import FaultSwitch, TimedActs
 
@@ -62,7 +62,7 @@ class Connection(Generic[KindT]):
     """Pieces to write."""
 
 
-ConnectionT = TypeVar("ConnectionT", bound=Connection[str])
+ConnectionT = TypeVar("ConnectionT", bound=Connection[Any])
 
 
 class TcpServers(ABC, Generic[KindT, ConnectionT]):

@@ -155,7 +155,7 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
             "motion": _MOTION_TYPES | (_VELOCITY_MODE_TYPES if options.velocity_mode else set()),
             "io": BIT_AND_GROUP_TYPES | REGISTER_TYPES,
         }
-        self._lengths = {
+        self._lengths: dict[PortKind, dict[int, int]] = {
             kind: {each: self._wire.request_bytes(each) for each in types}
             for kind, types in known.items()
         }
