@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
+from typing import Any, ClassVar, Final, Generic, TypeVar
 
 from cardan.sim_peers.base import FaultSwitch, TimedActs
 
@@ -28,26 +28,7 @@ KEPT_EVENTS: Final = 10_000
 KindT = TypeVar("KindT", bound=str)
 
 Act = Callable[[], None]
-
-
-class Eventful(Protocol):
-    """A controller that remembers what happened."""
-
-    @property
-    def events(self) -> deque[tuple[float, str]]:
-        """(time_s, what happened), the newest of them."""
-
-
-class ServerOptions(Protocol):
-    """What the options of a controller have."""
-
-    @property
-    def faults(self) -> Mapping[str, float]:
-        """Values by name."""
-
-    @property
-    def seed(self) -> int:
-        """Of chance."""
+Events = deque[tuple[float, str]]
 
 
 @dataclass(eq=False)
@@ -79,13 +60,12 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
     """Of `kinds`: nothing is ever taken from these connections."""
     state_period_s: float
     """Of what is published."""
-    controller: Eventful
-    options: ServerOptions
 
-    def __init__(self, controller: Eventful, options: ServerOptions) -> None:
-        self.controller, self.options = controller, options
-        self.events: deque[tuple[float, str]] = deque(maxlen=KEPT_EVENTS)
+    def __init__(self, history: Events, faults: Mapping[str, float], seed: int) -> None:
+        """`history`: what happened in the controller."""
+        self.events: Events = deque(maxlen=KEPT_EVENTS)
         """(time_s, what happened), the newest of them."""
+        self.histories = (history, self.events)
         self._connections: dict[int, ConnectionT] = {}
         self._count = 0
         self._closing: list[int] = []
@@ -95,9 +75,9 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
         self._start_s = math.nan
         self._now_s = 0.0
         self._next_state_s = math.inf
-        self._random = random.Random(options.seed)
+        self._random = random.Random(seed)
         self._timed: TimedActs[Act] = TimedActs({}, {})
-        self.behave(options.faults)
+        self.behave(faults)
 
     def behave(self, faults: Mapping[str, float]) -> None:
         """Have these faults from now on, and none of the others; what comes at a time is planned
@@ -120,9 +100,9 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
     def _due(self) -> Iterator[float]:
         """When the controller is to go on, and what its servers have to do next."""
 
+    @abstractmethod
     def _refuses(self, kind: KindT) -> str:
         """Why another client of this port is not served; empty: it is."""
-        return ""
 
     @abstractmethod
     def _met(self, kind: KindT, number: int) -> ConnectionT:
@@ -136,15 +116,11 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
     def _received(self, connection: ConnectionT, data: bytes) -> None:
         """What one read brought."""
 
+    @abstractmethod
     def _parted(self, connection: ConnectionT) -> None:
         """A connection has ended."""
 
     # -- what the shell calls -------------------------------------------------------------------
-
-    @property
-    def histories(self) -> tuple[deque[tuple[float, str]], ...]:
-        """What happened in the controller, and here."""
-        return (self.controller.events, self.events)
 
     @property
     def silent(self) -> bool:

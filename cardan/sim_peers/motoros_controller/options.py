@@ -98,15 +98,9 @@ class MotorosControllerOptions(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         ms = self.ipc_s * 1000.0
-        joints = load_arm(self.robot, "robot").joints
-        axes, start = len(joints), self.start
-        inside = start is None or (
-            len(start) == axes
-            and all(
-                joint.lower <= value <= joint.upper
-                for joint, value in zip(joints, start, strict=True)
-            )
-        )
+        arm = load_arm(self.robot, "robot")
+        axes = len(arm.joints)
+        inside = self.start is None or arm.holds(self.start)
         require_each(
             self,
             ("ipc_s", abs(ms - round(ms)) < 1e-6, "1 to 16 whole ms"),

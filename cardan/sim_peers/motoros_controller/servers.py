@@ -138,11 +138,11 @@ class MotorosServers(TcpServers[PortKind, _Connection]):
 
     kinds = PORT_KINDS
     never_read = frozenset({"state"})
-    controller: MotorosController
-    options: MotorosControllerOptions
 
     def __init__(self, controller: MotorosController, options: MotorosControllerOptions) -> None:
-        super().__init__(controller, options)
+        super().__init__(controller.events, options.faults, options.seed)
+        self.controller = controller
+        self.options = options
         self.state_period_s = options.state_period_s
         self.counters = ServerCounters()
         self.io = IoImage(controller.signals)

@@ -46,11 +46,11 @@ class UrServers(TcpServers[PortKind, _Connection]):
 
     kinds = PORT_KINDS
     state_period_s = STATE_PERIOD_S
-    controller: UrController
-    options: UrControllerOptions
 
     def __init__(self, controller: UrController, options: UrControllerOptions) -> None:
-        super().__init__(controller, options)
+        super().__init__(controller.events, options.faults, options.seed)
+        self.controller = controller
+        self.options = options
         self.telemetry = Telemetry(controller)
         self._claims = Claims(options.faults.get("in-use", 0.0) > 0.0)
 
