@@ -34,13 +34,13 @@ from cardan.protocols.simple_message import (
 )
 from cardan.sim_peers.base import TimedActs
 from cardan.sim_peers.motoros_controller.controller import MotorosController
+from cardan.sim_peers.motoros_controller.faults import FAULT_ALARM, STATE_PAUSE_EVERY_S
 from cardan.sim_peers.motoros_controller.io_image import (
     BIT_AND_GROUP_TYPES,
     REGISTER_TYPES,
     IoImage,
 )
 from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions
-from cardan.sim_peers.motoros_controller.server_faults import FAULT_ALARM, STATE_PAUSE_EVERY_S
 from cardan.sim_peers.tcp_servers import Act, Connection, TcpServers
 
 PortKind = Literal["motion", "state", "io"]
