@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Generic, TypeVar
+from typing import Any, Generic
 
 from cardan.conform.conduct import Act, Conduct
 from cardan.conform.timeline import Kind
-from cardan.sim_peers.tcp_peer import TcpServers
+from cardan.sim_peers.tcp_servers import KindT, TcpServers
 
 LONGEST_S = 300.0
 """Of a simulated run; a script that waits for what never comes ends before."""
@@ -15,21 +15,15 @@ STEP_S = 1e-6
 NETWORK_S = 1e-4
 """How long a piece is on its way to the servers."""
 
-KindT = TypeVar("KindT", bound=str)
-
 
 class TcpRig(ABC, Generic[KindT]):
     """Carries what servers and pilot write, in order, and does what is asked by hand."""
 
-    def __init__(self, conduct: Conduct, servers: TcpServers[KindT]) -> None:
+    def __init__(self, conduct: Conduct, servers: TcpServers[KindT, Any]) -> None:
         self._conduct, self._servers = conduct, servers
         self._numbers: dict[str, int] = {}
         self._now_s = 0.0
         self._to_it: list[tuple[float, str, bytes]] = []
-
-    @abstractmethod
-    def _kind_of(self, channel: str) -> KindT:
-        """Which of the servers a channel goes to."""
 
     @abstractmethod
     def _by_hand(self, what: str, now_s: float) -> None:
@@ -81,7 +75,9 @@ class TcpRig(ABC, Generic[KindT]):
     def _open(self, channel: str) -> None:
         number = None
         if not self._servers.silent:
-            number = self._servers.accepted(self._kind_of(channel), self._now_s)
+            # A channel's name begins with that of its port.
+            kind = next(each for each in self._servers.kinds if channel.startswith(each))
+            number = self._servers.accepted(kind, self._now_s)
         happened = Kind.REFUSED
         if number is not None:
             self._numbers[channel] = number

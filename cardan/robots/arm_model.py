@@ -215,6 +215,13 @@ class ArmModel(NamedTuple):
         """rad or m."""
         return tuple(joint.upper for joint in self.joints)
 
+    def holds(self, positions: Sequence[float]) -> bool:
+        """Whether this is a position of each joint, inside its range."""
+        return len(positions) == len(self.joints) and all(
+            joint.lower <= value <= joint.upper
+            for joint, value in zip(self.joints, positions, strict=True)
+        )
+
     @property
     def velocity(self) -> tuple[float, ...]:
         """rad/s or m/s."""

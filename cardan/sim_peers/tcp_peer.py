@@ -9,11 +9,11 @@ import socket
 import struct
 import time
 from abc import abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import Any, Generic
 
 from cardan.sim_peers.base import SimulatedPeer
+from cardan.sim_peers.tcp_servers import KindT, TcpServers
 from cardan.sockets import opened
 
 _READ_BYTES = 4096
@@ -25,52 +25,6 @@ _RESET = struct.pack("ii", 1, 0)
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
 
 log = logging.getLogger(__name__)
-
-KindT = TypeVar("KindT", bound=str)
-_KindT = TypeVar("_KindT", bound=str, contravariant=True)
-
-
-class TcpServers(Protocol[_KindT]):
-    """The servers of a controller, sans I/O; connections are small integers.
-
-    Bytes come in with the time, pieces to write go out. The first time given is the start, from
-    which the times of faults count.
-    """
-
-    @property
-    def silent(self) -> bool:
-        """Nothing is accepted, read or written any more, as if the cable had been pulled."""
-
-    @property
-    def next_s(self) -> float:
-        """When `advance` should be called next."""
-
-    def takes(self, connection: int, /) -> bool:
-        """Whether the server of this connection is ready to read."""
-
-    def accepted(self, kind: _KindT, now_s: float, /) -> int | None:
-        """A client has come; the number of its connection, None to close it at once."""
-
-    def data(self, connection: int, data: bytes, now_s: float, /) -> None:
-        """What one read of a connection brought."""
-
-    def eof(self, connection: int, now_s: float, /) -> None:
-        """A client has closed its end."""
-
-    def lost(self, connection: int, now_s: float, reason: str, /) -> None:
-        """A connection failed in the shell, or its client does not read."""
-
-    def advance(self, now_s: float, /) -> None:
-        """Everything that is due by `now_s`."""
-
-    def outgoing(self) -> list[tuple[int, bytes]]:
-        """Pieces to write, each with one write, in this order; they are given once."""
-
-    def closing(self) -> list[int]:
-        """Connections to close, after `outgoing` was written; they are given once."""
-
-    def aborting(self) -> list[int]:
-        """Connections to reset; they are given once."""
 
 
 @dataclass(eq=False)
@@ -85,19 +39,16 @@ class _Link(Generic[KindT]):
 
 
 class TcpPeer(SimulatedPeer, Generic[KindT]):
-    """Serves `servers` on the ports of `kinds`, on an absolute schedule.
+    """Serves `servers` on an absolute schedule.
 
-    A peer gives `kinds`, `_port_of` and `_events`; with port 0 any free ports are taken.
+    A peer gives `_port_of`; with port 0 any free ports are taken.
     """
 
-    kinds: ClassVar[Sequence[Any]]
-    """The ports, in the order in which they are opened."""
-    never_read: ClassVar[frozenset[str]] = frozenset()
-    """Of `kinds`: nothing is ever taken from these connections."""
+    servers: TcpServers[KindT, Any]
 
-    def __init__(self, host: str, servers: TcpServers[KindT]) -> None:
+    def __init__(self, host: str, servers: TcpServers[KindT, Any]) -> None:
         self._host = host
-        self._servers = servers
+        self.servers = servers
         self._listeners: dict[KindT, socket.socket] = {}
         self._links: dict[int, _Link[KindT]] = {}
         self._selector: selectors.BaseSelector | None = None
@@ -107,15 +58,16 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
     def _port_of(self, kind: KindT) -> int:
         """The port that is asked for; 0: any free one."""
 
-    @abstractmethod
-    def _events(self) -> Sequence[Sequence[tuple[float, str]]]:
-        """What happened, in some lists of (time_s, what)."""
-
     def _opened(self) -> None:
         """The ports are there: whatever else is to be opened. Raises a CardanError."""
 
     def _served(self) -> None:
         """A step has ended."""
+
+    @property
+    def kinds(self) -> tuple[KindT, ...]:
+        """The ports, in the order in which they are opened."""
+        return self.servers.kinds
 
     @property
     def endpoint(self) -> str:
@@ -144,7 +96,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
         self._selector = selectors.SelectSelector()
         for kind, listener in self._listeners.items():
             self._selector.register(listener, _READ, kind)
-        self._servers.advance(time.monotonic())
+        self.servers.advance(time.monotonic())
 
     def close(self) -> None:
         for link in self._links.values():
@@ -158,7 +110,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
             self._selector = None
 
     def step(self, until_s: float) -> None:
-        selector, servers = self._selector, self._servers
+        selector, servers = self._selector, self.servers
         if selector is None:
             return
         while (now_s := time.monotonic()) < until_s:
@@ -185,7 +137,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
             connection, _ = self._listeners[kind].accept()
         except OSError:  # gone before it was taken, or no more file descriptors
             return
-        number = self._servers.accepted(kind, time.monotonic())
+        number = self.servers.accepted(kind, time.monotonic())
         if number is None:
             connection.close()
             return
@@ -199,24 +151,24 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
     def _read(self, link: _Link[KindT]) -> None:
         if link.number not in self._links:
             return
-        stays = link.kind in self.never_read
+        stays = link.kind in self.servers.never_read
         try:
             data = link.connection.recv(_READ_BYTES, socket.MSG_PEEK if stays else 0)
         except BlockingIOError:
             return
         except OSError as error:
-            self._servers.lost(link.number, time.monotonic(), f"{error.strerror}")
+            self.servers.lost(link.number, time.monotonic(), f"{error.strerror}")
             return
         now_s = time.monotonic()
         if not data:
-            self._servers.eof(link.number, now_s)
+            self.servers.eof(link.number, now_s)
             return
         link.unread = stays
-        self._servers.data(link.number, data, now_s)
+        self.servers.data(link.number, data, now_s)
 
     def _flush(self) -> None:
         """Write what the servers have, then close what they have done with."""
-        servers = self._servers
+        servers = self.servers
         for number, data in servers.outgoing():
             link = self._links.get(number)
             if link is not None:
@@ -244,10 +196,10 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
         except BlockingIOError:
             if len(backlog) > _BACKLOG_BYTES:
                 backlog.clear()
-                self._servers.lost(link.number, time.monotonic(), "its client does not read")
+                self.servers.lost(link.number, time.monotonic(), "its client does not read")
         except OSError as error:
             backlog.clear()
-            self._servers.lost(link.number, time.monotonic(), f"{error.strerror}")
+            self.servers.lost(link.number, time.monotonic(), f"{error.strerror}")
 
     def _forget(self, link: _Link[KindT]) -> None:
         del self._links[link.number]
@@ -257,7 +209,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
 
     def _watch(self, selector: selectors.BaseSelector) -> None:
         """Listen to those sockets that may be read or can be written now."""
-        servers = self._servers
+        servers = self.servers
         for link in self._links.values():
             reads = servers.takes(link.number) and not link.unread
             wanted = (_READ if reads else 0) | (_WRITE if link.backlog else 0)
@@ -278,7 +230,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
     # -- events -----------------------------------------------------------------------------------
 
     def _report(self) -> None:
-        lists = self._events()
+        lists = self.servers.histories
         self._logged += [None] * (len(lists) - len(self._logged))
         for index, events in enumerate(lists):
             last, fresh = self._logged[index], []

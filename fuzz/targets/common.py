@@ -7,6 +7,8 @@ import zlib
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from cardan.sim_peers.tcp_servers import TcpServers
+
 
 def same(found: object, expected: object) -> None:
     """Assert that two values are the same; NaN is the same as NaN."""
@@ -59,6 +61,41 @@ def near(found: Any, expected: Any) -> None:
             near(one, other)
     else:
         same(found, expected)
+
+
+class Clients:
+    """A client at each port of a simulated controller's servers, in virtual time."""
+
+    def __init__(self, servers: TcpServers[Any, Any], step_s: float) -> None:
+        self._servers, self._step_s = servers, step_s
+        self.now_s = 1000.0
+        self._numbers: dict[Any, int] = {}
+        servers.advance(self.now_s)
+
+    def feed(self, packets: Iterable[bytes]) -> None:
+        """Each packet after a byte for its port; then all clients go."""
+        servers, numbers = self._servers, self._numbers
+        kinds = servers.kinds
+        for data in packets:
+            self.now_s += self._step_s
+            kind = kinds[data[0] % len(kinds)] if data else kinds[0]
+            number = numbers.get(kind) or servers.accepted(kind, self.now_s)
+            if number is not None:
+                numbers[kind] = number
+                if servers.takes(number):
+                    servers.data(number, data[1:], self.now_s)
+            servers.advance(self.now_s)
+            self.heard()
+        for number in numbers.values():
+            servers.eof(number, self.now_s)
+        self.heard()
+
+    def heard(self) -> bytes:
+        """What was written since; clients whose connections were ended are gone."""
+        said = b"".join(data for _, data in self._servers.outgoing())
+        ended = {*self._servers.closing(), *self._servers.aborting()}
+        self._numbers = {kind: each for kind, each in self._numbers.items() if each not in ended}
+        return said
 
 
 def all_finite(value: object) -> None:

@@ -34,7 +34,7 @@ from cardan_serial_mice.protocol import models
 from cardan_spnav_server.core import SpnavServerCore
 from fuzz.target import Form, Packets, Target
 from fuzz.targets import devices, robots
-from fuzz.targets.common import all_finite, text_of
+from fuzz.targets.common import Clients, all_finite, text_of
 from tests.dissect import worked
 
 
@@ -56,33 +56,11 @@ def _motoros(packets: Packets) -> object:
     options = MotorosControllerOptions(servo_on=True)
     controller = MotorosController(options)
     servers = MotorosServers(controller, options)
-    kinds = tuple(CONNECTIONS)
-    now_s = 1000.0
+    clients = Clients(servers, 0.004)
+    clients.feed(packets)
+    now_s = clients.now_s + 5.0
     servers.advance(now_s)
-    numbers: dict[Any, int | None] = {}
-
-    def tidy() -> bytes:
-        said = b"".join(data for _, data in servers.outgoing())
-        for number in (*servers.closing(), *servers.aborting()):
-            for kind in [each for each, its in numbers.items() if its == number]:
-                del numbers[kind]
-        return said
-
-    for data in packets:
-        now_s += 0.004
-        kind = kinds[data[0] % len(kinds)] if data else kinds[0]
-        if numbers.get(kind) is None:
-            numbers[kind] = servers.accepted(kind, now_s)
-        number = numbers[kind]
-        if number is not None and servers.takes(number):
-            servers.data(number, data[1:], now_s)
-        servers.advance(now_s)
-        tidy()
-    for number in [each for each in numbers.values() if each is not None]:
-        servers.eof(number, now_s)
-    now_s += 5.0
-    servers.advance(now_s)
-    tidy()
+    clients.heard()
     all_finite(controller.command_rad(0))
     fresh = servers.accepted("motion", now_s)
     if fresh is None:
@@ -92,7 +70,7 @@ def _motoros(packets: Packets) -> object:
     for _ in range(200):
         now_s += 0.002
         servers.advance(now_s)
-        said += tidy()
+        said += clients.heard()
     assert said, servers.events
     return controller.moving_data, len(packets) > 4
 

@@ -21,7 +21,7 @@ from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.events import read_events
 from cardan.gateway.daemon.layout import Layout, read_layout
 from cardan.gateway.daemon.processes import Lines, RunningSession
-from cardan.gateway.doctor import firewall, ports
+from cardan.gateway.doctor import ports
 from cardan.gateway.faces import telling
 from cardan.gateway.faces.assets import AssetError, Packages
 from cardan.gateway.faces.door import Caller, Denied, Door
@@ -506,8 +506,6 @@ def _doctor(data: bytes) -> object:
     text = text_of(data)
     results: list[object] = []
     readers: tuple[Callable[[], object], ...] = (
-        lambda: len(firewall.read_nftables(text, 7447)),
-        lambda: len(firewall.read_iptables(text, 7447)),
         lambda: len(list(ports.read_bound(text, "tcp"))),
         lambda: certificates.read_certificate(text),
         lambda: certificates.decode_certificate(data),
@@ -521,17 +519,6 @@ def _doctor(data: bytes) -> object:
 
 
 def _doctor_seeds() -> Iterator[bytes]:
-    yield (
-        b'{"nftables": [{"chain": {"family": "inet", "table": "filter", "name": "input", "hook": '
-        b'"input", "policy": "drop", "prio": 0}}, {"rule": {"family": "inet", "table": "filter", '
-        b'"chain": "input", "expr": [{"match": {"op": "==", "left": {"payload": {"protocol": "tcp",'
-        b' "field": "dport"}}, "right": {"set": [22, {"range": [7000, 8000]}]}}}, {"accept": '
-        b"null}]}}]}"
-    )
-    yield (
-        b"*filter\n:INPUT DROP [0:0]\n-A INPUT -p tcp -m tcp --dport 7000:8000 -j ACCEPT\n"
-        b"-A INPUT -m multiport -p udp --dports 1,2 -j DROP\nCOMMIT\n"
-    )
     yield (
         b"  sl  local_address rem_address   st tx_queue rx_queue tr tm->when retrnsmt   uid\n"
         b"   0: 0100007F:1F90 00000000:0000 0A 00000000:00000000 00:00000000 00000000  1000  0 1\n"

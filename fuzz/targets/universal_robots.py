@@ -13,15 +13,10 @@ from cardan.drivers.ur_rtde.session import CHANNELS, Phase, UrSession
 from cardan.protocols.ur import dashboard, primary, rtde
 from cardan.protocols.ur.script import Program, parse
 from cardan.protocols.ur.states import RobotMode
-from cardan.sim_peers.ur_controller import (
-    PORT_KINDS,
-    UrController,
-    UrControllerOptions,
-    UrServers,
-)
+from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 from cardan.types import HoldCommand, RobotLink
 from fuzz.target import Form, Packets, Target
-from fuzz.targets.common import all_finite, joined_streams, kinds, text_of
+from fuzz.targets.common import Clients, all_finite, joined_streams, kinds, text_of
 from tests.drivers.ur_rig import Rig
 
 _NAMES = ("timestamp", "actual_q")
@@ -210,34 +205,14 @@ def _controller(packets: Packets) -> object:
     options = UrControllerOptions(running=True)
     controller = UrController(options)
     servers = UrServers(controller, options)
-    now_s = 1000.0
-    servers.advance(now_s)
-    numbers: dict[Any, int | None] = {}
-
-    def tidy() -> bytes:
-        said = b"".join(data for _, data in servers.outgoing())
-        for number in (*servers.closing(), *servers.aborting()):
-            for kind in [each for each, its in numbers.items() if its == number]:
-                del numbers[kind]
-        return said
-
-    for data in packets:
-        now_s += 0.002
-        kind = PORT_KINDS[data[0] % len(PORT_KINDS)] if data else PORT_KINDS[0]
-        if numbers.get(kind) is None:
-            numbers[kind] = servers.accepted(kind, now_s)
-        number = numbers[kind]
-        if number is not None and servers.takes(number):
-            servers.data(number, data[1:], now_s)
-        tidy()
-    for number in [each for each in numbers.values() if each is not None]:
-        servers.eof(number, now_s)
-    tidy()
+    clients = Clients(servers, 0.002)
+    clients.feed(packets)
     all_finite(controller.servo.target_q)
-    fresh = servers.accepted("rtde", now_s + 0.002)
+    now_s = clients.now_s + 0.002
+    fresh = servers.accepted("rtde", now_s)
     assert fresh is not None
-    servers.data(fresh, rtde.ask_version(), now_s + 0.002)
-    assert rtde.reply_accepted(rtde.PacketType.PROTOCOL_VERSION, True) in tidy()
+    servers.data(fresh, rtde.ask_version(), now_s)
+    assert rtde.reply_accepted(rtde.PacketType.PROTOCOL_VERSION, True) in clients.heard()
     return controller.mode, controller.safety, controller.runtime
 
 

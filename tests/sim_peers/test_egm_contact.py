@@ -11,7 +11,7 @@ from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.errors import ConfigurationError, ScriptError
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, Surface
 from cardan.sim_peers.egm_controller.contact import tcp_velocity, touch
-from cardan.sim_peers.egm_controller.kinematics import forward
+from cardan.sim_peers.kinematics import forward
 from cardan.spatial import norm, rotate, subtract
 from cardan.types import Frame, HoldCommand, PoseCommand, Vector3
 from tests.sim_peers.egm_pc import Pc

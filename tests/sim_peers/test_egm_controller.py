@@ -28,7 +28,7 @@ from cardan.sim_peers.egm_controller import (
     EgmState,
 )
 from cardan.sim_peers.egm_controller.guidance import beyond_any_robot
-from cardan.sim_peers.egm_controller.kinematics import GOFA
+from cardan.sim_peers.kinematics import GOFA
 from cardan.spatial import from_rotation_vector, multiply, norm, rotation_between, subtract
 from cardan.types import Quaternion, Vector3
 from tests.sim_peers.egm_pc import START_DEG, TS, Pc, echo

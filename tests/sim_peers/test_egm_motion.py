@@ -5,14 +5,14 @@ import random
 
 import pytest
 
-from cardan.sim_peers.egm_controller.kinematics import (
+from cardan.sim_peers.egm_controller.motion import ControlLaw, JointMove, RampDown, Servo
+from cardan.sim_peers.kinematics import (
     GOFA,
     Differential,
     forward,
     jacobian,
     pose_error,
 )
-from cardan.sim_peers.egm_controller.motion import ControlLaw, JointMove, RampDown, Servo
 from cardan.spatial import to_euler_zyx
 
 TS = 0.004032

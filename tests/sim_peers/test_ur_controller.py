@@ -22,8 +22,8 @@ from cardan.protocols.ur.rtde import (
 )
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyMode
 from cardan.robots import load_arm
+from cardan.sim_peers.kinematics import UR_LINKS, forward
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
-from cardan.sim_peers.ur_controller.kinematics import TABLES, tcp_pose
 
 pytestmark = pytest.mark.matrix
 
@@ -378,13 +378,13 @@ def test_the_models_kinematics_are_those_of_the_tables(robot):
     """The model's base is turned by pi from the controller's."""
     arm = ArmKinematics(load_arm(robot))
     for joints in np.random.default_rng(3).uniform(-3.0, 3.0, (20, 6)):
-        x, y, z = tcp_pose(TABLES[robot], joints).position
+        x, y, z = forward(joints, UR_LINKS[robot]).pose.position
         assert arm.forward(joints).translation == pytest.approx((-x, -y, z), abs=1e-6)
 
 
 def test_a_pose_by_hand():
     """UR5e stretched upwards: its links one on the other."""
-    pose = tcp_pose(TABLES["ur5e"], (0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0))
+    pose = forward((0.0, -math.pi / 2, 0.0, -math.pi / 2, 0.0, 0.0), UR_LINKS["ur5e"]).pose
     assert pose.position == pytest.approx(
         (0.0, -0.1333 - 0.0996, 0.1625 + 0.425 + 0.3922 + 0.0997), abs=1e-9
     )

@@ -11,7 +11,7 @@ from cardan.sim_peers.motoros_controller import (
     MotorosControllerOptions,
     MotorosServers,
 )
-from cardan.sim_peers.motoros_controller.servers import PORT_KINDS, PortKind
+from cardan.sim_peers.motoros_controller.servers import PortKind
 
 
 class MotorosRig(TcpRig[PortKind]):
@@ -21,9 +21,6 @@ class MotorosRig(TcpRig[PortKind]):
         options = MotorosControllerOptions(faults=faults, seed=seed)
         self._controller = MotorosController(options)
         super().__init__(conduct, MotorosServers(self._controller, options))
-
-    def _kind_of(self, channel: str) -> PortKind:
-        return next(each for each in PORT_KINDS if each == channel)
 
     def _by_hand(self, what: str, now_s: float) -> None:
         doing = {

@@ -16,7 +16,7 @@ from cardan.sim_peers.motoros_controller import (
     MotorosControllerOptions,
     MotorosServers,
 )
-from cardan.sim_peers.motoros_controller.server_faults import FAULT_ALARM
+from cardan.sim_peers.motoros_controller.faults import FAULT_ALARM
 from cardan.sim_peers.motoros_controller.servers import PORT_KINDS, PortKind
 
 ROBOT = "gp8"

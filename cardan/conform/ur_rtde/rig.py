@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cardan.conform.conduct import Conduct
 from cardan.conform.tcp_rig import TcpRig
-from cardan.sim_peers.ur_controller import PORT_KINDS, UrController, UrControllerOptions, UrServers
+from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 from cardan.sim_peers.ur_controller.servers import PortKind
 
 
@@ -14,9 +14,6 @@ class UrRig(TcpRig[PortKind]):
     def __init__(self, conduct: Conduct, options: UrControllerOptions) -> None:
         self._controller = UrController(options)
         super().__init__(conduct, UrServers(self._controller, options))
-
-    def _kind_of(self, channel: str) -> PortKind:
-        return next(each for each in PORT_KINDS if channel.startswith(each))
 
     def _by_hand(self, what: str, now_s: float) -> None:
         controller = self._controller

@@ -20,7 +20,7 @@ from cardan.gateway.faces import registry as face_registry
 from cardan.gateway.session.assembly import make_driver
 
 COMMAND_S: Final = 3.0
-"""Longest wait for another program's answer, as that of `nft list ruleset`."""
+"""Longest wait for another program's answer."""
 
 
 class Level(str, Enum):

@@ -132,9 +132,11 @@ def _judge_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
     if not heard.sources:
         return caution(
             "not-heard",
-            f"nothing came to {where} of {who} within {LISTEN_S:g} s",
-            "the controller sends first: its program does not run, or sends elsewhere",
-            f"start its program; then, as the superuser: tcpdump -ni any udp port {endpoint.port}",
+            f"no datagram came to {where} of {who} within {LISTEN_S:g} s",
+            "the controller sends first: its program does not run, it sends elsewhere, or a "
+            "firewall drops what it sends",
+            "start its program; what a firewall drops: sudo nft list ruleset, or sudo iptables -L "
+            f"-n; what comes at all: sudo tcpdump -ni any udp port {endpoint.port}",
         )
     if endpoint.peer and (peer := _resolved(endpoint.peer)) not in heard.sources:
         return failure(

@@ -1,4 +1,4 @@
-"""Checks of the installation: Python, packages, compiled parts, plug-ins."""
+"""Checks of the installation: packages, compiled parts, plug-ins."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any, Final, NamedTuple
 
-from cardan import __version__
 from cardan.bus import transports
 from cardan.bus.options import BusOptions
 from cardan.drivers import registry as drivers
@@ -22,10 +21,6 @@ from cardan.plugins import Loaded
 
 GROUP = "installation"
 
-OLDEST: Final = (3, 10)
-NEWEST: Final = (3, 13)
-"""Pythons that it is tried with."""
-
 EXTRAS: Final = ("arm", "network", "can", "record", "foxglove", "dissect", "ruckig")
 """Extras that change what works here; the others are for developers."""
 
@@ -33,9 +28,8 @@ _EXTRA_OF_DRIVER: Final = {"jr3_can": "can", "sim_arm": "arm"}
 _EXTRA_OF_FACE: Final = {"foxglove": "foxglove"}
 
 _REQUIREMENT = re.compile(
-    r"(?P<name>[\w.-]+)(?:\[(?P<extras>[\w,.-]+)\])?\s*(?P<versions>[<>=!~\d.*,\s]*)(?:;(?P<marker>.*))?"
+    r"(?P<name>[\w.-]+)(?:\[(?P<extras>[\w,.-]+)\])?[<>=!~\d.*,\s]*(?:;(?P<marker>.*))?"
 )
-_LEAST = re.compile(r">=\s*([\d.]+)")
 _EXTRA = re.compile(r"extra\s*==\s*['\"]([\w.-]+)['\"]")
 _OLDER_PYTHON = re.compile(r"python_version\s*<\s*['\"](\d+)\.(\d+)['\"]")
 
@@ -45,8 +39,6 @@ class Requirement(NamedTuple):
 
     name: str
     extras: tuple[str, ...]
-    least: str
-    """Its oldest version; empty: any."""
     extra: str
     """Extra of Cardan that needs it; empty: all of it."""
 
@@ -65,18 +57,15 @@ def read_requirements(
             continue
         extra = _EXTRA.search(marker)
         extras = tuple(match["extras"].split(",")) if match["extras"] else ()
-        least = _LEAST.search(match["versions"])
-        found.append(
-            Requirement(match["name"], extras, least[1] if least else "", extra[1] if extra else "")
-        )
+        found.append(Requirement(match["name"], extras, extra[1] if extra else ""))
     return found
 
 
 def lacking(
     requirements: Iterable[Requirement], extra: str, version: Callable[[str], str | None]
 ) -> list[str]:
-    """What is missing or too old for `extra` (empty: for all of Cardan), in words. `version` gives
-    that of an installed package, or None."""
+    """What is missing for `extra` (empty: for all of Cardan), in words. `version` gives that of an
+    installed package, or None."""
     requirements = list(requirements)
     missing = []
     for each in requirements:
@@ -85,22 +74,9 @@ def lacking(
         if each.name == "cardan":
             for other in each.extras:
                 missing += lacking(requirements, other, version)
-            continue
-        there = version(each.name)
-        if there is None:
+        elif version(each.name) is None:
             missing.append(f"{each.name} is missing")
-        elif each.least and _numbers(there) < _numbers(each.least):
-            missing.append(f"{each.name} is {there}, and must be {each.least} or newer")
     return missing
-
-
-def _numbers(version: str) -> tuple[int, ...]:
-    """The release of a version; zeros at its end say nothing."""
-    release = re.match(r"[\d.]*", version)
-    numbers = [int(each) for each in release[0].split(".") if each] if release else []
-    while numbers and numbers[-1] == 0:
-        numbers.pop()
-    return tuple(numbers)
 
 
 def installed_version(name: str) -> str | None:
@@ -138,19 +114,6 @@ def needed_extras(subject: Subject) -> dict[str, str]:
     return needed
 
 
-def judge_python(version: tuple[int, int], text: str) -> Finding:
-    """Whether the Python is one that Cardan is tried with."""
-    what = f"Python {text}, Cardan {__version__}"
-    if OLDEST <= version <= NEWEST:
-        return good("python", what)
-    return caution(
-        "python",
-        what,
-        f"Cardan is tried with Python {'.'.join(map(str, OLDEST))} to {'.'.join(map(str, NEWEST))}",
-        "python3.13 -m venv .venv && .venv/bin/pip install cardan",
-    )
-
-
 def judge_packages(
     requirements: Iterable[Requirement],
     needed: Mapping[str, str],
@@ -181,17 +144,6 @@ def judge_packages(
     there = [extra for extra in EXTRAS if not lacking(requirements, extra, version)]
     without = f"; without {', '.join(absent)}, which nothing here needs" if absent else ""
     yield good("extra", f"extras: {', '.join(there) or 'none'}{without}")
-
-
-class PythonVersion(Check):
-    """Python's version."""
-
-    group, tells = GROUP, ("python",)
-
-    @classmethod
-    def look(cls, subject: Subject) -> Iterable[Finding]:
-        text = ".".join(map(str, sys.version_info[:3]))
-        return [judge_python(sys.version_info[:2], text)]
 
 
 class Packages(Check):

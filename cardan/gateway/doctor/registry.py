@@ -11,7 +11,6 @@ ENTRY_POINT_GROUP = "cardan.checks"
 
 _HERE = "cardan.gateway.doctor"
 BUILT_IN = {
-    "python": f"{_HERE}.installation:PythonVersion",
     "packages": f"{_HERE}.installation:Packages",
     "compiled": f"{_HERE}.installation:Compiled",
     "plug-ins": f"{_HERE}.installation:PlugIns",
@@ -25,7 +24,6 @@ BUILT_IN = {
     "holders": f"{_HERE}.devices:Holders",
     "files": f"{_HERE}.files:Files",
     "ports": f"{_HERE}.ports:Ports",
-    "firewall": f"{_HERE}.firewall:Firewall",
     "bus": f"{_HERE}.network:Bus",
     "ros": f"{_HERE}.network:RosEnvironment",
     "faces": f"{_HERE}.faces:Doors",

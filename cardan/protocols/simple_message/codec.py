@@ -107,6 +107,7 @@ class _Groups:
         """The number is the last word, of others the first; NTNU's firmware, whose bodies these
         are, always sends the groups it could have."""
         self.head = struct.Struct(f"{order.value}{len(words) + (not self._fixed)}i")
+        self.least = self.head.size + self._fixed * self.group.struct.size
         self._make = body._make
 
     def unpack(self, msg_type: int, data: bytes) -> m.Body | m.Malformed:
@@ -182,6 +183,12 @@ class Wire:
             for body in bodies
             if body in self._records
         }
+
+    def request_bytes(self, msg_type: T) -> int:
+        """Length of a request of this type, prefix included, without the groups that it counts."""
+        body = m.BODIES[msg_type][0]
+        record = self._records.get(body)
+        return _TOP_BYTES + (self._groups[body].least if record is None else record.struct.size)
 
     def encode(self, message: m.Message) -> bytes:
         """The bytes of `message`, prefix included. ValueError names what does not fit."""

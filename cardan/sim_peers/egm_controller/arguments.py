@@ -8,7 +8,7 @@ from __future__ import annotations
 import enum
 from dataclasses import dataclass
 
-from cardan.sim_peers.egm_controller.kinematics import AXES
+from cardan.sim_peers.kinematics import AXES
 
 ALL_AXES = tuple(range(AXES))
 

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
 from cardan import bounds
-from cardan.sim_peers.egm_controller.kinematics import AXES, Frames
+from cardan.sim_peers.kinematics import AXES, Frames
 from cardan.types import ZERO3, Vector3
 
 STICK_SPEED_M_S = 0.001

@@ -39,7 +39,6 @@ from cardan.sim_peers.egm_controller.faults import (
 )
 from cardan.sim_peers.egm_controller.guidance import beyond_any_robot
 from cardan.sim_peers.egm_controller.instructions import Instructions
-from cardan.sim_peers.egm_controller.kinematics import AXES, GOFA, forward
 from cardan.sim_peers.egm_controller.motion import Servo
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
 from cardan.sim_peers.egm_controller.panel import Panel
@@ -50,6 +49,7 @@ from cardan.sim_peers.egm_controller.scripts import (
     Action,
     compile_script,
 )
+from cardan.sim_peers.kinematics import AXES, GOFA, forward
 from cardan.spatial import conjugate, norm, rotate, to_euler_zyx
 from cardan.types import ZERO3, Pose, Vector3
 

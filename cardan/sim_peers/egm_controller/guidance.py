@@ -15,14 +15,14 @@ from typing import Generic, NamedTuple, TypeVar
 from cardan.protocols.egm.messages import EgmPose, EgmSensor, EgmSensorPathCorr
 from cardan.sim_peers.egm_controller.arguments import Act, PathMove, Run
 from cardan.sim_peers.egm_controller.events import NEAR_SINGULARITY, UNNUMBERED
-from cardan.sim_peers.egm_controller.kinematics import (
+from cardan.sim_peers.egm_controller.motion import ControlLaw, Servo
+from cardan.sim_peers.kinematics import (
     AXES,
     Differential,
     Frames,
     forward,
     pose_error,
 )
-from cardan.sim_peers.egm_controller.motion import ControlLaw, Servo
 from cardan.spatial import (
     cross,
     from_euler_zyx,

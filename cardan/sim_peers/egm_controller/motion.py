@@ -11,7 +11,7 @@ import random
 from collections import deque
 from collections.abc import Sequence
 
-from cardan.sim_peers.egm_controller.kinematics import AXES, ArmModel, Frames, forward
+from cardan.sim_peers.kinematics import AXES, ArmModel, Frames, forward
 
 _NOISE_SAMPLES = 1021
 """A prime, so that the repetition of the encoder noise matches no other period."""

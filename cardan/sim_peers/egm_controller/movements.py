@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from cardan.sim_peers.egm_controller.kinematics import AXES
 from cardan.sim_peers.egm_controller.motion import JointMove, RampDown, Servo
+from cardan.sim_peers.kinematics import AXES
 
 _STILL = [0.0] * AXES
 

@@ -15,7 +15,7 @@ from cardan.sim_peers.command import numbers, option
 from cardan.sim_peers.egm_controller.arguments import Mode
 from cardan.sim_peers.egm_controller.contact import Surface
 from cardan.sim_peers.egm_controller.faults import FAULTS
-from cardan.sim_peers.egm_controller.kinematics import AXES, GOFA
+from cardan.sim_peers.kinematics import AXES, GOFA
 
 REAL_PERIOD_S = 0.004032
 """Control period of a real controller."""

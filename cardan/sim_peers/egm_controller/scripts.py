@@ -14,8 +14,8 @@ from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.egm_controller.arguments import ALL_AXES, Mode, StopMode
 from cardan.sim_peers.egm_controller.contact import Surface
-from cardan.sim_peers.egm_controller.kinematics import AXES
 from cardan.sim_peers.egm_controller.panel import OnError
+from cardan.sim_peers.kinematics import AXES
 
 _Parser = Callable[[Sequence[str]], dict[str, Any]]
 

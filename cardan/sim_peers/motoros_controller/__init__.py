@@ -1,14 +1,12 @@
 """A simulated Yaskawa Motoman controller that runs MotoROS: simple message on three TCP ports."""
 
-from cardan.sim_peers.base import FaultSwitch
 from cardan.sim_peers.motoros_controller.controller import MotorosController as MotorosController
-from cardan.sim_peers.motoros_controller.faults import ROBOT_FAULTS as ROBOT_FAULTS
+from cardan.sim_peers.motoros_controller.faults import FAULTS as FAULTS
 from cardan.sim_peers.motoros_controller.io_image import IoImage as IoImage
 from cardan.sim_peers.motoros_controller.options import (
     MotorosControllerOptions as MotorosControllerOptions,
 )
 from cardan.sim_peers.motoros_controller.plant import PLANTS as PLANTS
-from cardan.sim_peers.motoros_controller.server_faults import SERVER_FAULTS as SERVER_FAULTS
 from cardan.sim_peers.motoros_controller.servers import (
     CONNECTIONS as CONNECTIONS,
     PORT_KINDS as PORT_KINDS,
@@ -16,5 +14,3 @@ from cardan.sim_peers.motoros_controller.servers import (
     ServerCounters as ServerCounters,
 )
 from cardan.sim_peers.motoros_controller.tcp import MotorosControllerPeer as MotorosControllerPeer
-
-FAULTS: tuple[FaultSwitch, ...] = (*ROBOT_FAULTS, *SERVER_FAULTS)

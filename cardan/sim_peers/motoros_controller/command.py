@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from cardan.sim_peers.base import serve
 from cardan.sim_peers.command import PeerCommand
-from cardan.sim_peers.motoros_controller.faults import ROBOT_FAULTS
+from cardan.sim_peers.motoros_controller.faults import FAULTS
 from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions
-from cardan.sim_peers.motoros_controller.server_faults import SERVER_FAULTS
 from cardan.sim_peers.motoros_controller.tcp import MotorosControllerPeer
 
 
@@ -20,7 +19,7 @@ class MotomanGp8(PeerCommand[MotorosControllerOptions]):
         "mode](protocols/motoros-velocity-mode.md)"
     )
     epilog = "Prints READY and the address of motion once it serves."
-    faults = (*ROBOT_FAULTS, *SERVER_FAULTS)
+    faults = FAULTS
 
     @staticmethod
     def run(options: MotorosControllerOptions, seconds: float | None) -> None:

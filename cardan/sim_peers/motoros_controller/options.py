@@ -14,9 +14,8 @@ from cardan.protocols.simple_message import MAX_GROUPS, MOTION_PORT
 from cardan.robots import ArmModel, JointKind, load_arm
 from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.command import option
-from cardan.sim_peers.motoros_controller.faults import ROBOT_FAULTS
+from cardan.sim_peers.motoros_controller.faults import FAULTS
 from cardan.sim_peers.motoros_controller.plant import PLANTS, PlantModel
-from cardan.sim_peers.motoros_controller.server_faults import SERVER_FAULTS
 
 MAX_AXES = 8
 """MP_GRP_AXES_NUM: axes of a group."""
@@ -98,15 +97,9 @@ class MotorosControllerOptions(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         ms = self.ipc_s * 1000.0
-        joints = load_arm(self.robot, "robot").joints
-        axes, start = len(joints), self.start
-        inside = start is None or (
-            len(start) == axes
-            and all(
-                joint.lower <= value <= joint.upper
-                for joint, value in zip(joints, start, strict=True)
-            )
-        )
+        arm = load_arm(self.robot, "robot")
+        axes = len(arm.joints)
+        inside = self.start is None or arm.holds(self.start)
         require_each(
             self,
             ("ipc_s", abs(ms - round(ms)) < 1e-6, "1 to 16 whole ms"),
@@ -118,7 +111,7 @@ class MotorosControllerOptions(Options):
                 for each in (getattr(self, key),)
             ),
         )
-        check_faults(self.faults, ROBOT_FAULTS + SERVER_FAULTS)
+        check_faults(self.faults, FAULTS)
 
     @property
     def arm(self) -> ArmModel:

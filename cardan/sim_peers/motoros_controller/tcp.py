@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import logging
-from collections.abc import Sequence
 from typing import TextIO
 
 from cardan.errors import ConfigurationError
@@ -24,14 +23,12 @@ class MotorosControllerPeer(TcpPeer[PortKind]):
     interpolation cycle becomes a row of a CSV file; with base port 0 any free ports are taken.
     """
 
-    kinds = PORT_KINDS
-    never_read = frozenset({"state"})
+    servers: MotorosServers
 
     def __init__(self, options: MotorosControllerOptions | None = None) -> None:
         self.options = options = MotorosControllerOptions() if options is None else options
         self.controller = MotorosController(options)
-        self.servers = MotorosServers(self.controller, options)
-        super().__init__(options.host, self.servers)
+        super().__init__(options.host, MotorosServers(self.controller, options))
         self._log_file: TextIO | None = None
 
     @property
@@ -52,9 +49,6 @@ class MotorosControllerPeer(TcpPeer[PortKind]):
     def _port_of(self, kind: PortKind) -> int:
         base = self.options.base_port
         return base + PORT_KINDS.index(kind) if base else 0
-
-    def _events(self) -> Sequence[Sequence[tuple[float, str]]]:
-        return (self.controller.events, self.servers.events)
 
     def _opened(self) -> None:
         if self.options.log:

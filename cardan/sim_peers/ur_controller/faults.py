@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cardan.sim_peers.base import FaultSwitch
+from cardan.sim_peers.tcp_servers import RESET, SILENT
 
 FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.at("protective-stop", "protective stop"),
@@ -32,9 +33,7 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.share(
         "garbage", "share of data packages with a packet of an unknown type before it"
     ),
-    FaultSwitch(
-        "silent", "from this time on nothing is sent or read, the sockets stay open, s", 5.0
-    ),
+    SILENT,
     FaultSwitch.at("cut", "the RTDE connections are closed"),
-    FaultSwitch.at("reset", "every connection is reset"),
+    RESET,
 )

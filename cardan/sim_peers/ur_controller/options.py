@@ -58,18 +58,12 @@ class UrControllerOptions(Options):
     def __post_init__(self) -> None:
         super().__post_init__()
         ports = [port for port in self.ports.values() if port]
-        joints = self.arm.joints
-        inside = self.start is None or (
-            len(self.start) == len(joints)
-            and all(
-                joint.lower <= value <= joint.upper
-                for joint, value in zip(joints, self.start, strict=True)
-            )
-        )
+        arm = self.arm
+        inside = self.start is None or arm.holds(self.start)
         require_each(
             self,
             ("rtde_port", len(set(ports)) == len(ports), "another one than the others"),
-            ("start", inside, f"{len(joints)} joints inside their ranges"),
+            ("start", inside, f"{len(arm.joints)} joints inside their ranges"),
         )
         check_faults(self.faults, FAULTS)
 

@@ -5,11 +5,8 @@ Sans-I/O: bytes come in with the time, pieces to write go out; a shell has the s
 
 from __future__ import annotations
 
-import heapq
-import math
 import random
-from collections import deque
-from collections.abc import Callable
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Final, Literal
 
@@ -19,6 +16,7 @@ from cardan.protocols.ur.rtde import packet
 from cardan.protocols.ur.script import LARGEST
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.base import TimedActs
+from cardan.sim_peers.tcp_servers import Act, Connection, TcpServers
 from cardan.sim_peers.ur_controller.controller import UrController
 from cardan.sim_peers.ur_controller.dashboard_server import answer
 from cardan.sim_peers.ur_controller.options import UrControllerOptions
@@ -32,163 +30,95 @@ CLIENTS: Final = 16
 """Each port serves at once."""
 STATE_PERIOD_S: Final = 0.1
 """Of the primary interface."""
-_SPLIT_S: Final = 0.001
-"""Delay of the second piece of a packet that is written in two."""
-_KEPT_EVENTS = 10_000
 _UNKNOWN_TYPE = 0x58
 _OTHER_PROGRAM = "def other():\n  while True:\n    sync()\n  end\nend\n"
 
 
 @dataclass(eq=False)
-class _Connection:
-    number: int
-    kind: PortKind
-    out: deque[bytes] = field(default_factory=deque)
-    late: list[tuple[float, int, bytes]] = field(default_factory=list)
+class _Connection(Connection[PortKind]):
     rtde: RtdeClient | None = None
     lines: dashboard.LineReader = field(default_factory=dashboard.LineReader)
     program: bytearray = field(default_factory=bytearray)
 
 
-class UrServers:
-    """The servers of a `UrController`; connections are small integers. They hold to
-    :class:`cardan.sim_peers.tcp_peer.TcpServers`."""
+class UrServers(TcpServers[PortKind, _Connection]):
+    """The servers of a `UrController`."""
+
+    kinds = PORT_KINDS
+    state_period_s = STATE_PERIOD_S
 
     def __init__(self, controller: UrController, options: UrControllerOptions) -> None:
+        super().__init__(controller.events, options.faults, options.seed)
         self.controller = controller
         self.options = options
         self.telemetry = Telemetry(controller)
-        self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
-        """(time_s, what happened), the newest of them."""
-        self._connections: dict[int, _Connection] = {}
-        self._count = self._order = 0
-        self._closing: list[int] = []
-        self._aborting: list[int] = []
-        self._last_words: list[tuple[int, bytes]] = []
-        self._started = self._silent = False
-        self._now_s = 0.0
-        self._next_state_s = math.inf
-        self._random = random.Random(options.seed)
-        faults = options.faults
-        self._claims = Claims(faults.get("in-use", 0.0) > 0.0)
-        self._skip = faults.get("skip", 0.0)
-        self._garbage = faults.get("garbage", 0.0)
-        self._late_s = 1e-3 * faults.get("late", 0.0)
-        self._split = faults.get("split", 0.0) > 0.0
-        self._timed: TimedActs[Callable[[], None]] = TimedActs({}, {})
+        self._claims = Claims(options.faults.get("in-use", 0.0) > 0.0)
 
-    # -- what the shell calls ---------------------------------------------------------------------
+    def behave(self, faults: Mapping[str, float]) -> None:
+        super().behave(faults)
+        self._skip_share = faults.get("skip", 0.0)
 
-    @property
-    def silent(self) -> bool:
-        return self._silent
+    # -- connections and time ---------------------------------------------------------------------
 
-    @property
-    def next_s(self) -> float:
-        times = [self.controller.next_s, self._timed.next_s]
+    def _due(self) -> Iterator[float]:
+        yield self.controller.next_s
         if not self._silent:
-            times.append(self._next_state_s)
-            for each in self._connections.values():
-                if each.late:
-                    times.append(each.late[0][0])
-                if each.out:
-                    times.append(self._now_s + _SPLIT_S)
-        return min(times)
+            yield self._next_state_s
 
-    def takes(self, connection: int) -> bool:
-        return connection in self._connections and not self._silent
+    def _refuses(self, kind: PortKind) -> str:
+        there = sum(each.kind == kind for each in self._connections.values())
+        return f"{CLIENTS} are there" if there >= CLIENTS else ""
 
-    def accepted(self, kind: PortKind, now_s: float) -> int | None:
-        self.advance(now_s)
-        if sum(each.kind == kind for each in self._connections.values()) >= CLIENTS:
-            self._note(f"{kind}: a client is refused, {CLIENTS} are there")
-            return None
-        self._count += 1
-        made = _Connection(self._count, kind)
-        self._connections[self._count] = made
-        self._note(f"{kind}: connection {self._count}")
-        if kind == "rtde":
-            made.rtde = RtdeClient(
+    def _met(self, kind: PortKind, number: int) -> _Connection:
+        return _Connection(number, kind)
+
+    def _greet(self, connection: _Connection) -> None:
+        if connection.kind == "rtde":
+            connection.rtde = RtdeClient(
                 self.controller,
                 self.telemetry,
                 self._claims,
-                lambda data: self._put(made, data),
+                lambda data: self._put(connection, data),
                 self._note,
             )
-        elif kind == "dashboard":
-            self._put(made, dashboard.request(dashboard.GREETING))
+        elif connection.kind == "dashboard":
+            self._put(connection, dashboard.request(dashboard.GREETING))
         else:
             version = version_message(self.controller.time_s, self.options.version)
-            self._put(made, version)
-        return self._count
+            self._put(connection, version)
 
-    def data(self, connection: int, data: bytes, now_s: float) -> None:
-        self.advance(now_s)
-        found = self._connections.get(connection)
-        if found is None or self._silent:
-            return
-        if found.rtde is not None:
-            found.rtde.data(data)
-            if found.rtde.failure:
-                self._drop(found, found.rtde.failure)
-        elif found.kind == "dashboard":
-            self._dashboard(found, data)
+    def _received(self, connection: _Connection, data: bytes) -> None:
+        if connection.rtde is not None:
+            connection.rtde.data(data)
+            if connection.rtde.failure:
+                self._drop(connection, connection.rtde.failure)
+        elif connection.kind == "dashboard":
+            self._dashboard(connection, data)
         else:
-            self._primary(found, data)
+            self._primary(connection, data)
         self._send_messages()
 
-    def eof(self, connection: int, now_s: float) -> None:
-        self.lost(connection, now_s, "its client has gone")
+    def _parted(self, connection: _Connection) -> None:
+        if connection.rtde is not None:
+            connection.rtde.gone()
 
-    def lost(self, connection: int, now_s: float, reason: str) -> None:
-        self.advance(now_s)
-        found = self._connections.get(connection)
-        if found is not None:
-            self._drop(found, reason)
-
-    def advance(self, now_s: float) -> None:
-        self._now_s = now_s
-        controller = self.controller
-        if not self._started:
-            self._started = True
-            self._timed = self._plan(now_s)
-            self._next_state_s = now_s + STATE_PERIOD_S
+    def _live(self) -> None:
+        controller, now_s = self.controller, self._now_s
         while True:
             for _, act in self._timed.due(min(now_s, controller.next_s)):
                 act()
             if not controller.advance(now_s):
                 break
             self._publish()
-        if now_s >= self._next_state_s:
-            missed = math.floor((now_s - self._next_state_s) / STATE_PERIOD_S)
-            self._next_state_s += (missed + 1) * STATE_PERIOD_S
+        if self._state_due():
             self._publish_state()
         self._send_messages()
-        for each in self._connections.values():
-            while each.late and each.late[0][0] <= now_s:
-                self._put(each, heapq.heappop(each.late)[2])
-
-    def outgoing(self) -> list[tuple[int, bytes]]:
-        pieces, self._last_words = self._last_words, []
-        for each in self._connections.values():
-            out = each.out
-            for _ in range(min(1, len(out)) if self._split else len(out)):
-                pieces.append((each.number, out.popleft()))
-        return [] if self._silent else pieces
-
-    def closing(self) -> list[int]:
-        numbers, self._closing = self._closing, []
-        return numbers
-
-    def aborting(self) -> list[int]:
-        numbers, self._aborting = self._aborting, []
-        return numbers
 
     # -- faults -----------------------------------------------------------------------------------
 
-    def _plan(self, start_s: float) -> TimedActs[Callable[[], None]]:
+    def _plan(self) -> TimedActs[Act]:
         controller = self.controller
-        acts: dict[str, Callable[[], None]] = {
+        acts: dict[str, Act] = {
             "protective-stop": lambda: controller.protective_stop("fault"),
             "unlock": self._unlock,
             "estop": controller.emergency_stop,
@@ -201,11 +131,9 @@ class UrServers:
             "other-program": lambda: controller.upload(_OTHER_PROGRAM),
             "local": self._local,
             "slider-zero": self._slider_zero,
-            "silent": self._fall_silent,
-            "cut": self._cut,
-            "reset": self._reset,
+            **self._network_acts(),
         }
-        return TimedActs(self.options.faults, acts, start_s=start_s)
+        return TimedActs(self.options.faults, acts, start_s=self._now_s)
 
     def _unlock(self) -> None:
         self.controller.unlock_protective_stop()
@@ -224,19 +152,6 @@ class UrServers:
 
     def _slider_zero(self) -> None:
         self.controller.slider = 0.0
-
-    def _fall_silent(self) -> None:
-        self._note("fault: silent from now on")
-        self._silent = True
-
-    def _cut(self) -> None:
-        for each in tuple(self._connections.values()):
-            if each.kind == "rtde":
-                self._drop(each, "fault: cut")
-
-    def _reset(self) -> None:
-        for each in tuple(self._connections.values()):
-            self._drop(each, "fault: reset", self._aborting)
 
     # -- what comes in ----------------------------------------------------------------------------
 
@@ -273,18 +188,11 @@ class UrServers:
             if each.rtde is None:
                 continue
             for data in each.rtde.packages(frame):
-                if self._skip and self._random.random() < self._skip:
+                if self._happens(self._skip_share):
                     continue
-                if self._garbage and self._random.random() < self._garbage:
+                if self._happens(self._garbage_share):
                     self._later(each, _junk(self._random))
                 self._later(each, data)
-
-    def _later(self, connection: _Connection, data: bytes) -> None:
-        if not self._late_s:
-            self._put(connection, data)
-            return
-        self._order += 1
-        heapq.heappush(connection.late, (self._now_s + self._late_s, self._order, data))
 
     def _publish_state(self) -> None:
         controller = self.controller
@@ -309,25 +217,6 @@ class UrServers:
         for each in self._connections.values():
             if each.kind == "primary":
                 self._put(each, data)
-
-    def _put(self, connection: _Connection, data: bytes) -> None:
-        if self._split and len(data) > 1:
-            cut = self._random.randrange(1, len(data))
-            connection.out.append(data[:cut])
-            connection.out.append(data[cut:])
-        else:
-            connection.out.append(data)
-
-    def _drop(self, connection: _Connection, reason: str, into: list[int] | None = None) -> None:
-        del self._connections[connection.number]
-        if connection.rtde is not None:
-            connection.rtde.gone()
-        self._last_words += [(connection.number, piece) for piece in connection.out]
-        (self._closing if into is None else into).append(connection.number)
-        self._note(f"{connection.kind}: connection {connection.number} is closed: {reason}")
-
-    def _note(self, text: str) -> None:
-        self.events.append((self._now_s, text))
 
 
 def _whole_program(data: bytearray) -> bytes | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from cardan.protocols.ur.states import (
@@ -14,8 +14,9 @@ from cardan.protocols.ur.states import (
     StatusBit,
 )
 from cardan.protocols.ur.variables import OUTPUTS
+from cardan.sim_peers.kinematics import UR_LINKS, forward
 from cardan.sim_peers.ur_controller.controller import UrController
-from cardan.sim_peers.ur_controller.kinematics import TABLES, as_vector, tcp_pose
+from cardan.spatial import to_rotation_vector
 
 _NOTHING: Final[Mapping[str, Any]] = {
     "VECTOR6D": (0.0,) * 6,
@@ -52,7 +53,7 @@ class Telemetry:
     def __init__(self, controller: UrController) -> None:
         self._controller = controller
         self.inputs = Inputs()
-        self._dh = TABLES[controller.options.robot]
+        self._links = UR_LINKS[controller.options.robot]
         self._made: dict[str, Callable[[], Any]] = self._makers()
 
     def value(self, name: str) -> Any:
@@ -101,8 +102,8 @@ class Telemetry:
             "target_qd": lambda: servo.target_qd,
             "actual_q": lambda: servo.actual_q,
             "actual_qd": lambda: servo.actual_qd,
-            "actual_TCP_pose": lambda: as_vector(tcp_pose(self._dh, servo.actual_q)),
-            "target_TCP_pose": lambda: as_vector(tcp_pose(self._dh, servo.target_q)),
+            "actual_TCP_pose": lambda: self._tcp_pose(servo.actual_q),
+            "target_TCP_pose": lambda: self._tcp_pose(servo.target_q),
             "robot_mode": lambda: controller.mode,
             "safety_mode": lambda: controller.safety,
             "safety_status": lambda: controller.safety,
@@ -118,6 +119,11 @@ class Telemetry:
             "actual_main_voltage": lambda: 48.0,
             "actual_robot_voltage": lambda: 48.0 if controller.mode >= RobotMode.POWER_ON else 0.0,
         }
+
+    def _tcp_pose(self, joints: Sequence[float]) -> tuple[float, ...]:
+        """x y z in m and the rotation vector in rad, of tool0 in the controller's base."""
+        pose = forward(joints, self._links).pose
+        return (*pose.position, *to_rotation_vector(pose.orientation))
 
     def _status_bits(self) -> int:
         controller = self._controller

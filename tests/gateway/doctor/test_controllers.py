@@ -59,6 +59,13 @@ def test_findings(endpoint, heard, level, code):
     assert told(Controllers, found) == [(level, code)]
 
 
+def test_what_did_not_arrive_and_how_a_firewall_s_rules_are_seen():
+    (found,) = judge_controllers({EGM: "robot of a"}, {EGM: Heard()})
+    assert found.what == "no datagram came to UDP port 6510 of robot of a within 2 s"
+    for command in ("sudo nft list ruleset", "sudo iptables -L -n", "udp port 6510"):
+        assert command in found.mend
+
+
 def udp():
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     sock.bind(("127.0.0.1", 0))

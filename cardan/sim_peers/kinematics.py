@@ -1,16 +1,18 @@
-"""Kinematics of the simulated arm, from its Denavit-Hartenberg table.
+"""Kinematics of simulated arms, from their makers' Denavit-Hartenberg tables.
 
-Independent of the package's other kinematics on purpose: the gateway's results are checked
-against this. Lengths in m, angles in rad, rotations as row-major 9-tuples while computing.
+Independent of the package's other kinematics on purpose: the gateway's results, and the models of
+the arms, are checked against this. Lengths in m, angles in rad, rotations as row-major 9-tuples
+while computing.
 
-Source: ABB CRB 15000-5/0.95, standard (distal) DH parameters as published with its public
-drivers; the last frame is tool0.
+Sources, standard (distal) DH parameters; the last frame is tool0: ABB CRB 15000-5/0.95 as published
+with its public drivers; UR5 and UR5e from UR's article on DH parameters (nominal values). UR's are
+in the controller's base, which is turned by pi about z from `base_link`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from operator import mul
 from typing import NamedTuple
 
@@ -65,6 +67,25 @@ GOFA = ArmModel(
     acceleration=tuple(v * _DEG / _TIME_TO_FULL_SPEED_S for v in _GOFA_SPEED_DEG_S),
 )
 """CRB 15000-5/0.95."""
+
+UR_LINKS: Mapping[str, tuple[DhLink, ...]] = {
+    "ur5": (
+        DhLink(0.0, 0.089159, 0.0, 0.0, 1.0),
+        DhLink(0.0, 0.0, -0.425, 1.0, 0.0),
+        DhLink(0.0, 0.0, -0.39225, 1.0, 0.0),
+        DhLink(0.0, 0.10915, 0.0, 0.0, 1.0),
+        DhLink(0.0, 0.09465, 0.0, 0.0, -1.0),
+        DhLink(0.0, 0.0823, 0.0, 1.0, 0.0),
+    ),
+    "ur5e": (
+        DhLink(0.0, 0.1625, 0.0, 0.0, 1.0),
+        DhLink(0.0, 0.0, -0.425, 1.0, 0.0),
+        DhLink(0.0, 0.0, -0.3922, 1.0, 0.0),
+        DhLink(0.0, 0.1333, 0.0, 0.0, 1.0),
+        DhLink(0.0, 0.0997, 0.0, 0.0, -1.0),
+        DhLink(0.0, 0.0996, 0.0, 1.0, 0.0),
+    ),
+}
 
 
 class Frames(NamedTuple):

@@ -1,0 +1,273 @@
+"""The servers of a simulated controller, sans I/O: connections, schedules, faults of the network.
+
+Bytes come in with the time, pieces to write go out; a shell (`cardan.sim_peers.tcp_peer`, or a rig
+in virtual time) has the sockets.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Final, Generic, TypeVar
+
+from cardan.sim_peers.base import FaultSwitch, TimedActs
+
+SILENT: Final = FaultSwitch(
+    "silent", "from this time on nothing is sent or read, the sockets stay open, s", 5.0
+)
+RESET: Final = FaultSwitch.at("reset", "every connection is reset")
+
+SPLIT_S: Final = 0.001
+"""Delay of the second piece of what is written in two."""
+KEPT_EVENTS: Final = 10_000
+
+KindT = TypeVar("KindT", bound=str)
+
+Act = Callable[[], None]
+Events = deque[tuple[float, str]]
+
+
+@dataclass(eq=False)
+class Connection(Generic[KindT]):
+    """One client."""
+
+    number: int
+    kind: KindT
+    late: deque[tuple[float, bytes]] = field(default_factory=deque)
+    """What is sent at a time."""
+    out: deque[bytes] = field(default_factory=deque)
+    """Pieces to write."""
+
+
+ConnectionT = TypeVar("ConnectionT", bound=Connection[Any])
+
+
+class TcpServers(ABC, Generic[KindT, ConnectionT]):
+    """The servers of a controller; connections are small integers.
+
+    The first time given is the start, from which the times of faults count. The faults "late",
+    "split", "garbage", "silent", "cut" and "reset" are of here; what is late, and what junk there
+    is, says the protocol.
+    """
+
+    kinds: tuple[KindT, ...]
+    """The ports, in the order in which they are opened; the first takes commands."""
+    never_read: ClassVar[frozenset[str]] = frozenset()
+    """Of `kinds`: nothing is ever taken from these connections."""
+    state_period_s: float
+    """Of what is published."""
+
+    def __init__(self, history: Events, faults: Mapping[str, float], seed: int) -> None:
+        """`history`: what happened in the controller."""
+        self.events: Events = deque(maxlen=KEPT_EVENTS)
+        """(time_s, what happened), the newest of them."""
+        self.histories = (history, self.events)
+        self._connections: dict[int, ConnectionT] = {}
+        self._count = 0
+        self._closing: list[int] = []
+        self._aborting: list[int] = []
+        self._last_words: list[tuple[int, bytes]] = []
+        self._silent = False
+        self._start_s = math.nan
+        self._now_s = 0.0
+        self._next_state_s = math.inf
+        self._random = random.Random(seed)
+        self._timed: TimedActs[Act] = TimedActs({}, {})
+        self.behave(faults)
+
+    def behave(self, faults: Mapping[str, float]) -> None:
+        """Have these faults from now on, and none of the others; what comes at a time is planned
+        from the options only."""
+        self._late_s = 1e-3 * faults.get("late", 0.0)
+        self._split = faults.get("split", 0.0) > 0.0
+        self._garbage_share = faults.get("garbage", 0.0)
+
+    # -- what a controller is -------------------------------------------------------------------
+
+    @abstractmethod
+    def _plan(self) -> TimedActs[Act]:
+        """What is done at a time, counted from now: the acts of the network, and others."""
+
+    @abstractmethod
+    def _live(self) -> None:
+        """The controller, and what comes at a time, until now."""
+
+    @abstractmethod
+    def _due(self) -> Iterator[float]:
+        """When the controller is to go on, and what its servers have to do next."""
+
+    @abstractmethod
+    def _refuses(self, kind: KindT) -> str:
+        """Why another client of this port is not served; empty: it is."""
+
+    @abstractmethod
+    def _met(self, kind: KindT, number: int) -> ConnectionT:
+        """The connection of a new client."""
+
+    @abstractmethod
+    def _greet(self, connection: ConnectionT) -> None:
+        """A client is there: what it hears first."""
+
+    @abstractmethod
+    def _received(self, connection: ConnectionT, data: bytes) -> None:
+        """What one read brought."""
+
+    @abstractmethod
+    def _parted(self, connection: ConnectionT) -> None:
+        """A connection has ended."""
+
+    # -- what the shell calls -------------------------------------------------------------------
+
+    @property
+    def silent(self) -> bool:
+        """Nothing is accepted, read or written any more, as if the cable had been pulled."""
+        return self._silent
+
+    @property
+    def next_s(self) -> float:
+        """When `advance` should be called next."""
+        times = [self._timed.next_s, *self._due()]
+        if not self._silent:
+            for each in self._connections.values():
+                if each.late:
+                    times.append(each.late[0][0])
+                if each.out:
+                    times.append(self._now_s + SPLIT_S)
+        return min(times)
+
+    def takes(self, connection: int) -> bool:
+        """Whether the server of this connection is ready to read."""
+        return connection in self._connections and not self._silent
+
+    def accepted(self, kind: KindT, now_s: float) -> int | None:
+        """A client has come; the number of its connection, None to close it at once."""
+        self._go(now_s)
+        if why := self._refuses(kind):
+            self._note(f"{kind}: a client is refused, {why}")
+            return None
+        self._count += 1
+        made = self._connections[self._count] = self._met(kind, self._count)
+        self._note(f"{kind}: connection {self._count}")
+        self._greet(made)
+        return made.number
+
+    def data(self, connection: int, data: bytes, now_s: float) -> None:
+        """What one read of a connection brought; of a port never read, what a peek shows."""
+        self._go(now_s)
+        found = self._connections.get(connection)
+        if found is not None and not self._silent:
+            self._received(found, data)
+
+    def eof(self, connection: int, now_s: float) -> None:
+        """A client has closed its end."""
+        self.lost(connection, now_s, "its client has gone")
+
+    def lost(self, connection: int, now_s: float, reason: str) -> None:
+        """A connection failed in the shell, or its client does not read."""
+        self._go(now_s)
+        found = self._connections.get(connection)
+        if found is not None:
+            self._drop(found, reason)
+
+    def advance(self, now_s: float) -> None:
+        """Everything that is due by `now_s`: the robot, faults, states, what is late."""
+        self._go(now_s)
+
+    def outgoing(self) -> list[tuple[int, bytes]]:
+        """Pieces to write, each with one write, in this order; they are given once."""
+        pieces, self._last_words = self._last_words, []
+        for each in self._connections.values():
+            out = each.out
+            for _ in range(min(1, len(out)) if self._split else len(out)):
+                pieces.append((each.number, out.popleft()))
+        return [] if self._silent else pieces
+
+    def closing(self) -> list[int]:
+        """Connections to close, after `outgoing` was written; they are given once."""
+        numbers, self._closing = self._closing, []
+        return numbers
+
+    def aborting(self) -> list[int]:
+        """Connections to reset; they are given once."""
+        numbers, self._aborting = self._aborting, []
+        return numbers
+
+    # -- time -----------------------------------------------------------------------------------
+
+    def _go(self, now_s: float) -> None:
+        self._now_s = now_s
+        if math.isnan(self._start_s):
+            self._start_s = now_s
+            self._next_state_s = now_s + self.state_period_s
+            self._timed = self._plan()
+        self._live()
+        for each in self._connections.values():
+            while each.late and each.late[0][0] <= now_s:
+                self._send(each, each.late.popleft()[1])
+
+    def _state_due(self) -> bool:
+        """Whether a state is to be published now; those that were missed are left out."""
+        if self._now_s < self._next_state_s:
+            return False
+        missed = math.floor((self._now_s - self._next_state_s) / self.state_period_s)
+        self._next_state_s += (missed + 1) * self.state_period_s
+        return True
+
+    def _happens(self, share: float) -> bool:
+        """Whether a fault happens that has this share."""
+        return share > 0.0 and self._random.random() < share
+
+    # -- faults of the network ------------------------------------------------------------------
+
+    def _network_acts(self) -> dict[str, Act]:
+        return {"silent": self._fall_silent, "cut": self._cut, "reset": self._reset}
+
+    def _fall_silent(self) -> None:
+        self._note("fault: silent from now on")
+        self._silent = True
+
+    def _cut(self) -> None:
+        for each in tuple(self._connections.values()):
+            if each.kind == self.kinds[0]:
+                self._drop(each, "fault: cut")
+
+    def _reset(self) -> None:
+        for each in tuple(self._connections.values()):
+            self._drop(each, "fault: reset", self._aborting)
+
+    # -- connections ----------------------------------------------------------------------------
+
+    def _drop(self, connection: ConnectionT, reason: str, into: list[int] | None = None) -> None:
+        number = connection.number
+        del self._connections[number]
+        self._last_words += [(number, piece) for piece in connection.out]
+        (self._closing if into is None else into).append(number)
+        self._note(f"{connection.kind}: connection {number} is closed: {reason}")
+        self._parted(connection)
+
+    def _later(self, connection: ConnectionT, data: bytes) -> None:
+        """Send what the fault "late" holds back."""
+        if self._late_s:
+            connection.late.append((self._now_s + self._late_s, data))
+        else:
+            self._send(connection, data)
+
+    def _send(self, connection: ConnectionT, data: bytes) -> None:
+        """Send what was not held back, or no longer is."""
+        self._put(connection, data)
+
+    def _put(self, connection: ConnectionT, data: bytes) -> None:
+        """Write, in two pieces with the fault "split"."""
+        if self._split and len(data) > 1:
+            cut = self._random.randrange(1, len(data))
+            connection.out.append(data[:cut])
+            connection.out.append(data[cut:])
+        else:
+            connection.out.append(data)
+
+    def _note(self, text: str) -> None:
+        self.events.append((self._now_s, text))
