@@ -15,11 +15,15 @@ FEEDBACK, STATUS = "feedback", "status"
 
 
 def channels_of(action: str) -> dict[str, Channel]:
-    """All that the suite opens, for an action of this name."""
+    """All that the suite opens, for an action of this name: the arm is in its controller's
+    namespace."""
     base = f"{action}/_action"
+    namespace = action.rpartition("/")[0].rpartition("/")[0]
     return {
-        STATES: TOPICS[STATES],
-        DESCRIPTION: TOPICS[DESCRIPTION],
+        **{
+            each: TOPICS[each]._replace(name=namespace + TOPICS[each].name)
+            for each in (STATES, DESCRIPTION)
+        },
         GOAL: Channel(f"{base}/{GOAL}", TYPE.send_goal.name, "called"),
         CANCEL: Channel(f"{base}/{CANCEL}", CANCEL_TYPE, "called"),
         RESULT: Channel(f"{base}/{RESULT}", TYPE.get_result.name, "called"),

@@ -127,7 +127,7 @@ class TrajectoryPilot(Pilot):
         end = [target[name] for name in names]
         if bad == "nan":
             end[names.index(self._moved)] = math.nan
-        points = [
+        points: list[Message] = [
             {"positions": start},
             {"positions": end, "time_from_start": _duration(seconds)},
         ]

@@ -35,7 +35,7 @@ GOAL_S = 0.004
 """How long a goal is on its way; its cancellation is there at once."""
 WALL_NS = 1_700_000_000 * 10**9
 
-_Row = list[float]
+_Path = list[tuple[float, list[float]]]
 
 
 class ActionRig(DriverRig):
@@ -56,7 +56,7 @@ class ActionRig(DriverRig):
         """Numbers of the requests for the results of goals that go on."""
         self._goal: Goal | None = None
         """That moves the arm."""
-        self._path: list[tuple[float, _Row]] = []
+        self._path: _Path = []
         """Times since the start, and positions; empty: the arm stands."""
         self._cycles = 0
 
@@ -110,7 +110,7 @@ class ActionRig(DriverRig):
         if "early" in self._faults:
             self._finish(goal, GoalStatus.SUCCEEDED)
 
-    def _planned(self, trajectory: Message) -> tuple[list[tuple[float, _Row]], int]:
+    def _planned(self, trajectory: Message) -> tuple[_Path, int]:
         """Where a trajectory leads from where the arm is, and the code of one that is none."""
         faults, names = self._faults, list(trajectory["joint_names"])
         if set(names).isdisjoint(self._names) and "unknown" in faults:
@@ -118,7 +118,7 @@ class ActionRig(DriverRig):
         few = set(names) < set(self._names) and "too-few" in faults
         if sorted(names) != sorted(self._names) and not few:
             return [], INVALID["INVALID_JOINTS"]
-        wrong = [], INVALID["INVALID_GOAL"]
+        wrong: tuple[_Path, int] = [], INVALID["INVALID_GOAL"]
         path = [(self._now_s, self._q)]
         begin: dict[str, float] = {}
         before_s = -1.0

@@ -27,7 +27,7 @@ class JointTrajectory(Suite[TrajectorySeen]):
     judges = "the arm's action server"
     speaks = "control_msgs/action/FollowJointTrajectory on rmw_zenoh"
     target = f"ROUTER[,ACTION], as tcp/127.0.0.1:7447,{ACTION}"
-    peer = "ros2"
+    peer = "pr2_right_arm"
     levels = Level.MOVE
     requirements = requires.all()
     transport = Transport("other")
