@@ -4,14 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from cardan.conform.joint_trajectory.pilot import (
-    BAD,
-    LATE_S,
-    NEAR,
-    REST_S,
-    STEP,
-    TOLERANCE_S,
-)
+from cardan.conform.joint_trajectory.pilot import LATE_S, NEAR, REST_S, STEP, TOLERANCE_S
 from cardan.conform.joint_trajectory.seen import Goal, TrajectorySeen
 from cardan.conform.requirements import (
     Outcome,
@@ -181,25 +174,42 @@ def _refused(seen: TrajectorySeen, phase: str) -> Verdict:
     return still._replace(said=f"{goal.became}; {still.said}")
 
 
-_OF = {
-    "unknown": "for joints that the arm does not have",
-    "too-few": "that lacks a joint",
-    "unequal": "whose last point has a position less than there are joints",
-    "same-time": "with two points at the same time",
-    "nan": "with a position that is no number",
-}
-for _number, _phase in enumerate(BAD, 203):
+CHECKED = f"{ACTION}: error_code; {CONTROLLER}: goals are checked before they are accepted"
 
-    def _judge(seen: TrajectorySeen, phase: str = _phase) -> Verdict:
-        return _refused(seen, phase)
 
-    _judge.__doc__ = (
-        f"A goal {_OF[_phase]} is rejected, or ends as ABORTED with {' or '.join(INVALID)}; "
-        "nothing moves."
-    )
-    requires(
-        _number, f"{ACTION}: error_code; {CONTROLLER}: goals are checked before they are accepted"
-    )(_judge)
+@requires(203, CHECKED)
+def strangers_are_refused(seen: TrajectorySeen) -> Verdict:
+    """A goal for joints that the arm does not have is rejected, or ends as ABORTED with
+    INVALID_GOAL or INVALID_JOINTS; nothing moves."""
+    return _refused(seen, "unknown")
+
+
+@requires(204, CHECKED)
+def a_missing_joint_is_refused(seen: TrajectorySeen) -> Verdict:
+    """A goal that lacks a joint is rejected, or ends as ABORTED with INVALID_GOAL or
+    INVALID_JOINTS; nothing moves."""
+    return _refused(seen, "too-few")
+
+
+@requires(205, CHECKED)
+def a_missing_position_is_refused(seen: TrajectorySeen) -> Verdict:
+    """A goal whose last point lacks a position is rejected, or ends as ABORTED with INVALID_GOAL or
+    INVALID_JOINTS; nothing moves."""
+    return _refused(seen, "unequal")
+
+
+@requires(206, CHECKED)
+def two_points_at_a_time_are_refused(seen: TrajectorySeen) -> Verdict:
+    """A goal with two points at the same time is rejected, or ends as ABORTED with INVALID_GOAL or
+    INVALID_JOINTS; nothing moves."""
+    return _refused(seen, "same-time")
+
+
+@requires(207, CHECKED)
+def no_number_is_refused(seen: TrajectorySeen) -> Verdict:
+    """A goal with a position that is no number is rejected, or ends as ABORTED with INVALID_GOAL or
+    INVALID_JOINTS; nothing moves."""
+    return _refused(seen, "nan")
 
 
 def _canceled(goal: Goal) -> Verdict:

@@ -25,8 +25,8 @@ class JointTrajectory(Suite[TrajectorySeen]):
 
     name = "joint-trajectory"
     judges = "the arm's action server"
-    speaks = "control_msgs/action/FollowJointTrajectory on rmw_zenoh"
-    target = f"ROUTER[,ACTION], as tcp/127.0.0.1:7447,{ACTION}"
+    speaks = "the ROS 2 action of joint trajectories on rmw_zenoh"
+    target = "the Zenoh router, as tcp/127.0.0.1:7447; the action's name after a comma"
     peer = "pr2_right_arm"
     levels = Level.MOVE
     requirements = requires.all()
