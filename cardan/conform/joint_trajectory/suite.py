@@ -26,7 +26,7 @@ class JointTrajectory(Suite[TrajectorySeen]):
     name = "joint-trajectory"
     judges = "the arm's action server"
     speaks = "the ROS 2 action of joint trajectories on rmw_zenoh"
-    target = "the Zenoh router, as tcp/127.0.0.1:7447; the action's name after a comma"
+    target = "ROUTER or ROUTER,ACTION, the Zenoh router as tcp/127.0.0.1:7447"
     peer = "pr2_right_arm"
     levels = Level.MOVE
     requirements = requires.all()
