@@ -24,7 +24,7 @@ class JointTrajectory(Suite[TrajectorySeen]):
     """What executes MoveIt's plans: joint_trajectory_controller, or a session of Cardan's."""
 
     name = "joint-trajectory"
-    judges = "the arm's action server"
+    judges = "the server"
     speaks = "the ROS 2 action of joint trajectories on rmw_zenoh"
     target = "ROUTER or ROUTER,ACTION, the Zenoh router as tcp/127.0.0.1:7447"
     peer = "pr2_right_arm"
