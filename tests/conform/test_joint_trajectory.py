@@ -23,9 +23,10 @@ from cardan.conform.joint_trajectory.names import (
 )
 from cardan.conform.joint_trajectory.pilot import FAR
 from cardan.conform.joint_trajectory.requirements import requires
+from cardan.conform.requirements import failed
 from cardan.conform.ros2_arm.names import DESCRIPTION, STATES
 from cardan.conform.run import simulated
-from cardan.conform.timeline import Kind
+from cardan.conform.timeline import Event, Kind, Timeline
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.plans import Plans
 from cardan.gateway.bus.commands import Instant
@@ -197,6 +198,27 @@ def test_nothing_that_comes_ends_the_pilot_or_a_judge():
     seen = SUITE.see(conduct.timeline)
     assert len(seen.malformed) == len(CHANNELS) - 1
     assert worse_than(Outcome.PASSED, {r.id: r.judge(seen) for r in requires.all()}) == {}
+
+
+def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
+    timeline = Timeline()
+    described = {"data": '<joint name="a" type="continuous"/><joint name="b" type="revolute"/>'}
+    _hear(timeline, DESCRIPTION, described)
+    for given in ({"finger": 0.1}, {"a": 3.0, "b": 1.0}, {"finger": 0.1}, {"a": -3.2, "b": 1.2}):
+        _hear(timeline, STATES, {"name": [*given], "position": [*given.values()]})
+    seen = SUITE.see(timeline)
+    assert seen.farthest(seen.states) == (pytest.approx(0.2), "b", 4)
+    assert seen.off(seen.states[-1], {"a": 3.0}) == {"a": pytest.approx(2 * math.pi - 6.2)}
+    _hear(timeline, STATES, {"name": ["a"], "position": [math.inf]})
+    seen = SUITE.see(timeline)
+    assert seen.farthest(seen.states)[:2] == (math.inf, "a")
+    assert requires.all()[0].judge(seen) == failed("a position is no number", [5])
+
+
+def _hear(timeline, channel, given):
+    name = CHANNELS[channel].type
+    data = codec_of(name).encode(completed(name, given))
+    timeline.add(Event(0.0, Kind.DATA, channel=channel, data=data))
 
 
 @pytest.mark.parametrize(

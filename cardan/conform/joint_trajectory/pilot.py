@@ -45,7 +45,8 @@ _NS = 10**9
 
 def apart(to: float, from_: float, kind: str) -> float:
     """How far a joint of this kind is from where it was: of a continuous one, by the short way."""
-    return math.remainder(to - from_, TURN) if kind == "continuous" else to - from_
+    way = to - from_
+    return math.remainder(way, TURN) if kind == "continuous" and math.isfinite(way) else way
 
 
 def _encoded(name: str, given: Mapping[str, object]) -> bytes:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 
 from cardan.conform.joint_trajectory.pilot import LATE_S, NEAR, REST_S, STEP, TOLERANCE_S
@@ -35,11 +36,15 @@ _NOTHING = "no goal was sent"
 
 @requires(1, "sensor_msgs/msg/JointState; REP 103: rad or m")
 def joints_are_where_they_are(seen: TrajectorySeen) -> Verdict:
-    """Joint states come unasked, and have every joint that moves in the description."""
+    """Joint states come unasked, with finite positions, and have every joint that moves in the
+    description."""
     if not seen.states:
         return failed("no joint states came")
     if not seen.described:
         return not_seen("no description came")
+    wrong = [s.number for s in seen.states if not all(map(math.isfinite, s.positions.values()))]
+    if wrong:
+        return failed("a position is no number", wrong)
     named = {name for each in seen.states for name in each.positions}
     odd = [name for name in seen.described if name not in named]
     return failed(f"they lack {', '.join(odd)}") if odd else passed(f"{len(named)} joints")
@@ -145,10 +150,11 @@ def moving_succeeds(seen: TrajectorySeen) -> Verdict:
 
 def _missed(seen: TrajectorySeen, goal: Goal) -> tuple[float, str, int] | None:
     """The farthest joint from the goal in the state after its result."""
-    after = next((each for each in seen.states if each.number > goal.result), None)
-    if after is None:
-        return None
-    return max((abs(v), k, after.number) for k, v in seen.off(after, goal.target).items())
+    for state in seen.states:
+        # Other publishers may tell of other joints.
+        if state.number > goal.result and (off := seen.off(state, goal.target)):
+            return max((abs(value), name, state.number) for name, value in off.items())
+    return None
 
 
 @requires(202, f"{ACTION}: goal_tolerance")

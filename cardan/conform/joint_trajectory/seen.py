@@ -140,10 +140,13 @@ class TrajectorySeen(RosArmSeen):
         }
 
     def farthest(self, states: list[State]) -> tuple[float, str, int]:
-        """How far a joint gets from where it is in the first of `states`, which, and where."""
-        first = states[0].positions
-        return max(
+        """How far a joint gets from where it is first in `states`, which, and by which event."""
+        first: dict[str, float] = {}
+        for each in reversed(states):
+            first.update(each.positions)
+        ways = [
             (abs(value), name, each.number)
             for each in states
             for name, value in self.off(each, first).items()
-        )
+        ]
+        return max(ways, default=(0.0, "no joint", states[0].number))
