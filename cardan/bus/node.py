@@ -309,6 +309,18 @@ class Client:
         attachment = Attachment(next(self._sequences), time.time_ns(), self._gid).encode()
         return self._node.get(self._key, data, attachment, timeout_s)
 
+    def ask(self, data: bytes, answered: Callable[[bytes], None], timeout_s: float) -> None:
+        """Call without waiting, after what was asked before: `answered` gets the response in a
+        thread of Zenoh's, if one comes in time."""
+        attachment = Attachment(next(self._sequences), time.time_ns(), self._gid).encode()
+
+        def take(reply: Any) -> None:
+            if reply.ok is not None:
+                answered(bytes(reply.ok.payload.to_bytes()))
+
+        handler = zenoh_module().handlers.Callback(take)
+        self._node.ask(self._key, data, attachment, timeout_s, handler)
+
     def close(self) -> None:
         """Leave the graph."""
         self._token.undeclare()

@@ -88,9 +88,11 @@ class DriverRig(ABC):
         """Do `act` so much later; what came before it is done before it."""
         self._flight.append((self._now_s + seconds, act))
 
-    def _hear(self, channel: str, data: bytes = b"", kind: Kind = Kind.DATA) -> None:
+    def _hear(
+        self, channel: str, data: bytes = b"", kind: Kind = Kind.DATA, note: str = ""
+    ) -> None:
         """Something of the driver reaches the controller."""
-        self._do(self._conduct.heard(self._now_s, channel, data, kind=kind))
+        self._do(self._conduct.heard(self._now_s, channel, data, kind=kind, note=note))
 
     def _do(self, acts: list[Act]) -> None:
         for act in acts:

@@ -18,6 +18,7 @@ BUILT_IN = {
     "jr3": "cardan.conform.jr3.suite:Jr3",
     "joint-stream": "cardan.conform.joint_stream.suite:JointStream",
     "joint-stream-driver": "cardan.conform.joint_stream_driver.suite:JointStreamDriver",
+    "joint-trajectory": "cardan.conform.joint_trajectory.suite:JointTrajectory",
     "leap": "cardan.conform.leap.suite:Leap",
     "motoros": "cardan.conform.motoros.suite:Motoros",
     "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriver",

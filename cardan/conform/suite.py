@@ -39,7 +39,7 @@ class Suite(ABC, Generic[V]):
     target: ClassVar[str]
     """What ``--target`` takes."""
     peer: ClassVar[str]
-    """What is judged without a target: a simulated peer's name, or a driver's."""
+    """What is judged without a target: a simulated peer's name, a driver's, or an arm's."""
     levels: ClassVar[Level] = Level.BY_HAND
     """The highest level that has requirements."""
     harmless: ClassVar[Level] = Level.LISTEN

@@ -3,26 +3,37 @@
 from __future__ import annotations
 
 import re
+from typing import Literal, NamedTuple
+
+
+class Channel(NamedTuple):
+    """A topic or a service, as a channel of timelines."""
+
+    name: str
+    type: str
+    way: Literal["heard", "latched", "sent", "called"] = "heard"
+
 
 STATES, DESCRIPTION, COMMANDS = "states", "description", "commands"
 """Channels of timelines."""
 TOPICS = {
-    STATES: ("/joint_states", "sensor_msgs/msg/JointState"),
-    DESCRIPTION: ("/robot_description", "std_msgs/msg/String"),
-    COMMANDS: ("/forward_position_controller/commands", "std_msgs/msg/Float64MultiArray"),
+    STATES: Channel("/joint_states", "sensor_msgs/msg/JointState"),
+    DESCRIPTION: Channel("/robot_description", "std_msgs/msg/String", "latched"),
+    COMMANDS: Channel(
+        "/forward_position_controller/commands", "std_msgs/msg/Float64MultiArray", "sent"
+    ),
 }
-"""Topic and type of each."""
 
 _JOINT = re.compile(r"<joint\b[^>]*>")
 _NAME = re.compile(r"\bname\s*=\s*[\"']([^\"']+)[\"']")
-_MOVES = re.compile(r"\btype\s*=\s*[\"'](?:revolute|continuous|prismatic)[\"']")
+_MOVES = re.compile(r"\btype\s*=\s*[\"'](revolute|continuous|prismatic)[\"']")
 
 
-def joints_of(urdf: str) -> tuple[str, ...]:
-    """Names of the joints that move, as a description has them, in its order."""
-    found = []
+def joints_of(urdf: str) -> dict[str, str]:
+    """The kind of each joint that moves, by name, in the order of the description."""
+    found: dict[str, str] = {}
     for tag in _JOINT.findall(urdf):
-        name = _NAME.search(tag)
-        if name is not None and _MOVES.search(tag):
-            found.append(name[1])
-    return tuple(dict.fromkeys(found))
+        name, kind = _NAME.search(tag), _MOVES.search(tag)
+        if name is not None and kind is not None:
+            found.setdefault(name[1], kind[1])
+    return found

@@ -17,9 +17,9 @@ STEP_RAD = 3.5e-4
 STEP_S = 0.6
 COMMAND_S = 0.02
 HAND_S = 60.0
-_STATE = codec_of(TOPICS[STATES][1])
-_TEXT = codec_of(TOPICS[DESCRIPTION][1])
-_COMMAND = codec_of(TOPICS[COMMANDS][1])
+_STATE = codec_of(TOPICS[STATES].type)
+_TEXT = codec_of(TOPICS[DESCRIPTION].type)
+_COMMAND = codec_of(TOPICS[COMMANDS].type)
 
 
 class RosArmPilot(Pilot):
@@ -28,7 +28,7 @@ class RosArmPilot(Pilot):
     def __init__(self, level: Level, seconds: float) -> None:
         self._level = level
         self._seconds = seconds
-        self._order: tuple[str, ...] = ()
+        self._order: dict[str, str] = {}
         self._positions: dict[str, float] = {}
         self._at: list[float] = []
         self._heard_s = 0.0
@@ -47,7 +47,7 @@ class RosArmPilot(Pilot):
         return iter(())
 
     def _command(self, positions: Sequence[float]) -> Act:
-        message = default_message(TOPICS[COMMANDS][1]) | {"data": list(positions)}
+        message = default_message(TOPICS[COMMANDS].type) | {"data": list(positions)}
         return send(_COMMAND.encode(message), COMMANDS)
 
     def _holding(self, seconds: float) -> Script:

@@ -62,7 +62,7 @@ class RosArmRig:
             elif act.kind is Kind.OPENED:
                 self._do(self._conduct.heard(self._now_s, act.channel, kind=Kind.OPENED))
                 if act.channel == DESCRIPTION:
-                    codec = codec_of(TOPICS[DESCRIPTION][1])
+                    codec = codec_of(TOPICS[DESCRIPTION].type)
                     text = codec.encode({"data": self._arm.arm.urdf})
                     self._do(self._conduct.heard(self._now_s, DESCRIPTION, text))
             elif act.kind is Kind.ASKED:

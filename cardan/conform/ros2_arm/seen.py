@@ -31,9 +31,10 @@ class RosArmSeen:
         self.states: list[State] = []
         self.malformed: list[tuple[int, str]] = []
         self.commands: list[tuple[int, float]] = []
-        self.described: tuple[str, ...] | None = None
-        codec = codec_of(TOPICS[STATES][1])
-        text = codec_of(TOPICS[DESCRIPTION][1])
+        self.described: dict[str, str] | None = None
+        """The joints that move, as `joints_of` has them."""
+        codec = codec_of(TOPICS[STATES].type)
+        text = codec_of(TOPICS[DESCRIPTION].type)
         for number, event in enumerate(timeline):
             if event.kind is not Kind.DATA:
                 continue

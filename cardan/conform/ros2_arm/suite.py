@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
+from cardan.conform.ros2_arm.names import TOPICS
 from cardan.conform.ros2_arm.pilot import RosArmPilot
 from cardan.conform.ros2_arm.requirements import requires
 from cardan.conform.ros2_arm.seen import RosArmSeen
@@ -48,6 +49,6 @@ class Ros2Arm(Suite[RosArmSeen]):
 
     def wires(self, target: str) -> Wires:
         # Zenoh comes with the extra cardan[network].
-        from cardan.conform.ros2_arm.wire import ArmOnTheBus
+        from cardan.conform.ros2_arm.wire import RosWires
 
-        return ArmOnTheBus(target)
+        return RosWires(target, TOPICS)

@@ -1,4 +1,4 @@
-"""Topics of a ROS 2 arm on the bus, for `cardan.conform.live`."""
+"""Topics and services of a ROS 2 arm on the bus, for `cardan.conform.live`."""
 
 from __future__ import annotations
 
@@ -6,66 +6,35 @@ import contextlib
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
-from cardan.bus.node import BusNode, Publisher, WaitingSubscription
+from cardan.bus.node import BusNode, Client, Publisher, WaitingSubscription
 from cardan.bus.options import BusOptions
-from cardan.conform.ros2_arm.names import COMMANDS, DESCRIPTION, TOPICS
+from cardan.conform.ros2_arm.names import Channel
 from cardan.conform.wires import Wire, Wires
 from cardan.protocols.ros2.zenoh import DEFAULT_QOS, LATCHED_QOS
 
 NODE = "cardan_conform"
 DEPTH = 1000
 LOOK_S = 0.1
+CALL_S = 60.0
+"""How long a response is waited for: a goal's result comes when it has ended."""
 
 
-class _Commands(Wire):
-    """A publisher."""
+class _Waking(Wire):
+    """What other threads `_put` waits, and wakes `select` up."""
 
-    def __init__(self, publisher: Publisher) -> None:
-        self._publisher = publisher
-        self._ours, self._theirs = socket.socketpair()
-
-    def fileno(self) -> int:
-        return self._ours.fileno()
-
-    def read(self) -> Iterator[tuple[bytes, str]]:
-        return iter(())
-
-    def write(self, data: bytes) -> None:
-        self._publisher.put(data, time.time_ns())
-
-    def close(self) -> None:
-        self._publisher.close()
-        self._ours.close()
-        self._theirs.close()
-
-
-class _Topic(Wire):
-    """A subscription; a thread waits for it, and wakes `select` up."""
-
-    def __init__(self, subscription: WaitingSubscription) -> None:
-        self._subscription = subscription
+    def __init__(self) -> None:
         self._ours, self._theirs = socket.socketpair()
         self._ours.setblocking(False)
         self._waiting: list[tuple[bytes, str]] = []
         self._lock = threading.Lock()
-        self._open = True
-        self._thread = threading.Thread(target=self._wait, name="cardan-conform-topic")
-        self._thread.start()
 
-    def _wait(self) -> None:
-        while self._open:
-            received = self._subscription.wait(LOOK_S)
-            if received is None:
-                continue
-            note = ""
-            if received.attachment is not None:
-                note = f"{received.attachment.gid.hex()}:{received.attachment.sequence}"
-            with self._lock:
-                self._waiting.append((received.data, note))
-            with contextlib.suppress(OSError):
-                self._theirs.send(b"x")
+    def _put(self, data: bytes, note: str) -> None:
+        with self._lock:
+            self._waiting.append((data, note))
+        with contextlib.suppress(OSError):
+            self._theirs.send(b"x")
 
     def fileno(self) -> int:
         return self._ours.fileno()
@@ -78,32 +47,91 @@ class _Topic(Wire):
         return iter(found)
 
     def write(self, data: bytes) -> None:
-        """Nothing is sent here."""
+        """Nothing is sent, unless a wire says so."""
+
+    def close(self) -> None:
+        self._ours.close()
+        self._theirs.close()
+
+
+class _Commands(_Waking):
+    """A publisher."""
+
+    def __init__(self, publisher: Publisher) -> None:
+        super().__init__()
+        self._publisher = publisher
+
+    def write(self, data: bytes) -> None:
+        self._publisher.put(data, time.time_ns())
+
+    def close(self) -> None:
+        self._publisher.close()
+        super().close()
+
+
+class _Calls(_Waking):
+    """A client of a service. A response's note is the number of its request, from 1."""
+
+    def __init__(self, client: Client) -> None:
+        super().__init__()
+        self._client = client
+        self._asked = 0
+
+    def write(self, data: bytes) -> None:
+        self._asked += 1
+        number = str(self._asked)
+        self._client.ask(data, lambda response: self._put(response, number), CALL_S)
+
+    def close(self) -> None:
+        self._client.close()
+        super().close()
+
+
+class _Topic(_Waking):
+    """A subscription, which a thread waits for."""
+
+    def __init__(self, subscription: WaitingSubscription) -> None:
+        super().__init__()
+        self._subscription = subscription
+        self._open = True
+        self._thread = threading.Thread(target=self._wait, name="cardan-conform-topic")
+        self._thread.start()
+
+    def _wait(self) -> None:
+        while self._open:
+            received = self._subscription.wait(LOOK_S)
+            if received is None:
+                continue
+            note = ""
+            if received.attachment is not None:
+                note = f"{received.attachment.gid.hex()}:{received.attachment.sequence}"
+            self._put(received.data, note)
 
     def close(self) -> None:
         self._open = False
         self._thread.join()
         self._subscription.close()
-        self._ours.close()
-        self._theirs.close()
+        super().close()
 
 
-class ArmOnTheBus(Wires):
-    """The arm's topics, by way of a router."""
+class RosWires(Wires):
+    """Topics and services by way of a router."""
 
-    def __init__(self, router: str) -> None:
-        self._router = router
+    def __init__(self, router: str, channels: Mapping[str, Channel]) -> None:
+        self._router, self._channels = router, channels
         self._node: BusNode | None = None
 
     def open(self, channel: str) -> Wire:
         if self._node is None:
             self._node = BusNode(BusOptions(router=self._router), NODE)
             self._node.open()
-        topic, type_name = TOPICS[channel]
-        if channel == COMMANDS:
-            return _Commands(self._node.publisher(topic, type_name))
-        qos = LATCHED_QOS if channel == DESCRIPTION else DEFAULT_QOS
-        return _Topic(self._node.waiting_subscription(topic, type_name, DEPTH, qos))
+        name, type_name, way = self._channels[channel]
+        if way == "sent":
+            return _Commands(self._node.publisher(name, type_name))
+        if way == "called":
+            return _Calls(self._node.client(name, type_name))
+        qos = LATCHED_QOS if way == "latched" else DEFAULT_QOS
+        return _Topic(self._node.waiting_subscription(name, type_name, DEPTH, qos))
 
     def close(self) -> None:
         if self._node is not None:

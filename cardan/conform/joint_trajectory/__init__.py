@@ -1,0 +1,1 @@
+"""Conformance of an arm's action server of FollowJointTrajectory."""

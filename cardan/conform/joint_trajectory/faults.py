@@ -1,0 +1,32 @@
+"""Defects of action servers, for the one that is simulated."""
+
+from __future__ import annotations
+
+from cardan.sim_peers.base import FaultSwitch
+
+FAULTS: tuple[FaultSwitch, ...] = (
+    FaultSwitch.flag("lacks-joint", "joint states lack the first joint"),
+    FaultSwitch.flag("rejects", "rejects every goal"),
+    FaultSwitch.flag("mute", "answers nothing"),
+    FaultSwitch.flag("no-result", "accepts goals, and never gives a result"),
+    FaultSwitch("late", "results come VALUE s late", 1.8, 0.0, 1.9),
+    FaultSwitch("code", "what succeeds has the error_code VALUE", -5.0, -5.0, 0.0),
+    FaultSwitch("drifts", "the arm drifts by VALUE rad/s", 1e-3, 0.0, 1.0),
+    FaultSwitch.flag("status-back", "the status of a goal that has ended is EXECUTING again"),
+    FaultSwitch.flag("no-status", "publishes no status"),
+    FaultSwitch.flag("strange-feedback", "feedback has an id of its own"),
+    FaultSwitch("slow", "takes VALUE s longer for goals that move the arm", 1.8, 0.0, 1.9),
+    FaultSwitch("short", "goes VALUE of the way", 0.5, 0.0, 1.0),
+    FaultSwitch.flag("early", "says of every goal at once that it has succeeded"),
+    FaultSwitch.flag("unknown", "does not look at names of joints"),
+    FaultSwitch.flag("too-few", "takes goals of some joints"),
+    FaultSwitch.flag("unequal", "takes points that lack a position"),
+    FaultSwitch.flag("same-time", "takes times that do not increase"),
+    FaultSwitch.flag("nan", "takes positions that are no numbers as where the arm is"),
+    FaultSwitch.flag("no-cancel", "rejects cancellations"),
+    FaultSwitch.flag("aborts", "goals that are cancelled end as ABORTED"),
+    FaultSwitch.flag("coasts", "goals that are cancelled move the arm on"),
+    FaultSwitch.flag("forgets", "forgets the cancellation of a goal that has not come yet"),
+    FaultSwitch.flag("both", "a goal that another one replaces has succeeded"),
+    FaultSwitch.flag("whole-turn", "continuous joints go where the plan says, whole turns and all"),
+)

@@ -1,0 +1,32 @@
+"""Channels and types of the action, beside those of the arm."""
+
+from __future__ import annotations
+
+from cardan.conform.ros2_arm.names import DESCRIPTION, STATES, TOPICS, Channel
+from cardan.protocols.ros2.actions import CANCEL_TYPE, STATUS_TYPE
+from cardan.protocols.ros2.interfaces import action_type
+
+ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
+"""Where it is unless said otherwise."""
+TYPE = action_type("control_msgs/action/FollowJointTrajectory")
+GOAL, CANCEL, RESULT = "send_goal", "cancel_goal", "get_result"
+FEEDBACK, STATUS = "feedback", "status"
+"""Channels of timelines, called as ROS 2 calls them below the action's name."""
+
+
+def channels_of(action: str) -> dict[str, Channel]:
+    """All that the suite opens, for an action of this name: the arm is in its controller's
+    namespace."""
+    base = f"{action}/_action"
+    namespace = action.rpartition("/")[0].rpartition("/")[0]
+    return {
+        **{
+            each: TOPICS[each]._replace(name=namespace + TOPICS[each].name)
+            for each in (STATES, DESCRIPTION)
+        },
+        GOAL: Channel(f"{base}/{GOAL}", TYPE.send_goal.name, "called"),
+        CANCEL: Channel(f"{base}/{CANCEL}", CANCEL_TYPE, "called"),
+        RESULT: Channel(f"{base}/{RESULT}", TYPE.get_result.name, "called"),
+        FEEDBACK: Channel(f"{base}/{FEEDBACK}", TYPE.feedback),
+        STATUS: Channel(f"{base}/{STATUS}", STATUS_TYPE, "latched"),
+    }

@@ -1,0 +1,56 @@
+"""The suite of an arm's action server of FollowJointTrajectory."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cardan.conform.conduct import Conduct
+from cardan.conform.joint_trajectory.faults import FAULTS
+from cardan.conform.joint_trajectory.names import ACTION, channels_of
+from cardan.conform.joint_trajectory.pilot import TrajectoryPilot
+from cardan.conform.joint_trajectory.requirements import requires
+from cardan.conform.joint_trajectory.rig import ActionRig
+from cardan.conform.joint_trajectory.seen import TrajectorySeen
+from cardan.conform.requirements import Level
+from cardan.conform.suite import Suite, Transport
+from cardan.conform.timeline import Timeline
+from cardan.conform.wires import Wires
+from cardan.errors import ConfigurationError
+from cardan.protocols.ros2.names import RosNameError, checked_name
+from cardan.sim_peers.base import FaultSwitch
+
+
+class JointTrajectory(Suite[TrajectorySeen]):
+    """What executes MoveIt's plans: joint_trajectory_controller, or a session of Cardan's."""
+
+    name = "joint-trajectory"
+    judges = "the server"
+    speaks = "the ROS 2 action of joint trajectories on rmw_zenoh"
+    target = "ROUTER or ROUTER,ACTION, the Zenoh router as tcp/127.0.0.1:7447"
+    peer = "pr2_right_arm"
+    levels = Level.MOVE
+    requirements = requires.all()
+    transport = Transport("other")
+    seconds = 0.5
+
+    def see(self, timeline: Timeline) -> TrajectorySeen:
+        return TrajectorySeen(timeline)
+
+    def pilot(self, level: Level, seconds: float) -> TrajectoryPilot:
+        return TrajectoryPilot(level, seconds)
+
+    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+        ActionRig(conduct, faults, seed).run()
+
+    def wires(self, target: str) -> Wires:
+        # Zenoh comes with the extra cardan[network].
+        from cardan.conform.ros2_arm.wire import RosWires
+
+        router, _, action = target.partition(",")
+        try:
+            return RosWires(router, channels_of(checked_name(action or ACTION)))
+        except RosNameError as error:
+            raise ConfigurationError("--target", str(error)) from None
+
+    def switches(self) -> tuple[FaultSwitch, ...]:
+        return FAULTS

@@ -1,0 +1,264 @@
+"""The suite of FollowJointTrajectory: at a session's own server, and at servers with defects."""
+
+from __future__ import annotations
+
+import math
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from cardan.bus.options import BusOptions
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.conform import Level, Outcome, registry, run
+from cardan.conform.conduct import Conduct
+from cardan.conform.joint_trajectory.names import (
+    CANCEL,
+    FEEDBACK,
+    GOAL,
+    RESULT,
+    STATUS,
+    channels_of,
+)
+from cardan.conform.joint_trajectory.pilot import FAR
+from cardan.conform.joint_trajectory.requirements import requires
+from cardan.conform.requirements import failed
+from cardan.conform.ros2_arm.names import DESCRIPTION, STATES
+from cardan.conform.run import simulated
+from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.errors import ConfigurationError
+from cardan.gateway.arm.plans import Plans
+from cardan.gateway.bus.commands import Instant
+from cardan.protocols.ros2.actions import Goals
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import completed
+from cardan.robots import JointKind, load_arm
+from tests import conformance_tables as tables
+from tests.gateway.arm.arms import DT_S
+from tests.gateway.bus.rig import Bench
+from tests.serving import ARM_SESSION, free_endpoint
+
+SUITE = registry.load("joint-trajectory")
+PR2 = "pr2_right_arm"
+CHANNELS = channels_of("/controller/follow_joint_trajectory")
+STATE_CYCLES = 5
+LONGEST_S = 300.0
+
+
+class Call:
+    """A request of the pilot to the server."""
+
+    attachment = None
+
+    def __init__(self, data, answers, channel, number):
+        self.data = data
+        self._answers, self._channel, self._number = answers, channel, number
+
+    def reply(self, data, _now_ns):
+        self._answers.append((self._channel, data, str(self._number)))
+
+    def refuse(self, _reason):
+        """It is not answered."""
+
+
+class SessionRig:
+    """The server of a session with its arm, and a pilot in virtual time."""
+
+    def __init__(self, conduct, bench, earlier=GOAL):
+        """`earlier`: which of the two comes first, that are sent at once."""
+        self.conduct, self.bench = conduct, bench
+        self._earlier = earlier
+        self._answers = []
+        self._asked = dict.fromkeys((GOAL, CANCEL, RESULT), 0)
+        self._told = dict.fromkeys((FEEDBACK, STATUS), 0)
+        self._start_s = bench.world.now_s
+
+    @property
+    def now_s(self):
+        return self.bench.world.now_s - self._start_s
+
+    def run(self):
+        bench, cycles = self.bench, 0
+        while not self.conduct.over:
+            assert self.now_s < LONGEST_S
+            self._do(self.conduct.due(self.now_s))
+            bench.poll(DT_S)
+            bench.world.tick()
+            bench._tell_ended()
+            cycles += 1
+            if cycles % STATE_CYCLES == 0:
+                self._tell_states()
+            self._deliver()
+
+    def _do(self, acts):
+        acts = sorted(acts, key=lambda act: act.channel != self._earlier)
+        for act in acts:
+            if act.kind is Kind.OPENED:
+                self._do(self.conduct.heard(self.now_s, act.channel, kind=Kind.OPENED))
+                if act.channel == DESCRIPTION:
+                    self._hear(DESCRIPTION, {"data": self.bench.world.model.urdf})
+            elif act.kind is Kind.DATA:
+                self._asked[act.channel] += 1
+                call = Call(act.data, self._answers, act.channel, self._asked[act.channel])
+                self.bench.node.rings[CHANNELS[act.channel].name].waiting.append(call)
+                if self._earlier == CANCEL:
+                    self.bench.poll(DT_S)
+
+    def _hear(self, channel, given):
+        name = CHANNELS[channel].type
+        data = codec_of(name).encode(completed(name, given))
+        self._do(self.conduct.heard(self.now_s, channel, data))
+
+    def _tell_states(self):
+        world = self.bench.world
+        names = list(world.model.joint_names)
+        self._hear(STATES, {"name": names, "position": world.q.tolist()})
+        now = Instant(5, "base_link", None, world.state(), world.verbs.desired())
+        self.bench.server.report(now, 0)
+
+    def _deliver(self):
+        for channel in self._told:
+            messages = self.bench.node.publishers[CHANNELS[channel].name].messages
+            for message in messages[self._told[channel] :]:
+                self._hear(channel, message)
+            self._told[channel] = len(messages)
+        while self._answers:
+            channel, data, note = self._answers.pop(0)
+            self._do(self.conduct.heard(self.now_s, channel, data, note=note))
+
+
+def judged(bench, **more):
+    conduct = Conduct(SUITE.pilot(Level.MOVE, 0.5))
+    SessionRig(conduct, bench, **more).run()
+    seen = SUITE.see(conduct.timeline)
+    return {each.id[-3:]: each.judge(seen) for each in requires.all()}
+
+
+def worse_than(outcome, verdicts):
+    return {name: each for name, each in verdicts.items() if each.outcome is not outcome}
+
+
+def turned_arm(turns):
+    """A PR2's arm whose continuous joints have turned so often."""
+    model = load_arm(PR2)
+    start = [
+        at + 2.0 * math.pi * turns * (joint.kind is JointKind.CONTINUOUS)
+        for at, joint in zip(model.home, model.joints, strict=True)
+    ]
+    return Bench(arm=PR2, start=start)
+
+
+@pytest.mark.parametrize(("turns", "earlier"), [(0, CANCEL), (-2, GOAL)])
+def test_a_session_meets_every_requirement(turns, earlier):
+    assert worse_than(Outcome.PASSED, judged(turned_arm(turns), earlier=earlier)) == {}
+
+
+def test_a_session_that_leaves_whole_turns_as_they_are_fails(monkeypatch):
+    monkeypatch.setattr(Plans, "_nearest_turns", lambda _self, wanted, _start: wanted)
+    found = worse_than(Outcome.PASSED, judged(turned_arm(-2)))
+    assert list(found) == ["212"]
+
+
+def test_a_session_that_forgets_early_cancellations_fails(monkeypatch):
+    monkeypatch.setattr(Goals, "_remember_cancelled", lambda _self, _goal_id: None)
+    found = worse_than(Outcome.PASSED, judged(turned_arm(0), earlier=CANCEL))
+    assert next(iter(found)) == "210"
+
+
+def test_an_arm_without_continuous_joints_is_not_asked_to_wrap():
+    found = worse_than(Outcome.PASSED, judged(Bench()))
+    assert list(found) == ["212"]
+    assert found["212"].outcome is Outcome.NOT_APPLICABLE
+
+
+@pytest.mark.matrix
+def test_each_requirement_is_failed_by_a_fault():
+    """By one at a time, as the page's table has them."""
+    caught = {name for each in tables.tried(SUITE.name) for name in each.caught}
+    assert caught == {each.id for each in requires.all()}
+
+
+def test_an_arm_that_begins_a_whole_turn_is_stopped_and_asked_no_more():
+    _, timeline = simulated(SUITE, Level.MOVE, {"whole-turn": 1.0})
+    seen = SUITE.see(timeline)
+    states = seen.during("wrap")
+    assert FAR < seen.farthest(states)[0] < 3.0 * FAR
+    assert "home" not in seen.phases
+
+
+def test_nothing_that_comes_ends_the_pilot_or_a_judge():
+    """Bytes that are no messages, at any time and on any channel."""
+    pilot = SUITE.pilot(Level.MOVE, 0.1)
+    conduct = Conduct(pilot)
+    SUITE.simulate(conduct, {}, 0)
+    for channel in CHANNELS:
+        conduct.over = False
+        conduct.heard(1e3, channel, b"\0\1\0\0junk", note="1")
+    seen = SUITE.see(conduct.timeline)
+    assert len(seen.malformed) == len(CHANNELS) - 1
+    assert worse_than(Outcome.PASSED, {r.id: r.judge(seen) for r in requires.all()}) == {}
+
+
+def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
+    timeline = Timeline()
+    described = {"data": '<joint name="a" type="continuous"/><joint name="b" type="revolute"/>'}
+    _hear(timeline, DESCRIPTION, described)
+    for given in ({"finger": 0.1}, {"a": 3.0, "b": 1.0}, {"finger": 0.1}, {"a": -3.2, "b": 1.2}):
+        _hear(timeline, STATES, {"name": [*given], "position": [*given.values()]})
+    seen = SUITE.see(timeline)
+    assert seen.farthest(seen.states) == (pytest.approx(0.2), "b", 4)
+    assert seen.off(seen.states[-1], {"a": 3.0}) == {"a": pytest.approx(2 * math.pi - 6.2)}
+    _hear(timeline, STATES, {"name": ["a"], "position": [math.inf]})
+    seen = SUITE.see(timeline)
+    assert seen.farthest(seen.states)[:2] == (math.inf, "a")
+    assert requires.all()[0].judge(seen) == failed("a position is no number", [5])
+
+
+def _hear(timeline, channel, given):
+    name = CHANNELS[channel].type
+    data = codec_of(name).encode(completed(name, given))
+    timeline.add(Event(0.0, Kind.DATA, channel=channel, data=data))
+
+
+@pytest.mark.parametrize(
+    ("target", "states"),
+    [
+        ("tcp/127.0.0.1:7447", "/joint_states"),
+        ("tcp/127.0.0.1:7447,/scaled/follow_joint_trajectory", "/joint_states"),
+        ("tcp/127.0.0.1:7447,left/arm/follow_joint_trajectory", "/left/joint_states"),
+    ],
+)
+def test_a_target_is_a_router_and_an_action(target, states):
+    assert SUITE.wires(target)._channels[STATES].name == states
+
+
+def test_a_target_whose_action_is_no_name_is_an_error():
+    with pytest.raises(ConfigurationError, match=r"--target.*'a b' is no ROS name"):
+        SUITE.wires("tcp/127.0.0.1:7447,a b")
+
+
+SESSION = ARM_SESSION.replace('"ur5"', f'"{PR2}"')
+ACTION = "/left/joint_trajectory_controller/follow_joint_trajectory"
+
+
+@pytest.mark.matrix
+@pytest.mark.timeout(180)
+@pytest.mark.parametrize(("text", "left_out"), [(SESSION, ()), (ARM_SESSION, ("212",))])
+def test_a_session_on_the_bus_meets_every_requirement(text, left_out, tmp_path):
+    """As `cardan conform joint-trajectory --target` judges it."""
+    endpoint = free_endpoint()
+    (tmp_path / "session.toml").write_text(text.format(endpoint=endpoint))
+    command = [sys.executable, "-m", "cardan", "run", "session.toml", "--seconds", "150"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, cwd=tmp_path) as session:
+        network = BusNetwork(BusOptions(router=endpoint, listen=()), "watcher")
+        try:
+            network.open()
+            assert network.wait_for_service(f"{ACTION}/_action/get_result", 30.0)
+            report, _ = run.at(SUITE, f"{endpoint},{ACTION}", Level.MOVE, print, seconds=1.0)
+        finally:
+            network.close()
+            session.send_signal(signal.SIGINT)
+            session.wait(30.0)
+    found = {each.id[-3:] for each in report.results if each.outcome is not Outcome.PASSED}
+    assert found == {*left_out}, report.as_text()
