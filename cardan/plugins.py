@@ -18,9 +18,13 @@ from cardan.signals import EndingSignalError
 T = TypeVar("T")
 
 _SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spnav-server"
+_WIIMOTE = "plugins/cardan-wiimote"
 IN_SOURCE_TREE = {
     "command": {"evaluate": "studies", "spnav": _SPNAV_SERVER},
-    "driver": {"spacemouse_serial": _SERIAL_MICE},
+    "driver": {
+        "spacemouse_serial": _SERIAL_MICE,
+        "wiimote": _WIIMOTE,
+    },
     "face": {
         "dds": "plugins/cardan-dds",
         "foxglove": "plugins/cardan-foxglove",
@@ -29,8 +33,12 @@ IN_SOURCE_TREE = {
     "protocol": {
         **dict.fromkeys(("magellan", "spaceball", "spaceorb"), _SERIAL_MICE),
         "spnav": _SPNAV_SERVER,
+        "wiimote": _WIIMOTE,
     },
-    "simulated peer": {"spacemouse-serial": _SERIAL_MICE},
+    "simulated peer": {
+        "spacemouse-serial": _SERIAL_MICE,
+        "wiimote": _WIIMOTE,
+    },
     "transport": {"dds": "plugins/cardan-dds"},
 }
 """What distributions have that only the source tree has, and the folders of those."""

@@ -58,7 +58,6 @@ PROTOCOLS = (
     "rosbridge",
     "simple_message",
     "spnav",
-    "wiimote",
 )
 
 

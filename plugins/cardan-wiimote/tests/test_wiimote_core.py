@@ -5,10 +5,11 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.drivers.wiimote import Identity, WiimoteCore, WiimoteOptions
-from cardan.drivers.wiimote.core import BUTTON_NAMES, STALE_AFTER_S
 from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
-from cardan.protocols.wiimote import (
+from cardan.types import DeviceLink, Frame
+from cardan_wiimote.driver import Identity, WiimoteCore, WiimoteOptions
+from cardan_wiimote.driver.core import BUTTON_NAMES, STALE_AFTER_S
+from cardan_wiimote.protocol import (
     AccelerometerCalibration,
     Data,
     DataMode,
@@ -19,7 +20,6 @@ from cardan.protocols.wiimote import (
     encode_data,
     to_g,
 )
-from cardan.types import DeviceLink, Frame
 from tests.drivers.wiimote_bench import REST, Bench
 
 SIN = {degrees: math.sin(math.radians(degrees)) for degrees in (10, 20, 30, 45)}

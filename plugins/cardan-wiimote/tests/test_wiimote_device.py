@@ -1,17 +1,18 @@
 """The driver as users have it, mostly against the simulated remote over its two sockets."""
 
+import threading
 import time
 import types
 
 import pytest
 
 from cardan.drivers import reading
-from cardan.drivers.wiimote import Wiimote, WiimoteOptions, device as device_module
-from cardan.drivers.wiimote.transports import Found, Link, Transport
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
-from cardan.sim_peers.wiimote import FAULTS, WiimotePeer, WiimotePeerOptions
-from cardan.sim_peers.wiimote.core import BATTERY_EMPTY
 from cardan.types import ZERO3, DeviceFeedback, DeviceLink, Wrench
+from cardan_wiimote.driver import Wiimote, WiimoteOptions, device as device_module
+from cardan_wiimote.driver.transports import Found, Link, Transport
+from cardan_wiimote.peer import FAULTS, WiimotePeer, WiimotePeerOptions
+from cardan_wiimote.peer.core import BATTERY_EMPTY
 from tests.drivers.wiimote_bench import REST, fault_default
 from tests.serving import in_a_thread
 from tests.waiting import until
@@ -459,3 +460,31 @@ def test_finding_never_raises(monkeypatch):
 def test_options_that_are_refused(options, words):
     with pytest.raises(ValueError, match=words):
         WiimoteOptions(**options)
+
+
+class OneReport:
+    """Gives one report, then tells the reader to stop."""
+
+    def __init__(self, report):
+        self.stop = threading.Event()
+        self.given, self.written = [report], []
+
+    def read(self, _timeout_s):
+        if self.given:
+            return self.given.pop()
+        self.stop.set()
+        return None
+
+    def write(self, data):
+        self.written.append(data)
+
+
+def test_its_tap_is_given_reports_both_ways_as_they_are():
+    tapped = []
+    remote, link = Wiimote(), OneReport(b"\x20\0\0\0\0\0\0")
+    remote.tap, remote._remote = (lambda *packet: tapped.append(packet)), link
+    remote._core.on_opened(0.0)
+    remote._serve(link.stop)
+    assert [data for data, sent, _ in tapped if not sent] == [b"\x20\0\0\0\0\0\0"]
+    assert [data for data, sent, _ in tapped if sent] == link.written[: len(tapped) - 1]
+    assert {type(data) for data, _, _ in tapped} == {bytes}

@@ -4,11 +4,11 @@ import random
 
 import pytest
 
-from cardan.drivers.wiimote import WiimoteOptions
-from cardan.drivers.wiimote.roles import ROLES, STICK_BUTTON
-from cardan.protocols.wiimote import CalibrationSource
-from cardan.sim_peers.wiimote import FAULTS
 from cardan.types import DeviceLink
+from cardan_wiimote.driver import WiimoteOptions
+from cardan_wiimote.driver.roles import ROLES, STICK_BUTTON
+from cardan_wiimote.peer import FAULTS
+from cardan_wiimote.protocol import CalibrationSource
 from tests.drivers.wiimote_bench import REST, Bench, fault_default
 
 pytestmark = pytest.mark.matrix

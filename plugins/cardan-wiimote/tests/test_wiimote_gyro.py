@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from cardan.drivers.wiimote.gyro import LARGEST_BIAS_RAD_S, Gyro
+from cardan_wiimote.driver.gyro import LARGEST_BIAS_RAD_S, Gyro
 
 DRIFT = (math.radians(2.0), math.radians(-2.9), 0.0)
 

@@ -8,7 +8,10 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import ScriptError
-from cardan.protocols.wiimote import (
+from cardan.sim_peers.base import load_script, parse_script
+from cardan.sim_peers.scripted import play
+from cardan_wiimote.peer import SCRIPT_VERBS, SCRIPTS, ScriptedHand, SimulatedWiimote
+from cardan_wiimote.protocol import (
     Data,
     DataMode,
     decode_input,
@@ -16,10 +19,7 @@ from cardan.protocols.wiimote import (
     roll_and_pitch_rad,
     to_g,
 )
-from cardan.sim_peers.base import load_script, parse_script
-from cardan.sim_peers.scripted import play
-from cardan.sim_peers.wiimote import SCRIPT_VERBS, SCRIPTS, ScriptedHand, SimulatedWiimote
-from tests.sim_peers.wiimote_virtual import Host
+from wiimote_virtual import Host
 
 ZERO, ONE = (531, 520, 536), (636, 628, 638)
 

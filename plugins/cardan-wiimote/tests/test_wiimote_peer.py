@@ -9,6 +9,7 @@ import json
 import os
 import select
 import socket
+import stat
 import subprocess
 import sys
 import time
@@ -25,7 +26,24 @@ from cardan.errors import (
     OptionError,
     ScriptError,
 )
-from cardan.protocols.wiimote import (
+from cardan.sim_peers import hand_peer
+from cardan.sim_peers.carriers.uhid import (
+    BUS_BLUETOOTH,
+    OUTPUT_REPORT,
+    Event,
+    GetReport,
+    HidIdentity,
+    Output,
+    SetReport,
+)
+from cardan_wiimote.peer import WiimotePeer, WiimotePeerOptions, l2cap, peer as peer_module
+from cardan_wiimote.peer.l2cap import (
+    BluetoothChannels,
+    UnixChannels,
+    parse_address,
+    sockaddr_l2,
+)
+from cardan_wiimote.protocol import (
     Data,
     DataMode,
     Leds,
@@ -36,24 +54,6 @@ from cardan.protocols.wiimote import (
     encode_output,
     report_descriptor,
 )
-from cardan.sim_peers import hand_peer
-from cardan.sim_peers.carriers import l2cap
-from cardan.sim_peers.carriers.l2cap import (
-    BluetoothChannels,
-    UnixChannels,
-    parse_address,
-    sockaddr_l2,
-)
-from cardan.sim_peers.carriers.uhid import (
-    BUS_BLUETOOTH,
-    OUTPUT_REPORT,
-    Event,
-    GetReport,
-    HidIdentity,
-    Output,
-    SetReport,
-)
-from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions, peer as peer_module
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix
@@ -373,6 +373,23 @@ def test_without_bluetooth_it_says_so(monkeypatch):
         BluetoothChannels(peer.device, "00:00:00:00:00:00").endpoint
         == "bluetooth 00:00:00:00:00:00"
     )
+
+
+@pytest.mark.parametrize("umask", [0o000, 0o022, 0o077], ids=oct)
+@pytest.mark.parametrize(
+    ("everybody", "folder", "channel"), [(False, 0o700, 0o600), (True, 0o755, 0o666)]
+)
+def test_who_may_open_it(place, umask, everybody, folder, channel):
+    before = os.umask(umask)
+    try:
+        peer = served(place, everybody=everybody)
+        peer.open()
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE(place.stat().st_mode) == folder
+    assert {stat.S_IMODE(path.stat().st_mode) for path in place.iterdir()} == {channel}
+    peer.close()
+    assert everybody or not place.exists()
 
 
 # -- uhid ----------------------------------------------------------------------------------------

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import OptionError, ScriptError
-from cardan.protocols.wiimote import (
+from cardan_wiimote.peer import SimulatedWiimote
+from cardan_wiimote.protocol import (
     EEPROM,
     EXTENSION_IDS,
     EXTENSION_START,
@@ -54,8 +55,7 @@ from cardan.protocols.wiimote import (
     to_operator_axes,
     to_rad_s,
 )
-from cardan.sim_peers.wiimote import SimulatedWiimote
-from tests.sim_peers.wiimote_virtual import Host, without_data
+from wiimote_virtual import Host, without_data
 
 ID_ADDRESS, PLUS_ID_ADDRESS = 0xA400FA, 0xA600FA
 

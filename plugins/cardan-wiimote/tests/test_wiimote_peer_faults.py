@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 
 from cardan.errors import ScriptError
-from cardan.protocols.wiimote import (
+from cardan.sim_peers.base import parse_faults
+from cardan_wiimote.peer import FAULTS
+from cardan_wiimote.protocol import (
     BATTERY_LOW,
     EEPROM,
     Ack,
@@ -22,9 +24,7 @@ from cardan.protocols.wiimote import (
     WriteMemory,
     read_accelerometer_calibration,
 )
-from cardan.sim_peers.base import parse_faults
-from cardan.sim_peers.wiimote import FAULTS
-from tests.sim_peers.wiimote_virtual import Host
+from wiimote_virtual import Host
 
 
 def with_fault(word: str, **settings: object) -> Host:

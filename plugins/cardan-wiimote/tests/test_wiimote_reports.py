@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.protocols.wiimote import (
+from cardan_wiimote.protocol import (
     BUTTON_MASK,
     BUTTONS,
     DATA_LAYOUTS,

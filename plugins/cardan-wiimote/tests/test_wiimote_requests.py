@@ -2,7 +2,7 @@
 
 import pytest
 
-from cardan.drivers.wiimote.requests import (
+from cardan_wiimote.driver.requests import (
     BUSY_PAUSE_S,
     BUSY_TRIES,
     NO_ANSWER,
@@ -11,7 +11,7 @@ from cardan.drivers.wiimote.requests import (
     Answer,
     Requests,
 )
-from cardan.protocols.wiimote import (
+from cardan_wiimote.protocol import (
     EEPROM,
     IR_ENABLE_1_ID,
     Ack,

@@ -3,10 +3,10 @@
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.drivers.wiimote.core import BUTTON_NAMES, NUNCHUK_BUTTONS
-from cardan.drivers.wiimote.options import WiimoteOptions
-from cardan.drivers.wiimote.roles import ROLES, STICK_BUTTON, Hand
 from cardan.options import choices, hints
+from cardan_wiimote.driver.core import BUTTON_NAMES, NUNCHUK_BUTTONS
+from cardan_wiimote.driver.options import WiimoteOptions
+from cardan_wiimote.driver.roles import ROLES, STICK_BUTTON, Hand
 
 REST = (0.0,) * 6
 UNIT = st.floats(-1.0, 1.0)

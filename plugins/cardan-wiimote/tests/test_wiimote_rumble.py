@@ -6,7 +6,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.drivers.wiimote.rumble import CUT_OFF_S, LONGEST_PERIOD_S, PULSE_S, Rumble, pulse
+from cardan_wiimote.driver.rumble import CUT_OFF_S, LONGEST_PERIOD_S, PULSE_S, Rumble, pulse
 
 
 @given(st.floats(0.0, 1.0))

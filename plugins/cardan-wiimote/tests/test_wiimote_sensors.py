@@ -7,7 +7,7 @@ import math
 import pytest
 from hypothesis import assume, given, strategies as st
 
-from cardan.protocols.wiimote import (
+from cardan_wiimote.protocol import (
     DEFAULT_ACCELEROMETER,
     DEFAULT_MOTION_PLUS,
     EXTENSION_IDS,

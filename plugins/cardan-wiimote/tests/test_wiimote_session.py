@@ -2,11 +2,11 @@
 
 import pytest
 
-from cardan.drivers.wiimote import Identity, WiimoteOptions
-from cardan.drivers.wiimote.session import LOOK_AGAIN_S, STATUS_PERIOD_S
-from cardan.protocols.wiimote import ReadMemory, StatusRequest, WriteMemory, decode_output
-from cardan.sim_peers.wiimote.bus import MotionPlus
 from cardan.types import DeviceLink
+from cardan_wiimote.driver import Identity, WiimoteOptions
+from cardan_wiimote.driver.session import LOOK_AGAIN_S, STATUS_PERIOD_S
+from cardan_wiimote.peer.bus import MotionPlus
+from cardan_wiimote.protocol import ReadMemory, StatusRequest, WriteMemory, decode_output
 from tests.drivers.wiimote_bench import REST, Bench
 
 KERNELS_PROBE = [

@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.drivers.wiimote.tilt import FREEZE_S, Tilt
+from cardan_wiimote.driver.tilt import FREEZE_S, Tilt
 
 ANGLES = st.floats(-180.0, 180.0)
 

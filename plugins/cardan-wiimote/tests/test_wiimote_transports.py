@@ -8,8 +8,9 @@ import types
 
 import pytest
 
-from cardan.drivers.wiimote import transports
-from cardan.drivers.wiimote.transports import (
+from cardan.errors import DeviceAccessError, DriverError
+from cardan_wiimote.driver import transports
+from cardan_wiimote.driver.transports import (
     AF_BLUETOOTH,
     Found,
     HidrawTransport,
@@ -19,7 +20,6 @@ from cardan.drivers.wiimote.transports import (
     kernel_driver_bound,
     l2cap_address,
 )
-from cardan.errors import DeviceAccessError, DriverError
 
 NEVER = bool
 """Never gives up: called without an argument it is False."""

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from cardan.protocols.wiimote import (
+from cardan.sim_peers.base import parse_script
+from cardan_wiimote.peer import SCRIPT_VERBS, ScriptedHand, SimulatedWiimote
+from cardan_wiimote.protocol import (
     Data,
     DataMode,
     InputReport,
@@ -13,8 +15,6 @@ from cardan.protocols.wiimote import (
     decode_input,
     encode_output,
 )
-from cardan.sim_peers.base import parse_script
-from cardan.sim_peers.wiimote import SCRIPT_VERBS, ScriptedHand, SimulatedWiimote
 
 Stamped = list[tuple[float, InputReport]]
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from cardan.conform.conduct import Act, Pilot, Script, Wait, ask, mark, open_, send
 from cardan.conform.requirements import Level
 from cardan.conform.timeline import Event, Kind
-from cardan.protocols.wiimote import (
+from cardan_wiimote.protocol import (
     ACCELEROMETER_CALIBRATION_ADDRESSES,
     ACCELEROMETER_CALIBRATION_BYTES,
     EEPROM,

@@ -14,10 +14,10 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.wiimote.pilot import DATA_MODE, EXTENSION_MODE, LONG_READ
-from cardan.conform.wiimote.seen import Memory, Report, WiimoteSeen
 from cardan.errors import ExtraMissingError
-from cardan.protocols.wiimote import (
+from cardan_wiimote.conform.pilot import DATA_MODE, EXTENSION_MODE, LONG_READ
+from cardan_wiimote.conform.seen import Memory, Report, WiimoteSeen
+from cardan_wiimote.protocol import (
     ACCELEROMETER_CALIBRATION_ADDRESSES,
     EEPROM,
     INPUT_SIZES,

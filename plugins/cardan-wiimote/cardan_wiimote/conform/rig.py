@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from cardan.conform.conduct import Act, Conduct
 from cardan.conform.timeline import Kind
-from cardan.sim_peers.wiimote import SimulatedWiimote
+from cardan_wiimote.peer import SimulatedWiimote
 
 LONGEST_S = 300.0
 """Of a simulated run; a script that waits for what never comes ends before."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.conform.timeline import Kind, Phase, Timeline
-from cardan.protocols.wiimote import (
+from cardan_wiimote.protocol import (
     InputReport,
     OutputReport,
     ReadData,

@@ -9,11 +9,11 @@ from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
-from cardan.conform.wiimote.pilot import WiimotePilot
-from cardan.conform.wiimote.requirements import requires
-from cardan.conform.wiimote.rig import WiimoteRig
-from cardan.conform.wiimote.seen import WiimoteSeen
 from cardan.conform.wires import DeviceFile, Wires
+from cardan_wiimote.conform.pilot import WiimotePilot
+from cardan_wiimote.conform.requirements import requires
+from cardan_wiimote.conform.rig import WiimoteRig
+from cardan_wiimote.conform.seen import WiimoteSeen
 
 
 class Wiimote(Suite[WiimoteSeen]):

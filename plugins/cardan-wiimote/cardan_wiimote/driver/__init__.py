@@ -1,12 +1,12 @@
 """Nintendo's Wii Remote as an operator device."""
 
-from cardan.drivers.wiimote.core import (
+from cardan_wiimote.driver.core import (
     Identity as Identity,
     WiimoteCore as WiimoteCore,
 )
-from cardan.drivers.wiimote.device import (
+from cardan_wiimote.driver.device import (
     Wiimote as Wiimote,
 )
-from cardan.drivers.wiimote.options import (
+from cardan_wiimote.driver.options import (
     WiimoteOptions as WiimoteOptions,
 )

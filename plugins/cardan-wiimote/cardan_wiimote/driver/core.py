@@ -12,13 +12,14 @@ from typing import ClassVar, NamedTuple
 
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.shaping import Shaper
-from cardan.drivers.wiimote.gyro import Gyro
-from cardan.drivers.wiimote.options import WiimoteOptions
-from cardan.drivers.wiimote.roles import ROLES, STICK_BUTTON, Hand
-from cardan.drivers.wiimote.rumble import PULSE_S, Rumble
-from cardan.drivers.wiimote.session import Session
-from cardan.drivers.wiimote.tilt import Tilt, Vector
-from cardan.protocols.wiimote import (
+from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink, Inertia, Vector3
+from cardan_wiimote.driver.gyro import Gyro
+from cardan_wiimote.driver.options import WiimoteOptions
+from cardan_wiimote.driver.roles import ROLES, STICK_BUTTON, Hand
+from cardan_wiimote.driver.rumble import PULSE_S, Rumble
+from cardan_wiimote.driver.session import Session
+from cardan_wiimote.driver.tilt import Tilt, Vector
+from cardan_wiimote.protocol import (
     BATTERY_FULL,
     BUTTONS,
     DATA_LAYOUTS,
@@ -45,7 +46,6 @@ from cardan.protocols.wiimote import (
     to_rad_s,
     with_rumble,
 )
-from cardan.types import NEUTRAL, NEVER_S, Axes, DeviceLink, Inertia, Vector3
 
 STALE_AFTER_S = 0.09
 """Silence, nine reports, after which the link is STALE. The state must be neutral within 0.1 s; the

@@ -12,9 +12,11 @@ from cardan.drivers.access import such
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.simulated import OWN
-from cardan.drivers.wiimote.core import KERNEL_DRIVER, Identity, WiimoteCore
-from cardan.drivers.wiimote.options import WiimoteOptions
-from cardan.drivers.wiimote.transports import (
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
+from cardan.types import DeviceCapabilities, DeviceFeedback
+from cardan_wiimote.driver.core import KERNEL_DRIVER, Identity, WiimoteCore
+from cardan_wiimote.driver.options import WiimoteOptions
+from cardan_wiimote.driver.transports import (
     Found,
     HidrawTransport,
     L2capTransport,
@@ -22,9 +24,7 @@ from cardan.drivers.wiimote.transports import (
     SocketTransport,
     Transport,
 )
-from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
-from cardan.protocols.wiimote import Rumble, encode_output
-from cardan.types import DeviceCapabilities, DeviceFeedback
+from cardan_wiimote.protocol import Rumble, encode_output
 
 READ_TIMEOUT_S = 0.01
 """Longest wait for a report, and so the delay of a motor pulse; reports come as often."""

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.protocols.wiimote import (
+from cardan.types import NEVER_S
+from cardan_wiimote.protocol import (
     READ_MEMORY_ID,
     WRITE_MEMORY_ID,
     Ack,
@@ -21,7 +22,6 @@ from cardan.protocols.wiimote import (
     WriteMemory,
     encode_output,
 )
-from cardan.types import NEVER_S
 
 TIMEOUT_S = 1.0
 """A remote that was just woken is slow."""

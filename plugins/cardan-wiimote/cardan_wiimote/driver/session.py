@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Generator
 from typing import NamedTuple
 
-from cardan.drivers.wiimote.options import WiimoteOptions
-from cardan.drivers.wiimote.requests import Answer, Request, Requests
-from cardan.protocols.wiimote import (
+from cardan.types import NEVER_S
+from cardan_wiimote.driver.options import WiimoteOptions
+from cardan_wiimote.driver.requests import Answer, Request, Requests
+from cardan_wiimote.protocol import (
     ACCELEROMETER_CALIBRATION_ADDRESSES,
     ACCELEROMETER_CALIBRATION_BYTES,
     DEFAULT_ACCELEROMETER,
@@ -47,7 +48,6 @@ from cardan.protocols.wiimote import (
     motion_plus_activate,
     read_accelerometer_calibration,
 )
-from cardan.types import NEVER_S
 
 MODE_AGAIN_S = 0.03
 """Time after which a data mode that did not take effect is set again."""

@@ -20,7 +20,8 @@ from cardan.drivers.access import obstacle
 from cardan.drivers.hid import REPORT_ROOM, HidDevice, load_hid
 from cardan.drivers.packet_socket import TIMEOUT_S, require_unix_sockets
 from cardan.errors import DeviceAccessError, DriverError
-from cardan.protocols.wiimote import (
+from cardan.sockets import connected
+from cardan_wiimote.protocol import (
     CONTROL_PSM,
     INPUT_HEADER,
     INTERRUPT_PSM,
@@ -31,7 +32,6 @@ from cardan.protocols.wiimote import (
     WIIMOTE_TR,
     model_of,
 )
-from cardan.sockets import connected
 
 if sys.platform == "linux":
     import fcntl

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import random
 
-from cardan.protocols.wiimote import (
+from cardan_wiimote.protocol import (
     ACCELEROMETER_CALIBRATION_ADDRESSES,
     CALIBRATION_OFFSET,
     CAMERA_CALIBRATION_ADDRESSES,
@@ -37,7 +37,7 @@ from cardan.protocols.wiimote import (
     encode_nunchuk_pass_through,
     from_rad_s,
 )
-from cardan.protocols.wiimote.accelerometer import checksum
+from cardan_wiimote.protocol.accelerometer import checksum
 
 SPEAKER, PORT, MOTION_PLUS, CAMERA = 0x51, 0x52, 0x53, 0x58
 """Addresses on the bus, 7 bits."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from cardan.sim_peers.command import PeerCommand
-from cardan.sim_peers.wiimote.faults import FAULTS
-from cardan.sim_peers.wiimote.hand import SCRIPT_VERBS, SCRIPTS
-from cardan.sim_peers.wiimote.peer import WiimotePeer, WiimotePeerOptions
+from cardan_wiimote.peer.faults import FAULTS
+from cardan_wiimote.peer.hand import SCRIPT_VERBS, SCRIPTS
+from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 
 class Wiimote(PeerCommand[WiimotePeerOptions]):

@@ -14,7 +14,9 @@ from typing import Annotated, Literal, NamedTuple
 from cardan.bounds import Range
 from cardan.errors import ScriptError
 from cardan.options import check_value
-from cardan.protocols.wiimote import (
+from cardan_wiimote.peer import bus
+from cardan_wiimote.peer.faults import FaultyLink, check_faults
+from cardan_wiimote.protocol import (
     BATTERY_LOW,
     BUTTONS,
     DATA_LAYOUTS,
@@ -63,8 +65,6 @@ from cardan.protocols.wiimote import (
     from_operator_axes,
     rumble_of,
 )
-from cardan.sim_peers.wiimote import bus
-from cardan.sim_peers.wiimote.faults import FaultyLink, check_faults
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 
-from cardan.protocols.wiimote import BUTTONS, IrDot
-from cardan.protocols.wiimote.camera import HEIGHT, WIDTH
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving, setting
 from cardan.sim_peers.strokes import Ramp, VectorMotion
-from cardan.sim_peers.wiimote.core import ZERO, SimulatedWiimote
+from cardan_wiimote.peer.core import ZERO, SimulatedWiimote
+from cardan_wiimote.protocol import BUTTONS, IrDot
+from cardan_wiimote.protocol.camera import HEIGHT, WIDTH
 
 HAND_PERIOD_S = 0.005
 """How often a moving hand is sampled."""

@@ -20,9 +20,9 @@ from typing import Protocol
 from cardan.bounds import BLUETOOTH_ADDRESS
 from cardan.errors import AddressError
 from cardan.options import require
-from cardan.protocols.wiimote import CONTROL_PSM, INPUT_HEADER, INTERRUPT_PSM
 from cardan.sim_peers.carriers.base import Carrier, Shell
 from cardan.sockets import OWNER_ONLY, Advice, UnixSocket
+from cardan_wiimote.protocol import CONTROL_PSM, INPUT_HEADER, INTERRUPT_PSM
 
 AF_BLUETOOTH = 31
 """Linux's number; a Python built without Bluetooth headers has no name for it."""

@@ -10,19 +10,19 @@ from typing import Annotated
 from cardan import bounds
 from cardan.errors import ConfigurationError
 from cardan.options import require_each
-from cardan.protocols.wiimote import (
+from cardan.sim_peers.base import load_script
+from cardan.sim_peers.carriers.base import Carrier
+from cardan.sim_peers.carriers.uhid import BUS_BLUETOOTH, HidIdentity, UhidCarrier
+from cardan.sim_peers.command import option
+from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
+from cardan_wiimote.peer.core import ExtensionName, NoiseLsb, SimulatedWiimote
+from cardan_wiimote.peer.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+from cardan_wiimote.peer.l2cap import BluetoothChannels, UnixChannels, parse_address
+from cardan_wiimote.protocol import (
     NINTENDO,
     SET_REPORT_HEADER,
     report_descriptor,
 )
-from cardan.sim_peers.base import load_script
-from cardan.sim_peers.carriers.base import Carrier
-from cardan.sim_peers.carriers.l2cap import BluetoothChannels, UnixChannels, parse_address
-from cardan.sim_peers.carriers.uhid import BUS_BLUETOOTH, HidIdentity, UhidCarrier
-from cardan.sim_peers.command import option
-from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
-from cardan.sim_peers.wiimote.core import ExtensionName, NoiseLsb, SimulatedWiimote
-from cardan.sim_peers.wiimote.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
 
 RECONNECT_S = 1.0
 """How long a remote that a host once paired takes to connect again, by itself."""

@@ -7,7 +7,7 @@ from cardan.protocols.hid import (
     UNKNOWN_ID as UNKNOWN_ID,
     MalformedReport as MalformedReport,
 )
-from cardan.protocols.wiimote.accelerometer import (
+from cardan_wiimote.protocol.accelerometer import (
     ACCELEROMETER_CALIBRATION_ADDRESSES as ACCELEROMETER_CALIBRATION_ADDRESSES,
     ACCELEROMETER_CALIBRATION_BYTES as ACCELEROMETER_CALIBRATION_BYTES,
     CAMERA_CALIBRATION_ADDRESSES as CAMERA_CALIBRATION_ADDRESSES,
@@ -26,7 +26,7 @@ from cardan.protocols.wiimote.accelerometer import (
     to_g as to_g,
     to_operator_axes as to_operator_axes,
 )
-from cardan.protocols.wiimote.camera import (
+from cardan_wiimote.protocol.camera import (
     CAMERA_ADDRESS as CAMERA_ADDRESS,
     DOTS as DOTS,
     HEIGHT as HEIGHT,
@@ -41,7 +41,7 @@ from cardan.protocols.wiimote.camera import (
     decode_dots as decode_dots,
     encode_dots as encode_dots,
 )
-from cardan.protocols.wiimote.extensions import (
+from cardan_wiimote.protocol.extensions import (
     CALIBRATION_OFFSET as CALIBRATION_OFFSET,
     DEFAULT_NUNCHUK as DEFAULT_NUNCHUK,
     EXTENSION_ADDRESS as EXTENSION_ADDRESS,
@@ -63,7 +63,7 @@ from cardan.protocols.wiimote.extensions import (
     extension_of as extension_of,
     stick_deflection as stick_deflection,
 )
-from cardan.protocols.wiimote.identity import (
+from cardan_wiimote.protocol.identity import (
     ACK_ID as ACK_ID,
     CONTROL_PSM as CONTROL_PSM,
     DATA_MODE_ID as DATA_MODE_ID,
@@ -98,7 +98,7 @@ from cardan.protocols.wiimote.identity import (
     model_of as model_of,
     report_descriptor as report_descriptor,
 )
-from cardan.protocols.wiimote.inputs import (
+from cardan_wiimote.protocol.inputs import (
     BATTERY_FULL as BATTERY_FULL,
     BATTERY_LOW as BATTERY_LOW,
     DATA_LAYOUTS as DATA_LAYOUTS,
@@ -121,7 +121,7 @@ from cardan.protocols.wiimote.inputs import (
     encode_status as encode_status,
     join_halves as join_halves,
 )
-from cardan.protocols.wiimote.motion_plus import (
+from cardan_wiimote.protocol.motion_plus import (
     DEFAULT_MOTION_PLUS as DEFAULT_MOTION_PLUS,
     MOTION_PLUS_ADDRESS as MOTION_PLUS_ADDRESS,
     MOTION_PLUS_START as MOTION_PLUS_START,
@@ -144,7 +144,7 @@ from cardan.protocols.wiimote.motion_plus import (
     motion_plus_activate as motion_plus_activate,
     to_rad_s as to_rad_s,
 )
-from cardan.protocols.wiimote.outputs import (
+from cardan_wiimote.protocol.outputs import (
     EEPROM as EEPROM,
     REGISTERS as REGISTERS,
     SWITCH_IDS as SWITCH_IDS,
@@ -163,7 +163,7 @@ from cardan.protocols.wiimote.outputs import (
     rumble_of as rumble_of,
     with_rumble as with_rumble,
 )
-from cardan.protocols.wiimote.values import (
+from cardan_wiimote.protocol.values import (
     BUTTON_MASK as BUTTON_MASK,
     BUTTONS as BUTTONS,
     ErrorCode as ErrorCode,

@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cardan.protocols.wiimote.inputs import Triple
+from cardan_wiimote.protocol.inputs import Triple
 
 EEPROM_BYTES = 0x1700
 """What can be read; a request that reaches beyond fails whole."""

@@ -8,9 +8,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cardan.protocols.wiimote.identity import IR_ENABLE_1_ID, IR_ENABLE_2_ID
-from cardan.protocols.wiimote.inputs import IrFormat
-from cardan.protocols.wiimote.outputs import OutputReport, Switch, WriteMemory
+from cardan_wiimote.protocol.identity import IR_ENABLE_1_ID, IR_ENABLE_2_ID
+from cardan_wiimote.protocol.inputs import IrFormat
+from cardan_wiimote.protocol.outputs import OutputReport, Switch, WriteMemory
 
 WIDTH, HEIGHT = 1024, 768
 DOTS = 4

@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from cardan.protocols.wiimote.accelerometer import CHECKSUM_SEED, checksum, encode_points, points
-from cardan.protocols.wiimote.inputs import Triple
-from cardan.protocols.wiimote.outputs import ReadMemory, WriteMemory
+from cardan_wiimote.protocol.accelerometer import CHECKSUM_SEED, checksum, encode_points, points
+from cardan_wiimote.protocol.inputs import Triple
+from cardan_wiimote.protocol.outputs import ReadMemory, WriteMemory
 
 EXTENSION_ADDRESS = 0xA40000
 """Registers of the extension port, or of an active MotionPlus."""

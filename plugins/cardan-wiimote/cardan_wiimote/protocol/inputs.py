@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from cardan.protocols.hid import EMPTY, TOO_SHORT, UNKNOWN_ID, MalformedReport
-from cardan.protocols.wiimote.identity import (
+from cardan_wiimote.protocol.identity import (
     ACK_ID,
     FIRST_HALF_ID,
     INPUT_SIZES,
@@ -21,7 +21,7 @@ from cardan.protocols.wiimote.identity import (
     SECOND_HALF_ID,
     STATUS_ID,
 )
-from cardan.protocols.wiimote.values import BUTTON_MASK
+from cardan_wiimote.protocol.values import BUTTON_MASK
 
 READ_PIECE_BYTES = 16
 """The most that one answer to a read carries."""

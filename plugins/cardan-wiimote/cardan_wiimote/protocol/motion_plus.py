@@ -13,14 +13,14 @@ import zlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cardan.protocols.wiimote.extensions import (
+from cardan_wiimote.protocol.extensions import (
     CALIBRATION_OFFSET,
     EXTENSION_ADDRESS,
     ID_BYTES,
     ID_OFFSET,
 )
-from cardan.protocols.wiimote.inputs import Triple
-from cardan.protocols.wiimote.outputs import ReadMemory, WriteMemory
+from cardan_wiimote.protocol.inputs import Triple
+from cardan_wiimote.protocol.outputs import ReadMemory, WriteMemory
 
 MOTION_PLUS_ADDRESS = 0xA60000
 """Registers of a MotionPlus while it is inactive; active it is at the extension port."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.protocols.hid import BAD_VALUE, EMPTY, TOO_SHORT, UNKNOWN_ID, MalformedReport
-from cardan.protocols.wiimote.identity import (
+from cardan_wiimote.protocol.identity import (
     DATA_MODE_ID,
     IR_ENABLE_1_ID,
     IR_ENABLE_2_ID,
@@ -24,7 +24,7 @@ from cardan.protocols.wiimote.identity import (
     STATUS_REQUEST_ID,
     WRITE_MEMORY_ID,
 )
-from cardan.protocols.wiimote.inputs import DATA_MODES
+from cardan_wiimote.protocol.inputs import DATA_MODES
 
 SWITCH_IDS: frozenset[int] = frozenset(
     {IR_ENABLE_1_ID, SPEAKER_ENABLE_ID, SPEAKER_MUTE_ID, IR_ENABLE_2_ID}

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from cardan.drivers.wiimote import Wiimote, WiimoteOptions
-from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
+from btvirt import connect, controllers
 from cardan.types import DeviceLink
-from tests.kernel.bluetooth import connect, controllers
+from cardan_wiimote.driver import Wiimote, WiimoteOptions
+from cardan_wiimote.peer import WiimotePeer, WiimotePeerOptions
 from tests.kernel.waiting import wait_for
 from tests.serving import in_a_thread
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from cardan.drivers.wiimote import Identity, WiimoteCore, WiimoteOptions
-from cardan.protocols.wiimote import Data, Rumble, decode_input, encode_output
-from cardan.sim_peers.wiimote import FAULTS, SimulatedWiimote
 from cardan.types import NEVER_S, DeviceLink
+from cardan_wiimote.driver import Identity, WiimoteCore, WiimoteOptions
+from cardan_wiimote.peer import FAULTS, SimulatedWiimote
+from cardan_wiimote.protocol import Data, Rumble, decode_input, encode_output
 
 STEP_S = 0.002
 RETRY_S = 0.25

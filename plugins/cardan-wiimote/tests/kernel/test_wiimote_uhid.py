@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from cardan.drivers.wiimote import Wiimote, WiimoteOptions
-from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
-from cardan.sim_peers.wiimote.bus import GYROSCOPES, NUNCHUK
 from cardan.types import DeviceFeedback, DeviceLink
+from cardan_wiimote.driver import Wiimote, WiimoteOptions
+from cardan_wiimote.peer import WiimotePeer, WiimotePeerOptions
+from cardan_wiimote.peer.bus import GYROSCOPES, NUNCHUK
 from tests.kernel.evdev_nodes import EV_ABS, EV_KEY, events_of, nodes_called
 from tests.kernel.waiting import PATIENCE_S, wait_for
 from tests.serving import in_a_thread
