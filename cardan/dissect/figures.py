@@ -1,17 +1,17 @@
-"""Statistics of a flow's datagrams."""
+"""Figures of the messages from one sender to one receiver."""
 
 from __future__ import annotations
 
-import math
-from array import array
 from collections import Counter, OrderedDict, deque
 from collections.abc import Iterator
 
-SEQNO_MODULUS = 2**32
-RESTART_JUMP = 2**16
-"""A seqno this far ahead is another session, not loss: over four minutes at 250 Hz."""
+from cardan.dissect.reader import Message
+from cardan.histogram import LatencyHistogram
+
 REMEMBERED = 1024
 """Datagrams remembered to tell duplicates and late ones; four seconds at 250 Hz."""
+MOST_TEXTS = 64
+"""Different texts that are counted each; what comes after them is counted together."""
 
 
 class Intervals:
@@ -22,17 +22,16 @@ class Intervals:
         self._count = self._sum_ns = self._max_ns = 0
         self._min_ns: int | None = None
 
-    def add(self, time_ns: int) -> int | None:
-        """One more instant; the interval that ends there."""
+    def add(self, time_ns: int) -> None:
+        """One more instant."""
         last, self._last_ns = self._last_ns, time_ns
         if last is None:
-            return None
+            return
         interval = time_ns - last
         self._count += 1
         self._sum_ns += interval
         self._max_ns = max(self._max_ns, interval)
         self._min_ns = interval if self._min_ns is None else min(self._min_ns, interval)
-        return interval
 
     def pause(self) -> None:
         """The next interval is not one."""
@@ -40,40 +39,19 @@ class Intervals:
 
     def __str__(self) -> str:
         if self._min_ns is None:
-            return "period -"
+            return ""
         mean = milliseconds(self._sum_ns / self._count)
         extremes = f"min {milliseconds(self._min_ns)} max {milliseconds(self._max_ns)}"
-        return f"period mean {mean} {extremes} ms"
-
-
-class Latencies:
-    """Median and 99th percentile of durations."""
-
-    def __init__(self) -> None:
-        self._ns = array("q")
-
-    def add(self, duration_ns: int) -> None:
-        """One more duration."""
-        self._ns.append(duration_ns)
-
-    def __len__(self) -> int:
-        return len(self._ns)
-
-    def quantile_ns(self, fraction: float) -> int:
-        """The smallest duration that `fraction` of all do not exceed."""
-        return sorted(self._ns)[max(0, math.ceil(fraction * len(self._ns)) - 1)]
-
-    def __str__(self) -> str:
-        if not self._ns:
-            return "-"
-        median, p99 = (milliseconds(self.quantile_ns(q)) for q in (0.5, 0.99))
-        return f"median {median} p99 {p99} ms"
+        return f", period mean {mean} {extremes} ms"
 
 
 class Sequence:
-    """Tells loss, duplicates, reordering and restarts from sequence numbers modulo 2**32."""
+    """Tells loss, duplicates, reordering and restarts from sequence numbers of some bits."""
 
-    def __init__(self) -> None:
+    def __init__(self, bits: int) -> None:
+        self._modulus = 2**bits
+        # A step this far ahead is another session, not loss: over four minutes at 250 Hz and 32.
+        self._jump = 2 ** (bits // 2)
         self.duplicates = self.repeated = self.late = self.restarts = 0
         self._last: int | None = None
         self._seen: OrderedDict[int, int] = OrderedDict()  # seqno -> hash of its datagram
@@ -108,11 +86,12 @@ class Sequence:
     def _judge(self, seqno: int, content: int) -> str:
         if self._last is None:
             return "first"
-        step = (seqno - self._last + SEQNO_MODULUS // 2) % SEQNO_MODULUS - SEQNO_MODULUS // 2
-        if 0 < step < RESTART_JUMP:
+        half = self._modulus // 2
+        step = (seqno - self._last + half) % self._modulus - half
+        if 0 < step < self._jump:
             self._steps[step] += 1
             for skipped in range(max(1, step - REMEMBERED), step):
-                self._missing.append((self._last + skipped) % SEQNO_MODULUS)
+                self._missing.append((self._last + skipped) % self._modulus)
             return "next" if step == self.step else "gap"
         if self._seen.get(seqno) == content:
             return "duplicate"
@@ -135,6 +114,7 @@ class Sequence:
         text = f"lost {self.lost} duplicate {self.duplicates} out of order {self.late}"
         if self.repeated:
             text += f" repeated with other content {self.repeated}"
+        text += f" restarts {self.restarts}"
         return text + (f" (seqno steps by {self.step})" if self.step > 1 else "")
 
 
@@ -148,8 +128,60 @@ def tally(counter: Counter[str]) -> str:
     return ", ".join(f"{text} x{count}" for text, count in counter.most_common())
 
 
-def tallies(indent: str, *labelled: tuple[str, Counter[str]]) -> Iterator[str]:
-    """A line for each counter that counted something."""
-    for label, counter in labelled:
-        if counter:
-            yield f"{indent}{label}: {tally(counter)}"
+def count(counter: Counter[str], text: str) -> None:
+    """One more of `text`, in bounded memory: a damaged capture has a new text in every message."""
+    counter[text if text in counter or len(counter) < MOST_TEXTS else "others"] += 1
+
+
+class Figures:
+    """How many messages there were, how often, what was lost, and how long answers took."""
+
+    def __init__(self, sequence_bits: int) -> None:
+        self._messages = 0
+        self._kinds: Counter[str] = Counter()
+        self._intervals: dict[str, Intervals] = {}
+        self._malformed: Counter[str] = Counter()
+        self._remarks: Counter[str] = Counter()
+        self._numbered = False
+        self._sequence = Sequence(sequence_bits)
+        self._answers = LatencyHistogram()
+        self._asked_ns: int | None = None
+        """When the newest message came that was not answered yet."""
+
+    def add(self, message: Message, title: str, other_way: Figures | None) -> tuple[str, ...]:
+        """One more; what is to be said of it."""
+        decoded, time_ns = message.decoded, message.packet.time_ns
+        self._messages += 1
+        if decoded.fault:
+            count(self._malformed, decoded.fault.partition(":")[0])
+            return ()
+        count(self._kinds, title)
+        for remark in decoded.remarks:
+            count(self._remarks, remark)
+        verdict = ""
+        if decoded.sequence is not None:
+            self._numbered = True
+            verdict = self._sequence.add(decoded.sequence, message.data)
+        if title in self._kinds:
+            intervals = self._intervals.setdefault(title, Intervals())
+            if verdict == "restart":
+                intervals.pause()
+            if verdict not in ("duplicate", "repeated", "late"):
+                intervals.add(time_ns)
+        if verdict != "duplicate":
+            self._asked_ns = time_ns
+        if other_way is not None and other_way._asked_ns is not None:
+            self._answers.add((time_ns - other_way._asked_ns) / 1e9)
+            other_way._asked_ns = None
+        return () if verdict in ("", "first", "next") else (f"SEQUENCE {verdict.upper()}",)
+
+    def __iter__(self) -> Iterator[str]:
+        yield f"  {self._messages} messages" + (f", {self._sequence}" if self._numbered else "")
+        for kind, number in self._kinds.most_common():
+            yield f"  {kind} x{number}{self._intervals.get(kind, '')}"
+        for label, counter in (("malformed", self._malformed), ("remarks", self._remarks)):
+            if counter:
+                yield f"  {label}: {tally(counter)}"
+        if self._answers.count:
+            median, p99 = (milliseconds(1e9 * self._answers.percentile(p)) for p in (50, 99))
+            yield f"  answered x{self._answers.count}: median {median} p99 {p99} ms"
