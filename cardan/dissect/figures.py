@@ -10,6 +10,8 @@ from cardan.histogram import LatencyHistogram
 
 REMEMBERED = 1024
 """Datagrams remembered to tell duplicates and late ones; four seconds at 250 Hz."""
+PENDING = 256
+"""Messages that an answer is looked for among: one second at 250 Hz."""
 MOST_TEXTS = 64
 """Different texts that are counted each; what comes after them is counted together."""
 
@@ -145,8 +147,8 @@ class Figures:
         self._numbered = False
         self._sequence = Sequence(sequence_bits)
         self._answers = LatencyHistogram()
-        self._asked_ns: int | None = None
-        """When the newest message came that was not answered yet."""
+        self._asked_ns: dict[int | None, int] = {}
+        """When messages came that were not answered yet; None: the newest of them."""
 
     def add(self, message: Message, title: str, other_way: Figures | None) -> tuple[str, ...]:
         """One more; what is to be said of it."""
@@ -169,10 +171,16 @@ class Figures:
             if verdict not in ("duplicate", "repeated", "late"):
                 intervals.add(time_ns)
         if verdict != "duplicate":
-            self._asked_ns = time_ns
-        if other_way is not None and other_way._asked_ns is not None:
-            self._answers.add((time_ns - other_way._asked_ns) / 1e9)
-            other_way._asked_ns = None
+            self._asked_ns.pop(None, None)
+            if decoded.asks is not None:
+                self._asked_ns[decoded.asks] = time_ns
+            self._asked_ns[None] = time_ns
+            if len(self._asked_ns) > PENDING:
+                del self._asked_ns[next(iter(self._asked_ns))]
+        if other_way is not None:
+            asked_ns = other_way._asked_ns.pop(decoded.answers, None)
+            if asked_ns is not None:
+                self._answers.add((time_ns - asked_ns) / 1e9)
         return () if verdict in ("", "first", "next") else (f"SEQUENCE {verdict.upper()}",)
 
     def __iter__(self) -> Iterator[str]:
@@ -184,4 +192,4 @@ class Figures:
                 yield f"  {label}: {tally(counter)}"
         if self._answers.count:
             median, p99 = (milliseconds(1e9 * self._answers.percentile(p)) for p in (50, 99))
-            yield f"  answered x{self._answers.count}: median {median} p99 {p99} ms"
+            yield f"  answers x{self._answers.count}, after: median {median} p99 {p99} ms"

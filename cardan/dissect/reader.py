@@ -29,6 +29,10 @@ class Decoded(NamedTuple):
     """Why it is malformed; what stands before a colon is counted."""
     sequence: int | None = None
     """The sender's count of its messages, where it has one."""
+    asks: int | None = None
+    """What an answer to it repeats, where the protocol has that."""
+    answers: int | None = None
+    """What it repeats of the message that it answers; None: it answers the newest one."""
     remarks: tuple[str, ...] = ()
     """What is to be said of it besides its values."""
 

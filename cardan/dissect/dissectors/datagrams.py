@@ -36,7 +36,12 @@ class Egm(DatagramDissector):
             value, title = egm.decode_from_pc(segment.payload), "EGM from the PC"
         if isinstance(value, egm.Malformed):
             return Decoded(None, title, f"{value.fault.value}: {value.detail}")
-        return Decoded(value, sequence=value.header.seqno if value.header else None)
+        if value.header is None:
+            return Decoded(value)
+        seqno, tm_ms = value.header.seqno, value.header.tm_ms or None
+        if isinstance(value, egm.EgmRobot):
+            return Decoded(value, sequence=seqno, asks=tm_ms)
+        return Decoded(value, sequence=seqno, answers=tm_ms)
 
 
 class JointStream(DatagramDissector):
@@ -54,4 +59,6 @@ class JointStream(DatagramDissector):
         value = command if joint_stream.is_command(data) else state
         if isinstance(value, joint_stream.Malformed):
             return Decoded(None, "joint stream", value.reason)
-        return Decoded(value, sequence=value.sequence)
+        if isinstance(value, joint_stream.ArmCommand):
+            return Decoded(value, sequence=value.sequence, asks=value.sequence)
+        return Decoded(value, sequence=value.sequence, answers=value.acknowledged or None)

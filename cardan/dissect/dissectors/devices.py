@@ -15,6 +15,7 @@ from cardan.dissect.network import Segment
 from cardan.dissect.reader import CUT, Decoded, Dissector, Found, Message, Note, Numbers
 from cardan.dissect.usbmon import Urb
 from cardan.protocols import connexion, jr3_can, wiimote
+from cardan.protocols.connexion.devices import MULTI_AXIS_CONTROLLER
 from cardan.protocols.hid import EMPTY, TOO_SHORT, MalformedReport
 
 MOST_COUNTS = 512
@@ -35,8 +36,8 @@ def _report(value: Any, report: bytes, cut: bool) -> Decoded:
     if not isinstance(value, MalformedReport):
         return Decoded(value)
     if value.reason in (EMPTY, TOO_SHORT):
-        size = f" 0x{report[0]:02x}: {len(report)} bytes" if report else ""
-        return Decoded(None, "report", f"{value.reason}{size}")
+        size = f"0x{report[0]:02x} {value.reason}: {len(report)} bytes" if report else EMPTY
+        return Decoded(None, "report", size)
     return Decoded({"data": report[1:]}, f"report 0x{value.report_id:02x} {value.reason}")
 
 
@@ -52,7 +53,7 @@ class _UsbDevice:
         model = connexion.find_model(vendor, product)
         name = model.name if model else "unknown 3Dconnexion device"
         self.name = f"{vendor:04x}:{product:04x} {name}"
-        self.ours = connexion.is_candidate(vendor, product, *connexion.MULTI_AXIS_CONTROLLER)
+        self.ours = connexion.is_candidate(vendor, product, *MULTI_AXIS_CONTROLLER)
         self.held.clear()
 
 

@@ -22,6 +22,8 @@ from cardan.protocols.simple_message import (
     ByteOrder,
     CommType,
     MessageType,
+    MotionCommand,
+    MotionResult,
     ReplyCode,
 )
 from cardan.protocols.simple_message.framing import HEADER_BYTES, PREFIX_BYTES
@@ -29,6 +31,7 @@ from cardan.protocols.ur import rtde
 
 LARGEST_PREFIX = HEADER_BYTES + 8 + simple_message.MAX_GROUPS * (8 + 31 * 8)
 """Of any message known: a point for every group, with reals of 8 bytes."""
+MESSAGE_TYPES = frozenset(MessageType)
 PENDING = 256
 """Requests of RTDE remembered until they are answered."""
 RTDE_KINDS = frozenset(rtde.PacketType)
@@ -70,13 +73,17 @@ class _SimpleMessages(Conversation):
         message = wire.decode_datagram(data)
         if isinstance(message, simple_message.Malformed):
             return Decoded(None, "simple message", message.reason)
-        title = [
-            simple_message.name_of(MessageType, message.msg_type),
-            simple_message.name_of(CommType, message.comm_type),
-        ]
+        body, name_of = message.body, simple_message.name_of
+        title = [name_of(MessageType, message.msg_type), name_of(CommType, message.comm_type)]
         if message.reply_code:
-            title.append(simple_message.name_of(ReplyCode, message.reply_code))
-        return Decoded(message.body, " ".join(title))
+            title.append(name_of(ReplyCode, message.reply_code))
+        if isinstance(body, simple_message.MotionCtrl | simple_message.MotionReply):
+            points = body.command in MESSAGE_TYPES
+            title.append(name_of(MessageType if points else MotionCommand, body.command))
+        if isinstance(body, simple_message.MotionReply):
+            title.append(name_of(MotionResult, body.result))
+            title.append(simple_message.subcode_name(body.result, body.subcode))
+        return Decoded(body, " ".join(title))
 
 
 class SimpleMessage(StreamDissector):
@@ -102,12 +109,13 @@ class SimpleMessage(StreamDissector):
             return
         ports, messages = {network.source.port, network.destination.port}, _SimpleMessages()
         data = network.payload
-        if SIMPLE_MESSAGE_RT_PORT in ports and not network.cut and len(data) >= PREFIX_BYTES:
-            if messages.begins(data):
-                self.packets += 1
-                size = messages.measure(bytearray(data)).size
-                decoded = messages.decode(data[:size], Direction.FROM_DEVICE)
-                yield Message(packet, *ends(network, decoded))
+        if SIMPLE_MESSAGE_RT_PORT not in ports or network.cut or len(data) < PREFIX_BYTES:
+            return
+        if messages.begins(data):
+            self.packets += 1
+            messages.byte_order = simple_message.detect_byte_order(data)
+            decoded = messages.decode(data, Direction.FROM_DEVICE)
+            yield Message(packet, *ends(network, decoded))
 
 
 class _RtdePackets(Conversation):
