@@ -162,7 +162,7 @@ class _Capture:
         key = dissector, found.where
         if key not in self._figures and len(self._figures) >= MOST_FIGURES:
             key = dissector, "others"
-        figures = self._figures.setdefault(key, Figures(dissector.sequence_bits))
+        figures = self._figures.setdefault(key, Figures())
         remarks = figures.add(found, title, self._figures.get((dissector, found.other_way)))
         if decoded.fault:
             self._malformed[dissector.name] += 1

@@ -8,6 +8,9 @@ from collections.abc import Iterator
 from cardan.dissect.reader import Message
 from cardan.histogram import LatencyHistogram
 
+MODULUS = 2**32
+RESTART_JUMP = 2**16
+"""A number this far ahead is of another session, not loss: over four minutes at 250 Hz."""
 REMEMBERED = 1024
 """Datagrams remembered to tell duplicates and late ones; four seconds at 250 Hz."""
 PENDING = 256
@@ -48,12 +51,9 @@ class Intervals:
 
 
 class Sequence:
-    """Tells loss, duplicates, reordering and restarts from sequence numbers of some bits."""
+    """Tells loss, duplicates, reordering and restarts from sequence numbers modulo 2**32."""
 
-    def __init__(self, bits: int) -> None:
-        self._modulus = 2**bits
-        # A step this far ahead is another session, not loss: over four minutes at 250 Hz and 32.
-        self._jump = 2 ** (bits // 2)
+    def __init__(self) -> None:
         self.duplicates = self.repeated = self.late = self.restarts = 0
         self._last: int | None = None
         self._seen: OrderedDict[int, int] = OrderedDict()  # seqno -> hash of its datagram
@@ -88,12 +88,12 @@ class Sequence:
     def _judge(self, seqno: int, content: int) -> str:
         if self._last is None:
             return "first"
-        half = self._modulus // 2
-        step = (seqno - self._last + half) % self._modulus - half
-        if 0 < step < self._jump:
+        half = MODULUS // 2
+        step = (seqno - self._last + half) % MODULUS - half
+        if 0 < step < RESTART_JUMP:
             self._steps[step] += 1
             for skipped in range(max(1, step - REMEMBERED), step):
-                self._missing.append((self._last + skipped) % self._modulus)
+                self._missing.append((self._last + skipped) % MODULUS)
             return "next" if step == self.step else "gap"
         if self._seen.get(seqno) == content:
             return "duplicate"
@@ -138,14 +138,14 @@ def count(counter: Counter[str], text: str) -> None:
 class Figures:
     """How many messages there were, how often, what was lost, and how long answers took."""
 
-    def __init__(self, sequence_bits: int) -> None:
+    def __init__(self) -> None:
         self._messages = 0
         self._kinds: Counter[str] = Counter()
         self._intervals: dict[str, Intervals] = {}
         self._malformed: Counter[str] = Counter()
         self._remarks: Counter[str] = Counter()
         self._numbered = False
-        self._sequence = Sequence(sequence_bits)
+        self._sequence = Sequence()
         self._answers = LatencyHistogram()
         self._asked_ns: dict[int | None, int] = {}
         """When messages came that were not answered yet; None: the newest of them."""

@@ -28,7 +28,7 @@ class Decoded(NamedTuple):
     fault: str = ""
     """Why it is malformed; what stands before a colon is counted."""
     sequence: int | None = None
-    """The sender's count of its messages, where it has one."""
+    """The sender's count of its messages, where it has one, modulo 2**32."""
     asks: int | None = None
     """What an answer to it repeats, where the protocol has that."""
     answers: int | None = None
@@ -105,8 +105,6 @@ class Dissector(ABC):
     """Whether the figures say of every capture how much of it there was, instead of captures with
     one of its link types only."""
     options: ClassVar[Sequence[Numbers]] = ()
-    sequence_bits: ClassVar[int] = 32
-    """Bits of the sequence numbers of its messages."""
 
     def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
         self.numbers = numbers

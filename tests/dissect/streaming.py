@@ -32,9 +32,10 @@ def fed(dissector, listed, period_s):
             lines.append(each.text)
             continue
         decoded = each.decoded
-        mine = figures.setdefault(each.where, Figures(dissector.sequence_bits))
+        mine = figures.setdefault(each.where, Figures())
         mine.add(each, decoded.title, figures.get(each.other_way))
-        fault = f"MALFORMED {decoded.title}: {decoded.fault} {excerpt(each.data)}"
+        title = decoded.title or dissector.name
+        fault = f"MALFORMED {title}: {decoded.fault} {excerpt(each.data)}"
         lines.append(fault if decoded.fault else describe(decoded))
     said = []
     for where, mine in figures.items():

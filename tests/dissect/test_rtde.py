@@ -252,8 +252,7 @@ def test_a_connection_has_its_lines_and_figures():
         "RTDE DATA recipe 1 | timestamp 1 | actual_q 0.5 0.5 0.5 0.5 0.5 0.5 | robot_mode 7"
     )
     assert said == [
-        "10.0.0.2:40000 > 10.0.0.1:30004: "
-        "5 segments, retransmitted 0 out of order 0 gaps 0",
+        "10.0.0.2:40000 > 10.0.0.1:30004: 5 segments, retransmitted 0 out of order 0 gaps 0",
         "  5 messages",
         "  RTDE PROTOCOL_VERSION x1",
         "  RTDE CONTROLLER_VERSION x1",
@@ -261,8 +260,7 @@ def test_a_connection_has_its_lines_and_figures():
         "  RTDE INPUTS x1",
         "  RTDE START x1",
         "  answers x4, after: median 2.000 p99 2.000 ms",
-        "10.0.0.1:30004 > 10.0.0.2:40000: "
-        "9 segments, retransmitted 0 out of order 0 gaps 0",
+        "10.0.0.1:30004 > 10.0.0.2:40000: 9 segments, retransmitted 0 out of order 0 gaps 0",
         "  9 messages",
         "  RTDE DATA recipe 1 x4, period mean 2.000 min 2.000 max 2.000 ms",
         "  RTDE PROTOCOL_VERSION x1",
@@ -288,7 +286,8 @@ def test_damage_texts_and_what_nobody_asked_for():
         )
     )
     assert lines[10:] == [
-        "MALFORMED RTDE: values that are not of their recipe's types (8 B: 00 08 55 01 00 00 00 00)",
+        "MALFORMED RTDE: values that are not of their recipe's types "
+        "(8 B: 00 08 55 01 00 00 00 00)",
         "RTDE TEXT | text 'too fast' | source 'Controller' | level 2",
         "RTDE OUTPUTS | kind OUTPUTS | recipe 3 | types 'DOUBLE' 'VECTOR6D' 'INT32' | "
         "ANSWERS NO REQUEST",
@@ -334,7 +333,7 @@ def test_joining_in_the_middle_and_an_early_end():
     lines, said = fed(parts)
     assert lines[0] == f"SKIPPED {len(one) - 20} bytes that begin no message"
     assert lines[1].startswith("RTDE DATA recipe 1")
-    assert "MALFORMED : the connection ends inside a message (30 B" in lines[2]
+    assert "MALFORMED RTDE: the connection ends inside a message (30 B" in lines[2]
     assert "  malformed: the connection ends inside a message x1" in said
 
 

@@ -240,7 +240,6 @@ class Jr3Can(Dissector):
             range(1, jr3_can.MAX_NODE_ID + 1),
         ),
     )
-    sequence_bits = 16
 
     def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
         super().__init__(numbers)
@@ -248,6 +247,8 @@ class Jr3Can(Dissector):
         self._held: dict[int, deque[tuple[CapturedPacket, CapturedCanFrame]]] = {}
         self._forces: dict[int, int] = {}
         """By the node: the counter of FORCES whose MOMENTS have not come."""
+        self._samples: dict[int, int] = {}
+        """By the node: the counter of the newest whole sample."""
 
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
         frame = can.parse(packet)
@@ -270,22 +271,26 @@ class Jr3Can(Dissector):
         self.packets += 1
         where = f"JR3 node {node}" if node else "CAN"
         value = CUT if frame.cut else _value(frame)
-        remarks, sequence = [], None
+        remarks = []
         if isinstance(value, jr3_can.Forces):
             if node in self._forces:
                 remarks.append("NO MOMENTS BEFORE")
             self._forces[node] = value.counter
         elif isinstance(value, jr3_can.Moments):
-            if self._forces.pop(node, None) == value.counter:
-                sequence = value.counter
-            else:
+            if self._forces.pop(node, None) != value.counter:
                 remarks.append("NO FORCES OF THIS COUNTER")
+            elif self._samples.get(node) == value.counter:
+                remarks.append("SAME SAMPLE AGAIN")
+            else:
+                self._samples[node] = value.counter
+        elif isinstance(value, jr3_can.Bootup):
+            self._samples.pop(node, None)
         if isinstance(value, str):
             decoded = Decoded(None, "CAN frame", value)
         elif value is None:
             decoded = Decoded({"data": frame.data}, f"CAN 0x{frame.identifier:03x}")
         else:
-            decoded = Decoded(value, sequence=sequence, remarks=tuple(remarks))
+            decoded = Decoded(value, remarks=tuple(remarks))
         return Message(packet, where, decoded, frame.data)
 
 
