@@ -117,7 +117,7 @@ class Sequence:
         if self.repeated:
             text += f" repeated with other content {self.repeated}"
         text += f" restarts {self.restarts}"
-        return text + (f" (seqno steps by {self.step})" if self.step > 1 else "")
+        return text + (f" (steps by {self.step})" if self.step > 1 else "")
 
 
 def milliseconds(duration_ns: float) -> str:
@@ -130,9 +130,11 @@ def tally(counter: Counter[str]) -> str:
     return ", ".join(f"{text} x{count}" for text, count in counter.most_common())
 
 
-def count(counter: Counter[str], text: str) -> None:
-    """One more of `text`, in bounded memory: a damaged capture has a new text in every message."""
-    counter[text if text in counter or len(counter) < MOST_TEXTS else "others"] += 1
+def count(counter: Counter[str], text: str) -> str:
+    """One more of `text`, or of others: a damaged capture has a new text in every message."""
+    counted = text if text in counter or len(counter) < MOST_TEXTS else "others"
+    counter[counted] += 1
+    return counted
 
 
 class Figures:
@@ -144,8 +146,7 @@ class Figures:
         self._intervals: dict[str, Intervals] = {}
         self._malformed: Counter[str] = Counter()
         self._remarks: Counter[str] = Counter()
-        self._numbered = False
-        self._sequence = Sequence()
+        self._sequences: dict[str, Sequence] = {}
         self._answers = LatencyHistogram()
         self._asked_ns: dict[int | None, int] = {}
         """When messages came that were not answered yet; None: the newest of them."""
@@ -157,14 +158,14 @@ class Figures:
         if decoded.fault:
             count(self._malformed, decoded.fault.partition(":")[0])
             return ()
-        count(self._kinds, title)
+        kind = count(self._kinds, title)
         for remark in decoded.remarks:
             count(self._remarks, remark)
         verdict = ""
         if decoded.sequence is not None:
-            self._numbered = True
-            verdict = self._sequence.add(decoded.sequence, message.data)
-        if title in self._kinds:
+            sequence = self._sequences.setdefault(kind, Sequence())
+            verdict = sequence.add(decoded.sequence, message.data)
+        if kind == title:
             intervals = self._intervals.setdefault(title, Intervals())
             if verdict == "restart":
                 intervals.pause()
@@ -184,9 +185,10 @@ class Figures:
         return () if verdict in ("", "first", "next") else (f"SEQUENCE {verdict.upper()}",)
 
     def __iter__(self) -> Iterator[str]:
-        yield f"  {self._messages} messages" + (f", {self._sequence}" if self._numbered else "")
+        yield f"  {self._messages} messages"
         for kind, number in self._kinds.most_common():
-            yield f"  {kind} x{number}{self._intervals.get(kind, '')}"
+            sequence = f", {self._sequences[kind]}" if kind in self._sequences else ""
+            yield f"  {kind} x{number}{self._intervals.get(kind, '')}{sequence}"
         for label, counter in (("malformed", self._malformed), ("remarks", self._remarks)):
             if counter:
                 yield f"  {label}: {tally(counter)}"

@@ -320,12 +320,14 @@ def test_a_clean_session(shown):
     ]
     assert lines[12:] == [
         "joint stream 10.0.0.2:40000 > 10.0.0.1:6520",
-        "  6 messages, lost 0 duplicate 0 out of order 0 restarts 0",
-        "  ArmCommand x6, period mean 8.400 min 8.000 max 10.000 ms",
+        "  6 messages",
+        "  ArmCommand x6, period mean 8.400 min 8.000 max 10.000 ms, "
+        "lost 0 duplicate 0 out of order 0 restarts 0",
         "  answers x5, after: median 2.000 p99 2.000 ms",
         "joint stream 10.0.0.1:6520 > 10.0.0.2:40000",
-        "  5 messages, lost 0 duplicate 0 out of order 0 restarts 0",
-        "  ArmState x5, period mean 8.000 min 8.000 max 8.000 ms",
+        "  5 messages",
+        "  ArmState x5, period mean 8.000 min 8.000 max 8.000 ms, "
+        "lost 0 duplicate 0 out of order 0 restarts 0",
         "  answers x5, after: median 6.000 p99 7.964 ms",
         "11 packets: 11 joint stream, 0 malformed; 0 others",
     ]
@@ -364,8 +366,8 @@ def test_loss_restart_other_sessions_reasons_and_damage(shown):
         "MALFORMED joint stream: 5 bytes are too short (5 B: 68 65 6c 6c 6f)",
         "session 6 | sequence 1 | stamp_s 0 | mode VELOCITY | values 0.25",
         "reason '' | SEQUENCE RESTART",
-        "  6 messages, lost 1 duplicate 1 out of order 0 restarts 1",
-        "  malformed: a state of 1 joints in ",
+        "  6 messages",
+        "  malformed: a state of 1 joints in , lost 1 duplicate 1 out of order 0 restarts 1",
         "  malformed: 5 bytes are too short x1",
     ):
         assert line in text

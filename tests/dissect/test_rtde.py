@@ -262,7 +262,8 @@ def test_a_connection_has_its_lines_and_figures():
         "  answers x4, after: median 2.000 p99 2.000 ms",
         "10.0.0.1:30004 > 10.0.0.2:40000: 9 segments, retransmitted 0 out of order 0 gaps 0",
         "  9 messages",
-        "  RTDE DATA recipe 1 x4, period mean 2.000 min 2.000 max 2.000 ms",
+        "  RTDE DATA recipe 1 x4, period mean 2.000 min 2.000 max 2.000 ms, "
+        "lost 1 duplicate 0 out of order 0 restarts 0 (steps by 2)",
         "  RTDE PROTOCOL_VERSION x1",
         "  RTDE CONTROLLER_VERSION x1",
         "  RTDE OUTPUTS x1",
@@ -303,6 +304,7 @@ def test_a_clock_that_tells_nonsense_is_shown(time_s):
     lines, said = fed(conversation(*states(time_s, 1.0, time_s)))
     assert lines[-1].startswith(f"RTDE DATA recipe 1 | timestamp {time_s:.8g} | ")
     assert not any("malformed" in line for line in said)
+    assert any("RTDE DATA recipe 1 x3" in line and "lost 0" in line for line in said)
 
 
 def test_a_timestamp_of_another_type_is_no_time():

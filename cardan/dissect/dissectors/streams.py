@@ -34,6 +34,8 @@ LARGEST_PREFIX = HEADER_BYTES + 8 + simple_message.MAX_GROUPS * (8 + 31 * 8)
 MESSAGE_TYPES = frozenset(MessageType)
 PENDING = 256
 """Requests of RTDE remembered until they are answered."""
+LARGEST_TIME_S = 1e9
+"""No controller was on for so long."""
 RTDE_KINDS = frozenset(rtde.PacketType)
 
 
@@ -185,7 +187,10 @@ class _RtdePackets(Conversation):
         values = recipe.unpack(data.values)
         if values is None:
             return Decoded(None, "RTDE", "values that are not of their recipe's types")
-        return Decoded(values, title)
+        # The controller's clock tells which packages it left out.
+        time_s = values.get("timestamp")
+        known = isinstance(time_s, float) and abs(time_s) < LARGEST_TIME_S
+        return Decoded(values, title, sequence=round(1e3 * time_s) % 2**32 if known else None)
 
 
 def _refused(names: Sequence[str], types: Sequence[str]) -> list[str]:
