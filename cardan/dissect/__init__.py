@@ -2,12 +2,15 @@
 (Universal Robots) on TCP, 3Dconnexion reports on USB, Wii Remotes on Bluetooth, JR3 force-torque
 sensors on CAN.
 
-Needs the optional extra ``cardan[dissect]`` (scapy). The scapy layers themselves, for building
-datagrams as well, are in :mod:`cardan.dissect.egm`, :mod:`cardan.dissect.joint_stream`,
-:mod:`cardan.dissect.simple_message`, :mod:`cardan.dissect.rtde`, :mod:`cardan.dissect.connexion`,
-:mod:`cardan.dissect.wiimote` and :mod:`cardan.dissect.jr3_can`. They are written from the
-protocols' documentation and not from :mod:`cardan.protocols`. Other packages add protocols by an
-entry point, see :class:`cardan.dissect.reader.Dissector`.
+What is printed of a message are the values of its codec in :mod:`cardan.protocols`. The protocols
+are declared in :mod:`cardan.dissect.dissectors`; other packages add theirs by an entry point, see
+:class:`cardan.dissect.reader.Dissector`.
+
+scapy layers, for building datagrams as well, are in :mod:`cardan.dissect.egm`,
+:mod:`cardan.dissect.joint_stream`, :mod:`cardan.dissect.simple_message`,
+:mod:`cardan.dissect.rtde`, :mod:`cardan.dissect.connexion`, :mod:`cardan.dissect.wiimote` and
+:mod:`cardan.dissect.jr3_can`. They need the optional extra ``cardan[dissect]``, and are written from
+the protocols' documentation and not from the codecs, which they are held against.
 """
 
 from __future__ import annotations
@@ -73,7 +76,7 @@ def dissect_file(
     other. Malformed datagrams and messages are shown and counted.
     Raises CaptureError when the file is missing, not a capture, damaged or truncated (after
     everything before the damage was written), ConfigurationError for an option that no dissector
-    has and for a number out of its range, ExtraMissingError without scapy.
+    has and for a number out of its range.
     """
     capture = _Capture(registry.dissectors(), numbers)
     start_ns = None

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Iterator
-from typing import NamedTuple
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from typing import ClassVar, NamedTuple
 
 from cardan.dissect import tcp
 from cardan.dissect.capture import CapturedPacket, Direction
@@ -24,13 +24,13 @@ class Measured(NamedTuple):
     """Why they are not, or why it is not if it is not all there; empty: the rest may come."""
 
 
-class Conversation:
+class Conversation(ABC):
     """One port of a device and one client: what the messages of both have in common.
 
     A protocol's class says how its messages begin, how long they are, and what is in them.
     """
 
-    head_bytes: int
+    head_bytes: ClassVar[int]
     """Of so many the length of a message is known."""
 
     @abstractmethod
@@ -45,7 +45,7 @@ class Conversation:
     def decode(self, data: bytes, direction: Direction) -> Decoded:
         """One whole message."""
 
-    def restart(self) -> None:
+    def restart(self) -> None:  # noqa: B027 - few remember anything
         """A connection begins."""
 
 
@@ -148,9 +148,9 @@ class StreamDissector(Dissector):
 
     always = True
 
-    conversation: type[Conversation]
+    conversation: ClassVar[type[Conversation]]
 
-    def __init__(self, numbers: dict[str, frozenset[int]]) -> None:
+    def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
         super().__init__(numbers)
         self._flows: dict[str, _Flow] = {}
         """By the device's end, then the client's; the one that spoke last is the last."""
@@ -202,7 +202,7 @@ class StreamDissector(Dissector):
         event: tcp.Event,
     ) -> Found:
         """What an event of a stream completes, shown with `packet`."""
-        where, back = (_where(key, each) for each in (direction, _opposite(direction)))
+        where, back = (_where(key, each) for each in (direction, direction.opposite))
         if isinstance(event, tcp.Bytes):
             packet = packet._replace(time_ns=event.time_ns)
         for piece in flow.streams[direction].take(event):
@@ -227,10 +227,6 @@ class StreamDissector(Dissector):
         if from_port:
             return Direction.FROM_DEVICE
         return Direction.TO_DEVICE if to_port else None
-
-
-def _opposite(direction: Direction) -> Direction:
-    return next(each for each in Direction if each is not direction)
 
 
 def _key(segment: Segment, direction: Direction) -> str:

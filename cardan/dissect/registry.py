@@ -27,7 +27,12 @@ def _installed() -> EntryPoints:
     return entry_points(group=ENTRY_POINT_GROUP)
 
 
-_FINDER: Finder[Dissector] = Finder(Dissector, "dissector", BUILT_IN, _installed)
+_FINDER: Finder[Dissector] = Finder(
+    Dissector,  # type: ignore[type-abstract]
+    "dissector",
+    BUILT_IN,
+    _installed,
+)
 
 
 def dissectors() -> list[type[Dissector]]:

@@ -29,10 +29,10 @@ class Egm(DatagramDissector):
         to_pc, from_pc = segment.destination.port in ports, segment.source.port in ports
         if not to_pc and not from_pc:
             return None
-        value = egm.decode_robot(segment.payload) if to_pc else None
-        title = "EgmRobot"
+        value: egm.EgmRobot | egm.EgmSensor | egm.EgmSensorPathCorr | egm.Malformed
+        value, title = egm.decode_robot(segment.payload), "EgmRobot"
         # The controller's local port may be one of the ports, too.
-        if from_pc and (value is None or isinstance(value, egm.Malformed)):
+        if not to_pc or (from_pc and isinstance(value, egm.Malformed)):
             value, title = egm.decode_from_pc(segment.payload), "EGM from the PC"
         if isinstance(value, egm.Malformed):
             return Decoded(None, title, f"{value.fault.value}: {value.detail}")

@@ -188,9 +188,10 @@ class _RtdePackets(Conversation):
         if values is None:
             return Decoded(None, "RTDE", "values that are not of their recipe's types")
         # The controller's clock tells which packages it left out.
-        time_s = values.get("timestamp")
-        known = isinstance(time_s, float) and abs(time_s) < LARGEST_TIME_S
-        return Decoded(values, title, sequence=round(1e3 * time_s) % 2**32 if known else None)
+        time_s, sequence = values.get("timestamp"), None
+        if isinstance(time_s, float) and abs(time_s) < LARGEST_TIME_S:
+            sequence = round(1e3 * time_s) % 2**32
+        return Decoded(values, title, sequence=sequence)
 
 
 def _refused(names: Sequence[str], types: Sequence[str]) -> list[str]:
