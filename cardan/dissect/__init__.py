@@ -9,8 +9,8 @@ are declared in :mod:`cardan.dissect.dissectors`; other packages add theirs by a
 scapy layers, for building datagrams as well, are in :mod:`cardan.dissect.egm`,
 :mod:`cardan.dissect.joint_stream`, :mod:`cardan.dissect.simple_message`,
 :mod:`cardan.dissect.rtde`, :mod:`cardan.dissect.connexion`, :mod:`cardan.dissect.wiimote` and
-:mod:`cardan.dissect.jr3_can`. They need the optional extra ``cardan[dissect]``, and are written from
-the protocols' documentation and not from the codecs, which they are held against.
+:mod:`cardan.dissect.jr3_can`. They need the optional extra ``cardan[dissect]``, and are written
+from the protocols' documentation and not from the codecs, which they are held against.
 """
 
 from __future__ import annotations
