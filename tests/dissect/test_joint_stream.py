@@ -367,7 +367,8 @@ def test_loss_restart_other_sessions_reasons_and_damage(shown):
         "session 6 | sequence 1 | stamp_s 0 | mode VELOCITY | values 0.25",
         "reason '' | SEQUENCE RESTART",
         "  6 messages",
-        "  malformed: a state of 1 joints in , lost 1 duplicate 1 out of order 0 restarts 1",
+        "lost 1 duplicate 1 out of order 0 restarts 1",
+        "  malformed: a state of 1 joints in ",
         "  malformed: 5 bytes are too short x1",
     ):
         assert line in text
