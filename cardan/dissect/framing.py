@@ -14,6 +14,9 @@ from cardan.dissect.reader import Decoded, Dissector, Found, Message, Note
 MOST_FLOWS = 1024
 """Flows that are followed at once; for one more the one that was silent the longest is ended."""
 
+MOST_ABOUT = 4 * MOST_FLOWS
+"""Directions of which the figures of the stream are kept."""
+
 
 class Measured(NamedTuple):
     """What the first bytes of a message say of its length."""
@@ -190,7 +193,7 @@ class StreamDissector(Dissector):
         for direction, stream in flow.streams.items():
             for event in stream.tcp.flush():
                 yield from self._read(packet, key, flow, direction, event)
-            if stream.tcp.segments:
+            if stream.tcp.segments and len(self._about) < MOST_ABOUT:
                 self._about[_where(key, direction)] = str(stream)
 
     def _read(

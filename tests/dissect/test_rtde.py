@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scapy.layers.inet import TCP
 
-from cardan.dissect import rtde as layers
+from cardan.dissect import framing, rtde as layers
 from cardan.dissect.dissectors.streams import Rtde
 from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
 from cardan.dissect.rtde import RtdeReply, RtdeRequest, listed, malformed, values_of
@@ -362,3 +362,18 @@ def test_arbitrary_segments_never_raise(parts):
         ends = (CONTROLLER, CLIENT) if back else (CLIENT, CONTROLLER)
         made.append(Segment("TCP", *ends, payload, False, sequence, sequence % 64))
     fed([*conversation(*states(1.0)), *made])
+
+
+def test_flows_without_end_are_bounded(monkeypatch):
+    monkeypatch.setattr(framing, "MOST_FLOWS", 3)
+    monkeypatch.setattr(framing, "MOST_ABOUT", 5)
+    dissector = streaming.opened(Rtde)
+    listed = [
+        each
+        for port in range(40000, 40010)
+        for each in segments(states(1.0), CONTROLLER, Endpoint("10.0.0.2", port))
+    ]
+    lines, _ = streaming.fed(dissector, listed, 0.002)
+    assert len(lines) == 10
+    assert len(dissector._flows) == 3
+    assert len(dissector._about) == 5
