@@ -21,6 +21,7 @@ _SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spna
 _WIIMOTE = "plugins/cardan-wiimote"
 IN_SOURCE_TREE = {
     "command": {"evaluate": "studies", "spnav": _SPNAV_SERVER},
+    "dissector": {"wiimote": _WIIMOTE},
     "driver": {
         "spacemouse_serial": _SERIAL_MICE,
         "wiimote": _WIIMOTE,

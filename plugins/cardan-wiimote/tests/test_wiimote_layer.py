@@ -3,8 +3,8 @@
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.dissect import wiimote as layers
-from cardan.dissect.wiimote import (
+from cardan_wiimote import dissect as layers, protocol as codec
+from cardan_wiimote.dissect import (
     AccelerometerCalibration,
     AcknowledgeReport,
     BrokenReport,
@@ -30,7 +30,6 @@ from cardan.dissect.wiimote import (
     WriteReport,
     interleaved_acceleration,
 )
-from cardan.protocols import wiimote as codec
 from tests.examples import examples
 
 

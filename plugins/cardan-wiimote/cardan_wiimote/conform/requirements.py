@@ -122,7 +122,7 @@ def the_link_stays(seen: WiimoteSeen) -> Verdict:
 def both_descriptions_agree(seen: WiimoteSeen) -> Verdict:
     """A second reader, the scapy layers, knows every report, and builds the same bytes of it."""
     try:
-        from cardan.dissect.wiimote import WiimoteInput
+        from cardan_wiimote.dissect import WiimoteInput
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     found = [each for each in seen.reports if not isinstance(each.value, MalformedReport)]
