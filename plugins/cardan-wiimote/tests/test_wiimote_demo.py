@@ -48,7 +48,8 @@ def test_a_remote_is_lit_and_rumbles_where_the_workspace_ends(tmp_path, monkeypa
         while True:  # the remote may still have to read the last words
             said = [entry.what for entry in peer.device.log]
             dark = [words for words in said if "LEDs" in words][-1:] == ["LEDs ----"]
-            if dark or time.monotonic() > deadline_s:
+            quiet = [words for words in said if "rumble" in words][-1:] == ["rumble off"]
+            if (dark and quiet) or time.monotonic() > deadline_s:
                 break
             time.sleep(0.01)
     assert last.error == "", last.message
