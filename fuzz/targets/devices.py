@@ -46,7 +46,8 @@ from fuzz.targets.common import (
     text_of,
 )
 from tests.dissect import worked
-from tests.drivers import evdev_bench, jr3_rig, leap_frames, wiimote_bench
+from tests.drivers import evdev_bench, jr3_rig, leap_frames
+from tests.plugin_rigs import wiimote_bench
 
 _HANDHELD = Path(__file__).parents[2] / "tests/protocols/handheld_vectors.json"
 

@@ -20,7 +20,7 @@ from cardan_wiimote.protocol import (
     encode_data,
     to_g,
 )
-from tests.drivers.wiimote_bench import REST, Bench
+from wiimote_bench import REST, Bench
 
 SIN = {degrees: math.sin(math.radians(degrees)) for degrees in (10, 20, 30, 45)}
 A, TWO = button_mask(["a"]), button_mask(["2"])

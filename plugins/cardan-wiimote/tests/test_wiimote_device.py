@@ -13,9 +13,9 @@ from cardan_wiimote.driver import Wiimote, WiimoteOptions, device as device_modu
 from cardan_wiimote.driver.transports import Found, Link, Transport
 from cardan_wiimote.peer import FAULTS, WiimotePeer, WiimotePeerOptions
 from cardan_wiimote.peer.core import BATTERY_EMPTY
-from tests.drivers.wiimote_bench import REST, fault_default
 from tests.serving import in_a_thread
 from tests.waiting import until
+from wiimote_bench import REST, fault_default
 
 pytestmark = pytest.mark.matrix
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.drivers import wiimote_bench
+import wiimote_bench
 from tests.test_device_faults import (
     Intercepted,
     cases,

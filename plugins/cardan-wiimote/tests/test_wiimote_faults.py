@@ -9,7 +9,7 @@ from cardan_wiimote.driver import WiimoteOptions
 from cardan_wiimote.driver.roles import ROLES, STICK_BUTTON
 from cardan_wiimote.peer import FAULTS
 from cardan_wiimote.protocol import CalibrationSource
-from tests.drivers.wiimote_bench import REST, Bench, fault_default
+from wiimote_bench import REST, Bench, fault_default
 
 pytestmark = pytest.mark.matrix
 

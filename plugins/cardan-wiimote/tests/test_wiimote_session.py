@@ -7,7 +7,7 @@ from cardan_wiimote.driver import Identity, WiimoteOptions
 from cardan_wiimote.driver.session import LOOK_AGAIN_S, STATUS_PERIOD_S
 from cardan_wiimote.peer.bus import MotionPlus
 from cardan_wiimote.protocol import ReadMemory, StatusRequest, WriteMemory, decode_output
-from tests.drivers.wiimote_bench import REST, Bench
+from wiimote_bench import REST, Bench
 
 KERNELS_PROBE = [
     "1500", "120030", "1110", "1604a400f00155", "1604a400fb0100", "1604a600f00155",

@@ -9,6 +9,7 @@ import types
 import pytest
 
 from cardan.errors import DeviceAccessError, DriverError
+from cardan_wiimote.address import BLUETOOTH_ADDRESS
 from cardan_wiimote.driver import transports
 from cardan_wiimote.driver.transports import (
     AF_BLUETOOTH,
@@ -346,3 +347,9 @@ def test_another_build_of_hidapi(monkeypatch):
     monkeypatch.setitem(sys.modules, "hid", None)
     with pytest.raises(DriverError, match=r"module 'hidraw' .*pip install hidapi"):
         HidrawTransport().find()
+
+
+def test_the_form_of_an_address():
+    assert "00:1F:32:aa:bb:cc" in BLUETOOTH_ADDRESS
+    for bad in ("", "00:1F:32:aa:bb", "0:1:2:3:4:5", None):
+        assert bad not in BLUETOOTH_ADDRESS

@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from cardan import bounds
 from cardan.drivers.shaping import ShapingOptions
 from cardan.options import require
+from cardan_wiimote.address import BLUETOOTH_ADDRESS
 
 FULL_TILT_DEG = bounds.Range(5.0, 90.0, "deg", "beyond upright a tilt gets smaller again")
 LOW_PASS_HZ = bounds.Range(0.5, 50.0, "Hz", "lower is seconds late; it measures 100 times a second")
@@ -55,8 +56,8 @@ class WiimoteOptions(ShapingOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         address, path, plus = self.address, self.path, self.motion_plus
-        good = not address or address in bounds.BLUETOOTH_ADDRESS
-        require(good, "address", address, f"empty or {bounds.BLUETOOTH_ADDRESS}")
+        good = not address or address in BLUETOOTH_ADDRESS
+        require(good, "address", address, f"empty or {BLUETOOTH_ADDRESS}")
         good = self.transport != "l2cap" or bool(address)
         require(good, "address", address, "the remote's address for transport 'l2cap'")
         good = self.transport != "socket" or bool(path)

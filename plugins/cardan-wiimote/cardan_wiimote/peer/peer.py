@@ -7,7 +7,6 @@ import time
 from dataclasses import dataclass
 from typing import Annotated
 
-from cardan import bounds
 from cardan.errors import ConfigurationError
 from cardan.options import require_each
 from cardan.sim_peers.base import load_script
@@ -15,6 +14,7 @@ from cardan.sim_peers.carriers.base import Carrier
 from cardan.sim_peers.carriers.uhid import BUS_BLUETOOTH, HidIdentity, UhidCarrier
 from cardan.sim_peers.command import option
 from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
+from cardan_wiimote.address import BLUETOOTH_ADDRESS
 from cardan_wiimote.peer.core import ExtensionName, NoiseLsb, SimulatedWiimote
 from cardan_wiimote.peer.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
 from cardan_wiimote.peer.l2cap import BluetoothChannels, UnixChannels, parse_address
@@ -42,7 +42,7 @@ class WiimotePeerOptions(NodeOptions):
     )
     """00:00:00:00:00:00: any adapter."""
     uhid: bool = option(False, "A HID device of this machine's kernel (/dev/uhid).")
-    address: Annotated[str, bounds.BLUETOOTH_ADDRESS] = option(
+    address: Annotated[str, BLUETOOTH_ADDRESS] = option(
         "00:1F:32:5A:10:2B", "The remote's own, shown with --uhid.", metavar="ADDRESS"
     )
     extension: ExtensionName = option("", "What is plugged in.", metavar="nunchuk")
@@ -55,8 +55,8 @@ class WiimotePeerOptions(NodeOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        good = not self.bluetooth or self.bluetooth in bounds.BLUETOOTH_ADDRESS
-        require_each(self, ("bluetooth", good, f"empty or {bounds.BLUETOOTH_ADDRESS}"))
+        good = not self.bluetooth or self.bluetooth in BLUETOOTH_ADDRESS
+        require_each(self, ("bluetooth", good, f"empty or {BLUETOOTH_ADDRESS}"))
 
 
 class UhidRemote(UhidCarrier):

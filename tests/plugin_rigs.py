@@ -1,0 +1,9 @@
+"""The rigs of plug-ins' tests, for what fuzzes and measures all devices."""
+
+import sys
+from pathlib import Path
+
+PLUGINS = Path(__file__).parents[1] / "plugins"
+sys.path.extend(str(folder) for folder in sorted(PLUGINS.glob("cardan-*/tests")))
+
+import wiimote_bench as wiimote_bench  # noqa: E402
