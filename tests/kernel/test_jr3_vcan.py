@@ -9,10 +9,10 @@ from collections.abc import Iterator
 import can
 import pytest
 
-from cardan.drivers.jr3_can import Jr3, Jr3Options
 from cardan.errors import CommandError
-from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions
 from cardan.types import DeviceLink
+from cardan_jr3.driver import Jr3, Jr3Options
+from cardan_jr3.peer import Jr3Peer, Jr3PeerOptions
 from tests.kernel.waiting import in_a_process, wait_for
 from tests.serving import in_a_thread
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from cardan.drivers.jr3_can import Jr3Core, Jr3Options
-from cardan.protocols.jr3_can import TEO_SENSORS, CanFrame
-from cardan.sim_peers.jr3 import SimulatedJr3
 from cardan.types import DeviceState
+from cardan_jr3.driver import Jr3Core, Jr3Options
+from cardan_jr3.peer import SimulatedJr3
+from cardan_jr3.protocol import TEO_SENSORS, CanFrame
 
 NODE_ID = 33
 SCALES = TEO_SENSORS["right-hand"]

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.errors import ScriptError
-from cardan.protocols import jr3_can as jr3
 from cardan.sim_peers.base import load_script, parse_script
-from cardan.sim_peers.jr3 import SCRIPT_VERBS, SCRIPTS, ScriptedHand, SimulatedJr3
 from cardan.sim_peers.scripted import play
+from cardan_jr3 import protocol as jr3
+from cardan_jr3.peer import SCRIPT_VERBS, SCRIPTS, ScriptedHand, SimulatedJr3
 from tests.examples import examples
 
 NODE = 33

@@ -5,11 +5,11 @@ import math
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.drivers.jr3_can import Jr3Core, Jr3Options
 from cardan.errors import CommandError
-from cardan.protocols.jr3_can import Ack, Forces, Moments, Opcode, encode_from_board
 from cardan.types import DeviceLink, Frame
-from tests.drivers.jr3_rig import NODE_ID, STEP_S, Rig
+from cardan_jr3.driver import Jr3Core, Jr3Options
+from cardan_jr3.protocol import Ack, Forces, Moments, Opcode, encode_from_board
+from jr3_rig import NODE_ID, STEP_S, Rig
 from tests.examples import examples
 
 OFFSET = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
-from cardan.drivers.jr3_can import Jr3Options
 from cardan.types import DeviceLink
-from tests.drivers.jr3_rig import STEP_S, Rig
+from cardan_jr3.driver import Jr3Options
+from jr3_rig import STEP_S, Rig
 
 pytestmark = pytest.mark.matrix
 

@@ -7,31 +7,28 @@ the computer's time: the driver itself, on a bus.
 from __future__ import annotations
 
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+import jr3_rig
 from cardan.drivers import registry
 from cardan.drivers.base import OperatorDevice
-from cardan.drivers.jr3_can import Jr3Options
 from cardan.drivers.omni.limits import TickLimits
-from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
-from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions
 from cardan.sim_peers.omni.library import available
 from cardan.spatial import from_euler_zyx
 from cardan.types import DeviceCapabilities
+from cardan_jr3.driver import Jr3Options
+from cardan_jr3.peer import Jr3Peer, Jr3PeerOptions
 from studies.haptics.loop import Rig
-from tests.drivers import jr3_rig
 from tests.gateway.force.fakes import PERIOD_S, robot_state
 from tests.gateway.force.test_session import ScriptedRobot, drivers, session as fake_session  # noqa: F401
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
 PEN_DOWN = from_euler_zyx(3.141592653589793, 0.0, 0.0)
 """Of the tool whose pen points down: its z axis is the base's -z."""
 BOARD_N = 10.0
@@ -175,9 +172,3 @@ def test_the_driver_on_a_bus_is_felt_and_missed():
     assert min(felt) > -0.1
     assert (last.trips, last.force_losses) == (1, 1)
     assert "the measured force is lost" in last.force_lost_reason
-
-
-def test_the_example_takes_the_sensors_force():
-    config = load_config(EXAMPLES / "omni-jr3-simulated.toml")
-    assert config.force.source == "sensor"
-    assert config.force.sensor.driver == "jr3_can"

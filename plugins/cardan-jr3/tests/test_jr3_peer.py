@@ -9,10 +9,9 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import AddressError, ExtraMissingError, OptionError, ScriptError
-from cardan.protocols.jr3_can import CanFrame
-from cardan.sim_peers.carriers import socketcand
-from cardan.sim_peers.carriers.socketcand import Session, SocketcandHub, frame_line
-from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions
+from cardan_jr3.peer import Jr3Peer, Jr3PeerOptions, socketcand
+from cardan_jr3.peer.socketcand import Session, SocketcandHub, frame_line
+from cardan_jr3.protocol import CanFrame
 from tests.serving import in_a_thread
 from tests.sim_peers.carrier_shell import BareShell
 

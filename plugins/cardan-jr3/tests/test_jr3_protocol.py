@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.protocols import jr3_can as jr3
+from cardan_jr3 import protocol as jr3
 
 NODES = st.integers(1, 127)
 U16 = st.integers(0, 0xFFFF)
@@ -184,7 +184,7 @@ def test_the_counter_wraps(older, steps):
 
 @pytest.mark.judged(device="JR3", transport="CAN frames", by="worked bytes")
 def test_the_session_of_the_page():
-    page = Path(__file__).parents[2] / "docs" / "protocols" / "jr3-can.md"
+    page = Path(__file__).parents[3] / "docs" / "protocols" / "jr3-can.md"
     lines = page.read_text(encoding="utf-8").partition("## Worked bytes")[2].splitlines()
     heard = []
     for line in lines:

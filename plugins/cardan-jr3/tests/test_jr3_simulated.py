@@ -9,16 +9,16 @@ import time
 
 import pytest
 
-from cardan.drivers.jr3_can import Jr3, Jr3Options, bus, can_interfaces, device as device_module
 from cardan.errors import (
     CommandError,
     DeviceNotFoundError,
     DriverError,
     NotOpenError,
 )
-from cardan.protocols.jr3_can import CanFrame
-from cardan.sim_peers.jr3 import Jr3Peer, Jr3PeerOptions
 from cardan.types import DeviceLink
+from cardan_jr3.driver import Jr3, Jr3Options, bus, can_interfaces, device as device_module
+from cardan_jr3.peer import Jr3Peer, Jr3PeerOptions
+from cardan_jr3.protocol import CanFrame
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix
@@ -400,7 +400,7 @@ def test_a_missing_route_is_told_from_a_wrong_group(number, words, monkeypatch):
 def test_warnings_of_python_can_stay_off_the_terminal():
     script = (
         "import logging\n"
-        "from cardan.drivers.jr3_can import Jr3Options, bus\n"
+        "from cardan_jr3.driver import Jr3Options, bus\n"
         "try:\n"
         "    bus.open_bus(Jr3Options(interface='nican', channel='x'))\n"
         "except bus.DriverError:\n"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from cardan.protocols.jr3_can import CanFrame
+from cardan_jr3.protocol import CanFrame
 
 _FORM = struct.Struct(">IB3x")
 _NOT_PLAIN = 0xE000_0000

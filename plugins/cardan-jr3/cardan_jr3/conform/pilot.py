@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from cardan.conform.conduct import Act, Pilot, Script, Wait, ask, mark, open_, send
-from cardan.conform.jr3.frames import pack, unpack
 from cardan.conform.requirements import Level
 from cardan.conform.timeline import Event, Kind
-from cardan.protocols.jr3_can import (
+from cardan_jr3.conform.frames import pack, unpack
+from cardan_jr3.protocol import (
     NODE_MASK,
     Ack,
     Bootup,

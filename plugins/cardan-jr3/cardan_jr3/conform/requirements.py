@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import pairwise
 
-from cardan.conform.jr3.pilot import PERIOD_US, SYNCS
-from cardan.conform.jr3.seen import Asked, Jr3Seen, Said
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
@@ -16,7 +14,9 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.errors import ExtraMissingError
-from cardan.protocols.jr3_can import (
+from cardan_jr3.conform.pilot import PERIOD_US, SYNCS
+from cardan_jr3.conform.seen import Asked, Jr3Seen, Said
+from cardan_jr3.protocol import (
     Ack,
     Bootup,
     Forces,
@@ -28,7 +28,7 @@ from cardan.protocols.jr3_can import (
     Sync,
     samples_between,
 )
-from cardan.protocols.jr3_can.scaling import FULL_SCALE_COUNTS, SAMPLE_PERIOD_S
+from cardan_jr3.protocol.scaling import FULL_SCALE_COUNTS, SAMPLE_PERIOD_S
 
 FIRMWARE = "roboticslab-uc3m/jr3-mbed-firmware-can"
 SENSOR = "roboticslab-uc3m/jr3-mbed-firmware"

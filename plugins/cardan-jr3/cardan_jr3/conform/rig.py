@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cardan.conform.conduct import Act, Conduct
-from cardan.conform.jr3.frames import pack, unpack
 from cardan.conform.timeline import Kind
-from cardan.protocols.jr3_can import TEO_SENSORS
-from cardan.sim_peers.jr3 import SimulatedJr3
+from cardan_jr3.conform.frames import pack, unpack
+from cardan_jr3.peer import SimulatedJr3
+from cardan_jr3.protocol import TEO_SENSORS
 
 LONGEST_S = 300.0
 """Of a simulated run; a script that waits for what never comes ends before."""

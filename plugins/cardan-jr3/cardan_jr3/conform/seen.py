@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.jr3.frames import unpack
 from cardan.conform.timeline import Kind, Phase, Timeline
-from cardan.protocols.jr3_can import (
+from cardan_jr3.conform.frames import unpack
+from cardan_jr3.protocol import (
     NODE_MASK,
     Ack,
     BoardMessage,

@@ -6,17 +6,17 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from cardan.conform.conduct import Conduct
-from cardan.conform.jr3.pilot import Jr3Pilot
-from cardan.conform.jr3.requirements import requires
-from cardan.conform.jr3.rig import Jr3Rig
-from cardan.conform.jr3.seen import Jr3Seen
-from cardan.conform.jr3.wire import CanInterface
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
 from cardan.conform.wires import Wires
 from cardan.errors import ConfigurationError
-from cardan.protocols.jr3_can import MAX_NODE_ID, TEO_NODE_IDS
+from cardan_jr3.conform.pilot import Jr3Pilot
+from cardan_jr3.conform.requirements import requires
+from cardan_jr3.conform.rig import Jr3Rig
+from cardan_jr3.conform.seen import Jr3Seen
+from cardan_jr3.conform.wire import CanInterface
+from cardan_jr3.protocol import MAX_NODE_ID, TEO_NODE_IDS
 
 
 class Jr3(Suite[Jr3Seen]):

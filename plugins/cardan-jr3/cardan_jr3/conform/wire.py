@@ -7,10 +7,10 @@ import socket
 import struct
 from collections.abc import Iterator
 
-from cardan.conform.jr3.frames import pack, unpack
 from cardan.conform.wires import Wire, Wires
 from cardan.errors import AddressError
-from cardan.protocols.jr3_can import CanFrame
+from cardan_jr3.conform.frames import pack, unpack
+from cardan_jr3.protocol import CanFrame
 
 _KERNELS = struct.Struct("=IB3x8s")
 

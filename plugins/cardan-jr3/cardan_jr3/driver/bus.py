@@ -16,10 +16,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cardan.drivers.base import FoundDevice
-from cardan.drivers.jr3_can.options import Jr3Options
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, ExtraMissingError
 from cardan.extras import missing_extra
-from cardan.protocols.jr3_can import NODE_MASK, CanFrame
+from cardan_jr3.driver.options import Jr3Options
+from cardan_jr3.protocol import NODE_MASK, CanFrame
 
 if TYPE_CHECKING:
     import can

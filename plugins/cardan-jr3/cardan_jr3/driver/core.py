@@ -23,9 +23,19 @@ from collections.abc import Mapping
 from typing import ClassVar, NamedTuple
 
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.jr3_can.options import Jr3Options
 from cardan.errors import CommandError
-from cardan.protocols.jr3_can import (
+from cardan.spatial import add, from_euler_zyx, rotate
+from cardan.types import (
+    NEUTRAL,
+    NEVER_S,
+    Axes,
+    DeviceLink,
+    Frame,
+    Vector3,
+    Wrench,
+)
+from cardan_jr3.driver.options import Jr3Options
+from cardan_jr3.protocol import (
     COUNTER_MODULUS,
     FULL_SCALE_COUNTS,
     NODE_MASK,
@@ -51,16 +61,6 @@ from cardan.protocols.jr3_can import (
     decode_from_board,
     encode_from_host,
     samples_between,
-)
-from cardan.spatial import add, from_euler_zyx, rotate
-from cardan.types import (
-    NEUTRAL,
-    NEVER_S,
-    Axes,
-    DeviceLink,
-    Frame,
-    Vector3,
-    Wrench,
 )
 
 Raw = tuple[int, int, int, int, int, int]

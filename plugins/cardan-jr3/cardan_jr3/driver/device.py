@@ -7,13 +7,13 @@ import time
 from typing import Any
 
 from cardan.drivers.base import FoundDevice
-from cardan.drivers.jr3_can.bus import CanBus, Unusable, can_interfaces, in_use, open_bus
-from cardan.drivers.jr3_can.core import Jr3Core
-from cardan.drivers.jr3_can.options import Jr3Options
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DeviceNotFoundError, DriverError
 from cardan.types import DeviceCapabilities
+from cardan_jr3.driver.bus import CanBus, Unusable, can_interfaces, in_use, open_bus
+from cardan_jr3.driver.core import Jr3Core
+from cardan_jr3.driver.options import Jr3Options
 
 READ_TIMEOUT_S = 0.05
 """Longest wait for a frame; the reader checks in between whether it is to stop."""

@@ -8,7 +8,8 @@ from typing import Annotated, Literal
 from cardan import bounds
 from cardan.bounds import Range
 from cardan.options import Options, require
-from cardan.protocols.jr3_can import MAX_CUTOFF_HZ, MAX_NODE_ID
+from cardan_jr3.bounds import CAN_NAME, CAN_PORTS
+from cardan_jr3.protocol import MAX_CUTOFF_HZ, MAX_NODE_ID
 
 NODE_ID = Range(1, MAX_NODE_ID, "", "a CANopen bus has no other numbers")
 BITRATE = Range(10_000, 1_000_000, "bit/s", "CAN has no other bit rates")
@@ -31,10 +32,10 @@ _NewtonMetre = Annotated[float, TORQUE_FULL_SCALE_NM]
 class Jr3Options(Options):
     """Options of :class:`Jr3`. Raises OptionError for a value that is not allowed."""
 
-    interface: Annotated[str, bounds.CAN_NAME] = "socketcan"
+    interface: Annotated[str, CAN_NAME] = "socketcan"
     """python-can's name of the way to the bus: "socketcan", "slcan", "pcan", "gs_usb" ... for
     hardware, "udp_multicast" or "socketcand" for a simulated sensor."""
-    channel: Annotated[str, bounds.CAN_NAME] = "can0"
+    channel: Annotated[str, CAN_NAME] = "can0"
     """The bus: the network interface of socketcan, the serial port of slcan, the group of
     udp_multicast ("239.74.163.2")."""
     bitrate: Annotated[int, BITRATE] = 1_000_000
@@ -93,4 +94,4 @@ class Jr3Options(Options):
     @property
     def full_port(self) -> int:
         """The port to use: the interface's own where `port` is 0."""
-        return self.port or bounds.CAN_PORTS.get(self.interface, 0)
+        return self.port or CAN_PORTS.get(self.interface, 0)

@@ -1,17 +1,17 @@
 """A simulated JR3 force-torque sensor: the board, the loads on it, and its place on a CAN bus."""
 
-from cardan.sim_peers.jr3.core import (
+from cardan_jr3.peer.core import (
     SimulatedJr3 as SimulatedJr3,
 )
-from cardan.sim_peers.jr3.faults import (
+from cardan_jr3.peer.faults import (
     FAULTS as FAULTS,
 )
-from cardan.sim_peers.jr3.hand import (
+from cardan_jr3.peer.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
     ScriptedHand as ScriptedHand,
 )
-from cardan.sim_peers.jr3.peer import (
+from cardan_jr3.peer.peer import (
     Jr3Peer as Jr3Peer,
     Jr3PeerOptions as Jr3PeerOptions,
 )

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from cardan.errors import AddressError
 from cardan.extras import missing_extra
-from cardan.protocols.jr3_can import CanFrame
 from cardan.sim_peers.carriers.base import Carrier, Shell
+from cardan_jr3.protocol import CanFrame
 
 if TYPE_CHECKING:
     import can

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from cardan.sim_peers.command import PeerCommand
-from cardan.sim_peers.jr3.faults import FAULTS
-from cardan.sim_peers.jr3.hand import SCRIPT_VERBS, SCRIPTS
-from cardan.sim_peers.jr3.peer import Jr3Peer, Jr3PeerOptions
+from cardan_jr3.peer.faults import FAULTS
+from cardan_jr3.peer.hand import SCRIPT_VERBS, SCRIPTS
+from cardan_jr3.peer.peer import Jr3Peer, Jr3PeerOptions
 
 
 class Jr3(PeerCommand[Jr3PeerOptions]):

@@ -8,7 +8,9 @@ import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
-from cardan.protocols.jr3_can import (
+from cardan.sim_peers.base import check_faults
+from cardan_jr3.peer.faults import FAULTS, POWER_OFF_S, TIMED_FAULTS
+from cardan_jr3.protocol import (
     COUNTER_MODULUS,
     NODE_MASK,
     SAMPLE_PERIOD_S,
@@ -37,8 +39,6 @@ from cardan.protocols.jr3_can import (
     encode_from_board,
     to_counts,
 )
-from cardan.sim_peers.base import check_faults
-from cardan.sim_peers.jr3.faults import FAULTS, POWER_OFF_S, TIMED_FAULTS
 
 NO_WRENCH: Six = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 

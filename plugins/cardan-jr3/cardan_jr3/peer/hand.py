@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.jr3.core import NO_WRENCH, SimulatedJr3
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving
 from cardan.sim_peers.strokes import Ramp, VectorMotion
+from cardan_jr3.peer.core import NO_WRENCH, SimulatedJr3
 
 HAND_PERIOD_S = 0.002
 """How often a changing load is sampled."""

@@ -8,15 +8,16 @@ from typing import Annotated, Any
 
 from cardan import bounds
 from cardan.options import require_each
-from cardan.protocols.jr3_can import MAX_NODE_ID, TEO_NODE_IDS, TEO_SENSORS, CanFrame, Six
 from cardan.sim_peers.base import check_faults, load_script
-from cardan.sim_peers.carriers.can import CanCarrier, PythonCanBus
-from cardan.sim_peers.carriers.socketcand import SocketcandHub
 from cardan.sim_peers.command import option
 from cardan.sim_peers.hand_peer import HandOptions, HandPeer
-from cardan.sim_peers.jr3.core import SimulatedJr3
-from cardan.sim_peers.jr3.faults import FAULTS
-from cardan.sim_peers.jr3.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+from cardan_jr3.bounds import CAN_NAME, CAN_PORTS
+from cardan_jr3.peer.can import CanCarrier, PythonCanBus
+from cardan_jr3.peer.core import SimulatedJr3
+from cardan_jr3.peer.faults import FAULTS
+from cardan_jr3.peer.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+from cardan_jr3.peer.socketcand import SocketcandHub
+from cardan_jr3.protocol import MAX_NODE_ID, TEO_NODE_IDS, TEO_SENSORS, CanFrame, Six
 
 UDP_MULTICAST_GROUP = "239.74.163.2"
 NODE_ID = bounds.Range(0, MAX_NODE_ID, "", "a CANopen bus has no other numbers", zero="its own")
@@ -29,10 +30,10 @@ class Jr3PeerOptions(HandOptions):
     """What to simulate and on which bus. Times of the script and of faults count from when the
     board is first told to acquire."""
 
-    interface: Annotated[str, bounds.CAN_NAME] = option(
+    interface: Annotated[str, CAN_NAME] = option(
         "udp_multicast", "The way to the bus, as python-can calls it.", metavar="NAME"
     )
-    channel: Annotated[str, bounds.CAN_NAME] = option(
+    channel: Annotated[str, CAN_NAME] = option(
         UDP_MULTICAST_GROUP,
         "The bus; that of udp_multicast is its group.",
         metavar="NAME",
@@ -96,7 +97,7 @@ class Jr3Peer(HandPeer[SimulatedJr3, CanFrame]):
         )
         carrier: CanCarrier
         if options.serve_socketcand:
-            port = bounds.CAN_PORTS["socketcand"] if options.port is None else options.port
+            port = CAN_PORTS["socketcand"] if options.port is None else options.port
             carrier = SocketcandHub(board, options.host, port)
         else:
             extra = _extra(options)
@@ -117,9 +118,9 @@ class Jr3Peer(HandPeer[SimulatedJr3, CanFrame]):
 def _extra(options: Jr3PeerOptions) -> dict[str, Any]:
     """What an interface wants to be told beside its channel."""
     if options.interface == "udp_multicast":
-        port = bounds.CAN_PORTS["udp_multicast"] if options.port is None else options.port
+        port = CAN_PORTS["udp_multicast"] if options.port is None else options.port
         return {"port": port, "hop_limit": options.hop_limit}
     if options.interface == "socketcand":
-        port = bounds.CAN_PORTS["socketcand"] if options.port is None else options.port
+        port = CAN_PORTS["socketcand"] if options.port is None else options.port
         return {"host": options.host, "port": port, "tcp_tune": True}
     return {} if options.interface in ("socketcan", "virtual") else {"bitrate": options.bitrate}

@@ -12,10 +12,10 @@ import socket
 import time
 from collections.abc import Sequence
 
-from cardan.protocols.jr3_can import CanFrame
 from cardan.sim_peers.carriers.base import Shell
-from cardan.sim_peers.carriers.can import CanCarrier, CanNode
 from cardan.sim_peers.carriers.server import Server, StreamClient, bound_to
+from cardan_jr3.peer.can import CanCarrier, CanNode
+from cardan_jr3.protocol import CanFrame
 
 GREETING = b"< hi >"
 OK = b"< ok >"

@@ -1,6 +1,6 @@
 """The CAN protocol of a JR3 force-torque sensor behind uc3m's mbed board."""
 
-from cardan.protocols.jr3_can.messages import (
+from cardan_jr3.protocol.messages import (
     COUNTER_MODULUS as COUNTER_MODULUS,
     MAX_CUTOFF_HZ as MAX_CUTOFF_HZ,
     MAX_NODE_ID as MAX_NODE_ID,
@@ -35,7 +35,7 @@ from cardan.protocols.jr3_can.messages import (
     encode_from_board as encode_from_board,
     encode_from_host as encode_from_host,
 )
-from cardan.protocols.jr3_can.scaling import (
+from cardan_jr3.protocol.scaling import (
     FULL_SCALE_COUNTS as FULL_SCALE_COUNTS,
     SAMPLE_PERIOD_S as SAMPLE_PERIOD_S,
     TEO_NODE_IDS as TEO_NODE_IDS,

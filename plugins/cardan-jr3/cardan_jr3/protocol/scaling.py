@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
-from cardan.protocols.jr3_can.messages import COUNTER_MODULUS, RAW_MAX, RAW_MIN
+from cardan_jr3.protocol.messages import COUNTER_MODULUS, RAW_MAX, RAW_MIN
 
 FULL_SCALE_COUNTS = 16384
 """Raw value of the full scale; the sensor gives more when it is overloaded."""
