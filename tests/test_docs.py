@@ -30,6 +30,7 @@ from cardan.sim_peers import registry as peers
 from cardan.tables import keys_of, read_table
 from cardan.types import Pose, Quaternion, Vector3
 from cardan_serial_mice.peer import SERIAL_FAULTS
+from tests.docs_tables import ours
 from tests.ranges import ranges
 from tests.tutorials import steps
 
@@ -114,9 +115,7 @@ def default_of(field: dataclasses.Field[Any]) -> str:
 
 
 DRIVER_PAGES = [
-    pytest.param(driver.page, driver.Options, id=name)
-    for name in registry.BUILT_IN
-    if (driver := registry.load(name))
+    pytest.param(driver.page, driver.Options, id=name) for name, driver in ours(registry).items()
 ]
 
 
@@ -277,7 +276,7 @@ def test_every_button_name_is_there():
     assert [label for label in labels if not label.isdecimal() and f"`{label}`" not in listed] == []
 
 
-PEERS = [pytest.param(name, peers.load(name), id=name) for name in peers.BUILT_IN]
+PEERS = [pytest.param(name, peer, id=name) for name, peer in ours(peers).items()]
 
 
 def told_of(name: str) -> str:
