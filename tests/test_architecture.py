@@ -72,6 +72,7 @@ MAY_IMPORT = {
     "__init__": {"api"},
 }
 EXCEPTIONS = {
+    "dissect/dissectors": ("cardan.protocols", "cardan.protocols.*"),
     "drivers/sim_arm": ("cardan.sim_peers", "cardan.sim_peers.arm", "cardan.sim_peers.base"),
     "gateway/bus": ("cardan.protocols", "cardan.protocols.ros2.*"),
     "gateway/recording": ("cardan.protocols", "cardan.protocols.ros2.*"),
@@ -91,7 +92,8 @@ EXCEPTIONS = {
         "cardan.protocols.rosbridge.*",
     ),
 }
-"""The simulated arm's driver has the simulated arm for its hardware, in the same process; and the
+"""Captures are shown by the codecs, which the scapy layers beside them must not know. The simulated
+arm's driver has the simulated arm for its hardware, in the same process; and the
 gateway serves rosbridge itself, to programs instead of a robot; the console reads cameras for its
 pages."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}

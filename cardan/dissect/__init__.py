@@ -2,12 +2,15 @@
 (Universal Robots) on TCP, 3Dconnexion reports on USB, Wii Remotes on Bluetooth, JR3 force-torque
 sensors on CAN.
 
-Needs the optional extra ``cardan[dissect]`` (scapy). The scapy layers themselves, for building
-datagrams as well, are in :mod:`cardan.dissect.egm`, :mod:`cardan.dissect.joint_stream`,
-:mod:`cardan.dissect.simple_message`, :mod:`cardan.dissect.rtde`, :mod:`cardan.dissect.connexion`,
-:mod:`cardan.dissect.wiimote` and :mod:`cardan.dissect.jr3_can`. They are written from the
-protocols' documentation and not from :mod:`cardan.protocols`. Other packages add protocols by an
-entry point, see :class:`cardan.dissect.reader.Dissector`.
+What is printed of a message are the values of its codec in :mod:`cardan.protocols`. The protocols
+are declared in :mod:`cardan.dissect.dissectors`; other packages add theirs by an entry point, see
+:class:`cardan.dissect.reader.Dissector`.
+
+scapy layers, for building datagrams as well, are in :mod:`cardan.dissect.egm`,
+:mod:`cardan.dissect.joint_stream`, :mod:`cardan.dissect.simple_message`,
+:mod:`cardan.dissect.rtde`, :mod:`cardan.dissect.connexion`, :mod:`cardan.dissect.wiimote` and
+:mod:`cardan.dissect.jr3_can`. They need the optional extra ``cardan[dissect]``, and are written
+from the protocols' documentation and not from the codecs, which they are held against.
 """
 
 from __future__ import annotations
@@ -19,10 +22,10 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple, TextIO
 
 from cardan.dissect import network, registry
-from cardan.dissect.capture import Capture, CapturedPacket
+from cardan.dissect.capture import Capture
+from cardan.dissect.figures import Figures, tally
 from cardan.dissect.ports import EGM_PORTS, RTDE_PORTS, SIMPLE_MESSAGE_PORTS
-from cardan.dissect.reader import Dissector, PacketLine, ProtocolReader
-from cardan.dissect.statistics import tally
+from cardan.dissect.reader import Dissector, Message, Note, describe, excerpt
 from cardan.errors import CaptureError, ConfigurationError
 from cardan.printable import printable
 
@@ -33,6 +36,12 @@ __all__ = [
     "Counts",
     "dissect_file",
 ]
+
+
+MOST_FIGURES = 4096
+"""Most senders and receivers with figures of their own."""
+MOST_OTHERS = 4096
+"""Most kinds of other packets that are told apart."""
 
 
 class Counts(NamedTuple):
@@ -67,46 +76,47 @@ def dissect_file(
     other. Malformed datagrams and messages are shown and counted.
     Raises CaptureError when the file is missing, not a capture, damaged or truncated (after
     everything before the damage was written), ConfigurationError for an option that no dissector
-    has and for a number out of its range, ExtraMissingError without scapy.
+    has and for a number out of its range.
     """
-    readers = _Readers(registry.dissectors(), numbers)
-    others: Counter[str] = Counter()
-    packets = start_ns = 0
+    capture = _Capture(registry.dissectors(), numbers)
+    start_ns = None
     stopped, damage = False, None
 
-    def show(lines: Iterable[PacketLine]) -> None:
-        for packet, line in lines:
+    def show(found: Iterable[Message | Note], dissector: Dissector) -> None:
+        for each in found:
+            line = capture.take(each, dissector)
             if not summary:
-                time_s = (packet.time_ns - start_ns) / 1e9
-                print(f"#{packet.number} {time_s:.6f} {printable(line)}", file=out)
+                time_s = (each.packet.time_ns - (start_ns or 0)) / 1e9
+                print(f"#{each.packet.number} {time_s:.6f} {printable(line)}", file=out)
 
     try:
         for packet in Capture(path):
-            if limit is not None and sum(readers.messages.values()) >= limit:
+            if limit is not None and capture.messages.total() >= limit:
                 stopped = True
                 break
-            packets += 1
-            if packets == 1:
+            capture.packets += 1
+            if start_ns is None:
                 start_ns = packet.time_ns
                 print(f"capture starts {_utc(start_ns)}", file=out)
             parsed = network.parse(packet)
-            others[str(parsed)] += 1
-            for reader in readers.offered(packet):
-                before = reader.packets
-                show(reader.feed(packet, parsed))
-                if reader.packets > before:
+            capture.others[str(parsed)] += 1
+            for dissector in capture.offered(packet.link_type):
+                before = dissector.packets
+                show(dissector.feed(packet, parsed), dissector)
+                if dissector.packets > before:
                     # It can take earlier packets too, once it knows what they are.
-                    others[str(parsed)] -= reader.packets - before
+                    capture.others[str(parsed)] -= dissector.packets - before
                     break
+            if len(capture.others) > MOST_OTHERS:
+                capture.fold()
     except CaptureError as error:
-        if not packets:
+        if not capture.packets:
             raise
         damage = error
-    for reader in () if stopped else readers.by_dissector.values():
-        show(reader.finish())
-    malformed = {d.name: r.malformed.total() for d, r in readers.by_dissector.items()}
-    counts = Counts(packets, readers.messages, malformed, others.total())
-    for line in _summary(readers, counts, others):
+    for dissector in () if stopped else capture.dissectors.values():
+        show(dissector.finish(), dissector)
+    counts = capture.counts()
+    for line in capture.summary(counts):
         print(printable(line), file=out)
     if stopped:
         print(f"stopped at the limit of {limit}; the rest of the capture is not read", file=out)
@@ -115,61 +125,98 @@ def dissect_file(
     return counts
 
 
-class _Readers:
-    """The readers that a capture needs, each made when it does, with its numbers."""
+class _Capture:
+    """What was found in a capture, with a dissector of each protocol that it needs."""
 
     def __init__(
-        self, dissectors: Iterable[type[Dissector]], numbers: Mapping[str, Iterable[int]]
+        self, kinds: Iterable[type[Dissector]], numbers: Mapping[str, Iterable[int]]
     ) -> None:
-        self._dissectors = tuple(dissectors)
-        options = [option for dissector in self._dissectors for option in dissector.options]
+        self._kinds = tuple(kinds)
+        options = [option for kind in self._kinds for option in kind.options]
         if unknown := sorted(numbers.keys() - {option.key for option in options}):
             keys = ", ".join(option.key for option in options)
             raise ConfigurationError(unknown[0], f"no dissector has this option; allowed: {keys}")
-        self.numbers = {o.key: o.with_usual(numbers.get(o.key, ())) for o in options}
-        self.by_dissector = {d: d.open(self.numbers) for d in self._dissectors if d.always}
-        self._offered: dict[int, list[ProtocolReader]] = {}
+        self._numbers = {o.key: o.with_usual(numbers.get(o.key, ())) for o in options}
+        self.dissectors = {kind: kind(self._numbers) for kind in self._kinds if kind.always}
+        self._offered: dict[int, list[Dissector]] = {}
+        self.packets = 0
+        self.messages: Counter[str] = Counter()
+        self._malformed: Counter[str] = Counter()
+        self.others: Counter[str] = Counter()
+        self._figures: dict[tuple[Dissector, str], Figures] = {}
 
-    def offered(self, packet: CapturedPacket) -> list[ProtocolReader]:
-        """The readers for packets of this link type, in their order."""
-        link_type = packet.link_type
+    def offered(self, link_type: int) -> list[Dissector]:
+        """The dissectors for packets of this link type, in their order."""
         if link_type not in self._offered:
-            found = [d for d in self._dissectors if link_type in d.link_types]
-            for dissector in found:
-                if dissector not in self.by_dissector:
-                    self.by_dissector[dissector] = dissector.open(self.numbers)
-            self._offered[link_type] = [self.by_dissector[dissector] for dissector in found]
+            found = [kind for kind in self._kinds if link_type in kind.link_types]
+            for kind in found:
+                if kind not in self.dissectors:
+                    self.dissectors[kind] = kind(self._numbers)
+            self._offered[link_type] = [self.dissectors[kind] for kind in found]
         return self._offered[link_type]
 
-    @property
-    def messages(self) -> dict[str, int]:
-        """How many each protocol had."""
-        return {d.name: reader.messages for d, reader in self.by_dissector.items()}
+    def take(self, found: Message | Note, dissector: Dissector) -> str:
+        """The line of a message or a note. The message is counted."""
+        if isinstance(found, Note):
+            return f"{found.where} {found.text}"
+        self.messages[dissector.name] += 1
+        decoded = found.decoded
+        title = decoded.title or type(decoded.value).__name__
+        key = dissector, found.where
+        if key not in self._figures and len(self._figures) >= MOST_FIGURES:
+            key = dissector, "others"
+        figures = self._figures.setdefault(key, Figures())
+        remarks = figures.add(found, title, self._figures.get((dissector, found.other_way)))
+        if decoded.fault:
+            self._malformed[dissector.name] += 1
+            title = decoded.title or dissector.name
+            shown = f"MALFORMED {title}: {decoded.fault} {excerpt(found.data)}"
+        else:
+            shown = " | ".join((describe(decoded), *remarks))
+        return f"{found.where} {shown}"
 
+    def fold(self) -> None:
+        """Keeps the most frequent of the other packets, and the number of the rest."""
+        kept = Counter(dict(self.others.most_common(MOST_OTHERS // 2)))
+        kept["others"] += self.others.total() - kept.total()
+        self.others = kept
 
-def _summary(readers: _Readers, counts: Counts, others: Counter[str]) -> Iterator[str]:
-    for reader in readers.by_dissector.values():
-        yield from reader.summary()
-    if any(counts.messages.values()):
-        shown = (
-            f"{n} {name}, {counts.malformed[name]} malformed"
-            for name, n in counts.messages.items()
-            if n
+    def counts(self) -> Counts:
+        """How much of everything there was."""
+        names = [kind.name for kind in self.dissectors]
+        return Counts(
+            self.packets,
+            {name: self.messages[name] for name in names},
+            {name: self._malformed[name] for name in names},
+            self.others.total(),
         )
-        yield f"{counts.packets} packets: {'; '.join(shown)}; {counts.other_packets} others"
-    else:
-        *names, last = counts.messages
-        yield f"no {', '.join(names)} or {last} traffic found in {counts.packets} packets"
-        for dissector in readers.by_dissector:
-            for option in dissector.options:
-                if option.usual:
-                    places = " ".join(map(str, sorted(readers.numbers[option.key])))
-                    yield (
-                        f"{dissector.name} was looked for on {option.what}s {places} "
-                        f"(--{option.flag} for others)"
-                    )
-    if counts.other_packets:
-        yield f"other packets: {tally(+others)}"
+
+    def summary(self, counts: Counts) -> Iterator[str]:
+        """The figures of everything."""
+        for (dissector, where), figures in self._figures.items():
+            about = dissector.about(where)
+            yield f"{dissector.name} {where}{f': {about}' if about else ''}"
+            yield from figures
+        if any(counts.messages.values()):
+            shown = (
+                f"{n} {name}, {counts.malformed[name]} malformed"
+                for name, n in counts.messages.items()
+                if n
+            )
+            yield f"{counts.packets} packets: {'; '.join(shown)}; {counts.other_packets} others"
+        else:
+            *names, last = counts.messages
+            yield f"no {', '.join(names)} or {last} traffic found in {counts.packets} packets"
+            for kind in self.dissectors:
+                for option in kind.options:
+                    if option.usual:
+                        places = " ".join(map(str, sorted(self._numbers[option.key])))
+                        yield (
+                            f"{kind.name} was looked for on {option.what}s {places} "
+                            f"(--{option.flag} for others)"
+                        )
+        if counts.other_packets:
+            yield f"other packets: {tally(+self.others)}"
 
 
 def _utc(time_ns: int) -> str:

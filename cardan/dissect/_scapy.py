@@ -47,4 +47,4 @@ try:
         from scapy.utils import EDecimal as EDecimal
 
 except ImportError as error:
-    raise missing_extra("reading captures", "scapy", "dissect", error) from error
+    raise missing_extra("the layers of scapy", "scapy", "dissect", error) from error

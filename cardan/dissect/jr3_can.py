@@ -26,12 +26,7 @@ from cardan.dissect.layers import Block, LEFloatField
 FROM_BOARD = Direction.FROM_DEVICE
 OPCODE_MASK, NODE_MASK = 0x780, 0x07F
 SYNC_IDENTIFIER = 0x080
-COUNTS_AT_FULL_SCALE = 16384
-"""Raw value of the full scale; more is an overload."""
-TENTHS = 10
-"""A moment's full scale is in 0.1 N·m, a force's in N."""
 STATES = {0: "ready", 1: "not initialised"}
-COUNTER_MODULUS = 2**16
 SAMPLE_PERIOD_S = 128.5e-6
 """Sample period of the sensor; the counter counts its samples."""
 

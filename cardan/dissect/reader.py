@@ -1,64 +1,70 @@
-"""The parts of a protocol's dissector: its reader, and the declaration that it is found by."""
+"""The parts of a protocol's dissector, and what is printed of the values that its codec decodes."""
 
 from __future__ import annotations
 
-import importlib
+import enum
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
+from cardan.dissect import network
 from cardan.dissect.capture import CapturedPacket
 from cardan.dissect.network import Segment
 from cardan.errors import ConfigurationError
 
-PacketLine = tuple[CapturedPacket, str]
-"""A line to print, with the packet that it is about."""
-
 CUT = "cut by the capture"
-"""Reason of a malformed message that is not whole in the capture."""
+"""Why a message that is not whole in the capture is malformed."""
+SHOWN_BYTES = 24
+"""Bytes shown of a malformed message; the first fields show its intended type."""
 
 
-class ProtocolReader(ABC):
-    """Sees the packets of its link types in order and takes those of its protocol.
+class Decoded(NamedTuple):
+    """What a codec made of the bytes of a message."""
 
-    A packet that it takes (`packets` has grown) is not offered to the readers after it.
-    """
+    value: Any
+    """A named tuple, or names and values; None where the bytes are malformed."""
+    title: str = ""
+    """What the message is called; empty: as the value's class."""
+    fault: str = ""
+    """Why it is malformed; what stands before a colon is counted."""
+    sequence: int | None = None
+    """The sender's count of its messages, where it has one, modulo 2**32."""
+    asks: int | None = None
+    """What an answer to it repeats, where the protocol has that."""
+    answers: int | None = None
+    """What it repeats of the message that it answers; None: it answers the newest one."""
+    remarks: tuple[str, ...] = ()
+    """What is to be said of it besides its values."""
 
-    def __init__(self) -> None:
-        self.packets = 0
-        """Packets that belong to the protocol, those without a message of it included."""
-        self.messages = 0
-        """Datagrams, reports or messages of a stream shown, malformed ones included."""
-        self.malformed: Counter[str] = Counter()
-        """Those that are not what they should be, by reason."""
 
-    @abstractmethod
-    def feed(self, packet: CapturedPacket, network: Segment | str) -> Iterable[PacketLine]:
-        """Lines to show, each with its packet; none when this one holds nothing of the protocol.
+class Message(NamedTuple):
+    """A message in a packet."""
 
-        `network` is what :func:`cardan.dissect.network.parse` says of the packet.
-        """
+    packet: CapturedPacket
+    where: str
+    """Whose it is, from where to where; its figures are kept by this."""
+    decoded: Decoded
+    data: bytes
+    other_way: str = ""
+    """Where the answers to it are."""
 
-    def finish(self) -> Iterable[PacketLine]:
-        """Lines that were held back when the capture ended."""
-        return ()
 
-    @abstractmethod
-    def summary(self) -> Iterable[str]:
-        """Lines about everything that was fed."""
+class Note(NamedTuple):
+    """Something to be said that is no message."""
 
-    def count_malformed(self, reason: str, *counters: Counter[str]) -> None:
-        """One more malformed message, here and in `counters` of its flow or device."""
-        for counter in (self.malformed, *counters):
-            counter[reason] += 1
+    packet: CapturedPacket
+    where: str
+    text: str
+
+
+Found = Iterable[Message | Note]
 
 
 class Numbers(NamedTuple):
     """An option that adds numbers to those a protocol is looked for at: ports, nodes."""
 
     key: str
-    """The keyword of :func:`cardan.dissect.dissect_file` and of the reader."""
+    """The keyword of :func:`cardan.dissect.dissect_file`."""
     flag: str
     """On the command line, without the leading dashes; it can be given several times."""
     metavar: str
@@ -66,7 +72,7 @@ class Numbers(NamedTuple):
     """In a few words without a full stop; that the option is repeatable is added."""
     what: str
     """What one of the numbers is ("UDP port")."""
-    allowed: range
+    allowed: range = range(1, 0x10000)
     usual: frozenset[int] = frozenset()
     """Those that are looked at anyway."""
 
@@ -82,31 +88,106 @@ class Numbers(NamedTuple):
         return self.usual | numbers
 
 
-class Dissector:
-    """A protocol as ``cardan dissect`` has it: where it is looked for, its options, its reader.
+class Dissector(ABC):
+    """A protocol as ``cardan dissect`` has it: where it is looked for, its options, its codec.
 
-    It is never instantiated, and looking at it needs no scapy. The class's docstring says in a line
-    what it reads.
+    The class's docstring says in a line what it reads. One is made for each capture that has one of
+    its link types; it sees their packets in order and takes those of its protocol.
     """
 
     name: ClassVar[str]
     """The protocol's, in the figures of a capture."""
     page: ClassVar[str]
     """Where it is described: a page under docs/, or an address."""
-    link_types: ClassVar[frozenset[int]]
+    link_types: ClassVar[frozenset[int]] = network.LINK_TYPES
     """Link types of the packets that it is offered (LINKTYPE_ numbers of libpcap)."""
     always: ClassVar[bool] = False
     """Whether the figures say of every capture how much of it there was, instead of captures with
     one of its link types only."""
     options: ClassVar[Sequence[Numbers]] = ()
-    reader: ClassVar[str]
-    """The ProtocolReader as "package.module:Class", which is imported when a capture needs it: most
-    need scapy. It is made with the numbers of each option by its key."""
 
-    @classmethod
-    def open(cls, numbers: Mapping[str, frozenset[int]]) -> ProtocolReader:
-        """A fresh reader, with those of `numbers` that are its options'. ExtraMissingError."""
-        module, _, name = cls.reader.partition(":")
-        make = getattr(importlib.import_module(module), name)
-        reader: ProtocolReader = make(**{o.key: numbers[o.key] for o in cls.options})
-        return reader
+    def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
+        self.numbers = numbers
+        """Those of each option by its key."""
+        self.packets = 0
+        """Packets that belong to the protocol, those without a message of it included. When it has
+        grown, the packet is not offered to the dissectors after this one."""
+
+    @abstractmethod
+    def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
+        """What is in a packet. `network` is what :func:`cardan.dissect.network.parse` says of it.
+
+        Messages can be those of earlier packets, which were held back.
+        """
+
+    def finish(self) -> Found:
+        """What was held back when the capture ended."""
+        return ()
+
+    def about(self, where: str) -> str:
+        """What the figures say of those that are here besides their messages."""
+        return ""
+
+
+class DatagramDissector(Dissector):
+    """A protocol on UDP, a message in each datagram."""
+
+    always = True
+
+    @abstractmethod
+    def decode(self, segment: Segment) -> Decoded | None:
+        """A datagram; None: it is another protocol's."""
+
+    def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
+        if not isinstance(network, Segment) or network.protocol != "UDP":
+            return
+        decoded = self.decode(network)
+        if decoded is None:
+            return
+        if network.cut:
+            decoded = Decoded(None, decoded.title, CUT)
+        self.packets += 1
+        yield Message(packet, *ends(network, decoded))
+
+
+def ends(segment: Segment, decoded: Decoded) -> tuple[str, Decoded, bytes, str]:
+    """The parts of a `Message` after its packet, of a datagram."""
+    where = f"{segment.source} > {segment.destination}"
+    other_way = f"{segment.destination} > {segment.source}"
+    return where, decoded, segment.payload, other_way
+
+
+def describe(decoded: Decoded) -> str:
+    """Title and values, one after the other; what is absent is left out."""
+    value = decoded.value
+    title = decoded.title or type(value).__name__
+    fields = value if isinstance(value, Mapping) else value._asdict()
+    shown = [_named(name, each) for name, each in fields.items() if each is not None]
+    return " | ".join((title, *shown, *decoded.remarks))
+
+
+def _named(name: str, value: Any) -> str:
+    return f"{name} {_text(value)}"
+
+
+def _text(value: Any) -> str:
+    if isinstance(value, enum.Enum):
+        return value.name
+    if isinstance(value, float):
+        return f"{value:.8g}"
+    if isinstance(value, bytes):
+        return value.hex(" ") or "(none)"
+    if isinstance(value, str):
+        return repr(value)
+    if hasattr(value, "_asdict"):
+        fields = value._asdict().items()
+        return f"({', '.join(_named(n, v) for n, v in fields if v is not None)})"
+    if isinstance(value, tuple | list):
+        return " ".join(map(_text, value)) or "(none)"
+    return str(value)
+
+
+def excerpt(data: bytes) -> str:
+    """The length of malformed bytes, and the first of them in hex."""
+    more = " ..." if len(data) > SHOWN_BYTES else ""
+    return f"({len(data)} B: {data[:SHOWN_BYTES].hex(' ')}{more})"

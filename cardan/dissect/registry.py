@@ -11,20 +11,23 @@ from cardan.plugins import Finder
 ENTRY_POINT_GROUP = "cardan.dissect"
 
 BUILT_IN = {
-    "egm": "cardan.dissect.dissectors:Egm",
-    "connexion": "cardan.dissect.dissectors:Connexion",
-    "joint_stream": "cardan.dissect.dissectors:JointStream",
-    "simple_message": "cardan.dissect.dissectors:SimpleMessage",
-    "rtde": "cardan.dissect.dissectors:Rtde",
-    "wiimote": "cardan.dissect.dissectors:Wiimote",
-    "jr3_can": "cardan.dissect.dissectors:Jr3Can",
+    "egm": "cardan.dissect.dissectors.datagrams:Egm",
+    "connexion": "cardan.dissect.dissectors.devices:Connexion",
+    "joint_stream": "cardan.dissect.dissectors.datagrams:JointStream",
+    "simple_message": "cardan.dissect.dissectors.streams:SimpleMessage",
+    "rtde": "cardan.dissect.dissectors.streams:Rtde",
+    "wiimote": "cardan.dissect.dissectors.devices:Wiimote",
+    "jr3_can": "cardan.dissect.dissectors.devices:Jr3Can",
 }
 """Our own. Packets are offered in this order, then to those of other packages by name: what goes to
 or from a port of EGM is EGM's, whatever it begins with."""
 
 
 FINDER: Finder[Dissector] = Finder(
-    Dissector, "dissector", BUILT_IN, lambda: entry_points(group=ENTRY_POINT_GROUP)
+    Dissector,  # type: ignore[type-abstract]
+    "dissector",
+    BUILT_IN,
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
 )
 
 

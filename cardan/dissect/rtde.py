@@ -337,17 +337,6 @@ def packet_bytes(data: bytes | bytearray) -> int | None:
     return size if size >= HEADER_BYTES else None
 
 
-def begins_packet(data: bytes | bytearray) -> bool:
-    """Whether `data` looks like the beginning of a packet, and of those after it that it has."""
-    at = 0
-    while len(data) - at >= HEADER_BYTES:
-        size = packet_bytes(data[at : at + HEADER_BYTES])
-        if size is None or data[at + 2] not in NAMES:
-            return False
-        at += size
-    return at > 0
-
-
 def _judge(data: bytes, layers: Any) -> tuple[type[Packet] | None, str]:
     """The layer of the packet that `data` begins with, or why there is none."""
     if not data:

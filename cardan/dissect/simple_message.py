@@ -43,7 +43,6 @@ TOPIC, REQUEST, REPLY = 1, 2, 3
 COMM_TYPES = {0: "invalid", TOPIC: "topic", REQUEST: "request", REPLY: "reply"}
 REPLY_CODES = {0: "unused", 1: "SUCCESS", 2: "FAILURE"}
 TIME, POSITION, VELOCITY, ACCELERATION = 1, 2, 4, 8
-VALID_FIELDS = {TIME: "TIME", POSITION: "POSITION", VELOCITY: "VELOCITY", ACCELERATION: "ACCEL"}
 
 
 def _numbered(names: dict[int, str]) -> dict[int, str]:
@@ -747,20 +746,6 @@ def _is_io_error(data: bytes, msg_type: int, order: str) -> bool:
     return result == INVALID and subcode in INVALID_SUBCODES and not any(data[24:end])
 
 
-LARGEST_PREFIX = HEADER_BYTES + 8 + GROUPS * (8 + 31 * 8)
-"""Largest prefix of any message: four groups in 2016 with 64-bit reals."""
-
-
-def begins_message(data: bytes, order: str | None = None) -> bool:
-    """Whether `data` looks like the beginning of a message, as far as its header is there."""
-    order = order or byte_order(data)
-    if len(data) < PREFIX_BYTES:
-        return False
-    words = struct.unpack_from(f"{order}{min(4, len(data) // 4)}i", data)
-    allowed = (range(LEAST_PREFIX, LARGEST_PREFIX + 1), range(1, 0x10000), range(4), range(3))
-    return all(word in those for word, those in zip(words, allowed, strict=False))
-
-
 def malformed(layer: Packet) -> str | None:
     """Why a dissected message is none that is known, None when it is one."""
     return layer.reason if isinstance(layer, SimpleMessageBroken) else None
@@ -791,20 +776,6 @@ def remarks(layer: SimpleMessage) -> Iterator[str]:
             ]
             if not all(map(math.isfinite, flat)):
                 yield f"{field.name} not finite"
-
-
-def subcode_name(reply: MotionReply | IoErrorReply) -> str:
-    """A subcode by the result it comes with; the number where it has no name."""
-    return SUBCODES.get(reply.result, {}).get(reply.subcode, str(reply.subcode))
-
-
-def result_name(reply: MotionReply | IoErrorReply) -> str:
-    """SUCCESS, BUSY ...; TRUE and FALSE to CHECK_MOTION_READY."""
-    if isinstance(reply, MotionReply) and reply.command_code == CHECK_MOTION_READY:
-        name = {SUCCESS: "TRUE", FAILURE: "FALSE"}.get(reply.result)
-        if name:
-            return name
-    return RESULTS.get(reply.result, f"result {reply.result}")
 
 
 for _port in (*SIMPLE_MESSAGE_PORTS, SIMPLE_MESSAGE_RT_CONTROL_PORT):

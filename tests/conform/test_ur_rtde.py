@@ -130,6 +130,6 @@ def test_the_capture_of_a_run_is_dissected_whole(tmp_path):
     text = out.getvalue()
     assert counts.malformed["RTDE"] == 0
     assert counts.messages["RTDE"] > 200
-    assert "output recipe 1 at 500 Hz: timestamp, target_q" in text
-    assert "refused: cardan_has_no_such_variable NOT_FOUND x1" in text
-    assert "left out 0" in text
+    assert "remarks: REFUSED cardan_has_no_such_variable NOT_FOUND x1" in text
+    assert "RTDE DATA recipe 1 x" in text
+    assert "lost 0 duplicate 0 out of order 0" in text

@@ -1,7 +1,9 @@
-"""Segments of TCP, and what a reader of streams makes of them."""
+"""Segments of TCP, and what a dissector of streams makes of them."""
 
 from cardan.dissect.capture import CapturedPacket
+from cardan.dissect.figures import Figures
 from cardan.dissect.network import Segment
+from cardan.dissect.reader import Note, describe, excerpt
 
 
 def segments(parts, start, source, destination):
@@ -13,11 +15,29 @@ def segments(parts, start, source, destination):
     return made
 
 
-def fed(reader, listed, period_s):
-    """Lines without their addresses, of segments that come in this period."""
-    lines = []
+def opened(kind):
+    """A dissector of this class, with its usual numbers."""
+    return kind({option.key: option.usual for option in kind.options})
+
+
+def fed(dissector, listed, period_s):
+    """Lines without their addresses, of segments that come in this period; and all that is said in
+    the end of each direction."""
+    lines, found, figures = [], [], {}
     for number, segment in enumerate(listed, 1):
         packet = CapturedPacket(number, round(number * period_s * 1e9), 1, "<", b"", 0)
-        lines += [text for _, text in reader.feed(packet, segment)]
-    lines += [text for _, text in reader.finish()]
-    return [line.split(" ", 3)[3] for line in lines]
+        found += dissector.feed(packet, segment)
+    for each in [*found, *dissector.finish()]:
+        if isinstance(each, Note):
+            lines.append(each.text)
+            continue
+        decoded = each.decoded
+        mine = figures.setdefault(each.where, Figures())
+        mine.add(each, decoded.title, figures.get(each.other_way))
+        title = decoded.title or dissector.name
+        fault = f"MALFORMED {title}: {decoded.fault} {excerpt(each.data)}"
+        lines.append(fault if decoded.fault else describe(decoded))
+    said = []
+    for where, mine in figures.items():
+        said += [f"{where}: {dissector.about(where)}", *mine]
+    return lines, said

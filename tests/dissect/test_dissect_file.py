@@ -102,22 +102,24 @@ def test_a_clean_session(capture):
     lines = text.splitlines()
     assert lines[0] == "capture starts 2023-11-14 22:13:20.000000 UTC"
     assert lines[1] == (
-        "#1 0.000000 10.0.0.1:50123 > 10.0.0.2:6510 EgmRobot | seqno 0 tm 0 DATA | "
-        "feedBack joints 0 0 0 0 0 0 deg"
+        "#1 0.000000 10.0.0.1:50123 > 10.0.0.2:6510 EgmRobot | "
+        "header (seqno 0, tm_ms 0, mtype DATA) | feed_back (joints 0 0 0 0 0 0)"
     )
     assert lines[4] == (
-        "#4 0.005000 10.0.0.2:6510 > 10.0.0.1:50123 EgmSensor | seqno 1 tm 4 CORRECTION | "
-        "planned joints 0.5 0.5 0.5 0.5 0.5 0.5 deg"
+        "#4 0.005000 10.0.0.2:6510 > 10.0.0.1:50123 EgmSensor | "
+        f"header (seqno 1, tm_ms 4, mtype CORRECTION) | planned (joints{' 0.0087266463' * 6})"
     )
     assert lines[21:] == [
-        "EGM flow controller 10.0.0.1:50123 -> PC 10.0.0.2:6510",
-        "  from controller: 10 datagrams, lost 0 duplicate 0 out of order 0, "
-        "period mean 4.000 min 4.000 max 4.000 ms, session restarts 0",
-        "  from PC: 10 datagrams, lost 0 duplicate 0 out of order 0, "
-        "period mean 4.000 min 4.000 max 4.000 ms",
-        # The first tm is 0, which the reply may have for another reason.
-        "  replies: unanswered datagrams 0, latency median 1.000 p99 1.000 ms (9 of 10 matched "
-        "by tm)",
+        "EGM 10.0.0.1:50123 > 10.0.0.2:6510",
+        "  10 messages",
+        "  EgmRobot x10, period mean 4.000 min 4.000 max 4.000 ms, "
+        "lost 0 duplicate 0 out of order 0 restarts 0",
+        "  answers x9, after: median 3.000 p99 3.000 ms",
+        "EGM 10.0.0.2:6510 > 10.0.0.1:50123",
+        "  10 messages",
+        "  EgmSensor x10, period mean 4.000 min 4.000 max 4.000 ms, "
+        "lost 0 duplicate 0 out of order 0 restarts 0",
+        "  answers x10, after: median 1.000 p99 1.000 ms",
         "20 packets: 20 EGM, 0 malformed; 0 others",
     ]
 
@@ -139,20 +141,20 @@ def test_loss_duplicates_reordering_restart_and_damage(capture):
     counts, text = read(capture(packets))
     assert counts.messages["EGM"] == len(packets)
     assert counts.malformed["EGM"] == 3
-    assert "SEQNO GAP" in text
-    assert "SEQNO LATE" in text
-    assert text.count("SEQNO RESTART") == 1
-    assert "SEQNO DUPLICATE" in text
-    assert "MALFORMED EgmRobot: empty datagram (0 B: )" in text
-    assert "MALFORMED EgmRobot: EgmRobot: ends inside a field (30 B: 0a 06 08 00" in text
-    assert "from controller: 14 datagrams, lost 1 duplicate 1 out of order 1" in text
-    assert "session restarts 1" in text
-    assert "max 8.000 ms, session restarts" in text
-    assert "    malformed: EgmRobot: ends inside a field x1, empty datagram x1" in text
+    assert "SEQUENCE GAP" in text
+    assert "SEQUENCE LATE" in text
+    assert text.count("SEQUENCE RESTART") == 1
+    assert "SEQUENCE DUPLICATE" in text
+    assert "MALFORMED EgmRobot: empty: the datagram has no bytes (0 B: )" in text
+    assert "MALFORMED EgmRobot: truncated or not protobuf: " in text
+    assert " (30 B: 0a 06 08 00" in text
+    assert "  14 messages\n" in text
     assert (
-        "unanswered datagrams 10, latency median 2.000 p99 2.000 ms (1 of 1 matched by tm), "
-        "more than one per datagram 1" in text
+        "  EgmRobot x12, period mean 5.000 min 4.000 max 8.000 ms, "
+        "lost 1 duplicate 1 out of order 1 restarts 1\n" in text
     )
+    assert "  malformed: truncated or not protobuf x1, empty x1" in text
+    assert "  answers x1, after: median 2.000 p99 2.000 ms" in text
 
 
 def test_a_late_reply_belongs_to_the_datagram_it_echoes(capture):
@@ -160,7 +162,7 @@ def test_a_late_reply_belongs_to_the_datagram_it_echoes(capture):
     packets += [from_pc(n * PERIOD_S + 0.006, reply(n, (n + 1) * 4)) for n in range(10)]
     packets.sort(key=lambda p: p.time)
     _, text = read(capture(packets), summary=True)
-    assert "unanswered datagrams 0, latency median 6.000 p99 6.000 ms (10 of 10" in text
+    assert "  answers x10, after: median 6.000 p99 6.000 ms" in text
 
 
 def test_replies_without_an_echo_belong_to_the_newest_datagram(capture):
@@ -170,41 +172,40 @@ def test_replies_without_an_echo_belong_to_the_newest_datagram(capture):
         if n != 2:
             packets.append(from_pc(n * PERIOD_S + 0.002, reply(2 * n, 0)))
     _, text = read(capture(packets), summary=True)
-    assert "unanswered datagrams 1, latency median 2.000 p99 2.000 ms (0 of 3" in text
-    assert "(seqno steps by 2)" in text
+    assert "  answers x3, after: median 2.000 p99 2.000 ms" in text
+    assert "(steps by 2)" in text
 
 
 def test_seqno_wraps_without_loss(capture):
     numbers = [2**32 - 2, 2**32 - 1, 0, 1]
     packets = [to_pc(i * PERIOD_S, robot(n, tm=i)) for i, n in enumerate(numbers)]
     _, text = read(capture(packets), summary=True)
-    assert "lost 0 duplicate 0 out of order 0" in text
-    assert "session restarts 0" in text
+    assert "lost 0 duplicate 0 out of order 0 restarts 0" in text
 
 
 def test_a_seqno_sent_again_with_other_content_is_named(capture):
     packets = [to_pc(i * PERIOD_S, robot(n, tm=i)) for i, n in enumerate([1, 2, 2, 3])]
     _, text = read(capture(packets))
-    assert "SEQNO REPEATED" in text
+    assert "SEQUENCE REPEATED" in text
     assert "repeated with other content 1" in text
 
 
-def test_a_new_local_port_is_a_new_session(capture):
+def test_a_new_local_port_has_figures_of_its_own(capture):
     later = session(3, start_s=1.0, source=("10.0.0.1", 50999))
     _, text = read(capture(session(3) + later), summary=True)
-    assert "controller 10.0.0.1:50999 -> PC 10.0.0.2:6510" in text
-    assert "  new session: the controller's port was 50123 before" in text
+    assert "EGM 10.0.0.1:50123 > 10.0.0.2:6510\n  3 messages" in text
+    assert "EGM 10.0.0.1:50999 > 10.0.0.2:6510\n  3 messages" in text
 
 
-def test_remarks_are_counted(capture):
-    wrong = EgmRobot(
-        header=EgmHeader(seqno=1, tm=1, mtype=CORRECTION), utilizationRate=float("nan")
-    )
-    _, text = read(capture([to_pc(0, wrong), to_pc(0.004, robot(2))]))
-    assert "utilization nan %" in text
-    assert (
-        "    remarks: mtype MSGTYPE_CORRECTION x1, EgmRobot.utilizationRate not finite x1" in text
-    )
+def test_what_the_codec_refuses_is_malformed_and_what_only_informs_is_shown(capture):
+    wrong = EgmRobot(header=EgmHeader(seqno=1, tm=1, mtype=CORRECTION))
+    odd = robot(2)
+    odd.utilizationRate = float("nan")
+    counts, text = read(capture([to_pc(0, wrong), to_pc(0.004, odd)]))
+    assert counts.malformed["EGM"] == 1
+    assert "MALFORMED EgmRobot: not the expected EGM message: mtype 3 is not" in text
+    assert "  malformed: not the expected EGM message x1" in text
+    assert "utilization_rate nan" in text
 
 
 def test_a_controller_port_among_ours_is_told_by_the_type(capture):
@@ -215,8 +216,9 @@ def test_a_controller_port_among_ours_is_told_by_the_type(capture):
         at(0.001, datagram(pc, controller, reply(1, 4))),
     ]
     _, text = read(capture(packets), summary=True)
-    assert text.count("EGM flow") == 1
-    assert "latency median 1.000" in text
+    assert "EgmRobot x1" in text
+    assert "EgmSensor x1, lost 0" in text
+    assert "restarts 0\n  answers x1, after: median 1.000" in text
 
 
 def test_other_ports_on_request(capture):
@@ -251,7 +253,7 @@ def test_something_else_on_the_port_is_said_not_to_be_egm(capture):
     packets = [to_pc(n, b"GET / HTTP/1.1") for n in range(2)]
     counts, text = read(capture(packets), summary=True)
     assert counts.malformed["EGM"] == 2
-    assert "no datagram on the EGM ports (6510 6511 6512 6513) is an EGM message" in text
+    assert "EGM 10.0.0.1:50123 > 10.0.0.2:6510\n  2 messages\n  malformed: truncated" in text
 
 
 def test_limit_and_summary(capture):
@@ -318,7 +320,7 @@ def test_link_types_and_file_formats(tmp_path, link, form):
     counts, text = read(path)
     assert counts == Counts(3, {**NONE, "EGM": 3}, NONE, 0)
     address = "[fd00::1]:5 > [fd00::2]:6510" if link == "ipv6" else "10.0.0.1:5 > 10.0.0.2:6510"
-    assert f"{address} EgmRobot | seqno 2 tm 8 DATA" in text
+    assert f"{address} EgmRobot | header (seqno 2, tm_ms 8, mtype DATA)" in text
     assert "period mean 4.000 min 4.000 max 4.000 ms" in text
 
 
@@ -332,7 +334,7 @@ def test_byte_orders_and_nanoseconds(tmp_path, order, nano):
     writer.close()
     _, text = read(path)
     assert "capture starts 2023-11-14 22:13:20.000000 UTC" in text
-    assert "latency median 1.000 p99 1.000 ms" in text
+    assert "answers x3, after: median 1.000 p99 1.000 ms" in text
 
 
 @pytest.mark.parametrize("zipped", [False, True])
@@ -466,15 +468,11 @@ def test_every_damaged_byte_is_read_or_refused(tmp_path):
             read(path)
 
 
-def test_without_scapy_the_extra_is_named(capture):
+def test_captures_are_read_without_scapy(capture):
     program = (
         "import sys; sys.modules['scapy'] = None\n"
         "from cardan.dissect import dissect_file\n"
-        "from cardan.errors import ExtraMissingError\n"
-        "from cardan.errors import CardanError\n"
-        "try:\n    dissect_file(sys.argv[1], sys.stdout)\n"
-        "except CardanError as error:\n"
-        "    assert isinstance(error, ExtraMissingError)\n    print(error)\n"
+        "print(dissect_file(sys.argv[1], sys.stdout).messages['EGM'])\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program, str(capture(session(1)))],
@@ -483,7 +481,7 @@ def test_without_scapy_the_extra_is_named(capture):
         timeout=30,
         check=True,
     )
-    assert done.stdout.strip().endswith('pip install "cardan[dissect]"')
+    assert done.stdout.splitlines()[-1] == "2"
 
 
 BUS, DEVICE = 1, 5
@@ -567,21 +565,21 @@ def test_usb_reports_of_a_known_device(usb_capture, link_type, header_bytes, ord
     assert counts.messages["3Dconnexion"] == 9
     assert counts.malformed["3Dconnexion"] == 1
     for line in (
-        "#4 0.024000 USB 1.5 endpoint 1 IN translation 120 -45 300",
-        "endpoint 1 IN rotation -350 8 64",
-        "endpoint 1 IN buttons 0, 1",
-        "endpoint 1 IN MALFORMED report 0x01 of 5 bytes: 01 78 00 d3 ff",
-        "endpoint 1 IN unknown report 0x2a: 01",
-        "endpoint 0 OUT LED on",
-        "endpoint 0 OUT calibrate 0",
-        "endpoint 2 OUT LED on",
+        "#4 0.024000 USB 1.5 endpoint 1 IN Translation | x 120 | y -45 | z 300",
+        "endpoint 1 IN Rotation | rx -350 | ry 8 | rz 64",
+        "endpoint 1 IN ButtonBits | mask 3",
+        "endpoint 1 IN MALFORMED report: 0x01 too short: 5 bytes (5 B: 01 78 00 d3 ff)",
+        "endpoint 1 IN report 0x2a of an unknown id | data 01",
+        "endpoint 0 OUT LedOutput | on True",
+        "endpoint 0 OUT feature report | data 07 00",
+        "endpoint 2 OUT LedOutput | on True",
         "endpoint 1 IN transfer failed, status -108",
-        "3Dconnexion device USB 1.5 046d:c626 SpaceNavigator",
-        "    TranslationReport x2, RotationReport x1, ButtonReport x1",
-        "    TranslationReport while deflected: period mean 24.000 min 24.000 max 24.000 ms",
-        "    malformed: report 0x01 of 5 bytes x1",
-        "    unknown report ids: 0x2a x1",
-        "    failed transfers: status -108 x1",
+        "3Dconnexion USB 1.5 endpoint 1 IN: 046d:c626 SpaceNavigator",
+        "  Translation x2, period mean 24.000 min 24.000 max 24.000 ms",
+        "  Rotation x1\n",
+        "  ButtonBits x1\n",
+        "  report 0x2a of an unknown id x1",
+        "  malformed: 0x01 too short x1",
     ):
         assert line in text
 
@@ -594,9 +592,9 @@ def test_usb_device_without_descriptor_is_known_by_its_motion(usb_capture):
     counts, text = read(usb_capture(mouse + wheel + split + one))
     assert counts.messages["3Dconnexion"] == 4
     assert counts.other_packets == 5
-    assert "USB 1.5 endpoint 1 IN buttons 0, 1" in text  # held until the device was known
-    assert "3Dconnexion device USB 1.5 by the look of its reports" in text
-    assert "USB 1.6 endpoint 1 IN motion -210 33 -1 rotation 350 -350 128" in text
+    assert "USB 1.5 endpoint 1 IN ButtonBits | mask 3" in text  # held until the device was known
+    assert "3Dconnexion USB 1.5 endpoint 1 IN: by the look of its reports" in text
+    assert "endpoint 1 IN Motion | x -210 | y 33 | z -1 | rx 350 | ry -350 | rz 128" in text
     assert "USB 1.7" not in text
     assert "USB 1.8" not in text
     assert "other packets: USB x5" in text
@@ -614,16 +612,6 @@ def test_usb_devices_that_are_no_6dof_mice(usb_capture):
     assert read(usb_capture([*unknown, urb(worked.MOTION)]))[0].messages["3Dconnexion"] == 1
 
 
-def test_silence_while_deflected_is_named(usb_capture):
-    rest = b"\x01" + bytes(12)
-    deflected = [urb(worked.MOTION)] * 3
-    path = usb_capture([*descriptor(0x256F, 0xC631), *deflected, urb(rest)], period_s=0.2)
-    _, text = read(path)
-    assert "silent for more than 100 ms while deflected: 3" in text
-    path = usb_capture([*descriptor(0x256F, 0xC631), urb(rest), urb(worked.MOTION)], period_s=0.2)
-    assert "silent" not in read(path)[1]
-
-
 def test_usb_records_cut_by_the_capture(usb_capture, tmp_path):
     path = usb_capture(descriptor(0x256F, 0xC631))
     cut = urb(worked.MOTION)[:-4]
@@ -632,4 +620,4 @@ def test_usb_records_cut_by_the_capture(usb_capture, tmp_path):
         stream.write(struct.pack("<4I", START_S + 1, 0, 20, 20) + bytes(20))
     counts, text = read(path)
     assert counts.malformed["3Dconnexion"] == 1
-    assert "MALFORMED cut by the capture: 01 2e ff" in text
+    assert "MALFORMED report: cut by the capture (9 B: 01 2e ff" in text

@@ -310,23 +310,25 @@ def test_a_clean_session(shown):
     assert counts.other_packets == 0
     lines = text.splitlines()
     assert lines[1:4] == [
-        "#1 0.000000 10.0.0.2:40000 > 10.0.0.1:6520 JointStreamCommand | session 0 sequence 1 "
-        "stamp 0.000000 s | hold, 1 joint",
-        "#2 0.008000 10.0.0.1:6520 > 10.0.0.2:40000 JointStreamState | session 7 sequence 1 "
-        "stamp 0.000000 s | hold, 1 joint | taken 1, cycle 0.004 s | positions 0.5 rad or m | "
-        "speeds 0 rad/s or m/s | torques 1 N·m or N | TCP pos 0 0 0 m, quat 1 0 0 0 | "
-        "force 0 0 0 N, torque 0 0 0 N·m",
-        "#3 0.010000 10.0.0.2:40000 > 10.0.0.1:6520 JointStreamCommand | session 7 sequence 2 "
-        "stamp 0.000000 s | velocity, 1 joint | speeds 0.25 rad/s or m/s",
+        "#1 0.000000 10.0.0.2:40000 > 10.0.0.1:6520 ArmCommand | session 0 | sequence 1 | "
+        "stamp_s 0 | mode HOLD | values (none) | feed_forward (none)",
+        "#2 0.008000 10.0.0.1:6520 > 10.0.0.2:40000 ArmState | session 7 | sequence 1 | "
+        "stamp_s 0 | mode HOLD | acknowledged 1 | period_s 0.004 | positions 0.5 | velocities 0 | "
+        "torques 1 | pose 0 0 0 1 0 0 0 | wrench 0 0 0 0 0 0 | reason ''",
+        "#3 0.010000 10.0.0.2:40000 > 10.0.0.1:6520 ArmCommand | session 7 | sequence 2 | "
+        "stamp_s 0 | mode VELOCITY | values 0.25 | feed_forward (none)",
     ]
     assert lines[12:] == [
-        "joint stream flow arm 10.0.0.1:6520 -> client 10.0.0.2:40000",
-        "  from arm: 5 datagrams, lost 0 duplicate 0 out of order 0, "
-        "period mean 8.000 min 8.000 max 8.000 ms, sequence restarts 0",
-        "  from client: 6 datagrams, lost 0 duplicate 0 out of order 0, "
-        "period mean 8.400 min 8.000 max 10.000 ms, sequence restarts 0",
-        "  commands: velocity x5, hold x1",
-        "  sessions 1, commands that states name as taken 5, latency median 6.000 p99 8.000 ms",
+        "joint stream 10.0.0.2:40000 > 10.0.0.1:6520",
+        "  6 messages",
+        "  ArmCommand x6, period mean 8.400 min 8.000 max 10.000 ms, "
+        "lost 0 duplicate 0 out of order 0 restarts 0",
+        "  answers x5, after: median 2.000 p99 2.000 ms",
+        "joint stream 10.0.0.1:6520 > 10.0.0.2:40000",
+        "  5 messages",
+        "  ArmState x5, period mean 8.000 min 8.000 max 8.000 ms, "
+        "lost 0 duplicate 0 out of order 0 restarts 0",
+        "  answers x5, after: median 6.000 p99 7.964 ms",
         "11 packets: 11 joint stream, 0 malformed; 0 others",
     ]
 
@@ -334,7 +336,7 @@ def test_a_clean_session(shown):
 def test_another_port_is_known_by_the_mark(shown):
     counts, text = shown(session(arm=("10.0.0.1", 7001)), summary=True)
     assert counts.messages["joint stream"] == 11
-    assert "joint stream flow arm 10.0.0.1:7001 -> client 10.0.0.2:40000" in text
+    assert "joint stream 10.0.0.1:7001 > 10.0.0.2:40000\n  5 messages" in text
 
 
 def test_a_port_given_to_egm_is_egm_s(shown):
@@ -360,17 +362,14 @@ def test_loss_restart_other_sessions_reasons_and_damage(shown):
     for line in (
         "reason 'emergency stop' | SEQUENCE GAP",
         "reason 'emergency stop' | SEQUENCE DUPLICATE",
-        "MALFORMED joint stream: a state too short (",
-        "MALFORMED joint stream: does not begin with CJST (5 B: 68 65 6c 6c 6f)",
-        "speeds 0.25 rad/s or m/s | NOT THE SESSION OF THE NEWEST STATE",
-        "SEQUENCE RESTART | SESSION CHANGED FROM 7",
-        "  from arm: 6 datagrams, lost 1 duplicate 1 out of order 0",
-        "    malformed: a state too short x1",
-        "  from client: 2 datagrams",
-        "    malformed: does not begin with CJST x1",
-        "  commands: velocity x1, of another session 1",
-        "  sessions 2, commands that states name as taken 0, latency -",
-        "  reasons of the arm: emergency stop x1",
+        "MALFORMED joint stream: a state of 1 joints in ",
+        "MALFORMED joint stream: 5 bytes are too short (5 B: 68 65 6c 6c 6f)",
+        "session 6 | sequence 1 | stamp_s 0 | mode VELOCITY | values 0.25",
+        "reason '' | SEQUENCE RESTART",
+        "  6 messages",
+        "lost 1 duplicate 1 out of order 0 restarts 1",
+        "  malformed: a state of 1 joints in ",
+        "  malformed: 5 bytes are too short x1",
     ):
         assert line in text
 
@@ -379,5 +378,5 @@ def test_what_the_codec_sends_is_shown(shown):
     value = ArmCommand(7, 9, 1.5, ControlMode.POSITION, (0.5, 0.0))
     data = codec.encode_command(value, 2)
     _, text = shown([packet(0, CLIENT, ARM, data), packet(1, ARM, CLIENT, STATE)])
-    assert "positions 0.5 0 rad or m | speeds 0 0 rad/s or m/s" in text
+    assert "mode POSITION | values 0.5 0 | feed_forward 0 0" in text
     assert "reason 'é'" in text

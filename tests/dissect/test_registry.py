@@ -5,7 +5,6 @@ import re
 import struct
 import subprocess
 import sys
-from collections.abc import Iterable
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -16,41 +15,27 @@ from scapy.utils import wrpcap
 from typer.testing import CliRunner
 
 from cardan.cli import app
-from cardan.dissect import dissect_file, network, registry
-from cardan.dissect.reader import Dissector, Numbers, ProtocolReader
+from cardan.dissect import dissect_file, registry
+from cardan.dissect.reader import DatagramDissector, Decoded, Numbers
 from cardan.errors import ConfigurationError
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
-class GreetingReader(ProtocolReader):
-    """Datagrams that say hello."""
-
-    def __init__(self, greeting_ports):
-        super().__init__()
-        self._ports = greeting_ports
-
-    def feed(self, packet, network):
-        if isinstance(network, str) or network.destination.port not in self._ports:
-            return
-        self.packets += 1
-        self.messages += 1
-        yield packet, f"greeting {network.payload.decode()}"
-
-    def summary(self) -> Iterable[str]:
-        yield f"greetings: {self.messages}"
-
-
-class Greetings(Dissector):
+class Greetings(DatagramDissector):
     """Greetings on UDP ports."""
 
     name = "greetings"
     page = "https://example.org/greetings"
-    link_types = network.LINK_TYPES
+    always = False
     options = (
         Numbers("greeting_ports", "greeting-port", "PORT", "A port", "UDP port", range(1, 99), {7}),
     )
-    reader = f"{__name__}:GreetingReader"
+
+    def decode(self, segment):
+        if segment.destination.port not in self.numbers["greeting_ports"]:
+            return None
+        return Decoded({"text": segment.payload.decode()}, "greeting")
 
 
 def install(monkeypatch, target):
@@ -79,8 +64,10 @@ def capture(tmp_path):
 def test_a_dissector_of_another_package(capture):
     out = io.StringIO()
     counts = dissect_file(capture(7, 8, 9), out, greeting_ports=[9])
-    assert "#1 0.000000 greeting hello\n#3 2.000000 greeting hello\n" in out.getvalue()
-    assert "greetings: 2" in out.getvalue()
+    for number, time_s, port in ((1, 0, 7), (3, 2, 9)):
+        line = f"#{number} {time_s}.000000 127.0.0.1:900 > 127.0.0.1:{port} greeting | text 'hello'"
+        assert line in out.getvalue()
+    assert "greetings 127.0.0.1:900 > 127.0.0.1:9\n  1 messages\n" in out.getvalue()
     assert (counts.messages["greetings"], counts.other_packets) == (2, 1)
 
 
@@ -96,7 +83,7 @@ def test_the_command_has_the_options_of_every_dissector(capture):
     assert "--greeting-port" in shown
     assert "greetings: Greetings on UDP ports." in shown
     arguments = ["dissect", str(capture(8)), "--summary", "--greeting-port"]
-    assert "greetings: 1" in CliRunner().invoke(app, [*arguments, "8"]).output
+    assert "  1 messages" in CliRunner().invoke(app, [*arguments, "8"]).output
     assert CliRunner().invoke(app, [*arguments, "99"]).exit_code == 2
 
 
@@ -138,9 +125,8 @@ def test_the_example_of_the_page(tmp_path, monkeypatch):
     page = (DOCS / "adding-a-driver.md").read_text(encoding="utf-8")
     package = tmp_path / "my_package"
     package.mkdir()
-    for name in ("dissect_joystick", "joystick_reader"):
-        (code,) = re.findall(rf"```python\n# my_package/{name}\.py\n(.*?)```", page, re.DOTALL)
-        (package / f"{name}.py").write_text(code, encoding="utf-8")
+    (code,) = re.findall(r"```python\n# my_package/dissect_joystick\.py\n(.*?)```", page, re.DOTALL)
+    (package / "dissect_joystick.py").write_text(code, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     point = EntryPoint(
         "joystick", "my_package.dissect_joystick:JoystickDissector", "cardan.dissect"
@@ -153,9 +139,10 @@ def test_the_example_of_the_page(tmp_path, monkeypatch):
     wrpcap(str(tmp_path / "c.pcap"), frames)
     out = io.StringIO()
     counts = dissect_file(tmp_path / "c.pcap", out, joystick_ports=[7001])
-    assert "127.0.0.1:900 joystick x 3 y -4\n" in out.getvalue()
-    assert "127.0.0.1:900 MALFORMED joystick: 1 bytes\n" in out.getvalue()
-    assert "joystick 127.0.0.1:900: 2 positions\n" in out.getvalue()
+    where = "127.0.0.1:900 > 127.0.0.1:7001"
+    assert f"{where} Position | x 3 | y -4\n" in out.getvalue()
+    assert f"{where} MALFORMED joystick: 1 bytes (1 B: 00)\n" in out.getvalue()
+    assert f"joystick {where}\n  2 messages\n" in out.getvalue()
     assert counts.malformed["joystick"] == 1
 
 

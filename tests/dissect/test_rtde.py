@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scapy.layers.inet import TCP
 
-from cardan.dissect import rtde as layers
+from cardan.dissect import framing, rtde as layers
+from cardan.dissect.dissectors.streams import Rtde
 from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
 from cardan.dissect.rtde import RtdeReply, RtdeRequest, listed, malformed, values_of
-from cardan.dissect.rtde_reader import RtdeReader
 from cardan.protocols.ur import rtde as codec
 from tests.dissect import streaming
 from tests.examples import examples
@@ -191,9 +191,8 @@ def segments(parts, source, destination, start=1000):
 
 
 def fed(listed, period_s=0.002):
-    """Lines without their addresses, and the reader."""
-    reader = RtdeReader()
-    return streaming.fed(reader, listed, period_s), reader
+    """Lines without their addresses, and what is said in the end."""
+    return streaming.fed(streaming.opened(Rtde), listed, period_s)
 
 
 NAMES = ("timestamp", "actual_q", "robot_mode")
@@ -234,69 +233,78 @@ def conversation(*more):
 
 
 def test_a_connection_has_its_lines_and_figures():
-    lines, reader = fed(conversation(*states(1.0, 1.002, 1.006, 1.008)))
+    lines, said = fed(conversation(*states(1.0, 1.002, 1.006, 1.008)))
     assert lines[:4] == [
-        "RTDE PROTOCOL_VERSION | asks for version 2",
-        "RTDE PROTOCOL_VERSION | accepted",
-        "RTDE CONTROLLER_VERSION | asks",
-        "RTDE CONTROLLER_VERSION | 5.12.0.1",
+        "RTDE PROTOCOL_VERSION | kind PROTOCOL_VERSION | version 2",
+        "RTDE PROTOCOL_VERSION | kind PROTOCOL_VERSION | accepted True",
+        "RTDE CONTROLLER_VERSION | kind CONTROLLER_VERSION | version 0",
+        "RTDE CONTROLLER_VERSION | major 5 | minor 12 | bugfix 0 | build 1",
     ]
     assert lines[4:8] == [
-        "RTDE OUTPUTS | asks at 500 Hz for timestamp, actual_q, robot_mode",
-        "RTDE OUTPUTS | recipe 1 | DOUBLE, VECTOR6D, INT32",
-        "RTDE INPUTS | asks to write input_int_register_24, nothing",
-        "RTDE INPUTS | no recipe | IN_USE, NOT_FOUND | 2 OF 2 VARIABLES REFUSED",
+        "RTDE OUTPUTS | kind OUTPUTS | names 'timestamp' 'actual_q' 'robot_mode' | "
+        "frequency_hz 500",
+        "RTDE OUTPUTS | kind OUTPUTS | recipe 1 | types 'DOUBLE' 'VECTOR6D' 'INT32'",
+        "RTDE INPUTS | kind INPUTS | names 'input_int_register_24' 'nothing' | frequency_hz 0",
+        "RTDE INPUTS | kind INPUTS | recipe 0 | types 'IN_USE' 'NOT_FOUND' | "
+        "REFUSED input_int_register_24 IN_USE | REFUSED nothing NOT_FOUND",
     ]
     assert lines[10] == (
-        "RTDE DATA recipe 1 | timestamp 1 s | actual_q 0.5 0.5 0.5 0.5 0.5 0.5 rad | robot_mode 7"
+        "RTDE DATA recipe 1 | timestamp 1 | actual_q 0.5 0.5 0.5 0.5 0.5 0.5 | robot_mode 7"
     )
-    assert [*reader.summary()] == [
-        "RTDE flow controller 10.0.0.1:30004 - client 10.0.0.2:40000, software 5.12.0.1",
-        "  from controller: 9 messages in 9 segments, retransmitted 0 out of order 0 gaps 0",
-        "    DATA x4, PROTOCOL_VERSION x1, CONTROLLER_VERSION x1, OUTPUTS x1, INPUTS x1, START x1",
-        "    remarks: 2 of 2 variables refused x1",
-        "  from client: 5 messages in 5 segments, retransmitted 0 out of order 0 gaps 0",
-        "    PROTOCOL_VERSION x1, CONTROLLER_VERSION x1, OUTPUTS x1, INPUTS x1, START x1",
-        "  output recipe 1 at 500 Hz: timestamp, actual_q, robot_mode",
-        "  output data of recipe 1: period mean 2.000 min 2.000 max 2.000 ms, left out 1",
-        "  PROTOCOL_VERSION to its reply x1: min 2.000 median 2.000 max 2.000 ms",
-        "  CONTROLLER_VERSION to its reply x1: min 2.000 median 2.000 max 2.000 ms",
-        "  OUTPUTS to its reply x1: min 2.000 median 2.000 max 2.000 ms",
-        "  INPUTS to its reply x1: min 2.000 median 2.000 max 2.000 ms",
-        "  START to its reply x1: min 2.000 median 2.000 max 2.000 ms",
-        "  refused: input_int_register_24 IN_USE x1, nothing NOT_FOUND x1",
+    assert said == [
+        "10.0.0.2:40000 > 10.0.0.1:30004: 5 segments, retransmitted 0 out of order 0 gaps 0",
+        "  5 messages",
+        "  RTDE PROTOCOL_VERSION x1",
+        "  RTDE CONTROLLER_VERSION x1",
+        "  RTDE OUTPUTS x1",
+        "  RTDE INPUTS x1",
+        "  RTDE START x1",
+        "  answers x4, after: median 2.000 p99 2.000 ms",
+        "10.0.0.1:30004 > 10.0.0.2:40000: 9 segments, retransmitted 0 out of order 0 gaps 0",
+        "  9 messages",
+        "  RTDE DATA recipe 1 x4, period mean 2.000 min 2.000 max 2.000 ms, "
+        "lost 1 duplicate 0 out of order 0 restarts 0 (steps by 2)",
+        "  RTDE PROTOCOL_VERSION x1",
+        "  RTDE CONTROLLER_VERSION x1",
+        "  RTDE OUTPUTS x1",
+        "  RTDE INPUTS x1",
+        "  RTDE START x1",
+        "  remarks: REFUSED input_int_register_24 IN_USE x1, REFUSED nothing NOT_FOUND x1",
+        "  answers x5, after: median 2.000 p99 2.000 ms",
     ]
-    assert reader.malformed.total() == 0
 
 
 def test_damage_texts_and_what_nobody_asked_for():
     wrong = codec.packet(codec.PacketType.DATA, b"\1" + bytes(4))
-    said = codec.text("too fast", "Controller", codec.TextLevel.WARNING)
-    lines, reader = fed(
+    text = codec.text("too fast", "Controller", codec.TextLevel.WARNING)
+    lines, said = fed(
         conversation(
             wrong,
-            said,
-            codec.reply_accepted(codec.PacketType.PAUSE, True),
+            text,
+            codec.reply_setup(codec.SetupReply(codec.PacketType.OUTPUTS, 3, KINDS)),
             codec.packet(codec.PacketType.DATA, b"\2" + bytes(4)),
             b"\0\4X\1",
         )
     )
     assert lines[10:] == [
-        "MALFORMED RTDE: values that are not of their recipe's types (8 B: 00085501 00000000)",
-        "RTDE TEXT | warning of 'Controller' | 'too fast'",
-        "RTDE PAUSE | accepted | ANSWERS NO REQUEST",
-        "RTDE DATA recipe 2 | 4 bytes | RECIPE NOT IN THE CAPTURE",
-        "MALFORMED RTDE: unknown type 88 (4 B: 00045801)",
+        "MALFORMED RTDE: values that are not of their recipe's types "
+        "(8 B: 00 08 55 01 00 00 00 00)",
+        "RTDE TEXT | text 'too fast' | source 'Controller' | level 2",
+        "RTDE OUTPUTS | kind OUTPUTS | recipe 3 | types 'DOUBLE' 'VECTOR6D' 'INT32' | "
+        "ANSWERS NO REQUEST",
+        "RTDE DATA recipe 2 | recipe 2 | values 00 00 00 00 | RECIPE NOT IN THE CAPTURE",
+        "MALFORMED RTDE: type 88 is unknown (4 B: 00 04 58 01)",
     ]
-    assert reader.malformed.total() == 2
-    assert "  texts: too fast x1" in [*reader.summary()]
+    counted = "values that are not of their recipe's types x1, type 88 is unknown x1"
+    assert f"  malformed: {counted}" in said
 
 
 @pytest.mark.parametrize("time_s", [math.nan, math.inf, 1e300, -1e300])
-def test_a_clock_that_tells_nonsense_counts_no_steps(time_s):
-    _, reader = fed(conversation(*states(time_s, 1.0, time_s)))
-    assert reader.malformed.total() == 0
-    assert not any("left out" in line for line in reader.summary())
+def test_a_clock_that_tells_nonsense_is_shown(time_s):
+    lines, said = fed(conversation(*states(time_s, 1.0, time_s)))
+    assert lines[-1].startswith(f"RTDE DATA recipe 1 | timestamp {time_s:.8g} | ")
+    assert not any("malformed" in line for line in said)
+    assert any("RTDE DATA recipe 1 x3" in line and "lost 0" in line for line in said)
 
 
 def test_a_timestamp_of_another_type_is_no_time():
@@ -306,7 +314,7 @@ def test_a_timestamp_of_another_type_is_no_time():
     asks = segments([codec.ask_outputs(125.0, NAMES)], CLIENT, CONTROLLER)
     lines, _ = fed([*asks, *segments([told, data, data], CONTROLLER, CLIENT)])
     assert lines[-1] == (
-        "RTDE DATA recipe 2 | timestamp 1 2 3 s | actual_q True rad | robot_mode 1099511627776"
+        "RTDE DATA recipe 2 | timestamp 1 2 3 | actual_q True | robot_mode 1099511627776"
     )
 
 
@@ -324,11 +332,11 @@ def test_joining_in_the_middle_and_an_early_end():
     one, two, three = states(1.0, 1.002, 1.004)
     parts = segments([one[20:], two, three[:30]], CONTROLLER, CLIENT)
     parts[-1] = parts[-1]._replace(flags=TCP_FIN)
-    lines, reader = fed(parts)
+    lines, said = fed(parts)
     assert lines[0] == f"SKIPPED {len(one) - 20} bytes that begin no message"
     assert lines[1].startswith("RTDE DATA recipe 1")
     assert "MALFORMED RTDE: the connection ends inside a message (30 B" in lines[2]
-    assert reader.malformed.total() == 1
+    assert "  malformed: the connection ends inside a message x1" in said
 
 
 @settings(max_examples=examples(60))
@@ -342,9 +350,9 @@ def test_splitting_and_reordering_change_nothing(data):
     parts = [stream[a:b] for a, b in zip([0, *cuts], [*cuts, len(stream)], strict=True)]
     start = Segment("TCP", CONTROLLER, CLIENT, b"", False, 999, TCP_SYN)
     mixed = data.draw(st.permutations(segments(parts, CONTROLLER, CLIENT)))
-    lines, reader = fed([start, *mixed])
+    lines, said = fed([start, *mixed])
     assert lines == expected
-    assert reader.malformed.total() == 0
+    assert not any("malformed" in line for line in said)
 
 
 @given(st.lists(st.tuples(st.binary(max_size=60), st.integers(0, 2**32 - 1), st.booleans())))
@@ -353,5 +361,19 @@ def test_arbitrary_segments_never_raise(parts):
     for payload, sequence, back in parts:
         ends = (CONTROLLER, CLIENT) if back else (CLIENT, CONTROLLER)
         made.append(Segment("TCP", *ends, payload, False, sequence, sequence % 64))
-    _, reader = fed([*conversation(*states(1.0)), *made])
-    list(reader.summary())
+    fed([*conversation(*states(1.0)), *made])
+
+
+def test_flows_without_end_are_bounded(monkeypatch):
+    monkeypatch.setattr(framing, "MOST_FLOWS", 3)
+    monkeypatch.setattr(framing, "MOST_ABOUT", 5)
+    dissector = streaming.opened(Rtde)
+    listed = [
+        each
+        for port in range(40000, 40010)
+        for each in segments(states(1.0), CONTROLLER, Endpoint("10.0.0.2", port))
+    ]
+    lines, _ = streaming.fed(dissector, listed, 0.002)
+    assert len(lines) == 10
+    assert len(dissector._flows) == 3
+    assert len(dissector._about) == 5

@@ -12,8 +12,8 @@ from scapy.packet import Raw
 from scapy.utils import wrpcap
 
 from cardan.dissect import dissect_file, simple_message as sm
+from cardan.dissect.dissectors.streams import SimpleMessage
 from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
-from cardan.dissect.simple_message_reader import SimpleMessageReader
 from tests import captures
 from tests.dissect import streaming, worked
 from tests.examples import examples
@@ -27,9 +27,9 @@ def segments(parts, start=2**32 - 100, source=CONTROLLER, destination=CLIENT):
 
 
 def fed(listed, period_s=0.001):
-    """Lines without their addresses, and the reader."""
-    reader = SimpleMessageReader()
-    return streaming.fed(reader, listed, period_s), reader
+    """Lines without their addresses, and what is said in the end."""
+    lines, said = streaming.fed(streaming.opened(SimpleMessage), listed, period_s)
+    return lines, "\n".join(said)
 
 
 def states(count, order="<"):
@@ -53,10 +53,10 @@ def test_splitting_merging_reordering_and_repeating_change_nothing(data, order):
     for again in data.draw(st.lists(st.sampled_from(mixed), max_size=4)):
         mixed.insert(data.draw(st.integers(1, len(mixed))), again)
     start = Segment("TCP", CONTROLLER, CLIENT, b"", False, (first.sequence - 1) % 2**32, TCP_SYN)
-    lines, reader = fed([start, *mixed])
+    lines, said = fed([start, *mixed])
     assert lines == expected
-    assert reader.malformed.total() == 0
-    assert reader.messages == 8
+    assert "malformed" not in said
+    assert "  8 messages" in said
 
 
 def test_overlapping_retransmissions():
@@ -74,23 +74,21 @@ def test_overlapping_retransmissions():
 @given(st.lists(st.tuples(st.binary(max_size=60), u := st.integers(0, 2**32 - 1), u), max_size=8))
 def test_arbitrary_segments_never_raise(parts):
     listed = [Segment("TCP", CONTROLLER, CLIENT, p, False, q, f % 64) for p, q, f in parts]
-    _, reader = fed([*segments(states(1)), *listed])
-    list(reader.summary())
+    fed([*segments(states(1)), *listed])
 
 
 def test_a_gap_is_named_and_reading_goes_on_at_a_message():
     parts = segments(states(5))
     cut = parts[0]._replace(payload=parts[0].payload[:40])
-    lines, reader = fed([cut, *parts[3:]], period_s=0.3)
+    lines, said = fed([cut, *parts[3:]], period_s=0.3)
     assert lines[0] == (
         "GAP: 300 bytes are missing in the capture, 40 bytes of an unfinished message dropped"
     )
-    assert lines[1].startswith("ROBOT_STATUS topic")
-    assert reader.messages == 7
-    text = "\n".join(reader.summary())
-    assert "gaps 1 (300 B missing)" in text
+    assert lines[1].startswith("ROBOT_STATUS TOPIC")
+    assert "  7 messages" in said
+    assert "gaps 1 (300 B missing)" in said
     # When a message came counts, not when the hole was given up.
-    assert "  ROBOT_STATUS: period mean 600.000 min 600.000 max 600.000 ms" in text
+    assert "  ROBOT_STATUS TOPIC x4, period mean 600.000 min 600.000 max 600.000 ms" in said
 
 
 def test_joining_in_the_middle_bad_prefixes_and_an_early_end():
@@ -98,12 +96,12 @@ def test_joining_in_the_middle_bad_prefixes_and_an_early_end():
     lines, _ = fed(segments([one[50:], two, b"\xff" * 20, one, two[:20]]))
     assert lines[0] == "SKIPPED 98 bytes that begin no message"
     assert lines[1].startswith("ROBOT_STATUS")
-    assert lines[2].startswith("MALFORMED simple message: prefix outside 12 to 65535 (20 B: ffff")
+    assert lines[2].startswith("MALFORMED simple message: prefix outside 12 to 65535 (20 B: ff ff")
     assert lines[3].startswith("JOINT_FEEDBACK")
     last = segments([one, two[:20]])
-    lines, reader = fed([last[0], last[1]._replace(flags=TCP_FIN)])
+    lines, said = fed([last[0], last[1]._replace(flags=TCP_FIN)])
     assert "the connection ends inside a message (20 B" in lines[1]
-    assert reader.malformed.total() == 1
+    assert "  malformed: the connection ends inside a message x1" in said
 
 
 @pytest.mark.parametrize("order", "<>")
@@ -112,26 +110,27 @@ def test_a_first_segment_may_be_shorter_than_a_prefix(first, order):
     messages = states(2, order)
     stream = b"".join(messages)
     expected, _ = fed(segments(messages))
-    lines, reader = fed(segments([stream[:first], stream[first:200], stream[200:]]))
+    lines, _ = fed(segments([stream[:first], stream[first:200], stream[200:]]))
     assert lines == expected
     # Or the end of a message that began before.
-    lines, reader = fed(segments([b"\xff" * first, stream]))
+    lines, said = fed(segments([b"\xff" * first, stream]))
     assert lines == [f"SKIPPED {first} bytes that begin no message", *expected]
-    assert f"gaps 0 skipped {first} B" in "\n".join(reader.summary())
-    _, reader = fed(segments([stream[:first]]))
-    assert f"the capture ends {first} B into a message" in "\n".join(reader.summary())
+    assert f"gaps 0 skipped {first} B" in said
+    dissector = streaming.opened(SimpleMessage)
+    streaming.fed(dissector, segments([stream[:first]]), 0.001)
+    about = dissector.about(f"{CONTROLLER} > {CLIENT}")
+    assert f"the capture ends {first} B into a message" in about
 
 
 def test_what_is_skipped_after_a_gap_is_in_the_summary():
     parts = segments([*states(2), *[b"\xff" * n for n in (3, 30, 2)], *states(1)])
-    lines, reader = fed([parts[0], *parts[2:]], period_s=0.6)
+    lines, said = fed([parts[0], *parts[2:]], period_s=0.6)
     shown = [int(line.split()[1]) for line in lines if line.startswith("SKIPPED")]
-    text = "\n".join(reader.summary())
     assert sum(shown) > 0
-    assert f"gaps 1 (44 B missing) skipped {sum(shown)} B" in text
+    assert f"gaps 1 (44 B missing) skipped {sum(shown)} B" in said
 
 
-def test_replies_are_matched_with_requests():
+def test_replies_name_what_they_answer_and_its_result():
     point = sm.JointTrajPtFull(sequence=3)
     asked = [bytes(point), worked.PING_REQUEST, bytes(sm.ReadIoBit(address=10010))]
     answers = [
@@ -144,16 +143,17 @@ def test_replies_are_matched_with_requests():
         segments(asked, 1, CLIENT, MOTION),
         segments(map(bytes, answers), 1, MOTION, CLIENT),
     )
-    lines, reader = fed([to[0], back[0], to[1], back[1], to[2], *back[2:]])
-    assert lines[-1].endswith("ANSWERS NO REQUEST")
-    text = "\n".join(reader.summary())
+    lines, said = fed([to[0], back[0], to[1], back[1], to[2], *back[2:]])
+    assert lines[1].startswith(
+        "MOTO_MOTION_REPLY SERVICE_REPLY SUCCESS JOINT_TRAJ_PT_FULL BUSY 0 | group 0 | sequence 3"
+    )
+    assert lines[-1].startswith("MOTO_MOTION_REPLY SERVICE_REPLY SUCCESS STOP_MOTION SUCCESS 0 |")
     for line in (
-        "JOINT_TRAJ_PT_FULL BUSY x1, PING SUCCESS x1, READ_IO_BIT READ_ADDRESS_INVALID x1",
-        "  BUSY: JOINT_TRAJ_PT_FULL x1",
-        "  PING to its reply x1: min 1.000 median 1.000 p95 1.000 max 1.000 ms",
-        "little-endian, 32-bit reals",
+        "  PING SERVICE_REPLY SUCCESS x1",
+        "  MOTO_READ_IO_BIT_REPLY SERVICE_REPLY FAILURE x1",
+        "  answers x3, after: median 1.000 p99 1.000 ms",
     ):
-        assert line in text
+        assert line in said
 
 
 def test_other_ports_and_64_bit_reals(tmp_path):
@@ -165,8 +165,7 @@ def test_other_ports_and_64_bit_reals(tmp_path):
     assert dissect_file(path, out).messages["simple message"] == 0
     counts = dissect_file(path, out, simple_message_ports=[11002])
     assert counts.messages["simple message"] == 1
-    assert "little-endian, 64-bit reals" in out.getvalue()
-    assert "positions 0.1 0 0" in out.getvalue()
+    assert "| pos 0.1 0 0" in out.getvalue()
 
 
 def test_the_cycle_of_the_real_time_mode():
@@ -177,10 +176,12 @@ def test_the_cycle_of_the_real_time_mode():
         Segment("UDP", pc, rt, worked.RT_COMMAND, False),
         Segment("UDP", pc, rt, struct.pack("<8f", *range(8)), False),
     ]
-    lines, reader = fed(listed)
-    assert [line.split(" ")[0] for line in lines] == ["RT_JOINT_STATE_EX", "RT_JOINT_COMMAND_EX"]
-    assert reader.packets == 2
-    assert "RT_JOINT_COMMAND_EX to its reply x1" in "\n".join(reader.summary())
+    dissector = streaming.opened(SimpleMessage)
+    lines, said = streaming.fed(dissector, listed, 0.001)
+    names = ["MOTO_RT_JOINT_STATE_EX", "MOTO_RT_JOINT_COMMAND_EX"]
+    assert [line.split(" ")[0] for line in lines] == names
+    assert dissector.packets == 2
+    assert said[-1] == "  answers x1, after: median 1.000 p99 1.000 ms"
 
 
 def test_a_real_controller():
@@ -190,17 +191,17 @@ def test_a_real_controller():
     assert counts.malformed["simple message"] == 0
     assert counts.other_packets == 0
     text = out.getvalue()
+    reply = "  MOTO_MOTION_REPLY SERVICE_REPLY SUCCESS"
     for line in (
-        "JOINT_TRAJ_PT_FULL BUSY x48, JOINT_TRAJ_PT_FULL SUCCESS x10, "
-        "CHECK_MOTION_READY FALSE 0 x1, START_TRAJ_MODE SUCCESS x1",
-        "  START_TRAJ_MODE to its reply x1: min 109.895",
-        "  ROBOT_STATUS: period mean 25.0",
-        "  cycle: JOINT_FEEDBACK of group 0 then ROBOT_STATUS x22",
-        "(motion) - client 10.116.249.229:40872, big-endian, 32-bit reals",
+        f"{reply} JOINT_TRAJ_PT_FULL BUSY 0 x48",
+        f"{reply} JOINT_TRAJ_PT_FULL SUCCESS 0 x10",
+        f"{reply} CHECK_MOTION_READY FAILURE 0 x1",
+        f"{reply} START_TRAJ_MODE SUCCESS 0 x1",
+        "  ROBOT_STATUS TOPIC x22, period mean 25.0",
+        "simple message 192.168.245.156:50240 > 10.116.249.229:40872: 60 segments",
     ):
         assert line in text
-    found = re.search(r"JOINT_TRAJ_PT_FULL to its reply x58: min \S+ median (\S+) p95", text)
-    # The two in the middle are 0.334 and 0.340 ms, the lower one is shown.
-    assert float(found[1]) == pytest.approx(0.337, abs=0.004)
+    found = re.search(r"x60, after: median (\S+) p99 (\S+) ms", text)
+    assert float(found[1]) == pytest.approx(0.337, abs=0.01)
+    assert float(found[2]) == pytest.approx(109.895, rel=0.03)
     assert "remarks" not in text
-    assert "requests without a reply" not in text

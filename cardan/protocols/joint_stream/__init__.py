@@ -4,6 +4,7 @@ Our own protocol, for the simulated arm; docs/protocols/joint-stream.md describe
 """
 
 from cardan.protocols.joint_stream.codec import (
+    MAGIC as MAGIC,
     MAX_DATAGRAM_BYTES as MAX_DATAGRAM_BYTES,
     MAX_JOINTS as MAX_JOINTS,
     MAX_REASON_BYTES as MAX_REASON_BYTES,
@@ -16,5 +17,6 @@ from cardan.protocols.joint_stream.codec import (
     decode_state as decode_state,
     encode_command as encode_command,
     encode_state as encode_state,
+    is_command as is_command,
     is_newer as is_newer,
 )

@@ -157,6 +157,11 @@ def encode_command(command: ArmCommand, joints: int) -> bytes:
     return head + _doubles(len(values)).pack(*values)
 
 
+def is_command(data: bytes) -> bool:
+    """Whether the kind of a datagram, which may be malformed, is that of a command."""
+    return data[5:6] == bytes((_COMMAND,))
+
+
 def decode_state(data: bytes) -> ArmState | Malformed:
     """A state, or why `data` is none."""
     head = _header(data, _STATE)

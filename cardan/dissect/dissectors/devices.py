@@ -1,0 +1,311 @@
+"""Devices on USB, Bluetooth and CAN."""
+
+from __future__ import annotations
+
+import struct
+from collections import deque
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from cardan.dissect import bluetooth, can, usbmon
+from cardan.dissect.bluetooth import Links, Payload
+from cardan.dissect.can import CapturedCanFrame
+from cardan.dissect.capture import CapturedPacket, Direction
+from cardan.dissect.network import Segment
+from cardan.dissect.reader import CUT, Decoded, Dissector, Found, Message, Note, Numbers
+from cardan.dissect.usbmon import Urb
+from cardan.protocols import connexion, jr3_can, wiimote
+from cardan.protocols.connexion.devices import MULTI_AXIS_CONTROLLER
+from cardan.protocols.hid import EMPTY, TOO_SHORT, MalformedReport
+
+MOST_COUNTS = 512
+"""Largest deflection known of any device; nominal full scale is 350."""
+HELD_REPORTS, HELD_FRAMES = 8, 64
+"""Packets held of a device or a node that is not known yet."""
+MOST_ASKED = 1024
+"""Questions for device descriptors that are remembered."""
+GET_DEVICE_DESCRIPTOR, SET_OUTPUT_REPORT = b"\x80\x06\x00\x01", b"\x21\x09"
+OUTPUT_TYPE = 2
+MOTION = (connexion.Translation, connexion.Rotation, connexion.Motion)
+
+
+def _report(value: Any, report: bytes, cut: bool) -> Decoded:
+    """A HID report that a codec decoded. One that the codec does not know is shown in hex."""
+    if cut:
+        return Decoded(None, "report", CUT)
+    if not isinstance(value, MalformedReport):
+        return Decoded(value)
+    if value.reason in (EMPTY, TOO_SHORT):
+        size = f"0x{report[0]:02x} {value.reason}: {len(report)} bytes" if report else EMPTY
+        return Decoded(None, "report", size)
+    return Decoded({"data": report[1:]}, f"report 0x{value.report_id:02x} {value.reason}")
+
+
+class _UsbDevice:
+    """One address on one bus."""
+
+    def __init__(self) -> None:
+        self.name = "by the look of its reports (no device descriptor in the capture)"
+        self.ours: bool | None = None  # None: not known yet
+        self.held: deque[tuple[CapturedPacket, Urb]] = deque(maxlen=HELD_REPORTS)
+
+    def identify(self, vendor: int, product: int) -> None:
+        model = connexion.find_model(vendor, product)
+        name = model.name if model else "unknown 3Dconnexion device"
+        self.name = f"{vendor:04x}:{product:04x} {name}"
+        self.ours = connexion.is_candidate(vendor, product, *MULTI_AXIS_CONTROLLER)
+        self.held.clear()
+
+
+class Connexion(Dissector):
+    """3Dconnexion's reports on USB, from usbmon.
+
+    A device is known by the device descriptor in the capture (libpcap asks for those of the bus
+    when it starts); without one, once it has sent a pair of reports 1 and 2 or a report 1 of all
+    axes with possible counts.
+    """
+
+    name = "3Dconnexion"
+    page = "protocols/3dconnexion-hid.md"
+    link_types = usbmon.LINK_TYPES
+    always = True
+
+    def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
+        super().__init__(numbers)
+        self._devices: dict[str, _UsbDevice] = {}
+        self._asked: deque[int] = deque(maxlen=MOST_ASKED)
+
+    def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
+        urb = usbmon.parse(packet)
+        if urb is None:
+            return
+        address = f"USB {urb.bus}.{urb.device}"
+        device = self._devices.setdefault(address, _UsbDevice())
+        if urb.event == "S" and urb.setup and urb.setup.startswith(GET_DEVICE_DESCRIPTOR):
+            self._asked.append(urb.id)
+        elif urb.event == "C" and urb.id in self._asked:
+            self._asked.remove(urb.id)
+            if len(urb.data) >= 12 and urb.data[1] == 1:
+                device.identify(*struct.unpack_from("<HH", urb.data, 8))
+        if device.ours is None and _is_input(urb) and urb.data:
+            device.held.append((packet, urb))
+            same = [each.data for _, each in device.held if each.endpoint == urb.endpoint]
+            device.ours = _looks_right(same) or None
+            if device.ours:
+                for held in device.held:
+                    yield from self._take(address, *held)
+        elif device.ours:
+            yield from self._take(address, packet, urb)
+
+    def _take(self, address: str, packet: CapturedPacket, urb: Urb) -> Found:
+        self.packets += 1
+        where = f"{address} endpoint {urb.endpoint} {urb.direction.value}"
+        if urb.transfer == usbmon.INTERRUPT and urb.event != "S" and urb.status:
+            yield Note(packet, where, f"transfer failed, status {urb.status}")
+        elif urb.data or urb.cut:
+            control = bool(urb.setup and urb.setup.startswith(SET_OUTPUT_REPORT))
+            if _is_input(urb):
+                value = connexion.decode_input(urb.data)
+                yield Message(packet, where, _report(value, urb.data, urb.cut), urb.data)
+            elif urb.event == "S" and (control or _is_interrupt(urb, Direction.TO_DEVICE)):
+                decoded = _report(connexion.decode_output(urb.data), urb.data, urb.cut)
+                if control and urb.setup and urb.setup[3] != OUTPUT_TYPE and not decoded.fault:
+                    decoded = Decoded({"data": urb.data}, "feature report")
+                yield Message(packet, where, decoded, urb.data)
+
+    def about(self, where: str) -> str:
+        return self._devices[where.partition(" endpoint")[0]].name
+
+
+def _is_interrupt(urb: Urb, direction: Direction) -> bool:
+    return urb.transfer == usbmon.INTERRUPT and urb.direction is direction
+
+
+def _is_input(urb: Urb) -> bool:
+    return urb.event == "C" and _is_interrupt(urb, Direction.FROM_DEVICE)
+
+
+def _looks_right(reports: list[bytes]) -> bool:
+    """Whether an endpoint's reports can only be motion of a six-axis device."""
+    kinds = set()
+    for data in reports:
+        report = connexion.decode_input(data)
+        if not isinstance(report, MOTION):
+            continue
+        lengths = (connexion.HALF_BYTES, connexion.MOTION_BYTES)
+        if len(data) not in lengths or max(map(abs, report)) > MOST_COUNTS:
+            return False
+        kinds.add(type(report))
+    return connexion.Motion in kinds or kinds == {connexion.Translation, connexion.Rotation}
+
+
+CONTROL, INTERRUPT = 0x11, 0x13
+CHANNELS = {CONTROL: "control", INTERRUPT: "interrupt"}
+INPUT, OUTPUT, SET_OUTPUT = 0xA1, 0xA2, 0x52
+WAYS = {
+    INPUT: Direction.FROM_DEVICE,
+    OUTPUT: Direction.TO_DEVICE,
+    SET_OUTPUT: Direction.TO_DEVICE,
+}
+NAMES_BEGIN = "Nintendo RVL-"
+
+
+class Wiimote(Dissector):
+    """Nintendo's Wii Remotes on classic Bluetooth, from a capture of the adapter.
+
+    A report travels behind one byte, the HID transaction: a1 from the remote and a2 to it on the
+    interrupt channel (PSM 0x13), 52 to it on the control channel (PSM 0x11). The set-up of the
+    connection says which channel has which PSM; where that is not in the capture, the byte does. A
+    connection is a remote's by the name of the device, or by the first report whose id and length
+    are those of a remote.
+    """
+
+    name = "Wiimote"
+    page = "protocols/wiimote.md"
+    link_types = bluetooth.LINK_TYPES
+
+    def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
+        super().__init__(numbers)
+        self._links = Links()
+        self._remotes: dict[int, str] = {}
+        self._device_names: dict[str, str] = {}
+
+    def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
+        for found in self._links.feed(packet):
+            if isinstance(found, int):  # the connection ended, or another begins with its handle
+                self._remotes.pop(found, None)
+                continue
+            if not found.data or found.psm not in (None, CONTROL, INTERRUPT):
+                continue
+            if found.handle not in self._remotes:
+                if not self._is_remote(found):
+                    continue
+                self._remotes[found.handle] = self._links.name(found.handle)
+            yield from self._take(self._remotes[found.handle], found, packet)
+
+    def _is_remote(self, payload: Payload) -> bool:
+        way, data = _way(payload), payload.data
+        name = self._links.device_name(payload.handle)
+        if name is not None or way is None:
+            return name is not None and name.startswith(NAMES_BEGIN) and way is not None
+        from_remote = way is Direction.FROM_DEVICE
+        sizes = wiimote.INPUT_SIZES if from_remote else wiimote.OUTPUT_SIZES
+        return not payload.cut and len(data) > 1 and len(data) - 2 == sizes.get(data[1])
+
+    def _take(self, remote: str, payload: Payload, packet: CapturedPacket) -> Iterator[Any]:
+        transaction, data = payload.data[0], payload.data[1:]
+        way = _way(payload)
+        if way is None and payload.psm is None:
+            return  # of any channel
+        self.packets += 1
+        psm = payload.psm or (CONTROL if transaction == SET_OUTPUT else INTERRUPT)
+        shown = way or payload.direction
+        where = f"Wiimote {remote} {CHANNELS[psm]}{f' {shown.value}' if shown else ''}"
+        if name := self._links.device_name(payload.handle):
+            self._device_names[where] = name
+        if way is None:
+            yield Note(packet, where, f"HID transaction {payload.data.hex(' ')}")
+            return
+        decode = wiimote.decode_input if way is Direction.FROM_DEVICE else wiimote.decode_output
+        yield Message(packet, where, _report(decode(data), data, payload.cut), data)
+
+    def about(self, where: str) -> str:
+        return self._device_names.get(where, "")
+
+
+def _way(payload: Payload) -> Direction | None:
+    """Whose report is behind the transaction byte, None where there is none."""
+    way = WAYS.get(payload.data[0])
+    return None if payload.direction not in (None, way) else way
+
+
+class Jr3Can(Dissector):
+    """JR3 force-torque sensors' boards on CAN.
+
+    The identifiers of the boards are in use on any CANopen bus as well. A node is taken for a board
+    when its FORCES are followed by its MOMENTS with the same counter, then with the frames from and
+    to it shortly before; or when the user names it.
+    """
+
+    name = "JR3"
+    page = "protocols/jr3-can.md"
+    link_types = can.LINK_TYPES
+    options = (
+        Numbers(
+            "jr3_nodes",
+            "jr3-node",
+            "ID",
+            "Take this CAN node for a JR3",
+            "node id",
+            range(1, jr3_can.MAX_NODE_ID + 1),
+        ),
+    )
+
+    def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
+        super().__init__(numbers)
+        self._boards = set(numbers["jr3_nodes"])
+        self._held: dict[int, deque[tuple[CapturedPacket, CapturedCanFrame]]] = {}
+        self._forces: dict[int, int] = {}
+        """By the node: the counter of FORCES whose MOMENTS have not come."""
+        self._samples: dict[int, int] = {}
+        """By the node: the counter of the newest whole sample."""
+
+    def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
+        frame = can.parse(packet)
+        if frame is None:
+            return
+        opcode, node = frame.identifier & ~jr3_can.NODE_MASK, frame.identifier & jr3_can.NODE_MASK
+        sync = frame.identifier == jr3_can.Opcode.SYNC
+        if node in self._boards or (sync and self._boards):
+            yield self._message(packet, frame, node)
+        elif opcode >= jr3_can.Opcode.ACK and node:
+            held = self._held.setdefault(node, deque(maxlen=HELD_FRAMES))
+            before = _value(held[-1][1]) if held else None
+            held.append((packet, frame))
+            if _is_sample(before, _value(frame)):
+                self._boards.add(node)
+                for earlier in self._held.pop(node):
+                    yield self._message(*earlier, node)
+
+    def _message(self, packet: CapturedPacket, frame: CapturedCanFrame, node: int) -> Message:
+        self.packets += 1
+        where = f"JR3 node {node}" if node else "CAN"
+        value = CUT if frame.cut else _value(frame)
+        remarks = []
+        if isinstance(value, jr3_can.Forces):
+            if node in self._forces:
+                remarks.append("NO MOMENTS BEFORE")
+            self._forces[node] = value.counter
+        elif isinstance(value, jr3_can.Moments):
+            if self._forces.pop(node, None) != value.counter:
+                remarks.append("NO FORCES OF THIS COUNTER")
+            elif self._samples.get(node) == value.counter:
+                remarks.append("SAME SAMPLE AGAIN")
+            else:
+                self._samples[node] = value.counter
+        elif isinstance(value, jr3_can.Bootup):
+            self._samples.pop(node, None)
+        if isinstance(value, str):
+            decoded = Decoded(None, "CAN frame", value)
+        elif value is None:
+            decoded = Decoded({"data": frame.data}, f"CAN 0x{frame.identifier:03x}")
+        else:
+            decoded = Decoded(value, remarks=tuple(remarks))
+        return Message(packet, where, decoded, frame.data)
+
+
+def _value(frame: CapturedCanFrame) -> Any:
+    """What a board or a host says; a text: why it is malformed; None: neither says it."""
+    value = jr3_can.decode_from_board(frame.identifier, frame.data)
+    if isinstance(value, jr3_can.Malformed):
+        return f"{jr3_can.Opcode(value.opcode).name} {value.reason}"
+    return value or jr3_can.decode_from_host(frame.identifier, frame.data)
+
+
+def _is_sample(first: Any, second: Any) -> bool:
+    """Whether two messages of one node that follow each other are a board's sample."""
+    return (
+        isinstance(first, jr3_can.Forces)
+        and isinstance(second, jr3_can.Moments)
+        and first.counter == second.counter
+    )
