@@ -41,7 +41,8 @@ class Page(NamedTuple):
 
 def _driver(title: str, folder: str, page: str, *more: str) -> Part:
     advice = f"[{title}](../{page}) has each situation; `cardan doctor FILE`"
-    return Part(title, (f"drivers/{folder}", *more), advice)
+    own = folder if "/" in folder else f"drivers/{folder}"
+    return Part(title, (own, *more), advice)
 
 
 PAGES = {
@@ -110,7 +111,7 @@ PAGES = {
             _driver("Leap Motion", "leap", "leap.md"),
             _driver("Gamepads", "gamepad", "gamepad.md", "drivers/evdev"),
             _driver("Keyboards", "keyboard", "keyboard.md"),
-            _driver("JR3 force-torque sensor", "jr3_can", "jr3.md"),
+            _driver("JR3 force-torque sensor", "cardan-jr3/cardan_jr3/driver", "jr3.md"),
             _driver("Phantom Omni and Touch", "omni", "omni.md", "drivers/haptic.py", "haptics.py"),
             _driver("Phones and headsets", "handheld", "phone.md", "drivers/phone", "drivers/xr"),
             _driver(
@@ -219,7 +220,7 @@ PAGES = {
         (
             Part(
                 "Simulated peers",
-                ("sim_peers",),
+                ("sim_peers", "cardan-jr3/cardan_jr3/peer"),
                 "`cardan sim NAME --help`; [simulated peers](../simulated-peers.md)",
             ),
             Part("Captures", ("dissect",), "`cardan dissect` reads pcap and pcapng"),
@@ -227,6 +228,7 @@ PAGES = {
                 "Conformance",
                 (
                     "conform",
+                    "cardan-jr3/cardan_jr3/conform",
                     "cardan-serial-mice/cardan_serial_mice/conform",
                     "cardan-spnav-server/cardan_spnav_server/conform",
                 ),
@@ -234,7 +236,11 @@ PAGES = {
             ),
             Part(
                 "Protocols",
-                ("protocols", "cardan-foxglove/cardan_foxglove/protocol.py"),
+                (
+                    "protocols",
+                    "cardan-foxglove/cardan_foxglove/protocol.py",
+                    "cardan-jr3/cardan_jr3/protocol",
+                ),
                 "what was to be encoded or decoded breaks the protocol: its page says the bytes",
             ),
         ),

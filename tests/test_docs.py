@@ -455,7 +455,9 @@ def test_snippets_are_programs_and_settings(page, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "example", sorted((ROOT / "examples").glob("*.toml")), ids=lambda p: p.name
+    "example",
+    sorted([*ROOT.glob("examples/*.toml"), *ROOT.glob("plugins/*/*/examples/*.toml")]),
+    ids=lambda p: p.name,
 )
 def test_examples_are_fine(example):
     if "[[sessions]]" in example.read_text("utf-8"):

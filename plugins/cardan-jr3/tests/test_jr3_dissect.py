@@ -8,11 +8,11 @@ from hypothesis import example, given, strategies as st
 from scapy.layers.can import CAN
 from scapy.utils import RawPcapWriter
 
-from cardan.dissect import dissect_file, jr3_can as layers
+from cardan.dissect import dissect_file
 from cardan.dissect.capture import Direction
-from cardan.dissect.jr3_can import BrokenFrame, UnknownFrame, dissect
 from cardan.errors import ConfigurationError
-from cardan.protocols import jr3_can as codec
+from cardan_jr3 import dissect as layers, protocol as codec
+from cardan_jr3.dissect import BrokenFrame, UnknownFrame, dissect
 
 NODE = 33
 FORCE_SCALES, MOMENT_SCALES = (115, 111, 185), (56, 52, 61)

@@ -76,7 +76,7 @@ def frames_are_whole(seen: Jr3Seen) -> Verdict:
 def both_descriptions_agree(seen: Jr3Seen) -> Verdict:
     """A second reader, the scapy layers, finds the same frames wrong."""
     try:
-        from cardan.dissect.jr3_can import malformed
+        from cardan_jr3.dissect import malformed
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     if not seen.frames:
