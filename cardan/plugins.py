@@ -21,6 +21,7 @@ _JR3 = "plugins/cardan-jr3"
 _SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spnav-server"
 IN_SOURCE_TREE = {
     "command": {"evaluate": "studies", "spnav": _SPNAV_SERVER},
+    "dissector": {"jr3_can": _JR3},
     "driver": {
         "jr3_can": _JR3,
         "spacemouse_serial": _SERIAL_MICE,

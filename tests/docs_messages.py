@@ -220,7 +220,7 @@ PAGES = {
         (
             Part(
                 "Simulated peers",
-                ("sim_peers", "cardan-jr3/cardan_jr3/peer"),
+                ("sim_peers",),
                 "`cardan sim NAME --help`; [simulated peers](../simulated-peers.md)",
             ),
             Part("Captures", ("dissect",), "`cardan dissect` reads pcap and pcapng"),
@@ -236,11 +236,7 @@ PAGES = {
             ),
             Part(
                 "Protocols",
-                (
-                    "protocols",
-                    "cardan-foxglove/cardan_foxglove/protocol.py",
-                    "cardan-jr3/cardan_jr3/protocol",
-                ),
+                ("protocols", "cardan-foxglove/cardan_foxglove/protocol.py"),
                 "what was to be encoded or decoded breaks the protocol: its page says the bytes",
             ),
         ),
