@@ -124,7 +124,7 @@ BY_HAND = {
     r"pip install": "test_docs_commands holds the extras to those there are; test_distribution installs",
     r"cp ": "test_docs_commands holds the file to those there are",
     r"cardan --install-completion": "changes the user's shell: tests/test_completion.py",
-    r"cardan run plugins/cardan-jr3/\S+/jr3-ur5\.toml": "a CAN bus: tests/kernel, and test_docs checks the file",
+    r"cardan run plugins/cardan-jr3/\S+/jr3-ur5\.toml": "a CAN bus: plugins/cardan-jr3/tests/kernel, and test_docs checks the file",
     r"cardan udev \| sudo tee": "changes the system: `cardan udev` itself is run",
     r"sudo (ip|udevadm|modprobe)|modprobe|sudo tools/bare-debian|adb|export": "changes the system, or another one",
     r"ros2 (launch|run|node list)": "needs ROS 2",

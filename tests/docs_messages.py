@@ -220,7 +220,7 @@ PAGES = {
         (
             Part(
                 "Simulated peers",
-                ("sim_peers",),
+                ("sim_peers", "cardan-jr3/cardan_jr3/peer"),
                 "`cardan sim NAME --help`; [simulated peers](../simulated-peers.md)",
             ),
             Part("Captures", ("dissect",), "`cardan dissect` reads pcap and pcapng"),
@@ -236,7 +236,11 @@ PAGES = {
             ),
             Part(
                 "Protocols",
-                ("protocols", "cardan-foxglove/cardan_foxglove/protocol.py"),
+                (
+                    "protocols",
+                    "cardan-foxglove/cardan_foxglove/protocol.py",
+                    "cardan-jr3/cardan_jr3/protocol",
+                ),
                 "what was to be encoded or decoded breaks the protocol: its page says the bytes",
             ),
         ),
@@ -329,7 +333,7 @@ SAID = re.compile(
 """Names of tables and constants whose texts are messages."""
 WRONG = re.compile(r"_?(wrong|error|refusal)")
 """Functions that make an error of their text."""
-RAISED_ONLY = ("sim_peers", "dissect", "protocols", "cli", "studies")
+RAISED_ONLY = ("sim_peers", "peer", "dissect", "protocols", "protocol", "cli", "studies")
 """Folders and modules of which only errors are messages: their other texts are output, reports and scripts."""
 FEWEST_WORDS = 3
 
@@ -489,7 +493,7 @@ def inside(path: Path) -> Path:
 
 def messages_of(path: Path) -> list[Message]:
     """Of one file, in its order."""
-    reader = Reader(not {inside(path).parts[0], path.stem}.isdisjoint(RAISED_ONLY))
+    reader = Reader(not {*inside(path).parts[:3], path.stem}.isdisjoint(RAISED_ONLY))
     reader.visit(ast.parse(path.read_text(encoding="utf-8")))
     return sorted(reader.found, key=lambda message: message.line)
 
