@@ -17,20 +17,29 @@ from cardan.signals import EndingSignalError
 
 T = TypeVar("T")
 
+_JR3 = "plugins/cardan-jr3"
 _SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spnav-server"
 IN_SOURCE_TREE = {
     "command": {"evaluate": "studies", "spnav": _SPNAV_SERVER},
-    "driver": {"spacemouse_serial": _SERIAL_MICE},
+    "dissector": {"jr3_can": _JR3},
+    "driver": {
+        "jr3_can": _JR3,
+        "spacemouse_serial": _SERIAL_MICE,
+    },
     "face": {
         "dds": "plugins/cardan-dds",
         "foxglove": "plugins/cardan-foxglove",
         "spnav": _SPNAV_SERVER,
     },
     "protocol": {
+        "jr3": _JR3,
         **dict.fromkeys(("magellan", "spaceball", "spaceorb"), _SERIAL_MICE),
         "spnav": _SPNAV_SERVER,
     },
-    "simulated peer": {"spacemouse-serial": _SERIAL_MICE},
+    "simulated peer": {
+        "jr3": _JR3,
+        "spacemouse-serial": _SERIAL_MICE,
+    },
     "transport": {"dds": "plugins/cardan-dds"},
 }
 """What distributions have that only the source tree has, and the folders of those."""

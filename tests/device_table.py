@@ -22,7 +22,7 @@ FAULTS = "<!-- made by tests/test_device_faults.py -->\n"
 def judged() -> set[tuple[str, str, str]]:
     """(device, transport, by) of every mark, whether its test can run here or not."""
     found = set()
-    for path in (*TESTS.rglob("*.py"), *PLUGINS.glob("*/tests/*.py")):
+    for path in (*TESTS.rglob("*.py"), *PLUGINS.glob("*/tests/**/*.py")):
         text = path.read_text(encoding="utf-8")
         if ".judged" not in text:  # Most: reading them all takes seconds.
             continue

@@ -41,7 +41,8 @@ class Page(NamedTuple):
 
 def _driver(title: str, folder: str, page: str, *more: str) -> Part:
     advice = f"[{title}](../{page}) has each situation; `cardan doctor FILE`"
-    return Part(title, (f"drivers/{folder}", *more), advice)
+    own = folder if "/" in folder else f"drivers/{folder}"
+    return Part(title, (own, *more), advice)
 
 
 PAGES = {
@@ -110,7 +111,7 @@ PAGES = {
             _driver("Leap Motion", "leap", "leap.md"),
             _driver("Gamepads", "gamepad", "gamepad.md", "drivers/evdev"),
             _driver("Keyboards", "keyboard", "keyboard.md"),
-            _driver("JR3 force-torque sensor", "jr3_can", "jr3.md"),
+            _driver("JR3 force-torque sensor", "cardan-jr3/cardan_jr3/driver", "jr3.md"),
             _driver("Phantom Omni and Touch", "omni", "omni.md", "drivers/haptic.py", "haptics.py"),
             _driver("Phones and headsets", "handheld", "phone.md", "drivers/phone", "drivers/xr"),
             _driver(
@@ -219,7 +220,7 @@ PAGES = {
         (
             Part(
                 "Simulated peers",
-                ("sim_peers",),
+                ("sim_peers", "cardan-jr3/cardan_jr3/peer"),
                 "`cardan sim NAME --help`; [simulated peers](../simulated-peers.md)",
             ),
             Part("Captures", ("dissect",), "`cardan dissect` reads pcap and pcapng"),
@@ -227,6 +228,7 @@ PAGES = {
                 "Conformance",
                 (
                     "conform",
+                    "cardan-jr3/cardan_jr3/conform",
                     "cardan-serial-mice/cardan_serial_mice/conform",
                     "cardan-spnav-server/cardan_spnav_server/conform",
                 ),
@@ -234,7 +236,11 @@ PAGES = {
             ),
             Part(
                 "Protocols",
-                ("protocols", "cardan-foxglove/cardan_foxglove/protocol.py"),
+                (
+                    "protocols",
+                    "cardan-foxglove/cardan_foxglove/protocol.py",
+                    "cardan-jr3/cardan_jr3/protocol",
+                ),
                 "what was to be encoded or decoded breaks the protocol: its page says the bytes",
             ),
         ),
@@ -327,7 +333,7 @@ SAID = re.compile(
 """Names of tables and constants whose texts are messages."""
 WRONG = re.compile(r"_?(wrong|error|refusal)")
 """Functions that make an error of their text."""
-RAISED_ONLY = ("sim_peers", "dissect", "protocols", "cli", "studies")
+RAISED_ONLY = ("sim_peers", "peer", "dissect", "protocols", "protocol", "cli", "studies")
 """Folders and modules of which only errors are messages: their other texts are output, reports and scripts."""
 FEWEST_WORDS = 3
 
@@ -487,7 +493,7 @@ def inside(path: Path) -> Path:
 
 def messages_of(path: Path) -> list[Message]:
     """Of one file, in its order."""
-    reader = Reader(not {inside(path).parts[0], path.stem}.isdisjoint(RAISED_ONLY))
+    reader = Reader(not {*inside(path).parts[:3], path.stem}.isdisjoint(RAISED_ONLY))
     reader.visit(ast.parse(path.read_text(encoding="utf-8")))
     return sorted(reader.found, key=lambda message: message.line)
 

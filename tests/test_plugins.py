@@ -210,6 +210,7 @@ def plugins_entry_points():
         "cardan.buses": "transport",
         "cardan.commands": "command",
         "cardan.conform": "protocol",
+        "cardan.dissect": "dissector",
         "cardan.drivers": "driver",
         "cardan.faces": "face",
         "cardan.sim_peers": "simulated peer",

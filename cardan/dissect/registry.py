@@ -17,7 +17,6 @@ BUILT_IN = {
     "simple_message": "cardan.dissect.dissectors.streams:SimpleMessage",
     "rtde": "cardan.dissect.dissectors.streams:Rtde",
     "wiimote": "cardan.dissect.dissectors.devices:Wiimote",
-    "jr3_can": "cardan.dissect.dissectors.devices:Jr3Can",
 }
 """Our own. Packets are offered in this order, then to those of other packages by name: what goes to
 or from a port of EGM is EGM's, whatever it begins with."""

@@ -1,0 +1,9 @@
+"""The rigs of plug-ins' tests, for what fuzzes and measures all devices."""
+
+import sys
+from pathlib import Path
+
+PLUGINS = Path(__file__).parents[1] / "plugins"
+sys.path.extend(str(folder) for folder in sorted(PLUGINS.glob("cardan-*/tests")))
+
+import jr3_rig as jr3_rig  # noqa: E402
