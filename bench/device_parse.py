@@ -35,8 +35,8 @@ from cardan_serial_mice.protocol import (
     serial_model_by_key,
 )
 from cardan_wiimote.driver import WiimoteOptions
-from tests.drivers import evdev_bench, jr3_rig
-from tests.plugin_rigs import wiimote_bench
+from tests.drivers import evdev_bench
+from tests.plugin_rigs import jr3_rig, wiimote_bench
 
 RECORD_S = 1.0
 RAW = ((120, -45, 300, -350, 8, 64), (121, -44, 299, -349, 7, 65))

@@ -64,7 +64,6 @@ from cardan.types import (
 if TYPE_CHECKING:
     from cardan.drivers.abb_egm import AbbEgm as AbbEgm
     from cardan.drivers.gamepad import Gamepad as Gamepad
-    from cardan.drivers.jr3_can import Jr3 as Jr3
     from cardan.drivers.keyboard import Keyboard as Keyboard
     from cardan.drivers.leap import Leap as Leap
     from cardan.drivers.motoros import Motoros as Motoros
@@ -96,8 +95,6 @@ def open_device(driver: Literal["gamepad"], /, options: Any = None, **keywords: 
 def open_device(
     driver: Literal["keyboard"], /, options: Any = None, **keywords: Any
 ) -> Keyboard: ...
-@overload
-def open_device(driver: Literal["jr3_can"], /, options: Any = None, **keywords: Any) -> Jr3: ...
 @overload
 def open_device(
     driver: Literal["ros2_spacenav"], /, options: Any = None, **keywords: Any

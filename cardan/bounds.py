@@ -297,10 +297,7 @@ _SOCKET_PATH_BYTES = 107
 
 PORT = Range(1, 65535, "", "ports have 16 bits")
 ANY_PORT = Range(0, 65535, "", "ports have 16 bits", zero="any free one")
-CAN_PORTS = {"udp_multicast": 43113, "socketcand": 29536}
-"""Default ports of python-can's interfaces over a network."""
 HOP_LIMIT = Range(0, 255, "", "it has 8 bits", zero="this computer")
-CAN_NAME = Text(r"[^\0]+", "a name, as python-can calls it")
 _ONE = "of one computer: no multicast, broadcast or wildcard address"
 _OWN = "of this computer: no multicast or broadcast address"
 _NAME = r"[^\s\x00-\x1f\x7f]+"

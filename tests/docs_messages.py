@@ -41,7 +41,8 @@ class Page(NamedTuple):
 
 def _driver(title: str, folder: str, page: str, *more: str) -> Part:
     advice = f"[{title}](../{page}) has each situation; `cardan doctor FILE`"
-    return Part(title, (f"drivers/{folder}", *more), advice)
+    own = folder if "/" in folder else f"drivers/{folder}"
+    return Part(title, (own, *more), advice)
 
 
 PAGES = {
@@ -106,15 +107,11 @@ PAGES = {
                 "cardan-serial-mice/cardan_serial_mice/driver",
             ),
             _driver("spacenavd", "spnav", "spnav.md", "cardan-spnav-server/cardan_spnav_server"),
-            Part(
-                "Wii Remote",
-                ("cardan-wiimote/cardan_wiimote/driver",),
-                "[Wii Remote](../wiimote.md) has each situation; `cardan doctor FILE`",
-            ),
+            _driver("Wii Remote", "cardan-wiimote/cardan_wiimote/driver", "wiimote.md"),
             _driver("Leap Motion", "leap", "leap.md"),
             _driver("Gamepads", "gamepad", "gamepad.md", "drivers/evdev"),
             _driver("Keyboards", "keyboard", "keyboard.md"),
-            _driver("JR3 force-torque sensor", "jr3_can", "jr3.md"),
+            _driver("JR3 force-torque sensor", "cardan-jr3/cardan_jr3/driver", "jr3.md"),
             _driver("Phantom Omni and Touch", "omni", "omni.md", "drivers/haptic.py", "haptics.py"),
             _driver("Phones and headsets", "handheld", "phone.md", "drivers/phone", "drivers/xr"),
             _driver(
@@ -223,7 +220,7 @@ PAGES = {
         (
             Part(
                 "Simulated peers",
-                ("sim_peers", "cardan-wiimote/cardan_wiimote/peer"),
+                ("sim_peers", "cardan-jr3/cardan_jr3/peer", "cardan-wiimote/cardan_wiimote/peer"),
                 "`cardan sim NAME --help`; [simulated peers](../simulated-peers.md)",
             ),
             Part("Captures", ("dissect",), "`cardan dissect` reads pcap and pcapng"),
@@ -231,6 +228,7 @@ PAGES = {
                 "Conformance",
                 (
                     "conform",
+                    "cardan-jr3/cardan_jr3/conform",
                     "cardan-serial-mice/cardan_serial_mice/conform",
                     "cardan-spnav-server/cardan_spnav_server/conform",
                     "cardan-wiimote/cardan_wiimote/conform",
@@ -242,6 +240,7 @@ PAGES = {
                 (
                     "protocols",
                     "cardan-foxglove/cardan_foxglove/protocol.py",
+                    "cardan-jr3/cardan_jr3/protocol",
                     "cardan-wiimote/cardan_wiimote/protocol",
                 ),
                 "what was to be encoded or decoded breaks the protocol: its page says the bytes",

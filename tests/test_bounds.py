@@ -16,13 +16,14 @@ from cardan.gateway.session.config import SessionConfig
 from cardan.options import check_options, hints
 from cardan.sim_peers import registry as peers
 from cardan.tables import keys_of, read_table
+from tests.docs_tables import ours
 from tests.ranges import spoilt
 
 HUGE = 10**400
 """Too large even for a double."""
 BAD = [1e300, -1e300, math.inf, -math.inf, math.nan, HUGE, -HUGE]
 
-DRIVERS = {name: registry.load(name) for name in sorted(registry.BUILT_IN)}
+DRIVERS = ours(registry)
 FILTERS = {name: filter_registry.load(name) for name in sorted(filter_registry.BUILT_IN)}
 
 
@@ -119,7 +120,7 @@ def test_every_number_of_a_driver_has_its_range(name):
 
 # -- hosts -----------------------------------------------------------------------------------------
 
-PEERS = {name: peers.load(name) for name in sorted(peers.BUILT_IN)}
+PEERS = ours(peers)
 HOSTS = [
     pytest.param(options, name, id=f"{key}.{name}")
     for key, options in {

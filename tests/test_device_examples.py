@@ -35,7 +35,6 @@ GOES_ON_S = 1.5
 FELT = {
     "omni-force-node-simulated.toml",
     "omni-gofa-simulated.toml",
-    "omni-jr3-simulated.toml",
     "omni-sphere-simulated.toml",
     "omni-ur5-simulated.toml",
 }
@@ -46,7 +45,6 @@ PRESSED_N = 0.4
 
 SCRIPTS = {
     "gamepad-ur5-simulated.toml": "short",
-    "jr3-ur5-simulated.toml": "wiggle",
     "keyboard-ur5-simulated.toml": "short",
     "leap-gofa-simulated.toml": "short",
     "leap-ur5-simulated.toml": "short",
@@ -106,16 +104,6 @@ def ports_of_its_own(text):
     return text
 
 
-def on_socketcand(text):
-    """`text` of a JR3 without multicast, which is not to be had everywhere, as the example says."""
-    port = free_ports()
-    text = text.replace('interface = "udp_multicast"', f'interface = "socketcand"\nport = {port}')
-    text = text.replace('channel = "239.74.163.2"\n', 'host = "127.0.0.1"\n')
-    return text.replace(
-        "--script wiggle\n", f"--script wiggle --serve-socketcand --port {port} --boot 0\n", 1
-    )
-
-
 def supervised(name, shown, **more):
     """The outcome of an example's session, which ends a while after it has shown what it should."""
     end_s = []
@@ -142,8 +130,6 @@ def run(tmp_path, monkeypatch):
 
     def run(name, words=()):
         text = ports_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
-        if name.startswith("jr3"):
-            text = on_socketcand(text)
         monkeypatch.chdir(tmp_path)
         (tmp_path / name).write_text(text, encoding="utf-8")
         (tmp_path / "strokes").write_text(STROKES, encoding="utf-8")
@@ -175,7 +161,7 @@ def test_the_example_runs(run, name):
 
 @pytest.mark.parametrize("name", sorted(FELT))
 def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
-    text = on_socketcand(ports_of_its_own((EXAMPLES / name).read_text(encoding="utf-8")))
+    text = ports_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_text(text, encoding="utf-8")
     (tmp_path / "examples").symlink_to(EXAMPLES)
@@ -187,8 +173,6 @@ def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
             words = shlex.split(command)
             if words[0] == "force":
                 peers.enter_context(waiting(words))
-            elif words[1] == "jr3":
-                peers.enter_context(launched(*words, "--seconds", "40"))
             else:
                 to = re.search(r"listen_port = (\d+)", text)[1]
                 peers.enter_context(launched(*words, "--to", f"127.0.0.1:{to}", "--seconds", "40"))

@@ -20,7 +20,6 @@ from cardan.types import DeviceLink, Vector3
 from tests.drivers import (
     evdev_bench,
     handheld_rig,
-    jr3_rig,
     leap_frames,
     omni_rig,
     ros2_node_rig,
@@ -238,39 +237,6 @@ class Leap(Intercepted):
         self.core.on_opened(self.now_s)
 
 
-class Jr3(Subject):
-    name = "JR3, CAN"
-    step_s = 0.001
-
-    def __init__(self):
-        super().__init__()
-        self.rig = jr3_rig.Rig()
-        self.rig.live()
-        genuine = self.rig.core.on_frame
-
-        def on_frame(arbitration_id, data, now_s):
-            data = self.passed(data, now_s)
-            if data is not None:
-                genuine(arbitration_id, data, now_s)
-
-        self.rig.core.on_frame = on_frame
-
-    @property
-    def acts(self):
-        return super().acts or self.state.wrench is not None
-
-    def deflect(self):
-        self.rig.board.set_wrench((8.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-        self.rig.run(0.5)
-
-    def let_go(self):
-        self.rig.board.set_wrench((0.0,) * 6)
-        self.rig.run(1.0)
-
-    def replug(self):
-        self.core.on_opened(self.now_s)
-
-
 class Gamepad(Subject):
     name = "gamepad"
     step_s = 0.008
@@ -425,7 +391,6 @@ SUBJECTS = (
     SpaceMouse,
     Spnav,
     Leap,
-    Jr3,
     Omni,
     Gamepad,
     Keyboard,

@@ -30,6 +30,7 @@ from cardan.sim_peers import registry as peers
 from cardan.tables import keys_of, read_table
 from cardan.types import Pose, Quaternion, Vector3
 from cardan_serial_mice.peer import SERIAL_FAULTS
+from tests.docs_tables import ours
 from tests.ranges import ranges
 from tests.tutorials import steps
 
@@ -113,10 +114,13 @@ def default_of(field: dataclasses.Field[Any]) -> str:
     return written(getattr(field.default, "value", field.default))
 
 
+SERIAL = {"spacemouse_serial", "spacemouse-serial"}
+"""They share the pages of the SpaceMouse, where their sections are."""
+
 DRIVER_PAGES = [
     pytest.param(driver.page, driver.Options, id=name)
-    for name in registry.BUILT_IN
-    if (driver := registry.load(name))
+    for name, driver in ours(registry).items()
+    if name not in SERIAL
 ]
 
 
@@ -277,7 +281,9 @@ def test_every_button_name_is_there():
     assert [label for label in labels if not label.isdecimal() and f"`{label}`" not in listed] == []
 
 
-PEERS = [pytest.param(name, peers.load(name), id=name) for name in peers.BUILT_IN]
+PEERS = [
+    pytest.param(name, peer, id=name) for name, peer in ours(peers).items() if name not in SERIAL
+]
 
 
 def told_of(name: str) -> str:
@@ -449,7 +455,9 @@ def test_snippets_are_programs_and_settings(page, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "example", sorted((ROOT / "examples").glob("*.toml")), ids=lambda p: p.name
+    "example",
+    sorted([*ROOT.glob("examples/*.toml"), *ROOT.glob("plugins/*/*/examples/*.toml")]),
+    ids=lambda p: p.name,
 )
 def test_examples_are_fine(example):
     if "[[sessions]]" in example.read_text("utf-8"):

@@ -17,25 +17,25 @@ def test_the_page_has_the_table_as_it_is_declared(page, name):
     assert docs_tables.replaced(text, marker, made) == text, "make docs-tables writes it anew"
 
 
-@pytest.mark.parametrize("name", drivers.BUILT_IN)
+@pytest.mark.parametrize("name", docs_tables.DRIVERS)
 def test_every_driver_declares_what_the_lists_say(name):
     driver = drivers.load(name)
     assert driver.summary
     assert (docs_tables.ROOT / "docs" / driver.page).is_file()
-    assert driver.peer in peers.BUILT_IN
+    assert driver.peer in peers.names()
     if issubclass(driver, OperatorDevice):
         assert driver.gives
         assert driver.suits
 
 
-@pytest.mark.parametrize("name", drivers.BUILT_IN)
+@pytest.mark.parametrize("name", docs_tables.DRIVERS)
 def test_every_driver_has_a_demo_that_its_page_names(name):
     page = (docs_tables.ROOT / "docs" / drivers.load(name).page).read_text(encoding="utf-8")
     demos = [each for each, demo in find_demos().items() if name in demo.drivers]
     assert any(f"`cardan demo {each}`" in page for each in demos), demos
 
 
-@pytest.mark.parametrize("name", peers.BUILT_IN)
+@pytest.mark.parametrize("name", docs_tables.ours(peers))
 def test_every_peer_declares_what_the_lists_say(name):
     peer = peers.load(name)
     assert (peer.__doc__ or "").endswith(".")

@@ -29,8 +29,8 @@ NEEDED = [
     (
         "can",
         "can",
-        "from cardan.drivers.jr3_can.bus import open_bus; "
-        "from cardan.drivers.jr3_can import Jr3Options; open_bus(Jr3Options())",
+        "from cardan_jr3.driver.bus import open_bus; "
+        "from cardan_jr3.driver import Jr3Options; open_bus(Jr3Options())",
     ),
     (
         "ruckig",

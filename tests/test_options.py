@@ -32,6 +32,7 @@ from cardan.options import (
     require_each,
 )
 from cardan.sim_peers import registry as peer_registry
+from tests.docs_tables import ours
 from tests.ranges import found_in, spoilt
 
 CLOSED = Range(1.0, 2.0, "m", "so it is")
@@ -232,8 +233,8 @@ def with_inside(options: type[Any]) -> list[type[Any]]:
 def kinds() -> Iterator[tuple[str, type[Any]]]:
     """The options of every driver, filter and simulated peer, and the dataclasses inside."""
     for registry in (driver_registry, filter_registry, peer_registry):
-        for name in sorted(registry.BUILT_IN):
-            for kind in with_inside(registry.load(name).Options):
+        for name, each in ours(registry).items():
+            for kind in with_inside(each.Options):
                 yield f"{registry.__name__.split('.')[1]}-{name}-{kind.__name__}", kind
 
 

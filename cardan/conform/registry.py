@@ -15,7 +15,6 @@ BUILT_IN = {
     "egm": "cardan.conform.egm.suite:Egm",
     "egm-driver": "cardan.conform.egm_driver.suite:EgmDriver",
     "hdapi": "cardan.conform.hdapi.suite:Hdapi",
-    "jr3": "cardan.conform.jr3.suite:Jr3",
     "joint-stream": "cardan.conform.joint_stream.suite:JointStream",
     "joint-stream-driver": "cardan.conform.joint_stream_driver.suite:JointStreamDriver",
     "joint-trajectory": "cardan.conform.joint_trajectory.suite:JointTrajectory",

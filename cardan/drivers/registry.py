@@ -20,7 +20,6 @@ BUILT_IN = {
     "leap": "cardan.drivers.leap:Leap",
     "gamepad": "cardan.drivers.gamepad:Gamepad",
     "keyboard": "cardan.drivers.keyboard:Keyboard",
-    "jr3_can": "cardan.drivers.jr3_can:Jr3",
     "omni": "cardan.drivers.omni:Omni",
     "ros2_spacenav": "cardan.drivers.ros2_spacenav:Ros2Spacenav",
     "ros2_joy": "cardan.drivers.ros2_joy:Ros2Joy",

@@ -14,7 +14,6 @@ BUILT_IN = {
     "abb-gofa": "cardan.sim_peers.egm_controller.command:AbbGofa",
     "arm": "cardan.sim_peers.arm.command:Arm",
     "gamepad": "cardan.sim_peers.evdev.command:Gamepad",
-    "jr3": "cardan.sim_peers.jr3.command:Jr3",
     "keyboard": "cardan.sim_peers.evdev.command:Keyboard",
     "leap": "cardan.sim_peers.leap.command:Leap",
     "motoman-gp8": "cardan.sim_peers.motoros_controller.command:MotomanGp8",

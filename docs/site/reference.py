@@ -53,7 +53,6 @@ PROTOCOLS = (
     "handheld",
     "hdapi",
     "joint_stream",
-    "jr3_can",
     "leap",
     "rosbridge",
     "simple_message",

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from cardan.dissect import can, dissect_file, network, tcp, usbmon
+from cardan.dissect import dissect_file, network, tcp, usbmon
 from cardan.dissect.capture import Capture, CapturedPacket
 from cardan.errors import CaptureError, ConfigurationError, OptionError
 from cardan.gateway.recording.engine import replay_engine
@@ -25,6 +25,7 @@ from cardan.gateway.recording.plot import read_series
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ur import rtde
+from cardan_jr3 import capture as jr3_capture
 from cardan_wiimote import bluetooth
 from fuzz.target import Form, Packets, Target
 from fuzz.targets import devices, robots
@@ -168,7 +169,7 @@ def _packet(packet: CapturedPacket, links: bluetooth.Links, streams: tcp.TcpStre
     if packet.link_type in (189, 220):
         return usbmon.parse(packet) is None
     if packet.link_type == 227:
-        return can.parse(packet) is None
+        return jr3_capture.parse(packet) is None
     return segment if isinstance(segment, str) else segment.protocol
 
 

@@ -11,8 +11,6 @@ from typing import Any
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.evdev.nodes import Snapshot
 from cardan.drivers.gamepad import GamepadCore, GamepadOptions
-from cardan.drivers.jr3_can import Jr3Core, Jr3Options
-from cardan.drivers.jr3_can.core import ZERO_LOST_REASON
 from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
 from cardan.drivers.leap import LeapCore, LeapOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
@@ -21,7 +19,6 @@ from cardan.protocols import (
     connexion,
     evdev,
     handheld,
-    jr3_can,
     leap,
     spnav,
     uevent,
@@ -30,6 +27,9 @@ from cardan.protocols.evdev import requests as evdev_requests, uinput
 from cardan.protocols.hid import MalformedReport
 from cardan.sim_peers.evdev import MODELS as EVDEV_MODELS
 from cardan.types import DeviceLink, DeviceState
+from cardan_jr3 import protocol as jr3_can
+from cardan_jr3.driver import Jr3Core, Jr3Options
+from cardan_jr3.driver.core import ZERO_LOST_REASON
 from cardan_serial_mice import protocol as cs
 from cardan_serial_mice.driver.session import SerialSession
 from cardan_serial_mice.protocol import models as serial_models
@@ -46,8 +46,8 @@ from fuzz.targets.common import (
     text_of,
 )
 from tests.dissect import worked
-from tests.drivers import evdev_bench, jr3_rig, leap_frames
-from tests.plugin_rigs import wiimote_bench
+from tests.drivers import evdev_bench, leap_frames
+from tests.plugin_rigs import jr3_rig, wiimote_bench
 
 _HANDHELD = Path(__file__).parents[2] / "tests/protocols/handheld_vectors.json"
 

@@ -9,14 +9,15 @@ from cardan.drivers import registry
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CommandError, DriverError
 from cardan.types import NEVER_S, ZERO3, DeviceFeedback, DeviceLink, Frame, Wrench
+from tests.docs_tables import ours
 
 NEUTRAL = (0.0,) * 6
 ALL = DeviceFeedback(led=True, rumble=0.5, wrench=Wrench(ZERO3, ZERO3, Frame.BASE))
 
 DEVICES = [
     pytest.param(driver, id=name)
-    for name in registry.BUILT_IN
-    if issubclass(driver := registry.load(name), OperatorDevice)
+    for name, driver in ours(registry).items()
+    if issubclass(driver, OperatorDevice)
 ]
 
 

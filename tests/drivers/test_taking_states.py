@@ -14,6 +14,7 @@ from cardan.drivers.base import OperatorDevice
 from cardan.errors import NotOpenError, OptionError
 from cardan.sim_peers.omni import OmniSettings, SimulatedOmni, available, library_path
 from cardan.types import NEUTRAL, DeviceCapabilities, DeviceLink, DeviceState
+from tests.docs_tables import ours
 from tests.serving import demo_of, demonstrated, served
 
 PATIENCE_S = 10.0
@@ -279,7 +280,7 @@ def test_closing_ends_the_calls(hand):
 
 # -- the devices there are ---------------------------------------------------------------------
 
-DEVICES = [n for n in registry.BUILT_IN if issubclass(registry.load(n), OperatorDevice)]
+DEVICES = [name for name, kind in ours(registry).items() if issubclass(kind, OperatorDevice)]
 
 
 def check_it_wakes_its_reader(device):

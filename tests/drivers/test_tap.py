@@ -7,14 +7,12 @@ import pytest
 
 from cardan.drivers.abb_egm import AbbEgm
 from cardan.drivers.gamepad import Gamepad
-from cardan.drivers.jr3_can import Jr3
 from cardan.drivers.leap import Leap
 from cardan.drivers.motoros import Motoros
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav import Spnav
 from cardan.drivers.tcp_robot import Link as TcpLink
-from cardan.protocols.jr3_can import CanFrame
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
 from cardan.types import HoldCommand
 
@@ -152,18 +150,3 @@ def test_messages_of_a_leap_service(tap):
     leap.tap, leap._connection = tap, Connection()
     leap._serve(stop)
     assert tap == [(b'{"version": 6}', False, "")]
-
-
-def test_frames_of_a_jr3_with_their_identifier(tap):
-    sensor, given = Jr3(), [CanFrame(0x181, bytes(8))]
-
-    class Bus:
-        def receive(self, _timeout_s):
-            return given.pop() if given else None
-
-        def send(self, frame):
-            pass
-
-    sensor.tap = tap
-    sensor._turn(Bus())
-    assert (bytes(8), False, "can 0x181") in tap

@@ -17,6 +17,7 @@ from cardan.errors import ConfigurationError, ScriptError
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import FaultSwitch
 from cardan.sim_peers.command import PeerCommand, name_and_unit, numbers, option
+from tests.docs_tables import ours
 
 WIDE = {"COLUMNS": "400", "NO_COLOR": "1", "TERM": "dumb"}
 
@@ -43,7 +44,7 @@ def test_the_help_lists_every_peer_with_its_summary():
         assert any(f" {name} " in line and summary in line for line in lines), name
 
 
-@pytest.mark.parametrize("name", registry.BUILT_IN)
+@pytest.mark.parametrize("name", ours(registry))
 def test_what_a_peer_declares_is_offered(name):
     peer = registry.load(name)
     told = said(name, "--help")

@@ -1,4 +1,4 @@
-"""Devices on USB and CAN."""
+"""Devices on USB."""
 
 from __future__ import annotations
 
@@ -7,20 +7,19 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from cardan.dissect import can, usbmon
-from cardan.dissect.can import CapturedCanFrame
+from cardan.dissect import usbmon
 from cardan.dissect.capture import CapturedPacket, Direction
 from cardan.dissect.network import Segment
-from cardan.dissect.reader import CUT, Decoded, Dissector, Found, Message, Note, Numbers
+from cardan.dissect.reader import CUT, Decoded, Dissector, Found, Message, Note
 from cardan.dissect.usbmon import Urb
-from cardan.protocols import connexion, jr3_can
+from cardan.protocols import connexion
 from cardan.protocols.connexion.devices import MULTI_AXIS_CONTROLLER
 from cardan.protocols.hid import EMPTY, TOO_SHORT, MalformedReport
 
 MOST_COUNTS = 512
 """Largest deflection known of any device; nominal full scale is 350."""
-HELD_REPORTS, HELD_FRAMES = 8, 64
-"""Packets held of a device or a node that is not known yet."""
+HELD_REPORTS = 8
+"""Packets held of a device that is not known yet."""
 MOST_ASKED = 1024
 """Questions for device descriptors that are remembered."""
 GET_DEVICE_DESCRIPTOR, SET_OUTPUT_REPORT = b"\x80\x06\x00\x01", b"\x21\x09"
@@ -136,95 +135,3 @@ def _looks_right(reports: list[bytes]) -> bool:
             return False
         kinds.add(type(report))
     return connexion.Motion in kinds or kinds == {connexion.Translation, connexion.Rotation}
-
-
-class Jr3Can(Dissector):
-    """JR3 force-torque sensors' boards on CAN.
-
-    The identifiers of the boards are in use on any CANopen bus as well. A node is taken for a board
-    when its FORCES are followed by its MOMENTS with the same counter, then with the frames from and
-    to it shortly before; or when the user names it.
-    """
-
-    name = "JR3"
-    page = "protocols/jr3-can.md"
-    link_types = can.LINK_TYPES
-    options = (
-        Numbers(
-            "jr3_nodes",
-            "jr3-node",
-            "ID",
-            "Take this CAN node for a JR3",
-            "node id",
-            range(1, jr3_can.MAX_NODE_ID + 1),
-        ),
-    )
-
-    def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
-        super().__init__(numbers)
-        self._boards = set(numbers["jr3_nodes"])
-        self._held: dict[int, deque[tuple[CapturedPacket, CapturedCanFrame]]] = {}
-        self._forces: dict[int, int] = {}
-        """By the node: the counter of FORCES whose MOMENTS have not come."""
-        self._samples: dict[int, int] = {}
-        """By the node: the counter of the newest whole sample."""
-
-    def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
-        frame = can.parse(packet)
-        if frame is None:
-            return
-        opcode, node = frame.identifier & ~jr3_can.NODE_MASK, frame.identifier & jr3_can.NODE_MASK
-        sync = frame.identifier == jr3_can.Opcode.SYNC
-        if node in self._boards or (sync and self._boards):
-            yield self._message(packet, frame, node)
-        elif opcode >= jr3_can.Opcode.ACK and node:
-            held = self._held.setdefault(node, deque(maxlen=HELD_FRAMES))
-            before = _value(held[-1][1]) if held else None
-            held.append((packet, frame))
-            if _is_sample(before, _value(frame)):
-                self._boards.add(node)
-                for earlier in self._held.pop(node):
-                    yield self._message(*earlier, node)
-
-    def _message(self, packet: CapturedPacket, frame: CapturedCanFrame, node: int) -> Message:
-        self.packets += 1
-        where = f"JR3 node {node}" if node else "CAN"
-        value = CUT if frame.cut else _value(frame)
-        remarks = []
-        if isinstance(value, jr3_can.Forces):
-            if node in self._forces:
-                remarks.append("NO MOMENTS BEFORE")
-            self._forces[node] = value.counter
-        elif isinstance(value, jr3_can.Moments):
-            if self._forces.pop(node, None) != value.counter:
-                remarks.append("NO FORCES OF THIS COUNTER")
-            elif self._samples.get(node) == value.counter:
-                remarks.append("SAME SAMPLE AGAIN")
-            else:
-                self._samples[node] = value.counter
-        elif isinstance(value, jr3_can.Bootup):
-            self._samples.pop(node, None)
-        if isinstance(value, str):
-            decoded = Decoded(None, "CAN frame", value)
-        elif value is None:
-            decoded = Decoded({"data": frame.data}, f"CAN 0x{frame.identifier:03x}")
-        else:
-            decoded = Decoded(value, remarks=tuple(remarks))
-        return Message(packet, where, decoded, frame.data)
-
-
-def _value(frame: CapturedCanFrame) -> Any:
-    """What a board or a host says; a text: why it is malformed; None: neither says it."""
-    value = jr3_can.decode_from_board(frame.identifier, frame.data)
-    if isinstance(value, jr3_can.Malformed):
-        return f"{jr3_can.Opcode(value.opcode).name} {value.reason}"
-    return value or jr3_can.decode_from_host(frame.identifier, frame.data)
-
-
-def _is_sample(first: Any, second: Any) -> bool:
-    """Whether two messages of one node that follow each other are a board's sample."""
-    return (
-        isinstance(first, jr3_can.Forces)
-        and isinstance(second, jr3_can.Moments)
-        and first.counter == second.counter
-    )

@@ -24,7 +24,7 @@ GROUP = "installation"
 EXTRAS: Final = ("arm", "network", "can", "record", "foxglove", "dissect", "ruckig")
 """Extras that change what works here; the others are for developers."""
 
-_EXTRA_OF_DRIVER: Final = {"jr3_can": "can", "sim_arm": "arm"}
+_EXTRA_OF_DRIVER: Final = {"sim_arm": "arm"}
 _EXTRA_OF_FACE: Final = {"foxglove": "foxglove"}
 
 _REQUIREMENT = re.compile(

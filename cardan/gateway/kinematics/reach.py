@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from cardan.arm_libraries import np
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray
@@ -21,27 +23,38 @@ def tcp_range_m(kinematics: ArmKinematics) -> list[tuple[float, float]]:
 
     Joint by joint, from the same random postures each time; collisions are left out of account.
     """
+    lower = np.where(np.isfinite(kinematics.lower), kinematics.lower, -math.pi)
+    upper = np.where(np.isfinite(kinematics.upper), kinematics.upper, math.pi)
     random = np.random.default_rng(0)
-    starts = random.uniform(kinematics.lower, kinematics.upper, (STARTS, kinematics.joints))
+    starts = random.uniform(lower, upper, (STARTS, kinematics.joints))
     ends = np.empty((3, 2))
     for axis in range(3):
         for side, sign in enumerate((-1.0, 1.0)):
-            ends[axis, side] = sign * max(_farthest(kinematics, q, axis, sign) for q in starts)
+            ends[axis, side] = sign * max(
+                _farthest(kinematics, lower, upper, q, axis, sign) for q in starts
+            )
     return [(float(low), float(high)) for low, high in ends]
 
 
-def _farthest(kinematics: ArmKinematics, start: FloatArray, axis: int, sign: float) -> float:
+def _farthest(
+    kinematics: ArmKinematics,
+    lower: FloatArray,
+    upper: FloatArray,
+    start: FloatArray,
+    axis: int,
+    sign: float,
+) -> float:
     """Highest coordinate, times `sign`, that turning one joint after the other leads to."""
     q = start.copy()
-    span = kinematics.upper - kinematics.lower
+    span = upper - lower
     best = sign * float(kinematics.forward(q).translation[axis])
     for turn in range(ROUNDS):
         for joint in range(kinematics.joints):
             half = 0.5 * span[joint] / 2.0**turn
-            low = max(kinematics.lower[joint], q[joint] - half)
-            high = min(kinematics.upper[joint], q[joint] + half)
+            low = max(lower[joint], q[joint] - half)
+            high = min(upper[joint], q[joint] + half)
             if turn == 0:
-                low, high = kinematics.lower[joint], kinematics.upper[joint]
+                low, high = lower[joint], upper[joint]
             kept = q[joint]
             for each in np.linspace(low, high, ANGLES):
                 q[joint] = each

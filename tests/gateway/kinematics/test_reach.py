@@ -12,12 +12,16 @@ from cardan.gateway.kinematics.reach import tcp_range_m
 from cardan.robots import load_arm
 
 
-@pytest.mark.parametrize("name", ["amor", "asibot", "gofa_crb15000_5", "gp8", "ur5", "ur5e"])
+@pytest.mark.parametrize(
+    "name", ["amor", "asibot", "gofa_crb15000_5", "gp8", "pr2_left_arm", "ur5", "ur5e"]
+)
 def test_no_posture_is_beyond_it_and_some_are_at_its_ends(name):
     arm = ArmKinematics(load_arm(name))
     low, high = np.array(tcp_range_m(arm)).T
     random = np.random.default_rng(1)
-    postures = random.uniform(arm.lower, arm.upper, (20_000, arm.joints))
+    lower = np.where(arm.continuous, -np.pi, arm.lower)
+    upper = np.where(arm.continuous, np.pi, arm.upper)
+    postures = random.uniform(lower, upper, (20_000, arm.joints))
     points = np.array([arm.forward(q).translation for q in postures])
     assert (points >= low - 0.003).all()
     assert (points <= high + 0.003).all()

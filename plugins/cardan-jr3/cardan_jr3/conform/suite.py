@@ -1,0 +1,59 @@
+"""The suite of a JR3 sensor on a CAN bus."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from cardan.conform.conduct import Conduct
+from cardan.conform.requirements import Level
+from cardan.conform.suite import Suite, Transport
+from cardan.conform.timeline import Timeline
+from cardan.conform.wires import Wires
+from cardan.errors import ConfigurationError
+from cardan_jr3.conform.pilot import Jr3Pilot
+from cardan_jr3.conform.requirements import requires
+from cardan_jr3.conform.rig import Jr3Rig
+from cardan_jr3.conform.seen import Jr3Seen
+from cardan_jr3.conform.wire import CanInterface
+from cardan_jr3.protocol import MAX_NODE_ID, TEO_NODE_IDS
+
+
+class Jr3(Suite[Jr3Seen]):
+    """A JR3 force-torque sensor behind uc3m's board."""
+
+    name = "jr3"
+    judges = "the board"
+    speaks = "CAN frames of jr3-mbed-firmware"
+    target = "INTERFACE[:NODE], as can0:33; Linux only"
+    peer = "jr3"
+    requirements = requires.all()
+    transport = Transport("can")
+    seconds = 2.0
+    # Times count from when it is told to acquire.
+    tried_with: ClassVar[Mapping[str, float]] = {
+        "sensor-unplug": 1.5,
+        "power-cycle": 1.5,
+        "silence": 1.5,
+        "stopped": 1.5,
+    }
+
+    def __init__(self) -> None:
+        self._node_id = TEO_NODE_IDS["right-hand"]
+
+    def see(self, timeline: Timeline) -> Jr3Seen:
+        return Jr3Seen(timeline, self._node_id)
+
+    def pilot(self, level: Level, seconds: float) -> Jr3Pilot:
+        return Jr3Pilot(level, seconds, self._node_id)
+
+    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+        Jr3Rig(conduct, self._node_id, faults, seed).run()
+
+    def wires(self, target: str) -> Wires:
+        name, colon, node = target.partition(":")
+        if colon:
+            if not node.isdigit() or not 0 < int(node) <= MAX_NODE_ID:
+                raise ConfigurationError("--target", f"{node!r} is no node of 1 to {MAX_NODE_ID}")
+            self._node_id = int(node)
+        return CanInterface(name)

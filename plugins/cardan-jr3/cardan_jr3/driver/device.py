@@ -1,0 +1,153 @@
+"""The JR3 driver: a thread that reads the CAN bus, feeds the core and sends what it asks for."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+from cardan.drivers.base import FoundDevice
+from cardan.drivers.reading import ReadDevice
+from cardan.drivers.simulated import LOOPBACK, OWN
+from cardan.errors import DeviceNotFoundError, DriverError
+from cardan.types import DeviceCapabilities
+from cardan_jr3.driver.bus import CanBus, Unusable, can_interfaces, in_use, open_bus
+from cardan_jr3.driver.core import Jr3Core
+from cardan_jr3.driver.options import Jr3Options
+
+READ_TIMEOUT_S = 0.05
+"""Longest wait for a frame; the reader checks in between whether it is to stop."""
+
+ANSWER_TIMEOUT_S = 1.2
+"""How long open() waits for the board: a ping, and another one where the first is lost."""
+
+DRAIN_AT_MOST = 64
+"""Frames taken before the core is asked again what to send, whatever else there is to read."""
+
+ZERO_TIMEOUT_S = 2.0
+"""All tries of the request, and the pauses between them."""
+_POLL_S = 0.005
+
+_CAPABILITIES = DeviceCapabilities(
+    gives_pose=False, buttons=(), feedback=frozenset(), battery=False
+)
+
+
+class Jr3(ReadDevice[Jr3Core]):
+    """A JR3 six-axis force-torque sensor, whose wrench deflects the axes: the hand guides the arm.
+
+    `state().wrench` is what acts on the sensor's tool side, about the TCP along the tool's axes,
+    since zero was taken; the weight of a tool that has turned since is in it. See :mod:`.core`.
+    """
+
+    Options = Jr3Options
+    summary = "JR3 force-torque sensor"
+    page = "jr3.md"
+    peer = "jr3"
+    simulated = (
+        {"interface": ("udp_multicast",), "hop_limit": (0,)},
+        {"interface": ("virtual",)},
+        {"interface": ("socketcand",), "host": LOOPBACK, "port": OWN},
+    )
+    gives = "wrench"
+    suits = "rate, tool frame (hand guiding)"
+    options: Jr3Options
+    _kind = "JR3 sensor"
+
+    def __init__(self, options: Jr3Options | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._core = Jr3Core(self.options)
+        self._bus: CanBus | None = None
+
+    @classmethod
+    def find(cls) -> list[FoundDevice]:
+        """CAN interfaces of this computer. What is on a bus shows only when it is spoken to."""
+        return can_interfaces()
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        """No buttons, no feedback."""
+        return _CAPABILITIES
+
+    def zero(self) -> None:
+        """Take the present measurement as zero; returns once that is done.
+
+        The axes are zero until the wrench was seen at rest after it. Raises CommandError while
+        the force changes, NotOpenError, or DriverError when the board does not do it.
+        """
+        self._check_open("zero()")
+        deadline_s = time.monotonic() + ZERO_TIMEOUT_S
+        due: int | None = None
+        while (now_s := time.monotonic()) < deadline_s:
+            with self._lock:
+                if due is None and not self._core.watching:
+                    due = self._core.ask_zero(now_s)
+                if due is not None and self._core.zeros >= due:
+                    return
+            time.sleep(_POLL_S)
+        with self._lock:
+            reason = self._core.state(time.monotonic()).reason
+        raise DriverError(f"zero was not taken: {reason}")
+
+    # -- the reader ----------------------------------------------------------------------------
+
+    def _connect(self) -> None:
+        self._bus = open_bus(self.options)
+        with self._lock:
+            self._core.on_opened(time.monotonic())
+        deadline_s = time.monotonic() + ANSWER_TIMEOUT_S
+        try:
+            while not self._core.answered and not self._stop.is_set():
+                if time.monotonic() >= deadline_s:
+                    self._not_there()
+                self._turn(self._bus)
+        except OSError as error:
+            raise in_use(self.options, error) from None
+
+    def _not_there(self) -> None:
+        options = self.options
+        with self._lock:
+            reason = self._core.state(time.monotonic()).reason
+        raise DeviceNotFoundError(
+            f"on the CAN bus {options.channel!r} by {options.interface}: {reason}"
+        )
+
+    def _serve(self, stop: threading.Event) -> None:
+        bus = self._bus
+        assert bus is not None
+        while not stop.is_set():
+            self._turn(bus)
+        with self._lock:
+            frames = self._core.farewell()
+        for frame in frames:
+            bus.send(frame)
+
+    def _turn(self, bus: CanBus) -> None:
+        """Send what is due, then wait for frames and take them."""
+        with self._lock:
+            now_s = time.monotonic()
+            frames = self._core.poll(now_s)
+            wait_s = self._core.next_due_s - now_s
+        for frame in frames:
+            bus.send(frame)
+            if (tap := self.tap) is not None:
+                tap(frame.data, True, f"can 0x{frame.arbitration_id:03x}")
+        timeout_s = max(0.0, min(READ_TIMEOUT_S, wait_s))
+        for _ in range(DRAIN_AT_MOST):
+            received = bus.receive(timeout_s)
+            if received is None:
+                break
+            if (tap := self.tap) is not None and not isinstance(received, Unusable):
+                tap(received.data, False, f"can 0x{received.arbitration_id:03x}")
+            with self._lock:
+                if isinstance(received, Unusable):
+                    self._core.on_unusable(received.kind)
+                else:
+                    self._core.on_frame(*received, time.monotonic())
+            timeout_s = 0.0
+        self._notify()
+
+    def _release(self) -> None:
+        bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.close()

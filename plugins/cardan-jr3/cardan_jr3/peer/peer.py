@@ -1,0 +1,126 @@
+"""The simulated JR3 on a real bus: by python-can, or on a bus of its own that socketcand serves."""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from cardan import bounds
+from cardan.options import require_each
+from cardan.sim_peers.base import check_faults, load_script
+from cardan.sim_peers.command import option
+from cardan.sim_peers.hand_peer import HandOptions, HandPeer
+from cardan_jr3.bounds import CAN_NAME, CAN_PORTS
+from cardan_jr3.peer.can import CanCarrier, PythonCanBus
+from cardan_jr3.peer.core import SimulatedJr3
+from cardan_jr3.peer.faults import FAULTS
+from cardan_jr3.peer.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+from cardan_jr3.peer.socketcand import SocketcandHub
+from cardan_jr3.protocol import MAX_NODE_ID, TEO_NODE_IDS, TEO_SENSORS, CanFrame, Six
+
+UDP_MULTICAST_GROUP = "239.74.163.2"
+NODE_ID = bounds.Range(0, MAX_NODE_ID, "", "a CANopen bus has no other numbers", zero="its own")
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Jr3PeerOptions(HandOptions):
+    """What to simulate and on which bus. Times of the script and of faults count from when the
+    board is first told to acquire."""
+
+    interface: Annotated[str, CAN_NAME] = option(
+        "udp_multicast", "The way to the bus, as python-can calls it.", metavar="NAME"
+    )
+    channel: Annotated[str, CAN_NAME] = option(
+        UDP_MULTICAST_GROUP,
+        "The bus; that of udp_multicast is its group.",
+        metavar="NAME",
+    )
+    serve_socketcand: bool = option(False, "Serve a bus of its own, by socketcand's protocol.")
+    """Instead of joining one: at `host` and `port`; needs no python-can."""
+    host: Annotated[str, bounds.LISTEN_HOST] = option(
+        "127.0.0.1", "Address of socketcand, served or joined.", metavar="HOST"
+    )
+    port: Annotated[int, bounds.ANY_PORT] | None = option(
+        None, "Port of udp_multicast or socketcand; default: theirs.", metavar="PORT"
+    )
+    """Theirs are 43113 and 29536; for socketcand that is served 0 is any."""
+    hop_limit: Annotated[int, bounds.HOP_LIMIT] = 0
+    """Hop limit of udp_multicast; 0: frames stay on this computer."""
+    bitrate: int = 1_000_000
+    """Bit rate of a bus by hardware other than socketcan."""
+    sensor: str = option(
+        "right-hand",
+        "Whose full scales; see --list-sensors.",
+        metavar="NAME",
+        listed=[(name, f"node {TEO_NODE_IDS[name]}") for name in TEO_SENSORS],
+    )
+    """One of TEO's four sensors."""
+    node_id: Annotated[int, NODE_ID] = option(
+        0, "Node id; 0: that of the sensor on TEO.", name="node", metavar="ID"
+    )
+    boot_s: Annotated[float, bounds.NOT_NEGATIVE] = option(2.0, "From power to its first message.")
+    """That message is BOOTUP."""
+    offset: Six = (4.2, -3.1, -8.6, 0.21, -0.13, 0.05)
+    """What the sensor shows before it is zeroed: its own zero and what is mounted on it."""
+    noise_n: Annotated[float, bounds.NOT_NEGATIVE] = 0.05
+    """Standard deviation of the unfiltered forces."""
+    noise_nm: Annotated[float, bounds.NOT_NEGATIVE] = 0.002
+    """The same of the moments."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        allowed = f"one of {', '.join(TEO_SENSORS)}"
+        require_each(self, ("sensor", self.sensor in TEO_SENSORS, allowed))
+        check_faults(self.faults, FAULTS)
+
+
+class Jr3Peer(HandPeer[SimulatedJr3, CanFrame]):
+    """A simulated board on a bus; its power is on from `open`.
+
+    Raises ScriptError or ConfigurationError for nonsense.
+    """
+
+    def __init__(self, options: Jr3PeerOptions | None = None) -> None:
+        options = Jr3PeerOptions() if options is None else options
+        board = SimulatedJr3(
+            options.node_id or TEO_NODE_IDS[options.sensor],
+            TEO_SENSORS[options.sensor],
+            boot_s=options.boot_s,
+            offset=options.offset,
+            noise_n=options.noise_n,
+            noise_nm=options.noise_nm,
+            faults=options.faults,
+            seed=options.seed,
+        )
+        carrier: CanCarrier
+        if options.serve_socketcand:
+            port = CAN_PORTS["socketcand"] if options.port is None else options.port
+            carrier = SocketcandHub(board, options.host, port)
+        else:
+            extra = _extra(options)
+            carrier = PythonCanBus(board, options.interface, options.channel, extra)
+        hand = ScriptedHand(load_script(options.script, SCRIPTS, SCRIPT_VERBS))
+        board.on_first_start = hand.start
+        super().__init__(board, hand, carrier, options)
+        self._starts = 0
+
+    def _follow(self, now_s: float) -> None:
+        """Log what a host has told the board."""
+        super()._follow(now_s)
+        if self.device.starts != self._starts:
+            self._starts = self.device.starts
+            _log.info("told to acquire")
+
+
+def _extra(options: Jr3PeerOptions) -> dict[str, Any]:
+    """What an interface wants to be told beside its channel."""
+    if options.interface == "udp_multicast":
+        port = CAN_PORTS["udp_multicast"] if options.port is None else options.port
+        return {"port": port, "hop_limit": options.hop_limit}
+    if options.interface == "socketcand":
+        port = CAN_PORTS["socketcand"] if options.port is None else options.port
+        return {"host": options.host, "port": port, "tcp_tune": True}
+    return {} if options.interface in ("socketcan", "virtual") else {"bitrate": options.bitrate}

@@ -1,0 +1,65 @@
+"""A JR3 driver's core and a simulated sensor on a perfect bus, in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from cardan.types import DeviceState
+from cardan_jr3.driver import Jr3Core, Jr3Options
+from cardan_jr3.peer import SimulatedJr3
+from cardan_jr3.protocol import TEO_SENSORS, CanFrame
+
+NODE_ID = 33
+SCALES = TEO_SENSORS["right-hand"]
+STEP_S = 0.001
+
+
+class Rig:
+    """Times are s from power-on; `run` moves them in steps of a millisecond."""
+
+    def __init__(
+        self, options: Jr3Options | None = None, *, faults: dict[str, float] | None = None, **board
+    ) -> None:
+        board.setdefault("boot_s", 0.0)
+        self.board = SimulatedJr3(NODE_ID, SCALES, faults=faults, **board)
+        self.core = Jr3Core(options or Jr3Options())
+        self.now_s = 0.0
+        self.sent: list[CanFrame] = []
+        """What the driver sent."""
+        self.states: list[DeviceState] = []
+        self.each: Callable[[], None] = lambda: None
+        self.mangle: Callable[[CanFrame], CanFrame | None] = lambda frame: frame
+        """What the bus makes of the board's frames; None: it loses them."""
+        self.master_period_s = 0.0
+        """Of a bus master's SYNC; 0: there is none."""
+
+    def open(self) -> None:
+        self.core.on_opened(self.now_s)
+
+    def run(self, seconds: float) -> DeviceState:
+        """The state after `seconds`; those on the way are in `states`."""
+        self.states.clear()
+        for _ in range(round(seconds / STEP_S)):
+            self.step()
+        return self.states[-1]
+
+    def step(self) -> None:
+        self.now_s += STEP_S
+        self.each()
+        if self.master_period_s:
+            every = round(self.master_period_s / STEP_S)
+            if round(self.now_s / STEP_S) % every == 0:
+                self.board.receive(0x080, b"", self.now_s)
+        for frame in self.board.reports(self.now_s):
+            arrived = self.mangle(frame)
+            if arrived is not None:
+                self.core.on_frame(*arrived, self.now_s)
+        for frame in self.core.poll(self.now_s):
+            self.sent.append(frame)
+            self.board.receive(*frame, self.now_s)
+        self.states.append(self.core.state(self.now_s))
+
+    def live(self) -> DeviceState:
+        """Open the sensor and wait until it is live."""
+        self.open()
+        return self.run(1.5)
