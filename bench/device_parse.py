@@ -21,7 +21,6 @@ from cardan.drivers.core import DeviceCore
 from cardan.drivers.leap import LeapCore, LeapOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
-from cardan.drivers.wiimote import WiimoteOptions
 from cardan.protocols.connexion import encode_motion, find_model
 from cardan.protocols.leap import decode_service
 from cardan.protocols.spnav import encode_motion as encode_spnav_motion
@@ -35,8 +34,9 @@ from cardan_serial_mice.protocol import (
     encode_spaceball_motion,
     serial_model_by_key,
 )
-from tests.drivers import evdev_bench, wiimote_bench
-from tests.plugin_rigs import jr3_rig
+from cardan_wiimote.driver import WiimoteOptions
+from tests.drivers import evdev_bench
+from tests.plugin_rigs import jr3_rig, wiimote_bench
 
 RECORD_S = 1.0
 RAW = ((120, -45, 300, -350, 8, 64), (121, -44, 299, -349, 7, 65))

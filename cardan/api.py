@@ -76,7 +76,6 @@ if TYPE_CHECKING:
     from cardan.drivers.spacemouse import SpaceMouse as SpaceMouse
     from cardan.drivers.spnav import Spnav as Spnav
     from cardan.drivers.ur_rtde import UrRtde as UrRtde
-    from cardan.drivers.wiimote import Wiimote as Wiimote
     from cardan.drivers.xr import Xr as Xr
     from cardan.gateway.arm import CartesianDevice as CartesianDevice
     from cardan.gateway.bus.remote import RemoteCartesianDevice as RemoteCartesianDevice
@@ -88,8 +87,6 @@ def open_device(
 ) -> SpaceMouse: ...
 @overload
 def open_device(driver: Literal["spnav"], /, options: Any = None, **keywords: Any) -> Spnav: ...
-@overload
-def open_device(driver: Literal["wiimote"], /, options: Any = None, **keywords: Any) -> Wiimote: ...
 @overload
 def open_device(driver: Literal["leap"], /, options: Any = None, **keywords: Any) -> Leap: ...
 @overload

@@ -308,6 +308,3 @@ LISTEN_HOST = Host(_NAME, f"the address or the name {_OWN}", listens=True)
 LISTEN_HOST_OR_IPV4 = Host(_NAME_OR_IPV4, f"the IPv4 address or the name {_OWN}", listens=True)
 IPV4 = Host(rf"{_BYTE}(\.{_BYTE}){{3}}", f"an IPv4 address, as 127.0.0.1, {_OWN}", listens=True)
 SOCKET_PATH = Text(r"[^\0]+", f"a path of up to {_SOCKET_PATH_BYTES} bytes", _SOCKET_PATH_BYTES)
-BLUETOOTH_ADDRESS = Text(
-    "([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}", 'six bytes such as "00:1F:32:AA:BB:CC"'
-)

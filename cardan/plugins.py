@@ -19,12 +19,17 @@ T = TypeVar("T")
 
 _JR3 = "plugins/cardan-jr3"
 _SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spnav-server"
+_WIIMOTE = "plugins/cardan-wiimote"
 IN_SOURCE_TREE = {
     "command": {"evaluate": "studies", "spnav": _SPNAV_SERVER},
-    "dissector": {"jr3_can": _JR3},
+    "dissector": {
+        "jr3_can": _JR3,
+        "wiimote": _WIIMOTE,
+    },
     "driver": {
         "jr3_can": _JR3,
         "spacemouse_serial": _SERIAL_MICE,
+        "wiimote": _WIIMOTE,
     },
     "face": {
         "dds": "plugins/cardan-dds",
@@ -35,10 +40,12 @@ IN_SOURCE_TREE = {
         "jr3": _JR3,
         **dict.fromkeys(("magellan", "spaceball", "spaceorb"), _SERIAL_MICE),
         "spnav": _SPNAV_SERVER,
+        "wiimote": _WIIMOTE,
     },
     "simulated peer": {
         "jr3": _JR3,
         "spacemouse-serial": _SERIAL_MICE,
+        "wiimote": _WIIMOTE,
     },
     "transport": {"dds": "plugins/cardan-dds"},
 }

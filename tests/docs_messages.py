@@ -107,7 +107,7 @@ PAGES = {
                 "cardan-serial-mice/cardan_serial_mice/driver",
             ),
             _driver("spacenavd", "spnav", "spnav.md", "cardan-spnav-server/cardan_spnav_server"),
-            _driver("Wii Remote", "wiimote", "wiimote.md"),
+            _driver("Wii Remote", "cardan-wiimote/cardan_wiimote/driver", "wiimote.md"),
             _driver("Leap Motion", "leap", "leap.md"),
             _driver("Gamepads", "gamepad", "gamepad.md", "drivers/evdev"),
             _driver("Keyboards", "keyboard", "keyboard.md"),
@@ -220,7 +220,7 @@ PAGES = {
         (
             Part(
                 "Simulated peers",
-                ("sim_peers", "cardan-jr3/cardan_jr3/peer"),
+                ("sim_peers", "cardan-jr3/cardan_jr3/peer", "cardan-wiimote/cardan_wiimote/peer"),
                 "`cardan sim NAME --help`; [simulated peers](../simulated-peers.md)",
             ),
             Part("Captures", ("dissect",), "`cardan dissect` reads pcap and pcapng"),
@@ -231,6 +231,7 @@ PAGES = {
                     "cardan-jr3/cardan_jr3/conform",
                     "cardan-serial-mice/cardan_serial_mice/conform",
                     "cardan-spnav-server/cardan_spnav_server/conform",
+                    "cardan-wiimote/cardan_wiimote/conform",
                 ),
                 "`cardan conform --list`; [conformance](../conformance.md)",
             ),
@@ -240,6 +241,7 @@ PAGES = {
                     "protocols",
                     "cardan-foxglove/cardan_foxglove/protocol.py",
                     "cardan-jr3/cardan_jr3/protocol",
+                    "cardan-wiimote/cardan_wiimote/protocol",
                 ),
                 "what was to be encoded or decoded breaks the protocol: its page says the bytes",
             ),

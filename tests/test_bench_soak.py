@@ -30,7 +30,7 @@ from bench.soak.sampling import left_behind, marked_processes, use_of
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.evdev.hand import SCRIPT_VERBS as PAD_VERBS
 from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS as PUCK_VERBS
-from cardan.sim_peers.wiimote.hand import SCRIPT_VERBS as REMOTE_VERBS
+from cardan_wiimote.peer.hand import SCRIPT_VERBS as REMOTE_VERBS
 from tests.test_cli import ENVIRONMENT
 
 STEP_S = 0.1

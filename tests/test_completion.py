@@ -131,7 +131,7 @@ def complete(*words, **environment):
         (("doc",), ["doctor"]),
         (("demo", "leap-"), ["leap-gofa", "leap-ur5"]),
         (("face", "ro"), ["rosbridge", "router"]),
-        (("sim", "wii"), ["wiimote"]),
+        (("sim", "sp"), ["spacemouse", "spacemouse-serial"]),
         (("drivers", "ga"), ["gamepad"]),
         (("arm", "gofa", "rel"), ["relj", "release"]),
         (("doctor", "--re"), ["--report"]),

@@ -14,12 +14,10 @@ from cardan.drivers.omni import OmniOptions
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.examples import free_ports
 from cardan.gateway.session.launched import launched
-from cardan.gateway.session.session import EXIT_OK, make_session
+from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.supervisor import supervise
 from cardan.sim_peers import registry as peers
 from cardan.sim_peers.hand_peer import HandOptions
-from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
-from tests.serving import in_a_thread
 
 # No watchdog may trip: on a computer with four at a time a device was late once.
 pytestmark = pytest.mark.matrix
@@ -52,7 +50,6 @@ SCRIPTS = {
     "leap-ur5-simulated.toml": "short",
     "spacemouse-ur5-simulated.toml": "strokes",
     "spnav-ur5-simulated.toml": "strokes",
-    "wiimote-ur5-simulated.toml": "short",
 }
 """Scripts that show more in a short time than ``demo`` does, by the examples of their devices."""
 
@@ -76,11 +73,8 @@ DEVICES = {
 LIGHTS = {
     "spacemouse-ur5-simulated.toml": ("LED on", "LED off"),
     "spnav-ur5-simulated.toml": ("LED on", "LED off"),
-    "wiimote-ur5-simulated.toml": ("LEDs 1---", "LEDs ----"),
 }
 """What the simulated device says when its light goes on, and when it goes out."""
-
-NARROW = "\n[limits]\nworkspace_z_m = [-2.0, -1.0]  # the arm starts above it\n"
 
 STROKES = """
 0.1  axes 0 0 0.2 0 0 0 over 0.05
@@ -163,29 +157,6 @@ def test_the_example_runs(run, name):
     last = outcome.last
     assert (outcome.exit_code, last.error, last.trips) == (EXIT_OK, "", 0), last.message
     assert last.path_m > 1e-4, (last.message, last.device_reason, last.diagnosis)
-
-
-def test_a_remote_is_lit_and_rumbles_where_the_workspace_ends(tmp_path, monkeypatch):
-    name = "wiimote-ur5-simulated.toml"
-    text = (EXAMPLES / name).read_text(encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / name).write_text(text + NARROW, encoding="utf-8")
-    options = WiimotePeerOptions(l2cap="wiimote-sockets", script=DEVICES[name])
-    with in_a_thread(WiimotePeer(options)) as peer:
-        last = make_session(load_config(Path(name))).run(3.0)
-        deadline_s = time.monotonic() + 5.0
-        while True:  # the remote may still have to read the last words
-            said = [entry.what for entry in peer.device.log]
-            dark = [words for words in said if "LEDs" in words][-1:] == ["LEDs ----"]
-            if dark or time.monotonic() > deadline_s:
-                break
-            time.sleep(0.01)
-    assert last.error == "", last.message
-    assert "rumble on" in said, said
-    assert [words for words in said if "rumble" in words][-1] == "rumble off"
-    disarmed = said.index("LEDs ----")
-    assert "LEDs 1---" in said[disarmed:], said
-    assert [words for words in said if "LEDs" in words][-1] == "LEDs ----"
 
 
 @pytest.mark.parametrize("name", sorted(FELT))

@@ -23,7 +23,6 @@ from tests.drivers import (
     leap_frames,
     omni_rig,
     ros2_node_rig,
-    wiimote_bench,
 )
 from tests.drivers.test_spacemouse_simulated import Bench as SpaceMouseBench
 
@@ -190,31 +189,6 @@ class Spnav(Intercepted):
 
     def replug(self):
         self.core.on_opened(self.now_s)
-
-
-class Wiimote(Intercepted):
-    name = "Wii Remote"
-
-    def make(self):
-        rig = wiimote_bench.Bench()
-        rig.ready()
-        return rig
-
-    def deflect(self):
-        self.rig.tilt(30.0, 10.0)
-        self.rig.press("a")
-        self.rig.run(0.3)
-
-    def let_go(self):
-        self.rig.release("a")
-        self.rig.run(0.3)
-
-    def unplug(self):
-        self.rig._lose("unplugged")
-        self.rig.retry_s = float("inf")
-
-    def replug(self):
-        self.rig.retry_s = self.now_s
 
 
 class LeapRig:
@@ -416,7 +390,6 @@ class XrPage(PhonePage):
 SUBJECTS = (
     SpaceMouse,
     Spnav,
-    Wiimote,
     Leap,
     Omni,
     Gamepad,

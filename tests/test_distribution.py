@@ -206,7 +206,6 @@ def test_every_driver_is_imported_without_an_arms_model(light: Installation) -> 
         ("motoman-gp8", "--base-port", "{port}"),
         ("omni", "--", sys.executable, "-c", "print('READY')"),
         ("spacemouse", "--hid", "spacemouse.sock"),
-        ("wiimote", "--l2cap", "wiimote.sock"),
     ],
     ids=" ".join,
 )

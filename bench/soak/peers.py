@@ -29,8 +29,8 @@ from cardan.sim_peers.motoros_controller import MotorosControllerOptions, Motoro
 from cardan.sim_peers.scripted import Hand
 from cardan.sim_peers.spacemouse import ScriptedHand as PuckHand, SpaceMousePeer
 from cardan.sim_peers.spacemouse.peer import SpaceMousePeerOptions
-from cardan.sim_peers.wiimote.hand import ScriptedHand as RemoteHand
-from cardan.sim_peers.wiimote.peer import WiimotePeer, WiimotePeerOptions
+from cardan_wiimote.peer.hand import ScriptedHand as RemoteHand
+from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 TOLD_S: Final = 0.05
 """How often a robot tells its joints, and a device looks for what its hand is to do."""

@@ -23,7 +23,6 @@ BUILT_IN = {
     "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriver",
     "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
     "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtde",
-    "wiimote": "cardan.conform.wiimote.suite:Wiimote",
 }
 """Our own. Imported when they are asked for: each brings its simulated peer along. Other packages
 add theirs by an entry point of the same form."""

@@ -1,5 +1,5 @@
 """Reads captures line by line: EGM and the joint stream on UDP, simple message (MotoROS) and RTDE
-(Universal Robots) on TCP, 3Dconnexion reports on USB, Wii Remotes on Bluetooth.
+(Universal Robots) on TCP, 3Dconnexion reports on USB.
 
 What is printed of a message are the values of its codec in :mod:`cardan.protocols`. The protocols
 are declared in :mod:`cardan.dissect.dissectors`; other packages add theirs by an entry point, see
@@ -7,7 +7,7 @@ are declared in :mod:`cardan.dissect.dissectors`; other packages add theirs by a
 
 scapy layers, for building datagrams as well, are in :mod:`cardan.dissect.egm`,
 :mod:`cardan.dissect.joint_stream`, :mod:`cardan.dissect.simple_message`,
-:mod:`cardan.dissect.rtde`, :mod:`cardan.dissect.connexion` and :mod:`cardan.dissect.wiimote`. They
+:mod:`cardan.dissect.rtde` and :mod:`cardan.dissect.connexion`. They
 need the optional extra ``cardan[dissect]``, and are written from the protocols' documentation and
 not from the codecs, which they are held against.
 """
@@ -45,7 +45,7 @@ MOST_OTHERS = 4096
 
 class Counts(NamedTuple):
     """What a capture held. `messages` and `malformed` are by protocol: "EGM", "3Dconnexion",
-    "joint stream", "simple message", "RTDE"; with a Bluetooth link also "Wiimote"."""
+    "joint stream", "simple message", "RTDE"; and by those of plug-ins."""
 
     packets: int
     messages: Mapping[str, int]
@@ -64,9 +64,8 @@ def dissect_file(
     """Writes a line per datagram, report and message of the protocols in a capture, then a summary.
 
     `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP,
-    Linux usbmon, Bluetooth HCI (H4), or what a plug-in reads. Reading stops at the packet with
-    which `limit` datagrams, reports, frames and messages are reached. With `summary` the lines are
-    left out.
+    Linux usbmon, or of a link that a plug-in reads. Reading stops at the packet with which `limit`
+    datagrams, reports, frames and messages are reached. With `summary` the lines are left out.
     `numbers` are where protocols are looked for besides the usual places, by the keys of their
     dissectors' options: `egm_ports` are UDP ports a PC listens at besides EGM_PORTS,
     `simple_message_ports` TCP ports of a controller besides SIMPLE_MESSAGE_PORTS, `rtde_ports` such

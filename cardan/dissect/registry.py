@@ -16,7 +16,6 @@ BUILT_IN = {
     "joint_stream": "cardan.dissect.dissectors.datagrams:JointStream",
     "simple_message": "cardan.dissect.dissectors.streams:SimpleMessage",
     "rtde": "cardan.dissect.dissectors.streams:Rtde",
-    "wiimote": "cardan.dissect.dissectors.devices:Wiimote",
 }
 """Our own. Packets are offered in this order, then to those of other packages by name: what goes to
 or from a port of EGM is EGM's, whatever it begins with."""

@@ -23,7 +23,6 @@ BUILT_IN = {
     "ros2-device": "cardan.sim_peers.ros2_device.command:Ros2Device",
     "spacemouse": "cardan.sim_peers.spacemouse.command:SpaceMouse",
     "ur": "cardan.sim_peers.ur_controller.command:Ur",
-    "wiimote": "cardan.sim_peers.wiimote.command:Wiimote",
     "xr": "cardan.sim_peers.handheld.command:XrPage",
 }
 """Our own peers. Other packages add theirs by an entry point of the same form."""

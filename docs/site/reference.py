@@ -57,7 +57,6 @@ PROTOCOLS = (
     "rosbridge",
     "simple_message",
     "spnav",
-    "wiimote",
 )
 
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from cardan.dissect import bluetooth, dissect_file, network, tcp, usbmon
+from cardan.dissect import dissect_file, network, tcp, usbmon
 from cardan.dissect.capture import Capture, CapturedPacket
 from cardan.errors import CaptureError, ConfigurationError, OptionError
 from cardan.gateway.recording.engine import replay_engine
@@ -26,6 +26,7 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ur import rtde
 from cardan_jr3 import capture as jr3_capture
+from cardan_wiimote import bluetooth
 from fuzz.target import Form, Packets, Target
 from fuzz.targets import devices, robots
 from tests.dissect import worked

@@ -15,7 +15,6 @@ from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
 from cardan.drivers.leap import LeapCore, LeapOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
-from cardan.drivers.wiimote import WiimoteCore, WiimoteOptions
 from cardan.protocols import (
     connexion,
     evdev,
@@ -23,7 +22,6 @@ from cardan.protocols import (
     leap,
     spnav,
     uevent,
-    wiimote as wm,
 )
 from cardan.protocols.evdev import requests as evdev_requests, uinput
 from cardan.protocols.hid import MalformedReport
@@ -35,6 +33,8 @@ from cardan_jr3.driver.core import ZERO_LOST_REASON
 from cardan_serial_mice import protocol as cs
 from cardan_serial_mice.driver.session import SerialSession
 from cardan_serial_mice.protocol import models as serial_models
+from cardan_wiimote import protocol as wm
+from cardan_wiimote.driver import WiimoteCore, WiimoteOptions
 from fuzz.target import Form, Packets, Target
 from fuzz.targets.common import (
     all_finite,
@@ -46,8 +46,8 @@ from fuzz.targets.common import (
     text_of,
 )
 from tests.dissect import worked
-from tests.drivers import evdev_bench, leap_frames, wiimote_bench
-from tests.plugin_rigs import jr3_rig
+from tests.drivers import evdev_bench, leap_frames
+from tests.plugin_rigs import jr3_rig, wiimote_bench
 
 _HANDHELD = Path(__file__).parents[2] / "tests/protocols/handheld_vectors.json"
 

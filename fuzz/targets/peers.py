@@ -26,12 +26,12 @@ from cardan.sim_peers.omni import hand as omni_hand
 from cardan.sim_peers.omni.settings import parse_omni_faults
 from cardan.sim_peers.spacemouse import SimulatedSpaceMouse, hand as mouse_hand
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
-from cardan.sim_peers.wiimote import SimulatedWiimote, hand as wiimote_hand
 from cardan_jr3.peer import SimulatedJr3, hand as jr3_hand, socketcand
 from cardan_jr3.protocol import TEO_SENSORS
 from cardan_serial_mice.peer.core import simulated_serial_puck
 from cardan_serial_mice.protocol import models
 from cardan_spnav_server.core import SpnavServerCore
+from cardan_wiimote.peer import SimulatedWiimote, hand as wiimote_hand
 from fuzz.target import Form, Packets, Target
 from fuzz.targets import devices, robots
 from fuzz.targets.common import Clients, all_finite, text_of

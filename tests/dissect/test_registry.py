@@ -153,4 +153,4 @@ def test_looking_at_dissectors_needs_no_scapy():
         "print(*(d.name for d in registry.dissectors()), sep=', ')"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout == "EGM, 3Dconnexion, joint stream, simple message, RTDE, Wiimote, JR3\n"
+    assert found.stdout == "EGM, 3Dconnexion, joint stream, simple message, RTDE, JR3, Wiimote\n"

@@ -672,18 +672,25 @@ def test_no_libusb_is_no_obstacle_but_a_loose_plug_is(only_usb):
     assert "plug it in again" in row.obstacle
 
 
+class OtherMouse(SpaceMouse):
+    """A second driver that hidapi hides the devices of."""
+
+    summary = "other mice"
+
+
 def test_the_table_says_once_what_hides_the_devices_of_several_drivers(
     only_usb, monkeypatch, capsys
 ):
     only_usb(ON_USB)
     monkeypatch.setitem(sys.modules, "hidraw", None)
     monkeypatch.setitem(sys.modules, "hid", None)
-    monkeypatch.setattr(registry, "names", lambda: ("spacemouse", "wiimote"))
+    monkeypatch.setitem(registry.BUILT_IN, "other_mouse", f"{__name__}:OtherMouse")
+    monkeypatch.setattr(registry, "names", lambda: ("spacemouse", "other_mouse"))
     monkeypatch.setenv("COLUMNS", "400")
     cli.devices()
     said = capsys.readouterr().out
     assert said.count("pip install hidapi") == 1
-    assert "3Dconnexion devices, Wii Remotes  spacemouse, wiimote" in said
+    assert "3Dconnexion devices, other mice  spacemouse, other_mouse" in said
     assert "SpaceMouse Compact (port 1-2)" in said
 
 

@@ -13,7 +13,6 @@ from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav import Spnav
 from cardan.drivers.tcp_robot import Link as TcpLink
-from cardan.drivers.wiimote import Wiimote
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions
 from cardan.types import HoldCommand
 
@@ -116,15 +115,6 @@ def test_reports_of_a_spacemouse(tap):
     mouse.tap = tap
     mouse._take(bytes(7))
     assert tap == [(bytes(7), False, "")]
-
-
-def test_reports_of_a_wiimote_both_ways(tap):
-    remote, link = Wiimote(), Link(b"\x20\0\0\0\0\0\0")
-    remote.tap, remote._remote = tap, link
-    remote._core.on_opened(0.0)
-    remote._serve(link.stop)
-    assert [data for data, sent, _ in tap if not sent] == [b"\x20\0\0\0\0\0\0"]
-    assert [data for data, sent, _ in tap if sent] == link.written[: len(tap) - 1]
 
 
 def test_packets_of_a_gamepad(tap):

@@ -13,10 +13,8 @@ import pytest
 from cardan.drivers.gamepad import Gamepad
 from cardan.drivers.spacemouse import list_devices
 from cardan.drivers.udev import udev_rules
-from cardan.drivers.wiimote import Wiimote
 from cardan.sim_peers.evdev import EvdevPeer, EvdevPeerOptions
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
-from cardan.sim_peers.wiimote import WiimotePeer, WiimotePeerOptions
 from tests.kernel.usbip import attach, is_unplugged
 from tests.kernel.waiting import wait_for
 from tests.serving import in_a_thread
@@ -34,7 +32,7 @@ def udevadm(*words: str) -> str:
 
 @pytest.fixture(autouse=True)
 def rules(modules: Callable[..., None]) -> Iterator[None]:
-    modules("uhid", "hid-generic", "hid-wiimote", "evdev", "uinput")
+    modules("uhid", "hid-generic", "evdev", "uinput")
     modules("vhci-hcd", "usbhid", "hid-logitech")
     RULES.write_text(udev_rules())
     package = Path(shutil.which("udevadm") or "").parents[1] / "lib/udev/rules.d"
@@ -76,14 +74,6 @@ def test_the_rules_give_both_nodes_of_a_spacenavigator_to_the_user():
         wait_for(lambda: given_to_the_user("/dev/bus/usb/{:03}/{:03}".format(*numbers)))
         wait_for(lambda: given_to_the_user(f"/dev/{hidraw.name}"))
     wait_for(is_unplugged)
-
-
-@pytest.mark.judged(device="Wiimote", transport="hidraw, udev rules", by="Debian udevd")
-@pytest.mark.parametrize("tr", [False, True])
-def test_the_rules_give_a_wiimote_to_the_user(tr):
-    with in_a_thread(WiimotePeer(WiimotePeerOptions(uhid=True, tr=tr, script="rest"))):
-        (found,) = wait_for(Wiimote.find)
-        wait_for(lambda: given_to_the_user(found.path))
 
 
 @pytest.mark.judged(device="Gamepad", transport="evdev, udev rules", by="Debian udevd")

@@ -29,8 +29,8 @@ from cardan.sim_peers.ros2_arm.options import RosArmOptions
 from cardan.sim_peers.ros2_arm.peer import RosArmPeer
 from cardan.sim_peers.ros2_device.peer import NodePeer, NodePeerOptions
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions, hand as puck
-from cardan.sim_peers.wiimote import hand as remote
-from cardan.sim_peers.wiimote.peer import WiimotePeer, WiimotePeerOptions
+from cardan_wiimote.peer import hand as remote
+from cardan_wiimote.peer.peer import WiimotePeer, WiimotePeerOptions
 
 COMM_TIMEOUT_S = 0.2
 """EGM's, as docs/abb-egm.md sets it."""

@@ -157,7 +157,7 @@ class Packages(Check):
         try:
             load_hid("hid")
         except DriverError as error:
-            why = "SpaceMouse and Wii Remote are read by it"
+            why = "devices by hidraw, such as a SpaceMouse, are read by it"
             yield failure("hidapi", str(error), why, "pip install --force-reinstall hidapi")
 
 

@@ -3,9 +3,9 @@
 import pytest
 
 from cardan.drivers.base import OperatorDevice
+from cardan.drivers.gamepad import Gamepad
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
 from cardan.drivers.spnav.core import usual_full_scales
-from cardan.drivers.wiimote import Wiimote
 from cardan.protocols.connexion import MODELS, model_by_key
 from cardan.protocols.spnav import (
     DEVICE_TYPES,
@@ -192,8 +192,8 @@ def test_a_name_that_is_given_wins():
 
 
 def test_other_devices_have_only_a_name():
-    assert identity_of(Wiimote()) == DeviceIdentity("Cardan")
-    assert identity_of(Wiimote(), "Remote") == DeviceIdentity("Remote")
+    assert identity_of(Gamepad()) == DeviceIdentity("Cardan")
+    assert identity_of(Gamepad(), "Pad") == DeviceIdentity("Pad")
     assert identity_of(SpaceMouse()) == DeviceIdentity("Cardan")  # until it is open
 
 

@@ -150,7 +150,6 @@ GP8_PORTS = 'ports = ["robot.motion_port", "robot.state_port", "robot.io_port"]'
             for driver, transport in (
                 ("gamepad", "evdev"),
                 ("keyboard", "evdev"),
-                ("wiimote", "hidraw"),
             )
         ),
         (

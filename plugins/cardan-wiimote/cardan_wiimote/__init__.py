@@ -1,0 +1,1 @@
+"""Nintendo's Wii Remotes, for Cardan."""

@@ -1,0 +1,53 @@
+"""The suite of a Wii Remote."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from cardan.conform.conduct import Conduct
+from cardan.conform.requirements import Level
+from cardan.conform.suite import Suite, Transport
+from cardan.conform.timeline import Timeline
+from cardan.conform.wires import DeviceFile, Wires
+from cardan_wiimote.conform.pilot import WiimotePilot
+from cardan_wiimote.conform.requirements import requires
+from cardan_wiimote.conform.rig import WiimoteRig
+from cardan_wiimote.conform.seen import WiimoteSeen
+
+
+class Wiimote(Suite[WiimoteSeen]):
+    """A Wii Remote with a Nunchuk, report by report."""
+
+    name = "wiimote"
+    judges = "the device"
+    speaks = "HID reports over Bluetooth, about 100 a second"
+    target = "/dev/hidrawN of the remote, which `cardan devices` names"
+    peer = "wiimote"
+    requirements = requires.all()
+    transport = Transport("other")
+    seconds = 1.2
+    # While data come.
+    tried_with: ClassVar[Mapping[str, float]] = {
+        "silence": 1.2,
+        "out-of-range": 1.2,
+        "in-range": 2.0,
+        "power-off": 1.2,
+        "power-on": 2.0,
+        "close-control": 1.2,
+        "close-interrupt": 1.2,
+        "battery-low": 1.2,
+        "stolen-mode": 1.2,
+    }
+
+    def see(self, timeline: Timeline) -> WiimoteSeen:
+        return WiimoteSeen(timeline)
+
+    def pilot(self, level: Level, seconds: float) -> WiimotePilot:
+        return WiimotePilot(level, seconds)
+
+    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+        WiimoteRig(conduct, faults, seed).run()
+
+    def wires(self, target: str) -> Wires:
+        return DeviceFile(target)

@@ -1,0 +1,19 @@
+"""A simulated Wii Remote: its memory and sensors, the hand that holds it, and ways to reach it."""
+
+from cardan_wiimote.peer.core import (
+    ExtensionName as ExtensionName,
+    LogEntry as LogEntry,
+    SimulatedWiimote as SimulatedWiimote,
+)
+from cardan_wiimote.peer.faults import (
+    FAULTS as FAULTS,
+)
+from cardan_wiimote.peer.hand import (
+    SCRIPT_VERBS as SCRIPT_VERBS,
+    SCRIPTS as SCRIPTS,
+    ScriptedHand as ScriptedHand,
+)
+from cardan_wiimote.peer.peer import (
+    WiimotePeer as WiimotePeer,
+    WiimotePeerOptions as WiimotePeerOptions,
+)
