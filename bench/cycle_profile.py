@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.egm_latency import ANSWER_WITHIN_S, PERIOD_S, SESSIONS
-from cardan.gateway.session.examples import free_ports
+from cardan.demos.examples import free_ports
 from cardan.gateway.session.launched import launched
 from studies.cartesian.controller import START, datagram, obeyed
 

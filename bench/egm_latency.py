@@ -20,7 +20,7 @@ from collections.abc import Iterator
 from bench import native
 from bench.figures import Aim, Figures
 from bench.responders import C_ECHO, KINDS
-from cardan.gateway.session.examples import free_ports
+from cardan.demos.examples import free_ports
 from studies.cartesian.controller import START, datagram, obeyed, session
 
 CYCLES = 5000

@@ -17,11 +17,11 @@ import time
 from collections.abc import Iterator
 from typing import Any, ClassVar
 
+from cardan.common.realtime import ask_for_real_time
 from cardan.drivers import registry
 from cardan.drivers.sim_arm import SimArm
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
-from cardan.realtime import ask_for_real_time
 from cardan.types import RobotCommand, RobotState
 
 TURN_S, TURNS = 6.0, 4

@@ -1,6 +1,6 @@
 """``python -m cardan`` is the ``cardan`` command."""
 
-from cardan.shortage import run
+from cardan.common.shortage import run
 
 
 def main() -> None:

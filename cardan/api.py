@@ -5,6 +5,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Literal, overload
 
+from cardan.common.plugins import reason
 from cardan.drivers import registry
 from cardan.drivers.base import (
     Driver as Driver,
@@ -31,7 +32,6 @@ from cardan.errors import (
     OutOfReachError as OutOfReachError,
     ScriptError as ScriptError,
 )
-from cardan.plugins import reason
 from cardan.types import (
     Axes as Axes,
     ButtonEvent as ButtonEvent,

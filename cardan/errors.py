@@ -19,7 +19,7 @@ of each when it comes and what to do.
     |   +-- ExtraMissingError     a package that only some need is not installed
     |   +-- NativeMissingError    cardan.drivers.omni.native: the compiled force loop is missing
     +-- ScriptError           a simulated peer's script or fault switch is wrong
-    +-- NativePartError       cardan.native: a compiled part is missing or of other sources
+    +-- NativePartError       cardan.common.native: a compiled part is missing or of other sources
     +-- CaptureError          a capture file cannot be read
     +-- ControlError          cardan.gateway.daemon.control: a request that the daemon refuses
     +-- MotionRefusedError    a verb of the Cartesian interface was refused; nothing changed
@@ -39,7 +39,7 @@ import reprlib
 from collections.abc import Iterator
 from typing import Any
 
-from cardan.printable import printable
+from cardan.common.printable import printable
 
 _MOST_SHOWN = 300
 """Characters of a value, or of a key, in a message: enough for 40 numbers, which EGM carries."""

@@ -8,8 +8,8 @@ from typing import Annotated
 import typer
 
 from cardan.cli.common import EXIT_INCOMPLETE, print_table
+from cardan.common.printable import printable
 from cardan.errors import ConfigurationError
-from cardan.printable import printable
 
 
 def evaluate(

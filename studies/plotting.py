@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from cardan import arm_libraries as arm_libraries  # numpy, which matplotlib needs.
-from cardan.extras import missing_extra
+from cardan.common import arm_libraries as arm_libraries  # numpy, which matplotlib needs.
+from cardan.common.extras import missing_extra
 from studies.result import Drawn
 
 try:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from cardan import files
+from cardan.common import files
 from cardan.errors import CardanError, ConfigurationError, ExtraMissingError
 from studies import conditions, document
 from studies.document import Block, Heading, Paragraph, Picture, Points

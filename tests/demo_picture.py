@@ -23,8 +23,8 @@ import pinocchio as pin
 from mcap.reader import make_reader
 from PIL import Image, ImageColor, ImageDraw, ImageFont
 
+from cardan.demos.examples import find_demos
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.session.examples import find_demos
 from cardan.robots import load_arm
 from tests.serving import free_endpoint, free_udp_port, served
 

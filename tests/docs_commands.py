@@ -61,7 +61,7 @@ PEER = re.compile(
 """Run until they serve."""
 
 DAEMON = "tests/gateway/daemon"
-RECORDS = "tests/gateway/recording/test_commands.py"
+RECORDS = "tests/recording/test_commands.py"
 RUN = {
     r"cardan run examples/ros2/": "tests/test_ros2_examples.py::test_the_programs_move_the_arm",
     r"cardan run examples/[\w-]+-simulated\.toml": "tests/test_device_examples.py::test_the_example_runs",
@@ -71,8 +71,8 @@ RUN = {
     r"cardan demo ros2-(joy|spacenav)": "tests/test_device_examples.py::test_the_example_runs",
     r"cardan demo (phone-ur5)": "tests/test_device_examples.py::test_the_example_runs",
     r"cardan demo omni-sphere": "tests/test_device_examples.py::test_the_haptic_example_runs_and_is_felt",
-    r"cardan demo omni ": "tests/gateway/session/test_demo.py::test_the_drawing_runs_and_is_felt",
-    r"cardan demo console": "tests/gateway/session/test_console_demo.py::test_the_page_waits_for_a_person_and_says_where",
+    r"cardan demo omni ": "tests/demos/test_demo.py::test_the_drawing_runs_and_is_felt",
+    r"cardan demo console": "tests/demos/test_console.py::test_the_page_waits_for_a_person_and_says_where",
     r"cardan demo lever-ur5": "tests/test_template_packages.py::test_its_demos_run",
     r"cardan (drivers|sim) lever": "tests/test_template_packages.py::test_it_is_in_every_list",
     r"cardan doctor": "tests/test_doctor_command.py::test_what_fails_stands_with_why_and_the_command_that_mends_it",
@@ -87,9 +87,9 @@ RUN = {
     r"sudo cardan service install": f"{DAEMON}/test_service.py",
     r"cardan record": f"{RECORDS}::test_a_record_is_ended_by_ctrl_c",
     r"cardan replay --engine": f"{RECORDS}::test_the_engine_is_replayed_in_another_process",
-    r"cardan replay": "tests/gateway/recording/test_replay.py::test_topics_can_be_chosen",
-    r"cardan export": "tests/gateway/recording/test_export.py::test_as_a_program",
-    r"cardan plot": "tests/gateway/recording/test_plot.py::test_a_picture",
+    r"cardan replay": "tests/recording/test_replay.py::test_topics_can_be_chosen",
+    r"cardan export": "tests/recording/test_export.py::test_as_a_program",
+    r"cardan plot": "tests/recording/test_plot.py::test_a_picture",
     r"cardan dissect": "tests/dissect",
     r"cardan conform --(list|compare)": "tests/test_conform_command.py",
     r"cardan conform \w+ --target": "tests/conform/test_live.py",

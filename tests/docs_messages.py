@@ -66,21 +66,28 @@ PAGES = {
                 (
                     "gateway/session/config.py",
                     "gateway/session/assembly.py",
-                    "gateway/session/examples.py",
-                    "tables.py",
-                    "options.py",
-                    "bounds.py",
-                    "plugins.py",
-                    "files.py",
+                    "demos/examples.py",
+                    "common/tables.py",
+                    "common/options.py",
+                    "common/bounds.py",
+                    "common/plugins.py",
+                    "common/files.py",
                     "errors.py",
-                    "histogram.py",
+                    "common/histogram.py",
                     "__init__.py",
                 ),
                 "correct the setting: [configuration](../configuration.md)",
             ),
             Part(
                 "The command line",
-                ("cli", "output.py", "logs.py", "signals.py", "shortage.py", "printable.py"),
+                (
+                    "cli",
+                    "common/output.py",
+                    "common/logs.py",
+                    "common/signals.py",
+                    "common/shortage.py",
+                    "common/printable.py",
+                ),
                 "`cardan COMMAND --help`; [exit codes](../first-ten-minutes.md#ctrl-c-and-exit-codes)",
             ),
             Part(
@@ -90,7 +97,7 @@ PAGES = {
             ),
             Part(
                 "What is not installed",
-                ("extras.py", "arm_libraries.py", "native.py"),
+                ("common/extras.py", "common/arm_libraries.py", "common/native.py"),
                 "[installing](../installing.md)",
             ),
         ),
@@ -112,7 +119,13 @@ PAGES = {
             _driver("Gamepads", "gamepad", "gamepad.md", "drivers/evdev"),
             _driver("Keyboards", "keyboard", "keyboard.md"),
             _driver("JR3 force-torque sensor", "cardan-jr3/cardan_jr3/driver", "jr3.md"),
-            _driver("Phantom Omni and Touch", "omni", "omni.md", "drivers/haptic.py", "haptics.py"),
+            _driver(
+                "Phantom Omni and Touch",
+                "omni",
+                "omni.md",
+                "drivers/haptic.py",
+                "common/haptics.py",
+            ),
             _driver("Phones and headsets", "handheld", "phone.md", "drivers/phone", "drivers/xr"),
             _driver(
                 "Devices of ROS 2",
@@ -135,7 +148,13 @@ PAGES = {
             _driver("The simulated arm", "sim_arm", "simulated-arm.md", "drivers/simulated.py"),
             Part(
                 "All drivers",
-                ("drivers", "api.py", "openable.py", "sockets.py", "realtime.py"),
+                (
+                    "drivers",
+                    "api.py",
+                    "common/openable.py",
+                    "common/sockets.py",
+                    "common/realtime.py",
+                ),
                 "`cardan devices`, `cardan doctor FILE`; `diagnosis()` of the driver",
             ),
         ),
@@ -147,7 +166,7 @@ PAGES = {
         (
             Part(
                 "Verbs, streams and supervision",
-                ("gateway/arm", "braking.py", "spatial.py"),
+                ("gateway/arm", "common/braking.py", "spatial.py"),
                 "[what stops it](../who-moves-the-arm.md#what-stops-it) has each cause, and how to go on",
             ),
             Part(
@@ -162,7 +181,7 @@ PAGES = {
             ),
             Part(
                 "Sessions",
-                ("gateway/session", "gateway/common"),
+                ("gateway/session", "demos", "common"),
                 "[what stops it](../who-moves-the-arm.md#what-stops-it); `cardan doctor FILE`",
             ),
         ),
@@ -179,12 +198,12 @@ PAGES = {
             ),
             Part(
                 "Records",
-                ("gateway/recording",),
+                ("recording",),
                 "[recording and replay](../recording.md), [data sets](../lerobot.md#records-as-data-sets)",
             ),
             Part(
                 "Robot learning",
-                ("gateway/learning",),
+                ("learning",),
                 "[LeRobot](../lerobot.md)",
             ),
             Part(
@@ -250,7 +269,7 @@ PAGES = {
 }
 """By the name of the file. The doctor's findings have a page of their own, docs/doctor.md."""
 
-DOCTOR = Part("The doctor", ("gateway/doctor",), "")
+DOCTOR = Part("The doctor", ("doctor",), "")
 
 ADVICE = {
     r"not seen at rest yet": "let go of the device once: nothing moves by what was held when it was opened",

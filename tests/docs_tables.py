@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from cardan.demos.examples import find_demos
 from cardan.drivers import registry as drivers
 from cardan.drivers.base import Driver, OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
-from cardan.gateway.session.examples import find_demos
 from cardan.protocols.connexion import MODELS
 from cardan.sim_peers import registry as peers
 from cardan_serial_mice.driver import SpaceMouseSerial

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from hypothesis import strategies as st
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
 
 Strategy = st.SearchStrategy[Any]
 

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cardan.gateway.session.examples import Demo, find_demos
+from cardan.demos.examples import Demo, find_demos
 from cardan.sim_peers.base import SimulatedPeer
 
 _P = TypeVar("_P", bound=SimulatedPeer)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cardan.common.tables import as_table
 from cardan.drivers.motoros import Motoros
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.motion import Outcome
@@ -15,7 +16,6 @@ from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session.assembly import load_config, make_arm, make_controller
 from cardan.robots import load_arm
-from cardan.tables import as_table
 from cardan.types import DeviceLink, DeviceState
 from tests.drivers.motoros_rig import Rig
 

@@ -8,14 +8,14 @@ from typing import Any, get_args
 
 import pytest
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
+from cardan.common.options import check_options, hints
+from cardan.common.tables import keys_of, read_table
 from cardan.drivers import registry
 from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.session.config import SessionConfig
-from cardan.options import check_options, hints
 from cardan.sim_peers import registry as peers
-from cardan.tables import keys_of, read_table
 from tests.docs_tables import ours
 from tests.ranges import spoilt
 

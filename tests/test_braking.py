@@ -2,7 +2,7 @@
 
 from hypothesis import given, strategies as st
 
-from cardan.braking import stopping_speed
+from cardan.common.braking import stopping_speed
 
 EPSILON = 1e-9
 periods = st.floats(1e-3, 0.05)

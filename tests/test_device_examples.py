@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from cardan.demos.examples import free_ports
 from cardan.drivers.omni import OmniOptions
 from cardan.gateway.session.assembly import load_config
-from cardan.gateway.session.examples import free_ports
 from cardan.gateway.session.launched import launched
 from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.supervisor import supervise

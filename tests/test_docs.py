@@ -14,7 +14,10 @@ import pytest
 import typer.main
 
 from cardan import cli
-from cardan.bounds import Range
+from cardan.common.bounds import Range
+from cardan.common.options import hints
+from cardan.common.tables import keys_of, read_table
+from cardan.demos.examples import Demo
 from cardan.drivers import registry
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
@@ -23,11 +26,8 @@ from cardan.gateway.daemon.layout import read_layout
 from cardan.gateway.hand.filters.camera import CameraOptions
 from cardan.gateway.hand.filters.proximity import ProximityOptions
 from cardan.gateway.session import assembly, config
-from cardan.gateway.session.examples import Demo
-from cardan.options import hints
 from cardan.protocols import connexion, egm, simple_message as sm
 from cardan.sim_peers import registry as peers
-from cardan.tables import keys_of, read_table
 from cardan.types import Pose, Quaternion, Vector3
 from cardan_serial_mice.peer import SERIAL_FAULTS
 from tests.docs_tables import ours

@@ -2,9 +2,9 @@
 
 import pytest
 
+from cardan.demos.examples import find_demos
 from cardan.drivers import registry as drivers
 from cardan.drivers.base import OperatorDevice
-from cardan.gateway.session.examples import find_demos
 from cardan.sim_peers import registry as peers
 from tests import docs_tables
 

@@ -6,8 +6,8 @@ import socket
 
 import pytest
 
-from cardan.gateway.doctor.base import Subject
-from cardan.gateway.doctor.ports import bound_sockets
+from cardan.doctor.base import Subject
+from cardan.doctor.ports import bound_sockets
 from tests import installed
 from tests.programs import Program, until
 from tests.test_cli import cardan
@@ -17,7 +17,7 @@ pytestmark = pytest.mark.matrix
 ROBOT = '[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n'
 
 CHECK = '''
-from cardan.gateway.doctor.base import Check, failure
+from cardan.doctor.base import Check, failure
 
 
 class Lever(Check):

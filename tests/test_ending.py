@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from bench.killed import REST_M_S, ROBOTS, WINDOW_S, Watch, driven
-from cardan.signals import signal_name
+from cardan.common.signals import signal_name
 from tests.programs import Program
 from tests.test_cli import ENVIRONMENT, EXAMPLES
 from tests.waiting import WITHIN_S, until

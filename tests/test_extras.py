@@ -8,21 +8,21 @@ from pathlib import Path
 
 import pytest
 
+from cardan.common.extras import missing_extra
 from cardan.errors import ExtraMissingError
-from cardan.extras import missing_extra
 
 PROJECT = (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8")
 NEEDED = [
-    ("coal", "arm", "import cardan.arm_libraries"),
+    ("coal", "arm", "import cardan.common.arm_libraries"),
     ("scapy.fields", "dissect", "import cardan.dissect._scapy"),
     ("cbor2", "network", "import cardan.protocols.rosbridge.forms"),
     ("zenoh", "network", "from cardan.bus.node import zenoh_module; zenoh_module()"),
     ("xxhash", "network", "from cardan.bus.node import gid_of_token; gid_of_token('token')"),
-    ("mcap", "record", "from cardan.gateway.recording.mcap_file import _installed; _installed()"),
+    ("mcap", "record", "from cardan.recording.mcap_file import _installed; _installed()"),
     (
         "matplotlib",
         "evaluate",
-        "from pathlib import Path; from cardan.gateway.recording.plot import plot; "
+        "from pathlib import Path; from cardan.recording.plot import plot; "
         "plot(Path('a.mcap'), Path('a.png'))",
     ),
     ("matplotlib.pyplot", "evaluate", "import studies.plotting"),

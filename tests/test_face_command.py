@@ -16,11 +16,11 @@ from cardan.bus import survey
 from cardan.bus.options import BusOptions
 from cardan.cli import app
 from cardan.cli.face import check_words, face
+from cardan.common.options import CODE_ONLY, Options
+from cardan.common.plugins import IN_SOURCE_TREE
 from cardan.errors import ConfigurationError
 from cardan.gateway.faces import registry
 from cardan.gateway.faces.base import Face
-from cardan.options import CODE_ONLY, Options
-from cardan.plugins import IN_SOURCE_TREE
 from tests.serving import free_endpoint
 
 WIDE = {"COLUMNS": "400", "NO_COLOR": "1", "TERM": "dumb"}

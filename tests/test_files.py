@@ -8,14 +8,14 @@ import stat
 
 import pytest
 
+from cardan.common.files import TEXT_BYTES, create_file, read_text, state_folder
+from cardan.common.tables import read_toml
 from cardan.dissect.capture import Capture
 from cardan.errors import CaptureError, ConfigurationError, ScriptError
-from cardan.files import TEXT_BYTES, create_file, read_text, state_folder
 from cardan.gateway.kinematics.soft_neck import load_soft_neck
 from cardan.gateway.session.assembly import load_config
 from cardan.robots.arm_model import load_arm
 from cardan.sim_peers.base import load_script
-from cardan.tables import read_toml
 
 
 @pytest.fixture(params=["a pipe", "a device", "a directory", "a socket"])

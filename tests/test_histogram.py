@@ -7,7 +7,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.histogram import LatencyHistogram
+from cardan.common.histogram import LatencyHistogram
 
 
 def exact_percentile(values: list[float], p: float) -> float:

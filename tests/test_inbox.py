@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from cardan.inbox import Inbox, InboxEmptyError
+from cardan.common.inbox import Inbox, InboxEmptyError
 
 
 class StandIn:

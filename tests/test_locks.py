@@ -13,7 +13,7 @@ from packaging.markers import default_environment
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
-from cardan.gateway.session.examples import find_demos
+from cardan.demos.examples import find_demos
 
 if sys.version_info >= (3, 11):
     import tomllib

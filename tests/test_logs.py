@@ -11,8 +11,8 @@ import sys
 
 import pytest
 
-from cardan import logs
-from cardan.logs import LogFormat, fields, found_format, log_to_stderr
+from cardan.common import logs
+from cardan.common.logs import LogFormat, fields, found_format, log_to_stderr
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def test_what_cannot_be_logged_harms_nobody(logging_set_up, monkeypatch):
     logging.getLogger("cardan.test").warning("lost")
 
 
-@pytest.mark.parametrize("module", ["cardan.logs", "cardan.cli"])
+@pytest.mark.parametrize("module", ["cardan.common.logs", "cardan.cli"])
 def test_it_is_imported_by_every_python(module):
     done = subprocess.run(
         [sys.executable, "-c", f"import {module}"], capture_output=True, text=True

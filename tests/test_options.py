@@ -13,15 +13,9 @@ from typing import Annotated, Any, Literal, NamedTuple, get_args
 
 import pytest
 
-from cardan import bounds
-from cardan.bounds import LINEAR_SPEED_M_S, Range
-from cardan.drivers import registry as driver_registry
-from cardan.drivers.abb_egm import AbbEgm
-from cardan.drivers.omni.limits import UncheckedLimits
-from cardan.errors import ConfigurationError, OptionError, shown
-from cardan.gateway.hand.filters import registry as filter_registry
-from cardan.gateway.hand.mapping import MappingOptions
-from cardan.options import (
+from cardan.common import bounds
+from cardan.common.bounds import LINEAR_SPEED_M_S, Range
+from cardan.common.options import (
     Options,
     check_options,
     check_value,
@@ -31,6 +25,12 @@ from cardan.options import (
     require,
     require_each,
 )
+from cardan.drivers import registry as driver_registry
+from cardan.drivers.abb_egm import AbbEgm
+from cardan.drivers.omni.limits import UncheckedLimits
+from cardan.errors import ConfigurationError, OptionError, shown
+from cardan.gateway.hand.filters import registry as filter_registry
+from cardan.gateway.hand.mapping import MappingOptions
 from cardan.sim_peers import registry as peer_registry
 from tests.docs_tables import ours
 from tests.ranges import found_in, spoilt

@@ -9,8 +9,8 @@ import threading
 
 import pytest
 
-from cardan import output
-from cardan.output import (
+from cardan.common import output
+from cardan.common.output import (
     AT_ONCE_BYTES,
     MAX_WAITING_BYTES,
     READ_WITHIN_S,

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from cardan.common.plugins import IN_SOURCE_TREE, Finder, reason
+from cardan.common.signals import EndingSignalError
 from cardan.errors import ConfigurationError, ExtraMissingError
-from cardan.plugins import IN_SOURCE_TREE, Finder, reason
-from cardan.signals import EndingSignalError
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -100,7 +100,7 @@ def test_what_is_not_of_the_kind_is_refused(finder, name, target):
 
 def test_a_signal_that_ends_the_program_is_no_fault_of_a_plug_in(tmp_path, monkeypatch):
     (tmp_path / "plugin_that_is_interrupted.py").write_text(
-        "from cardan.signals import EndingSignalError\nraise EndingSignalError(130)"
+        "from cardan.common.signals import EndingSignalError\nraise EndingSignalError(130)"
     )
     monkeypatch.syspath_prepend(tmp_path)
     points = [EntryPoint("slow", "plugin_that_is_interrupted:Trap", "group")]

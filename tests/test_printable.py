@@ -10,9 +10,9 @@ from hypothesis import given, strategies as st
 
 import cardan.cli
 from cardan.cli.common import print_table
+from cardan.common.plugins import reason
+from cardan.common.printable import PrintableFormatter, printable
 from cardan.errors import ConfigurationError, DeviceAccessError
-from cardan.plugins import reason
-from cardan.printable import PrintableFormatter, printable
 
 NASTY = "seen\x1b[2J\r\nforged\x9b"
 SHOWN = r"seen\x1b[2J\r\nforged\x9b"

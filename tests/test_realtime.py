@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from cardan import realtime
+from cardan.common import realtime
 
 A_SESSION = """
 import io, socket, sys

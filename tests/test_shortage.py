@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from cardan.plugins import reason
-from cardan.shortage import run, shortage
+from cardan.common.plugins import reason
+from cardan.common.shortage import run, shortage
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 UNMAPPED = "libx.so: failed to map segment from shared object"

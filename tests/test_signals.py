@@ -6,7 +6,7 @@ import threading
 
 import pytest
 
-from cardan.signals import (
+from cardan.common.signals import (
     ENDING_SIGNALS,
     EndingSignalError,
     on_ending,

@@ -10,9 +10,16 @@ import threading
 
 import pytest
 
-from cardan import sockets
+from cardan.common import sockets
+from cardan.common.sockets import (
+    EVERYBODY,
+    Advice,
+    UnixSocket,
+    UntrustedServerError,
+    absence,
+    connected,
+)
 from cardan.errors import AddressError
-from cardan.sockets import EVERYBODY, Advice, UnixSocket, UntrustedServerError, absence, connected
 
 
 @pytest.fixture

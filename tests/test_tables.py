@@ -12,11 +12,11 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
+from cardan.common.options import CODE_ONLY, Options, require
+from cardan.common.tables import AtMost, Tag, as_table, keys_of, read_table, read_toml
 from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError, OptionError
-from cardan.options import CODE_ONLY, Options, require
-from cardan.tables import AtMost, Tag, as_table, keys_of, read_table, read_toml
 
 LENGTH_M = Range(0.0, 10.0, "m", "no table is longer", above=True)
 

@@ -12,11 +12,11 @@ from types import SimpleNamespace
 import pytest
 
 import cardan
+from cardan.demos.examples import find_demos
 from cardan.drivers import base, registry as drivers
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import OptionError
 from cardan.gateway.session.assembly import load_config
-from cardan.gateway.session.examples import find_demos
 from cardan.sim_peers import registry as peers
 from cardan.types import DeviceLink, RobotLink
 from tests import installed

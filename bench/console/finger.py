@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from bench.network.clients import face
-from cardan.gateway.session.examples import free_ports
+from cardan.demos.examples import free_ports
 from studies.cartesian.controller import session
 from studies.cartesian.rig import (
     MODEL,

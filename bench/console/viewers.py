@@ -6,8 +6,8 @@ from contextlib import ExitStack
 
 from bench.network.audience import Place
 from bench.network.clients import Load, face, load
+from cardan.demos.examples import free_ports
 from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.gateway.session.examples import free_ports
 from studies.cartesian.controller import session
 from studies.cartesian.rig import (
     MODEL,

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from bench.egm_latency import MOVE, TOUCH
 from bench.network.listening import listener
-from cardan.gateway.session.examples import free_ports
+from cardan.demos.examples import free_ports
 from studies.cartesian.controller import session
 from studies.cartesian.rig import (
     MODEL,

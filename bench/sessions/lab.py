@@ -11,13 +11,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from bench.sessions.crowd import ARM, MODEL, Crowd, Played
+from cardan.common.tables import read_toml
+from cardan.demos.examples import free_ports
 from cardan.errors import DriverError
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.usage import processor_time_s
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.examples import free_ports
-from cardan.tables import read_toml
 
 STARTS_WITHIN_S = 90.0
 """Longest wait until sessions have begun: thirty that start at once take a while."""

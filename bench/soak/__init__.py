@@ -21,7 +21,7 @@ def main(words: Sequence[str] | None = None) -> None:
     """Run it, and print where the report is."""
     from bench.soak.page import rewrite_page
     from bench.soak.soak import Soak
-    from cardan.signals import on_ending
+    from cardan.common.signals import on_ending
 
     parser = argparse.ArgumentParser("python -m bench soak", description="A lab under faults.")
     parser.add_argument("--hours", type=float, default=2.0)

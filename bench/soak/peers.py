@@ -18,7 +18,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 
-from cardan.realtime import ask_for_real_time
+from cardan.common.realtime import ask_for_real_time
 from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
 from cardan.sim_peers.base import ScriptStep, SimulatedPeer
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer, Mode

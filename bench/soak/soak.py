@@ -16,7 +16,7 @@ from bench.soak.judge import Violation
 from bench.soak.lab import HANDS_OF
 from bench.soak.sampling import left_behind
 from bench.soak.watch import Watch
-from cardan.signals import signal_name
+from cardan.common.signals import signal_name
 
 REPORT_S: Final = 30.0
 

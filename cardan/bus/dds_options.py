@@ -6,9 +6,9 @@ import os
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
+from cardan.common.options import Options
 from cardan.errors import ConfigurationError
-from cardan.options import Options
 
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 

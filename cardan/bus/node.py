@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cardan.bus.options import BusOptions
+from cardan.common.extras import missing_extra
+from cardan.common.inbox import Inbox, InboxEmptyError
 from cardan.errors import ConfigurationError, DriverError
-from cardan.extras import missing_extra
-from cardan.inbox import Inbox, InboxEmptyError
 from cardan.protocols.ros2.interfaces import service_type
 from cardan.protocols.ros2.names import checked_name
 from cardan.protocols.ros2.zenoh import (

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
+from cardan.common.options import Options
 from cardan.errors import OptionError
-from cardan.options import Options
 
 ROUTER = "tcp/127.0.0.1:7447"
 """Where rmw_zenoh's router listens."""

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from cardan.bus.options import BusOptions
+from cardan.common.sockets import is_loopback, make_runtime_folder, runtime_path
 from cardan.errors import AddressError
-from cardan.sockets import is_loopback, make_runtime_folder, runtime_path
 from cardan.types import NEVER_S
 
 LOOK_PERIOD_S = 1.0

@@ -9,7 +9,7 @@ from typing import Protocol
 
 from cardan.bus.dds_options import DdsOptions
 from cardan.bus.node import Received
-from cardan.plugins import Finder
+from cardan.common.plugins import Finder
 from cardan.protocols.ros2.zenoh import DEFAULT_QOS, Qos
 
 ENTRY_POINT_GROUP = "cardan.buses"

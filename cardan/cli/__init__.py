@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cardan import __version__, output
+from cardan import __version__
 from cardan.cli import completion
 from cardan.cli.bus import echo, hz, network
 from cardan.cli.common import (
@@ -40,14 +40,15 @@ from cardan.cli.face import face
 from cardan.cli.installed import CardanCommands
 from cardan.cli.recording import export, plot, record, replay
 from cardan.cli.sim import sim
+from cardan.common import output
+from cardan.common.plugins import Loaded
+from cardan.common.printable import make_logs_printable, printable
+from cardan.common.shortage import shortage
+from cardan.common.signals import raised_on_ending
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
 from cardan.gateway.daemon.control import ControlError
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.plugins import Loaded
-from cardan.printable import make_logs_printable, printable
-from cardan.shortage import shortage
-from cardan.signals import raised_on_ending
 from cardan.types import DeviceLink, RobotLink
 
 if TYPE_CHECKING:
@@ -187,8 +188,8 @@ def demo(
     """Run an example against simulated peers, with no hardware: gofa (a SpaceMouse drives an ABB
     GoFa over EGM), gp8 (a Motoman GP8 over MotoROS), omni (a Phantom Omni draws with the GoFa's pen
     and feels its board), and more."""
-    from cardan.gateway.session.demo import check_length, choose_demo, run_demo
-    from cardan.gateway.session.examples import find_demos
+    from cardan.demos.demo import check_length, choose_demo, run_demo
+    from cardan.demos.examples import find_demos
 
     if list_:
         demos = find_demos()
@@ -213,7 +214,7 @@ def demo(
         raise typer.Exit
     begin_serving(verbose, log_level)
     if chosen.is_lab:
-        from cardan.gateway.daemon.demo import run_lab
+        from cardan.demos.lab import run_lab
 
         check_length(chosen, seconds)
         raise typer.Exit(run_lab(chosen, seconds))

@@ -14,10 +14,10 @@ import typer
 from cardan.bus.options import BusOptions
 from cardan.cli import completion
 from cardan.cli.common import EXIT_INCOMPLETE, AsJson, Seconds, print_json
+from cardan.common.inbox import Inbox, InboxEmptyError
+from cardan.common.options import suggestion
+from cardan.common.printable import printable
 from cardan.errors import ConfigurationError
-from cardan.inbox import Inbox, InboxEmptyError
-from cardan.options import suggestion
-from cardan.printable import printable
 
 if TYPE_CHECKING:
     from cardan.bus.network import Topic
@@ -189,7 +189,7 @@ def hz(
     as_json: AsJson = False,
 ) -> None:
     """Print how often a topic is published, and how evenly, once a second until Ctrl-C."""
-    from cardan.histogram import LatencyHistogram
+    from cardan.common.histogram import LatencyHistogram
 
     gaps = LatencyHistogram()
     began_s = told_s = last_s = None

@@ -13,11 +13,11 @@ from typing import Annotated, Any
 
 import typer
 
-from cardan import output
+from cardan.common import output
+from cardan.common.logs import FORMAT_VARIABLE, LEVEL_VARIABLE, LogFormat, log_to_stderr
+from cardan.common.plugins import Loaded
+from cardan.common.printable import printable
 from cardan.errors import ConfigurationError, OptionError
-from cardan.logs import FORMAT_VARIABLE, LEVEL_VARIABLE, LogFormat, log_to_stderr
-from cardan.plugins import Loaded
-from cardan.printable import printable
 
 EXIT_OK = 0
 EXIT_FAILED = 1

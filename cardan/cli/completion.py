@@ -33,7 +33,7 @@ Offered = list[tuple[str, str]]
 
 def demos(incomplete: str) -> Offered:
     """Names of demos."""
-    from cardan.gateway.session.examples import find_demos
+    from cardan.demos.examples import find_demos
 
     return [
         (name, demo.description)

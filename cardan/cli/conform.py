@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cardan.cli.common import EXIT_INCOMPLETE, check_seconds, print_table, print_unusable
+from cardan.common.files import read_text
+from cardan.common.printable import printable
 from cardan.errors import ConfigurationError
-from cardan.files import read_text
-from cardan.printable import printable
 
 if TYPE_CHECKING:
     from cardan.conform import Level, Report, Suite

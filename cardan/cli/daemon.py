@@ -23,9 +23,9 @@ from cardan.cli.common import (
     begin_serving,
     print_json,
 )
+from cardan.common.logs import LogFormat, found_format
+from cardan.common.printable import printable
 from cardan.errors import MotionRefusedError, below
-from cardan.logs import LogFormat, found_format
-from cardan.printable import printable
 
 if TYPE_CHECKING:
     from cardan.gateway.daemon.layout import Layout
@@ -81,9 +81,9 @@ def serve(
 ) -> None:
     """Run many sessions and faces, each in a process of its own, until Ctrl-C: one that dies comes
     back, its arm disarmed. Prints READY and the path of its socket once it serves."""
+    from cardan.common.signals import on_ending
     from cardan.gateway.daemon.daemon import Daemon
     from cardan.gateway.daemon.layout import read_layout, read_layout_beside
-    from cardan.signals import on_ending
 
     begin_serving(verbose, log_level, LogLevel.INFO, log_format or found_format())
     files = paths or []

@@ -27,7 +27,6 @@ from typing import (
 
 import typer
 
-from cardan.bounds import ANY_PORT
 from cardan.cli.common import (
     Level,
     LogLevel,
@@ -37,9 +36,10 @@ from cardan.cli.common import (
     print_table,
     print_unusable,
 )
+from cardan.common.bounds import ANY_PORT
+from cardan.common.options import CODE_ONLY
+from cardan.common.plugins import Loaded, is_lack, not_installed, reason
 from cardan.errors import ConfigurationError, OptionError
-from cardan.options import CODE_ONLY
-from cardan.plugins import Loaded, is_lack, not_installed, reason
 from cardan.sim_peers.command import Option, name_and_unit, option_of
 
 

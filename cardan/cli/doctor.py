@@ -11,13 +11,13 @@ import typer
 
 from cardan.cli.common import EXIT_INCOMPLETE, AsJson
 from cardan.cli.daemon import Socket
+from cardan.common.printable import printable
 from cardan.errors import ConfigurationError
-from cardan.printable import printable
 
 if TYPE_CHECKING:
     from rich.text import Text
 
-    from cardan.gateway.doctor.base import Finding
+    from cardan.doctor.base import Finding
 
 _MARKS = {"good": "✓", "caution": "!", "failure": "✗"}
 _PLAIN_MARKS = {"good": "+", "caution": "!", "failure": "x"}
@@ -50,9 +50,9 @@ def doctor(
     from rich.text import Text
 
     from cardan import api
-    from cardan.gateway.doctor import examine as examining
-    from cardan.gateway.doctor.base import Level, Subject
-    from cardan.gateway.doctor.files import read_files
+    from cardan.doctor import examine as examining
+    from cardan.doctor.base import Level, Subject
+    from cardan.doctor.files import read_files
 
     if as_json and as_report:
         raise ConfigurationError("--json, --report", "give one of them")

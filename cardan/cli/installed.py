@@ -11,8 +11,8 @@ from typer.core import TyperGroup
 
 from cardan.cli.common import EPILOG
 from cardan.cli.declared import Commands
+from cardan.common.plugins import Finder
 from cardan.errors import ConfigurationError
-from cardan.plugins import Finder
 
 ENTRY_POINT_GROUP = "cardan.commands"
 

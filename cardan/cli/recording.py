@@ -9,7 +9,7 @@ import typer
 
 from cardan.cli.bus import Router, Session, bus_options
 from cardan.cli.common import EXIT_INCOMPLETE, Level, Seconds, Verbose, begin_serving
-from cardan.printable import printable
+from cardan.common.printable import printable
 
 Record = Annotated[Path, typer.Argument(metavar="FILE", help="A record (MCAP).")]
 
@@ -34,7 +34,7 @@ def record(
 ) -> None:
     """Record what is on the network into FILE: all topics, also those that appear later, the raw
     bytes of devices and robots, and each session's configuration. Prints READY once it records."""
-    from cardan.gateway.recording.recorder import record as run
+    from cardan.recording.recorder import record as run
 
     begin_serving(verbose, log_level)
     report = run(bus_options(session, router), output, arms or (), seconds)
@@ -77,7 +77,7 @@ def replay(
     if engine:
         _replay_engine(file)
         return
-    from cardan.gateway.recording.replay import replay as run
+    from cardan.recording.replay import replay as run
 
     begin_serving(verbose, log_level)
     report = run(
@@ -95,7 +95,7 @@ def replay(
 
 
 def _replay_engine(file: Path) -> None:
-    from cardan.gateway.recording.engine import replay_engine
+    from cardan.recording.engine import replay_engine
 
     reports = replay_engine(file)
     for report in reports:
@@ -122,7 +122,7 @@ def plot(
     ] = "",
 ) -> None:
     """Draw a session: the path of the TCP, the following error, latencies and forces."""
-    from cardan.gateway.recording.plot import plot as draw
+    from cardan.recording.plot import plot as draw
 
     picture = output or file.with_suffix(".png")
     problems = draw(file, picture, arm)
@@ -161,7 +161,7 @@ def export(
 ) -> None:
     """Write records as a data set for robot learning: joints, TCP and gripper at a fixed rate, with
     the poses that were commanded. By LeRobot's own program where it is installed."""
-    from cardan.gateway.recording.export import export_lerobot
+    from cardan.recording.export import export_lerobot
 
     report = export_lerobot(
         files,

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from cardan.common.extras import missing_extra
 from cardan.conform.requirements import V
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event, Kind, Timeline
 from cardan.errors import CaptureError
-from cardan.extras import missing_extra
 
 PCAP_MAGIC_NS = 0xA1B23C4D
 LINK_RAW_IP, LINK_SOCKETCAN = 101, 227

@@ -5,8 +5,8 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from typing import Any
 
+from cardan.common.plugins import Finder
 from cardan.conform.suite import Suite
-from cardan.plugins import Finder
 
 ENTRY_POINT_GROUP = "cardan.conform"
 

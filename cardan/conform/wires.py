@@ -12,9 +12,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from cardan.common.sockets import opened, waiting
 from cardan.drivers.serial_port import SerialPort
 from cardan.errors import AddressError, ConfigurationError, DeviceAccessError
-from cardan.sockets import opened, waiting
 
 LARGEST_READ = 65535
 CONNECT_S = 5.0

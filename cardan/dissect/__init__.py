@@ -20,13 +20,13 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple, TextIO
 
+from cardan.common.printable import printable
 from cardan.dissect import network, registry
 from cardan.dissect.capture import Capture
 from cardan.dissect.figures import Figures, tally
 from cardan.dissect.ports import EGM_PORTS, RTDE_PORTS, SIMPLE_MESSAGE_PORTS
 from cardan.dissect.reader import Dissector, Message, Note, describe, excerpt
 from cardan.errors import CaptureError, ConfigurationError
-from cardan.printable import printable
 
 __all__ = [
     "EGM_PORTS",

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import warnings
 
-from cardan.extras import missing_extra
+from cardan.common.extras import missing_extra
 
 try:
     with warnings.catch_warnings():

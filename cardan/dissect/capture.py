@@ -10,8 +10,8 @@ import zlib
 from collections.abc import Iterator
 from typing import BinaryIO, NamedTuple, cast
 
+from cardan.common.files import open_file, read_up_to
 from cardan.errors import CaptureError
-from cardan.files import open_file, read_up_to
 
 MAX_BLOCK_BYTES = 256 * 2**20
 """Twice what libpcap lets a USB capture have; a longer block is a damaged length."""

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections import Counter, OrderedDict, deque
 from collections.abc import Iterator
 
+from cardan.common.histogram import LatencyHistogram
 from cardan.dissect.reader import Message
-from cardan.histogram import LatencyHistogram
 
 MODULUS = 2**32
 RESTART_JUMP = 2**16

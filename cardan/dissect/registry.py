@@ -5,8 +5,8 @@ from __future__ import annotations
 import logging
 from importlib.metadata import entry_points
 
+from cardan.common.plugins import Finder
 from cardan.dissect.reader import Dissector
-from cardan.plugins import Finder
 
 ENTRY_POINT_GROUP = "cardan.dissect"
 

@@ -16,9 +16,9 @@ from dataclasses import fields
 from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple
 
+from cardan.common.openable import Openable
+from cardan.common.options import require, suggestion
 from cardan.errors import CommandError, ConfigurationError, NotOpenError
-from cardan.openable import Openable
-from cardan.options import require, suggestion
 from cardan.types import (
     ButtonEvent,
     DeviceCapabilities,
@@ -64,7 +64,7 @@ class Driver(Openable):
     Options: ClassVar[type[Any]]
     """A frozen dataclass with a default for every field; the configuration file's table of this
     driver is checked against it. It raises OptionError for a bad value, as
-    :class:`cardan.options.Options` does by the annotations."""
+    :class:`cardan.common.options.Options` does by the annotations."""
     summary: ClassVar[str] = ""
     """What it drives, in a few words; lists and tables begin with it."""
     page: ClassVar[str] = ""

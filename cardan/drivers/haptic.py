@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from abc import abstractmethod
 
+from cardan.common.haptics import FeedbackLimits, HapticCommand, HapticState
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError, NotOpenError
-from cardan.haptics import FeedbackLimits, HapticCommand, HapticState
 from cardan.types import DeviceLink, Pose
 
 

@@ -8,10 +8,10 @@ import time
 from typing import Literal
 
 from cardan import spatial
+from cardan.common.haptics import HapticCommand
+from cardan.common.options import check_value
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import CommandError, NotOpenError
-from cardan.haptics import HapticCommand
-from cardan.options import check_value
 from cardan.types import IDENTITY_POSE, ZERO3, Pose, Vector3
 
 ForceMode = Literal["cartesian", "joint"]

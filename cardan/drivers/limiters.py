@@ -19,7 +19,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
-from cardan.braking import stopping_speed
+from cardan.common.braking import stopping_speed
 from cardan.types import IDENTITY, ZERO3, Quaternion, Vector3
 
 _sqrt = math.sqrt

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated
 
-from cardan import bounds
 from cardan.bus.options import BusOptions
+from cardan.common import bounds
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,8 +7,8 @@ import socket
 from collections.abc import Callable
 from typing import TypeVar
 
+from cardan.common.sockets import absence, connected
 from cardan.errors import DeviceAccessError
-from cardan.sockets import absence, connected
 
 TIMEOUT_S = 1.0
 """Longest wait for a connection or a write; a running program takes both at once."""

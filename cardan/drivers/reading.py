@@ -9,11 +9,11 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar, Generic, TypeVar
 
+from cardan.common.shortage import shortage
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.hotplug import Arrivals
 from cardan.errors import DeviceAccessError, DriverError, NotOpenError
-from cardan.shortage import shortage
 from cardan.types import ButtonEvent, DeviceState
 
 RETRY_FIRST_S, RETRY_LAST_S = 0.2, 0.8

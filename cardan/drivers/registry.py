@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any
 
+from cardan.common.options import Options, require
+from cardan.common.plugins import Finder
+from cardan.common.tables import OTHER_KEYS
 from cardan.drivers.base import Driver
-from cardan.options import Options, require
-from cardan.plugins import Finder
-from cardan.tables import OTHER_KEYS
 
 ENTRY_POINT_GROUP = "cardan.drivers"
 

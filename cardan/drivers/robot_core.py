@@ -14,7 +14,7 @@ from collections.abc import Callable, Collection, Generator, Iterator, Sequence
 from dataclasses import fields
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
-from cardan.bounds import (
+from cardan.common.bounds import (
     COORDINATE_M,
     JOINT_POSITION,
     JOINT_TORQUE,

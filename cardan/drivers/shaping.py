@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
-from cardan.options import Options
+from cardan.common import bounds
+from cardan.common.options import Options
 from cardan.types import NEUTRAL as NEUTRAL, Axes as Axes
 
 Deflections = tuple[float, float, float, float, float, float]

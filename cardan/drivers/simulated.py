@@ -20,9 +20,9 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import PurePath
 from typing import Any
 
-from cardan.bounds import Host
-from cardan.options import hints
-from cardan.sockets import is_loopback
+from cardan.common.bounds import Host
+from cardan.common.options import hints
+from cardan.common.sockets import is_loopback
 
 
 class Only(enum.Enum):

@@ -16,9 +16,9 @@ from collections import deque
 from collections.abc import Generator
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+from cardan.common.sockets import opened
 from cardan.drivers.robot_core import LoopingRobot, RobotSession
 from cardan.errors import AddressError
-from cardan.sockets import opened
 from cardan.types import NEVER_S, HoldCommand, RobotCommand, RobotState
 
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 2.0

@@ -18,11 +18,12 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, ClassVar, Literal, NamedTuple
 
-from cardan import bounds
-from cardan.bounds import Length, Point, Range
+from cardan.common import bounds
+from cardan.common.bounds import Length, Point, Range
+from cardan.common.files import MODEL_BYTES
+from cardan.common.options import Options, require
+from cardan.common.tables import read_table, read_text, read_toml
 from cardan.errors import ConfigurationError, about, below
-from cardan.files import MODEL_BYTES
-from cardan.options import Options, require
 from cardan.spatial import (
     add,
     compose,
@@ -34,7 +35,6 @@ from cardan.spatial import (
     subtract,
     transform,
 )
-from cardan.tables import read_table, read_text, read_toml
 from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, JointLimits, Pose, Vector3
 
 _FOLDER = Path(str(resources.files("cardan").joinpath("robots")))

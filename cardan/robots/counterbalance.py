@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cardan.arm_libraries import np, npt, pin
+from cardan.common.arm_libraries import np, npt, pin
 
 Array = npt.NDArray[np.float64]
 

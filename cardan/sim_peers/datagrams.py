@@ -11,9 +11,9 @@ from abc import abstractmethod
 from collections.abc import Mapping
 from typing import Any
 
+from cardan.common.sockets import opened, waiting
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.link import FaultyLink
-from cardan.sockets import opened, waiting
 
 LARGEST_DATAGRAM = 65535
 

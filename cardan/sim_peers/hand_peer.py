@@ -8,12 +8,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
-from cardan.options import Options
+from cardan.common.options import Options
+from cardan.common.sockets import EVERYBODY, OWNER_ONLY
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.carriers.base import Carrier, M
 from cardan.sim_peers.command import option
 from cardan.sim_peers.scripted import Hand, HeldDevice, play
-from cardan.sockets import EVERYBODY, OWNER_ONLY
 
 STALL_S = 0.02
 """Reports older than this when a peer comes to run are left out: a late peer makes no burst."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from typing import Any
 
-from cardan.plugins import Finder
+from cardan.common.plugins import Finder
 from cardan.sim_peers.command import PeerCommand
 
 ENTRY_POINT_GROUP = "cardan.sim_peers"

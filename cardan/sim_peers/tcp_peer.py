@@ -12,9 +12,9 @@ from abc import abstractmethod
 from dataclasses import dataclass, field
 from typing import Any, Generic
 
+from cardan.common.sockets import opened
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.tcp_servers import KindT, TcpServers
-from cardan.sockets import opened
 
 _READ_BYTES = 4096
 _BACKLOG_BYTES = 64 * 1024

@@ -33,9 +33,9 @@ PARTS = {
         "cardan.drivers.robot_core",
         "cardan.drivers.datagram_robot",
         "cardan.drivers.haptic",
-        "cardan.options",
-        "cardan.bounds",
-        "cardan.plugins",
+        "cardan.common.options",
+        "cardan.common.bounds",
+        "cardan.common.plugins",
     ),
     "Write a simulated peer": (
         "cardan.sim_peers.base",

@@ -14,17 +14,17 @@ from pathlib import Path
 from cardan.dissect import dissect_file, network, tcp, usbmon
 from cardan.dissect.capture import Capture, CapturedPacket
 from cardan.errors import CaptureError, ConfigurationError, OptionError
-from cardan.gateway.recording.engine import replay_engine
-from cardan.gateway.recording.mcap_file import (
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import default_message
+from cardan.protocols.ur import rtde
+from cardan.recording.engine import replay_engine
+from cardan.recording.mcap_file import (
     RecordedMessage,
     RecordedTopic,
     RecordReader,
     RecordWriter,
 )
-from cardan.gateway.recording.plot import read_series
-from cardan.protocols.ros2.cdr import codec_of
-from cardan.protocols.ros2.messages import default_message
-from cardan.protocols.ur import rtde
+from cardan.recording.plot import read_series
 from cardan_jr3 import capture as jr3_capture
 from cardan_wiimote import bluetooth
 from fuzz.target import Form, Packets, Target

@@ -11,17 +11,17 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from cardan import tables
 from cardan.bus.dds_options import DdsOptions
+from cardan.common import certificates, tables
+from cardan.demos.examples import example_files, read_demo
+from cardan.doctor import ports
 from cardan.errors import CardanError, ConfigurationError
 from cardan.gateway.arm import cycle_record, requests
-from cardan.gateway.common import certificates
 from cardan.gateway.daemon import control
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.events import read_events
 from cardan.gateway.daemon.layout import Layout, read_layout
 from cardan.gateway.daemon.processes import Lines, RunningSession
-from cardan.gateway.doctor import ports
 from cardan.gateway.faces import telling
 from cardan.gateway.faces.assets import AssetError, Packages
 from cardan.gateway.faces.door import Caller, Denied, Door
@@ -29,7 +29,6 @@ from cardan.gateway.faces.tokens import Role, Tokens, parse_tokens
 from cardan.gateway.force import link
 from cardan.gateway.hand.filters.readings import decode_centroid, decode_proximity
 from cardan.gateway.session.config import SessionConfig, parse_config
-from cardan.gateway.session.examples import example_files, read_demo
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.protocols.rosbridge import operations, rosapi
 from cardan.protocols.rosbridge.session import Session

@@ -16,11 +16,11 @@ from websockets.sync.client import connect
 
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
+from cardan.demos.examples import free_ports
 from cardan.errors import install_command
 from cardan.gateway.arm.codes import Parameter, Stream
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.gateway.bus.remote import RemoteCartesianDevice
-from cardan.gateway.session.examples import free_ports
 from cardan.gateway.session.launched import launched
 from cardan.protocols.ros2.cdr import codec_of
 from studies.cartesian.controller import session

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.session.launched import launched

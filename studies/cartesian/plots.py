@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from studies.cartesian.command import Delays
 from studies.plotting import plt
 from studies.result import Drawn

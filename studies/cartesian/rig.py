@@ -9,8 +9,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 
+from cardan.common.realtime import ask_for_real_time
 from cardan.protocols.egm import EgmMeasuredForce
-from cardan.realtime import ask_for_real_time
 from studies.cartesian.controller import START, datagram, obeyed
 
 MODEL = """

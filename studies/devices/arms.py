@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from studies.metrics import delay_by_least_error
 from studies.result import Figure, Table, known
 from studies.thesis.rig import DT_S, Array, Metronome, Rig

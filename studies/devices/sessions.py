@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from cardan.demos.demo import choose_demo, find_problems, simulated_hardware
+from cardan.demos.examples import find_demos
 from cardan.gateway.hand.mapping import Mode
-from cardan.gateway.session.demo import choose_demo, find_problems, simulated_hardware
-from cardan.gateway.session.examples import find_demos
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.gateway.session.supervisor import supervise
 from studies.result import Figure, Table, known, spread_of

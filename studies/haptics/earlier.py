@@ -12,9 +12,9 @@ import math
 import random
 from typing import NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
+from cardan.common.haptics import HapticCommand
 from cardan.drivers.omni.limits import TickLimits
-from cardan.haptics import HapticCommand
 from cardan.sim_peers.omni.settings import HandMotion, Waypoint
 from cardan.types import ZERO3, Vector3
 from studies.haptics.loop import TICK_S, Rig, Trace

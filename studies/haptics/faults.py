@@ -11,11 +11,8 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cardan.arm_libraries import np
-from cardan.drivers.omni import library as libhd
-from cardan.drivers.omni.limits import TickLimits
-from cardan.errors import CommandError
-from cardan.haptics import (
+from cardan.common.arm_libraries import np
+from cardan.common.haptics import (
     HapticCommand,
     HapticState,
     MeasuredForce,
@@ -23,6 +20,9 @@ from cardan.haptics import (
     Plane,
     WorldMap,
 )
+from cardan.drivers.omni import library as libhd
+from cardan.drivers.omni.limits import TickLimits
+from cardan.errors import CommandError
 from cardan.protocols.hdapi.constants import State
 from cardan.sim_peers.omni.library import library_path
 from cardan.sim_peers.omni.settings import INKWELL_M, HandMotion, OmniSettings, Waypoint

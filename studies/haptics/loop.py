@@ -12,13 +12,13 @@ from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import NamedTuple
 
-from cardan.arm_libraries import np, npt
+from cardan.common.arm_libraries import np, npt
+from cardan.common.haptics import OperatingState
 from cardan.drivers.omni import library as libhd
 from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.omni.native import kinematics
 from cardan.drivers.omni.servo import Servo
 from cardan.drivers.omni.tick import Tick
-from cardan.haptics import OperatingState
 from cardan.protocols.hdapi.constants import Capability
 from cardan.sim_peers.omni.library import SimulatedOmni
 from cardan.sim_peers.omni.settings import OmniSettings

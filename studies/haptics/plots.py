@@ -6,7 +6,7 @@ import itertools
 from collections.abc import Iterator
 from typing import Any
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from studies.haptics import theory
 from studies.haptics.faults import FAULT_S, LIMITS, Felt
 from studies.haptics.loop import TICK_S, Array, Trace

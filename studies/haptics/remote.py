@@ -12,7 +12,7 @@ import math
 import random
 from typing import Generic, NamedTuple, TypeVar
 
-from cardan.haptics import MeasuredForce
+from cardan.common.haptics import MeasuredForce
 from cardan.types import ZERO3, Vector3
 
 T = TypeVar("T")

@@ -11,9 +11,9 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
+from cardan.common.haptics import HapticCommand, Plane
 from cardan.drivers.omni.limits import TickLimits, UncheckedLimits
-from cardan.haptics import HapticCommand, Plane
 from cardan.sim_peers.omni.settings import HandMotion, OmniSettings, Waypoint
 from cardan.types import ZERO3, Vector3
 from studies.haptics.loop import TICK_S, Array, Rig, Trace

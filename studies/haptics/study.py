@@ -6,7 +6,7 @@ import subprocess
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from studies.haptics import drawing, faults, stability, timing, zwidth
 from studies.haptics.stability import HELD, LIGHTLY, PUSHES, Compared, Push
 from studies.result import Drawn, Figure, Result, Table, known, table_of

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from cardan.arm_libraries import np, npt
+from cardan.common.arm_libraries import np, npt
 
 Array = npt.NDArray[np.float64]
 

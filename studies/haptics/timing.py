@@ -22,14 +22,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
+from cardan.common.haptics import Fixture, HapticCommand, MeasuredForce, Plane
+from cardan.demos.demo import choose_demo, simulated_hardware
 from cardan.drivers.omni import library as libhd
 from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.omni.servo import Servo
 from cardan.drivers.omni.tick import Tick
-from cardan.gateway.session.demo import choose_demo, simulated_hardware
 from cardan.gateway.session.supervisor import supervise
-from cardan.haptics import Fixture, HapticCommand, MeasuredForce, Plane
 from cardan.protocols import hdapi
 from cardan.protocols.hdapi.constants import CallbackCode, Capability, State
 from cardan.sim_peers.omni.library import SimulatedOmni

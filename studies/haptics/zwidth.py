@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.drivers.omni.limits import TickLimits
 from studies.haptics import theory
 from studies.haptics.loop import TICK_S

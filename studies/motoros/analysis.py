@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from studies.metrics import delay_by_correlation, delay_by_least_error, stop_phases
 from studies.motoros.published import Delays, mean
 from studies.motoros.rig import GRID_S, HOLD_S, PUSH_S, RAMP_S, Array, Recording

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from studies.motoros.analysis import Result
 from studies.motoros.published import STANDARD_MEAN, VELOCITY_MEAN, WORDS, Delays
 from studies.motoros.rig import PUSH_S, Recording

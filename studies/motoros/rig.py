@@ -18,9 +18,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cardan.arm_libraries import np, npt
+from cardan.common.arm_libraries import np, npt
+from cardan.demos.examples import free_ports
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.examples import free_ports
 from cardan.gateway.session.launched import launched
 from cardan.gateway.session.session import Session, make_session
 from cardan.gateway.session.snapshot import Snapshot

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from cardan.demos.demo import choose_demo
 from cardan.drivers.omni.limits import TickLimits
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.demo import choose_demo
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.gateway.session.supervisor import Outcome
 from studies.cartesian import study as cartesian

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from cardan.arm_libraries import np, pin
+from cardan.common.arm_libraries import np, pin
 from cardan.gateway.motion.shaping import PoseShaperLimits
 from studies.metrics import delay_by_correlation, delay_by_least_error, stop_phases
 from studies.thesis.rig import (

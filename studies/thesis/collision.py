@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle, box_obstacle
 from cardan.gateway.motion.reference import ReferenceLimits

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from cardan.arm_libraries import np, npt
+from cardan.common.arm_libraries import np, npt
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import box_obstacle
 from cardan.robots import load_arm

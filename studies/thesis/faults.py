@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from studies.metrics import stop_phases
 from studies.thesis.line import START_DEG
 from studies.thesis.rig import DT_S, Drive, Rig, Row, Streams, Trace, both

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.motion.shaping import PoseShaper, PoseShaperLimits
 from cardan.types import IDENTITY, Pose, Vector3

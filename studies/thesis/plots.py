@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from studies.plotting import patches, plt
 from studies.result import Drawn
 from studies.thesis import arbitrary, collision, eight, faults, line

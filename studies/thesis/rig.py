@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, TypeVar
 
-from cardan.arm_libraries import np, npt, pin
+from cardan.common.arm_libraries import np, npt, pin
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.gateway.arm.arm_body import ArmBody

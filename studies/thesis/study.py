@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from studies.result import Drawn, Figure, Result, Table, known
 from studies.side_by_side import side_by_side
 from studies.thesis import arbitrary, collision, eight, faults, line

@@ -11,8 +11,8 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from cardan.demos.demo import choose_demo, find_problems, simulated_hardware
 from cardan.errors import CardanError, DriverError
-from cardan.gateway.session.demo import choose_demo, find_problems, simulated_hardware
 from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import supervise

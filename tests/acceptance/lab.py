@@ -19,19 +19,19 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from cardan.common.printable import printable
+from cardan.demos.demo import WELL_FOLLOWED_M, choose_demo
+from cardan.demos.examples import Demo
+from cardan.demos.lab import POLL_S, READY_S, simulated_lab, write_lab
+from cardan.demos.peers import Peers
 from cardan.errors import ConfigurationError, MotionLoopError, MotionRefusedError
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.daemon import view
 from cardan.gateway.daemon.changes import Change
 from cardan.gateway.daemon.client import RELOAD_S, ControlClient, DaemonArm
-from cardan.gateway.daemon.demo import POLL_S, READY_S, simulated_lab, write_lab
 from cardan.gateway.daemon.kept import ENGAGED
 from cardan.gateway.daemon.layout import Layout, sharers
-from cardan.gateway.session.demo import WELL_FOLLOWED_M, choose_demo
-from cardan.gateway.session.examples import Demo
-from cardan.gateway.session.peers import Peers
 from cardan.gateway.session.session import EXIT_OK
-from cardan.printable import printable
 
 STEP_S: Final = 30.0
 """Longest time for one thing to happen: 5 s, on a computer with nothing else to do."""

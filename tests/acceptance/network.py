@@ -11,18 +11,18 @@ import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from cardan.errors import CardanError
-from cardan.gateway.session.demo import (
+from cardan.common.printable import printable
+from cardan.demos.demo import (
     WELL_FOLLOWED_M,
     choose_demo,
     find_problems,
     simulated_hardware,
 )
+from cardan.errors import CardanError
 from cardan.gateway.session.launched import Launched, launched
 from cardan.gateway.session.recorded import recorded
 from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.supervisor import Outcome, supervise
-from cardan.printable import printable
 from tests.acceptance.rosbridge_program import RosbridgeProgram, Vector
 
 BEFORE_AND_AFTER_S = 3.0

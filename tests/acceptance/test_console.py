@@ -4,8 +4,8 @@ import threading
 
 import pytest
 
+from cardan.demos.demo import find_remarks
 from cardan.gateway.faces.console.site import FOLDER
-from cardan.gateway.session.demo import find_remarks
 from tests.acceptance.console import Person, use_console
 from tests.console.browser import find_chromium
 

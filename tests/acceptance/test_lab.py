@@ -5,15 +5,15 @@ import re
 
 import pytest
 
+from cardan.demos import lab as demo
+from cardan.demos.demo import choose_demo
+from cardan.demos.examples import read_demo
+from cardan.demos.lab import simulated_lab
+from cardan.demos.peers import Peers
 from cardan.errors import ConfigurationError
-from cardan.gateway.daemon import demo
-from cardan.gateway.daemon.demo import simulated_lab
-from cardan.gateway.session.demo import choose_demo
-from cardan.gateway.session.examples import read_demo
-from cardan.gateway.session.peers import Peers
 from tests.acceptance import lab
 from tests.acceptance.lab import Arm, Hardware, Lab, NotSeenError, live_in_lab
-from tests.gateway.daemon.test_lab_demo import Served
+from tests.demos.test_lab import Served
 from tests.gateway.daemon.test_view import SESSION
 
 DEMO = choose_demo("lab")

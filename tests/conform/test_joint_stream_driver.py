@@ -7,8 +7,8 @@ import threading
 import pytest
 
 from cardan.conform import Level, registry, run
+from cardan.demos.examples import free_ports
 from cardan.drivers.sim_arm import SimArm
-from cardan.gateway.session.examples import free_ports
 from cardan.types import HoldCommand, JointCommand
 
 

@@ -13,9 +13,9 @@ from cardan.conform.motoros_driver import pilot
 from cardan.conform.motoros_driver.rig import MotorosDriverRig
 from cardan.conform.report import judged
 from cardan.conform.wires import ListenTcp
+from cardan.demos.examples import free_ports
 from cardan.drivers.motoros import Motoros, MotorosOptions
 from cardan.errors import AddressError
-from cardan.gateway.session.examples import free_ports
 from cardan.types import HoldCommand
 
 

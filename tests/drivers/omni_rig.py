@@ -1,10 +1,10 @@
 """The driver's core beside the compiled tick, in virtual time: no library and no thread."""
 
+from cardan.common.haptics import Calibration
 from cardan.drivers.omni.core import Identity, OmniCore
 from cardan.drivers.omni.options import OmniOptions
 from cardan.drivers.omni.tick import Tick
 from cardan.drivers.omni.values import StylusSample
-from cardan.haptics import Calibration
 from cardan.types import ZERO3, DeviceLink, Vector3
 
 TICK_S = 0.001

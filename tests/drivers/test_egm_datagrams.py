@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
+from cardan.common.native import NativePartError
 from cardan.drivers.abb_egm import compiled
-from cardan.native import NativePartError
 
 
 def bound(wait_s: float = 5.0) -> socket.socket:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from cardan.common.tables import read_table
 from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.abb_egm.states import (
     EGM_ERROR,
@@ -34,7 +35,6 @@ from cardan.protocols.egm import (
     decode_from_pc,
 )
 from cardan.spatial import from_rotation_vector, multiply, rotation_between
-from cardan.tables import read_table
 from cardan.types import (
     CommandKind,
     Frame,

@@ -4,11 +4,11 @@ import math
 
 import pytest
 
+from cardan.demos.examples import free_ports
 from cardan.drivers.handheld import HandheldOptions
 from cardan.drivers.phone import Phone, PhoneOptions
 from cardan.drivers.xr import Xr, XrOptions
 from cardan.errors import DeviceNotFoundError, OptionError
-from cardan.gateway.session.examples import free_ports
 from cardan.protocols.handheld import Gamepad, OperatorFrame, Part, encode_frame
 from cardan.sim_peers.handheld import FAULTS, PagePeer, PagePeerOptions, XrPeerOptions
 from cardan.sim_peers.handheld.core import FULL_WAY_M, SimulatedHand

@@ -4,9 +4,9 @@ import math
 
 import pytest
 
+from cardan.common.haptics import FeedbackLimits
 from cardan.drivers.ihaptic import IHapticDevice
 from cardan.errors import CommandError, DriverError, NotOpenError, OptionError
-from cardan.haptics import FeedbackLimits
 from cardan.types import IDENTITY, ZERO3, DeviceLink, Pose, Quaternion, Vector3
 from tests.gateway.force.fakes import FakeHaptic
 

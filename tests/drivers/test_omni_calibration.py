@@ -3,6 +3,7 @@
 import pytest
 from hypothesis import given, strategies as st
 
+from cardan.common.haptics import Calibration
 from cardan.drivers.omni.calibration import (
     SETTLE_S,
     SLOW_S,
@@ -10,7 +11,6 @@ from cardan.drivers.omni.calibration import (
     CalibrationWatch,
     style_of,
 )
-from cardan.haptics import Calibration
 from cardan.protocols.hdapi import CalibrationStyle
 
 OK, UPDATE = Calibration.OK, Calibration.NEEDS_UPDATE

@@ -5,9 +5,9 @@ import math
 import pytest
 
 from cardan import spatial
+from cardan.common.haptics import Calibration, HapticCommand, HapticState, OperatingState
 from cardan.drivers.omni.core import BUTTONS, OmniCore
 from cardan.drivers.omni.options import OmniOptions
-from cardan.haptics import Calibration, HapticCommand, HapticState, OperatingState
 from cardan.types import NEVER_S, ZERO3, DeviceLink, Pose, Quaternion, Vector3
 from tests.drivers.omni_rig import LOOK_S, TOUCH, Rig
 

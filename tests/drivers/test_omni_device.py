@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from cardan import spatial
+from cardan.common.haptics import HapticCommand, OperatingState, Sphere
 from cardan.drivers import access
 from cardan.drivers.ihaptic import IHapticDevice
 from cardan.drivers.omni import BUTTONS, Omni, OmniOptions, device, library
@@ -26,7 +27,6 @@ from cardan.errors import (
     DriverError,
     NotOpenError,
 )
-from cardan.haptics import HapticCommand, OperatingState, Sphere
 from cardan.protocols.hdapi import Capability, Error, State
 from cardan.sim_peers.omni import (
     OmniFault,

@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cardan.common.haptics import Calibration, HapticCommand, HapticState, OperatingState, Plane
 from cardan.drivers.omni.limits import UncheckedLimits
 from cardan.drivers.omni.native import kinematics
 from cardan.drivers.omni.servo import FUNCTIONS, Servo
 from cardan.drivers.omni.tick import Tick
 from cardan.errors import DriverError
-from cardan.haptics import Calibration, HapticCommand, HapticState, OperatingState, Plane
 from cardan.protocols.hdapi import Error, Info, State
 from cardan.types import ZERO3, Vector3
 

@@ -10,9 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.drivers.omni.tick import Tick
-from cardan.errors import CommandError
-from cardan.haptics import (
+from cardan.common.haptics import (
     Calibration,
     Fixture,
     HapticCommand,
@@ -20,6 +18,8 @@ from cardan.haptics import (
     OperatingState,
     WorldMap,
 )
+from cardan.drivers.omni.tick import Tick
+from cardan.errors import CommandError
 from cardan.types import ZERO3, Vector3
 from tests.drivers.tick_rig import (
     ABOVE,

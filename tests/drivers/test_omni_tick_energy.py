@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.drivers.omni.limits import TickLimits
-from cardan.haptics import (
+from cardan.common.haptics import (
     Fixture,
     MeasuredForce,
     WorldMap,
 )
+from cardan.drivers.omni.limits import TickLimits
 from cardan.types import ZERO3, Vector3
 from tests.drivers.tick_rig import (
     ABOVE,

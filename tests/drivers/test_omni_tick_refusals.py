@@ -9,11 +9,7 @@ from typing import Any
 
 import pytest
 
-from cardan.drivers.omni import native, structures
-from cardan.drivers.omni.limits import TickLimits, UncheckedLimits
-from cardan.drivers.omni.tick import Tick
-from cardan.errors import CommandError, OptionError
-from cardan.haptics import (
+from cardan.common.haptics import (
     Box,
     Cylinder,
     MeasuredForce,
@@ -22,6 +18,10 @@ from cardan.haptics import (
     Spring,
     WorldMap,
 )
+from cardan.drivers.omni import native, structures
+from cardan.drivers.omni.limits import TickLimits, UncheckedLimits
+from cardan.drivers.omni.tick import Tick
+from cardan.errors import CommandError, OptionError
 from cardan.types import ZERO3, Vector3
 from tests.drivers.tick_rig import (
     BARE,

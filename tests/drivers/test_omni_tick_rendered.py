@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, strategies as st
 
-from cardan.drivers.omni.native import kinematics
-from cardan.haptics import (
+from cardan.common.haptics import (
     Box,
     Cylinder,
     Fixture,
@@ -20,6 +19,7 @@ from cardan.haptics import (
     Viscous,
     WorldMap,
 )
+from cardan.drivers.omni.native import kinematics
 from cardan.types import ZERO3, Vector3
 from tests.drivers.tick_rig import (
     BARE,

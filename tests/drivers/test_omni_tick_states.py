@@ -5,12 +5,12 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.drivers.omni import values
-from cardan.errors import CommandError
-from cardan.haptics import (
+from cardan.common.haptics import (
     Calibration,
     OperatingState,
 )
+from cardan.drivers.omni import values
+from cardan.errors import CommandError
 from cardan.types import ZERO3, Vector3
 from tests.drivers.tick_rig import (
     NAN,

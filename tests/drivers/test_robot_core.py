@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import pytest
 
 import cardan
-from cardan.bounds import JOINT_POSITION, JOINT_TORQUE, JOINT_VELOCITY
+from cardan.common.bounds import JOINT_POSITION, JOINT_TORQUE, JOINT_VELOCITY
 from cardan.drivers.robot_core import (
     LoopingRobot,
     check_numbers,

@@ -9,10 +9,10 @@ pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[net
 
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
+from cardan.demos.examples import free_ports
 from cardan.drivers.ros2_arm import Ros2Arm
 from cardan.drivers.ros2_arm.session import STATE_TYPE
 from cardan.errors import ConfigurationError, DriverError
-from cardan.gateway.session.examples import free_ports
 from cardan.robots import load_arm
 from cardan.sim_peers.ros2_arm import RosArmOptions, RosArmPeer
 from cardan.types import HoldCommand, JointCommand, RobotLink

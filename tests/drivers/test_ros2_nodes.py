@@ -4,11 +4,11 @@ import math
 
 import pytest
 
+from cardan.demos.examples import free_ports
 from cardan.drivers.ros2_joy import Ros2Joy, Ros2JoyOptions
 from cardan.drivers.ros2_nodes.core import JOY_TYPE
 from cardan.drivers.ros2_spacenav import Ros2Spacenav, Ros2SpacenavOptions
 from cardan.errors import DeviceNotFoundError, OptionError
-from cardan.gateway.session.examples import free_ports
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.sim_peers.ros2_device import NodePeer, NodePeerOptions

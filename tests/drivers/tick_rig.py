@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from cardan.drivers.omni.limits import UncheckedLimits
-from cardan.drivers.omni.tick import Tick
-from cardan.drivers.omni.values import StylusSample
-from cardan.haptics import (
+from cardan.common.haptics import (
     Box,
     Cylinder,
     Fixture,
@@ -26,6 +23,9 @@ from cardan.haptics import (
     Viscous,
     WorldMap,
 )
+from cardan.drivers.omni.limits import UncheckedLimits
+from cardan.drivers.omni.tick import Tick
+from cardan.drivers.omni.values import StylusSample
 from cardan.types import ZERO3, Vector3
 
 PERIOD_S = 1e-3

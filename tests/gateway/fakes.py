@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
+from cardan.common.options import Options
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import DeviceNotFoundError
-from cardan.options import Options
 from cardan.types import (
     IDENTITY,
     ButtonEvent,

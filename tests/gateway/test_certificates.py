@@ -7,7 +7,7 @@ import ssl
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.common.certificates import decode_certificate, read_certificate
+from cardan.common.certificates import decode_certificate, read_certificate
 from tests import certificates
 
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from cardan.gateway.session import demo
+from cardan.demos import demo
+from cardan.demos.examples import free_ports
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.examples import free_ports
 from cardan.gateway.session.launched import launched
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import supervise

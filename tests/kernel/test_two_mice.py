@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from cardan.common.tables import read_toml
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions, list_devices
 from cardan.protocols.connexion import (
     encode_buttons,
@@ -18,7 +19,6 @@ from cardan.protocols.connexion import (
 )
 from cardan.protocols.connexion.descriptors import descriptor_for
 from cardan.sim_peers.carriers.uhid import BUS_USB, HidIdentity, Open, UhidDevice
-from cardan.tables import read_toml
 from cardan.types import DeviceLink, DeviceState
 from tests.kernel.waiting import wait_for
 

@@ -7,7 +7,7 @@ import pytest
 
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import ConfigurationError, DeviceNotFoundError, MotionLoopError
-from cardan.gateway.learning.features import ActionKind, action_names
+from cardan.learning.features import ActionKind, action_names
 from cardan.types import (
     ButtonEvent,
     DeviceCapabilities,
@@ -16,7 +16,7 @@ from cardan.types import (
     RobotLink,
 )
 from tests.gateway.arm.arms import World
-from tests.gateway.learning.test_arm import FRAME, Ticked
+from tests.learning.test_arm import FRAME, Ticked
 from tests.lerobot import interface
 from tests.lerobot.conftest import FOLDERS
 

@@ -8,8 +8,8 @@ import json
 
 import pytest
 
-from cardan.gateway.recording.export import export_lerobot
-from tests.gateway.recording.test_frames import recorded, steadily
+from cardan.recording.export import export_lerobot
+from tests.recording.test_frames import recorded, steadily
 
 OFTEN = ("mean", "std", "min", "max", "count")
 

@@ -15,10 +15,10 @@ import threading
 from collections.abc import Callable
 from typing import NamedTuple
 
+from cardan.common.signals import ENDING_SIGNALS, signal_name
 from cardan.errors import CardanError
 from cardan.gateway.daemon.client import DaemonArm
 from cardan.gateway.daemon.control import Ask, encode_ask
-from cardan.signals import ENDING_SIGNALS, signal_name
 from tests.process_faults.rig import (
     GOFA,
     GP8,

@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from cardan.realtime import ask_for_real_time
+from cardan.common.realtime import ask_for_real_time
 from cardan.sim_peers.arm import SimulatedArmOptions, SimulatedArmPeer
 from cardan.sim_peers.arm.options import PlantOptions
 from cardan.sim_peers.base import ScriptStep, SimulatedPeer, parse_script

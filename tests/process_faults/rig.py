@@ -21,12 +21,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cardan.common.realtime import FIFO_PRIORITY
 from cardan.errors import CardanError
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.events import read_events
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.recording.mcap_file import RecordReader
-from cardan.realtime import FIFO_PRIORITY
+from cardan.recording.mcap_file import RecordReader
 from cardan.robots import load_arm
 from cardan.types import NEVER_S
 from tests.process_faults.peers import SAMPLE

@@ -12,6 +12,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from cardan.common.tables import keys_of
 from cardan.robots.arm_model import (
     ArmFile,
     Box,
@@ -23,7 +24,6 @@ from cardan.robots.arm_model import (
     arm_names,
     load_arm,
 )
-from cardan.tables import keys_of
 
 TCP_LINKS = {
     "amor": "tcp",

@@ -8,9 +8,9 @@ import time
 
 import pytest
 
+from cardan.common.sockets import DRAIN_AT_MOST, opened, waiting
 from cardan.errors import AddressError
 from cardan.sim_peers.datagrams import DatagramPeer
-from cardan.sockets import DRAIN_AT_MOST, opened, waiting
 
 pytestmark = pytest.mark.matrix
 

@@ -10,11 +10,11 @@ import numpy.typing as npt
 import pytest
 
 from cardan import spatial
+from cardan.common.haptics import HapticCommand
 from cardan.drivers import registry
 from cardan.drivers.omni.limits import TickLimits
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
-from cardan.haptics import HapticCommand
 from cardan.sim_peers.omni import OmniSettings
 from cardan.types import ZERO3, Vector3
 from studies.haptics.loop import Rig

@@ -7,8 +7,8 @@ import pytest
 
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
+from cardan.demos.examples import free_ports
 from cardan.errors import ConfigurationError, DriverError, ScriptError
-from cardan.gateway.session.examples import free_ports
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.zenoh import LATCHED_QOS, PUBLISHER, SUBSCRIPTION

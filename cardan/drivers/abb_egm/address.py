@@ -7,8 +7,8 @@ import os
 import socket
 from pathlib import Path
 
+from cardan.common.sockets import opened, refuse_shared
 from cardan.errors import AddressError
-from cardan.sockets import opened, refuse_shared
 
 _FIRST_UNPRIVILEGED_PORT = 1024
 

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 import cardan
-from cardan.bounds import (
+from cardan.common.bounds import (
     ANGULAR_VELOCITY_RAD_S,
     COORDINATE_M,
     JOINT_POSITION,
@@ -28,8 +28,8 @@ from cardan.bounds import (
     LINEAR_VELOCITY_M_S,
     ROTATION_LENGTH,
 )
+from cardan.common.native import ADVICE, NativePartError, load_library
 from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimiter
-from cardan.native import ADVICE, NativePartError, load_library
 from cardan.protocols.egm import EgmFeedback, FeedbackReader, Malformed
 from cardan.protocols.egm.reader import Layout
 from cardan.types import (

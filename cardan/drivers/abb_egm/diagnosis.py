@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
+from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.abb_egm.counters import EgmCounters
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.slow_motion import SlowMotionWatch
 from cardan.drivers.abb_egm.states import ADVICE
-from cardan.histogram import LatencyHistogram
 from cardan.protocols.egm import EgmRobot
 from cardan.types import RobotState
 

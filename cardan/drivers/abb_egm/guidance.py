@@ -13,13 +13,14 @@ from collections.abc import Sequence
 from copy import copy
 from typing import Any, Generic, TypeVar
 
-from cardan.bounds import (
+from cardan.common.bounds import (
     ANGULAR_VELOCITY_RAD_S,
     COORDINATE_M,
     JOINT_POSITION,
     JOINT_VELOCITY,
     LINEAR_VELOCITY_M_S,
 )
+from cardan.common.native import NativePartError
 from cardan.drivers.abb_egm.compiled import (
     Answerer,
     AnsweringLimiter,
@@ -32,7 +33,6 @@ from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimit
 from cardan.drivers.lost_time import LostTime
 from cardan.drivers.robot_core import check_numbers, no_rotation, outside, wrong_kind
 from cardan.errors import CommandError
-from cardan.native import NativePartError
 from cardan.protocols.egm import (
     EgmHeader,
     EgmMotion,

@@ -6,12 +6,12 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
-from cardan.bounds import Range
-from cardan.options import Options, require_each
+from cardan.common import bounds
+from cardan.common.bounds import Range
+from cardan.common.options import Options, require_each
+from cardan.common.sockets import is_loopback
 from cardan.protocols.egm.messages import DNUM_MAX
 from cardan.robots import arm_names, load_arm
-from cardan.sockets import is_loopback
 from cardan.types import JointLimits
 
 CONTROLLER_PERIOD_S = 0.004032

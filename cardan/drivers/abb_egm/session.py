@@ -6,7 +6,8 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from cardan.bounds import COORDINATE_M, JOINT_POSITION, OUTPUT_VALUE
+from cardan.common.bounds import COORDINATE_M, JOINT_POSITION, OUTPUT_VALUE
+from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.abb_egm.book import NO_STATES, UNKNOWN, Book, PlainBook
 from cardan.drivers.abb_egm.compiled import (
     CompiledCycle,
@@ -23,7 +24,6 @@ from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reas
 from cardan.drivers.lost_time import PAUSE_S, SLACK_S, ClockWatch, believed_s, credit_left_s
 from cardan.drivers.robot_core import check_command, implausible, no_rotation, outside
 from cardan.errors import CommandError
-from cardan.histogram import LatencyHistogram
 from cardan.protocols.egm import (
     DNUM_MAX,
     EgmFeedback,

@@ -7,6 +7,7 @@ import time
 from abc import abstractmethod
 from typing import Any, ClassVar, Protocol, TypeVar
 
+from cardan.common.options import require
 from cardan.drivers.access import obstacle, open_error, such
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.evdev.core import EvdevCore
@@ -22,7 +23,6 @@ from cardan.drivers.evdev.nodes import (
 from cardan.drivers.packet_socket import open_simulated
 from cardan.drivers.reading import ReadDevice
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
-from cardan.options import require
 
 READ_TIMEOUT_S = 0.02
 """Longest wait for an event; a device that sends none meanwhile counts as read."""

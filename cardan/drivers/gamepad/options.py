@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import require
 from cardan.drivers.evdev.device import check_way
 from cardan.drivers.shaping import ShapingOptions
-from cardan.options import require
 from cardan.protocols.evdev import PAD_CODES
 
 STALE_AFTER_S = bounds.Range(0.0, 60.0, "s", "no held stick keeps still for longer", zero="off")

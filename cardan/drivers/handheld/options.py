@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
 from cardan.drivers.node_options import NodeOptions
 from cardan.drivers.shaping import ShapingOptions
 from cardan.errors import OptionError

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
+from cardan.common import bounds
 from cardan.drivers.evdev.device import check_way
 from cardan.drivers.shaping import ShapingOptions
 

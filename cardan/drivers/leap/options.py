@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
-from cardan.options import Options
+from cardan.common import bounds
+from cardan.common.options import Options
 from cardan.protocols.leap import PORT
 
 HIGHEST_VERSION = 7

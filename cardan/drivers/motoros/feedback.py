@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 
-from cardan.bounds import JOINT_POSITION, JOINT_VELOCITY
+from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.robot_core import outside
 from cardan.protocols.simple_message import (

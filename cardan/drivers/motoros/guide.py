@@ -21,10 +21,10 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, Final
 
-from cardan.bounds import JOINT_POSITION, JOINT_VELOCITY, POSITIVE
+from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY, POSITIVE
+from cardan.common.options import check_value
 from cardan.drivers.robot_core import check_numbers, wrong_kind
 from cardan.errors import CommandError, ConfigurationError
-from cardan.options import check_value
 from cardan.types import CommandKind, HoldCommand, JointCommand, JointVelocityCommand, RobotCommand
 
 LONGEST_STEP_S: Final = 0.1

@@ -14,14 +14,14 @@ import time
 from contextlib import suppress
 from typing import Annotated, Literal, NamedTuple
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import check_value, require
 from cardan.drivers.motoros.diagnosis import io_result_in_words, reply_in_words
 from cardan.drivers.motoros.errors import IoConnectionError, IoRefusedError
 from cardan.errors import (
     CommandError,
     NotOpenError,
 )
-from cardan.options import check_value, require
 from cardan.protocols.simple_message import (
     IO_PORT,
     LONGEST_PREFIX_OF_MOTOROS,

@@ -9,13 +9,13 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from cardan.common.files import create_file
 from cardan.drivers.motoros.diagnosis import reply_in_words
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.guide import JointGuide
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.requests import Answer, MotionRequests
 from cardan.errors import CardanError
-from cardan.files import create_file
 from cardan.protocols.simple_message import (
     ControllerMode,
     InvalidSubcode,

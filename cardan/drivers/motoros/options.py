@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
-from cardan.bounds import LONGEST_BLIND_S, Range
-from cardan.options import Options, require_each
+from cardan.common import bounds
+from cardan.common.bounds import LONGEST_BLIND_S, Range
+from cardan.common.options import Options, require_each
 from cardan.protocols.simple_message import (
     IO_PORT,
     JOINTS,

@@ -7,7 +7,7 @@ from collections import Counter, deque
 from collections.abc import Callable
 from typing import NamedTuple
 
-from cardan.histogram import LatencyHistogram
+from cardan.common.histogram import LatencyHistogram
 from cardan.protocols.simple_message import (
     ZEROS,
     CommType,

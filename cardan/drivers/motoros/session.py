@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 
+from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.guide import KINDS
@@ -19,7 +20,6 @@ from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.session_words import findings, no_motion_connection, silence
 from cardan.drivers.robot_core import check_command, check_numbers, counts, joint_values
 from cardan.drivers.tcp_robot import Connection
-from cardan.histogram import LatencyHistogram
 from cardan.protocols.simple_message import (
     LONGEST_PREFIX_OF_MOTOROS,
     ByteOrder,

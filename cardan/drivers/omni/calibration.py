@@ -7,7 +7,7 @@ may jump when it does: force is allowed only after the answer has been "calibrat
 
 from __future__ import annotations
 
-from cardan.haptics import Calibration
+from cardan.common.haptics import Calibration
 from cardan.protocols.hdapi import CalibrationStyle
 
 SETTLE_S = 0.1

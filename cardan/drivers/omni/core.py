@@ -15,11 +15,11 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from cardan import spatial
+from cardan.common.haptics import Calibration, HapticState, OperatingState
 from cardan.drivers.core import DeviceCore
 from cardan.drivers.omni.calibration import CalibrationWatch
 from cardan.drivers.omni.options import OmniOptions
 from cardan.drivers.shaping import Shaper
-from cardan.haptics import Calibration, HapticState, OperatingState
 from cardan.types import NEUTRAL, NEVER_S, ZERO3, Axes, DeviceLink, Pose, Vector3
 
 BUTTONS = ("button_1", "button_2")

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from cardan import spatial
+from cardan.common.haptics import FeedbackLimits, HapticCommand, HapticState, OperatingState
 from cardan.drivers.access import UDEV_HINT, usb_devices
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.haptic import HapticDevice
@@ -29,7 +30,6 @@ from cardan.drivers.omni.values import TickDetails
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.simulated import LAUNCHED
 from cardan.errors import CommandError, DeviceAccessError, DriverError, NotOpenError
-from cardan.haptics import FeedbackLimits, HapticCommand, HapticState, OperatingState
 from cardan.protocols.hdapi import Capability, Info, State, to_hand
 from cardan.types import (
     ZERO3,

@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Any, get_args, get_origin
 
-from cardan import bounds
-from cardan.bounds import Range
-from cardan.options import check_field, check_options, hints, require_each
+from cardan.common import bounds
+from cardan.common.bounds import Range
+from cardan.common.options import check_field, check_options, hints, require_each
 
 WORKSPACE_LOWER_M = (-0.12, -0.2, -0.1)
 WORKSPACE_UPPER_M = (0.075, 0.2, 0.195)

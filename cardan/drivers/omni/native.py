@@ -8,10 +8,10 @@ from ctypes import c_double, c_int32, c_uint32, c_void_p
 from pathlib import Path
 from typing import Any
 
+from cardan.common.haptics import Matrix3
+from cardan.common.native import NativePartError, load_library
 from cardan.drivers.omni.structures import C_MATRIX3, C_VECTOR3, expected_layout
 from cardan.errors import DriverError
-from cardan.haptics import Matrix3
-from cardan.native import NativePartError, load_library
 from cardan.types import Vector3
 
 

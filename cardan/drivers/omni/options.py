@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
+from cardan.common import bounds
 from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.shaping import ShapingOptions
 

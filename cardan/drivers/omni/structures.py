@@ -9,8 +9,8 @@ from ctypes import c_double, c_int32, c_int64, c_uint32, c_uint64
 from operator import itemgetter
 from typing import Any, Generic, NamedTuple, TypeVar, get_type_hints
 
+from cardan.common.haptics import MAX_FIXTURES
 from cardan.drivers.omni.limits import TickLimits, UncheckedLimits
-from cardan.haptics import MAX_FIXTURES
 from cardan.types import Vector3
 
 T = TypeVar("T", bound=NamedTuple)

@@ -10,6 +10,7 @@ import math
 import struct
 import threading
 
+from cardan.common.haptics import MAX_FIXTURES, HapticCommand, HapticState, Matrix3, OperatingState
 from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.omni.native import kinematics, tick_library
 from cardan.drivers.omni.structures import CCommand, COutput, CSample, CSnapshot, c_limits
@@ -23,7 +24,6 @@ from cardan.drivers.omni.values import (
     tick_details,
 )
 from cardan.errors import CommandError, DriverError
-from cardan.haptics import MAX_FIXTURES, HapticCommand, HapticState, Matrix3, OperatingState
 from cardan.types import Vector3
 
 _ENABLE, _DISABLE, _PAUSE, _RESUME = range(4)

@@ -6,9 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from cardan.drivers.omni.structures import CCommand, CFixture, CSample, CSnapshot, Flat, Reader
-from cardan.errors import CommandError
-from cardan.haptics import (
+from cardan.common.haptics import (
     IDENTITY3,
     Box,
     Calibration,
@@ -23,6 +21,8 @@ from cardan.haptics import (
     Spring,
     Viscous,
 )
+from cardan.drivers.omni.structures import CCommand, CFixture, CSample, CSnapshot, Flat, Reader
+from cardan.errors import CommandError
 from cardan.types import NEVER_S, ZERO3, Pose, Quaternion, Vector3
 
 

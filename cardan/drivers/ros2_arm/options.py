@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
-from cardan.bounds import Range
 from cardan.bus.dds_options import DdsOptions
+from cardan.common import bounds
+from cardan.common.bounds import Range
+from cardan.common.options import require
 from cardan.drivers.node_options import NodeOptions
 from cardan.errors import OptionError
-from cardan.options import require
 from cardan.protocols.ros2.names import RosNameError, checked_name
 from cardan.robots import load_arm
 from cardan.types import JointLimits

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
+from cardan.common.options import require
 from cardan.drivers.node_options import NodeOptions
 from cardan.drivers.shaping import ShapingOptions
 from cardan.errors import OptionError
-from cardan.options import require
 from cardan.protocols.ros2.names import RosNameError, checked_name
 
 STALE_AFTER_S = Range(0.1, 1.0, "s", "a node that is dead moves the arm for so long")

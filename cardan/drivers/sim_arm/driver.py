@@ -11,12 +11,12 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
+from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.datagram_robot import DatagramRobot, Transport, UdpTransport
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
 from cardan.drivers.simulated import LOOPBACK
-from cardan.histogram import LatencyHistogram
 from cardan.protocols.joint_stream import MAX_DATAGRAM_BYTES
 
 if TYPE_CHECKING:  # Imports Pinocchio, which only the arm in this process needs.

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import Options, require, require_each
 from cardan.errors import ConfigurationError, ScriptError
-from cardan.options import Options, require, require_each
 from cardan.robots import load_arm
 from cardan.sim_peers.arm import (
     FAULTS,

@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from cardan.common.sockets import absence
 from cardan.drivers import base
 from cardan.drivers.access import obstacle, such
 from cardan.drivers.reading import ReadDevice
@@ -33,7 +34,6 @@ from cardan.protocols.connexion import (
     full_scale_of,
     model_by_key,
 )
-from cardan.sockets import absence
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
 READ_TIMEOUT_S = 0.05

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import require
 from cardan.drivers.shaping import ShapingOptions
-from cardan.options import require
 from cardan.protocols.connexion import MODELS
 
 _MODEL_KEYS = tuple(model.key for model in MODELS)

@@ -11,6 +11,7 @@ import threading
 import time
 from typing import Any
 
+from cardan.common.sockets import UntrustedServerError, absence, connected
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.simulated import OWN
@@ -18,7 +19,6 @@ from cardan.drivers.spnav.core import SpnavCore
 from cardan.drivers.spnav.options import SpnavOptions
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan.protocols.spnav import DEFAULT_SOCKET, LedMode
-from cardan.sockets import UntrustedServerError, absence, connected
 from cardan.types import DeviceCapabilities, DeviceFeedback, DeviceLink
 
 SOCKET_VARIABLE = "SPNAV_SOCKET"

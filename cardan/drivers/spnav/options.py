@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from cardan import bounds
+from cardan.common import bounds
 from cardan.drivers.shaping import ShapingOptions
 
 STALE_AFTER_S = bounds.Range(

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import Any, Final
 
-from cardan.bounds import JOINT_POSITION, JOINT_VELOCITY, Range
+from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY, Range
 from cardan.drivers.lost_time import SIMULATED_TIME, AgreedTime
 from cardan.drivers.robot_core import outside
 from cardan.drivers.ur_rtde.options import UrRtdeOptions

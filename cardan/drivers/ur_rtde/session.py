@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final, Literal
 
+from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.robot_core import (
     WAKE_S as REPORT_S,
     check_command,
@@ -33,7 +34,6 @@ from cardan.drivers.ur_rtde.words import (
     other_generation,
     safety_words,
 )
-from cardan.histogram import LatencyHistogram
 from cardan.protocols.ur.dashboard import UNLOCK_PROTECTIVE_STOP, LineReader, refusal, request
 from cardan.protocols.ur.primary import MessageKind, PackageReader, RobotMessage, read_message
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode

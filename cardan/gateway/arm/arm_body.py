@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.drivers.robot_core import leap
 from cardan.gateway.arm.body import (
     APPROACH_SPEED_M_S,

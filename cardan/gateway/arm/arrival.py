@@ -6,8 +6,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Annotated
 
-from cardan import bounds
-from cardan.options import Options
+from cardan.common import bounds
+from cardan.common.options import Options
 from cardan.types import RobotState
 
 SLOW_RAD_S = 0.02

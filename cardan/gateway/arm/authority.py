@@ -6,9 +6,9 @@ import enum
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
-from cardan.bounds import AUTHORITY_LEASE_S
+from cardan.common.bounds import AUTHORITY_LEASE_S
+from cardan.common.options import Options
 from cardan.errors import ConfigurationError
-from cardan.options import Options
 from cardan.types import NEVER_S
 
 HAND = "hand"

@@ -18,6 +18,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
+from cardan.common.haptics import WorldMap
 from cardan.gateway.arm.activities.base import Activity
 from cardan.gateway.arm.activities.brake import Brake
 from cardan.gateway.arm.activities.hand import FollowHand
@@ -30,7 +31,6 @@ from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdog
 from cardan.gateway.hand.position import resting_pose
 from cardan.gateway.hand.source import NO_REQUEST, HandRequest, HandSource, HandView
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
-from cardan.haptics import WorldMap
 from cardan.types import (
     NEVER_S,
     ZERO_TWIST,

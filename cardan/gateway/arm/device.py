@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from cardan.common.shortage import shortage
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import CommandError
 from cardan.gateway.arm.codes import Action
@@ -19,7 +20,6 @@ from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.hand.mapping import MappingOptions
 from cardan.gateway.kinematics.collision import Obstacle
 from cardan.robots import ArmModel, BodyShape, load_arm
-from cardan.shortage import shortage
 
 START_TIMEOUT_S = 5.0
 """How long open() waits for the robot's first state, and close() for the end of the loop."""

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import Annotated
 
-from cardan import bounds
-from cardan.bounds import Bounds
+from cardan.common import bounds
+from cardan.common.bounds import Bounds
+from cardan.common.options import Options, require
 from cardan.gateway.arm.activities.torque import TorqueLimits
 from cardan.gateway.arm.arrival import ArrivalOptions
 from cardan.gateway.arm.authority import AuthorityOptions
@@ -15,7 +16,6 @@ from cardan.gateway.arm.planner import Margins
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import ServoOptions
-from cardan.options import Options, require
 from cardan.types import CommandKind
 
 STREAM_LIMITS = ReferenceLimits(linear_jerk_m_s3=20.0, angular_jerk_rad_s3=80.0)

@@ -8,7 +8,7 @@ import numbers
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from cardan.bounds import (
+from cardan.common.bounds import (
     ANGULAR_ACCELERATION_RAD_S2,
     ANGULAR_JERK_RAD_S3,
     ANGULAR_SPEED_RAD_S,

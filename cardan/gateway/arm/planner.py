@@ -10,8 +10,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple, Protocol
 
-from cardan.arm_libraries import np, pin
-from cardan.bounds import SAFETY_DISTANCE_M
+from cardan.common.arm_libraries import np, pin
+from cardan.common.bounds import SAFETY_DISTANCE_M
+from cardan.common.options import Options
 from cardan.errors import (
     CollisionError,
     JointLimitError,
@@ -22,7 +23,6 @@ from cardan.gateway.arm.checks import Workspace, check_workspace
 from cardan.gateway.kinematics.arm import CHARACTERISTIC_LENGTH_M, ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
-from cardan.options import Options
 from cardan.robots import ArmModel, BodyShape, JointKind
 from cardan.spatial import norm, rotation_between, subtract
 from cardan.types import Pose, Twist

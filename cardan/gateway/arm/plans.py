@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.activities.base import Activity, Deceleration
 from cardan.gateway.arm.activities.joint_path import FollowJoints, Standing

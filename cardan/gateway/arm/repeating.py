@@ -1,4 +1,4 @@
-"""Requests of programs as a record has them: :mod:`cardan.gateway.recording.repeat` repeats them.
+"""Requests of programs as a record has them: :mod:`cardan.recording.repeat` repeats them.
 
 Written down is what acts on the arm, in the moment in which it does, and between which ticks: what
 was worked out before (inverse kinematics, checks) is not repeated.

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.activities.base import Activity
 from cardan.gateway.arm.activities.joint_stream import FollowJointStream

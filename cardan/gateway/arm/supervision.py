@@ -14,11 +14,11 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated, NamedTuple
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import CODE_ONLY, Options
 from cardan.gateway.arm.activities.base import Activity
 from cardan.gateway.arm.body import Body, FollowingError
 from cardan.gateway.motion.reference import Reference
-from cardan.options import CODE_ONLY, Options
 from cardan.types import NEVER_S, RobotLink, RobotState
 
 LONGEST_STEP_PERIODS = 2.5

@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.errors import CardanError, ConfigurationError, MotionRefusedError
 from cardan.gateway.arm import parameters as prm
 from cardan.gateway.arm.activities.torque import TorqueMotion

@@ -15,8 +15,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from cardan.bounds import Range
 from cardan.bus.node import BusNode, ServiceRequest
+from cardan.common.bounds import Range
 from cardan.errors import CardanError
 from cardan.gateway.arm.codes import FrameCode, Parameter, PolicyCode, ProfileCode, Stream
 from cardan.gateway.arm.parameters import find_rule

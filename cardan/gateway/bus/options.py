@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan.bounds import ANGULAR_SPEED_RAD_S, LINEAR_SPEED_M_S, Range
 from cardan.bus.options import BusOptions
+from cardan.common.bounds import ANGULAR_SPEED_RAD_S, LINEAR_SPEED_M_S, Range
 from cardan.errors import OptionError
 from cardan.gateway.arm.authority import HAND
 from cardan.gateway.bus.other_names import NamesOf, ServoScales

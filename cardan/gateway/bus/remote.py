@@ -10,6 +10,7 @@ from dataclasses import replace
 from cardan.bus.network import Failure, Handle, NetworkError
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
+from cardan.common.sockets import is_loopback
 from cardan.errors import CardanError, DriverError, MotionLoopError, OptionError
 from cardan.gateway.arm.packet_arm import ANSWER_TIMEOUT_S, PacketArm
 from cardan.gateway.arm.requests import PacketError, Reply, Request, decode_answer
@@ -17,7 +18,6 @@ from cardan.gateway.bus.commands import ASK_SERVICE, ASK_TYPE, MOTIONS_TOPIC, MO
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name
-from cardan.sockets import is_loopback
 
 MEET_TIMEOUT_S = 5.0
 """Longest wait for the arm to be found on the bus: a router needs a second to tell of it."""

@@ -10,8 +10,8 @@ import math
 import re
 from collections.abc import Callable, Hashable
 
-from cardan.bounds import LONGEST_BLIND_S
 from cardan.bus.node import LEASE_MS, Received, ServiceRequest
+from cardan.common.bounds import LONGEST_BLIND_S
 from cardan.gateway.arm.checks import LONGEST_NAME
 from cardan.gateway.bus.askers import Askers, Identity
 from cardan.types import NEVER_S

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any, Final, NamedTuple
 
+from cardan.common.tables import keys_of, plain, read_table
 from cardan.drivers import registry
 from cardan.drivers.registry import DriverTable
 from cardan.gateway.daemon.layout import FaceEntry
 from cardan.gateway.session.config import SessionConfig
-from cardan.tables import keys_of, plain, read_table
 
 REMOVED: Final = "removed"
 """What has changed of a session that is not in the files any more."""

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any, Final
 
+from cardan.common.sockets import UntrustedServerError, absence, connected, runtime_path
 from cardan.errors import AddressError, CardanError, DriverError, MotionLoopError
 from cardan.gateway.arm.authority import VERBS
 from cardan.gateway.arm.packet_arm import PacketArm
@@ -23,7 +24,6 @@ from cardan.gateway.daemon.control import (
     decode_told,
     encode_ask,
 )
-from cardan.sockets import UntrustedServerError, absence, connected, runtime_path
 
 ANSWER_S: Final = 10.0
 """Longest wait for an answer."""

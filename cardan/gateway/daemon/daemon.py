@@ -19,6 +19,10 @@ from types import MappingProxyType
 from typing import Any, Final, NamedTuple
 
 from cardan import __version__
+from cardan.common.inbox import Inbox, InboxEmptyError
+from cardan.common.logs import fields
+from cardan.common.shortage import shortage
+from cardan.common.sockets import make_runtime_folder, runtime_path
 from cardan.errors import CardanError, ConfigurationError
 from cardan.gateway.arm.backlog import STREAMED_S
 from cardan.gateway.arm.motion import Outcome
@@ -53,10 +57,6 @@ from cardan.gateway.daemon.processes import (
 from cardan.gateway.daemon.server import Connection, ControlServer
 from cardan.gateway.faces.tokens import Role
 from cardan.gateway.session.lending import GIVE, TAKE
-from cardan.inbox import Inbox, InboxEmptyError
-from cardan.logs import fields
-from cardan.shortage import shortage
-from cardan.sockets import make_runtime_folder, runtime_path
 from cardan.types import NEVER_S
 
 POLL_S: Final = 0.1

@@ -15,8 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
+from cardan.common.files import state_folder
 from cardan.errors import ConfigurationError
-from cardan.files import state_folder
 from cardan.gateway.session.snapshot import Snapshot
 
 FILE_BYTES: Final = 10_000_000

@@ -12,14 +12,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
+from cardan.common.logs import level_of
+from cardan.common.printable import printable
 from cardan.gateway.daemon.events import SessionWatch
 from cardan.gateway.daemon.keeping import Ended, Unit, UnitState
 from cardan.gateway.daemon.layout import FaceEntry, SessionEntry
 from cardan.gateway.daemon.processes import Process, RunningFace, RunningSession
 from cardan.gateway.daemon.usage import ProcessorUse
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.logs import level_of
-from cardan.printable import printable
 from cardan.types import NEVER_S
 
 ENGAGED: Final = frozenset({"holding", "moving", "braking", "recovering"})

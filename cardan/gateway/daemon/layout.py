@@ -28,13 +28,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import Options, require, suggestion
+from cardan.common.tables import OTHER_KEYS, read_table, read_toml
 from cardan.errors import CardanError, ConfigurationError, below
 from cardan.gateway.faces import registry as face_registry
 from cardan.gateway.session.assembly import check_parts
 from cardan.gateway.session.config import SessionConfig
-from cardan.options import Options, require, suggestion
-from cardan.tables import OTHER_KEYS, read_table, read_toml
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
 
@@ -136,7 +136,13 @@ def read_layout_beside(paths: Iterable[Path]) -> Layout:
     """:func:`read_layout` in a process of its own, which loads the arms' models: nothing else that
     this process does waits for them. Raises ConfigurationError."""
     done = subprocess.run(
-        [sys.executable, "-m", "cardan.shortage", "cardan.gateway.daemon.layout", *map(str, paths)],
+        [
+            sys.executable,
+            "-m",
+            "cardan.common.shortage",
+            "cardan.gateway.daemon.layout",
+            *map(str, paths),
+        ],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         start_new_session=True,

@@ -15,13 +15,13 @@ from typing import Annotated, Any, Final
 
 from websockets.datastructures import Headers
 
-from cardan.bounds import ANY_PORT
+from cardan.common.bounds import ANY_PORT
+from cardan.common.extras import missing_extra
+from cardan.common.options import Options
 from cardan.errors import CardanError
-from cardan.extras import missing_extra
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.faces.base import Face, Ready
 from cardan.gateway.faces.web import Answer, Front, FrontOptions, serve_until
-from cardan.options import Options
 
 PORT: Final = 9464
 """Where Prometheus looks for the figures of programs that have no port of their own."""

@@ -16,6 +16,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Final
 
+from cardan.common.logs import FORMAT_VARIABLE, LEVEL_VARIABLE, LogFormat, level_of
+from cardan.common.shortage import shortage
 from cardan.gateway.arm.requests import is_answer
 from cardan.gateway.daemon.client import SOCKET_VARIABLE
 from cardan.gateway.daemon.keeping import Ended
@@ -28,8 +30,6 @@ from cardan.gateway.session.session import (
 )
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import KILL_AFTER_S, SessionProcess
-from cardan.logs import FORMAT_VARIABLE, LEVEL_VARIABLE, LogFormat, level_of
-from cardan.shortage import shortage
 
 FACE_LEAVES_WITHIN_S: Final = 8.0
 """How long after it was asked to end a face is killed: it closes its clients' connections first."""

@@ -14,6 +14,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
+from cardan.common.shortage import shortage
+from cardan.common.sockets import OWNER_ONLY, Advice, UnixSocket, user_of
 from cardan.errors import AddressError, ConfigurationError
 from cardan.gateway.arm.backlog import BACKLOGGED, Backlog
 from cardan.gateway.daemon.control import (
@@ -26,8 +28,6 @@ from cardan.gateway.daemon.control import (
     refusal,
 )
 from cardan.gateway.faces.tokens import Role
-from cardan.shortage import shortage
-from cardan.sockets import OWNER_ONLY, Advice, UnixSocket, user_of
 from cardan.types import NEVER_S
 
 GROUP_TOO: Final = 0o660

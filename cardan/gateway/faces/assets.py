@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from urllib.parse import unquote
 
+from cardan.common.files import open_file, read_text
 from cardan.errors import ConfigurationError, shown
-from cardan.files import open_file, read_text
 
 MAX_ASSET_BYTES = 32 * 2**20
 """Largest file that is served: meshes to look at have a few MB."""

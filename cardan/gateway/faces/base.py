@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import ClassVar, Generic, TypeVar
 
-from cardan.gateway.common.serving import interruptible
+from cardan.common.serving import interruptible
 
 OptionsT = TypeVar("OptionsT")
 

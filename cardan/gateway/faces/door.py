@@ -14,10 +14,10 @@ from http import HTTPStatus
 from typing import NamedTuple
 from urllib.parse import parse_qs, unquote, urlsplit
 
+from cardan.common.sockets import is_loopback
 from cardan.errors import shown
 from cardan.gateway.faces.guessing import BEGINNING_CHARACTERS, FailedTokens
 from cardan.gateway.faces.tokens import WITHOUT_TOKEN, Role, Tokens
-from cardan.sockets import is_loopback
 
 TOKEN_KEYS = ("t", "token")
 """Of the token in an address's query."""

@@ -5,15 +5,15 @@ from __future__ import annotations
 from importlib.metadata import entry_points
 from typing import Any
 
+from cardan.common.plugins import Finder
 from cardan.gateway.faces.base import Face
-from cardan.plugins import Finder
 
 ENTRY_POINT_GROUP = "cardan.faces"
 
 BUILT_IN = {
     "console": "cardan.gateway.faces.console.face:Console",
     "metrics": "cardan.gateway.daemon.metrics:Metrics",
-    "recorder": "cardan.gateway.recording.face:RecorderFace",
+    "recorder": "cardan.recording.face:RecorderFace",
     "rosbridge": "cardan.gateway.faces.rosbridge:Rosbridge",
     "router": "cardan.gateway.faces.router:Router",
 }

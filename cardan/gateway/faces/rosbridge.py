@@ -12,10 +12,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated
 
-from cardan.bounds import ANY_PORT
 from cardan.bus.network import Network
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
+from cardan.common.bounds import ANY_PORT
+from cardan.common.options import Options
 from cardan.gateway.faces.base import Face, Ready
 from cardan.gateway.faces.calls import Caller, Mailbox
 from cardan.gateway.faces.numbers import ClientNumbers
@@ -26,7 +27,6 @@ from cardan.gateway.faces.rosbridge_client import Client
 from cardan.gateway.faces.rosbridge_feeds import shared_feeds
 from cardan.gateway.faces.tokens import Role
 from cardan.gateway.faces.web import Front, FrontConnection, Page, WebOptions, serve_until
-from cardan.options import Options
 
 PORT = 9090
 """Where clients of rosbridge look for a server."""

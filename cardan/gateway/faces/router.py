@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from cardan.bus.node import close_session, router_config, words_of, zenoh_module
 from cardan.bus.options import ROUTER
 from cardan.bus.router import announced
+from cardan.common.options import Options
 from cardan.errors import AddressError, OptionError
 from cardan.gateway.faces.base import Face, Ready
-from cardan.options import Options
 
 LOOK_S = 0.1
 """How often it looks whether it is to end."""

@@ -10,8 +10,8 @@ import stat
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from cardan.common.files import read_text, state_folder
 from cardan.errors import ConfigurationError, OptionError
-from cardan.files import read_text, state_folder
 
 MIN_TOKEN_CHARACTERS = 16
 """Shorter tokens could be guessed over a network."""

@@ -28,9 +28,11 @@ from websockets.http11 import Request, Response
 from websockets.protocol import Event
 from websockets.typing import Data, Subprotocol
 
-from cardan.bounds import ANY_PORT, LISTEN_HOST, Range
+from cardan.common.bounds import ANY_PORT, LISTEN_HOST, Range
+from cardan.common.files import read_text
+from cardan.common.options import CODE_ONLY, Options, require
+from cardan.common.sockets import has_room, is_loopback, waiting_bytes
 from cardan.errors import AddressError, ConfigurationError, OptionError
-from cardan.files import read_text
 from cardan.gateway.arm.backlog import BACKLOGGED, Backlog
 from cardan.gateway.faces import telling
 from cardan.gateway.faces.allowed import Allowed
@@ -44,8 +46,6 @@ from cardan.gateway.faces.tokens import (
     parse_tokens,
     read_tokens,
 )
-from cardan.options import CODE_ONLY, Options, require
-from cardan.sockets import has_room, is_loopback, waiting_bytes
 from cardan.types import NEVER_S
 
 TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"

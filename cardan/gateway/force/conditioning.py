@@ -9,9 +9,9 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import Options
 from cardan.gateway.force.sources import Reading
-from cardan.options import Options
 from cardan.spatial import limit_norm, norm, rotate
 from cardan.types import NEVER_S, ZERO3, Frame, Pose, Vector3
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from cardan.common.haptics import OperatingState
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import CommandError, DriverError
-from cardan.haptics import OperatingState
 from cardan.types import NEVER_S
 
 ENABLE_PERIOD_S = 0.05

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from cardan.common.haptics import HapticState
+from cardan.common.histogram import LatencyHistogram
 from cardan.gateway.force.conditioning import LowPass
-from cardan.haptics import HapticState
-from cardan.histogram import LatencyHistogram
 from cardan.spatial import norm, subtract
 from cardan.types import Vector3
 

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from cardan import bounds
-from cardan.haptics import (
+from cardan.common import bounds
+from cardan.common.haptics import (
     Box,
     Cylinder,
     Fixture,
@@ -25,7 +25,7 @@ from cardan.haptics import (
     Viscous,
     WorldMap,
 )
-from cardan.options import Options
+from cardan.common.options import Options
 from cardan.spatial import add, dot, limit_norm, norm, rotate, scale, subtract
 from cardan.types import ZERO3, Quaternion, Vector3
 

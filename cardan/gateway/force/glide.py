@@ -7,8 +7,8 @@ So the rendered map approaches the true one slowly. Time is an argument.
 
 from __future__ import annotations
 
+from cardan.common.haptics import WorldMap
 from cardan.gateway.force.fixtures import turned, world_point
-from cardan.haptics import WorldMap
 from cardan.spatial import add, limit_norm, norm, scale, subtract
 from cardan.types import NEVER_S, ZERO3, Vector3
 

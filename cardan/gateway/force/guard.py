@@ -8,7 +8,7 @@ known whether the force comes back. Control logic only: time is an argument.
 
 from __future__ import annotations
 
-from cardan.haptics import HapticState, OperatingState
+from cardan.common.haptics import HapticState, OperatingState
 from cardan.spatial import norm
 from cardan.types import NEVER_S
 

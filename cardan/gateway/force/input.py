@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from cardan.common.haptics import MeasuredForce, WorldMap
 from cardan.gateway.force.conditioning import Conditioner
 from cardan.gateway.force.figures import ContactFigures
 from cardan.gateway.force.fixtures import turned_back
 from cardan.gateway.force.sources import ForceSource
-from cardan.haptics import MeasuredForce, WorldMap
 from cardan.spatial import scale
 from cardan.types import NEVER_S, Pose, RobotState, Vector3
 

@@ -22,7 +22,7 @@ import math
 import struct
 from typing import NamedTuple
 
-from cardan.haptics import WorldMap
+from cardan.common.haptics import WorldMap
 from cardan.spatial import is_finite
 from cardan.types import Frame, Pose, Quaternion, RobotLink, RobotState, Vector3, Wrench
 

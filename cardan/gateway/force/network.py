@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from cardan.common.haptics import IDENTITY3, Matrix3, WorldMap
 from cardan.gateway.force.fixtures import turned
 from cardan.gateway.force.lease import LEASE_S, Lease
 from cardan.gateway.force.link import MAX_FORCE_N, ForceMessage
 from cardan.gateway.force.sources import ForceSource, Reading
-from cardan.haptics import IDENTITY3, Matrix3, WorldMap
 from cardan.spatial import norm
 from cardan.types import ZERO3, Frame, Pose, RobotState, Vector3
 

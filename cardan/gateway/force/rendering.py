@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 from typing import Any
 
+from cardan.common.haptics import HapticCommand, MeasuredForce, WorldMap
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import DriverError
 from cardan.gateway.force.enabling import ForceEnabling
@@ -19,7 +20,6 @@ from cardan.gateway.force.fixtures import FixtureSet, world_point
 from cardan.gateway.force.glide import MapGlide
 from cardan.gateway.force.guard import ForceGuard
 from cardan.gateway.force.input import ForceInput, MeasuredTcp
-from cardan.haptics import HapticCommand, MeasuredForce, WorldMap
 from cardan.types import NEVER_S, DeviceState, Pose, RobotState
 
 LOOK_PERIOD_S = 0.01

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import socket
 
+from cardan.common.haptics import WorldMap
+from cardan.common.sockets import Advice, UnixSocket
 from cardan.gateway.force.lease import Lease
 from cardan.gateway.force.link import (
     MAX_PACKET_BYTES,
@@ -16,8 +18,6 @@ from cardan.gateway.force.link import (
     encode_state,
 )
 from cardan.gateway.force.sources import ForceSource, Reading
-from cardan.haptics import WorldMap
-from cardan.sockets import Advice, UnixSocket
 from cardan.types import NEVER_S, Frame, Pose, RobotLink, RobotState
 
 ACCEPT_PERIOD_S = 0.05

@@ -11,12 +11,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.haptics import WorldMap
+from cardan.common.openable import Openable
+from cardan.common.options import Options
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError
-from cardan.haptics import WorldMap
-from cardan.openable import Openable
-from cardan.options import Options
 from cardan.spatial import add, dot, is_finite, norm, scale, subtract
 from cardan.types import ZERO3, Frame, Pose, RobotLink, RobotState, Vector3, Wrench
 

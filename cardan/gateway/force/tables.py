@@ -7,14 +7,9 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar, Literal
 
-from cardan import bounds
-from cardan.bounds import Angles, Direction, Length
-from cardan.drivers.registry import DriverTable
-from cardan.errors import ConfigurationError
-from cardan.gateway.force.conditioning import Conditioning
-from cardan.gateway.force.fixtures import FixtureTable, matrix_of, outward_of_round, unit
-from cardan.gateway.force.sources import ContactTable
-from cardan.haptics import (
+from cardan.common import bounds
+from cardan.common.bounds import Angles, Direction, Length
+from cardan.common.haptics import (
     MAX_FIXTURES,
     Box,
     Cylinder,
@@ -23,8 +18,13 @@ from cardan.haptics import (
     Spring,
     Viscous,
 )
+from cardan.common.tables import AtMost, Tag
+from cardan.drivers.registry import DriverTable
+from cardan.errors import ConfigurationError
+from cardan.gateway.force.conditioning import Conditioning
+from cardan.gateway.force.fixtures import FixtureTable, matrix_of, outward_of_round, unit
+from cardan.gateway.force.sources import ContactTable
 from cardan.spatial import dot, from_euler_zyx, subtract
-from cardan.tables import AtMost, Tag
 from cardan.types import ZERO3, Vector3
 
 Near = Annotated[float, bounds.NEAR_M]

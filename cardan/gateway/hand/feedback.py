@@ -10,8 +10,8 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
-from cardan import bounds
-from cardan.options import Options
+from cardan.common import bounds
+from cardan.common.options import Options
 from cardan.spatial import norm
 from cardan.types import DeviceFeedback, RobotState
 

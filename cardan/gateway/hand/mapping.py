@@ -15,10 +15,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from cardan import bounds
-from cardan.bounds import Angle, Angles, Point
+from cardan.common import bounds
+from cardan.common.bounds import Angle, Angles, Point
+from cardan.common.options import Options, require
 from cardan.errors import ConfigurationError
-from cardan.options import Options, require
 from cardan.spatial import rotate
 from cardan.types import (
     ZERO3,

@@ -16,10 +16,10 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
-from cardan.braking import stopping_speed
+from cardan.common.braking import stopping_speed
+from cardan.common.haptics import Matrix3, WorldMap
 from cardan.gateway.hand.mapping import AXES, MappingOptions, Orientation
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
-from cardan.haptics import Matrix3, WorldMap
 from cardan.spatial import (
     add,
     conjugate,

@@ -11,12 +11,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from cardan.common.haptics import WorldMap
 from cardan.gateway.hand.absolute import AbsoluteMapping
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.hand.mapping import MappingOptions, Mode, TwistMapping
 from cardan.gateway.hand.position import HandMapping, PositionMapping, is_pose
 from cardan.gateway.motion.reference import ReferenceLimits
-from cardan.haptics import WorldMap
 from cardan.spatial import is_finite
 from cardan.types import (
     ZERO3,

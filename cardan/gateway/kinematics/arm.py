@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from cardan.arm_libraries import eigenpy, np, npt, pin
+from cardan.common.arm_libraries import eigenpy, np, npt, pin
 from cardan.gateway.kinematics.base import SE3, TURN, FloatArray, to_se3
 from cardan.robots import ArmModel, JointKind
 from cardan.types import IDENTITY_POSE, Pose

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, Protocol
 
-from cardan.arm_libraries import np, npt, pin
+from cardan.common.arm_libraries import np, npt, pin
 from cardan.types import Frame, Pose, Quaternion, Vector3
 
 FloatArray = npt.NDArray[np.float64]

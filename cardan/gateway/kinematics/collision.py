@@ -11,7 +11,7 @@ import operator
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from cardan.arm_libraries import coal, np, pin
+from cardan.common.arm_libraries import coal, np, pin
 from cardan.errors import ConfigurationError, below
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_se3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray
 

@@ -19,13 +19,13 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, ClassVar, NamedTuple
 
-from cardan import bounds
-from cardan.arm_libraries import np, npt, pin
+from cardan.common import bounds
+from cardan.common.arm_libraries import np, npt, pin
+from cardan.common.options import Options, require
+from cardan.common.tables import read_table, read_toml
 from cardan.errors import about
 from cardan.gateway.kinematics.base import SE3, FloatArray
-from cardan.options import Options, require
 from cardan.robots import TIME_TO_FULL_SPEED_S, SixWeights
-from cardan.tables import read_table, read_toml
 
 _FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 

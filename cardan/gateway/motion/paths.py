@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Literal
 
-from cardan.arm_libraries import np, npt
+from cardan.common.arm_libraries import np, npt
 from cardan.errors import ConfigurationError
 from cardan.gateway.motion.profiles import JerkLimited, Profile
 from cardan.spatial import (

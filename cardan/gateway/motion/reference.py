@@ -15,11 +15,11 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
 
-from cardan import bounds
-from cardan.bounds import Bounds
-from cardan.braking import stopping_speed
+from cardan.common import bounds
+from cardan.common.bounds import Bounds
+from cardan.common.braking import stopping_speed
+from cardan.common.options import Options, require
 from cardan.gateway.motion.shaping import JerkLimitedVector
-from cardan.options import Options, require
 from cardan.spatial import (
     add,
     dot,

@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass, fields
 from typing import Any, Literal
 
+from cardan.common.extras import missing_extra
 from cardan.errors import ConfigurationError
-from cardan.extras import missing_extra
 from cardan.spatial import (
     add,
     dot,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 
-from cardan.arm_libraries import np, npt
+from cardan.common.arm_libraries import np, npt
 from cardan.errors import MotionRefusedError
 from cardan.gateway.motion.joint_trajectory import SHORTEST_STEP_S, JointTrajectory
 

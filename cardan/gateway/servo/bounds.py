@@ -13,9 +13,9 @@ class JointBounds:
 
     Speed, acceleration and position limits hold together by construction: from any velocity that
     these bounds allow, the joint can stop at its limit with its acceleration (v·dt + v²/2a = d,
-    as in :func:`cardan.braking.stopping_speed`), and no sooner than the joint that takes longest to
-    stop: all can slow down alike, on the line. A joint that is outside its range anyway may
-    only move inwards. Plain floats: for six joints numpy would cost twice as much.
+    as in :func:`cardan.common.braking.stopping_speed`), and no sooner than the joint that takes
+    longest to stop: all can slow down alike, on the line. A joint that is outside its range anyway
+    may only move inwards. Plain floats: for six joints numpy would cost twice as much.
     """
 
     def __init__(self, kinematics: Kinematics, speed_share: float, acceleration_share: float):

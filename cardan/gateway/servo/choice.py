@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from cardan.common.native import NativePartError
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import Kinematics
@@ -9,7 +10,6 @@ from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.servo.servo import Servo
-from cardan.native import NativePartError
 from cardan.robots import SixWeights
 
 AnyServo = Servo | CompiledServo

@@ -13,7 +13,7 @@ import weakref
 from collections.abc import Sequence
 from typing import Any
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3

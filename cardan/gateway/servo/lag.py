@@ -7,7 +7,7 @@ motion looks like an arm that is blocked.
 
 from __future__ import annotations
 
-from cardan.arm_libraries import np, npt
+from cardan.common.arm_libraries import np, npt
 from cardan.gateway.kinematics.base import FloatArray, short_way
 
 _ROWS = 17

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import cardan
+from cardan.common.native import ADVICE, NativePartError, load_library
 from cardan.gateway.servo.kernel_layout import expected_layout
-from cardan.native import ADVICE, NativePartError, load_library
 
 
 def library_path() -> Path:

@@ -6,9 +6,9 @@ import enum
 from dataclasses import dataclass
 from typing import Annotated
 
-from cardan import bounds
-from cardan.bounds import Range
-from cardan.options import Options
+from cardan.common import bounds
+from cardan.common.bounds import Range
+from cardan.common.options import Options
 
 GAIN_1_S = Range(0.0, 1000.0, "1/s", "at 1 kHz a higher gain overshoots in one tick")
 SINGULAR_VALUE = Range(0.0, 1.0, "", "a length-weighed singular value of an arm is not larger")

@@ -19,8 +19,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from cardan.arm_libraries import daqp, eigenpy, np, pin
-from cardan.braking import stopping_speed
+from cardan.common.arm_libraries import daqp, eigenpy, np, pin
+from cardan.common.braking import stopping_speed
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, to_pose, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.gateway.servo.bounds import JointBounds

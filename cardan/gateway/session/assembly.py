@@ -11,6 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
+from cardan.common.options import suggestion
+from cardan.common.tables import as_table, keys_of, read_table, read_toml
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.drivers.haptic import HapticDevice
@@ -57,10 +59,8 @@ from cardan.gateway.session.config import (
     SessionConfig,
     parse_config,
 )
-from cardan.options import suggestion
 from cardan.robots import load_arm
 from cardan.spatial import norm, scale
-from cardan.tables import as_table, keys_of, read_table, read_toml
 from cardan.types import (
     IDENTITY_POSE,
     CommandKind,
@@ -319,7 +319,7 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     table = config.arm
     if table is None:
         return None
-    from cardan.arm_libraries import np
+    from cardan.common.arm_libraries import np
     from cardan.gateway.arm.arm_body import ArmBody
     from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.collision import CollisionModel
@@ -519,7 +519,7 @@ def _force_warnings(
 
 
 def _take_limits(kinematics: Kinematics, robot: RobotCapabilities) -> None:
-    from cardan.arm_libraries import np
+    from cardan.common.arm_libraries import np
 
     limits = robot.limits
     if limits is None:

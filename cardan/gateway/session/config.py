@@ -11,8 +11,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any, ClassVar
 
-from cardan import bounds
-from cardan.bounds import Angles, Coordinate, Direction
+from cardan.common import bounds
+from cardan.common.bounds import Angles, Coordinate, Direction
+from cardan.common.options import Options
+from cardan.common.tables import read_table
 from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.arrival import ArrivalOptions
@@ -32,10 +34,8 @@ from cardan.gateway.hand.filters.registry import FilterTable
 from cardan.gateway.hand.mapping import GripperAction, GripperOptions, MappingOptions, Mode
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import Policy, ServoOptions
-from cardan.options import Options
 from cardan.robots import SolidTable
 from cardan.spatial import from_euler_zyx
-from cardan.tables import read_table
 from cardan.types import Pose, Vector3
 
 LONGEST_STOP_S = 0.5

@@ -14,8 +14,11 @@ import socket
 import threading
 import time
 
+from cardan.common.printable import printable
+from cardan.common.realtime import ask_for_real_time
+from cardan.common.serving import interruptible
+from cardan.common.sockets import absence, connected
 from cardan.errors import AddressError, DriverError
-from cardan.gateway.common.serving import interruptible
 from cardan.gateway.force.fixtures import FixtureSet, fixture_force
 from cardan.gateway.force.link import (
     MAX_PACKET_BYTES,
@@ -28,9 +31,6 @@ from cardan.gateway.force.link import (
 from cardan.gateway.force.sources import ForceSource, PointVelocity
 from cardan.gateway.session.assembly import make_conditioner, make_source
 from cardan.gateway.session.config import ForceConfig
-from cardan.printable import printable
-from cardan.realtime import ask_for_real_time
-from cardan.sockets import absence, connected
 from cardan.spatial import add, norm
 from cardan.types import ZERO3
 

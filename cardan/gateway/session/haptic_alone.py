@@ -12,21 +12,21 @@ import time
 
 from cardan.bus.node import BusNode
 from cardan.bus.router import RouterKeeper
+from cardan.common.haptics import OperatingState
+from cardan.common.realtime import ask_for_real_time
+from cardan.common.serving import interruptible
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.ihaptic import IHapticDevice
 from cardan.errors import DriverError
 from cardan.gateway.bus.arm_topics import Diagnostics
 from cardan.gateway.bus.device_topics import DeviceTopics
 from cardan.gateway.bus.haptic_server import HapticServer
-from cardan.gateway.common.serving import interruptible
 from cardan.gateway.force.enabling import ForceEnabling
 from cardan.gateway.force.input import FADE_IN_S
 from cardan.gateway.force.lease import LEASE_S
 from cardan.gateway.force.network import PublishedFeedback
 from cardan.gateway.session.assembly import make_device
 from cardan.gateway.session.config import HapticConfig
-from cardan.haptics import OperatingState
-from cardan.realtime import ask_for_real_time
 from cardan.spatial import scale
 from cardan.types import NEVER_S, Vector3
 

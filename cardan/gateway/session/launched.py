@@ -15,8 +15,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
+from cardan.common.printable import printable
 from cardan.errors import DriverError
-from cardan.printable import printable
 
 READY_WITHIN_S = 20.0
 """Longest time until it serves; importing takes a second on a slow machine."""

@@ -14,7 +14,7 @@ import threading
 import time
 from types import FrameType
 
-from cardan.shortage import run
+from cardan.common.shortage import run
 
 LEAVE_WITHIN_S = 5.0
 """Longest time for the command to end as it does by SIGTERM."""

@@ -8,7 +8,7 @@ from rich.console import Console, RenderableType
 from rich.live import Live
 from rich.text import Text
 
-from cardan import output
+from cardan.common import output
 
 
 class LivePanel:

@@ -19,6 +19,12 @@ import time
 from collections.abc import Collection
 from typing import TYPE_CHECKING, Any
 
+from cardan.common.histogram import LatencyHistogram
+from cardan.common.logs import LogFormat, log_to_stderr
+from cardan.common.output import dropping_text
+from cardan.common.realtime import ask_for_real_time, share_interpreter_promptly
+from cardan.common.shortage import shortage
+from cardan.common.signals import ignore_ending, take_ending
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import (
     CardanError,
@@ -51,12 +57,6 @@ from cardan.gateway.session.heartbeat import BEAT, Heartbeat
 from cardan.gateway.session.lending import GIVE, TAKE, DeviceLease
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.gateway.session.worker import ChannelClient, RequestWorker
-from cardan.histogram import LatencyHistogram
-from cardan.logs import LogFormat, log_to_stderr
-from cardan.output import dropping_text
-from cardan.realtime import ask_for_real_time, share_interpreter_promptly
-from cardan.shortage import shortage
-from cardan.signals import ignore_ending, take_ending
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY_POSE,

@@ -19,13 +19,13 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 from cardan.bus.router import RouterKeeper
+from cardan.common.logs import LogFormat
+from cardan.common.signals import ENDING_SIGNALS, on_ending, signal_name
+from cardan.common.tables import as_table
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.heartbeat import BEAT, BEAT_PERIOD_S
 from cardan.gateway.session.session import BRAKE_TIMEOUT_S, EXIT_INTERNAL
 from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
-from cardan.logs import LogFormat
-from cardan.signals import ENDING_SIGNALS, on_ending, signal_name
-from cardan.tables import as_table
 from cardan.types import NEVER_S
 
 KILL_AFTER_S = BRAKE_TIMEOUT_S + 3.0
@@ -97,7 +97,7 @@ class SessionProcess:
                     *through,
                     sys.executable,
                     "-m",
-                    "cardan.shortage",
+                    "cardan.common.shortage",
                     "cardan.gateway.session.session",
                     f"--channel-fd={theirs.fileno()}",
                     f"--seconds={seconds}",

@@ -11,7 +11,7 @@ from rich.panel import Panel
 from rich.table import Table
 from rich.text import Text
 
-from cardan import output
+from cardan.common import output
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.hand.mapping import AXES
 from cardan.gateway.session.panel import LivePanel

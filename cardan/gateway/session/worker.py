@@ -18,6 +18,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
+from cardan.common.shortage import shortage
 from cardan.errors import CardanError, MotionRefusedError
 from cardan.gateway.arm.backlog import STREAMED_S
 from cardan.gateway.arm.codes import Begins
@@ -38,7 +39,6 @@ from cardan.gateway.arm.requests import (
     encode_note,
     encode_reply,
 )
-from cardan.shortage import shortage
 from cardan.types import NEVER_S
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.

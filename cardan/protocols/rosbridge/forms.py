@@ -11,7 +11,7 @@ import struct
 from collections.abc import Mapping
 from typing import Any
 
-from cardan.extras import missing_extra
+from cardan.common.extras import missing_extra
 
 try:
     import cbor2

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal, NamedTuple
 
-from cardan import bounds
-from cardan.bounds import Range
+from cardan.common import bounds
+from cardan.common.bounds import Range
+from cardan.common.options import Options, require, require_each
 from cardan.errors import ConfigurationError
-from cardan.options import Options, require, require_each
 from cardan.protocols.joint_stream import MAX_JOINTS
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.faults import FAULTS

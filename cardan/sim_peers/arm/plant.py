@@ -13,7 +13,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 
-from cardan.arm_libraries import np, npt, pin
+from cardan.common.arm_libraries import np, npt, pin
 from cardan.robots import ArmModel, Capsule, JointKind
 from cardan.robots.counterbalance import Counterbalance
 from cardan.sim_peers.arm.options import PlantOptions

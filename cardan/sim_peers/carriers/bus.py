@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from cardan import bounds
 from cardan.bus.node import BusNode, Presence, Publisher, WaitingSubscription
 from cardan.bus.options import BusOptions
+from cardan.common import bounds
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.zenoh import SUBSCRIPTION
 from cardan.sim_peers.carriers.base import Carrier

@@ -14,9 +14,9 @@ import tty
 from collections.abc import Sequence
 from typing import Protocol
 
+from cardan.common.sockets import OWNER_ONLY
 from cardan.errors import AddressError
 from cardan.sim_peers.carriers.base import Carrier, Shell
-from cardan.sockets import OWNER_ONLY
 
 WATCH_PERIOD_S = 0.01
 """Period of checks whether a host has opened the port: a pseudo-terminal does not report it."""

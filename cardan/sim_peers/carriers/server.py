@@ -10,7 +10,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
-from cardan.sockets import opened
+from cardan.common.sockets import opened
 
 _ROOM = 65536
 _SMALLEST_BUFFER = 1

@@ -8,9 +8,9 @@ from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
+from cardan.common.sockets import OWNER_ONLY, UnixSocket
 from cardan.sim_peers.carriers.base import Carrier, M
 from cardan.sim_peers.carriers.server import PacketClient, Server
-from cardan.sockets import OWNER_ONLY, UnixSocket
 
 MAX_CLIENTS = 8
 """Programs that may have the device open at once."""

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import Annotated, NamedTuple
 
-from cardan import bounds
+from cardan.common import bounds
 from cardan.sim_peers.kinematics import AXES, Frames
 from cardan.types import ZERO3, Vector3
 

@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal, NamedTuple
 
-from cardan import bounds
-from cardan.bounds import Range
-from cardan.options import Options, require_each
+from cardan.common import bounds
+from cardan.common.bounds import Range
+from cardan.common.options import Options, require_each
 from cardan.sim_peers.base import check_faults
 from cardan.sim_peers.command import numbers, option
 from cardan.sim_peers.egm_controller.arguments import Mode

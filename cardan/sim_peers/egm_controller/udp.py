@@ -8,10 +8,10 @@ import socket
 import time
 from typing import Any
 
+from cardan.common.sockets import opened
 from cardan.sim_peers.datagrams import DatagramPeer
 from cardan.sim_peers.egm_controller.controller import EgmController
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
-from cardan.sockets import opened
 
 log = logging.getLogger(__name__)
 

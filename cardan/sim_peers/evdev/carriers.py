@@ -13,6 +13,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from cardan.common.sockets import OWNER_ONLY
 from cardan.errors import AddressError
 from cardan.protocols.evdev import (
     EV_ABS,
@@ -63,7 +64,6 @@ from cardan.sim_peers.carriers.base import Carrier
 from cardan.sim_peers.carriers.server import PacketClient
 from cardan.sim_peers.carriers.unix_socket import PacketCarrier
 from cardan.sim_peers.evdev.core import EFFECTS, InputEvents, SimulatedInput
-from cardan.sockets import OWNER_ONLY
 
 if sys.platform != "win32":
     import fcntl

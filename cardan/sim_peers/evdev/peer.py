@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
+from cardan.common import bounds
 from cardan.errors import ConfigurationError, OptionError
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.carriers.base import Carrier

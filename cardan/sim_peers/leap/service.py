@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from cardan import bounds
-from cardan.bounds import Range
+from cardan.common import bounds
+from cardan.common.bounds import Range
 from cardan.protocols.leap import PORT
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import option

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Literal
 
-from cardan import bounds
-from cardan.bounds import Range
-from cardan.options import Options, require_each
+from cardan.common import bounds
+from cardan.common.bounds import Range
+from cardan.common.options import Options, require_each
 from cardan.protocols.simple_message import MAX_GROUPS, MOTION_PORT
 from cardan.robots import ArmModel, JointKind, load_arm
 from cardan.sim_peers.base import check_faults

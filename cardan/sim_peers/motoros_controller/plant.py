@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Mapping, Sequence
 from typing import Annotated, NamedTuple
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
 
 DELAY_S = Range(0.0, 10.0, "s", "no arm is farther behind its command")
 

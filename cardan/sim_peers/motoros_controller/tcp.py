@@ -6,8 +6,8 @@ import csv
 import logging
 from typing import TextIO
 
+from cardan.common.files import create_file
 from cardan.errors import ConfigurationError
-from cardan.files import create_file
 from cardan.sim_peers.motoros_controller.controller import MotorosController
 from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions
 from cardan.sim_peers.motoros_controller.servers import PORT_KINDS, MotorosServers, PortKind

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from cardan.braking import stopping_speed
+from cardan.common.braking import stopping_speed
 
 SEQUENCES = 2**31
 """Sequence numbers count modulo this; 0 arms, so that after the largest comes 1."""

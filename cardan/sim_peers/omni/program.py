@@ -10,9 +10,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FrameType
 
+from cardan.common.files import create_file
+from cardan.common.signals import ENDING_SIGNALS, on_ending
 from cardan.errors import ConfigurationError
-from cardan.files import create_file
-from cardan.signals import ENDING_SIGNALS, on_ending
 from cardan.sim_peers.omni.library import (
     LIBRARY_NAMES,
     LIBRARY_VARIABLE,

@@ -39,9 +39,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
+from cardan.common.options import Options, require_each
 from cardan.errors import ScriptError
-from cardan.options import Options, require_each
 from cardan.sim_peers.base import FaultSwitch, check_faults
 from cardan.sim_peers.command import option
 from cardan.types import ZERO3, Vector3

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from cardan import bounds
-from cardan.bounds import Range
 from cardan.bus.dds_options import DdsOptions
 from cardan.bus.options import DOMAIN, BusOptions
+from cardan.common import bounds
+from cardan.common.bounds import Range
+from cardan.common.options import Options
 from cardan.errors import ConfigurationError
-from cardan.options import Options
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.options import PlantOptions
 from cardan.sim_peers.base import FaultSwitch, check_faults

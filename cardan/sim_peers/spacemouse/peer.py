@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, TypeVar
 
-from cardan import bounds
+from cardan.common import bounds
 from cardan.errors import ConfigurationError, OptionError, ScriptError
 from cardan.protocols.connexion import CONNEXION, MODELS, model_by_key
 from cardan.protocols.connexion.descriptors import descriptor_for

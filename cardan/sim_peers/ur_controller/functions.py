@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
 from cardan.protocols.ur.variables import REGISTERS
 from cardan.sim_peers.ur_controller.interpreter import Function, ServoJ, SpeedJ, StopJ, Wait
 

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from cardan import bounds
-from cardan.bounds import Range
-from cardan.options import Options, require_each
+from cardan.common import bounds
+from cardan.common.bounds import Range
+from cardan.common.options import Options, require_each
 from cardan.protocols.ur.dashboard import DASHBOARD_PORT
 from cardan.protocols.ur.primary import PRIMARY_PORT
 from cardan.protocols.ur.rtde import RTDE_PORT, ControllerVersion

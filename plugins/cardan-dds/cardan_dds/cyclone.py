@@ -20,8 +20,8 @@ from functools import cache
 from typing import Any, NamedTuple
 
 from cardan.bus.dds_options import DdsOptions
+from cardan.common.extras import missing_extra
 from cardan.errors import ConfigurationError, DriverError
-from cardan.extras import missing_extra
 from cardan.protocols.ros2.interfaces import Field, InterfaceError, message_type
 from cardan.protocols.ros2.names import type_of_dds
 from cardan.protocols.ros2.zenoh import Qos

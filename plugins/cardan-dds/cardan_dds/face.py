@@ -8,9 +8,9 @@ from dataclasses import dataclass, field
 from cardan.bus.dds_options import DdsOptions
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
+from cardan.common.options import Options
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.base import Face, Ready
-from cardan.options import Options
 from cardan_dds.bridge import NODE, Bridge
 from cardan_dds.network import DdsNetwork
 

@@ -23,8 +23,8 @@ from websockets.exceptions import ConnectionClosed, WebSocketException
 from websockets.typing import Subprotocol
 
 from cardan.bus.network import Handle, Network, NetworkError, Service, Topic
+from cardan.common.extras import missing_extra
 from cardan.errors import DriverError, shown
-from cardan.extras import missing_extra
 from cardan.gateway.arm.backlog import STALE_S, is_stale, stale_words
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.assets import Packages

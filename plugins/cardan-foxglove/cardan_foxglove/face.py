@@ -17,10 +17,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-from cardan.bounds import ANY_PORT
 from cardan.bus.network import Handle, Network, NetworkError
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
+from cardan.common.bounds import ANY_PORT
+from cardan.common.options import Options
 from cardan.gateway.faces.assets import Packages
 from cardan.gateway.faces.base import Face, Ready
 from cardan.gateway.faces.calls import Caller, Mailbox
@@ -30,7 +31,6 @@ from cardan.gateway.faces.parameters import EVENT, EVENTS
 from cardan.gateway.faces.refusals import Refusals
 from cardan.gateway.faces.tokens import Role
 from cardan.gateway.faces.web import Front, FrontConnection, WebOptions, serve_until
-from cardan.options import Options
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan_foxglove.client import Client, Shown, sdk, shared_feeds
 from cardan_foxglove.protocol import SUBPROTOCOLS

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from cardan.gateway.doctor.base import Subject
-from cardan.gateway.doctor.files import read_files
-from cardan.gateway.doctor.installation import needed_extras
-from cardan.gateway.doctor.ports import Wanted, wanted_ports
+from cardan.doctor.base import Subject
+from cardan.doctor.files import read_files
+from cardan.doctor.installation import needed_extras
+from cardan.doctor.ports import Wanted, wanted_ports
 from cardan.gateway.faces import registry
 from cardan_foxglove.face import Foxglove
 from tests import test_face_command as shared

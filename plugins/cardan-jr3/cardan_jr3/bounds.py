@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.bounds import Text
+from cardan.common.bounds import Text
 
 CAN_PORTS = {"udp_multicast": 43113, "socketcand": 29536}
 """Default ports of python-can's interfaces over a network."""

@@ -9,10 +9,10 @@ import pytest
 
 import cardan_jr3
 from cardan.conform import registry as suites
+from cardan.demos.examples import find_demos, free_ports
 from cardan.drivers import registry as drivers
 from cardan.drivers.omni import OmniOptions
 from cardan.gateway.session.assembly import load_config
-from cardan.gateway.session.examples import find_demos, free_ports
 from cardan.gateway.session.launched import launched
 from cardan.gateway.session.session import EXIT_OK
 from cardan.sim_peers import registry as peers

@@ -3,8 +3,8 @@
 import pytest
 
 from cardan.conform import registry as suites
+from cardan.demos.examples import find_demos
 from cardan.drivers import registry as drivers
-from cardan.gateway.session.examples import find_demos
 from cardan.sim_peers import registry as peers
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_spnav_server import identity_of

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from cardan.common.options import Options
 from cardan.drivers.registry import DriverTable
-from cardan.options import Options
 from cardan_spnav_server.options import SpnavServerOptions
 
 

@@ -14,8 +14,8 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated
 
-from cardan.bounds import COUNTS
-from cardan.options import check_value
+from cardan.common.bounds import COUNTS
+from cardan.common.options import check_value
 from cardan.protocols.spnav import (
     FAILED,
     MAX_BUTTONS,
@@ -73,7 +73,7 @@ class SpnavServerCore:
     is pressed first; all others follow. `on_led` switches the device's LED; None: it has none, or
     it is not for programs to switch. `full_scale` is in
     counts; None: what programs take for a full deflection of such a device. Raises OptionError for
-    one that is not in `COUNTS` of :mod:`cardan.bounds`.
+    one that is not in `COUNTS` of :mod:`cardan.common.bounds`.
     """
 
     def __init__(

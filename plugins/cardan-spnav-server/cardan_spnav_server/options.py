@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import Options
 from cardan.errors import OptionError
-from cardan.options import Options
 from cardan.protocols.connexion import MODELS
 from cardan.protocols.spnav import DEFAULT_SOCKET
 from cardan_spnav_server.identity import DeviceIdentity, identity_behind_bus

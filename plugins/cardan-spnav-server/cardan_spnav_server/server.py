@@ -11,12 +11,12 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
+from cardan.common.openable import Openable
+from cardan.common.realtime import ask_for_real_time
+from cardan.common.serving import interruptible
+from cardan.common.sockets import EVERYBODY, OWNER_ONLY, Advice, UnixSocket
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError
-from cardan.gateway.common.serving import interruptible
-from cardan.openable import Openable
-from cardan.realtime import ask_for_real_time
-from cardan.sockets import EVERYBODY, OWNER_ONLY, Advice, UnixSocket
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 from cardan_spnav_server.core import MOTION_PERIOD_S, SpnavServerCore
 from cardan_spnav_server.identity import DEFAULT_NAME, DeviceIdentity, identity_of

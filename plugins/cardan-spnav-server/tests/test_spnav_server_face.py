@@ -8,11 +8,11 @@ import pytest
 
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
+from cardan.demos.examples import free_ports
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.errors import OptionError
 from cardan.gateway.bus.device_topics import DeviceTopics
 from cardan.gateway.faces import registry
-from cardan.gateway.session.examples import free_ports
 from cardan.protocols.connexion import MODELS
 from cardan.protocols.spnav import Button, Motion, ServerReader, encode_handshake
 from cardan.types import NEUTRAL, Axes, DeviceLink, DeviceState

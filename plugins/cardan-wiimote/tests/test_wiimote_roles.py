@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.options import choices, hints
+from cardan.common.options import choices, hints
 from cardan_wiimote.driver.core import BUTTON_NAMES, NUNCHUK_BUTTONS
 from cardan_wiimote.driver.options import WiimoteOptions
 from cardan_wiimote.driver.roles import ROLES, STICK_BUTTON, Hand

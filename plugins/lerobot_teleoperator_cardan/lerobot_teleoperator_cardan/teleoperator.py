@@ -8,9 +8,9 @@ from lerobot.teleoperators import Teleoperator
 from lerobot.teleoperators.utils import TeleopEvents
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
-from cardan.gateway.learning.features import action_names
-from cardan.gateway.learning.hand import EventButtons
-from cardan.gateway.learning.setup import make_hand
+from cardan.learning.features import action_names
+from cardan.learning.hand import EventButtons
+from cardan.learning.setup import make_hand
 from cardan.types import DeviceFeedback
 from lerobot_teleoperator_cardan.config_cardan import CardanTeleopConfig
 

@@ -10,7 +10,7 @@ import math
 import numpy as np
 import pytest
 
-from cardan.haptics import OperatingState
+from cardan.common.haptics import OperatingState
 from studies.haptics.faults import FAULT_S, FAULTS, LIMITS, feel, table
 from studies.haptics.loop import TICK_S
 

@@ -14,7 +14,7 @@ import random
 import numpy as np
 import pytest
 
-from cardan.haptics import HapticCommand, Plane
+from cardan.common.haptics import HapticCommand, Plane
 from cardan.types import ZERO3, Vector3
 from studies.haptics import theory
 from studies.haptics.loop import MISPLACED_M, Rig

@@ -4,10 +4,10 @@ import math
 
 import pytest
 
+from cardan.common.haptics import FeedbackLimits
 from cardan.drivers.ihaptic import IHapticDevice
 from cardan.errors import DriverError
 from cardan.gateway.bus.haptic_server import ALL, LOOK_PERIOD_S, PAPER, PRESENT, HapticServer
-from cardan.haptics import FeedbackLimits
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import known_types
 from cardan.protocols.ros2.messages import completed

@@ -20,6 +20,7 @@ from prometheus_client.openmetrics.parser import (
 )
 from prometheus_client.parser import text_string_to_metric_families
 
+from cardan.common.histogram import LatencyHistogram
 from cardan.errors import AddressError
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.control import Told
@@ -28,7 +29,6 @@ from cardan.gateway.daemon.metrics import MetricsOptions, MetricsServer, asked
 from cardan.gateway.daemon.server import ControlServer
 from cardan.gateway.faces.telling import told
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
-from cardan.histogram import LatencyHistogram
 from tests.gateway.faces.rig import WAIT_S, served
 
 UNPACKED_PROMTOOL = Path(__file__).parents[3] / "build/judges/promtool"

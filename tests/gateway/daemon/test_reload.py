@@ -5,6 +5,7 @@ import time
 
 import pytest
 
+from cardan.common.inbox import InboxEmptyError
 from cardan.errors import CardanError, ConfigurationError
 from cardan.gateway.daemon import kept
 from cardan.gateway.daemon.changes import Change, of_session
@@ -15,7 +16,6 @@ from cardan.gateway.daemon.layout import read_layout, read_layout_beside
 from cardan.gateway.daemon.processes import RunningSession
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.inbox import InboxEmptyError
 
 SESSION = """
 [[sessions]]

@@ -966,7 +966,7 @@ def test_a_port_that_is_taken_and_a_certificate_that_is_none(network, tmp_path):
 def test_serve_runs_until_it_is_asked_to_end():
     program = (
         "from tests.gateway.faces.memory_network import MemoryNetwork\n"
-        "from cardan.gateway.common.serving import interruptible\n"
+        "from cardan.common.serving import interruptible\n"
         "from cardan.gateway.faces.rosbridge import RosbridgeOptions, serve\n"
         "with interruptible() as stop:\n"
         "    ready = lambda port: print(port, flush=True)\n"

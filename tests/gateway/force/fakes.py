@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cardan.common.haptics import FeedbackLimits, HapticCommand, HapticState, OperatingState
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import CommandError
-from cardan.haptics import FeedbackLimits, HapticCommand, HapticState, OperatingState
 from cardan.types import (
     IDENTITY,
     NEVER_S,

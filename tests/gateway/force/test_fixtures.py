@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
+from cardan.common.haptics import Box, Cylinder, Plane, Sphere, Spring, Viscous, WorldMap
 from cardan.gateway.force.fixtures import (
     FixtureSet,
     fixture_force,
@@ -21,7 +22,6 @@ from cardan.gateway.force.tables import (
     SpringTable,
     ViscousTable,
 )
-from cardan.haptics import Box, Cylinder, Plane, Sphere, Spring, Viscous, WorldMap
 from cardan.spatial import from_euler_zyx, norm, rotate, subtract
 from cardan.types import ZERO3, Vector3
 

@@ -6,10 +6,10 @@ import math
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from cardan.common.haptics import WorldMap
 from cardan.gateway.force.fixtures import world_point
 from cardan.gateway.force.glide import GLIDE_M_S, LONGEST_STEP_S, MapGlide
 from cardan.gateway.motion.reference import ReferenceLimits
-from cardan.haptics import WorldMap
 from cardan.spatial import norm, subtract
 from cardan.types import ZERO3, Vector3
 from tests.examples import examples

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from hypothesis import given, strategies as st
 
+from cardan.common.haptics import WorldMap
 from cardan.gateway.force.lease import LEASE_S, Lease
 from cardan.gateway.force.link import (
     FORCE_BYTES,
@@ -19,7 +20,6 @@ from cardan.gateway.force.link import (
     encode_refusal,
     encode_state,
 )
-from cardan.haptics import WorldMap
 from cardan.types import IDENTITY, ZERO3, Frame, Pose, Quaternion, RobotLink, Vector3, Wrench
 
 TURNED = Quaternion(0.6, 0.0, -0.8, 0.0)

@@ -4,6 +4,8 @@ import math
 
 import pytest
 
+from cardan.common.haptics import WorldMap
+from cardan.common.tables import read_table
 from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.bus.options import NetworkOptions
 from cardan.gateway.force.conditioning import Conditioning
@@ -11,8 +13,6 @@ from cardan.gateway.force.lease import LEASE_S
 from cardan.gateway.force.network import NetworkSource, PublishedFeedback
 from cardan.gateway.session.assembly import make_source
 from cardan.gateway.session.config import ForceConfig, parse_config
-from cardan.haptics import WorldMap
-from cardan.tables import read_table
 from cardan.types import Frame, Vector3
 from tests.gateway.force.fakes import PERIOD_S, robot_state
 from tests.gateway.force.test_rendering import SHIFTED, SPHERE, Rig

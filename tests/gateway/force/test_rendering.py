@@ -5,6 +5,7 @@ import math
 
 import pytest
 
+from cardan.common.haptics import HapticState, OperatingState, Plane, WorldMap
 from cardan.errors import CommandError
 from cardan.gateway.force.conditioning import Conditioner, Conditioning
 from cardan.gateway.force.figures import ContactFigures, FeltFigures
@@ -15,7 +16,6 @@ from cardan.gateway.force.sources import MeasuredSource, SensorSource
 from cardan.gateway.force.stability import fixture_warning, loop_warning, stable_stiffness_n_m
 from cardan.gateway.force.tables import PlaneTable, SphereTable
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.haptics import HapticState, OperatingState, Plane, WorldMap
 from cardan.spatial import from_euler_zyx
 from cardan.types import IDENTITY, DeviceLink, DeviceState, Pose, RobotLink, Vector3
 from tests.gateway.force.fakes import PERIOD_S, REST, FakeHaptic, FakeSensor, robot_state

@@ -10,15 +10,15 @@ import pytest
 from typer.testing import CliRunner
 
 from cardan import cli
+from cardan.common.haptics import WorldMap
+from cardan.common.tables import read_table
 from cardan.errors import AddressError, DriverError
 from cardan.gateway.force.link import RefusalMessage, StateMessage, decode
 from cardan.gateway.force.service import RemoteSource
 from cardan.gateway.force.sources import MeasuredSource
 from cardan.gateway.session.config import ForceConfig
 from cardan.gateway.session.force_node import ForceNode, run_force_node
-from cardan.haptics import WorldMap
 from cardan.spatial import norm
-from cardan.tables import read_table
 from cardan.types import IDENTITY, Frame, Pose, Vector3, Wrench
 from tests.gateway.force.fakes import PERIOD_S, robot_state
 

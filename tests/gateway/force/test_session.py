@@ -8,6 +8,8 @@ import time
 import pytest
 from rich.console import Console
 
+from cardan.common.haptics import HapticState, OperatingState
+from cardan.common.tables import read_table
 from cardan.drivers import registry
 from cardan.drivers.base import RobotDriver
 from cardan.errors import ConfigurationError
@@ -17,8 +19,6 @@ from cardan.gateway.session.force_node import run_force_node
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.view import plain, render, summary
-from cardan.haptics import HapticState, OperatingState
-from cardan.tables import read_table
 from cardan.types import (
     IDENTITY,
     CommandKind,

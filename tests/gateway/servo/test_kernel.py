@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import cardan
+from cardan.common.native import NativePartError
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel, box_obstacle
@@ -19,7 +20,6 @@ from cardan.gateway.servo.choice import choose_servo
 from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.servo.servo import Servo
-from cardan.native import NativePartError
 from cardan.robots import arm_names, load_arm, parse_urdf
 from cardan.types import IDENTITY_POSE, Pose, Quaternion, Vector3
 from tests import servo_oracles

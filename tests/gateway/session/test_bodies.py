@@ -8,18 +8,18 @@ from importlib.resources import files
 
 import pytest
 
+from cardan.doctor.base import Subject
+from cardan.doctor.files import Files, read_files
 from cardan.drivers.sim_arm import SimArm, SimArmOptions
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.verbs import ArmVerbs
-from cardan.gateway.doctor.base import Subject
-from cardan.gateway.doctor.files import Files, read_files
 from cardan.gateway.kinematics.collision import Obstacle
 from cardan.gateway.session.assembly import cautions, load_config
 from cardan.gateway.session.surroundings import surroundings
 from cardan.robots import Box, load_arm
 from cardan.types import Vector3
-from tests.gateway.doctor.told import told
+from tests.doctor.told import told
 
 SAID = "6 of 6 links have no body: "
 BOX = '[[obstacles]]\nname = "box"\nbox = [[0.2, -0.2, 0.0], [0.6, 0.2, 0.4]]\n'

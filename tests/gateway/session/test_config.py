@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from cardan.common.tables import as_table
 from cardan.errors import ConfigurationError
 from cardan.gateway.hand.mapping import GripperAction, Orientation
 from cardan.gateway.session.assembly import (
@@ -16,7 +17,6 @@ from cardan.gateway.session.assembly import (
     make_robot,
 )
 from cardan.gateway.session.config import parse_config
-from cardan.tables import as_table
 from cardan.types import Frame
 from tests.examples import examples
 

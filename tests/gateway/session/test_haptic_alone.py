@@ -14,13 +14,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from cardan.common.haptics import FeedbackLimits, OperatingState
 from cardan.drivers.ihaptic import IHapticDevice
 from cardan.drivers.omni.limits import TickLimits
 from cardan.errors import ConfigurationError
 from cardan.gateway.force.lease import LEASE_S
 from cardan.gateway.session.assembly import load_haptic
 from cardan.gateway.session.haptic_alone import PERIOD_S, LoneFeedback
-from cardan.haptics import FeedbackLimits, OperatingState
 from cardan.sim_peers.omni.library import available
 from cardan.types import ZERO3, Vector3
 from tests.gateway.force.fakes import FakeHaptic

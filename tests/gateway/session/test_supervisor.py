@@ -9,14 +9,14 @@ import threading
 
 import pytest
 
+from cardan.common.logs import LogFormat
+from cardan.common.tables import as_table
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.session import supervisor
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import SessionProcess, supervise
-from cardan.logs import LogFormat
-from cardan.tables import as_table
 
 pytestmark = pytest.mark.matrix
 

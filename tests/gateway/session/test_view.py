@@ -120,7 +120,7 @@ def test_a_terminal_that_is_behind_is_given_no_older_frames(monkeypatch):
     terminal = io.StringIO()
     console = Console(file=terminal, force_terminal=True, width=140)
     behind = True
-    monkeypatch.setattr("cardan.output.is_behind", lambda: behind)
+    monkeypatch.setattr("cardan.common.output.is_behind", lambda: behind)
     with SessionView(console) as view:
         began = len(terminal.getvalue())
         for tenth in range(20):

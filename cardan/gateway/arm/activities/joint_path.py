@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.gateway.arm.activities.base import Deceleration
 from cardan.gateway.arm.activities.path import TOLERANCE_RAD, FollowPath
 from cardan.gateway.arm.arrival import Arrival

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.gateway.arm.activities.base import ARRIVED, GOING, Activity, Progress
 from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.kinematics.base import FloatArray

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.arm_libraries import np, npt, pin
+from cardan.common.arm_libraries import np, npt, pin
 from cardan.gateway.arm.activities.base import Deceleration
 from cardan.gateway.arm.activities.path import (
     AT_REST_RAD_S,

@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from cardan import bounds
-from cardan.arm_libraries import np, pin
+from cardan.common import bounds
+from cardan.common.arm_libraries import np, pin
+from cardan.common.options import Options
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.activities.base import ARRIVED, GOING, Activity, Progress
 from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.codes import State
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray
-from cardan.options import Options
 from cardan.robots import ArmModel
 from cardan.robots.counterbalance import Counterbalance
 from cardan.spatial import add, is_finite, limit_norm, norm, subtract

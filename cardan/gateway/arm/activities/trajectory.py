@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from cardan.arm_libraries import np
+from cardan.common.arm_libraries import np
 from cardan.gateway.arm.activities.base import Deceleration, Progress
 from cardan.gateway.arm.activities.joint_path import FollowJoints
 from cardan.gateway.arm.arrival import Arrival

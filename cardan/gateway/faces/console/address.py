@@ -12,7 +12,7 @@ import struct
 from collections.abc import Iterator
 from typing import Final
 
-from cardan.extras import missing_extra
+from cardan.common.extras import missing_extra
 
 _SIOCGIFADDR: Final = 0x8915
 """Of Linux (netdevice(7)): the address of an interface."""

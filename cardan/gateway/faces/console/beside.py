@@ -10,7 +10,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from typing import Final
 
-from cardan.printable import printable
+from cardan.common.printable import printable
 
 CARDAN: Final = (sys.executable, "-m", "cardan.gateway.session.leashed", "")
 """Before a command's words: it ends with this process, even if that is killed."""

@@ -18,9 +18,9 @@ from pathlib import PurePosixPath
 from typing import Final, NamedTuple
 from urllib.parse import urlsplit, urlunsplit
 
+from cardan.common.printable import printable
 from cardan.errors import OptionError
 from cardan.gateway.faces.console.video import pictures as pictures_of_device
-from cardan.printable import printable
 from cardan.protocols.mjpeg import MAX_PICTURE_BYTES, START, PictureParser, boundary_of
 
 SILENT_S: Final = 5.0

@@ -19,9 +19,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from cardan.common.certificates import Certificate, read_certificate
+from cardan.common.files import read_text, state_folder
 from cardan.errors import ConfigurationError
-from cardan.files import read_text, state_folder
-from cardan.gateway.common.certificates import Certificate, read_certificate
 
 VALID_DAYS: Final = 397
 """Browsers take none that is valid for longer than 398 days."""

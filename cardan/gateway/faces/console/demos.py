@@ -8,9 +8,9 @@ from collections import deque
 from collections.abc import Sequence
 from typing import Any, Final
 
+from cardan.common.realtime import SCHEDULING_VARIABLE
 from cardan.gateway.faces.console.beside import CARDAN, Beside
 from cardan.gateway.faces.console.orders import COMMAND, OrderError, carry_out
-from cardan.realtime import SCHEDULING_VARIABLE
 
 SECONDS: Final = 60
 """How long a demo runs, unless it is ended before."""

@@ -11,11 +11,12 @@ from typing import Annotated
 
 from websockets.datastructures import Headers
 
-from cardan.bounds import ANY_PORT, Range
 from cardan.bus.network import Network
 from cardan.bus.options import BusOptions
 from cardan.bus.survey import bus_words, reachable
 from cardan.bus.zenoh_network import BusNetwork
+from cardan.common.bounds import ANY_PORT, Range
+from cardan.common.options import Options
 from cardan.gateway.faces import telling
 from cardan.gateway.faces.base import Face, Ready
 from cardan.gateway.faces.calls import Caller
@@ -36,7 +37,6 @@ from cardan.gateway.faces.rosbridge import RosbridgeOptions, RosbridgeServer
 from cardan.gateway.faces.rosbridge_client import Client
 from cardan.gateway.faces.tokens import Role
 from cardan.gateway.faces.web import Answer, Front, FrontConnection, Page, serve_until
-from cardan.options import Options
 
 PORT = 8443
 """Where it listens: https without being the superuser."""

@@ -11,7 +11,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from cardan.printable import printable
+from cardan.common.printable import printable
 
 COMMAND: Final = (sys.executable, "-m", "cardan")
 

@@ -19,14 +19,14 @@ from collections.abc import Awaitable, Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from cardan.common.files import records_folder
 from cardan.errors import ConfigurationError
-from cardan.files import records_folder
 from cardan.gateway.faces.console.beside import CARDAN, Beside
 from cardan.gateway.faces.telling import TELLS_VARIABLE, told
 
 RECORDER: Final = (*CARDAN, "face", "recorder")
 
-SHOWING: Final = (sys.executable, "-m", "cardan.gateway.recording.showing")
+SHOWING: Final = (sys.executable, "-m", "cardan.recording.showing")
 
 BEGINS_WITHIN_S: Final = 15.0
 """Longest time for a recorder to begin: it joins the bus, on a busy computer in seconds."""

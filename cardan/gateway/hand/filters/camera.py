@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from cardan import bounds
+from cardan.common import bounds
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.hand.filters.listener import (
     SOMEBODY,

@@ -10,10 +10,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, NamedTuple
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import Options, require
+from cardan.common.sockets import Advice, UnixSocket, make_runtime_folder, opened, runtime_path
 from cardan.gateway.hand.filters.readings import MAX_DATAGRAM_BYTES, Malformed
-from cardan.options import Options, require
-from cardan.sockets import Advice, UnixSocket, make_runtime_folder, opened, runtime_path
 from cardan.types import NEVER_S
 
 MAX_PER_TICK = 8

@@ -17,7 +17,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import require
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.hand.filters.listener import (
     DatagramListener,
@@ -26,7 +27,6 @@ from cardan.gateway.hand.filters.listener import (
     shown_place,
 )
 from cardan.gateway.hand.filters.readings import Malformed, decode_proximity
-from cardan.options import require
 from cardan.spatial import scale
 from cardan.types import NEVER_S, ZERO_TWIST, RobotState, Twist
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any
 
+from cardan.common.options import Options
+from cardan.common.plugins import Finder
+from cardan.common.tables import OTHER_KEYS
 from cardan.gateway.hand.filters.base import TwistFilter
-from cardan.options import Options
-from cardan.plugins import Finder
-from cardan.tables import OTHER_KEYS
 
 ENTRY_POINT_GROUP = "cardan.filters"
 

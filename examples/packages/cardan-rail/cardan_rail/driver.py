@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import check_options
 from cardan.drivers.datagram_robot import DatagramRobot, DatagramSession, Transport, UdpTransport
 from cardan.drivers.limiters import JointLimiter
 from cardan.drivers.lost_time import LostTime
 from cardan.drivers.robot_core import check_numbers, joint_values
-from cardan.options import check_options
 from cardan.robots import load_arm
 from cardan.types import (
     CommandKind,

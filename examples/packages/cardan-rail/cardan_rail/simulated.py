@@ -6,8 +6,8 @@ from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Any
 
-from cardan import bounds
-from cardan.options import check_options
+from cardan.common import bounds
+from cardan.common.options import check_options
 from cardan.protocols.joint_stream import is_newer
 from cardan.robots import load_arm
 from cardan.sim_peers.base import FaultSwitch, TimedActs, check_faults

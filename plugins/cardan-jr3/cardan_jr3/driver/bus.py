@@ -15,9 +15,9 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
+from cardan.common.extras import missing_extra
 from cardan.drivers.base import FoundDevice
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError, ExtraMissingError
-from cardan.extras import missing_extra
 from cardan_jr3.driver.options import Jr3Options
 from cardan_jr3.protocol import NODE_MASK, CanFrame
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
-from cardan import bounds
-from cardan.bounds import Range
-from cardan.options import Options, require
+from cardan.common import bounds
+from cardan.common.bounds import Range
+from cardan.common.options import Options, require
 from cardan_jr3.bounds import CAN_NAME, CAN_PORTS
 from cardan_jr3.protocol import MAX_CUTOFF_HZ, MAX_NODE_ID
 

@@ -6,8 +6,8 @@ import contextlib
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
+from cardan.common.extras import missing_extra
 from cardan.errors import AddressError
-from cardan.extras import missing_extra
 from cardan.sim_peers.carriers.base import Carrier, Shell
 from cardan_jr3.protocol import CanFrame
 

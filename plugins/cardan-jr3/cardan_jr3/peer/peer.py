@@ -6,8 +6,8 @@ import logging
 from dataclasses import dataclass
 from typing import Annotated, Any
 
-from cardan import bounds
-from cardan.options import require_each
+from cardan.common import bounds
+from cardan.common.options import require_each
 from cardan.sim_peers.base import check_faults, load_script
 from cardan.sim_peers.command import option
 from cardan.sim_peers.hand_peer import HandOptions, HandPeer

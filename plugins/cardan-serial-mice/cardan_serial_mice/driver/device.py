@@ -7,11 +7,11 @@ import threading
 import time
 from typing import Any
 
+from cardan.common.sockets import absence
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.simulated import OWN
 from cardan.errors import DeviceNotFoundError
 from cardan.protocols.connexion import Model
-from cardan.sockets import absence
 from cardan.types import DeviceCapabilities
 from cardan_serial_mice.driver.core import SerialMouseCore
 from cardan_serial_mice.driver.notices import Doubt, Lapse, Restart

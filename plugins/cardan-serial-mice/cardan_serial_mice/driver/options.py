@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from cardan.common.options import require_each
 from cardan.drivers.spacemouse.options import MouseOptions
-from cardan.options import require_each
 from cardan_serial_mice.protocol import SERIAL_MODELS
 
 _KEYS = tuple(model.key for model in SERIAL_MODELS)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated
 
-from cardan import bounds
+from cardan.common import bounds
 from cardan.errors import ConfigurationError, OptionError
 from cardan.sim_peers.carriers.pseudo_terminal import PseudoTerminal
 from cardan.sim_peers.command import option

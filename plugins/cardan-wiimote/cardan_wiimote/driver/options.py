@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan import bounds
+from cardan.common import bounds
+from cardan.common.options import require
 from cardan.drivers.shaping import ShapingOptions
-from cardan.options import require
 from cardan_wiimote.address import BLUETOOTH_ADDRESS
 
 FULL_TILT_DEG = bounds.Range(5.0, 90.0, "deg", "beyond upright a tilt gets smaller again")

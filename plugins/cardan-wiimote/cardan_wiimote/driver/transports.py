@@ -16,11 +16,11 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
+from cardan.common.sockets import connected
 from cardan.drivers.access import obstacle
 from cardan.drivers.hid import REPORT_ROOM, HidDevice, load_hid
 from cardan.drivers.packet_socket import TIMEOUT_S, require_unix_sockets
 from cardan.errors import DeviceAccessError, DriverError
-from cardan.sockets import connected
 from cardan_wiimote.protocol import (
     CONTROL_PSM,
     INPUT_HEADER,

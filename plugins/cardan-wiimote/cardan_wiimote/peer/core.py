@@ -11,9 +11,9 @@ from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Literal, NamedTuple
 
-from cardan.bounds import Range
+from cardan.common.bounds import Range
+from cardan.common.options import check_value
 from cardan.errors import ScriptError
-from cardan.options import check_value
 from cardan_wiimote.peer import bus
 from cardan_wiimote.peer.faults import FaultyLink, check_faults
 from cardan_wiimote.protocol import (

@@ -17,10 +17,10 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Protocol
 
+from cardan.common.options import require
+from cardan.common.sockets import OWNER_ONLY, Advice, UnixSocket
 from cardan.errors import AddressError
-from cardan.options import require
 from cardan.sim_peers.carriers.base import Carrier, Shell
-from cardan.sockets import OWNER_ONLY, Advice, UnixSocket
 from cardan_wiimote.address import BLUETOOTH_ADDRESS
 from cardan_wiimote.protocol import CONTROL_PSM, INPUT_HEADER, INTERRUPT_PSM
 

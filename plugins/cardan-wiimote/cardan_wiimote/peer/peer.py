@@ -7,8 +7,8 @@ import time
 from dataclasses import dataclass
 from typing import Annotated
 
+from cardan.common.options import require_each
 from cardan.errors import ConfigurationError
-from cardan.options import require_each
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.carriers.base import Carrier
 from cardan.sim_peers.carriers.uhid import BUS_BLUETOOTH, HidIdentity, UhidCarrier

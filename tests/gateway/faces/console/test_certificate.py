@@ -9,9 +9,9 @@ import subprocess
 
 import pytest
 
+from cardan.common.certificates import read_certificate
+from cardan.common.files import read_text
 from cardan.errors import ConfigurationError, OptionError
-from cardan.files import read_text
-from cardan.gateway.common.certificates import read_certificate
 from cardan.gateway.faces.console import address, certificate
 from cardan.gateway.faces.console.address import (
     own_addresses,

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
-from cardan.realtime import SCHEDULING_VARIABLE, ask_for_real_time
+from cardan.common.realtime import SCHEDULING_VARIABLE, ask_for_real_time
 from tests.gateway.faces.console.rig import console, page_program
 from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.waiting import until

@@ -10,9 +10,9 @@ pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[
 pytest.importorskip("mcap", reason="mcap is not installed: pip install cardan[record]")
 
 from cardan.gateway.faces.console import records as module
-from cardan.gateway.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.type_hash import type_hash
+from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWriter
 from tests.gateway.faces.console.rig import console, page_program
 from tests.gateway.faces.memory_network import MemoryNetwork
 from tests.waiting import until

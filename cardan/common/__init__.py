@@ -1,0 +1,1 @@
+"""What every layer stands on: options, tables, sockets, signals, text for terminals, extras."""

@@ -1,0 +1,14 @@
+"""What says that a package is missing which only some users need: an optional extra of Cardan's."""
+
+from __future__ import annotations
+
+from cardan.common.shortage import shortage
+from cardan.errors import ExtraMissingError
+
+
+def missing_extra(purpose: str, package: str, extra: str, error: Exception) -> Exception:
+    """What to raise where `purpose` needs a `package` that the extra ``cardan[EXTRA]`` installs,
+    and importing it raised `error`; where that was for want of memory, `error` itself."""
+    if shortage(error):
+        return error
+    return ExtraMissingError(purpose, package, extra, str(error))

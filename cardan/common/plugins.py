@@ -1,0 +1,212 @@
+"""Finds classes by name: a built-in table, then the entry points of installed packages."""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, is_dataclass
+from importlib.metadata import EntryPoint
+from typing import Any, Generic, TypeVar, cast
+
+from cardan.common.printable import printable
+from cardan.common.shortage import shortage
+from cardan.common.signals import EndingSignalError
+from cardan.errors import CardanError, ConfigurationError, ExtraMissingError
+
+T = TypeVar("T")
+
+_JR3 = "plugins/cardan-jr3"
+_SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spnav-server"
+_WIIMOTE = "plugins/cardan-wiimote"
+IN_SOURCE_TREE = {
+    "command": {"evaluate": "studies", "spnav": _SPNAV_SERVER},
+    "dissector": {
+        "jr3_can": _JR3,
+        "wiimote": _WIIMOTE,
+    },
+    "driver": {
+        "jr3_can": _JR3,
+        "spacemouse_serial": _SERIAL_MICE,
+        "wiimote": _WIIMOTE,
+    },
+    "face": {
+        "dds": "plugins/cardan-dds",
+        "foxglove": "plugins/cardan-foxglove",
+        "spnav": _SPNAV_SERVER,
+    },
+    "protocol": {
+        "jr3": _JR3,
+        **dict.fromkeys(("magellan", "spaceball", "spaceorb"), _SERIAL_MICE),
+        "spnav": _SPNAV_SERVER,
+        "wiimote": _WIIMOTE,
+    },
+    "simulated peer": {
+        "jr3": _JR3,
+        "spacemouse-serial": _SERIAL_MICE,
+        "wiimote": _WIIMOTE,
+    },
+    "transport": {"dds": "plugins/cardan-dds"},
+}
+"""What distributions have that only the source tree has, and the folders of those."""
+
+
+def not_installed(word: str, name: str) -> str:
+    """Why `name`, a `word`, cannot be found though the source tree has it; empty: it has not."""
+    folder = IN_SOURCE_TREE.get(word, {}).get(name)
+    if folder is None:
+        return ""
+    return (
+        f"{name!r} is in the folder {folder} of Cardan's source tree, and not installed: run "
+        f"`pip install ./{folder}` there, or `make demo`"
+    )
+
+
+def reason(error: BaseException) -> str:
+    """What went wrong in a plug-in, in one line."""
+    if lacking := shortage(error):
+        return lacking
+    words = printable(" ".join(str(error).split()))
+    return words if isinstance(error, CardanError) else f"{type(error).__name__}: {words}"
+
+
+def is_lack(error: Exception) -> bool:
+    """Whether `error` says that a package, memory or files were missing: no fault of a plug-in."""
+    return isinstance(error, ExtraMissingError) or bool(shortage(error))
+
+
+@dataclass(frozen=True, slots=True)
+class Loaded(Generic[T]):
+    """All classes that there are, by name."""
+
+    classes: dict[str, type[T]]
+    refused: dict[str, str]
+    """Those that cannot be loaded: why, in one line."""
+    notes: list[str]
+    """What is installed and not used, as another one has its name."""
+
+
+class Finder(Generic[T]):
+    """Finds subclasses of `base`.
+
+    `word` is the term for one in errors and their key ("driver"). `built_in`
+    maps names to targets ("package.module:Class") and wins over the entry points that `installed`
+    gives, which is asked only where they matter. Neither is copied.
+    """
+
+    def __init__(
+        self,
+        base: type[T],
+        word: str,
+        built_in: Mapping[str, str],
+        installed: Callable[[], Iterable[EntryPoint]],
+    ) -> None:
+        self._base, self._word = base, word
+        self._built_in, self._installed = built_in, installed
+
+    def names(self) -> tuple[str, ...]:
+        """Every name that can be loaded, sorted."""
+        return tuple(sorted({*self._built_in, *(point.name for point in self._installed())}))
+
+    def packages(self) -> tuple[str, ...]:
+        """The top-level packages of all that can be loaded; the built-in ones first."""
+        targets = (*self._built_in.values(), *(point.value for point in self._installed()))
+        names = (re.split("[.:]", target, maxsplit=1)[0] for target in targets)
+        return tuple(dict.fromkeys(filter(None, names)))
+
+    def load(self, name: str) -> type[T]:
+        """The class called `name`.
+
+        ConfigurationError names the ones there are, or says why it cannot be loaded. A package that
+        is missing is an ExtraMissingError, and for want of memory or files it raises what says so.
+        """
+        target = self._built_in.get(name)
+        if target is None:
+            for point in self._installed():
+                if point.name == name:
+                    target = point.value
+                    break
+            else:
+                raise ConfigurationError(
+                    self._word,
+                    not_installed(self._word, name)
+                    or f"there is no {self._word} {name!r}; allowed: {', '.join(self.names())}",
+                )
+        module, _, attribute = target.partition(":")
+        of = f"{target} of {self._word} {name!r}"
+        try:
+            loaded = getattr(importlib.import_module(module), attribute)
+        except (EndingSignalError, ExtraMissingError):
+            raise
+        except (Exception, SystemExit) as error:  # Whatever another package's module does.
+            if shortage(error):
+                raise
+            raise ConfigurationError(
+                self._word, f"{of} cannot be loaded: {reason(error)}"
+            ) from error
+        self._check(loaded, of)
+        return cast("type[T]", loaded)
+
+    def load_all(self) -> Loaded[T]:
+        """Every class that can be loaded, and why the others cannot: one that is broken does not
+        keep the others from being listed."""
+        found: Loaded[T] = Loaded({}, {}, [])
+        points = tuple(self._installed())
+        for name in sorted({*self._built_in, *(point.name for point in points)}):
+            try:
+                found.classes[name] = self.load(name)
+            except ConfigurationError as error:
+                cause = error.__cause__
+                why = error.message if cause is None else reason(cause)
+                found.refused[name] = f"cannot be loaded: {why}"
+            except Exception as error:
+                if not is_lack(error):
+                    raise
+                found.refused[name] = f"cannot be loaded: {reason(error)}"
+        used = dict(self._built_in)
+        for point in points:
+            if (target := used.setdefault(point.name, point.value)) != point.value:
+                found.notes.append(
+                    f"{self._word} {point.name!r} is {target}; {point.value}, which has the same "
+                    "name, is not used"
+                )
+        return found
+
+    @contextlib.contextmanager
+    def using(self, name: str, key: str) -> Iterator[None]:
+        """What another package's class `name` raises inside is an error of `key`."""
+        try:
+            yield
+        except CardanError:
+            raise
+        except Exception as error:
+            if name in self._built_in or shortage(error):
+                raise
+            raise ConfigurationError(
+                key, f"{self._word} {name!r} cannot be used: {reason(error)}"
+            ) from error
+
+    def _check(self, loaded: Any, of: str) -> None:
+        """Raise ConfigurationError where that is none of these; `of` says of what."""
+        if not (isinstance(loaded, type) and issubclass(loaded, self._base)):
+            raise ConfigurationError(self._word, f"{of} is not a cardan {self._word}")
+        if wrong := self._wrong_attribute(loaded):
+            raise ConfigurationError(self._word, f"{of} cannot be used: {wrong}")
+
+    def _wrong_attribute(self, loaded: type[T]) -> str:
+        """What a class declares otherwise than the interface does; empty: nothing."""
+        options: Any = getattr(loaded, "Options", None)
+        if hasattr(loaded, "Options") and not (isinstance(options, type) and is_dataclass(options)):
+            return f"Options is {options!r:.60}; it must be a dataclass"
+        for ancestor in loaded.__mro__[1:]:
+            if not issubclass(ancestor, self._base):
+                continue
+            for name, default in vars(ancestor).items():
+                kinds = (str,) if type(default) is str else (tuple, list)
+                value = getattr(loaded, name, None)
+                public = not name.startswith("_") and type(default) in (str, tuple)
+                if public and not isinstance(value, kinds):
+                    word = "a text" if kinds == (str,) else "a tuple"
+                    return f"{name} is {value!r:.60}; it must be {word}"
+        return ""

@@ -1,0 +1,17 @@
+"""What the gateway's own commands that serve share."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Iterator
+
+from cardan.common.signals import on_ending
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[threading.Event]:
+    """An event that every signal sets which would end the process, in its main thread."""
+    interrupted = threading.Event()
+    with on_ending(lambda _signal: interrupted.set()):
+        yield interrupted

@@ -1,0 +1,248 @@
+"""From the tables of a configuration file to the options that they describe, and back.
+
+A table is a dataclass. Its annotations say what is allowed (:mod:`cardan.common.options`), its
+defaults what holds where a key is left out, and its ``__post_init__`` what must fit together. A
+field may be a table of its own, several of them, or one of several kinds that a key tells apart
+(:class:`Tag`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import json
+import os
+import sys
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, fields, is_dataclass
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
+
+from cardan.common import files
+from cardan.common.options import CODE_ONLY, choices, hints, refusal, suggestion
+from cardan.errors import ConfigurationError, OptionError, shown
+
+if sys.version_info >= (3, 11):
+    import tomllib
+else:
+    import tomli as tomllib
+
+OTHER_KEYS = {"other_keys": True}
+"""Metadata of the field that takes all keys that no other field has."""
+
+Kind = TypeVar("Kind")
+
+
+class Tag(NamedTuple):
+    """The key that tells which of several tables one is: ``Annotated[Sphere | Box, Tag("shape")]``.
+
+    Each of the tables has a field of that name, a ``Literal`` of one text.
+    """
+
+    key: str
+    default: str = ""
+    """Holds where the key is left out; empty: it must be given."""
+
+
+class AtMost(NamedTuple):
+    """How many tables there may be: ``Annotated[tuple[Fixture, ...], AtMost(8)]``."""
+
+    most: int
+
+
+def read_text(path: Path, most_bytes: int = files.TEXT_BYTES) -> str:
+    """The text of a file, of at most `most_bytes`. Raises ConfigurationError."""
+    try:
+        return files.read_text(path, most_bytes)
+    except OSError as error:
+        raise ConfigurationError("", f"cannot read {path}: {error.strerror}") from None
+    except ValueError as error:  # Not UTF-8, or a path that is none.
+        raise ConfigurationError("", f"cannot read {path}: {error}") from None
+
+
+def parse_toml(text: str, of: object) -> dict[str, Any]:
+    """The tables that `text` holds; `of` says in errors where it is from."""
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise ConfigurationError("", f"{of} is not TOML: {error}") from None
+    except ValueError as error:  # A number of more digits than Python reads.
+        why = str(error).partition(";")[0]
+        raise ConfigurationError("", f"cannot read {of}: {why}") from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables of a file. Raises ConfigurationError."""
+    return parse_toml(read_text(path), path)
+
+
+def as_toml(tables: Mapping[str, Any]) -> str:
+    """The text of a file with these tables; what `read_toml` gives is among what they may be."""
+    return "".join(f"{_toml(key)} = {_toml(value)}\n" for key, value in tables.items())
+
+
+def _toml(value: object) -> str:
+    if isinstance(value, Mapping):
+        return f"{{{', '.join(f'{_toml(key)} = {_toml(each)}' for key, each in value.items())}}}"
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(map(_toml, value))}]"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return str(value).lower()  # Numbers as Python has them, but true, false, inf and nan.
+
+
+def keys_of(kind: type[Any], from_file: bool = True) -> dict[str, Field[Any]]:
+    """The keys of a table, and the fields that they set.
+
+    Not `from_file`: the table goes from one program to another, so that the keys that only
+    programs set are among them.
+    """
+    others = (OTHER_KEYS, CODE_ONLY) if from_file else (OTHER_KEYS,)
+    return {each.name: each for each in fields(kind) if each.init and each.metadata not in others}
+
+
+def read_table(kind: type[Kind], table: object, key: str = "", from_file: bool = True) -> Kind:
+    """The `kind`, a dataclass, that `table` describes; `from_file` as :func:`keys_of` has it.
+
+    Lists become tuples, and texts the members of an enum. ConfigurationError names the first key
+    that is wrong, below `key`, and says how many more there are.
+    """
+    reader = _Reader(from_file)
+    made: Kind = reader.table(kind, table, key)
+    if reader.errors:
+        first, more = reader.errors[0], len(reader.errors) - 1
+        if more:
+            raise ConfigurationError(first.key, f"{first.message} (and {more} more)")
+        raise first
+    return made
+
+
+def as_table(options: Any, from_file: bool = True) -> dict[str, Any]:
+    """The table that describes `options`, as JSON has it: read_table makes the same of it.
+
+    `from_file` as :func:`keys_of` has it.
+    """
+    kind = type(options)
+    table = {key: plain(getattr(options, key), from_file) for key in keys_of(kind, from_file)}
+    others: dict[str, Any] = plain(getattr(options, _others(kind), {}), from_file)
+    return table | others
+
+
+def plain(value: Any, from_file: bool = True) -> Any:
+    """A value of options as JSON has it; `from_file` as :func:`keys_of` has it."""
+    if is_dataclass(value):
+        return as_table(value, from_file)
+    if isinstance(value, Mapping):
+        return {key: plain(each, from_file) for key, each in value.items()}
+    if isinstance(value, (tuple, list)):
+        return [plain(each, from_file) for each in value]
+    if isinstance(value, os.PathLike):
+        return os.fspath(value)
+    return value.value if isinstance(value, enum.Enum) else value
+
+
+def _others(kind: Any) -> str:
+    """The field that takes all keys that no other field has; empty: there is none."""
+    return next((each.name for each in fields(kind) if each.metadata == OTHER_KEYS), "")
+
+
+def _below(key: str, name: str) -> str:
+    return f"{key}.{name}" if key else name
+
+
+class _Reader:
+    """Collects what is wrong, each with its whole key. What it makes of a wrong table is None."""
+
+    def __init__(self, from_file: bool) -> None:
+        self._from_file = from_file
+        self.errors: list[ConfigurationError] = []
+
+    def _wrong(self, key: str, message: str) -> None:
+        self.errors.append(ConfigurationError(key, message))
+
+    def table(self, kind: Any, table: object, key: str, tag: str = "") -> Any:
+        """`tag` says in words which of several tables this is."""
+        if not isinstance(table, Mapping):
+            return self._wrong(key, f"{shown(table)} is not a table")
+        before, keys = len(self.errors), keys_of(kind, self._from_file)
+        allowed = hints(kind)
+        values: dict[str, Any] = {}
+        unknown = {name: value for name, value in table.items() if name not in keys}
+        if others := _others(kind):
+            values[others] = unknown
+        else:
+            words = f"there is no such key{tag and f' with {tag}'}; allowed: {', '.join(keys)}"
+            for name in unknown:
+                self._wrong(_below(key, name), words + suggestion(name, keys))
+        for name, each in keys.items():
+            if name in table:
+                values[name] = self._value(allowed[name], table[name], _below(key, name))
+            elif each.default is each.default_factory is MISSING:
+                self._wrong(_below(key, name), f"is missing{tag and f': {tag} needs it'}")
+        if len(self.errors) == before:
+            try:
+                return kind(**values)
+            except ConfigurationError as error:
+                self.errors.append(error.below(key))
+            except ValueError as error:  # Of another package's options.
+                self._wrong(key, str(error))
+        return None
+
+    def _value(self, hint: Any, value: object, key: str) -> Any:
+        """What `value` is as `hint` has it."""
+        before = len(self.errors)
+        found = self._converted(hint, value, key)
+        if len(self.errors) == before and (allowed := refusal(hint, found)):
+            self.errors.append(OptionError(key, value, allowed))
+        return found
+
+    def _converted(self, hint: Any, value: Any, key: str) -> Any:
+        origin, inner = get_origin(hint), get_args(hint)
+        if origin is Annotated:
+            note = inner[1]
+            if isinstance(note, Tag):
+                return self._tagged(get_args(inner[0]), note, value, key)
+            several = isinstance(note, AtMost) and isinstance(value, (list, tuple))
+            if several and len(value) > note.most:
+                return self._wrong(key, f"{len(value)} are too many; allowed: at most {note.most}")
+            return self._converted(inner[0], value, key)
+        if origin in (Union, UnionType):
+            if value is None:
+                return None
+            kinds = (each for each in inner if each is not NoneType)
+            tried = ((each, self._converted(each, value, key)) for each in kinds)
+            return next((found for each, found in tried if not refusal(each, found)), value)
+        if is_dataclass(hint):
+            return self.table(hint, value, key)
+        if origin is tuple:
+            return self._several(inner, value, key)
+        if isinstance(hint, type) and issubclass(hint, enum.Enum):
+            with contextlib.suppress(ValueError):
+                return hint(value)
+        if hint is float and type(value) is int:
+            with contextlib.suppress(OverflowError):
+                return float(value)
+        return value
+
+    def _several(self, inner: tuple[Any, ...], value: Any, key: str) -> Any:
+        if isinstance(value, Mapping):
+            return self._wrong(key, f"one table for each of them, under the heading [[{key}]]")
+        if not isinstance(value, (list, tuple)):
+            return value
+        kinds = inner[:1] * len(value) if inner[-1] is Ellipsis else inner
+        each = enumerate(zip(kinds, value, strict=False))
+        found = [self._converted(*pair, _below(key, str(index))) for index, pair in each]
+        return (*found, *value[len(found) :])
+
+    def _tagged(self, kinds: tuple[Any, ...], tag: Tag, table: Any, key: str) -> Any:
+        if not isinstance(table, Mapping):
+            return self._wrong(key, f"{shown(table)} is not a table")
+        by_name = {choices(hints(kind)[tag.key])[0]: kind for kind in kinds}
+        name = table.get(tag.key, tag.default)
+        if name == "" and tag.key not in table:
+            return self._wrong(_below(key, tag.key), "is missing")
+        if allowed := refusal(Literal[tuple(by_name)], name):
+            self.errors.append(OptionError(_below(key, tag.key), name, allowed))
+            return None
+        return self.table(by_name[name], table, key, f'{tag.key} = "{name}"')

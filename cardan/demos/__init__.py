@@ -1,0 +1,1 @@
+"""Examples that run without hardware: their simulated peers, and a session."""

@@ -1,0 +1,241 @@
+"""Runs an example without hardware: its simulated peers in processes of their own, and a session.
+
+What runs between the peers is the real gateway with the real drivers.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import shlex
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from cardan.demos.examples import Demo, find_demos, read_demo
+from cardan.demos.peers import Peers
+from cardan.demos.unattended import check_unattended, check_words
+from cardan.drivers.omni.limits import TickLimits
+from cardan.errors import ConfigurationError, DriverError
+from cardan.gateway.session.assembly import make_device
+from cardan.gateway.session.config import SessionConfig, parse_config
+from cardan.gateway.session.launched import READY_WITHIN_S
+from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor import KILL_AFTER_S, supervise
+from cardan.gateway.session.view import SessionView, summary
+from cardan.gateway.session.with_face import with_face
+
+EXIT_INCOMPLETE = 4
+
+CARDAN = (sys.executable, "-m", "cardan")
+
+ALL_INTERFACES = "0.0.0.0"
+HOSTS = {"console": (ALL_INTERFACES, "127.0.0.1"), "rosbridge": ("127.0.0.1",)}
+"""Where a face is served: at the first that can be. The page is for phones, too, wherever a
+certificate can be made."""
+
+WELL_FOLLOWED_M = 0.02
+"""Largest distance of the simulated arm from its reference at the demo's speeds: servo delay and
+filter account for about 8 mm at 0.25 m/s."""
+
+MISSED_SHARE = 0.01
+"""Largest share of missed cycles: more is not explained by a machine with other work to do that
+does not grant real-time scheduling; a real controller would tolerate it as well."""
+
+HELD_SHARE = 0.25
+"""Largest RMS deviation of the contact force, as a share of its target. The stylus's own friction
+of 0.26 N hides more than a third of the hand's force while it stands still, and less while it
+slides; approach and lifting count, too."""
+
+OUT_SHARE = 0.01
+"""Largest share of the time with teleoperation but without force: a computer that grants no
+real-time scheduling delays its loop now and then."""
+
+FORCE_AGE_S = 0.010
+"""Largest age of a force: one EGM cycle between two forces, and 2 ms at most to the hand, on a
+machine that keeps up; on one without real-time scheduling 1 % of the delays are longer."""
+
+
+@contextlib.contextmanager
+def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConfig, Sequence[str]]]:
+    """Run all that the demo launches, for `seconds` and what starting and ending take at most.
+
+    Gives the session's configuration, and the command that it is run through (see `supervise`).
+    """
+    through: Sequence[str] = ()
+    if demo.launcher:
+        through = (*CARDAN, *check_words(demo, "launcher", shlex.split(demo.launcher)), "--")
+    peers = Peers(demo, seconds + READY_WITHIN_S + KILL_AFTER_S)
+    config = parse_config(peers.tables)
+    check_unattended(demo, config)
+    with peers:
+        peers.start_all()
+        yield config, through
+
+
+@contextlib.contextmanager
+def served_faces(
+    demo: Demo, config: SessionConfig, say: Callable[[str], None], picture_of: Callable[[str], str]
+) -> Iterator[None]:
+    """Serve the demo's faces beside its session, and say where."""
+    with contextlib.ExitStack() as opened:
+        for name in demo.faces:
+            if config.network is None:
+                raise ConfigurationError("network", f"is missing: the face {name} needs it")
+            for host in HOSTS[name]:
+                try:
+                    face = opened.enter_context(with_face(name, config.network, host, 0))
+                except DriverError:
+                    if host == HOSTS[name][-1]:
+                        raise
+                    say(f"the face {name} is for this computer alone")
+                    continue
+                for line in (*face.before, f"face {name}: {face.endpoint}"):
+                    say(line)
+                if host == ALL_INTERFACES:
+                    say(picture_of(face.endpoint))
+                break
+        yield
+
+
+def find_problems(
+    last: Snapshot, device_options: Any = None, *, may_rest: bool = False
+) -> list[str]:
+    """The problems of a demo, by its last snapshot; empty when there were none.
+
+    `device_options` are those of the device: a haptic one's force is held against its limits.
+    `may_rest`: nobody need move the arm.
+    """
+    found = []
+    if last.cycles == 0:
+        found.append("the robot was never commanded")
+    if last.path_m == 0.0 and not may_rest:
+        found.append("no path was commanded")
+    if last.error_max_m > WELL_FOLLOWED_M:
+        found.append(
+            f"the robot was up to {last.error_max_m * 1e3:.1f} mm away from its reference "
+            f"(expected: {WELL_FOLLOWED_M * 1e3:.0f} mm)"
+        )
+    if last.trips:
+        found.append(f"teleoperation was disengaged {last.trips} times")
+    if isinstance(device_options, TickLimits):
+        found += _force_problems(last, device_options)
+    return found
+
+
+def find_remarks(last: Snapshot) -> list[str]:
+    """What a demo says of the computer that it ran on, by its last snapshot: no problem of it."""
+    if (missed := last.missed_cycles) > MISSED_SHARE * last.cycles:
+        return [f"{missed} of {last.cycles} cycles were missed: is this machine very busy?"]
+    return []
+
+
+def _force_problems(last: Snapshot, limits: TickLimits) -> list[str]:
+    """The problems of the force feedback."""
+    found = []
+    if last.contact_target_n is not None:
+        allowed_n = HELD_SHARE * last.contact_target_n
+        if last.contact_path_m == 0.0:
+            found.append("nothing was drawn: the tool touched nothing")
+        elif last.contact_force_rms_error_n > allowed_n:
+            found.append(
+                f"the contact force was {last.contact_force_rms_error_n:.1f} N RMS away from its "
+                f"target of {last.contact_target_n:g} N (expected: {allowed_n:.1f} N)"
+            )
+    if last.force_peak_n == 0.0:
+        found.append("no force was rendered to the hand")
+    if last.force_peak_n > limits.clamp_n * (1.0 + 1e-6):
+        found.append(f"the force was {last.force_peak_n:.2f} N, above {limits.clamp_n:g} N")
+    if last.energy_given_peak_j > limits.energy_budget_j:
+        found.append(
+            f"the hand was given up to {last.energy_given_peak_j * 1e3:.1f} mJ in one engagement "
+            f"(bound: {limits.energy_budget_j * 1e3:g} mJ)"
+        )
+    if last.force_losses:
+        found.append(f"{last.force_losses} times there was no force: {last.force_lost_reason}")
+    elif last.force_out_s > OUT_SHARE * last.elapsed_s:
+        found.append(
+            f"teleoperation went on without force for {last.force_out_s:.2f} s: "
+            f"{last.force_lost_reason}"
+        )
+    if last.measured_age_p99_s is not None and last.measured_age_p99_s > FORCE_AGE_S:
+        found.append(
+            f"forces were up to {last.measured_age_p99_s * 1e3:.1f} ms old at the hand "
+            f"(expected: {FORCE_AGE_S * 1e3:g} ms)"
+        )
+    if last.haptic_state != "enabled":
+        found.append(f"the force was {last.haptic_state} at the end: {last.haptic_reason}")
+    return found
+
+
+def _success(demo: Demo, last: Snapshot, device_options: Any) -> str:
+    """The message of a demo without problems."""
+    if last.path_m == 0.0:
+        return "nobody moved the arm"
+    if not isinstance(device_options, TickLimits):
+        return demo.success_message
+    return (
+        f"{demo.success_message}, {last.force_peak_n:.2f} N at most: "
+        f"it was given at most {last.energy_given_peak_j * 1e3:.2f} mJ in one engagement, of the "
+        f"{device_options.energy_budget_j * 1e3:g} mJ that passivity allows"
+    )
+
+
+def choose_demo(name: str) -> Demo:
+    """The demo of this name, or the one that a .toml file says it is."""
+    if name.endswith(".toml"):
+        demo = read_demo(Path(name).absolute())
+        if demo is None:
+            raise ConfigurationError(
+                "demo", f"{name} does not say how it runs without hardware (# /// demo)"
+            )
+        return demo
+    demos = find_demos()
+    if name not in demos:
+        raise ConfigurationError("demo", f"there is no demo {name!r}; allowed: {', '.join(demos)}")
+    return demos[name]
+
+
+def check_length(demo: Demo, seconds: float) -> None:
+    """Raise ConfigurationError where the demo has nothing to show in `seconds`."""
+    if not demo.shortest_s <= seconds < math.inf:
+        raise ConfigurationError(
+            "--seconds",
+            f"{seconds:g} are too {'many' if seconds > demo.shortest_s else 'few'} for this demo; "
+            f"allowed: {demo.shortest_s:g} or more",
+        )
+
+
+def run_demo(seconds: float, name: str = "gofa", picture_of: Callable[[str], str] = str) -> int:
+    """Run a demo by its name or its file; returns the exit code of the command. `picture_of` makes
+    of a page's address what a camera reads."""
+    demo = choose_demo(name)
+    check_length(demo, seconds)
+    with SessionView() as view:
+        say = partial(view.console.print, markup=False, highlight=False, soft_wrap=True)
+        view.console.print(demo.description, markup=False)
+        with (
+            simulated_hardware(demo, seconds) as (config, through),
+            served_faces(demo, config, say, picture_of),
+        ):
+            if demo.invitation:
+                say(demo.invitation)
+            outcome = supervise(config, seconds, view.show, through=through, shown=view.is_read)
+    if outcome.exit_code == EXIT_OK or outcome.last.cycles:
+        view.console.print(summary(outcome.last))
+    if outcome.exit_code != EXIT_OK:
+        print(f"cardan: {outcome.last.error}", file=sys.stderr)
+        return outcome.exit_code
+    if not outcome.last.finished or outcome.last.ending == STOPPED_ON_REQUEST:
+        view.console.print("ended early: not judged")
+        return EXIT_OK
+    options = make_device(config).options if config.device is not None else None
+    problems = find_problems(outcome.last, options, may_rest=bool(demo.invitation))
+    for line in (*find_remarks(outcome.last), *problems):
+        print(f"cardan demo: {line}", file=sys.stderr)
+    if not problems:
+        view.console.print(_success(demo, outcome.last, options), markup=False)
+    return EXIT_INCOMPLETE if problems else EXIT_OK

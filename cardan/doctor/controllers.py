@@ -1,0 +1,209 @@
+"""Checks whether controllers can be reached, or are heard; a server is asked for its protocol."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import selectors
+import socket
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Final, NamedTuple
+
+from cardan.common.sockets import opened
+from cardan.doctor.base import Check, Finding, Subject, caution, failure, good
+from cardan.drivers.base import Endpoint
+from cardan.errors import AddressError, shown
+
+GROUP = "controllers"
+
+LISTEN_S: Final = 2.0
+"""Longest wait for a controller that sends first: one whose program runs sends every 4 to 48 ms,
+and its program starts again within a second."""
+
+CONNECT_S: Final = 2.0
+"""Longest wait for a TCP connection: over a cable it takes a millisecond."""
+
+_DATAGRAM_BYTES: Final = 2048
+
+
+class Heard(NamedTuple):
+    """What came of listening at a port, or of connecting."""
+
+    sources: tuple[str, ...] = ()
+    """The computers that sent something."""
+    said: bytes = b""
+    """A server's first words, where it has to say any."""
+    error: int = 0
+    """Why it could not be tried, or failed: an errno; 0: it was."""
+
+
+def listen(endpoints: Iterable[Endpoint], seconds: float = LISTEN_S) -> dict[Endpoint, Heard]:
+    """Who sends to these UDP ports within `seconds`, or until all are heard; nobody is answered."""
+    heard: dict[Endpoint, set[str]] = {}
+    failed: dict[Endpoint, Heard] = {}
+    with selectors.DefaultSelector() as selector:
+        for each in endpoints:
+            try:
+                sock = opened(each.host, each.port, socket.SOCK_DGRAM, socket.socket.bind, _number)
+            except AddressError as error:
+                words = str(error)
+                # Of an address that many computers share it has words, as nobody listens there.
+                failed[each] = Heard(error=int(words) if words.isdecimal() else errno.EADDRNOTAVAIL)
+                continue
+            heard[each] = set()
+            selector.register(sock, selectors.EVENT_READ, each)
+        end_s = time.monotonic() + seconds
+        while not all(heard.values()) and (left_s := end_s - time.monotonic()) > 0.0:
+            for key, _ in selector.select(left_s):
+                try:
+                    _, source = key.fileobj.recvfrom(_DATAGRAM_BYTES)  # type: ignore[union-attr]
+                except OSError:
+                    continue
+                heard[key.data].add(str(source[0]))
+        for key in list(selector.get_map().values()):
+            key.fileobj.close()  # type: ignore[union-attr]
+    return {**{each: Heard(tuple(sorted(found))) for each, found in heard.items()}, **failed}
+
+
+def _number(error: OSError) -> str:
+    """An error as its number: `opened` has words only."""
+    return str(error.errno if error.errno and error.errno > 0 else errno.EADDRNOTAVAIL)
+
+
+def connect(endpoint: Endpoint, seconds: float = CONNECT_S) -> Heard:
+    """Whether a TCP server answers, and what where that is known; then the connection is closed."""
+    try:
+        with socket.create_connection((endpoint.host, endpoint.port), seconds) as sock:
+            return Heard((str(sock.getpeername()[0]),), _first_words(sock, endpoint, seconds))
+    except TimeoutError:
+        return Heard(error=errno.ETIMEDOUT)
+    except socket.gaierror:
+        return Heard(error=errno.EHOSTUNREACH)
+    except OSError as error:
+        return Heard(error=error.errno or errno.EIO)
+
+
+def _first_words(sock: socket.socket, endpoint: Endpoint, seconds: float) -> bytes:
+    said = b""
+    end_s = time.monotonic() + seconds
+    with contextlib.suppress(OSError):
+        if endpoint.request:
+            sock.sendall(endpoint.request)
+        while endpoint.answer.startswith(said) and len(said) < len(endpoint.answer):
+            sock.settimeout(max(end_s - time.monotonic(), 0.001))
+            more = sock.recv(_DATAGRAM_BYTES)
+            if not more:
+                break
+            said += more
+    return said
+
+
+def judge_controllers(
+    endpoints: Mapping[Endpoint, str], heard: Mapping[Endpoint, Heard]
+) -> Iterator[Finding]:
+    """What is to be said of each. `endpoints`: who uses it."""
+    for each, who in endpoints.items():
+        make = _judge_listening if each.listens else _judge_server
+        yield make(each, who, heard[each])
+
+
+def _judge_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
+    where = f"UDP port {endpoint.port}"
+    if heard.error == errno.EADDRINUSE:
+        return good("heard", f"{where} of {who} is in use: it is not listened at")
+    if heard.error == errno.EADDRNOTAVAIL:
+        return failure(
+            "listen-address",
+            f"{endpoint.host} is no address of this computer",
+            f"{who} is to listen there",
+            "ip -brief address shows which there are: set listen_host to that of the robot's "
+            "network",
+        )
+    if heard.error:
+        why = f"{who} is to listen there"
+        return failure(
+            "listen-address",
+            f"{endpoint.host}, {where}: {_words(heard.error)}",
+            why,
+            "set listen_port to one above 1023, and the controller's to the same",
+        )
+    if not heard.sources:
+        return caution(
+            "not-heard",
+            f"no datagram came to {where} of {who} within {LISTEN_S:g} s",
+            "the controller sends first: its program does not run, it sends elsewhere, or a "
+            "firewall drops what it sends",
+            "start its program; what a firewall drops: sudo nft list ruleset, or sudo iptables -L "
+            f"-n; what comes at all: sudo tcpdump -ni any udp port {endpoint.port}",
+        )
+    if endpoint.peer and (peer := _resolved(endpoint.peer)) not in heard.sources:
+        return failure(
+            "other-controller",
+            f"{where} of {who} hears {', '.join(heard.sources)}, and not {peer}",
+            "only the controller that the file names is heard",
+            f"set the controller's address: {heard.sources[0]}, or find out who that is",
+        )
+    return good("heard", f"{where} of {who} hears {', '.join(heard.sources)}")
+
+
+def _judge_server(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
+    where = f"{endpoint.host}, TCP port {endpoint.port},"
+    if not heard.error:
+        if heard.said.startswith(endpoint.answer):
+            return good("reached", f"{where} of {who} answers")
+        words = f"says {shown(heard.said[:40])}" if heard.said else "says nothing"
+        return failure(
+            "other-server",
+            f"{where} of {who} is connected to and {words}: it is another program's",
+            "the session cannot begin",
+            "set the port that the controller serves this protocol at",
+        )
+    if heard.error == errno.ECONNREFUSED:
+        mend = "start the program on the controller that serves it"
+    else:
+        mend = f"ping -c 3 {endpoint.host}"
+    return failure(
+        "not-reached",
+        f"{where} of {who} does not answer: {_words(heard.error)}",
+        "the session cannot begin",
+        mend,
+    )
+
+
+def _words(number: int) -> str:
+    return os.strerror(number).lower()
+
+
+def _resolved(host: str) -> str:
+    try:
+        return socket.gethostbyname(host)
+    except OSError:
+        return host
+
+
+class Controllers(Check):
+    """The files' controllers: those that serve are connected to, those that send listened to."""
+
+    group = GROUP
+    tells = (
+        "heard",
+        "not-heard",
+        "other-controller",
+        "listen-address",
+        "reached",
+        "not-reached",
+        "other-server",
+    )
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        found: dict[Endpoint, str] = {}
+        for used in subject.used():
+            for each in used.driver.endpoints():
+                if each.port:
+                    found.setdefault(each, f"{used.key} of {used.session}")
+        heard = listen(each for each in found if each.listens)
+        heard.update({each: connect(each) for each in found if not each.listens})
+        return judge_controllers(found, heard)

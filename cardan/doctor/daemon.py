@@ -1,0 +1,70 @@
+"""Checks the daemon: whether it runs, and what has failed in it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+from cardan.doctor.base import Check, Finding, Subject, caution, failure, good
+from cardan.errors import CardanError
+from cardan.gateway.daemon.client import ControlClient
+from cardan.gateway.daemon.keeping import UnitState
+from cardan.gateway.daemon.service import Service, installed
+
+GROUP = "daemon"
+
+
+def judge_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
+    """What the daemon's sessions and faces do. `rows`: as `cardan ps` has them."""
+    for row in rows:
+        who = f"{row['kind']} {row['name']}"
+        reason = f": {row['reason']}" if row["reason"] else ""
+        if row["state"] == UnitState.FAILED.value:
+            yield failure(
+                "unit-failed",
+                f"{who} has failed{reason}",
+                "the daemon does not start it again by itself",
+                f"cardan log {row['name']}, then: cardan restart {row['name']}",
+            )
+        elif row["state"] == UnitState.WAITING.value:
+            yield caution(
+                "unit-waiting",
+                f"{who} waits to be started again{reason}",
+                "what it needs is not there, or it has died",
+                f"cardan log {row['name']}",
+            )
+        else:
+            yield good("unit", f"{who} is {row['state']}{reason}")
+
+
+def judge_absent(why: str, services: Sequence[Service]) -> Finding:
+    """Of a daemon that does not answer. `services`: units of it that are installed."""
+    if services:
+        systemctl = " ".join(services[0].systemctl)
+        return failure(
+            "service",
+            f"the service {services[0].path} is installed, and its daemon does not answer: {why}",
+            "no session of it runs",
+            f"{systemctl} status cardan, then: {systemctl} restart cardan",
+        )
+    if why.startswith("no daemon runs"):
+        return good("daemon", "no daemon runs")
+    return failure("daemon", why, "it cannot be asked", "ls -l its socket; the group of [daemon]")
+
+
+class Running(Check):
+    """The daemon of this user or of this computer: whether it runs, and what failed in it."""
+
+    group, tells = GROUP, ("daemon", "service", "unit", "unit-failed", "unit-waiting")
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        try:
+            with ControlClient(subject.socket) as client:
+                rows = client.ask("units")
+        except CardanError as error:
+            there = [each for each in map(installed, (False, True)) if each.path.exists()]
+            yield judge_absent(str(error), there)
+            return
+        yield good("daemon", f"the daemon at {client.path} runs")
+        yield from judge_units(rows)

@@ -1,0 +1,147 @@
+"""Checks of faces with clients: tokens, certificates and their names."""
+
+from __future__ import annotations
+
+import datetime
+import socket
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Final
+
+from cardan.common.certificates import Certificate, read_certificate
+from cardan.common.files import read_text
+from cardan.common.sockets import is_loopback
+from cardan.doctor.base import (
+    Check,
+    Finding,
+    Subject,
+    caution,
+    face_defaults,
+    face_option,
+    failure,
+    good,
+)
+from cardan.errors import ConfigurationError
+from cardan.gateway.daemon.layout import FaceEntry
+from cardan.gateway.faces.console.face import ConsoleOptions
+from cardan.gateway.faces.web import WebOptions, tls_context
+
+GROUP = "network"
+
+EXPIRES_SOON: Final = datetime.timedelta(days=30)
+
+_MAKE_ONE: Final = (
+    "openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 -nodes -days 365 "
+    "-subj /CN={name} -addext subjectAltName=DNS:{name} -keyout key.pem -out cert.pem"
+)
+
+
+def judge_certificate(
+    who: str, found: Certificate, names: Sequence[str], now: datetime.datetime
+) -> Iterator[Finding]:
+    """Whether a face's certificate is valid, for long enough, and for a name that the computer
+    has."""
+    make = _MAKE_ONE.format(name=names[0])
+    told = f"{who}: its certificate"
+    why = "browsers refuse the connection"
+    if now > found.ends:
+        days = (now - found.ends).days
+        yield failure("certificate", f"{told} ended {days} days ago", why, make)
+    elif now < found.begins:
+        yield failure(
+            "certificate",
+            f"{told} begins only on {found.begins:%Y-%m-%d}",
+            why,
+            "timedatectl says whether this computer's clock is right",
+        )
+    elif found.ends - now < EXPIRES_SOON:
+        days = (found.ends - now).days
+        yield caution("certificate", f"{told} ends in {days} days", f"then {why}", make)
+    else:
+        yield good("certificate", f"{told} is valid until {found.ends:%Y-%m-%d}")
+    if any(_is_for(each, name) for each in found.names for name in names):
+        yield good("certificate-name", f"{told} is for {', '.join(found.names)}")
+    else:
+        yield caution(
+            "certificate-name",
+            f"{told} is for {', '.join(found.names) or 'no name'}; this computer is "
+            f"{', '.join(names)}",
+            f"{why}, unless the name that a person types is in it",
+            make,
+        )
+
+
+def _is_for(pattern: str, name: str) -> bool:
+    """Whether a certificate's name is that of a host; ``*`` stands for one part."""
+    pattern, name = pattern.lower(), name.lower()
+    if pattern.startswith("*."):
+        return name.partition(".")[2] == pattern[2:]
+    return pattern == name
+
+
+def web_options(entry: FaceEntry) -> WebOptions:
+    """How clients reach a face, as its words have it. Raises ConfigurationError."""
+    words = entry.words
+    kind = ConsoleOptions if entry.face == "console" else WebOptions
+    return kind(
+        host=face_option(entry, "host", "127.0.0.1"),
+        token_file=face_option(entry, "token-file"),
+        certificate=face_option(entry, "certificate"),
+        key=face_option(entry, "key"),
+        plaintext="--plaintext" in words,
+        hosts=tuple(words[at + 1] for at in range(len(words) - 1) if words[at] == "--hosts"),
+    )
+
+
+def judge_door(name: str, entry: FaceEntry, own: str, now: datetime.datetime) -> Iterator[Finding]:
+    """Whether a face can be served, and reached by those whom it is for. `own`: this computer's
+    name."""
+    who = f"face {name}"
+    try:
+        options = web_options(entry)
+        token = options.given_tokens()
+        tls_context(options.certificate, options.key)
+    except ConfigurationError as error:
+        mend = f"edit [faces.{name}] of {entry.file}"
+        yield failure("face", f"{who}: {error}", "it cannot start", mend)
+        return
+    if not options.encrypted and not is_loopback(options.host):
+        yield caution(
+            "clear",
+            f"{who} listens at {options.host} without TLS",
+            "the token, and all that is said, can be read on the way, and browsers give pages of "
+            "such an address no gamepad, no sensors and no VR",
+            f"{_MAKE_ONE.format(name=own)}, then certificate and key in [faces.{name}]",
+        )
+    else:
+        made = "no token" if is_loopback(options.host) else "tokens that it makes"
+        guarded = "tokens" if token else made
+        yield good("face", f"{who} listens at {options.host}, with {guarded}")
+    if options.certificate:
+        names = [*options.hosts, own, f"{own}.local", "localhost"]
+        if not is_loopback(options.host):
+            names.remove("localhost")
+        try:
+            found = read_certificate(read_text(Path(options.certificate)))
+        except (OSError, ValueError) as error:
+            yield failure(
+                "certificate",
+                f"{who}: {options.certificate}: {error}",
+                "nobody can connect",
+                _MAKE_ONE.format(name=own),
+            )
+            return
+        yield from judge_certificate(who, found, names, now)
+
+
+class Doors(Check):
+    """Faces with clients: who may reach them, by which token and certificate."""
+
+    group, tells = GROUP, ("face", "clear", "certificate", "certificate-name")
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        now = datetime.datetime.now(datetime.timezone.utc)
+        for name, entry in subject.faces.items():
+            if "token_file" in face_defaults(entry):
+                yield from judge_door(name, entry, socket.gethostname().lower(), now)

@@ -1,0 +1,72 @@
+"""Checks the given files, as ``cardan check`` and ``cardan serve`` do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from cardan.doctor.base import NOTHING, Check, Finding, Subject, caution, failure, good
+from cardan.errors import CardanError, ConfigurationError
+from cardan.gateway.daemon.layout import Layout, read_layout
+from cardan.gateway.session.assembly import cautions
+
+GROUP = "files"
+
+
+def read_files(paths: Sequence[Path]) -> tuple[Layout, str]:
+    """What the files say, and why they cannot be used, which is empty where they can.
+
+    Where one is wrong the layout has what can be read of each by itself.
+    """
+    if not paths:
+        return NOTHING, ""
+    try:
+        return read_layout(paths), ""
+    except CardanError as error:
+        wrong = " ".join(str(error).split())
+    sessions, faces = dict(NOTHING.sessions), dict(NOTHING.faces)
+    for path in _each(paths):
+        try:
+            one = read_layout([path])
+        except CardanError:
+            continue
+        sessions.update(one.sessions)
+        faces.update(one.faces)
+    return Layout(NOTHING.daemon, sessions, faces), wrong
+
+
+def _each(paths: Iterable[Path]) -> list[Path]:
+    """The files, and those in the folders."""
+    return [
+        file
+        for path in paths
+        for file in (sorted(path.glob("*.toml")) if path.is_dir() else [path])
+    ]
+
+
+class Files(Check):
+    """The given files: every key, and what drivers warn of."""
+
+    group, tells = GROUP, ("file", "caution")
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        if subject.unreadable:
+            mend = f"edit it, then: cardan doctor {' '.join(map(str, subject.files))}"
+            yield failure("file", subject.unreadable, "no session of it can start", mend)
+        for name, entry in subject.sessions.items():
+            try:
+                warned = cautions(entry.config)
+            except ConfigurationError as error:
+                warned = [str(error)]
+            for words in warned:
+                yield caution(
+                    "caution",
+                    f"{name}: {words}",
+                    "the options allow it, and a robot's cell rarely should",
+                    f"edit {entry.file}, then: cardan doctor {entry.file}",
+                )
+            if not warned:
+                yield good("file", f"{entry.file}: session {name} is fine")
+        for name, face in subject.faces.items():
+            yield good("file", f"{face.file}: face {name} is fine")

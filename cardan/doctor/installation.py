@@ -1,0 +1,222 @@
+"""Checks of the installation: packages, compiled parts, plug-ins."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import re
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Final, NamedTuple
+
+from cardan.bus import transports
+from cardan.bus.options import BusOptions
+from cardan.common.plugins import Loaded
+from cardan.doctor.base import Check, Finding, Subject, caution, failure, good
+from cardan.drivers import registry as drivers
+from cardan.drivers.hid import load_hid
+from cardan.drivers.omni.native import NativeMissingError, tick_library
+from cardan.errors import DriverError, install_command
+from cardan.gateway.faces import registry as faces
+from cardan.gateway.hand.filters import registry as filters
+
+GROUP = "installation"
+
+EXTRAS: Final = ("arm", "network", "can", "record", "foxglove", "dissect", "ruckig")
+"""Extras that change what works here; the others are for developers."""
+
+_EXTRA_OF_DRIVER: Final = {"sim_arm": "arm"}
+_EXTRA_OF_FACE: Final = {"foxglove": "foxglove"}
+
+_REQUIREMENT = re.compile(
+    r"(?P<name>[\w.-]+)(?:\[(?P<extras>[\w,.-]+)\])?[<>=!~\d.*,\s]*(?:;(?P<marker>.*))?"
+)
+_EXTRA = re.compile(r"extra\s*==\s*['\"]([\w.-]+)['\"]")
+_OLDER_PYTHON = re.compile(r"python_version\s*<\s*['\"](\d+)\.(\d+)['\"]")
+
+
+class Requirement(NamedTuple):
+    """A package that Cardan needs."""
+
+    name: str
+    extras: tuple[str, ...]
+    extra: str
+    """Extra of Cardan that needs it; empty: all of it."""
+
+
+def read_requirements(
+    lines: Iterable[str], python: tuple[int, int] = sys.version_info[:2]
+) -> list[Requirement]:
+    """Requirements as a package's metadata has them (``Requires-Dist``) that hold for `python`."""
+    found = []
+    for line in lines:
+        if (match := _REQUIREMENT.fullmatch(line.strip())) is None:
+            continue
+        marker = match["marker"] or ""
+        older = _OLDER_PYTHON.search(marker)
+        if older is not None and python >= (int(older[1]), int(older[2])):
+            continue
+        extra = _EXTRA.search(marker)
+        extras = tuple(match["extras"].split(",")) if match["extras"] else ()
+        found.append(Requirement(match["name"], extras, extra[1] if extra else ""))
+    return found
+
+
+def lacking(
+    requirements: Iterable[Requirement], extra: str, version: Callable[[str], str | None]
+) -> list[str]:
+    """What is missing for `extra` (empty: for all of Cardan), in words. `version` gives that of an
+    installed package, or None."""
+    requirements = list(requirements)
+    missing = []
+    for each in requirements:
+        if each.extra != extra:
+            continue
+        if each.name == "cardan":
+            for other in each.extras:
+                missing += lacking(requirements, other, version)
+        elif version(each.name) is None:
+            missing.append(f"{each.name} is missing")
+    return missing
+
+
+def installed_version(name: str) -> str | None:
+    """The version of an installed package; None: it is not there."""
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def own_requirements() -> list[Requirement]:
+    """Those of the installed Cardan; none where it runs from sources that were never installed."""
+    try:
+        return read_requirements(importlib.metadata.requires("cardan") or ())
+    except importlib.metadata.PackageNotFoundError:
+        return []
+
+
+def needed_extras(subject: Subject) -> dict[str, str]:
+    """The extras that the files need, and who needs each first."""
+    needed: dict[str, str] = {}
+    for name, entry in subject.sessions.items():
+        if entry.config.arm is not None:
+            needed.setdefault("arm", f"[arm] of {name}")
+        if entry.config.network is not None:
+            needed.setdefault("network", f"[network] of {name}")
+    for each in subject.used():
+        who = f"{each.key} {each.name!r} of {each.session}"
+        if isinstance(each.driver.options, BusOptions):
+            needed.setdefault("network", who)
+        if extra := _EXTRA_OF_DRIVER.get(each.name):
+            needed.setdefault(extra, who)
+    for name, face in subject.faces.items():
+        needed.setdefault(_EXTRA_OF_FACE.get(face.face, "network"), f"face {name}")
+    return needed
+
+
+def judge_packages(
+    requirements: Iterable[Requirement],
+    needed: Mapping[str, str],
+    version: Callable[[str], str | None],
+) -> Iterator[Finding]:
+    """Whether all that is needed is installed. `needed`: as :func:`needed_extras` has it."""
+    requirements = list(requirements)
+    if missing := lacking(requirements, "", version):
+        yield failure(
+            "package", "; ".join(missing), "Cardan needs it", "pip install --upgrade cardan"
+        )
+    else:
+        yield good("package", "all packages that every part needs are there")
+    absent = []
+    for extra in EXTRAS:
+        missing = lacking(requirements, extra, version)
+        if not missing:
+            continue
+        if extra not in needed:
+            absent.append(extra)
+            continue
+        yield failure(
+            "extra",
+            f"cardan[{extra}]: {'; '.join(missing)}",
+            f"{needed[extra]} needs it",
+            install_command(extra),
+        )
+    there = [extra for extra in EXTRAS if not lacking(requirements, extra, version)]
+    without = f"; without {', '.join(absent)}, which nothing here needs" if absent else ""
+    yield good("extra", f"extras: {', '.join(there) or 'none'}{without}")
+
+
+class Packages(Check):
+    """The packages and extras that the files need."""
+
+    group, tells = GROUP, ("package", "extra", "hidapi")
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        yield from judge_packages(own_requirements(), needed_extras(subject), installed_version)
+        try:
+            load_hid("hid")
+        except DriverError as error:
+            why = "devices by hidraw, such as a SpaceMouse, are read by it"
+            yield failure("hidapi", str(error), why, "pip install --force-reinstall hidapi")
+
+
+class Compiled(Check):
+    """The compiled loop of haptic devices."""
+
+    group, tells = GROUP, ("compiled",)
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        try:
+            tick_library()
+        except NativeMissingError as error:
+            wanted = any(each.name == "omni" for each in subject.used())
+            make = failure if wanted else caution
+            mend = "sudo apt-get install gcc libc6-dev && pip install --force-reinstall cardan"
+            why = "haptic devices need it" + ("" if wanted else "; nothing else does")
+            return [make("compiled", str(error).partition(": ")[0], why, mend)]
+        return [good("compiled", "the compiled force loop can be loaded")]
+
+
+class PlugIns(Check):
+    """Drivers, filters, faces and checks of other packages."""
+
+    group, tells = GROUP, ("plug-in",)
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        from cardan.doctor import registry as checks
+
+        return list(
+            judge_plug_ins(
+                [
+                    ("driver", drivers.load_all()),
+                    ("filter", filters.load_all()),
+                    ("face", faces.load_all()),
+                    ("transport", transports.load_all()),
+                    ("check", checks.load_all()),
+                ]
+            )
+        )
+
+
+def judge_plug_ins(found: Iterable[tuple[str, Loaded[Any]]]) -> Iterator[Finding]:
+    """Which plug-ins cannot be used. `found`: what was loaded, by the word for one of it."""
+    bad = False
+    for word, loaded in found:
+        for name, why in loaded.refused.items():
+            bad = True
+            yield failure(
+                "plug-in",
+                f"{word} {name!r} {why}",
+                "its package is broken, or made for another Cardan",
+                "pip install --upgrade its package, or pip uninstall it",
+            )
+        for note in loaded.notes:
+            bad = True
+            yield caution(
+                "plug-in", note, "two packages give the same name", "pip uninstall one of the two"
+            )
+    if not bad:
+        yield good("plug-in", "all drivers, filters, faces and checks can be loaded")

@@ -1,0 +1,101 @@
+"""Checks of the bus: who is met there, and what ROS 2 programs of this shell would use."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+
+from cardan.bus.options import BusOptions
+from cardan.bus.router import is_served, router_address
+from cardan.bus.survey import Survey, reachable, remedies, survey
+from cardan.doctor.base import Check, Finding, Subject, caution, failure, good
+from cardan.errors import CardanError, ExtraMissingError, install_command
+
+GROUP = "network"
+
+ZENOH = "rmw_zenoh_cpp"
+
+
+def judge_bus(
+    options: BusOptions,
+    who: str,
+    look: Callable[[BusOptions], Survey] = survey,
+    served: Callable[[tuple[str, int]], bool] = is_served,
+) -> Finding:
+    """Whether anybody is met by the bus of `who`. It is joined only where there is a router, or one
+    elsewhere: a session starts that of its own computer by itself."""
+    options = reachable(options)
+    where = options.zenoh_config or options.router or "no router"
+    address = router_address(options)
+    if address is not None and not served(address):
+        return good("bus", f"{who}: no router at {where} yet; a session with [network] starts it")
+    try:
+        found = look(options)
+    except CardanError as error:
+        why = f"{who} cannot join the bus"
+        missing = isinstance(error, ExtraMissingError)
+        mend = install_command("network") if missing else "cardan network"
+        return failure("bus", f"{where}: {error}", why, mend)
+    if advice := remedies(options, found):
+        return caution(
+            "bus",
+            f"{who}: {advice[0]}",
+            "nobody is met there",
+            " ".join(advice[1:]) or ("start what is to be met, then: cardan network"),
+        )
+    return good("bus", f"{who}: {len(found.nodes)} nodes are met at {where}")
+
+
+def judge_environment(
+    environment: Mapping[str, str], buses: Mapping[BusOptions, str]
+) -> Iterator[Finding]:
+    """Whether ROS 2 programs that are started in this shell meet the sessions of the files."""
+    chosen, distribution = environment.get("RMW_IMPLEMENTATION", ""), environment.get("ROS_DISTRO")
+    if chosen == ZENOH or not (chosen or distribution):
+        yield good(
+            "rmw", f"RMW_IMPLEMENTATION is {chosen or 'not set, and no ROS 2 is set up here'}"
+        )
+    else:
+        yield caution(
+            "rmw",
+            f"RMW_IMPLEMENTATION is {chosen or 'not set'}",
+            "ROS 2 programs of this shell speak DDS, and meet no session on Zenoh",
+            f"export RMW_IMPLEMENTATION={ZENOH}",
+        )
+    domain = environment.get("ROS_DOMAIN_ID", "").strip() or "0"
+    others = {str(options.domain): who for options, who in buses.items()}
+    if domain in others or not others:
+        yield good("domain", f"ROS_DOMAIN_ID is {domain}")
+        return
+    other, who = next(iter(others.items()))
+    yield caution(
+        "domain",
+        f"ROS_DOMAIN_ID is {domain}, and {who} has the domain {other}",
+        "nodes of different domains do not meet",
+        f"export ROS_DOMAIN_ID={other}",
+    )
+
+
+class Bus(Check):
+    """The bus of each session: its router, and who is met there."""
+
+    group, tells = GROUP, ("bus",)
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        looked: set[BusOptions] = set()
+        for options, who in subject.buses().items():
+            if (key := reachable(options)) not in looked:
+                looked.add(key)
+                yield judge_bus(options, who)
+
+
+class RosEnvironment(Check):
+    """The environment variables of ROS 2."""
+
+    group, tells = GROUP, ("rmw", "domain")
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        if not (buses := subject.buses()):
+            return []
+        return judge_environment(subject.environment, buses)

@@ -1,0 +1,198 @@
+"""Checks of the system: what a control loop needs of the kernel, and of the computer's clock."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+from cardan.common.realtime import FIFO_PRIORITY
+from cardan.doctor.base import Check, Finding, Subject, caution, good
+
+GROUP = "system"
+
+LIMITS_FILE: Final = "/etc/security/limits.d/50-cardan.conf"
+
+HAPTIC_PRIORITY: Final = 99
+"""What a user's limit has to be for haptic devices, whose force loop runs above the session's."""
+
+CAP_SYS_NICE: Final = 23
+CAP_IPC_LOCK: Final = 14
+"""Numbers of the capabilities by which a process needs no limit (linux/capability.h)."""
+
+MOST_LOAD: Final = 1.0
+"""Processes that want to run, per processor, beyond which some of them wait."""
+
+SLOW_GOVERNORS: Final = frozenset({"powersave", "conservative"})
+GOOD_CLOCKS: Final = frozenset(
+    {
+        "tsc",
+        "kvm-clock",
+        "hyperv_clocksource_tsc_page",
+        "xen",
+        "arch_sys_counter",
+        "riscv_clocksource",
+    }
+)
+"""Clocks that are read without entering the kernel, or nearly."""
+
+UNLIMITED: Final = -1
+
+
+def has_capability(status: str, number: int) -> bool:
+    """Whether a process has a capability, by its /proc/PID/status."""
+    found = re.search(r"^CapEff:\s*([0-9a-f]+)$", status, re.MULTILINE)
+    return found is not None and bool(int(found[1], 16) >> number & 1)
+
+
+def judge_scheduling(limit: int, capable: bool, haptic: bool) -> Finding:
+    """Whether sessions may have real-time scheduling. `limit`: RLIMIT_RTPRIO."""
+    need = HAPTIC_PRIORITY if haptic else FIFO_PRIORITY
+    if capable or limit == UNLIMITED or limit >= need:
+        allowed = "without a limit" if capable or limit == UNLIMITED else f"up to priority {limit}"
+        return good("real-time", f"real-time scheduling is allowed, {allowed}")
+    return caution(
+        "real-time",
+        f"real-time scheduling is allowed up to priority {limit}, and {need} is needed"
+        if limit
+        else "real-time scheduling is not allowed",
+        "the robot's cycles are answered late while other programs work",
+        f'echo "$USER - rtprio {need}" | sudo tee {LIMITS_FILE}, then log in again',
+    )
+
+
+def judge_memory_lock(limit: int, capable: bool, haptic: bool) -> Finding:
+    """Whether libraries may lock memory. `limit`: RLIMIT_MEMLOCK, bytes."""
+    enough = 64 << 20
+    if capable or limit == UNLIMITED or limit >= enough or not haptic:
+        told = "unlimited" if capable or limit == UNLIMITED else f"{limit / 2**20:.0f} MiB"
+        return good("memory-lock", f"memory that may be locked: {told}")
+    return caution(
+        "memory-lock",
+        f"memory that may be locked: {limit / 2**20:.0f} MiB",
+        "Cardan locks none, but a haptic device's library may want to, and pauses when its memory "
+        "is swapped out",
+        f'echo "$USER - memlock unlimited" | sudo tee -a {LIMITS_FILE}, then log in again',
+    )
+
+
+def judge_governors(governors: Mapping[str, str]) -> Finding:
+    """Whether processors keep their speed. `governors`: by processor; empty: there are none."""
+    kinds = sorted(set(governors.values()))
+    if not kinds:
+        return good("governor", "the system does not change the processors' frequency")
+    if slow := [kind for kind in kinds if kind in SLOW_GOVERNORS]:
+        return caution(
+            "governor",
+            f"the processors' frequency is governed by {' and '.join(slow)}",
+            "a loop that sleeps most of each cycle is run at the lowest frequency, and its "
+            "latency grows",
+            "sudo cpupower frequency-set -g performance",
+        )
+    return good("governor", f"the processors' frequency is governed by {' and '.join(kinds)}")
+
+
+def judge_clock(name: str, available: str) -> Finding:
+    """Whether reading the clock is quick. `available`: the names of all, with spaces between."""
+    if not name or name in GOOD_CLOCKS:
+        return good("clock", f"clock source {name or 'unknown'}")
+    better = next((each for each in available.split() if each in GOOD_CLOCKS), "")
+    path = "/sys/devices/system/clocksource/clocksource0/current_clocksource"
+    return caution(
+        "clock",
+        f"clock source {name}" + (f", where there is {better}" if better else ""),
+        "each look at the clock is a call of the kernel of some microseconds",
+        f"echo {better} | sudo tee {path}"
+        if better
+        else "`sudo dmesg | grep -i tsc` says why the kernel does not trust the processor's clock",
+    )
+
+
+def judge_load(load: float, processors: int) -> Finding:
+    """Whether the computer has time. `load`: the mean of the last minute."""
+    what = f"load {load:.1f} on {processors} processor{'s' * (processors != 1)}"
+    if load <= MOST_LOAD * processors:
+        return good("load", what)
+    return caution(
+        "load",
+        what,
+        "cycles are late where the session has no real-time scheduling",
+        "top -o %CPU, and end what need not run",
+    )
+
+
+def _is_haptic(subject: Subject) -> bool:
+    return any(each.name == "omni" for each in subject.used())
+
+
+def _limit(name: str) -> int:
+    """A limit of this process; UNLIMITED where the system has none."""
+    try:
+        import resource
+    except ImportError:  # Not on Windows.
+        return UNLIMITED
+    if (number := getattr(resource, name, None)) is None:
+        return UNLIMITED
+    soft, _hard = resource.getrlimit(number)
+    return UNLIMITED if soft == resource.RLIM_INFINITY else soft
+
+
+class Scheduling(Check):
+    """Whether the user may have real-time scheduling."""
+
+    group, tells = GROUP, ("real-time",)
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        capable = has_capability(subject.read("proc/self/status"), CAP_SYS_NICE)
+        return [judge_scheduling(_limit("RLIMIT_RTPRIO"), capable, _is_haptic(subject))]
+
+
+class MemoryLock(Check):
+    """How much memory the user may keep from being swapped out."""
+
+    group, tells = GROUP, ("memory-lock",)
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        capable = has_capability(subject.read("proc/self/status"), CAP_IPC_LOCK)
+        return [judge_memory_lock(_limit("RLIMIT_MEMLOCK"), capable, _is_haptic(subject))]
+
+
+class Governor(Check):
+    """What sets the processors' frequency."""
+
+    group, tells = GROUP, ("governor",)
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        folder = subject.root / "sys/devices/system/cpu"
+        paths = sorted(folder.glob("cpu[0-9]*/cpufreq/scaling_governor"))
+        found = {path.parts[-3]: subject.read_path(path) for path in paths}
+        return [judge_governors({name: each for name, each in found.items() if each})]
+
+
+class Clock(Check):
+    """Which clock the kernel reads."""
+
+    group, tells = GROUP, ("clock",)
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        folder = "sys/devices/system/clocksource/clocksource0"
+        names = (subject.read(f"{folder}/{each}_clocksource") for each in ("current", "available"))
+        return [judge_clock(*names)]
+
+
+class Load(Check):
+    """How much the computer has to do."""
+
+    group, tells = GROUP, ("load",)
+
+    @classmethod
+    def look(cls, subject: Subject) -> Iterable[Finding]:
+        words = subject.read("proc/loadavg").split()
+        if not words:
+            return []
+        return [judge_load(float(words[0]), os.cpu_count() or 1)]

@@ -1,1 +1,0 @@
-"""Shared by the rooms of the gateway: how its commands that serve are ended."""

@@ -1,0 +1,204 @@
+"""An operator device as a source of actions: its states in, numbers by name out.
+
+The rules of dead-man, clutch and rest are those of every session (:mod:`cardan.gateway.hand`). No
+arm is known here: the hand moves a TCP of its own, which is where it was taken hold of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from cardan.errors import ConfigurationError
+from cardan.gateway.hand.mapping import (
+    GripperOptions,
+    MappingOptions,
+    Mode,
+    Orientation,
+    TwistMapping,
+)
+from cardan.gateway.hand.source import HandRequest, HandSource, HandView
+from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.learning.features import (
+    CLOSE,
+    CLOSING,
+    MOTIONS,
+    OPEN,
+    OPENING,
+    STAY,
+    ActionKind,
+    six_of,
+)
+from cardan.spatial import add, from_rotation_vector, multiply, normalized, rotate, scale
+from cardan.types import (
+    IDENTITY_POSE,
+    ButtonEvent,
+    DeviceState,
+    Frame,
+    Pose,
+    RobotLink,
+    RobotState,
+    Twist,
+)
+
+LONGEST_STEP_S = 0.1
+"""Time that was lost beyond this is lost: the hand's TCP does not make up for it."""
+
+HAND_ACTIONS = (ActionKind.DELTA, ActionKind.TARGET)
+
+
+@dataclass(frozen=True)
+class EventButtons:
+    """Buttons by which an operator tells what becomes of an episode; empty: none."""
+
+    success: str = ""
+    failure: str = ""
+    again: str = ""
+    """Ends the episode, which is to be recorded anew."""
+
+
+class HandEvents(NamedTuple):
+    """What the operator has told since the last time."""
+
+    intervenes: bool
+    """Whether the hand holds the arm, or would: now."""
+    ends: bool
+    succeeded: bool
+    again: bool
+
+
+class HandActions:
+    """One operator device with its mapping and its gripper's buttons. For one thread; knows no
+    clock."""
+
+    def __init__(
+        self,
+        kind: ActionKind,
+        mapping: MappingOptions,
+        gripper: GripperOptions,
+        limits: ReferenceLimits,
+        device_age_s: float,
+        buttons: EventButtons | None = None,
+    ) -> None:
+        """Raises ConfigurationError for a mapping that gives no actions of this kind."""
+        if mapping.mode is Mode.ABSOLUTE:
+            raise ConfigurationError(
+                "mapping.mode",
+                '"absolute" needs to know where the arm is: use "position" or "rate"',
+            )
+        if kind is ActionKind.DELTA and mapping.mode is not Mode.RATE:
+            raise ConfigurationError(
+                "action",
+                f'"delta" is for deflections, and mapping.mode is "{mapping.mode.value}": use '
+                'action = "target"',
+            )
+        if mapping.joints:
+            raise ConfigurationError("mapping.joints", "an action has no single joints")
+        self.kind = kind
+        self._mapping = TwistMapping(mapping, gripper)
+        self._source = HandSource(self._mapping, limits, (), device_age_s)
+        self._buttons = buttons or EventButtons()
+        self._request: HandRequest | None = None
+        self._before_s: float | None = None
+        self._armed = False
+        self._at = IDENTITY_POSE
+        """Where the TCP that the hand moves is, from where it was taken hold of."""
+        self._gripped: bool | None = None
+        """Whether the gripper was told to close; None: nothing new was told."""
+        self._ends = self._succeeded = self._again = False
+
+    def update(self, device: DeviceState, events: Sequence[ButtonEvent], now_s: float) -> None:
+        """Take the device's state of `now_s`, and the edges of its buttons since the last call."""
+        before_s = now_s if self._before_s is None else self._before_s
+        dt_s = min(max(now_s - before_s, 0.0), LONGEST_STEP_S)
+        self._before_s = now_s
+        was_closed = self._mapping.gripper_closed
+        was_following = self._request is not None and self._request.following
+        if not was_following:
+            self._at = IDENTITY_POSE
+        view = HandView(
+            robot=_robot(now_s, dt_s),
+            dt_s=dt_s,
+            tcp=self._at,
+            resting=self._at,
+            armed=self._armed,
+            free=True,
+        )
+        self._request = request = self._source.request(device, events, view)
+        self._armed = request.armed
+        if request.following:
+            self._at = moved(self._at, request.twist, dt_s)
+        if self._mapping.gripper_closed is not was_closed:
+            self._gripped = self._mapping.gripper_closed
+        self._take_buttons(events)
+
+    def _take_buttons(self, events: Sequence[ButtonEvent]) -> None:
+        pressed = {event.button for event in events if event.pressed} - {""}
+        buttons = self._buttons
+        self._succeeded = self._succeeded or buttons.success in pressed
+        self._again = self._again or buttons.again in pressed
+        ends = {buttons.success, buttons.failure, buttons.again}
+        self._ends = self._ends or not ends.isdisjoint(pressed)
+
+    def action(self) -> dict[str, float]:
+        """What the hand asks for now, with what became of the gripper since the last call."""
+        request = self._request
+        following = request is not None and request.following
+        gripped, self._gripped = self._gripped, None
+        if self.kind is ActionKind.DELTA:
+            numbers = [0.0] * 6
+            if request is not None and following:
+                numbers = self._shares(request.twist)
+            told = {None: STAY, True: CLOSE, False: OPEN}[gripped]
+            return {**dict(zip(MOTIONS[self.kind], numbers, strict=True)), "gripper": told}
+        numbers = [float(following), *(six_of(self._at) if following else (0.0,) * 6)]
+        told = {None: 0.0, True: CLOSING, False: OPENING}[gripped]
+        return {**dict(zip(MOTIONS[self.kind], numbers, strict=True)), "gripper_vel": told}
+
+    def _shares(self, twist: Twist) -> list[float]:
+        options = self._mapping.options
+        full = (options.linear_speed_m_s,) * 3 + (options.angular_speed_rad_s,) * 3
+        return [speed / most for speed, most in zip((*twist[0], *twist[1]), full, strict=True)]
+
+    def events(self) -> HandEvents:
+        """What the operator has told by buttons since the last call, and whether it intervenes."""
+        request = self._request
+        told = HandEvents(
+            request is not None and (request.claims or request.following),
+            self._ends,
+            self._succeeded,
+            self._again,
+        )
+        self._ends = self._succeeded = self._again = False
+        return told
+
+    def advice(self) -> str:
+        """How to go on, where the hand moves nothing; empty: it does."""
+        if self._request is not None and self._request.following:
+            return ""
+        return self._source.advice("")
+
+
+def turns_with_tool(mapping: MappingOptions) -> bool:
+    """Whether turns are about the tool's axes, and not about the base's."""
+    if mapping.orientation is None:
+        return mapping.frame is not Frame.BASE
+    return mapping.orientation is Orientation.FOLLOW_TOOL
+
+
+def moved(at: Pose, twist: Twist, dt_s: float) -> Pose:
+    """`at` after `twist`, along its own frame's axes, for `dt_s`."""
+    way, turn = scale(twist.linear, dt_s), from_rotation_vector(scale(twist.angular, dt_s))
+    if twist.frame is Frame.TOOL:
+        way = rotate(at.orientation, way)
+    if twist.frame is Frame.BASE:
+        orientation = multiply(turn, at.orientation)
+    else:
+        orientation = multiply(at.orientation, turn)
+    return Pose(add(at.position, way), normalized(orientation), Frame.BASE)
+
+
+def _robot(now_s: float, dt_s: float) -> RobotState:
+    """The arm that is not there: heard now, and ready."""
+    return RobotState(now_s, RobotLink.LIVE, 0, 0, dt_s, (), (), None, "")

@@ -1,0 +1,78 @@
+"""The recorder as a face: it records while the daemon runs it, a file for each start."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from cardan.bus.options import BusOptions
+from cardan.common.files import records_folder
+from cardan.common.options import Options
+from cardan.errors import CaptureError
+from cardan.gateway.faces import telling
+from cardan.gateway.faces.base import Face, Ready
+from cardan.recording.recorder import Recorder
+
+LOOK_S = 0.1
+"""How often it looks whether it is to end."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordsOptions(Options):
+    """What is recorded, and where to."""
+
+    folder: str = ""
+    """Folder of the records, each with the time of its start as its name; it is made. Empty: that
+    of the user's (a service's) state, and in it "records"."""
+    arms: tuple[str, ...] = ()
+    """Namespaces of arms, or names of nodes: only their topics, and those that all share; none:
+    everything."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderFaceOptions(Options):
+    """The bus, and the records of it."""
+
+    bus: BusOptions = field(default_factory=BusOptions)
+    records: RecordsOptions = field(default_factory=RecordsOptions)
+
+
+class RecorderFace(Face[RecorderFaceOptions]):
+    """Record what is on the bus, as `cardan record` does, into a new file at each start."""
+
+    Options = RecorderFaceOptions
+    page = "recording.md"
+    epilog = "Prints READY and its file once it records."
+
+    @classmethod
+    def serve(cls, options: RecorderFaceOptions, ready: Ready, stop: threading.Event) -> None:
+        """Record until `stop` is set. Raises CaptureError, ConfigurationError, ExtraMissingError
+        or DriverError."""
+        records = options.records
+        path = new_file(records_folder(records.folder), time.time())
+        with Recorder(options.bus, path, records.arms) as recorder:
+            ready(str(path))
+            tell_s = time.monotonic()
+            while not recorder.failed and not stop.wait(LOOK_S):
+                if telling.is_wanted() and time.monotonic() >= tell_s:
+                    tell_s = time.monotonic() + telling.PERIOD_S
+                    telling.tell(recorder.figures())
+            report = recorder.close()
+        for line in report.lines():
+            print(line, flush=True)
+        if report.error:
+            raise CaptureError(report.error)
+
+
+def new_file(folder: Path, time_s: float) -> Path:
+    """A file in `folder` that there is not, named after this time. Raises CaptureError."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    except OSError as error:
+        raise CaptureError(f"cannot make the folder {folder}: {error.strerror}") from None
+    stem = time.strftime("cardan-%Y%m%d-%H%M%S", time.localtime(time_s))
+    names = itertools.chain((stem,), (f"{stem}-{n}" for n in itertools.count(2)))
+    return next(path for name in names if not (path := folder / f"{name}.mcap").exists())

@@ -1,0 +1,511 @@
+"""MCAP files as ROS 2 has them: profile ``ros2``, messages in CDR, schemas as .msg texts.
+
+Sources: the MCAP specification (mcap.dev/spec) and its registry's profile "ros2"; channel metadata
+as rosbag2 writes it.
+"""
+
+from __future__ import annotations
+
+import bisect
+import contextlib
+import dataclasses
+import os
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from io import BytesIO
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TypeAlias
+
+from cardan import __version__
+from cardan.common.extras import missing_extra
+from cardan.common.files import SupportsRead, open_file, read_up_to
+from cardan.common.shortage import shortage
+from cardan.errors import CaptureError
+from cardan.protocols.ros2.interfaces import InterfaceError, full_text
+from cardan.protocols.ros2.type_hash import UNSUPPORTED, type_hash
+
+if TYPE_CHECKING:
+    from mcap.records import Channel, Chunk, Message, Schema
+
+_Record: TypeAlias = "Schema | Channel | Message"
+
+PROFILE, ENCODING, SCHEMA_ENCODING = "ros2", "cdr", "ros2msg"
+
+_QOS_KEY, _HASH_KEY, _PUBLISHERS_KEY = "offered_qos_profiles", "topic_type_hash", "publishers"
+
+MAX_CHUNK_BYTES = 64 * 2**20
+"""Most that a chunk may unpack to: programs write chunks of 1 to 16 MiB, and some bytes of a
+damaged one can unpack to thousands of times as many."""
+
+MOST_DAMAGE = 20
+"""Damaged parts of a file that are named."""
+
+_MAGIC = b"\x89MCAP0\r\n"
+_HEAD = struct.Struct("<BQ")
+"""Of each record: its kind, and how many bytes follow."""
+_FOOTER_BYTES: Final = 9 + 20 + len(_MAGIC)
+_PRIVATE: Final = 0x80
+"""Kinds of records from here on are other programs'."""
+
+_FOREVER = "sec: 9223372036\n    nsec: 854775807"
+
+
+class RecordedTopic(NamedTuple):
+    """A topic of a record."""
+
+    name: str
+    type_name: str
+    """In full: "geometry_msgs/msg/PoseStamped"."""
+    type_hash: str
+    """Empty where the record does not say."""
+    latched: bool
+    publishers: tuple[str, ...]
+    """Full names of the nodes that published it, as far as they were known when it began; empty in
+    records that others made."""
+
+
+class RecordedMessage(NamedTuple):
+    """A message of a record."""
+
+    topic: RecordedTopic
+    log_ns: int
+    """When it was recorded, ns since the epoch."""
+    publish_ns: int
+    """When it was published, by its sender's clock, ns since the epoch."""
+    sequence: int
+    data: bytes
+    """CDR with its encapsulation."""
+
+
+def _installed() -> None:
+    try:
+        import mcap.writer  # noqa: F401
+    except ImportError as error:
+        raise missing_extra("a record", "mcap", "record", error) from error
+
+
+def known_definition(type_name: str, mark: str) -> str:
+    """The text of a message's definition; empty where Cardan does not know the type, or the sender
+    has another type of that name, by its hash."""
+    try:
+        if mark not in ("", UNSUPPORTED, type_hash(type_name)):
+            return ""
+        return full_text(type_name)
+    except InterfaceError:
+        return ""
+
+
+class RecordWriter:
+    """Writes a record. For one thread."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises CaptureError where there is a file already or none can be made."""
+        _installed()
+        from mcap.writer import Writer
+
+        try:
+            self._file: BinaryIO = path.open("xb")
+        except FileExistsError:
+            raise CaptureError(f"{path} exists: choose another name, or delete it") from None
+        except OSError as error:
+            raise CaptureError(f"{path} cannot be written: {error.strerror or error}") from None
+        self._writer: Any = Writer(self._file, enable_data_crcs=True)
+        self._writer.start(PROFILE, f"cardan {__version__}")
+        self._schemas: dict[tuple[str, str], int] = {}
+        self.topics: dict[RecordedTopic, int] = {}
+        """Those written so far, and their channels."""
+        self.unknown: dict[str, str] = {}
+        """Types without a definition, and their hashes."""
+
+    def add(self, message: RecordedMessage) -> None:
+        """Write a message; what it needs is written before it. Raises OSError."""
+        topic = message.topic
+        channel = self.topics.get(topic)
+        if channel is None:
+            channel = self.topics[topic] = self._writer.register_channel(
+                topic.name, ENCODING, self._schema_of(topic), _metadata(topic)
+            )
+        self._writer.add_message(
+            channel,
+            message.log_ns,
+            message.data,
+            message.publish_ns,
+            message.sequence & 0xFFFFFFFF,
+        )
+
+    def _schema_of(self, topic: RecordedTopic) -> int:
+        key = topic.type_name, topic.type_hash
+        if key not in self._schemas:
+            text = known_definition(*key)
+            if not text:
+                self.unknown[topic.type_name] = topic.type_hash
+            encoding = SCHEMA_ENCODING if text else ""
+            self._schemas[key] = self._writer.register_schema(
+                topic.type_name, encoding, text.encode()
+            )
+        return self._schemas[key]
+
+    def attach(self, name: str, text: str, now_ns: int) -> None:
+        """Add a JSON text as an attachment. Raises OSError."""
+        self._writer.add_attachment(0, now_ns, name, "application/json", text.encode())
+
+    def describe(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a record of metadata. Raises OSError."""
+        self._writer.add_metadata(name, dict(values))
+
+    def flush(self) -> None:
+        """Give all so far to the system: a reader finds it even if this process is killed. Raises
+        OSError."""
+        self._writer.flush()
+
+    @property
+    def bytes(self) -> int:
+        """Size of the file so far, without what `flush` would still write."""
+        return self._file.tell()
+
+    def finish(self) -> None:
+        """Write the index and close the file. Raises OSError."""
+        try:
+            self._writer.finish()
+        finally:
+            self._file.close()
+
+
+def _metadata(topic: RecordedTopic) -> dict[str, str]:
+    durability = "transient_local" if topic.latched else "volatile"
+    profile = (
+        "- history: keep_last\n  depth: 10\n  reliability: reliable\n"
+        f"  durability: {durability}\n"
+        f"  deadline:\n    {_FOREVER}\n  lifespan:\n    {_FOREVER}\n"
+        f"  liveliness: automatic\n  liveliness_lease_duration:\n    {_FOREVER}\n"
+        "  avoid_ros_namespace_conventions: false\n"
+    )
+    return {
+        _QOS_KEY: profile,
+        _HASH_KEY: topic.type_hash,
+        _PUBLISHERS_KEY: " ".join(topic.publishers),
+    }
+
+
+class Place(NamedTuple):
+    """Where in a record reading can begin, too."""
+
+    log_ns: int
+    """Of the first message from there on."""
+    offset: int
+
+
+PLACE_NS = 500_000_000
+"""Shortest time between two places that are remembered."""
+
+MOST_PLACES = 100_000
+"""That are remembered: of 14 h."""
+
+
+class RecordReader:
+    """Reads a record from its beginning, one that was cut off or is damaged too.
+
+    ::
+
+        for message in RecordReader(path):
+            print(message.topic.name)
+
+    It remembers places on the way, from which it can be read again: ``reader.messages(place)``.
+    """
+
+    def __init__(self, path: Path) -> None:
+        _installed()
+        self.path = path
+        self.cut_off = ""
+        """Why the file has no end, once it was read; empty where it has one."""
+        self.damage: list[str] = []
+        """What was damaged before the newest message, in words, and left out; the first
+        MOST_DAMAGE of it."""
+        self.left_out = 0
+        """Messages that are not in CDR."""
+        self.places: list[Place] = []
+        """In the order of the file; as far as it was read from its beginning."""
+        self._schemas: dict[int, str] = {}
+        self._topics: dict[int, RecordedTopic] = {}
+
+    def __iter__(self) -> Iterator[RecordedMessage]:
+        """All messages in the order of the file. Raises CaptureError for what is no MCAP file."""
+        return self.messages()
+
+    @property
+    def problems(self) -> list[str]:
+        """What is wrong with the file as far as it was read, in words; empty: nothing."""
+        damaged = [f"the file is damaged {each}" for each in self.damage]
+        return damaged + ([f"the file ends early: {self.cut_off}"] if self.cut_off else [])
+
+    def messages(self, place: Place | None = None) -> Iterator[RecordedMessage]:
+        """Those from a place of `places` on, in the order of the file; None: all. Raises
+        CaptureError for what is no MCAP file."""
+        from mcap.records import Channel, Schema
+
+        schemas, topics, places = self._schemas, self._topics, self.places
+        if place is None:
+            schemas.clear()
+            topics.clear()
+            places.clear()
+        self.cut_off, self.damage, self.left_out = "", [], 0
+        try:
+            stream = open_file(self.path)
+        except OSError as error:
+            why = error.strerror or error
+            raise CaptureError(f"{self.path} cannot be read: {why}") from None
+        with stream:
+            if read_up_to(stream, len(_MAGIC)) != _MAGIC:
+                raise CaptureError(f"{self.path} is no MCAP file")
+            for offset, record in self._records(stream, place):
+                if isinstance(record, Schema):
+                    schemas[record.id] = record.name
+                elif isinstance(record, Channel):
+                    if record.message_encoding == ENCODING:
+                        topics[record.id] = _topic(record, schemas.get(record.schema_id, ""))
+                else:
+                    if place is None and _is_news(places, offset, record.log_time):
+                        places.append(Place(record.log_time, offset))
+                    topic = topics.get(record.channel_id)
+                    if topic is None:
+                        self.left_out += 1
+                        continue
+                    yield RecordedMessage(
+                        topic, record.log_time, record.publish_time, record.sequence, record.data
+                    )
+
+    def _damaged(self, offset: int, why: str) -> None:
+        if len(self.damage) < MOST_DAMAGE:
+            self.damage.append(f"at byte {offset} {why}")
+
+    def _records(self, stream: BinaryIO, place: Place | None) -> Iterator[tuple[int, _Record]]:
+        """Those of the data section and of its chunks, each with the offset at which reading it
+        begins."""
+        from mcap.opcode import Opcode
+        from mcap.records import Message
+
+        end = _End.of(stream)
+        at = len(_MAGIC) if place is None else place.offset
+        crc, count, known = zlib.crc32(_MAGIC), 0, False
+        while True:
+            offset, why, lost = at, "", False
+            try:
+                stream.seek(offset)
+                head = read_up_to(stream, _HEAD.size)
+                opcode, length = _HEAD.unpack(head) if len(head) == _HEAD.size else (0, 0)
+                body = read_up_to(stream, length)
+            except OSError as error:
+                if shortage(error):
+                    raise
+                self._damaged(offset, f"it cannot be read: {error.strerror or error}")
+                return
+            at = offset + len(head) + len(body)
+            records: list[_Record] = []
+            if len(head) < _HEAD.size or len(body) < length:
+                if not end.finished:
+                    missing = f"byte {at} is its last, in a record of {length} bytes"
+                    self.cut_off = f"it was cut off while it was written ({missing})"
+                    return
+                why, lost = f"a record of {length} bytes is longer than the file", True
+            elif opcode == Opcode.DATA_END:
+                self._check_end(offset, body, crc if place is None else None, count, end)
+                self._check_footer(stream, at, end)
+                return
+            else:
+                try:
+                    records = _records_in(opcode, body)
+                except _LostError as error:
+                    why, lost = str(error), True
+                except Exception as error:
+                    if shortage(error):
+                        raise
+                    why = f"a chunk is left out ({error!r:.80})"
+            following = end.chunk_after(offset)
+            if following is not None and following < at:
+                why, lost, records = why or "a record is longer than it was", True, []
+            if why:
+                self._damaged(offset, why)
+                if lost and following is None:
+                    return
+                if not known:
+                    # What the damaged part has said of topics is said again at the end.
+                    known = True
+                    records = end.topics
+                if lost and following is not None:
+                    at = following
+            crc = zlib.crc32(body, zlib.crc32(head, crc))
+            for record in records:
+                count += isinstance(record, Message)
+                yield offset, record
+
+    def _check_end(self, offset: int, body: bytes, crc: int | None, count: int, end: _End) -> None:
+        """What is said of all data before. `crc`: None where not all was read."""
+        if self.damage or crc is None:
+            return
+        if len(body) < 4 or struct.unpack_from("<I", body)[0] not in (0, crc):
+            self._damaged(offset, "the CRC of all data is another")
+        elif end.messages not in (None, count):
+            self._damaged(offset, f"there are to be {end.messages} messages before, not {count}")
+
+    def _check_footer(self, stream: BinaryIO, offset: int, end: _End) -> None:
+        from mcap.opcode import Opcode
+
+        if end.finished and not end.whole:
+            self._damaged(offset, "the summary's CRC is another")
+        elif not end.finished:
+            size, at = stream.seek(0, os.SEEK_END), offset
+            opcode = length = 0
+            while opcode != Opcode.FOOTER and at + _HEAD.size <= size:
+                stream.seek(at)
+                opcode, length = _HEAD.unpack(read_up_to(stream, _HEAD.size))
+                at += _HEAD.size + length
+            if opcode == Opcode.FOOTER and at + len(_MAGIC) <= size:
+                self._damaged(at, "its end is another")
+            else:
+                self.cut_off = "it was cut off while it was written (in its summary)"
+
+
+class _LostError(ValueError):
+    """Where the next record begins is not known."""
+
+
+class _End(NamedTuple):
+    """What the summary of a file says, at its end."""
+
+    finished: bool
+    """Whether the file has the end that a finished one has."""
+    whole: bool
+    """Whether the summary can be read and has its CRC."""
+    chunks: tuple[int, ...]
+    """Offsets of the chunks, ascending."""
+    topics: list[_Record]
+    """All schemas and channels."""
+    messages: int | None
+    """How many there are; None where it is not said."""
+
+    def chunk_after(self, offset: int) -> int | None:
+        """The offset of the next chunk; None: it is not known, or there is none."""
+        index = bisect.bisect_right(self.chunks, offset)
+        return self.chunks[index] if index < len(self.chunks) else None
+
+    @classmethod
+    def of(cls, stream: BinaryIO) -> _End:
+        """The end of a file."""
+        from mcap.data_stream import ReadDataStream
+        from mcap.exceptions import EndOfFile
+        from mcap.opcode import Opcode
+        from mcap.records import Channel, ChunkIndex, Schema, Statistics
+
+        size = stream.seek(0, os.SEEK_END)
+        stream.seek(max(0, size - _FOOTER_BYTES))
+        footer = read_up_to(stream, _FOOTER_BYTES)
+        if len(footer) < _FOOTER_BYTES or not footer.endswith(_MAGIC):
+            return cls(False, False, (), [], None)
+        head, said = footer[: -len(_MAGIC) - 4], footer[-len(_MAGIC) - 4 : -len(_MAGIC)]
+        opcode, length, start, _ = struct.unpack("<BQQQ", head)
+        broken = cls(True, False, (), [], None)
+        if opcode != Opcode.FOOTER or length != 20 or start > size - _FOOTER_BYTES:
+            return broken
+        if not start:
+            return cls(True, True, (), [], None)
+        stream.seek(start)
+        summary = read_up_to(stream, min(size - _FOOTER_BYTES - start, MAX_CHUNK_BYTES))
+        (crc,) = struct.unpack("<I", said)
+        if crc not in (0, zlib.crc32(head, zlib.crc32(summary))):
+            return broken
+        chunks: list[int] = []
+        topics: list[_Record] = []
+        messages, at = None, 0
+        try:
+            while at < len(summary):
+                opcode, length = _HEAD.unpack_from(summary, at)
+                body = ReadDataStream(BytesIO(summary[at + _HEAD.size : at + _HEAD.size + length]))
+                at += _HEAD.size + length
+                if opcode == Opcode.CHUNK_INDEX:
+                    chunks.append(ChunkIndex.read(body).chunk_start_offset)
+                elif opcode == Opcode.STATISTICS:
+                    messages = Statistics.read(body).message_count
+                elif opcode == Opcode.SCHEMA:
+                    topics.append(Schema.read(body))
+                elif opcode == Opcode.CHANNEL:
+                    topics.append(Channel.read(body))
+        except (ValueError, struct.error, EndOfFile):
+            return broken
+        return cls(True, True, tuple(sorted(chunks)), topics, messages)
+
+
+def _is_news(places: list[Place], offset: int, log_ns: int) -> bool:
+    if not places:
+        return True
+    far = log_ns >= places[-1].log_ns + PLACE_NS
+    return far and offset != places[-1].offset and len(places) < MOST_PLACES
+
+
+def _records_in(opcode: int, body: bytes) -> list[_Record]:
+    """What is in a record of the data section, and in it if it is a chunk. Raises _LostError, or
+    what mcap and the compressors raise."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.exceptions import EndOfFile
+    from mcap.opcode import Opcode
+    from mcap.records import Channel, Chunk, Message, Schema
+
+    if opcode == Opcode.CHUNK:
+        return _unpacked(Chunk.read(ReadDataStream(BytesIO(body))))
+    if opcode == Opcode.MESSAGE_INDEX:
+        if len(body) < 6 or len(body) != 6 + struct.unpack_from("<I", body, 2)[0]:
+            raise _LostError("an index of messages has another length than it says")
+        return []
+    if opcode in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA) or opcode >= _PRIVATE:
+        return []
+    stream = ReadDataStream(BytesIO(body))
+    try:
+        if opcode == Opcode.SCHEMA:
+            return [Schema.read(stream)]
+        if opcode == Opcode.CHANNEL:
+            return [Channel.read(stream)]
+        if opcode == Opcode.MESSAGE:
+            return [Message.read(stream, len(body))]
+    except (ValueError, struct.error, EndOfFile) as error:
+        raise _LostError(f"a record cannot be read ({error!r:.80})") from None
+    raise _LostError(f"a record is of an unknown kind, {opcode}")
+
+
+def _unpacked(chunk: Chunk) -> list[_Record]:
+    """What is in a chunk. Raises ValueError where its CRC is another. The lengths that it and its
+    compressed frame declare are not believed: mcap's own unpacking takes the memory for them
+    first."""
+    import lz4.frame
+    import zstandard
+    from mcap.records import Channel, Message, Schema
+    from mcap.stream_reader import breakup_chunk
+
+    packed = BytesIO(chunk.data)
+    with contextlib.ExitStack() as stack:
+        stream: SupportsRead = packed
+        if chunk.compression == "zstd":
+            stream = stack.enter_context(zstandard.ZstdDecompressor().stream_reader(packed))
+        elif chunk.compression == "lz4":
+            stream = stack.enter_context(lz4.frame.open(packed))
+        elif chunk.compression:
+            raise ValueError(f"an unknown compression, {chunk.compression!r:.20}")
+        data = read_up_to(stream, MAX_CHUNK_BYTES + 1)
+    if len(data) > MAX_CHUNK_BYTES:
+        raise ValueError(f"a chunk of more than {MAX_CHUNK_BYTES >> 20} MiB")
+    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise ValueError("its CRC is another")
+    records = breakup_chunk(dataclasses.replace(chunk, compression="", data=data))
+    return [each for each in records if isinstance(each, (Schema, Channel, Message))]
+
+
+def _topic(channel: Any, type_name: str) -> RecordedTopic:
+    metadata = channel.metadata
+    profile = metadata.get(_QOS_KEY, "")
+    latched = "durability: transient_local" in profile or "durability: 1\n" in profile
+    return RecordedTopic(
+        channel.topic,
+        type_name,
+        metadata.get(_HASH_KEY, ""),
+        latched,
+        tuple(metadata.get(_PUBLISHERS_KEY, "").split()),
+    )

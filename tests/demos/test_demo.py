@@ -1,0 +1,238 @@
+"""The demos: what they join, and what they find fault with."""
+
+import contextlib
+import dataclasses
+import re
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from cardan.common.tables import read_toml
+from cardan.demos import demo
+from cardan.demos.demo import (
+    EXIT_INCOMPLETE,
+    FORCE_AGE_S,
+    HELD_SHARE,
+    choose_demo,
+    find_problems,
+    run_demo,
+    simulated_hardware,
+)
+from cardan.demos.examples import find_demos
+from cardan.demos.peers import Peers
+from cardan.drivers.omni import OmniOptions
+from cardan.errors import ConfigurationError, DriverError
+from cardan.gateway.session.launched import launched
+from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.supervisor import Outcome
+
+MOVED = Snapshot(cycles=1000, path_m=0.1, error_max_m=0.004, metrics={})
+DRAWN = dataclasses.replace(
+    MOVED,
+    haptic_state="enabled",
+    force_peak_n=0.9,
+    energy_given_j=-0.02,
+    energy_given_peak_j=0.001,
+    elapsed_s=25.0,
+    measured_age_p50_s=0.004,
+    measured_age_p99_s=0.005,
+    contact_force_n=5.5,
+    contact_s=10.0,
+    contact_path_m=0.2,
+    contact_force_mean_n=5.5,
+    contact_target_n=5.6,
+    contact_force_rms_error_n=0.6,
+)
+
+
+FELT = OmniOptions()
+
+
+def test_what_went_well_is_not_found_fault_with(monkeypatch, capsys):
+    assert find_problems(MOVED) == []
+    assert find_problems(DRAWN, FELT) == []
+    pretend(monkeypatch, dataclasses.replace(DRAWN, finished=True))
+    assert run_demo(10.0, "omni") == EXIT_OK
+    said = " ".join(capsys.readouterr().out.split())
+    assert "felt the board, 0.90 N at most" in said
+    assert "given at most 1.00 mJ in one engagement, of the 5 mJ" in said
+
+
+@pytest.mark.parametrize(
+    ("lack", "words"),
+    [
+        ({"cycles": 0}, "never commanded"),
+        ({"path_m": 0.0}, "no path"),
+        ({"error_max_m": 0.03}, "30.0 mm away"),
+        ({"trips": 2}, "2 times"),
+    ],
+)
+def test_what_any_demo_may_lack(lack, words):
+    for good, options in ((MOVED, None), (DRAWN, FELT)):
+        (found,) = find_problems(dataclasses.replace(good, **lack), options)
+        assert words in found
+
+
+def test_an_arm_that_nobody_need_move_may_rest(monkeypatch, capsys):
+    rested = dataclasses.replace(MOVED, finished=True, path_m=0.0)
+    assert find_problems(rested, may_rest=True) == []
+    pretend(monkeypatch, rested)
+    assert run_demo(10.0, "console") == EXIT_OK
+    said = capsys.readouterr().out
+    assert "open the page, press *Enable motion*" in said
+    assert "face console: http://127.0.0.1:8443" in said
+    assert "nobody moved the arm" in said
+    assert run_demo(10.0, "gofa") == EXIT_INCOMPLETE
+    (found,) = find_problems(dataclasses.replace(rested, cycles=0), may_rest=True)
+    assert "never commanded" in found
+
+
+@pytest.mark.parametrize(
+    ("lack", "words"),
+    [
+        ({"contact_path_m": 0.0}, "nothing was drawn"),
+        ({"contact_force_rms_error_n": HELD_SHARE * 5.6 + 0.1}, "1.5 N RMS away"),
+        ({"force_peak_n": 0.0}, "no force was rendered"),
+        ({"force_peak_n": OmniOptions().clamp_n + 0.1}, "force was 2.10 N, above 2 N"),
+        (
+            {"energy_given_peak_j": OmniOptions().energy_budget_j + 0.001},
+            "given up to 6.0 mJ in one engagement (bound: 5 mJ)",
+        ),
+        (
+            {"force_losses": 1, "force_lost_reason": "the motors are hot"},
+            "1 times there was no force: the motors are hot",
+        ),
+        (
+            {"force_out_s": 0.5, "force_lost_reason": "the tick was late"},
+            "without force for 0.50 s: the tick was late",
+        ),
+        ({"measured_age_p99_s": FORCE_AGE_S + 0.005}, "15.0 ms old"),
+        ({"haptic_state": "fault", "haptic_reason": "too fast"}, "fault at the end: too fast"),
+    ],
+)
+def test_what_a_drawing_may_lack(lack, words):
+    (found,) = find_problems(dataclasses.replace(DRAWN, **lack), FELT)
+    assert words in found
+
+
+def test_an_unknown_demo_is_refused_with_the_known_ones():
+    with pytest.raises(ConfigurationError, match=r"allowed: .*gofa, gp8, .*omni, "):
+        run_demo(1.0, "teo")
+
+
+def test_a_drawing_that_would_not_begin_is_refused():
+    with pytest.raises(ConfigurationError, match=r"--seconds: 5 are too few .* 10 or more"):
+        run_demo(5.0, "omni")
+
+
+@pytest.mark.parametrize(
+    ("last", "code"),
+    [
+        (Snapshot(finished=True, ending="the session's time is over"), EXIT_INCOMPLETE),
+        (Snapshot(finished=True, ending=STOPPED_ON_REQUEST), EXIT_OK),
+        (Snapshot(message="stopped before it began"), EXIT_OK),
+    ],
+)
+def test_a_demo_that_was_ended_before_its_time_is_not_judged(monkeypatch, capsys, last, code):
+    pretend(monkeypatch, last)
+    assert run_demo(10.0, "omni") == code
+    assert ("not judged" in capsys.readouterr().out) is (code == EXIT_OK)
+
+
+class Served:
+    """A face."""
+
+    before, endpoint = (), "http://127.0.0.1:8443"
+
+
+def pretend(monkeypatch, last):
+    """A session that ends with this snapshot; nothing runs."""
+    monkeypatch.setattr(Peers, "start", lambda *_: None)
+    monkeypatch.setattr(demo, "with_face", lambda *_: contextlib.nullcontext(Served()))
+    monkeypatch.setattr(demo, "supervise", lambda *_, **__: Outcome(EXIT_OK, last))
+
+
+def test_what_found_fault_with_is_said(monkeypatch, capsys):
+    pretend(monkeypatch, dataclasses.replace(MOVED, finished=True, trips=2))
+    assert run_demo(10.0, "gofa") == EXIT_INCOMPLETE
+    assert "cardan demo: teleoperation was disengaged 2 times" in capsys.readouterr().err
+
+
+def test_a_file_that_is_no_demo_is_refused():
+    file = choose_demo("gofa").file.with_name("spacemouse-gofa.toml")
+    with pytest.raises(ConfigurationError, match="does not say how it runs without hardware"):
+        run_demo(10.0, str(file))
+
+
+@pytest.mark.matrix
+def test_what_does_not_serve_is_told(capsys):
+    with (
+        pytest.raises(DriverError, match="`cardan sim spacemouse` ended before it served"),
+        launched("sim", "spacemouse"),
+    ):
+        pass
+    assert "--hid" in capsys.readouterr().err
+
+
+@pytest.mark.matrix
+def test_what_a_demo_launches_serves_what_its_configuration_has():
+    with simulated_hardware(choose_demo("leap-ur5"), 1.0) as (config, through):
+        assert config.device is not None
+        port = config.device.options["port"]
+        assert port != 6437
+        with contextlib.closing(socket.create_connection(("127.0.0.1", port), 5.0)):
+            assert through == ()
+
+
+@pytest.mark.matrix
+def test_a_face_is_served_beside_the_session_for_whoever_comes(capsys):
+    """Nobody does."""
+    assert run_demo(5.0, "ros2") == EXIT_OK
+    said = capsys.readouterr().out
+    assert re.search(r"face rosbridge: ws://127\.0\.0\.1:\d+", said)
+    assert "move the arm by a client of that address" in said
+    assert "nobody moved the arm" in said
+
+
+def test_every_demo_names_the_extras_that_it_needs():
+    pyproject = read_toml(Path(__file__).parents[3] / "pyproject.toml")
+    known = set(pyproject["project"]["optional-dependencies"])
+    for each in find_demos().values():
+        assert set(each.extras) <= known, each.name
+        text = each.file.read_text(encoding="utf-8")
+        of_nodes = any(name.startswith(("phone", "ros2", "xr")) for name in each.drivers)
+        on_a_network = of_nodes or "[network]" in text
+        assert ("network" in each.extras) == on_a_network, each.name
+        assert ("console" in each.extras) == ("console" in each.faces), each.name
+        assert ("can" in each.extras) == ("jr3_can" in each.drivers), each.name
+
+
+@pytest.mark.parametrize(("name", "extras"), [("ros2", "network\n"), ("gofa", "\n")])
+def test_the_extras_of_a_demo_are_told(name, extras):
+    told = subprocess.run(
+        [sys.executable, "-m", "cardan", "demo", "--extras", name],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert told.stdout == extras
+
+
+@pytest.mark.matrix
+def test_the_drawing_runs_and_is_felt():
+    # A busy machine may find fault with much, never with the force and the energy.
+    ran = subprocess.run(
+        [sys.executable, "-m", "cardan", "demo", "omni", "--seconds", "10"],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert ran.returncode in (0, 4), ran.stderr
+    assert "path drawn in contact" in ran.stdout
+    for never in ("above", "given"):
+        assert never not in ran.stderr, ran.stderr

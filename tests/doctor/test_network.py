@@ -1,0 +1,114 @@
+"""The bus of the files: who is met, and what ROS 2 programs of this shell would do."""
+
+import pytest
+
+from cardan.bus.options import BusOptions
+from cardan.bus.survey import Survey
+from cardan.doctor import network
+from cardan.doctor.base import Subject
+from cardan.doctor.files import read_files
+from cardan.doctor.network import Bus, RosEnvironment, judge_bus, judge_environment
+from cardan.errors import DriverError
+from tests.doctor.told import told
+
+HERE = BusOptions()
+THERE = BusOptions(router="tcp/192.168.7.7:7447", mode="client")
+ALONE = Survey([], {}, {}, 0, 0)
+
+
+def yes(_address):
+    return True
+
+
+def no(_address):
+    return False
+
+
+@pytest.mark.parametrize(
+    ("options", "served", "found", "level"),
+    [
+        (HERE, yes, ALONE._replace(nodes=["/a"]), "good"),
+        (HERE, yes, ALONE._replace(routers=1), "caution"),
+        (THERE, no, ALONE, "caution"),
+        (THERE, no, ALONE._replace(nodes=["/a"]), "good"),
+        (BusOptions(router=""), no, ALONE, "caution"),
+    ],
+)
+def test_who_is_met(options, served, found, level):
+    assert told(Bus, judge_bus(options, "session a", lambda _: found, served)) == [(level, "bus")]
+
+
+def test_a_bus_without_a_router_is_not_joined():
+    def never(_options):
+        raise AssertionError("it was joined")
+
+    found = judge_bus(HERE, "session a", never, no)
+    assert told(Bus, found) == [("good", "bus")]
+    assert "a session with [network] starts it" in found.what
+
+
+def test_a_bus_that_cannot_be_joined():
+    def fails(_options):
+        raise DriverError("no zenoh")
+
+    assert told(Bus, judge_bus(HERE, "session a", fails, yes)) == [("failure", "bus")]
+
+
+@pytest.mark.parametrize(
+    ("environment", "levels"),
+    [
+        ({}, ["good", "good"]),
+        ({"RMW_IMPLEMENTATION": "rmw_zenoh_cpp", "ROS_DOMAIN_ID": "0"}, ["good", "good"]),
+        ({"RMW_IMPLEMENTATION": "rmw_fastrtps_cpp"}, ["caution", "good"]),
+        ({"ROS_DISTRO": "jazzy"}, ["caution", "good"]),
+        ({"ROS_DOMAIN_ID": "7"}, ["good", "caution"]),
+    ],
+)
+def test_the_environment(environment, levels):
+    found = list(judge_environment(environment, {HERE: "session a"}))
+    assert told(RosEnvironment, found) == list(zip(levels, ("rmw", "domain"), strict=True))
+
+
+def test_each_bus_is_looked_at_once(tmp_path, monkeypatch):
+    file = tmp_path / "lab.toml"
+    file.write_text(
+        "".join(
+            f'[[sessions]]\nname = "{name}"\nrobot = {{ driver = "abb_egm", listen_port = 0 }}\n'
+            f"[sessions.network]\n{more}\n"
+            for name, more in (("a", ""), ("b", "rate_hz = 20.0"), ("c", "domain = 3"))
+        )
+    )
+    layout, wrong = read_files([file])
+    assert not wrong
+    looked = []
+
+    def judge(options, who):
+        looked.append((options.domain, who))
+        return judge_bus(options, who, lambda _: ALONE, no)
+
+    monkeypatch.setattr(network, "judge_bus", judge)
+    subject = Subject((file,), layout, environment={"ROS_DOMAIN_ID": "3"})
+    assert told(Bus, Bus.look(subject)) == [("good", "bus")] * 2
+    assert looked == [(0, "session a"), (3, "session c")]
+    assert told(RosEnvironment, RosEnvironment.look(subject)) == [
+        ("good", "rmw"),
+        ("good", "domain"),
+    ]
+
+
+def test_faces_join_the_bus_too(tmp_path):
+    file = tmp_path / "faces.toml"
+    file.write_text(
+        '[faces.rosbridge]\nrouter = "tcp/192.168.7.7:7447"\nmode = "client"\ndomain = 4\n'
+        '[faces.router]\n[faces.far]\nface = "rosbridge"\ndomain = 999\n'
+    )
+    layout, wrong = read_files([file])
+    assert not wrong
+    router = "tcp/192.168.7.7:7447"
+    assert Subject((file,), layout).buses() == {
+        BusOptions(router=router, mode="client", domain=4): "face rosbridge"
+    }
+
+
+def test_without_a_bus_the_environment_does_not_matter():
+    assert told(RosEnvironment, RosEnvironment.look(Subject(environment={"ROS_DISTRO": "x"}))) == []

@@ -1,0 +1,106 @@
+"""Scheduling, memory, frequency, clock, load: by what the kernel says of them."""
+
+import pytest
+
+from cardan.doctor.base import Subject
+from cardan.doctor.system import (
+    CAP_SYS_NICE,
+    UNLIMITED,
+    Clock,
+    Governor,
+    Load,
+    MemoryLock,
+    Scheduling,
+    has_capability,
+    judge_clock,
+    judge_governors,
+    judge_load,
+    judge_memory_lock,
+    judge_scheduling,
+)
+from tests.doctor.told import told
+
+
+@pytest.mark.parametrize(
+    ("limit", "capable", "haptic", "level"),
+    [
+        (0, False, False, "caution"),
+        (0, True, False, "good"),
+        (9, False, False, "caution"),
+        (10, False, False, "good"),
+        (10, False, True, "caution"),
+        (99, False, True, "good"),
+        (UNLIMITED, False, True, "good"),
+    ],
+)
+def test_real_time_scheduling(limit, capable, haptic, level):
+    found = judge_scheduling(limit, capable, haptic)
+    assert told(Scheduling, found) == [(level, "real-time")]
+    if level == "caution":
+        assert f"rtprio {99 if haptic else 10}" in found.mend
+
+
+@pytest.mark.parametrize(
+    ("limit", "capable", "haptic", "level"),
+    [
+        (8 << 20, False, False, "good"),
+        (8 << 20, False, True, "caution"),
+        (8 << 20, True, True, "good"),
+    ],
+)
+def test_memory_that_may_be_locked(limit, capable, haptic, level):
+    assert told(MemoryLock, judge_memory_lock(limit, capable, haptic)) == [(level, "memory-lock")]
+
+
+def test_capabilities():
+    assert has_capability("Name:\tx\nCapEff:\t0000000000800000\n", CAP_SYS_NICE)
+    assert not has_capability("Name:\tx\nCapEff:\t00000000007fffff\n", CAP_SYS_NICE)
+    assert not has_capability("", CAP_SYS_NICE)
+
+
+def test_governors():
+    assert told(Governor, judge_governors({})) == [("good", "governor")]
+    assert told(Governor, judge_governors({"cpu0": "performance"})) == [("good", "governor")]
+    found = judge_governors({"cpu0": "performance", "cpu1": "powersave"})
+    assert told(Governor, found) == [("caution", "governor")]
+    assert found.mend == "sudo cpupower frequency-set -g performance"
+
+
+def test_clocks():
+    assert told(Clock, judge_clock("tsc", "tsc hpet")) == [("good", "clock")]
+    better = judge_clock("hpet", "hpet tsc acpi_pm")
+    assert told(Clock, better) == [("caution", "clock")]
+    assert better.mend.startswith("echo tsc | sudo tee /sys/")
+    assert "dmesg" in judge_clock("hpet", "hpet acpi_pm").mend
+
+
+def test_load():
+    assert told(Load, judge_load(1.9, 2)) == [("good", "load")]
+    assert told(Load, judge_load(2.1, 2)) == [("caution", "load")]
+
+
+def write(root, path, text):
+    (root / path).parent.mkdir(parents=True, exist_ok=True)
+    (root / path).write_text(text)
+
+
+def test_where_the_kernel_says_it(tmp_path):
+    for number, governor in enumerate(("powersave\n", "performance\n")):
+        write(tmp_path, f"sys/devices/system/cpu/cpu{number}/cpufreq/scaling_governor", governor)
+    clock = "sys/devices/system/clocksource/clocksource0"
+    write(tmp_path, f"{clock}/current_clocksource", "hpet\n")
+    write(tmp_path, f"{clock}/available_clocksource", "tsc hpet \n")
+    write(tmp_path, "proc/loadavg", "1000.5 0.1 0.1 1/100 4711\n")
+    subject = Subject(root=tmp_path)
+    assert told(Governor, Governor.look(subject)) == [("caution", "governor")]
+    assert told(Clock, Clock.look(subject)) == [("caution", "clock")]
+    assert told(Load, Load.look(subject)) == [("caution", "load")]
+
+
+def test_a_system_that_says_nothing(tmp_path):
+    subject = Subject(root=tmp_path)
+    assert told(Governor, Governor.look(subject)) == [("good", "governor")]
+    assert told(Clock, Clock.look(subject)) == [("good", "clock")]
+    assert told(Load, Load.look(subject)) == []
+    assert len(told(Scheduling, Scheduling.look(subject))) == 1
+    assert len(told(MemoryLock, MemoryLock.look(subject))) == 1

@@ -1,0 +1,14 @@
+"""What all findings have to be, whichever check tells them."""
+
+from cardan.doctor.base import Finding, Level
+
+
+def told(check, findings):
+    """The findings' levels and codes, in their order; each is well formed."""
+    found = [findings] if isinstance(findings, Finding) else list(findings)
+    for each in found:
+        assert each.code in check.tells, f"{check.__name__} does not declare {each.code!r}"
+        assert "\n" not in each.what
+        bad = each.level is not Level.GOOD
+        assert bool(each.why) == bool(each.mend) == bad, each
+    return [(each.level.value, each.code) for each in found]
