@@ -199,7 +199,7 @@ def test_a_face_is_served_beside_the_session_for_whoever_comes(capsys):
 
 
 def test_every_demo_names_the_extras_that_it_needs():
-    pyproject = read_toml(Path(__file__).parents[3] / "pyproject.toml")
+    pyproject = read_toml(Path(__file__).parents[2] / "pyproject.toml")
     known = set(pyproject["project"]["optional-dependencies"])
     for each in find_demos().values():
         assert set(each.extras) <= known, each.name

@@ -21,7 +21,7 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.daemon.layout import read_layout
 from cardan.gateway.session.config import parse_config
 
-EXAMPLES = Path(__file__).parents[3] / "examples"
+EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMOS = find_demos()
 RUNS = re.compile(r"(run|serve) (examples/|\S+-simulated\.toml)")
 NO_DEMO = {
