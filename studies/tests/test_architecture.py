@@ -24,7 +24,7 @@ pytestmark = pytest.mark.matrix
 
 STUDIES = Path(__file__).parents[1]
 MODULES = sorted(path for path in STUDIES.rglob("*.py") if STUDIES / "tests" not in path.parents)
-MAY_IMPORT = {"gateway", "drivers", "bus", "protocols", "sim_peers", *LEAVES}
+MAY_IMPORT = {"demos", "gateway", "drivers", "bus", "protocols", "sim_peers", *LEAVES}
 ARM_MODEL = (
     "studies.cartesian.",
     "studies.devices.",
