@@ -15,6 +15,8 @@ from cardan.gateway.session.config import parse_config
 from cardan.robots import load_arm
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, Mode
 from tests.chain import PUSH, Chain
+from tests.fault_rig import EgmBench, EgmJointBench
+from tests.test_lost_time import SPEED_M_S, moving
 
 INTO_THE_SINGULARITY = PUSH.replace("-0.5", "0.9")
 """Forward for ever: the wrist straightens 27 cm ahead, and then the arm is at its end."""
@@ -113,3 +115,17 @@ def test_every_verb_with_default_options():
     assert -0.02 < verbs.stat().pose[0] - start[0] < -0.015
     with pytest.raises(MotionRefusedError, match="this needs torque"):
         verbs.gcmp()
+
+
+@pytest.mark.parametrize("stall_s", [0.11, 0.12, 0.129, 0.132, 0.15, 0.19])
+@pytest.mark.parametrize("kind", [EgmBench, EgmJointBench], ids=lambda kind: kind.name)
+def test_a_process_that_stood_still_has_an_arm_go_no_faster(kind, stall_s):
+    """What waited meanwhile comes at once: less time than passed at the robot is agreed on."""
+    with kind() as bench:
+        moving(bench)
+        since_s = bench.now_s
+        bench.stall(stall_s)
+        bench.run(0.4)
+        motion = bench.motion(since_s)
+        assert motion.peak_m_s <= 1.05 * SPEED_M_S
+        assert motion.back_m <= 1e-4

@@ -180,6 +180,7 @@ def test_at_rest_the_arm_is_where_its_core_is(kind):
 @given(pattern=SHARES)
 @example(pattern=[(1.0, 0.3, False)] * 2)
 @example(pattern=[(0.25, 0.3, True)])
+@example(pattern=[(0.25, 0.0, False)])
 def test_no_gap_makes_an_arm_faster(kind, pattern):
     """Where its controller stops by itself, too: a motion is taken up again from rest."""
     with kind() as bench:

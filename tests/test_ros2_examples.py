@@ -192,9 +192,13 @@ def publish(words, client, looks, topic, kind, message, how):
     client.results(0.1)
     once = how == ["--once"]
     client.publish(topic, kind, message, 50.0 if once else float(how[1]), once)
-    # Until its node has been on the bus for 0.3 s, its commands are refused, as it is told.
+    # Until its node has been on the bus for 0.3 s, or two of its stamps agree with their arrival,
+    # its commands are refused, as it is told.
     told = [
-        *dropwhile(lambda each: "has been connected" in each["reason"], client.results(PAUSE_S))
+        *dropwhile(
+            lambda each: re.search("has been connected|not known yet", each["reason"]),
+            client.results(PAUSE_S),
+        )
     ]
     assert not [each["reason"] for each in told if each["outcome"] == "refused"], words
     if topic != "/joy/set_feedback":

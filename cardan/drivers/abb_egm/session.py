@@ -566,7 +566,10 @@ class EgmSession:
         heading, heading_before, then = known
         if heading is None or heading_before is None or then is None:
             heading, heading_before, then = state, before, answered or before
-        self._guidance.resync(heading, heading_before, then, self._book.last_step_s, gap_s)
+        # The agreed time may be less than passed at the robot, whose speed would seem higher.
+        states = (state.sequence - before.sequence) & 0xFFFFFFFF
+        step_s = max(self._book.last_step_s, states * self._nominal_s)
+        self._guidance.resync(heading, heading_before, then, step_s, gap_s)
 
     def _ordered(
         self, joints: tuple[float, ...], outside: tuple[float, ...]

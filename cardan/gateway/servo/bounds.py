@@ -48,15 +48,15 @@ class JointBounds:
             top = fastest if fastest < sped else sped
             bottom = -fastest if -fastest > slowed else slowed
             room = upper - position
-            if top * longest_s > 2.0 * room:
-                top, ending = (2.0 * room / longest_s if room > 0 else 0.0), True
+            if room > 0.0 and top * longest_s > 2.0 * room:
+                top, ending = 2.0 * room / longest_s, True
             if room * acceleration < fastest * (fastest + gain):
                 stop = sqrt(gain * gain + 2.0 * acceleration * room) - gain if room > 0 else 0.0
                 if top > stop:
                     top, ending = stop, True
             room = position - lower
-            if bottom * longest_s < -2.0 * room:
-                bottom, ending = (-2.0 * room / longest_s if room > 0 else 0.0), True
+            if room > 0.0 and bottom * longest_s < -2.0 * room:
+                bottom, ending = -2.0 * room / longest_s, True
             if room * acceleration < fastest * (fastest + gain):
                 stop = gain - sqrt(gain * gain + 2.0 * acceleration * room) if room > 0 else 0.0
                 if bottom < stop:

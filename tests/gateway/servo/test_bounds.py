@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, strategies as st
+from hypothesis import example, given, strategies as st
 
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.servo.bounds import JointBounds
@@ -29,6 +29,8 @@ def limits(each, q, v, dt_s):
     st.lists(st.floats(-8.0, 8.0), min_size=N, max_size=N),
     st.floats(1e-4, 0.05),
 )
+@example([0.0] * 5 + [-4.0], [0.0] * 5 + [1.0], 0.03125)
+@example([0.0] * 5 + [4.0], [0.0] * 5 + [-1.0], 0.03125)
 def test_bounds_are_never_empty_and_never_ask_more_than_the_acceleration(q, v, dt_s):
     q, v = np.array(q), np.array(v)
     low, high = limits(bounds(), q, v, dt_s)

@@ -200,8 +200,8 @@ static void fill_bounds(Kernel *kernel, double dt_s)
         double gain = acceleration * dt_s, slowed = speed - gain, sped = speed + gain;
         double top = fmin(fastest, sped), bottom = fmax(-fastest, slowed);
         double room = kernel->upper[i] - position;
-        if (top * longest_s > 2.0 * room) {
-            top = fmax(0.0, 2.0 * room / longest_s);
+        if (room > 0.0 && top * longest_s > 2.0 * room) {
+            top = 2.0 * room / longest_s;
             kernel->ending = true;
         }
         if (room * acceleration < fastest * (fastest + gain)) {
@@ -212,8 +212,8 @@ static void fill_bounds(Kernel *kernel, double dt_s)
             }
         }
         room = position - kernel->lower[i];
-        if (bottom * longest_s < -2.0 * room) {
-            bottom = fmin(0.0, -2.0 * room / longest_s);
+        if (room > 0.0 && bottom * longest_s < -2.0 * room) {
+            bottom = -2.0 * room / longest_s;
             kernel->ending = true;
         }
         if (room * acceleration < fastest * (fastest + gain)) {
