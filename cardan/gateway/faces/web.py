@@ -262,6 +262,13 @@ class Arrivals:
         return self._seen[0][0]
 
 
+APART_NS = 1000
+"""Between frames that may have arrived at the same time: as seconds, too, they have to differ."""
+
+CLOCK_SET_BACK_NS = 10**9
+"""What is earlier by more is of a clock that was set back."""
+
+
 class FrontConnection(ServerConnection):
     """A client's connection: it tells how long its frames waited, is ended where they wait for too
     long, and nothing of it is read any more once it is cut off."""
@@ -272,7 +279,7 @@ class FrontConnection(ServerConnection):
     _since_s = NEVER_S
     since_ns = 0
     """When the end of the frame handed on last can have arrived at the earliest, ns since the
-    epoch."""
+    epoch; of two that came between the same looks the later one has the later time."""
 
     def __init__(self, *given: Any, **options: Any) -> None:
         super().__init__(*given, **options)
@@ -317,8 +324,10 @@ class FrontConnection(ServerConnection):
         async for frame in super().__aiter__():
             self._look()
             self._since_s = self.arrivals.take_frame()
-            now_ns = time.time_ns()
-            self.since_ns = now_ns - int(1e9 * self.waited_s)
+            since_ns = time.time_ns() - int(1e9 * self.waited_s)
+            if -APART_NS < self.since_ns - since_ns < CLOCK_SET_BACK_NS:
+                since_ns = self.since_ns + APART_NS
+            self.since_ns = since_ns
             if self._cut_off:
                 return
             if self._ending is None and self._backlog.lasts(self.waited_s, self.loop.time()):

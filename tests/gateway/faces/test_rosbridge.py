@@ -11,6 +11,7 @@ import sys
 import threading
 import time
 from contextlib import ExitStack
+from itertools import pairwise
 
 import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
@@ -200,6 +201,22 @@ def test_a_header_has_the_time_now(network, client):
     assert first["frame_id"] == "base"
     assert before_s - 1 <= first["stamp"]["sec"] <= time.time()
     assert second["stamp"] == {"sec": 5, "nanosec": 6}
+
+
+def test_frames_that_come_together_have_times_of_their_own(network, client):
+    """As seconds, too: an arm refuses what was sent at the same time as what it did before."""
+    client.send("advertise", topic="/target", type=POSE)
+    client.settle()
+    frame = json.dumps({"op": "publish", "topic": "/target", "msg": {}}).encode()
+    protocol = client.connection.protocol
+    for _ in range(50):
+        protocol.send_text(frame)
+    client.connection.socket.sendall(b"".join(protocol.data_to_send()))
+    client.settle()
+    stamps = [message["header"]["stamp"] for _, message in network.published]
+    times_s = [stamp["sec"] + 1e-9 * stamp["nanosec"] for stamp in stamps]
+    assert len(times_s) == 50
+    assert all(after > before for before, after in pairwise(times_s))
 
 
 # -- bad input ------------------------------------------------------------------------------------
