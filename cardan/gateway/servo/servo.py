@@ -125,7 +125,9 @@ class Servo:
         self._moves: bool | None = None
         """Whether `v` is a motion; None: not checked since it changed."""
         self.posture: FloatArray | None = None
-        """Preferred joint positions where the task leaves freedom; None: none."""
+        """Preferred joint positions where the task leaves freedom; None: none. A joint that turns
+        for ever prefers none from half a turn on: the turns that it counts are no way back."""
+        self._half_turns = np.where(np.isfinite(kinematics.lower), math.inf, math.pi)
         self.policy = options.policy
         self.twist: FloatArray = np.zeros((2, 3))
         """Motion of the reference in this period: linear, angular; base axes."""
@@ -504,7 +506,9 @@ class Servo:
         free = self._singular.eigenvectors()[:, : self._smallest]
         pull, share = np.zeros(self.joints), min(1.0, speed / POSTURE_FULL_AT_M_S)
         if self.posture is not None:
-            pull += share * options.posture_gain_1_s * (self.posture - self.q)
+            away = self.posture - self.q
+            away *= np.maximum(0.0, 1.0 - (away / self._half_turns) ** 2)
+            pull += share * options.posture_gain_1_s * away
         if joint_rate is not None:
             pull += joint_rate
         # A slow task is slowed at little cost, so the posture must cost less.

@@ -279,6 +279,20 @@ def test_seven_joints_drift_to_their_posture_while_the_tcp_moves_and_rest_when_i
     assert not made.moving
 
 
+def test_the_turns_that_a_joint_has_counted_pull_no_other_joint_along():
+    ways = []
+    for turns in (1, 7):
+        drive = Drive(servo("pr2_right_arm"))
+        made = drive.servo
+        made.posture = made.q.copy()
+        wound = made.q.copy()
+        wound[6] += turns * math.tau
+        made.place(wound)
+        drive.run((0, 0, 0.05), 1.0, angular=(1.0, 0, 0))
+        ways.append(made.q - wound)
+    assert ways[0] == pytest.approx(ways[1], abs=1e-6)
+
+
 def test_a_soft_neck_of_three_tendons_leans_as_asked_and_stays_relaxed():
     neck = SoftNeck()
     made = choose_servo(neck, weights=SoftNeck.TASK)

@@ -377,8 +377,12 @@ static void add_posture(Kernel *kernel, double vectors[MAX_JOINTS][MAX_JOINTS],
     double weight = options->posture_weight * share * share;
     for (int i = 0; i < n; i++) {
         pull[i] = joint_rate ? joint_rate[i] : 0.0;
-        if (state->has_posture)
-            pull[i] += share * options->posture_gain_1_s * (state->posture[i] - state->q[i]);
+        if (!state->has_posture)
+            continue;
+        double away = state->posture[i] - state->q[i], half_turns = away / M_PI;
+        if (!isfinite(kernel->lower[i])) /* the turns that it counts are no way back */
+            away *= fmax(0.0, 1.0 - half_turns * half_turns);
+        pull[i] += share * options->posture_gain_1_s * away;
     }
     for (int k = 0; k < kernel->smallest; k++) {
         double along = 0.0;
