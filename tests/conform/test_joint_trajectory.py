@@ -128,9 +128,9 @@ class SessionRig:
             self._do(self.conduct.heard(self.now_s, channel, data, note=note))
 
 
-def judged(bench, **more):
-    conduct = Conduct(SUITE.pilot(Level.MOVE, 0.5))
-    SessionRig(conduct, bench, **more).run()
+def judged(bench, suite=SUITE, rig=SessionRig, **more):
+    conduct = Conduct(suite.pilot(Level.MOVE, 0.5))
+    rig(conduct, bench, **more).run()
     seen = SUITE.see(conduct.timeline)
     return {each.id[-3:]: each.judge(seen) for each in requires.all()}
 
@@ -152,6 +152,47 @@ def turned_arm(turns):
 @pytest.mark.parametrize(("turns", "earlier"), [(0, CANCEL), (-2, GOAL)])
 def test_a_session_meets_every_requirement(turns, earlier):
     assert worse_than(Outcome.PASSED, judged(turned_arm(turns), earlier=earlier)) == {}
+
+
+FINGER = """
+<link name="finger"/><joint name="finger_joint" type="prismatic"><parent link="base_link"/>
+<child link="finger"/><limit lower="0" upper="0.04" effort="1" velocity="1"/></joint></robot>"""
+
+
+class GripperRig(SessionRig):
+    """The same, where a gripper's joint is described and published that another one moves."""
+
+    def _hear(self, channel, given):
+        if channel == DESCRIPTION:
+            given = {"data": given["data"].replace("</robot>", FINGER)}
+        elif channel == STATES:
+            now_s = self.now_s
+            given = {
+                "name": [*given["name"], "finger_joint"],
+                "position": [*given["position"], 0.02 + 0.02 * math.sin(now_s)],
+            }
+        super()._hear(channel, given)
+
+
+ALL = ("tcp/127.0.0.1:7447", "/controller/follow_joint_trajectory")
+
+
+@pytest.mark.parametrize("named", [True, False])
+def test_of_an_arm_with_a_gripper_the_joints_are_judged_that_are_named(named):
+    suite, bench = registry.load(SUITE.name), Bench()
+    joints = bench.world.model.joint_names if named else ()
+    suite.wires(",".join((*ALL, *joints)))
+    found = judged(bench, suite=suite, rig=GripperRig)
+    if named:
+        assert list(worse_than(Outcome.PASSED, found)) == ["212"]
+    else:
+        assert "error_code -2" in found["102"].said
+
+
+def test_joints_that_nobody_publishes_are_asked_nothing():
+    suite = registry.load(SUITE.name)
+    suite.wires(",".join((*ALL, "elbow_of_nobody")))
+    assert judged(Bench(), suite=suite)["101"].outcome is Outcome.NOT_SEEN
 
 
 def test_a_session_that_leaves_whole_turns_as_they_are_fails(monkeypatch):
@@ -231,6 +272,7 @@ def _hear(timeline, channel, given):
 )
 def test_a_target_is_a_router_and_an_action(target, states):
     assert SUITE.wires(target)._channels[STATES].name == states
+    assert SUITE._joints == ()
 
 
 def test_a_target_whose_action_is_no_name_is_an_error():

@@ -61,8 +61,9 @@ def _duration(seconds: float) -> Message:
 class TrajectoryPilot(Pilot):
     """One client, which asks for the result of each goal that is accepted."""
 
-    def __init__(self, level: Level, seconds: float) -> None:
-        self._level, self._seconds = level, seconds
+    def __init__(self, level: Level, seconds: float, joints: tuple[str, ...] = ()) -> None:
+        """`joints`: those that the controller moves; empty: all that are described and come."""
+        self._level, self._seconds, self._joints = level, seconds, joints
         self._kinds: dict[str, str] = {}
         self._at: dict[str, float] = {}
         self._home: dict[str, float] = {}
@@ -116,7 +117,7 @@ class TrajectoryPilot(Pilot):
         return send(_encoded(f"{CANCEL_TYPE}_Request", given), CANCEL)
 
     def _goal(self, target: Mapping[str, float], seconds: float, bad: str = "") -> Act:
-        """A goal from where the arm is to `target`, for all joints. `bad`: how it is spoilt."""
+        """A goal from where the arm is to `target`, for all its joints. `bad`: how it is spoilt."""
         names = list(self._home)
         # Where it is by the same count of whole turns as where it is to go.
         start = [
@@ -179,8 +180,9 @@ class TrajectoryPilot(Pilot):
             yield open_(channel)
         yield mark("listen")
         yield Wait(self._seconds)
-        names = [name for name in self._kinds if name in self._at]
-        if self._level < Level.HOLD or not names:
+        known = [name for name in self._kinds if name in self._at]
+        names = [name for name in self._joints or known if name in known]
+        if self._level < Level.HOLD or not names or len(names) < len(self._joints):
             return
         for channel in (GOAL, CANCEL, RESULT):
             yield open_(channel)

@@ -140,10 +140,14 @@ class TrajectorySeen(RosArmSeen):
         }
 
     def farthest(self, states: list[State]) -> tuple[float, str, int]:
-        """How far a joint gets from where it is first in `states`, which, and by which event."""
+        """How far a joint gets from where it is first in `states`, which, and by which event: of
+        those that goals name, where there are goals."""
         first: dict[str, float] = {}
         for each in reversed(states):
             first.update(each.positions)
+        named = {name for goal in self.goals for name in goal.trajectory["joint_names"]}
+        if named:
+            first = {name: at for name, at in first.items() if name in named}
         ways = [
             (abs(value), name, each.number)
             for each in states

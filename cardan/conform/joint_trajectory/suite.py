@@ -26,18 +26,24 @@ class JointTrajectory(Suite[TrajectorySeen]):
     name = "joint-trajectory"
     judges = "the server"
     speaks = "the ROS 2 action of joint trajectories on rmw_zenoh"
-    target = "ROUTER or ROUTER,ACTION, the Zenoh router as tcp/127.0.0.1:7447"
+    target = (
+        "ROUTER, ROUTER,ACTION or, where more joints are published than the controller moves, "
+        "ROUTER,ACTION,JOINT,JOINT..; the Zenoh router as tcp/127.0.0.1:7447"
+    )
     peer = "pr2_right_arm"
     levels = Level.MOVE
     requirements = requires.all()
     transport = Transport("other")
     seconds = 0.5
 
+    def __init__(self) -> None:
+        self._joints: tuple[str, ...] = ()
+
     def see(self, timeline: Timeline) -> TrajectorySeen:
         return TrajectorySeen(timeline)
 
     def pilot(self, level: Level, seconds: float) -> TrajectoryPilot:
-        return TrajectoryPilot(level, seconds)
+        return TrajectoryPilot(level, seconds, self._joints)
 
     def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
         ActionRig(conduct, faults, seed).run()
@@ -46,7 +52,8 @@ class JointTrajectory(Suite[TrajectorySeen]):
         # Zenoh comes with the extra cardan[network].
         from cardan.conform.ros2_arm.wire import RosWires
 
-        router, _, action = target.partition(",")
+        router, action, *joints = [*target.split(","), ""][: max(2, target.count(",") + 1)]
+        self._joints = tuple(joints)
         try:
             return RosWires(router, channels_of(checked_name(action or ACTION)))
         except RosNameError as error:
