@@ -31,8 +31,8 @@ RAISED_MM = 60.0
 MISSED_MM = 2.0
 """How far from its goal an arm may come to rest: the page lets go once it is within 0.5 mm."""
 
-REST_S = 3.0
-"""Longest time from the end of a hold until the arm rests."""
+REST_S = 30.0
+"""Longest time from the end of a hold until the page shows that the arm rests."""
 
 LOOK_S = 0.05
 """How often the page is looked at while something is held."""
@@ -54,9 +54,9 @@ class OverError(Exception):
 def use_console(
     browser: str, folder: Path, seconds: float, say: _Say = print
 ) -> tuple[Snapshot, list[str]]:
-    """Run the example of the console for `seconds`, and the person at its page with the program
-    `browser`; `say` is told what happens. Pictures of the page go to `folder`. Gives the session's
-    last snapshot, and what was not as it should be."""
+    """Run the example of the console, and the person at its page with the program `browser`, until
+    all is done there, for `seconds` at most; `say` is told what happens. Pictures of the page go to
+    `folder`. Gives the session's last snapshot, and what was not as it should be."""
     with simulated_hardware(choose_demo("console"), seconds) as (config, _):
         assert config.network is not None
         with with_face("console", config.network, "127.0.0.1", 0) as face:
@@ -65,7 +65,7 @@ def use_console(
             thread = threading.Thread(target=person.work, args=(browser,), daemon=True)
             thread.start()
             try:
-                outcome = supervise(config, seconds, lambda _: None)
+                outcome = supervise(config, seconds, poll=thread.is_alive)
             finally:
                 over.set()
                 thread.join()

@@ -259,9 +259,11 @@ headset.installRuntime({ forceInstall: true });
 window.headset = headset;
 // The emulator says of every place that it is a guess.
 window.guessed = false;
+window.looks = 0;
 const getPose = XRFrame.prototype.getPose;
 XRFrame.prototype.getPose = function (...spaces) {
   const pose = getPose.apply(this, spaces);
+  window.looks += 1;
   Object.defineProperty(pose, "emulatedPosition", { value: window.guessed });
   return pose;
 };
@@ -286,11 +288,16 @@ class Headset:
 
     def align(self, side):
         """Where it is now; its controller does not turn."""
-        time.sleep(0.1)
+        self.look()
         self.press(side, "thumbstick", 1)
-        time.sleep(0.2)
+        self.look()
         {"left": self.lab.left, "right": self.lab.right}[side].until("device_link == 'live'")
         self.press(side, "thumbstick", 0)
+
+    def look(self):
+        """Until the page has looked at both hands in two new frames."""
+        looks = self.page.value("window.looks")
+        self.page.until(f"window.looks >= {looks + 6}")
 
     def back(self, side):
         """Leap to where it began, which voids the alignment, and align anew."""

@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
+from cardan.errors import DriverError
 from tests.console.hand import MOUSE, RELOADED, enable, hold, jog
 from tests.console.served_arm import motion_of, served_arm, stops
 from tests.gateway.faces.rig import WAIT_S
@@ -62,10 +63,28 @@ def page(bus, browser):
 
 def press(page, words):
     """Press the button that says so, which may be out of sight."""
-    page.value(
+    page.value(f"{_button(words)}.click()")
+
+
+def _button(words):
+    return (
         "[...document.querySelectorAll('button')]"
-        f".find(each => each.textContent === {words!r} && !each.hidden).click()"
+        f".find(each => each.textContent === {words!r} && !each.hidden)"
     )
+
+
+def press_until(page, words, watched, expression):
+    """Press until a page shows what comes of it: what a busy computer brings too late is refused,
+    and a person presses again while the button is there."""
+    end_s = time.monotonic() + WAIT_S
+    press(page, words)
+    while True:
+        try:
+            return watched.until(expression, 5.0)
+        except DriverError:
+            if time.monotonic() > end_s:
+                raise
+        page.value(f"{_button(words)}?.click()")
 
 
 def wanted(page, label, value):
@@ -139,6 +158,9 @@ def test_a_goal_is_looked_at_and_the_arm_goes_there_while_it_is_held(page):
     page.until(f"{VERDICT}.startsWith('Reachable')")
 
 
+ASKED = "!document.querySelector('.asker').hidden"
+
+
 @pytest.mark.real
 def test_two_people_ask_for_the_arm_and_hand_it_over_and_both_can_stop_it(bus, browser, moving):
     with browser.open(bus[1]) as one, browser.open(bus[1]) as other:
@@ -151,13 +173,10 @@ def test_two_people_ask_for_the_arm_and_hand_it_over_and_both_can_stop_it(bus, b
             "(e => { e.value = 'Ana'; e.dispatchEvent(new Event('change')) })"
             "(document.querySelector('input[autocomplete=nickname]'))"
         )
-        press(other, "Enable motion")
-        other.until(f"{WHY}.includes('has authority over the arm')")
-        press(other, "Ask for it")
-        one.until("!document.querySelector('.asker').hidden")
+        press_until(other, "Enable motion", other, f"{WHY}.includes('has authority over the arm')")
+        press_until(other, "Ask for it", one, ASKED)
         assert one.value(ASKER).startswith("console Ana 127.0.0.1:")
-        press(one, "Keep")
-        other.until(f"{AUTHORITY}.includes('They keep it')")
+        press_until(one, "Keep", other, f"{AUTHORITY}.includes('They keep it')")
 
         at = hold(one, MOUSE, jog("X"), moving)
         press(other, "StopEsc")
@@ -168,13 +187,10 @@ def test_two_people_ask_for_the_arm_and_hand_it_over_and_both_can_stop_it(bus, b
 
         enable(one)
         one.until(f"{AUTHORITY}.startsWith('Authorityyou')")
-        press(other, "They keep it. Ask again")
-        one.until("!document.querySelector('.asker').hidden")
-        press(one, "Hand over")
-        other.until(f"{AUTHORITY}.startsWith('Authorityyou')")
+        press_until(other, "They keep it. Ask again", one, ASKED)
+        press_until(one, "Hand over", other, f"{AUTHORITY}.startsWith('Authorityyou')")
         one.until(f"{STATE} === 'watching'")
         other.ask("Page.bringToFront")
         enable(other)
         one.until(f"{AUTHORITY}.startsWith('Authorityconsole ')")
-        press(other, "Release")
-        one.until(f"{AUTHORITY}.startsWith('Authoritynobody')")
+        press_until(other, "Release", one, f"{AUTHORITY}.startsWith('Authoritynobody')")
