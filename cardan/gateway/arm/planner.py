@@ -23,6 +23,7 @@ from cardan.gateway.arm.checks import Workspace, check_workspace
 from cardan.gateway.kinematics.arm import CHARACTERISTIC_LENGTH_M, ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+from cardan.gateway.servo.status import SINGULAR, UNBENT
 from cardan.robots import ArmModel, BodyShape, JointKind
 from cardan.spatial import norm, rotation_between, subtract
 from cardan.types import Pose, Twist
@@ -355,6 +356,9 @@ class Planner:
             where = f" {share:.0%} of the line's time"
             if q is None:
                 error = self._why_not(verb, to_se3(pose), before)
+                value = self.kinematics.smallest_singular_value(before, self.model.task.weights)
+                if value < SINGULAR:
+                    where += f"; {UNBENT.format(value)}"
                 raise _further(error, where)
             outside = self._limit_error(verb, q, where)
             if outside is not None and not _returns(self.kinematics, before, q):

@@ -11,7 +11,7 @@ from typing import Any
 
 from cardan.common.arm_libraries import eigenpy, np, npt, pin
 from cardan.gateway.kinematics.base import SE3, TURN, FloatArray, to_se3
-from cardan.robots import ArmModel, JointKind
+from cardan.robots import ArmModel, JointKind, SixWeights
 from cardan.types import IDENTITY_POSE, Pose
 
 CHARACTERISTIC_LENGTH_M = 0.3
@@ -89,6 +89,14 @@ class ArmKinematics:
         """The TCP in the base for `q`."""
         pin.forwardKinematics(self.model, self._spare, q)
         return pin.updateFramePlacement(self.model, self._spare, self._tcp).copy()
+
+    def smallest_singular_value(self, q: FloatArray, weights: SixWeights) -> float:
+        """Of the motion of the TCP (1 rad counts as 0.3 m) by the joints at `q`, in the directions
+        along TCP axes whose weight is above 0: 0 where the arm is singular."""
+        jacobian = pin.computeFrameJacobian(self.model, self._spare, q, self._tcp, self._local)
+        followed = np.array(weights) > 0.0
+        values = np.linalg.svd((_WEIGHTS * jacobian)[followed], compute_uv=False)
+        return float(values[-1])
 
     @property
     def joint_jacobians(self) -> FloatArray:

@@ -53,7 +53,7 @@ class _Memory(ctypes.c_char * ctypes.sizeof(layout.CState)):  # type: ignore[mis
 
 
 class CompiledServo:
-    """As :class:`cardan.gateway.servo.servo.Servo`, for serial arms of up to 8 joints.
+    """As :class:`cardan.gateway.servo.servo.Servo`, for serial arms of up to 9 joints.
 
     Raises NativePartError where the kernel cannot be
     loaded, ConfigurationError where it cannot take the arm, and ValueError for joint positions,
@@ -270,6 +270,8 @@ def _create(
     options: ServoOptions,
     weights: SixWeights,
 ) -> int:
+    if not 1 <= kinematics.joints <= layout.MAX_JOINTS:
+        raise _refused(kinematics, layout.BAD_JOINTS)
     solids: list[Solid] = [] if collision is None else collision.solids
     shapes = (layout.CShape * len(solids))(*map(_shape, solids))
     pairs = (layout.CPair * (0 if collision is None else len(collision.pairs)))()
@@ -282,26 +284,25 @@ def _create(
             pair.sweep[: len(sweep)] = sweep
     given = _options(options, bounds)
     reason = ctypes.c_int32()
-    handle: int | None = None
-    if 1 <= kinematics.joints <= layout.MAX_JOINTS:
-        handle = library.kernel_create(
-            ctypes.byref(_arm(kinematics, bounds, weights)),
-            ctypes.byref(given),
-            shapes,
-            len(shapes),
-            pairs,
-            len(pairs),
-            ctypes.byref(reason),
-        )
-    else:
-        reason.value = layout.BAD_JOINTS
+    handle: int | None = library.kernel_create(
+        ctypes.byref(_arm(kinematics, bounds, weights)),
+        ctypes.byref(given),
+        shapes,
+        len(shapes),
+        pairs,
+        len(pairs),
+        ctypes.byref(reason),
+    )
     if not handle:
-        raise ConfigurationError(
-            "",
-            f"the compiled servo cannot take the arm {kinematics.arm.name!r}: "
-            f"{layout.REASONS[reason.value]}",
-        )
+        raise _refused(kinematics, reason.value)
     return handle
+
+
+def _refused(kinematics: ArmKinematics, reason: int) -> ConfigurationError:
+    return ConfigurationError(
+        "",
+        f"the compiled servo cannot take the arm {kinematics.arm.name!r}: {layout.REASONS[reason]}",
+    )
 
 
 def _options(options: ServoOptions, bounds: JointBounds) -> layout.COptions:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from ctypes import c_double, c_int32
 
-MAX_JOINTS, MAX_PARTS, MAX_ROWS = 8, 3, 16
+MAX_JOINTS, MAX_PARTS, MAX_ROWS = 9, 3, 16
 UNKNOWNS, CONSTRAINTS = MAX_JOINTS + MAX_PARTS, MAX_JOINTS + MAX_PARTS + MAX_ROWS
 
 _JOINTS = c_double * MAX_JOINTS
@@ -25,7 +25,7 @@ GOOD, BAD_INPUT, BAD_PERIOD, NO_SOLUTION = range(4)
 REASONS = (
     "",
     "there is no memory for it",
-    "it takes 1 to 8 joints with orthogonal placements and unit axes",
+    "it takes 1 to 9 joints with orthogonal placements and unit axes",
     "its limits are not in order, or not numbers",
     "its task has weights that are not 0 or more, or none above 0",
     "an option of the servo is not a number from 0 to 1e9",

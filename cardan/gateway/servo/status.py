@@ -10,6 +10,9 @@ SLOWED = 0.9
 SINGULAR = 0.03
 """Smallest singular value below which a slow arm is called singular."""
 
+UNBENT = "the arm is singular there ({:.3f}): move its joints to a bent posture first"
+"""What to do about a motion that does not go on, by the smallest singular value."""
+
 UNREACHABLE_M_S, UNREACHABLE_RAD_S = 1e-3, 1e-2
 """Smallest part of the commanded motion that counts as one that the arm cannot do."""
 

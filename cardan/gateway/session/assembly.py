@@ -50,6 +50,7 @@ from cardan.gateway.hand.mapping import AXES, GripperOptions, MappingOptions, Mo
 from cardan.gateway.hand.position import mirrors, unfollowed
 from cardan.gateway.hand.source import HandSource
 from cardan.gateway.servo.options import ServoOptions
+from cardan.gateway.servo.status import SINGULAR
 from cardan.gateway.session.config import (
     ArmTable,
     ForceConfig,
@@ -59,7 +60,7 @@ from cardan.gateway.session.config import (
     SessionConfig,
     parse_config,
 )
-from cardan.robots import load_arm
+from cardan.robots import ArmModel, load_arm
 from cardan.spatial import norm, scale
 from cardan.types import (
     IDENTITY_POSE,
@@ -590,11 +591,26 @@ def cautions(config: SessionConfig) -> list[str]:
         if table is not None
         for words in make_driver(table, key).cautions()
     ]
-    if config.arm is not None and config.arm.collisions and has_rigid_arm(config):
-        bare = load_arm(config.arm.model, "arm.model").links_without_body()
-        if bare:
+    if config.arm is not None and has_rigid_arm(config):
+        model = load_arm(config.arm.model, "arm.model")
+        bare = model.links_without_body()
+        if bare and config.arm.collisions:
             found.append(f"arm: {bare}; neither obstacles nor the arm itself stop them")
+        found += _unbent(model)
     return found
+
+
+def _unbent(model: ArmModel) -> list[str]:
+    from cardan.common.arm_libraries import np
+    from cardan.gateway.kinematics.arm import ArmKinematics
+
+    value = ArmKinematics(model).smallest_singular_value(np.array(model.home), model.task.weights)
+    if value >= SINGULAR:
+        return []
+    return [
+        f"arm: its home is singular ({value:.3f}): straight motions from there are refused or "
+        "slow; give a bent home_deg in the arm's .toml"
+    ]
 
 
 def load_config(path: Path) -> SessionConfig:

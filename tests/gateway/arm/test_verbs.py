@@ -323,6 +323,12 @@ def test_the_workspace_is_checked_first():
             getattr(world.verbs, verb)(world.moved(0.0, 0.0, -0.3))
 
 
+def test_a_line_from_a_stretched_arm_is_refused_as_singular():
+    world = World("ur5", start=(0.0, -1.27, 0.0, -1.0, -1.5, 0.0))
+    with pytest.raises(MotionRefusedError, match=r"the arm is singular there \(0\.000\): move"):
+        world.verbs.movl(world.moved(0.05, 0.0, 0.0))
+
+
 def test_a_joint_limit_on_the_line_is_named():
     world = quick()
     rotation = world.tcp[1]

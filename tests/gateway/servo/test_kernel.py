@@ -236,12 +236,33 @@ def set_to(array, index, value):
             ),
             "shape",
         ),
-        (lambda k, c: setattr(k, "joints", 9), "1 to 8 joints"),
+        (lambda k, c: setattr(k, "joints", 10), "1 to 9 joints"),
     ],
 )
 def test_an_arm_that_it_cannot_take_is_refused_in_words(change, words):
     with pytest.raises(ConfigurationError, match=words):
         altered(change)
+
+
+def test_an_arm_of_nine_joints_with_bodies_is_compiled():
+    links = "".join(
+        f'<link name="l{i}"><collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.03"/>'
+        "</geometry></collision></link>"
+        for i in range(10)
+    )
+    joints = "".join(
+        f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>'
+        f'<origin xyz="0 0 0.2"/><axis xyz="{i % 2} {1 - i % 2} 0"/>'
+        '<limit lower="-1" upper="1.5" velocity="1" effort="9"/></joint>'
+        for i in range(9)
+    )
+    kinematics = ArmKinematics(parse_urdf(f'<robot name="nine">{links}{joints}</robot>'))
+    servo = choose_servo(kinematics, CollisionModel(kinematics))
+    assert servo.not_compiled == ""
+    before = servo.placement.translation
+    for _ in range(50):
+        servo.tick(servo.pose, np.array(((0, 0.1, 0), (0, 0, 0))), DT_S)
+    assert (servo.placement.translation - before)[1] == pytest.approx(0.1 * 50 * DT_S, rel=0.2)
 
 
 @pytest.mark.parametrize("weights", [(0.0,) * 6, (math.nan, *(1.0,) * 5), (-1.0, *(1.0,) * 5)])

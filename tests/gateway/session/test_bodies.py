@@ -35,7 +35,8 @@ def session(tmp_path):
     (tmp_path / "arm").mkdir()
     (tmp_path / "arm" / "bare.urdf").write_text(bodies, encoding="utf-8")
     bare = tmp_path / "arm" / "bare.toml"
-    bare.write_text('urdf = "bare.urdf"\ncollision.meshes = "ignore"\n')
+    home = "home_deg = [0, -90, -90, -90, 90, 0]\n"
+    bare.write_text(f'urdf = "bare.urdf"\ncollision.meshes = "ignore"\n{home}')
 
     def write(more):
         file = tmp_path / "session.toml"
@@ -62,6 +63,17 @@ def test_what_is_allowed_is_said(session, more):
 
 def test_an_arm_that_avoids_nothing_has_said_so(session):
     assert cautions(load_config(session("collisions = false\n"))) == []
+
+
+def test_a_singular_home_is_said(session, tmp_path):
+    file = session("collisions = false\n")
+    bare = tmp_path / "arm" / "bare.toml"
+    bare.write_text(bare.read_text().replace("-90, -90, -90", "-90, 0, -90"))
+    (words,) = cautions(load_config(file))
+    assert words.startswith("arm: its home is singular (0.000)")
+    layout, wrong = read_files([file])
+    found = list(Files.look(Subject((file,), layout, wrong)))
+    assert told(Files, found) == [("caution", "caution")]
 
 
 def test_the_doctor_says_it(session):

@@ -7,6 +7,7 @@ from abc import abstractmethod
 from cardan.gateway.arm.activities.base import ARRIVED, GOING, Activity, Progress
 from cardan.gateway.arm.arrival import Arrival
 from cardan.gateway.servo.choice import AnyServo
+from cardan.gateway.servo.status import UNBENT
 from cardan.types import RobotState
 
 SETTLE_S = 1.0
@@ -146,6 +147,8 @@ def stuck_in_words(servo: AnyServo, share: float) -> str:
     why = f"stuck after {share:.0%} of the time"
     if status.limiting_joints:
         why += f"; at a limit: {', '.join(status.limiting_joints)}"
+    if status.singular:
+        why += f"; {UNBENT.format(status.smallest_singular_value)}"
     if status.active_pairs:
         why += f"; {' and '.join(status.nearest_pair)} are {status.distance_m * 1e3:.1f} mm apart"
     return why

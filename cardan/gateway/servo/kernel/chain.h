@@ -2,7 +2,7 @@
 #ifndef CARDAN_SERVO_CHAIN_H
 #define CARDAN_SERVO_CHAIN_H
 
-#define MAX_JOINTS 8
+#define MAX_JOINTS 9
 
 typedef struct {
     double rotation[9];
