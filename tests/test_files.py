@@ -14,7 +14,7 @@ from cardan.dissect.capture import Capture
 from cardan.errors import CaptureError, ConfigurationError, ScriptError
 from cardan.gateway.kinematics.soft_neck import load_soft_neck
 from cardan.gateway.session.assembly import load_config
-from cardan.robots.arm_model import load_arm
+from cardan.robots import load_arm
 from cardan.sim_peers.base import load_script
 
 

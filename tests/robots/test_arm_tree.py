@@ -14,7 +14,8 @@ PLATFORM = """
   <link name="world"/>
   <link name="base_footprint"/>
   <link name="base_link">
-    <inertial><mass value="50"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
+    <inertial><mass value="50"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>
+    </inertial>
     <collision><origin xyz="0 0 0.1"/><geometry><box size="0.5 0.4 0.2"/></geometry></collision>
   </link>
   <link name="wheel"/>
@@ -141,7 +142,7 @@ def put(model, q, name, value):
 def place(model, q, base, link):
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
-    start, end = (data.oMf[model.getFrameId(name)] for name in (base, link))
+    start, end = (data.oMf[model.getFrameId(name, pin.BODY)] for name in (base, link))
     return start.actInv(end)
 
 

@@ -13,17 +13,9 @@ import pinocchio as pin
 import pytest
 
 from cardan.common.tables import keys_of
-from cardan.robots.arm_model import (
-    ArmFile,
-    Box,
-    Capsule,
-    CollisionTable,
-    JointKind,
-    ShapeTable,
-    Task,
-    arm_names,
-    load_arm,
-)
+from cardan.robots import Box, Capsule, JointKind, arm_names, load_arm
+from cardan.robots.arm_file import ArmFile, CollisionTable, ShapeTable
+from cardan.robots.arm_model import Task
 
 TCP_LINKS = {
     "amor": "tcp",
