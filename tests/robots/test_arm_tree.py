@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pinocchio as pin
 import pytest
 
-from cardan.robots import load_arm
+from cardan.errors import ConfigurationError
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.robots import Box, load_arm
 
 PLATFORM = """
   <link name="world"/>
@@ -108,6 +111,10 @@ TREE = (
     f'<robot name="two arms">{PLATFORM}{ARM.format(side="l", y=0.2)}'
     f"{ARM.format(side='r', y=-0.2)}</robot>"
 )
+WHOLE = re.sub(r'(<inertia ixx="\S+") (iyy=)', r'\1 ixy="0" ixz="0" iyz="0" \2', TREE)
+"""As Pinocchio's parser wants it: without one of the products it takes no moments at all, and none
+of that link's shapes."""
+
 CHAIN = ("l/shoulder", "l/elbow", "l/roll")
 
 
@@ -125,7 +132,7 @@ def arm_of(tmp_path):
 
 def full_tree(**held):
     """Pinocchio's model of all of the tree, and the configuration with joints held at values."""
-    model = pin.buildModelFromXML(TREE)
+    model = pin.buildModelFromXML(WHOLE)
     q = pin.neutral(model)
     for name, value in held.items():
         put(model, q, name, value)
@@ -151,15 +158,167 @@ def as_se3(pose):
     return pin.SE3(pin.Quaternion(w, x, y, z), np.array(pose.position))
 
 
-def test_the_arm_is_where_the_whole_tree_has_it(arm_of):
-    arm = arm_of('tcp = "l/tcp"\nbase = "torso"')
-    assert arm.joint_names == CHAIN
-    model, q = full_tree()
+def gripper(side, opened=0.01):
+    return {f"{side}/z_finger": opened, f"{side}/a_finger": 0.5 * opened + 0.001}
+
+
+AT_REST = {"lift": 0.05, **gripper("l"), **gripper("r"), "r/elbow": -0.2}
+"""Where joints are held that nobody says anything about: nearest to 0, mimicking ones with their
+leader."""
+
+
+def chain_postures(arm, count=20):
     random = np.random.default_rng(5)
-    for _ in range(30):
-        values = random.uniform((-2, -2.5, -7), (2, -0.2, 7))
+    return random.uniform(
+        np.maximum(arm.lower, -7), np.minimum(arm.upper, 7), (count, len(arm.home))
+    )
+
+
+def assert_same_places(arm, base, tcp, held):
+    model, q = full_tree(**held)
+    for values in chain_postures(arm):
+        for name, value in zip(arm.joint_names, values, strict=True):
+            put(model, q, name, value)
+        here = as_se3(arm._replace(home=tuple(values)).home_tcp)
+        there = place(model, q, base, tcp)
+        np.testing.assert_allclose(here.homogeneous, there.homogeneous, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("toml", "joints", "base", "held"),
+    [
+        # The planar joint and the lift stand before: the arm begins with the lift.
+        ('tcp = "l/tcp"', ("lift", *CHAIN), "base_link", {}),
+        ('tcp = "l/tcp"\nbase = "world"', ("lift", *CHAIN), "world", {}),
+        ('tcp = "l/tcp"\nbase = "torso"', CHAIN, "torso", {}),
+        ('tcp = "l/tcp"\nbase = "l/mount"', CHAIN, "l/mount", {}),
+        # Beside the chain: joints between the two that are not the arm's are held.
+        ('tcp = "l/tcp"\nbase = "r/fore"', CHAIN, "r/fore", {}),
+        (
+            'tcp = "l/tcp"\nbase = "head"\nhold.pan = 30',
+            CHAIN,
+            "head",
+            {"pan": math.radians(30)},
+        ),
+        (
+            f'tcp = "l/tcp"\njoints = {list(reversed(CHAIN))}\nbase = "base_link"\nhold.lift = 0.2',
+            CHAIN,
+            "base_link",
+            {"lift": 0.2},
+        ),
+        (f'tcp = "l/tcp"\njoints = {list(CHAIN)}', CHAIN, "l/mount", {}),
+        # One in the middle.
+        (
+            'tcp = "l/tcp"\nbase = "torso"\njoints = ["l/shoulder", "l/roll"]\n'
+            '[hold]\n"l/elbow" = -40',
+            ("l/shoulder", "l/roll"),
+            "torso",
+            {"l/elbow": math.radians(-40)},
+        ),
+    ],
+)
+def test_the_arm_is_where_the_whole_tree_has_it(arm_of, toml, joints, base, held):
+    arm = arm_of(toml)
+    assert arm.joint_names == joints
+    assert_same_places(arm, base, "l/tcp", {**AT_REST, **held})
+
+
+def test_an_arm_may_end_before_the_tree_does(arm_of):
+    arm = arm_of('tcp = "l/fore"\nbase = "torso"\nflange = "l/fore"')
+    assert arm.joint_names == CHAIN[:2]
+    assert_same_places(arm, "torso", "l/fore", AT_REST)
+    # What hangs on its end goes along.
+    assert {"l/hand", "l/left_finger"} <= {shape.name for shape in arm.shapes if shape.body == 2}
+
+
+def test_what_hangs_on_the_chain_weighs(arm_of):
+    arm = arm_of('tcp = "l/tcp"\nbase = "torso"\n[hold]\n"l/z_finger" = 0.03')
+    model, q = full_tree(**{**AT_REST, **gripper("l", 0.03)})
+    own, places = ArmKinematics(arm).model, model.createData()
+    indexes = [model.joints[model.getJointId(name)].idx_v for name in CHAIN]
+    for values in chain_postures(arm):
         for name, value in zip(CHAIN, values, strict=True):
             put(model, q, name, value)
-        there = place(model, q, "torso", "l/tcp")
-        here = as_se3(arm._replace(home=tuple(values)).home_tcp)
-        np.testing.assert_allclose(here.homogeneous, there.homogeneous, atol=1e-9)
+        whole = pin.computeGeneralizedGravity(model, places, q)[indexes]
+        ours = pin.computeGeneralizedGravity(own, own.createData(), values)
+        np.testing.assert_allclose(ours, whole, atol=1e-9)
+        inertia = pin.crba(model, places, q, pin.Convention.LOCAL)[np.ix_(indexes, indexes)]
+        here = pin.crba(own, own.createData(), values, pin.Convention.LOCAL)
+        np.testing.assert_allclose(np.triu(here), np.triu(inertia), atol=1e-9)
+
+
+def test_every_body_is_where_the_whole_tree_has_it(arm_of):
+    """The arm's own move with it; those of the rest are obstacles of the base."""
+    arm = arm_of('tcp = "l/tcp"\nbase = "torso"\nhold.pan = -20')
+    model, q = full_tree(**AT_REST, pan=math.radians(-20))
+    for name, value in zip(CHAIN, (0.7, -1.1, 2.0), strict=True):
+        put(model, q, name, value)
+    geometry = pin.buildGeomFromUrdfString(model, WHOLE, pin.GeometryType.COLLISION)
+    data, solids = model.createData(), geometry.createData()
+    pin.updateGeometryPlacements(model, data, geometry, solids, q)
+    base = pin.updateFramePlacement(model, data, model.getFrameId("torso", pin.BODY))
+    there = {
+        each.name: base.actInv(solids.oMg[number])
+        for number, each in enumerate(geometry.geometryObjects)
+    }
+    bodies = [pin.SE3.Identity()]
+    for joint, value in zip(arm.joints, (0.7, -1.1, 2.0), strict=True):
+        turned = pin.SE3(pin.exp3(value * np.array(joint.axis)), np.zeros(3))
+        bodies.append(bodies[-1] * as_se3(joint.placement) * turned)
+    moved = {"l/upper": 1, "l/fore": 2, "l/hand": 3, "l/left_finger": 3, "l/right_finger": 3}
+    assert {shape.name: shape.body for shape in arm.shapes if shape.body} == moved
+    assert {f"{shape.name}_0" for shape in arm.shapes} == there.keys()
+    for shape in arm.shapes:
+        body, centre = bodies[shape.body], there[f"{shape.name}_0"]
+        if isinstance(shape.shape, Box):
+            here = body * as_se3(shape.shape.pose)
+            np.testing.assert_allclose(here.homogeneous, centre.homogeneous, atol=1e-9)
+        else:
+            start, end = (body.act(np.array(point)) for point in shape.shape[:2])
+            np.testing.assert_allclose(0.5 * (start + end), centre.translation, atol=1e-9)
+            along = np.cross(end - start, centre.rotation[:, 2])
+            np.testing.assert_allclose(along, 0.0, atol=1e-9)
+
+
+def test_two_arms_of_one_tree_have_each_other_s_bodies(arm_of):
+    for side, other in ("lr", "rl"):
+        arm = arm_of(f'tcp = "{side}/tcp"\nbase = "torso"')
+        fixed = {shape.name for shape in arm.shapes if shape.body == 0}
+        assert {f"{other}/upper", f"{other}/hand", "head", "torso", "base_link"} <= fixed
+        assert not any(name.startswith(f"{side}/") for name in fixed)
+
+
+def test_limits_are_those_of_the_file(arm_of):
+    arm = arm_of('tcp = "l/tcp"\nbase = "torso"')
+    assert arm.lower == (-2.0, -2.5, -math.inf)
+    assert arm.velocity == (1.5, 2.0, 3.0)
+    assert [joint.effort for joint in arm.joints] == [80.0, 40.0, 10.0]
+
+
+@pytest.mark.parametrize(
+    ("toml", "words"),
+    [
+        ("", r"arm\.toml: tcp: link 'base_link' branches: name the link .* ends at, wheel, "),
+        ('tcp = "paw"', r"arm\.toml: tcp: there is no link 'paw'; allowed: world, "),
+        ('tcp = "l/tcp"\nbase = "paw"', r"arm\.toml: base: there is no link 'paw'"),
+        (
+            'tcp = "l/tcp"\nbase = "l/hand"',
+            r"tree\.urdf: .* has no moving joint between 'l/hand' and 'l/tcp'",
+        ),
+        (
+            'tcp = "l/tcp"\njoints = ["pan"]',
+            r"joints: the arm has no moving joint 'pan'; allowed: lift, l/shoulder, l/elbow",
+        ),
+        (
+            'tcp = "l/tcp"\nhold.lift = 0.2',
+            r"arm\.toml: hold\.lift: there is no such joint to hold; allowed: wheel, pan, ",
+        ),
+        ('tcp = "l/tcp"\nhold.slam = 0', r"hold\.slam: there is no such joint"),
+        ('tcp = "l/tcp"\nhold.pan = 60', r"hold\.pan: 60 is outside -57.* to 57"),
+        ('tcp = "l/tcp"\nhold.pan = nan', r"hold.*: .*nan.*-1000000 to 1000000"),
+        ('tcp = "l/tcp"\nflange = "torso"', "flange: link 'torso' is not moved by the last joint"),
+    ],
+)
+def test_errors_name_the_key(arm_of, toml, words):
+    with pytest.raises(ConfigurationError, match=words):
+        arm_of(toml)
