@@ -14,9 +14,10 @@ from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
 from types import UnionType
-from typing import Any, get_args, get_origin, get_type_hints
+from typing import Any, get_args, get_origin
 
 from cardan.common import files, tables
+from cardan.common.options import hints
 from cardan.robots.arm_model import ArmModel
 
 _SOURCES = ("arm_chain.py", "arm_file.py", "arm_model.py", "arm_reader.py", "urdf.py")
@@ -101,11 +102,11 @@ def _made(kind: Any, value: Any) -> Any:
     """The value of type `kind` that `_plain` has made this of."""
     origin, inner = get_origin(kind), get_args(kind)
     if origin is UnionType:  # Of shapes, told apart by how many parts they have.
-        kind = next(each for each in inner if len(each._fields) == len(value))
+        (kind,) = (each for each in inner if len(each._fields) == len(value))
     if hasattr(kind, "_fields"):
-        hints = get_type_hints(kind)
-        parts = [value[name] for name in kind._fields] if isinstance(value, dict) else value
-        return kind(*(_made(hints[n], part) for n, part in zip(kind._fields, parts, strict=True)))
+        names, types = kind._fields, hints(kind)
+        parts = [value[name] for name in names] if isinstance(value, dict) else value
+        return kind(*(_made(types[n], part) for n, part in zip(names, parts, strict=True)))
     if origin is frozenset:
         return frozenset(_made(inner[0], each) for each in value)
     if origin is tuple:
