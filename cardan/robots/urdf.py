@@ -289,9 +289,14 @@ def _attribute(element: ET.Element | None, name: str, default: str | None = None
     if text is None:
         raise ValueError(f"no {name}")
     try:
-        return float(text)
+        return _number(text)
     except ValueError:
         raise ValueError(f"{name} {text!r} is not a number") from None
+
+
+def _number(text: str) -> float:
+    """Raises ValueError, also for digits that only Python groups by "_"."""
+    return float(text if "_" not in text else "")
 
 
 def _bounded(element: ET.Element, name: str, default: str) -> float:
@@ -304,7 +309,7 @@ def _bounded(element: ET.Element, name: str, default: str) -> float:
 def _numbers(element: ET.Element, attribute: str, of: str, count: int = 3) -> list[float]:
     text = element.get(attribute, "")
     try:
-        numbers = [float(word) for word in text.split()]
+        numbers = [_number(word) for word in text.split()]
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(abs(each) <= LARGEST_NUMBER for each in numbers):

@@ -796,7 +796,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="ut
 
 def test_the_page_s_own_arm_works(tmp_path):
     for name, language in (("crane.urdf", "xml"), ("crane.toml", "toml")):
-        (block,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+        block, *_ = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
         (tmp_path / name).write_text(block, encoding="utf-8")
     arm = load_arm(str(tmp_path / "crane.toml"))
     assert arm.joint_names == ("turn", "lift", "roll")
