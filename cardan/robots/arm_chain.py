@@ -50,8 +50,9 @@ def chain_of(tree: Tree, file: ArmFile) -> Chain:
         moving = _chosen(moving, file)
     if not moving:
         _refuse_loose(path)
-        between = f" between {file.base!r} and {tcp!r}" if file.base else ""
-        raise ConfigurationError("", f"the arm's URDF has no moving joint{between}")
+        if file.base:
+            raise ConfigurationError("base", f"no joint moves between {file.base!r} and {tcp!r}")
+        raise ConfigurationError("", "the arm's URDF has no moving joint")
     if len(moving) > MOST_JOINTS:
         raise ConfigurationError(
             "joints",

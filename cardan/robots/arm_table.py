@@ -112,7 +112,7 @@ def _made(kind: Any, value: Any) -> Any:
     if origin is tuple:
         kinds = inner[:1] * len(value) if inner[-1] is Ellipsis else inner
         return tuple(_made(each, part) for each, part in zip(kinds, value, strict=True))
-    if is_dataclass(kind):
+    if isinstance(kind, type) and is_dataclass(kind):
         return tables.read_table(kind, value)
     if isinstance(kind, type) and issubclass(kind, enum.Enum):
         return kind(value)

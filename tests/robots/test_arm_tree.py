@@ -303,7 +303,7 @@ def test_limits_are_those_of_the_file(arm_of):
         ('tcp = "l/tcp"\nbase = "paw"', r"arm\.toml: base: there is no link 'paw'"),
         (
             'tcp = "l/tcp"\nbase = "l/hand"',
-            r"tree\.urdf: .* has no moving joint between 'l/hand' and 'l/tcp'",
+            r"arm\.toml: base: no joint moves between 'l/hand' and 'l/tcp'",
         ),
         (
             'tcp = "l/tcp"\njoints = ["pan"]',
