@@ -63,6 +63,8 @@ def chain_of(tree: Tree, file: ArmFile) -> Chain:
     _refuse_loose(path[first:])
     for joint in path[first:]:
         leader = tree.leader(joint.name)[0]
+        if leader.mimic is not None:
+            raise ConfigurationError("", f"joint {joint.name!r} mimics one that is not there")
         if joint.mimic is not None and leader in moving:
             raise ConfigurationError(
                 "joints",

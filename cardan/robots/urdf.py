@@ -35,6 +35,8 @@ _LENGTHS: Mapping[str, tuple[str, ...]] = {
 }
 _MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 _SHORTEST_M = 1e-9
+_ROUNDING_KG_M2 = 1e-12
+"""Moments of CAD programs that ought to be 0 are below it by less."""
 
 
 class Limits(NamedTuple):
@@ -108,14 +110,14 @@ class Tree(NamedTuple):
         return [link for link in self.links if link not in parents]
 
     def leader(self, name: str) -> tuple[TreeJoint, float, float]:
-        """The joint that one follows at the end, by what times, plus what; itself where it follows
-        none. Raises ConfigurationError."""
+        """The joint that one follows, by what times, plus what; itself where it follows none. One
+        that mimics, too, follows none that is there. Raises ConfigurationError."""
         factor, offset, passed = 1.0, 0.0, {name}
         joint = self.joints[name]
         while (mimic := joint.mimic) is not None:
             leader = mimic.get("joint", "")
             if leader not in self.joints or leader in passed:
-                raise _wrong(f"joint {joint.name!r} mimics {leader!r}, which is no other joint")
+                break
             with about(f"mimic of joint {joint.name!r}"):
                 offset += factor * _bounded(mimic, "offset", "0")
                 factor *= _bounded(mimic, "multiplier", "1")
@@ -438,7 +440,7 @@ def _put_inertial(made: ET.Element, element: ET.Element, of: str, old: bool) -> 
             raise ValueError(f"mass {mass_kg:g} kg is not 0 to {LARGEST_NUMBER:g}")
         if not all(abs(entry) <= LARGEST_NUMBER for entry in moments):
             raise ValueError(f"moments {moments} are not numbers of at most {LARGEST_NUMBER:g}")
-        if min(moments[0], moments[3], moments[5]) < 0.0:
+        if min(moments[0], moments[3], moments[5]) < -_ROUNDING_KG_M2:
             raise ValueError(f"moments {moments} have a negative ixx, iyy or izz")
     put = ET.SubElement(made, "inertial")
     _put_origin(put, element, of, old)

@@ -84,7 +84,7 @@ def test_a_table_that_is_none_counts_as_none(text):
 
 @pytest.fixture
 def own(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setenv("CACHE_DIRECTORY", str(tmp_path / "cache"))
     path = tmp_path / "own.urdf"
     path.write_text(OWN, encoding="utf-8")
     load_arm.cache_clear()
@@ -92,7 +92,7 @@ def own(tmp_path, monkeypatch):
 
 
 def kept(path):
-    return list((path.parent / "cache" / "cardan" / "arms").iterdir())
+    return list((path.parent / "cache" / "arms").iterdir())
 
 
 def again(path):
@@ -125,9 +125,10 @@ def test_a_damaged_file_of_the_cache_is_written_anew(own, damage):
 
 def test_without_a_folder_for_the_cache_arms_load(own, monkeypatch):
     (own.parent / "file").write_text("")
-    monkeypatch.setenv("XDG_CACHE_HOME", str(own.parent / "file"))
+    monkeypatch.setenv("CACHE_DIRECTORY", str(own.parent / "file"))
     assert again(own).joint_names == ("j",)
-    monkeypatch.setenv("XDG_CACHE_HOME", "")
+    for name in ("CACHE_DIRECTORY", "XDG_CACHE_HOME"):
+        monkeypatch.setenv(name, "")
     monkeypatch.setenv("HOME", "nowhere")
     assert again(own).joint_names == ("j",)
 

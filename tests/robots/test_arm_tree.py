@@ -8,10 +8,15 @@ import re
 import numpy as np
 import pinocchio as pin
 import pytest
+from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.robots import Box, load_arm
+from cardan.robots.arm_chain import chain_of
+from cardan.robots.arm_file import ArmFile
+from cardan.robots.arm_reader import build_arm
+from cardan.robots.urdf import read_tree
 
 PLATFORM = """
   <link name="world"/>
@@ -322,3 +327,67 @@ def test_limits_are_those_of_the_file(arm_of):
 def test_errors_name_the_key(arm_of, toml, words):
     with pytest.raises(ConfigurationError, match=words):
         arm_of(toml)
+
+
+NUMBERS = st.floats(-1.5, 1.5, allow_subnormal=False)
+POSES = st.tuples(*[NUMBERS] * 6)
+KINDS = st.sampled_from(["revolute", "continuous", "prismatic", "fixed"])
+
+
+@st.composite
+def trees(draw):
+    """Any tree: for each link but the root which hangs on it, how, and where it is held."""
+    joints = []
+    for number in range(1, draw(st.integers(2, 9))):
+        parent = draw(st.integers(0, number - 1))
+        x, y, z, roll, pitch, yaw = draw(POSES)
+        # Axes that are aligned are joints of their own to Pinocchio.
+        axis = draw(
+            st.sampled_from([(1, 0, 0), (0, -1, 0), (0, 0, 2)])
+            | st.tuples(NUMBERS, NUMBERS, st.floats(0.1, 1))
+        )
+        lower = draw(st.floats(-1, 0.5))
+        # Names in another order than the tree's: Pinocchio sorts by them.
+        joints.append(
+            f'<joint name="{draw(st.sampled_from("azm"))}{number}" type="{draw(KINDS)}">'
+            f'<parent link="l{parent}"/><child link="l{number}"/>'
+            f'<origin xyz="{x} {y} {z}" rpy="{roll} {pitch} {yaw}"/>'
+            f'<axis xyz="{axis[0]} {axis[1]} {axis[2]}"/>'
+            f'<limit lower="{lower}" upper="{lower + 1}" velocity="1" effort="1"/></joint>'
+        )
+    links = [
+        f'<link name="l{number}"><inertial><origin xyz="0.1 {number} 0"/><mass value="{number}"/>'
+        '<inertia ixx="1" ixy="0.1" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>'
+        for number in range(len(joints) + 1)
+    ]
+    return f'<robot name="any">{"".join(draw(st.permutations(links + joints)))}</robot>'
+
+
+@given(trees(), st.data())
+def test_any_arm_of_any_tree_is_where_pinocchio_has_it(text, data):
+    tree = read_tree(text)
+    names = st.sampled_from(list(tree.links))
+    file = ArmFile(urdf="", tcp=data.draw(names), base=data.draw(names | st.just("")))
+    beside = tree.path(file.base or tree.root)
+    if all(joint.kind == "fixed" or joint in beside for joint in tree.path(file.tcp)):
+        with pytest.raises(ConfigurationError, match=r"no joint moves between|no moving joint"):
+            chain_of(tree, file)
+        return
+    chain = chain_of(tree, file)
+    arm = build_arm(tree, file)
+    whole = pin.buildModelFromXML(text)
+    q = pin.neutral(whole)
+    values = tuple(data.draw(st.floats(-3, 3)) for _ in arm.joints)
+    for name, value in (*chain.held.items(), *zip(arm.joint_names, values, strict=True)):
+        put(whole, q, name, value)
+    there = place(whole, q, chain.base, chain.tcp)
+    here = as_se3(arm._replace(home=values).home_tcp)
+    np.testing.assert_allclose(here.homogeneous, there.homogeneous, atol=1e-9)
+    # Each link weighs on one body, or stands with the base.
+    moved = sum(each.mass_kg for each in arm.inertias)
+    still = sum(
+        number
+        for number in range(len(tree.links))
+        if not {joint.name for joint in tree.path(f"l{number}")} & set(arm.joint_names)
+    )
+    assert moved + still == pytest.approx(sum(range(len(tree.links))))
