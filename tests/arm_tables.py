@@ -11,7 +11,7 @@ def main() -> None:
     """Write all of them."""
     for name in arm_names():
         texts = our_texts(name)
-        table = to_table(texts.build(), content_key(texts.all))
+        table = to_table(texts.build(), content_key(texts.all), texts.urdf)
         (FOLDER / f"{name}.json").write_text(table, encoding="utf-8")
 
 

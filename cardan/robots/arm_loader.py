@@ -107,7 +107,7 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
     arm = kept_arm(texts.all, texts.urdf)
     if arm is None:
         arm = texts.build()
-        keep_arm(texts.all, arm)
+        keep_arm(texts.all, texts.urdf, arm)
     return arm
 
 

@@ -132,6 +132,7 @@ class ArmModel(NamedTuple):
     """A configuration to start from, rad or m: inside limits, not singular."""
     task: Task
     urdf: str
+    """Of the arm alone: no other joint moves, and its base is the root."""
     counterbalanced_joints: int = 0
     """So many joints from the base are relieved of the arm's weight by springs; 0: none."""
     solid_links: tuple[str, ...] = ()

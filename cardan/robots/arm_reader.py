@@ -20,7 +20,7 @@ from cardan.robots.arm_model import (
     JointKind,
     Shape,
 )
-from cardan.robots.urdf import Tree, TreeJoint, normal_form
+from cardan.robots.urdf import LOOSE, Place, Tree, TreeJoint, held_form, normal_form
 from cardan.spatial import compose, norm, scale, subtract, transform
 from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion, Vector3
 
@@ -52,7 +52,7 @@ def build_arm(tree: Tree, file: ArmFile) -> ArmModel:
     joints = _limited(chain.joints)
     if file.acceleration_deg_s2 is not None:
         joints = _accelerated(joints, file.acceleration_deg_s2)
-    model, geometry = _reduced(tree, chain, file.collision)
+    model, geometry, urdf = _reduced(tree, chain, file.collision)
     # Pinocchio's frame of body 0 is the root's.
     base = _link(model, list(tree.links).index(chain.base)).placement.inverse()
     joints = [
@@ -71,7 +71,7 @@ def build_arm(tree: Tree, file: ArmFile) -> ArmModel:
     shapes, solid = _shapes(links, geometry, base), _solid_links(tree, links)
     with_body = {shape.name for shape in shapes} | {each.link for each in file.collision.shape}
     return ArmModel(
-        name=tree.name,
+        name=tree.robot.get("name", ""),
         joints=tuple(joints),
         **frames,
         inertias=tuple(_inertia(each) for each in list(model.inertias)[1:]),
@@ -79,15 +79,15 @@ def build_arm(tree: Tree, file: ArmFile) -> ArmModel:
         ignored_pairs=_pairs(links, file.collision),
         home=_home(joints, file.home_deg),
         task=file.task,
-        urdf=tree.text,
+        urdf=urdf,
         counterbalanced_joints=_counterbalanced(joints, file.counterbalance),
         solid_links=solid,
         bare_links=tuple(link for link in solid if link not in with_body),
     )
 
 
-def _reduced(tree: Tree, chain: Chain, table: CollisionTable) -> tuple[Any, Any]:
-    """Pinocchio's model of the chain, all else held, and its shapes."""
+def _reduced(tree: Tree, chain: Chain, table: CollisionTable) -> tuple[Any, Any, str]:
+    """Pinocchio's model of the chain, all else held; its shapes; and the same as a URDF."""
     given = {shape.link for shape in table.shape}
     text = normal_form(tree, given, table.meshes == "ignore")
     numbers = {name: number for number, name in enumerate(tree.joints)}
@@ -102,7 +102,30 @@ def _reduced(tree: Tree, chain: Chain, table: CollisionTable) -> tuple[Any, Any]
         reduced, geometry = pin.buildReducedModel(model, geometry, locked, q)
     except (ValueError, RuntimeError, IndexError) as error:
         raise ConfigurationError("", f"Pinocchio cannot read the arm's URDF: {error}") from None
-    return reduced, geometry
+    return reduced, geometry, _urdf_of(tree, chain, model, q)
+
+
+def _urdf_of(tree: Tree, chain: Chain, model: Any, q: Any) -> str:
+    """Of the arm alone: its joints are the only ones that move, and its base is the root. That of
+    the file where it is so."""
+    held = [joint for joint in tree.joints.values() if joint.kind in LOOSE]
+    held += [tree.joints[name] for name in chain.held]
+    if not held and chain.base == tree.root:
+        return tree.text
+    data, numbers = model.createData(), {name: number for number, name in enumerate(tree.links)}
+    pin.framesForwardKinematics(model, data, q)
+
+    def place(outer: str, inner: str) -> Place:
+        frames = [model.getFrameId(f"link_{numbers[name]}") for name in (outer, inner)]
+        there = data.oMf[frames[0]].actInv(data.oMf[frames[1]])
+        turned = pin.rpy.matrixToRpy(there.rotation)
+        return Place(tuple(there.translation.tolist()), tuple(turned.tolist()))
+
+    return held_form(
+        tree,
+        {joint.name: place(joint.parent, joint.child) for joint in held},
+        None if chain.base == tree.root else place(chain.base, tree.root),
+    )
 
 
 def _link(model: Any, number: int) -> Any:

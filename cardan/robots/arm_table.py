@@ -33,9 +33,9 @@ def content_key(texts: Iterable[str]) -> str:
     return digest.hexdigest()
 
 
-def to_table(arm: ArmModel, key: str) -> str:
-    """All but the URDF's text, of the files that have this `content_key`."""
-    table = {name: _plain(value) for name, value in arm._asdict().items() if name != "urdf"}
+def to_table(arm: ArmModel, key: str, urdf: str) -> str:
+    """Of an arm out of the files that have this `content_key`, the text `urdf` among them."""
+    table = {name: _plain(value) for name, value in arm._asdict().items() if value != urdf}
     rows = ",\n".join(f"{json.dumps(name)}: {json.dumps(value)}" for name, value in table.items())
     return f'{{"of": {json.dumps(key)},\n{rows}}}\n'
 
@@ -46,7 +46,7 @@ def from_table(text: str, key: str, urdf: str) -> ArmModel | None:
         table = json.loads(text)
         if table.pop("of") != key:
             return None
-        arm: ArmModel = _made(ArmModel, {**table, "urdf": urdf})
+        arm: ArmModel = _made(ArmModel, {"urdf": urdf, **table})
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
         return None
     return arm
@@ -62,7 +62,7 @@ def kept_arm(texts: tuple[str, ...], urdf: str) -> ArmModel | None:
     return from_table(text, key, urdf)
 
 
-def keep_arm(texts: tuple[str, ...], arm: ArmModel) -> None:
+def keep_arm(texts: tuple[str, ...], urdf: str, arm: ArmModel) -> None:
     """Where the user has a folder that can be written to, `kept_arm` has it next time."""
     key = content_key((*texts, *_sources()))
     with contextlib.suppress(OSError, ValueError):
@@ -71,7 +71,7 @@ def keep_arm(texts: tuple[str, ...], arm: ArmModel) -> None:
         handle, made = tempfile.mkstemp(dir=path.parent)
         try:
             with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(to_table(arm, key))
+                file.write(to_table(arm, key, urdf))
             os.replace(made, path)
         except BaseException:
             os.unlink(made)

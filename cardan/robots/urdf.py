@@ -7,6 +7,7 @@ every number has been looked at.
 
 from __future__ import annotations
 
+import copy
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Collection, Mapping, Sequence
@@ -22,6 +23,8 @@ LARGEST_NUMBER = 1e6
 
 MOST_LINKS = 1000
 """In one file; humanoids have 100. Pinocchio recurses along the tree."""
+
+MOST_NESTED = 100
 
 MOVING = tuple(kind.value for kind in JointKind)
 LOOSE = ("planar", "floating")
@@ -87,8 +90,7 @@ class TreeJoint(NamedTuple):
 class Tree(NamedTuple):
     """All of a file: links and joints by name, each link after the one that it hangs on."""
 
-    name: str
-    version: str
+    robot: ET.Element
     text: str
     root: str
     links: dict[str, ET.Element]
@@ -177,17 +179,28 @@ def _wrong(message: str) -> ConfigurationError:
 def _parsed(text: str) -> ET.Element:
     """Prefixes need no declaration, as for urdfdom, so they are part of the names here."""
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
+    depth = 0
 
     def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > MOST_NESTED:
+            raise _wrong(f"the arm's URDF has elements in more than {MOST_NESTED} others")
         if tag.startswith("xacro:"):
             raise _wrong(f"the arm's URDF has <{tag}>: expand it first, by `xacro FILE > arm.urdf`")
         builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
 
     def entity(name: str, *_: object) -> None:
         raise _wrong(f"the arm's URDF declares the entity {name!r}: write what it stands for")
 
     parser.StartElementHandler = start
-    parser.EndElementHandler = builder.end
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = builder.data
     parser.EntityDeclHandler = entity
     try:
         parser.Parse(text, True)
@@ -196,9 +209,13 @@ def _parsed(text: str) -> ET.Element:
     robot = builder.close()
     if robot.tag != "robot":
         raise _wrong(f"the arm's URDF is a <{robot.tag}>, not a <robot>")
-    if (version := robot.get("version", _VERSIONS[0])) not in _VERSIONS:
+    if (version := _version(robot)) not in _VERSIONS:
         raise _wrong(f"the arm's URDF is of version {version!r}; allowed: {', '.join(_VERSIONS)}")
     return robot
+
+
+def _version(robot: ET.Element) -> str:
+    return robot.get("version", _VERSIONS[0])
 
 
 def read_tree(text: str) -> Tree:
@@ -232,8 +249,7 @@ def read_tree(text: str) -> Tree:
     if loose := declared.keys() - links.keys():
         raise _wrong(f"links {sorted(loose)} are not joined to the base")
     return Tree(
-        robot.get("name", ""),
-        robot.get("version", _VERSIONS[0]),
+        robot,
         text,
         root,
         links,
@@ -374,7 +390,7 @@ def normal_form(tree: Tree, bodiless: Collection[str], ignore_meshes: bool) -> s
     """
     robot = ET.Element("robot", name="arm", version="1.1")
     numbers = {link: f"link_{number}" for number, link in enumerate(tree.links)}
-    old = tree.version == _VERSIONS[0]
+    old = _version(tree.robot) == _VERSIONS[0]
     for link, element in tree.links.items():
         made = ET.SubElement(robot, "link", name=numbers[link])
         if (inertial := element.find("inertial")) is not None:
@@ -400,9 +416,42 @@ def normal_form(tree: Tree, bodiless: Collection[str], ignore_meshes: bool) -> s
     return ET.tostring(robot, encoding="unicode")
 
 
+class Place(NamedTuple):
+    """As an <origin> has it, m and rad."""
+
+    xyz: tuple[float, ...]
+    rpy: tuple[float, ...]
+
+
+def held_form(tree: Tree, held: Mapping[str, Place], root: Place | None) -> str:
+    """The file with the joints in `held` fixed, each at its place. Where `root` is one, that is of
+    the root in a link that all hangs on."""
+    robot = copy.deepcopy(tree.robot)
+    for joint in robot.iterfind("joint"):
+        if (place := held.get(joint.get("name", ""))) is not None:
+            for element in [each for each in joint if each.tag not in ("parent", "child")]:
+                joint.remove(element)
+            joint.set("type", "fixed")
+            _put_place(joint, place)
+    if root is not None:
+        name = "arm_base"
+        while name in tree.links or name in tree.joints:
+            name += "_"
+        ET.SubElement(robot, "link", name=name)
+        joint = ET.SubElement(robot, "joint", name=name, type="fixed")
+        ET.SubElement(joint, "parent", link=name)
+        ET.SubElement(joint, "child", link=tree.root)
+        _put_place(joint, root)
+    return ET.tostring(robot, encoding="unicode")
+
+
 def _text(*values: float) -> str:
     """Numbers as urdfdom reads them: it takes none that are smaller than any."""
     return " ".join(repr(value if abs(value) > 1e-100 else 0.0) for value in values)
+
+
+def _put_place(joint: ET.Element, place: Place) -> None:
+    ET.SubElement(joint, "origin", xyz=_text(*place.xyz), rpy=_text(*place.rpy))
 
 
 def _put_axis(made: ET.Element, joint: TreeJoint) -> None:

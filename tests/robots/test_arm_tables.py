@@ -47,12 +47,13 @@ def parts(value):
 def test_a_table_holds_all_of_a_model_exactly():
     for name in arm_names():
         arm = our_texts(name).build()
-        assert from_table(to_table(arm, "k"), "k", arm.urdf) == arm
+        for urdf in (arm.urdf, "another"):
+            assert from_table(to_table(arm, "k", urdf), "k", urdf) == arm
 
 
 def changed(**parts_):
     arm = load_arm("ur5")
-    table = {**json.loads(to_table(arm, "k")), **parts_}
+    table = {**json.loads(to_table(arm, "k", arm.urdf)), **parts_}
     return json.dumps(table)
 
 

@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.robots import Box, load_arm
+from cardan.robots import Box, limits_in, load_arm
 from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_reader import build_arm
@@ -116,17 +116,23 @@ TREE = (
     f'<robot name="two arms">{PLATFORM}{ARM.format(side="l", y=0.2)}'
     f"{ARM.format(side='r', y=-0.2)}</robot>"
 )
-WHOLE = re.sub(r'(<inertia ixx="\S+") (iyy=)', r'\1 ixy="0" ixz="0" iyz="0" \2', TREE)
-"""As Pinocchio's parser wants it: without one of the products it takes no moments at all, and none
-of that link's shapes."""
+
+
+def complete(urdf):
+    """As Pinocchio's parser wants it: without one of the products it takes no moments at all, and
+    none of that link's shapes."""
+    return re.sub(r'(<inertia ixx="\S+") (iyy=)', r'\1 ixy="0" ixz="0" iyz="0" \2', urdf)
+
+
+WHOLE = complete(TREE)
 
 CHAIN = ("l/shoulder", "l/elbow", "l/roll")
 
 
 @pytest.fixture
 def arm_of(tmp_path):
-    def load(toml, tree=TREE):
-        (tmp_path / "tree.urdf").write_text(tree, encoding="utf-8")
+    def load(toml):
+        (tmp_path / "tree.urdf").write_text(TREE, encoding="utf-8")
         path = tmp_path / "arm.toml"
         path.write_text(f'urdf = "tree.urdf"\n{toml}', encoding="utf-8")
         load_arm.cache_clear()
@@ -187,6 +193,22 @@ def assert_same_places(arm, base, tcp, held):
         here = as_se3(arm._replace(home=tuple(values)).home_tcp)
         there = place(model, q, base, tcp)
         np.testing.assert_allclose(here.homogeneous, there.homogeneous, atol=1e-9)
+    assert_own_urdf(arm, tcp)
+
+
+def assert_own_urdf(arm, tcp):
+    """Its joints are all that move in it, and its root is the base."""
+    model = pin.buildModelFromXML(complete(arm.urdf))
+    assert sorted(model.names) == sorted(["universe", *arm.joint_names])
+    root = next(frame.name for frame in model.frames if frame.type == pin.BODY)
+    q = pin.neutral(model)
+    for values in chain_postures(arm, 3):
+        for name, value in zip(arm.joint_names, values, strict=True):
+            put(model, q, name, value)
+        here = as_se3(arm._replace(home=tuple(values)).home_tcp)
+        there = place(model, q, root, tcp)
+        np.testing.assert_allclose(here.homogeneous, there.homogeneous, atol=1e-9)
+    assert limits_in(arm.urdf, arm.joint_names) == arm.limits
 
 
 @pytest.mark.parametrize(
@@ -391,3 +413,8 @@ def test_any_arm_of_any_tree_is_where_pinocchio_has_it(text, data):
         if not {joint.name for joint in tree.path(f"l{number}")} & set(arm.joint_names)
     )
     assert moved + still == pytest.approx(sum(range(len(tree.links))))
+    assert sorted(pin.buildModelFromXML(arm.urdf).names) == sorted(["universe", *arm.joint_names])
+    again = build_arm(read_tree(arm.urdf), ArmFile(urdf="", tcp=chain.tcp))
+    np.testing.assert_allclose(
+        as_se3(again.home_tcp).homogeneous, as_se3(arm.home_tcp).homogeneous, atol=1e-9
+    )

@@ -225,8 +225,9 @@ def followers(count):
     [
         (laughs(), "declares the entity 'a0': write what it stands for"),
         ('<!DOCTYPE r [<!ENTITY a SYSTEM "file:///etc/passwd">]><r/>', "declares the entity 'a'"),
-        ("<robot>" + "<a>" * 300_000, "not XML"),
-        ("<robot>" + "<a>" * 300_000 + "</a>" * 300_000 + "</robot>", "one base link"),
+        ("<robot>" + "<a>" * 300_000, "has elements in more than 100 others"),
+        (urdf(head="<a>" * 300_000 + "</a>" * 300_000), "has elements in more than 100 others"),
+        (urdf(head="<a>" * 99 + "</a>" * 99, limit=' acceleration="x"'), "acceleration 'x' is not"),
         ("<robot " + " ".join(f'a{i}=""' for i in range(30_000)) + "/>", "one base link"),
         (chain(MOST_LINKS), f"{MOST_LINKS + 3} links are more than {MOST_LINKS}"),
         (urdf(origin='<origin xyz="1e308 0 0"/>'), "'1e308 0 0' is not three numbers"),
