@@ -27,7 +27,7 @@ C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h cardan/*/*/*/*.c cardan/*/
 unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: help demo page lock test test-matrix test-kernel test-systemd device-table fault-table \
-	fault-table-processes fault-table-network flood-table hold-table console-pictures docs-tables \
+	fault-table-processes fault-table-network flood-table hold-table console-pictures arm-tables docs-tables \
 	docs-pictures docs-evaluation demo-picture docs release lint types check bench bench-motoros bench-thesis bench-haptics bench-network \
 	bench-console bench-sessions bench-kilohertz bench-peers bench-servo fuzz soak test-pythons \
 	test-lerobot dist clean
@@ -51,6 +51,7 @@ help:
 	@echo "make flood-table  its table of floods: clients that send more than a server can handle"
 	@echo "make hold-table  the table of docs/console-hold.md: every end of a hold on the page, by a real browser"
 	@echo "make console-pictures  docs/images/console-*.webp, which the tests compare the page with"
+	@echo "make arm-tables  what Pinocchio reads of our arms, for programs that have none: cardan/robots/*.json"
 	@echo "make docs-tables  the tables of drivers, simulated peers and demos, from their declarations"
 	@echo "make docs-pictures  the pictures of the console's page, by its acceptance test's browser"
 	@echo "make docs-evaluation  the report of docs/evaluation.md, EVALUATE=--quick for a short one"
@@ -162,6 +163,9 @@ hold-table: $(VENV)/.cardan-dev
 console-pictures: $(VENV)/.cardan-dev
 	tools/console
 	$(BIN)/python -m tests.console.pictures
+
+arm-tables: $(VENV)/.cardan-dev
+	$(BIN)/python -m tests.arm_tables
 
 docs-tables: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.docs_tables

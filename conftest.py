@@ -198,6 +198,14 @@ def signals_act_as_in_the_foreground():
         yield
 
 
+@pytest.fixture(autouse=True, scope="session")
+def the_cache_is_that_of_the_tests(tmp_path_factory):
+    """What they load is not kept for the user who runs them."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("CACHE_DIRECTORY", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
 @pytest.fixture(autouse=True)
 def the_scheduling_of_the_tests_is_left_alone():
     """One that made pytest a real-time process would starve whatever the tests after it start."""

@@ -112,6 +112,7 @@ ARM_MODEL = (
     "cardan.gateway.motion.paths",
     "cardan.gateway.motion.trajectory",
     "cardan.gateway.servo.",
+    "cardan.robots.arm_reader",
     "cardan.robots.counterbalance",
     "cardan.sim_peers.arm.controller",
     "cardan.sim_peers.arm.plant",

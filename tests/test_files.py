@@ -8,13 +8,13 @@ import stat
 
 import pytest
 
-from cardan.common.files import TEXT_BYTES, create_file, read_text, state_folder
+from cardan.common.files import TEXT_BYTES, cache_folder, create_file, read_text, state_folder
 from cardan.common.tables import read_toml
 from cardan.dissect.capture import Capture
 from cardan.errors import CaptureError, ConfigurationError, ScriptError
 from cardan.gateway.kinematics.soft_neck import load_soft_neck
 from cardan.gateway.session.assembly import load_config
-from cardan.robots.arm_model import load_arm
+from cardan.robots import load_arm
 from cardan.sim_peers.base import load_script
 
 
@@ -122,14 +122,17 @@ def test_a_record_into_a_pipe_is_written(tmp_path):
     os.close(reader)
 
 
-def test_the_state_of_a_user_without_a_home(monkeypatch):
-    for name in ("HOME", "XDG_STATE_HOME", "STATE_DIRECTORY"):
-        monkeypatch.delenv(name, raising=False)
+@pytest.mark.parametrize(("folder", "name"), [(state_folder, "STATE"), (cache_folder, "CACHE")])
+def test_the_state_and_cache_of_a_user_without_a_home(monkeypatch, folder, name):
+    for each in ("HOME", f"XDG_{name}_HOME", f"{name}_DIRECTORY"):
+        monkeypatch.delenv(each, raising=False)
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)
     with pytest.raises(ConfigurationError, match="HOME: this user has no home folder: set HOME"):
-        state_folder()
-    monkeypatch.setenv("XDG_STATE_HOME", "relative")
+        folder()
+    monkeypatch.setenv(f"XDG_{name}_HOME", "relative")
     with pytest.raises(ConfigurationError, match="no home folder"):
-        state_folder()
-    monkeypatch.setenv("XDG_STATE_HOME", "/var/tmp/state")
-    assert str(state_folder()) == "/var/tmp/state/cardan"
+        folder()
+    monkeypatch.setenv(f"XDG_{name}_HOME", "/var/tmp/own")
+    assert str(folder()) == "/var/tmp/own/cardan"
+    monkeypatch.setenv(f"{name}_DIRECTORY", "/var/service")
+    assert str(folder()) == "/var/service"

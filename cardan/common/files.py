@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import stat
 from pathlib import Path
 from typing import BinaryIO, Final, Protocol, TextIO
@@ -28,6 +29,9 @@ _KINDS: Final = (
     (stat.S_ISBLK, "a device"),
 )
 _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
+_DECLARED: Final = re.compile(rb"""<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
+_ENCODINGS: Final = ("us-ascii", "iso-8859-1", "iso-8859-15", "windows-1252")
+"""Besides UTF-8, those of XML files that declare one."""
 _NO_WAIT: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 
 
@@ -63,11 +67,14 @@ def read_up_to(stream: SupportsRead, size: int) -> bytes:
     return b"".join(pieces)
 
 
-def read_text(path: str | os.PathLike[str], most_bytes: int = TEXT_BYTES) -> str:
+def read_text(
+    path: str | os.PathLike[str], most_bytes: int = TEXT_BYTES, declared: bool = False
+) -> str:
     """The text of a file in UTF-8, with or without a byte-order mark; line ends become ``\\n``.
+    `declared`: in another encoding where an XML declaration says so.
 
     Raises OSError where it cannot be read or is longer than `most_bytes`, ValueError where it is
-    not UTF-8.
+    in no such encoding.
     """
     with open_file(path) as file:
         data = file.read(most_bytes + 1)
@@ -75,7 +82,12 @@ def read_text(path: str | os.PathLike[str], most_bytes: int = TEXT_BYTES) -> str
         raise OSError(errno.EFBIG, f"it is longer than {most_bytes / 2**20:g} MiB")
     if data.startswith(_UTF_16):
         raise ValueError("it is UTF-16; save it as UTF-8")
-    return data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n")
+    encoding = "utf-8-sig"
+    if declared and (found := _DECLARED.match(data)) and found[1].lower() != b"utf-8":
+        encoding = found[1].decode("ascii")
+        if encoding.lower() not in _ENCODINGS:
+            raise ValueError(f"its encoding is {encoding}; save it as UTF-8")
+    return data.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
 
 
 def create_file(path: str | os.PathLike[str]) -> TextIO:
@@ -99,15 +111,24 @@ def create_file(path: str | os.PathLike[str]) -> TextIO:
 def state_folder() -> Path:
     """Where what a program keeps from run to run is: a service's folder for its state, or the
     user's. It need not exist yet. Raises ConfigurationError for a user without a home."""
-    service = os.environ.get("STATE_DIRECTORY", "").partition(":")[0]
+    return _own_folder("STATE_DIRECTORY", "XDG_STATE_HOME", "~/.local/state")
+
+
+def cache_folder() -> Path:
+    """Where what can be made again is kept, as `state_folder`."""
+    return _own_folder("CACHE_DIRECTORY", "XDG_CACHE_HOME", "~/.cache")
+
+
+def _own_folder(of_service: str, of_user: str, default: str) -> Path:
+    service = os.environ.get(of_service, "").partition(":")[0]
     if service:
         return Path(service)
-    home = os.environ.get("XDG_STATE_HOME", "")
+    home = os.environ.get(of_user, "")
     if not os.path.isabs(home):
-        home = os.path.expanduser("~/.local/state")
+        home = os.path.expanduser(default)
     if not os.path.isabs(home):
         raise ConfigurationError(
-            "HOME", "this user has no home folder: set HOME, or XDG_STATE_HOME to a folder"
+            "HOME", f"this user has no home folder: set HOME, or {of_user} to a folder"
         )
     return Path(home) / "cardan"
 

@@ -51,10 +51,11 @@ class AtMost(NamedTuple):
     most: int
 
 
-def read_text(path: Path, most_bytes: int = files.TEXT_BYTES) -> str:
-    """The text of a file, of at most `most_bytes`. Raises ConfigurationError."""
+def read_text(path: Path, most_bytes: int = files.TEXT_BYTES, declared: bool = False) -> str:
+    """The text of a file, as :func:`cardan.common.files.read_text` has it. Raises
+    ConfigurationError."""
     try:
-        return files.read_text(path, most_bytes)
+        return files.read_text(path, most_bytes, declared)
     except OSError as error:
         raise ConfigurationError("", f"cannot read {path}: {error.strerror}") from None
     except ValueError as error:  # Not UTF-8, or a path that is none.

@@ -1,5 +1,11 @@
-"""Arm models as data (URDF of primitives and a few lines of TOML), and their loader."""
+"""Arm models as data (a URDF and a few lines of TOML), and their loader."""
 
+from cardan.robots.arm_file import SolidTable as SolidTable
+from cardan.robots.arm_loader import (
+    arm_names as arm_names,
+    load_arm as load_arm,
+    parse_urdf as parse_urdf,
+)
 from cardan.robots.arm_model import (
     TIME_TO_FULL_SPEED_S as TIME_TO_FULL_SPEED_S,
     ArmModel as ArmModel,
@@ -9,9 +15,5 @@ from cardan.robots.arm_model import (
     JointKind as JointKind,
     Shape as Shape,
     SixWeights as SixWeights,
-    SolidTable as SolidTable,
-    arm_names as arm_names,
-    limits_in as limits_in,
-    load_arm as load_arm,
-    parse_urdf as parse_urdf,
 )
+from cardan.robots.urdf import limits_in as limits_in

@@ -32,7 +32,9 @@ from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.protocols.rosbridge import operations, rosapi
 from cardan.protocols.rosbridge.session import Session
-from cardan.robots import arm_model
+from cardan.robots import limits_in, parse_urdf
+from cardan.robots.arm_file import ArmFile
+from cardan.robots.arm_loader import FOLDER
 from cardan.types import Vector3
 from cardan_foxglove import protocol as foxglove
 from fuzz.target import Form, Packets, Target
@@ -456,8 +458,7 @@ def _layout(data: bytes) -> object:
 
 
 def _urdfs() -> Iterator[bytes]:
-    folder = Path(arm_model.__file__).parent
-    for path in sorted(folder.rglob("*.urdf"), key=lambda each: each.stat().st_size)[:3]:
+    for path in sorted(FOLDER.rglob("*.urdf"), key=lambda each: each.stat().st_size)[:3]:
         yield path.read_bytes()
     yield (
         b'<robot name="r"><link name="a"/><link name="b"><inertial><mass value="1"/><inertia '
@@ -471,20 +472,19 @@ def _urdfs() -> Iterator[bytes]:
 def _urdf(data: bytes) -> object:
     text = text_of(data)
     with contextlib.suppress(ConfigurationError):
-        arm_model.limits_in(text, ["j", "joint_1"])
-    model = arm_model.parse_urdf(text)
+        limits_in(text, ["j", "joint_1"])
+    model = parse_urdf(text)
     return len(model.joints)
 
 
 def _arm_files() -> Iterator[bytes]:
-    folder = Path(arm_model.__file__).parent
-    for path in sorted(folder.glob("*.toml"))[:3]:
+    for path in sorted(FOLDER.glob("*.toml"))[:3]:
         yield path.read_bytes()
 
 
 def _arm_file(data: bytes) -> object:
     table = tables.parse_toml(text_of(data), "fuzz.toml")
-    file = tables.read_table(arm_model.ArmFile, table)
+    file = tables.read_table(ArmFile, table)
     return file.urdf
 
 

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
-from cardan.robots import arm_names, load_arm, parse_urdf
-from cardan.robots.arm_model import Task, limits_in
+from cardan.robots import arm_names, limits_in, load_arm, parse_urdf
+from cardan.robots.arm_model import Task
 
 
 def test_gofa():
@@ -261,7 +261,14 @@ def changed(old, new):
         ),
         (changed("tcp =", "tpc ="), "tpc: there is no such key; .*did you mean 'tcp'"),
         (changed('"hand"', '"paw"'), "tcp: there is no link 'paw'; allowed: base, one, two, hand"),
-        (changed('tcp = "hand"', 'tcp = "one"'), "tcp: link 'one' is not moved by the last joint"),
+        (
+            changed('tcp = "hand"', 'tcp = "one"'),
+            "acceleration_deg_s2: has 2 values for 1 joints: lift",
+        ),
+        (
+            changed('flange = "two"', 'flange = "one"'),
+            "flange: link 'one' is not moved by the last joint",
+        ),
         (changed('flange = "two"', 'flange = "x"'), "flange: there is no link 'x'"),
         (
             'counterbalance = "ankle"\n' + OWN,
@@ -440,9 +447,18 @@ def test_limits_of_a_joint_that_is_there_twice_are_not_chosen():
         limits_in(text, ["j"])
 
 
-def test_a_joint_that_mimics_another_is_refused():
-    with pytest.raises(ConfigurationError, match=r"'j' mimics another: give the arm without it"):
-        parse_urdf(urdf(joint(limit=LIMIT + '<mimic joint="k"/>')))
+@pytest.mark.parametrize(
+    ("leader", "words"),
+    [
+        ("j", "joints: joint 'k' mimics 'j': leave that one out, and both are held"),
+        ("k", "joint 'k' mimics one that is not there"),
+        ("l", "joint 'k' mimics one that is not there"),
+    ],
+)
+def test_a_joint_that_mimics_another_of_the_arm_is_refused(leader, words):
+    follower = joint("k", a="one", b="two", limit=f'{LIMIT}<mimic joint="{leader}"/>')
+    with pytest.raises(ConfigurationError, match=words):
+        parse_urdf(urdf(joint(), follower))
 
 
 def test_soft_limits_narrow_the_range():

@@ -13,17 +13,9 @@ import pinocchio as pin
 import pytest
 
 from cardan.common.tables import keys_of
-from cardan.robots.arm_model import (
-    ArmFile,
-    Box,
-    Capsule,
-    CollisionTable,
-    JointKind,
-    ShapeTable,
-    Task,
-    arm_names,
-    load_arm,
-)
+from cardan.robots import Box, Capsule, JointKind, arm_names, load_arm
+from cardan.robots.arm_file import ArmFile, CollisionTable, ShapeTable
+from cardan.robots.arm_model import Task
 
 TCP_LINKS = {
     "amor": "tcp",
@@ -281,21 +273,21 @@ LIMITS = {
         (-6.2944, 6.2944, 17.4845, 22.54),
     ],
     "pr2_left_arm": [
-        (-0.714602, 2.285398, 2.088, 30),
-        (-0.5236, 1.3963, 2.082, 30),
-        (-0.8, 3.9, 3.27, 30),
-        (-2.3213, 0, 3.3, 30),
+        (-0.564602, 2.135398, 2.088, 30),
+        (-0.3536, 1.2963, 2.082, 30),
+        (-0.65, 3.75, 3.27, 30),
+        (-2.1213, -0.15, 3.3, 30),
         (None, None, 3.6, 30),
-        (-2.18, 0, 3.078, 10),
+        (-2.0, -0.1, 3.078, 10),
         (None, None, 3.6, 10),
     ],
     "pr2_right_arm": [
-        (-2.285398, 0.714602, 2.088, 30),
-        (-0.5236, 1.3963, 2.082, 30),
-        (-3.9, 0.8, 3.27, 30),
-        (-2.3213, 0, 3.3, 30),
+        (-2.135398, 0.564602, 2.088, 30),
+        (-0.3536, 1.2963, 2.082, 30),
+        (-3.75, 0.65, 3.27, 30),
+        (-2.1213, -0.15, 3.3, 30),
         (None, None, 3.6, 30),
-        (-2.18, 0, 3.078, 10),
+        (-2.0, -0.1, 3.078, 10),
         (None, None, 3.6, 10),
     ],
     "teo_left_arm": [
@@ -804,7 +796,7 @@ PAGE = (Path(__file__).parents[2] / "docs" / "robots.md").read_text(encoding="ut
 
 def test_the_page_s_own_arm_works(tmp_path):
     for name, language in (("crane.urdf", "xml"), ("crane.toml", "toml")):
-        (block,) = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
+        block, *_ = re.findall(rf"```{language}\n(.*?)```", PAGE, re.DOTALL)
         (tmp_path / name).write_text(block, encoding="utf-8")
     arm = load_arm(str(tmp_path / "crane.toml"))
     assert arm.joint_names == ("turn", "lift", "roll")

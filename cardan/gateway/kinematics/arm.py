@@ -113,7 +113,10 @@ class ArmKinematics:
         turns = np.rint((near - q) / TURN)
         moved = np.where(self._turns, q + turns * TURN, q)
         moved = np.where((moved > self.upper) & self._turns, moved - TURN, moved)
-        return np.where((moved < self.lower) & self._turns, moved + TURN, moved)
+        moved = np.where((moved < self.lower) & self._turns, moved + TURN, moved)
+        # A turn there and back may round past an end that `q` is at.
+        inside = (q >= self.lower) & (q <= self.upper)
+        return np.where(inside & ((moved < self.lower) | (moved > self.upper)), q, moved)
 
     def within_limits(self, q: FloatArray, slack: float = 1e-9) -> bool:
         """True when no joint is outside its range."""

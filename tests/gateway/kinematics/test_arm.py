@@ -102,6 +102,16 @@ def test_whole_turns_are_added_to_be_near_but_never_beyond_a_limit():
     assert moved == pytest.approx([340.0, -340.0, -170.0, -10.0, 170.0, 5.0])
 
 
+@pytest.mark.parametrize("name", ["pr2_left_arm", "pr2_right_arm"])
+def test_no_rounding_turns_a_joint_away_from_its_end(name):
+    """It has more than half a turn and less than a whole one."""
+    kinematics, roll = arm(name), 2
+    for end, near in (("lower", "upper"), ("upper", "lower")):
+        q, other = (np.array(kinematics.arm.home) for _ in range(2))
+        q[roll], other[roll] = getattr(kinematics, end)[roll], getattr(kinematics, near)[roll]
+        assert kinematics.nearest_turns(q, other).tolist() == q.tolist()
+
+
 def test_continuous_joints_count_their_turns():
     kinematics = arm("pr2_right_arm")
     near = np.array(kinematics.arm.home)

@@ -1,0 +1,136 @@
+"""Which joints of a tree are an arm, and where the others are held."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from cardan.errors import ConfigurationError
+from cardan.robots.arm_file import ArmFile
+from cardan.robots.arm_model import JointKind
+from cardan.robots.urdf import LOOSE, MOVING, Tree, TreeJoint
+
+MOST_JOINTS = 9
+
+
+class Chain(NamedTuple):
+    """An arm in a tree."""
+
+    base: str
+    tcp: str
+    joints: tuple[TreeJoint, ...]
+    """Those that move, in kinematic order."""
+    held: dict[str, float]
+    """Where all others of one direction are, rad or m."""
+
+
+def unit_of(kind: str) -> float:
+    """What one deg (m for a prismatic joint) of the arm's file is."""
+    return 1.0 if kind == JointKind.PRISMATIC.value else math.pi / 180.0
+
+
+def no_link(key: str, name: str, links: Iterable[str]) -> ConfigurationError:
+    """What is raised where the setting `key` names a link that is none of `links`."""
+    return ConfigurationError(key, f"there is no link {name!r}; allowed: {', '.join(links)}")
+
+
+def chain_of(tree: Tree, file: ArmFile) -> Chain:
+    """Raises ConfigurationError."""
+    tcp = file.tcp or _only_end(tree)
+    for key, link in (("tcp", tcp), ("base", file.base)):
+        if link and link not in tree.links:
+            raise no_link(key, link, tree.links)
+    path = tree.path(tcp)
+    if file.base:
+        beside = {joint.name for joint in tree.path(file.base)}
+        path = [joint for joint in path if joint.name not in beside]
+    moving = [joint for joint in path if joint.moves]
+    if file.joints:
+        moving = _chosen(moving, file)
+    if not moving:
+        _refuse_loose(path)
+        if file.base:
+            raise ConfigurationError("base", f"no joint moves between {file.base!r} and {tcp!r}")
+        raise ConfigurationError("", "the arm's URDF has no moving joint")
+    if len(moving) > MOST_JOINTS:
+        raise ConfigurationError(
+            "joints",
+            f"{len(moving)} joints move, at most {MOST_JOINTS} can: {_names(moving)}; name those "
+            "that are to, the others are held",
+        )
+    first = path.index(moving[0])
+    _refuse_loose(path[first:])
+    for joint in path[first:]:
+        leader = tree.leader(joint.name)[0]
+        if leader.mimic is not None:
+            raise ConfigurationError("", f"joint {joint.name!r} mimics one that is not there")
+        if joint.mimic is not None and leader in moving:
+            raise ConfigurationError(
+                "joints",
+                f"joint {joint.name!r} mimics {leader.name!r}: leave that one out, and both are "
+                "held",
+            )
+    welded = all(joint.kind == "fixed" for joint in path[:first])
+    return Chain(
+        file.base or (tree.root if welded else moving[0].parent),
+        tcp,
+        tuple(moving),
+        _held(tree, moving, file),
+    )
+
+
+def _names(joints: list[TreeJoint]) -> str:
+    return ", ".join(joint.name for joint in joints)
+
+
+def _only_end(tree: Tree) -> str:
+    ends = tree.ends()
+    if len(ends) > 1:
+        parents = [joint.parent for joint in tree.joints.values()]
+        branching = next(link for link in tree.links if parents.count(link) > 1)
+        raise ConfigurationError(
+            "tcp",
+            f"link {branching!r} branches: name the link that the arm ends at, {', '.join(ends)} "
+            "or one before them",
+        )
+    return ends[0]
+
+
+def _chosen(moving: list[TreeJoint], file: ArmFile) -> list[TreeJoint]:
+    there = {joint.name for joint in moving}
+    for name in file.joints:
+        if name not in there:
+            raise ConfigurationError(
+                "joints", f"the arm has no moving joint {name!r}; allowed: {_names(moving)}"
+            )
+    return [joint for joint in moving if joint.name in file.joints]
+
+
+def _refuse_loose(path: list[TreeJoint]) -> None:
+    for joint in path:
+        if joint.kind in LOOSE:
+            raise joint.refused()
+
+
+def _held(tree: Tree, moving: list[TreeJoint], file: ArmFile) -> dict[str, float]:
+    others = {
+        name: joint
+        for name, joint in tree.joints.items()
+        if joint.kind in MOVING and joint not in moving
+    }
+    given = {}
+    for name, value in file.hold.items():
+        key = f"hold.{name}"
+        if name not in others:
+            raise ConfigurationError(
+                key, f"there is no such joint to hold; allowed: {', '.join(others) or 'none'}"
+            )
+        unit = unit_of(others[name].kind)
+        lower, upper = others[name].range()
+        given[name] = value * unit
+        if not lower <= given[name] <= upper:
+            raise ConfigurationError(
+                key, f"{value:g} is outside {lower / unit:g} to {upper / unit:g}"
+            )
+    return {name: tree.resting(name, given) for name in others}

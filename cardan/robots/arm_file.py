@@ -1,0 +1,100 @@
+"""The TOML beside a URDF: what a URDF cannot say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar, Literal
+
+from cardan.common.bounds import Length, Point, Range
+from cardan.common.options import Options
+from cardan.errors import ConfigurationError, below
+from cardan.robots.arm_model import Box, Capsule, Shape, Task
+from cardan.robots.urdf import LARGEST_NUMBER
+from cardan.types import Vector3
+
+_Number = Annotated[float, Range(-LARGEST_NUMBER, LARGEST_NUMBER, "", "")]
+_Positive = Annotated[float, Range(0.0, LARGEST_NUMBER, "", "", above=True)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SolidTable(Options):
+    """Something solid: its name, and one of the keys that give it a shape."""
+
+    FORMS: ClassVar[Mapping[str, str]] = {
+        "box": "[corner, corner]",
+        "capsule": "[end, end, radius]",
+    }
+
+    name: str
+    box: tuple[Point, Point] | None = None
+    """Lowest and highest corner, m."""
+    capsule: tuple[Point, Point, Length] | None = None
+    """Ends and radius, m; the same point twice: a sphere."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        given = [key for key in self.FORMS if getattr(self, key) is not None]
+        if len(given) != 1:
+            name = repr(self.name) if self.name else "it"
+            forms = ", ".join(f"{key} = {form}" for key, form in self.FORMS.items())
+            raise ConfigurationError(
+                "", f"{name} has {' and '.join(given) or 'no shape'}; give one of {forms}"
+            )
+        with below("box"):
+            self.shape()
+
+    def shape(self) -> Shape | None:
+        """The box or the capsule; None where it is neither."""
+        if self.box is not None:
+            return Box.between(*(Vector3(*corner) for corner in self.box))
+        if self.capsule is not None:
+            start, end, radius_m = self.capsule
+            return Capsule(Vector3(*start), Vector3(*end), radius_m)
+        return None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShapeTable(SolidTable):
+    """``[[collision.shape]]``: along the axes of the link that it is fixed to."""
+
+    name: str = ""
+    """Empty: the link's."""
+    link: str = ""
+    """Empty: the base."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CollisionTable(Options):
+    """``[collision]``"""
+
+    ignore: tuple[tuple[str, str], ...] = ()
+    """Pairs of links that always touch, besides neighbours."""
+    meshes: Literal["refuse", "ignore"] = "refuse"
+    shape: tuple[ShapeTable, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmFile(Options):
+    """The whole file."""
+
+    urdf: str
+    """From the folder of this file, or ``PACKAGE:FILE``."""
+    tcp: str = ""
+    """Link whose frame is the TCP; default: the last one, where there is one."""
+    flange: str = ""
+    base: str = ""
+    """Link whose frame is the arm's; default: the root, or where other joints than fixed ones
+    stand before it, what carries the first joint."""
+    joints: tuple[str, ...] = ()
+    """Those that move, of all between `base` and `tcp`; empty: all."""
+    hold: Mapping[str, _Number] = field(default_factory=dict)
+    """Where other joints are, deg or m; default: nearest to 0 in their range."""
+    home_deg: tuple[_Number, ...] | None = None
+    """Revolute joints in deg, prismatic ones in m."""
+    acceleration_deg_s2: _Positive | tuple[_Positive, ...] | None = None
+    """One for all joints or one each; prismatic ones in m/s²."""
+    counterbalance: str = ""
+    """Last joint from the base that springs relieve of the arm's weight; empty: there are none."""
+    task: Task = field(default_factory=Task)
+    collision: CollisionTable = field(default_factory=CollisionTable)

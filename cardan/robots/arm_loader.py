@@ -1,0 +1,134 @@
+"""Loads arms by name or file.
+
+`cardan/robots` holds ours, and :func:`load_arm` takes the path of anybody's. A table beside each of
+ours has what Pinocchio reads of it, so that drivers and simulated peers need no Pinocchio;
+``python -m tests.arm_tables`` writes them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from functools import cache
+from importlib import resources
+from importlib.util import find_spec
+from pathlib import Path
+
+from cardan.common.files import MODEL_BYTES
+from cardan.common.tables import parse_toml, read_table, read_text
+from cardan.errors import ConfigurationError, about, below
+from cardan.robots.arm_file import ArmFile
+from cardan.robots.arm_model import ArmModel
+from cardan.robots.arm_table import content_key, from_table, keep_arm, kept_arm
+from cardan.robots.urdf import read_tree
+
+FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
+
+
+class ArmTexts:
+    """The files of an arm, as they are before anything is made of them.
+
+    Raises ConfigurationError for files that cannot be read, and for a ``.toml`` that is wrong.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.urdf_path, self.toml_path, self.file = path, None, ArmFile(urdf="")
+        texts = []
+        if path.suffix.lower() == ".toml":
+            self.toml_path = path
+            texts.append(read_text(path))
+            with about(path):
+                self.file = read_table(ArmFile, parse_toml(texts[0], path))
+                self.urdf_path = _located(self.file.urdf, path.parent)
+                self.urdf = read_text(self.urdf_path, MODEL_BYTES, declared=True)
+        else:
+            self.urdf = read_text(path, MODEL_BYTES, declared=True)
+        self.all = (*texts, self.urdf)
+
+    def build(self) -> ArmModel:
+        """By Pinocchio. Raises ConfigurationError, ExtraMissingError."""
+        with self._blamed():
+            return _build(self.urdf, self.file)
+
+    @contextlib.contextmanager
+    def _blamed(self) -> Iterator[None]:
+        """Errors of a key are the ``.toml``'s, others the URDF's."""
+        try:
+            yield
+        except ConfigurationError as error:
+            at = self.toml_path if error.key and self.toml_path else self.urdf_path
+            raise ConfigurationError("", f"{at}: {error}") from None
+
+
+def _build(text: str, file: ArmFile) -> ArmModel:
+    tree = read_tree(text)
+    # An extra: what is read from a table needs none.
+    from cardan.robots.arm_reader import build_arm
+
+    return build_arm(tree, file)
+
+
+def parse_urdf(text: str) -> ArmModel:
+    """The arm that a URDF describes, from base to tip, with defaults for all it cannot say.
+
+    Raises ConfigurationError for text that is not URDF, has several ends, lacks a limit, has
+    numbers that are none, or has meshes where primitives are needed; ExtraMissingError.
+    """
+    return _build(text, ArmFile(urdf=""))
+
+
+def arm_names() -> tuple[str, ...]:
+    """The arms there are, sorted."""
+    return tuple(sorted(file.stem for file in FOLDER.glob("*.urdf")))
+
+
+@cache
+def load_arm(name_or_file: str, key: str = "") -> ArmModel:
+    """One of our arms by name, or one from a ``.toml`` or ``.urdf`` file.
+
+    The file is given as a path, or as ``PACKAGE:FILE`` where an installed package brings it.
+
+    Raises ConfigurationError that names the option `key` which asks for it, the file, what is
+    wrong in it, and what is allowed; ExtraMissingError where Pinocchio is missing and the file was
+    never read by it.
+    """
+    if key:
+        with below(key):
+            return load_arm(name_or_file)
+    if name_or_file in arm_names():
+        return _ours(name_or_file)
+    if not name_or_file.lower().endswith((".toml", ".urdf")):
+        raise ConfigurationError(
+            "",
+            f"there is no arm {name_or_file!r}; allowed: {', '.join(arm_names())}, "
+            "the path of a .toml or .urdf file, or PACKAGE:FILE for one in a package",
+        )
+    texts = ArmTexts(_located(name_or_file, Path()))
+    arm = kept_arm(texts.all, texts.urdf)
+    if arm is None:
+        arm = texts.build()
+        keep_arm(texts.all, texts.urdf, arm)
+    return arm
+
+
+def our_texts(name: str) -> ArmTexts:
+    """The files of one of our arms."""
+    path = FOLDER / f"{name}.toml"
+    return ArmTexts(path if path.exists() else path.with_suffix(".urdf"))
+
+
+def _ours(name: str) -> ArmModel:
+    texts, path = our_texts(name), FOLDER / f"{name}.json"
+    table = read_text(path) if path.exists() else ""
+    return from_table(table, content_key(texts.all), texts.urdf) or texts.build()
+
+
+def _located(name: str, folder: Path) -> Path:
+    """A file in `folder`, or in the package that the name begins with."""
+    package, colon, file = name.partition(":")
+    if not (colon and package.isidentifier()):
+        return folder / name
+    spec = find_spec(package)
+    if spec is None or not spec.submodule_search_locations:
+        raise ConfigurationError("", f"{name!r}: there is no package {package!r}")
+    return Path(spec.submodule_search_locations[0], file)

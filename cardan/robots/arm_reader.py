@@ -1,0 +1,303 @@
+"""Makes an arm's model out of a URDF, by Pinocchio."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from cardan.common.arm_libraries import coal, np, pin
+from cardan.errors import ConfigurationError
+from cardan.robots.arm_chain import Chain, chain_of, no_link, unit_of
+from cardan.robots.arm_file import ArmFile, CollisionTable
+from cardan.robots.arm_model import (
+    ArmJoint,
+    ArmModel,
+    BodyShape,
+    Box,
+    Capsule,
+    Inertia,
+    JointKind,
+    Shape,
+)
+from cardan.robots.urdf import LOOSE, Place, Tree, TreeJoint, held_form, normal_form
+from cardan.spatial import compose, norm, scale, subtract, transform
+from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion, Vector3
+
+_END_CAP_TOLERANCE_M = 1e-4
+"""A sphere that sticks out of a cylinder's rounded end by less is the end of that capsule."""
+
+
+class _Link(NamedTuple):
+    """Where a link is: the body that it is part of, and its frame in that body's."""
+
+    body: int
+    pose: Pose
+
+
+class _Links(dict[str, _Link]):
+    """The links by name, those before others that hang on them."""
+
+    def get_link(self, name: str, key: str) -> _Link:
+        """ConfigurationError of the setting `key` where there is none of that name."""
+        if name not in self:
+            raise no_link(key, name, self)
+        return self[name]
+
+
+def build_arm(tree: Tree, file: ArmFile) -> ArmModel:
+    """Raises ConfigurationError: with a key for what the arm's file asks, without one for what is
+    wrong in the URDF."""
+    chain = chain_of(tree, file)
+    joints = _limited(chain.joints)
+    if file.acceleration_deg_s2 is not None:
+        joints = _accelerated(joints, file.acceleration_deg_s2)
+    model, geometry, urdf = _reduced(tree, chain, file.collision)
+    # Pinocchio's frame of body 0 is the root's.
+    base = _link(model, list(tree.links).index(chain.base)).placement.inverse()
+    joints = [
+        _placed_joint(model, number, joint, base) for number, joint in enumerate(joints, start=1)
+    ]
+    links = _Links()
+    for number, name in enumerate(tree.links):
+        frame = _link(model, number)
+        body = frame.parentJoint
+        links[name] = _Link(body, _pose(frame.placement if body else base * frame.placement))
+    frames = {}
+    for key, name in (("tcp", chain.tcp), ("flange", file.flange or chain.tcp)):
+        body, frames[key] = links.get_link(name, key)
+        if body != len(joints):
+            raise ConfigurationError(key, f"link {name!r} is not moved by the last joint")
+    shapes, solid = _shapes(links, geometry, base), _solid_links(tree, links)
+    with_body = {shape.name for shape in shapes} | {each.link for each in file.collision.shape}
+    return ArmModel(
+        name=tree.robot.get("name", ""),
+        joints=tuple(joints),
+        **frames,
+        inertias=tuple(_inertia(each) for each in list(model.inertias)[1:]),
+        shapes=(*shapes, *_own_shapes(chain, links, file.collision)),
+        ignored_pairs=_pairs(links, file.collision),
+        home=_home(joints, file.home_deg),
+        task=file.task,
+        urdf=urdf,
+        counterbalanced_joints=_counterbalanced(joints, file.counterbalance),
+        solid_links=solid,
+        bare_links=tuple(link for link in solid if link not in with_body),
+    )
+
+
+def _reduced(tree: Tree, chain: Chain, table: CollisionTable) -> tuple[Any, Any, str]:
+    """Pinocchio's model of the chain, all else held; its shapes; and the same as a URDF."""
+    given = {shape.link for shape in table.shape}
+    text = normal_form(tree, given, table.meshes == "ignore")
+    numbers = {name: number for number, name in enumerate(tree.joints)}
+    try:
+        model = pin.buildModelFromXML(text)
+        geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.COLLISION)
+        q, locked = np.zeros(model.nq), []
+        for name, value in chain.held.items():
+            joint = model.getJointId(f"joint_{numbers[name]}")
+            q[model.joints[joint].idx_q] = value
+            locked.append(joint)
+        reduced, geometry = pin.buildReducedModel(model, geometry, locked, q)
+    except (ValueError, RuntimeError, IndexError) as error:
+        raise ConfigurationError("", f"Pinocchio cannot read the arm's URDF: {error}") from None
+    return reduced, geometry, _urdf_of(tree, chain, model, q)
+
+
+def _urdf_of(tree: Tree, chain: Chain, model: Any, q: Any) -> str:
+    """Of the arm alone: its joints are the only ones that move, and its base is the root. That of
+    the file where it is so."""
+    held = [joint for joint in tree.joints.values() if joint.kind in LOOSE]
+    held += [tree.joints[name] for name in chain.held]
+    if not held and chain.base == tree.root:
+        return tree.text
+    data, numbers = model.createData(), {name: number for number, name in enumerate(tree.links)}
+    pin.framesForwardKinematics(model, data, q)
+
+    def place(outer: str, inner: str) -> Place:
+        frames = [model.getFrameId(f"link_{numbers[name]}") for name in (outer, inner)]
+        there = data.oMf[frames[0]].actInv(data.oMf[frames[1]])
+        turned = pin.rpy.matrixToRpy(there.rotation)
+        return Place(tuple(there.translation.tolist()), tuple(turned.tolist()))
+
+    return held_form(
+        tree,
+        {joint.name: place(joint.parent, joint.child) for joint in held},
+        None if chain.base == tree.root else place(chain.base, tree.root),
+    )
+
+
+def _link(model: Any, number: int) -> Any:
+    return model.frames[model.getFrameId(f"link_{number}")]
+
+
+def _vector(values: Any) -> Vector3:
+    x, y, z = values.tolist()
+    return Vector3(x + 0.0, y + 0.0, z + 0.0)  # Without the sign of a zero.
+
+
+def _pose(placement: Any) -> Pose:
+    x, y, z, w = pin.Quaternion(placement.rotation).normalized().coeffs().tolist()
+    sign = math.copysign(1.0, w)
+    turned = (sign * each + 0.0 for each in (w, x, y, z))
+    return Pose(_vector(placement.translation), Quaternion(*turned))
+
+
+# ---------------------------------------------------------------------------------------------
+# Joints
+
+
+def _limited(chain: Sequence[TreeJoint]) -> list[ArmJoint]:
+    """The joints, where Pinocchio has not placed them yet."""
+    return [
+        ArmJoint(joint.name, JointKind(joint.kind), IDENTITY_POSE, ZERO3, *joint.limits())
+        for joint in chain
+    ]
+
+
+def _placed_joint(model: Any, number: int, joint: ArmJoint, base: Any) -> ArmJoint:
+    placement = model.jointPlacements[number]
+    if number == 1:
+        placement = base * placement
+    motion = pin.computeJointJacobian(model, model.createData(), np.zeros(model.nq), number)
+    linear, angular = np.split(motion.reshape(6, -1)[:, number - 1], 2)
+    axis = linear if joint.kind is JointKind.PRISMATIC else angular
+    return joint._replace(placement=_pose(placement), axis=_vector(axis))
+
+
+def _unit(joint: ArmJoint) -> float:
+    return unit_of(joint.kind.value)
+
+
+def _each(key: str, values: Sequence[float], joints: list[ArmJoint]) -> list[float]:
+    if len(values) != len(joints):
+        names = ", ".join(joint.name for joint in joints)
+        raise ConfigurationError(key, f"has {len(values)} values for {len(joints)} joints: {names}")
+    return [value * _unit(joint) for value, joint in zip(values, joints, strict=True)]
+
+
+def _accelerated(joints: list[ArmJoint], given: float | tuple[float, ...]) -> list[ArmJoint]:
+    values = given if isinstance(given, tuple) else [given] * len(joints)
+    accelerations = _each("acceleration_deg_s2", values, joints)
+    return [j._replace(acceleration=a) for j, a in zip(joints, accelerations, strict=True)]
+
+
+def _counterbalanced(joints: list[ArmJoint], last: str) -> int:
+    if not last:
+        return 0
+    names = [joint.name for joint in joints]
+    if last not in names:
+        raise ConfigurationError(
+            "counterbalance", f"there is no joint {last!r}; allowed: {', '.join(names)}"
+        )
+    return names.index(last) + 1
+
+
+def _home(joints: list[ArmJoint], given: tuple[float, ...] | None) -> tuple[float, ...]:
+    if given is None:
+        return tuple(
+            0.0 if joint.lower == -math.inf else 0.5 * (joint.lower + joint.upper)
+            for joint in joints
+        )
+    home = _each("home_deg", given, joints)
+    for joint, value in zip(joints, home, strict=True):
+        if not joint.lower <= value <= joint.upper:
+            raise ConfigurationError(
+                "home_deg",
+                f"{joint.name} at {value / _unit(joint):g} is outside "
+                f"{joint.lower / _unit(joint):g} to {joint.upper / _unit(joint):g}",
+            )
+    return tuple(home)
+
+
+# ---------------------------------------------------------------------------------------------
+# Bodies
+
+
+def _inertia(inertia: Any) -> Inertia:
+    if inertia.mass == 0.0:
+        return Inertia(0.0, ZERO3, (0.0,) * 6)
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = inertia.inertia.tolist()
+    return Inertia(inertia.mass, _vector(inertia.lever), (xx, xy, xz, yy, yz, zz))
+
+
+def _placed(shape: Shape, pose: Pose) -> Shape:
+    """`shape` in the frame that `pose` is in."""
+    if isinstance(shape, Box):
+        return Box(compose(pose, shape.pose), shape.size_m)
+    return Capsule(transform(pose, shape.start), transform(pose, shape.end), shape.radius_m)
+
+
+def _shape(geometry: Any, pose: Pose) -> Shape:
+    """A cylinder counts as the capsule around it: 500 times cheaper than a mesh, and safe."""
+    if isinstance(geometry, coal.Box):
+        return Box(pose, _vector(2.0 * geometry.halfSide))
+    half = 0.0 if isinstance(geometry, coal.Sphere) else geometry.halfLength
+    end = Vector3(0.0, 0.0, half)
+    return _placed(Capsule(scale(end, -1.0), end, geometry.radius), pose)
+
+
+def _shapes(links: _Links, geometry: Any, base: Any) -> list[BodyShape]:
+    by_link: dict[str, list[Shape]] = {name: [] for name in links}
+    names = list(links)
+    for each in geometry.geometryObjects:
+        placement = each.placement if each.parentJoint else base * each.placement
+        name = names[int(each.name.split("_")[1])]  # "link_3_0" is the first of link 3.
+        by_link[name].append(_shape(each.geometry, _pose(placement)))
+    return [
+        BodyShape(name, links[name].body, shape)
+        for name, shapes in by_link.items()
+        for shape in _without_end_caps(shapes)
+    ]
+
+
+def _solid_links(tree: Tree, links: _Links) -> tuple[str, ...]:
+    """As `ArmModel` has them."""
+    solid: dict[int, list[str]] = {}
+    first: dict[int, str] = {}
+    for name, link in links.items():
+        first.setdefault(link.body, name)
+        element = tree.links[name]
+        if element.find("collision") is not None or element.find("visual") is not None:
+            solid.setdefault(link.body, []).append(name)
+    bodies = sorted(first.keys() - {0})
+    return tuple(name for body in bodies for name in solid.get(body, [first[body]]))
+
+
+def _own_shapes(chain: Chain, links: _Links, table: CollisionTable) -> list[BodyShape]:
+    found = []
+    for each in table.shape:
+        link = each.link or chain.base
+        body, pose = links.get_link(link, "collision.shape.link")
+        if (shape := each.shape()) is not None:
+            found.append(BodyShape(each.name or link, body, _placed(shape, pose)))
+    return found
+
+
+def _without_end_caps(shapes: list[Shape]) -> list[Shape]:
+    """A capsule is often written as a cylinder and two spheres, which it swallows."""
+    long = [c for c in shapes if isinstance(c, Capsule) and c.start != c.end]
+
+    def swallowed(sphere: Capsule) -> bool:
+        return any(
+            _segment_distance(c, sphere.start) + sphere.radius_m
+            <= c.radius_m + _END_CAP_TOLERANCE_M
+            for c in long
+        )
+
+    return [c for c in shapes if isinstance(c, Box) or c.start != c.end or not swallowed(c)]
+
+
+def _segment_distance(capsule: Capsule, point: Vector3) -> float:
+    along, to = subtract(capsule.end, capsule.start), subtract(point, capsule.start)
+    share = (along.x * to.x + along.y * to.y + along.z * to.z) / norm(along) ** 2
+    return norm(subtract(to, scale(along, max(0.0, min(1.0, share)))))
+
+
+def _pairs(links: _Links, table: CollisionTable) -> frozenset[tuple[int, int]]:
+    pairs = set()
+    for pair in table.ignore:
+        low, high = sorted(links.get_link(name, "collision.ignore").body for name in pair)
+        pairs.add((low, high))
+    return frozenset(pairs)

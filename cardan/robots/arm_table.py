@@ -1,0 +1,121 @@
+"""An arm's model as JSON: what a program without Pinocchio reads of our arms, and what is kept of
+anybody's, so that loading it again takes milliseconds."""
+
+from __future__ import annotations
+
+import contextlib
+import enum
+import hashlib
+import json
+import os
+import tempfile
+from collections.abc import Iterable
+from dataclasses import is_dataclass
+from functools import cache
+from pathlib import Path
+from types import UnionType
+from typing import Any, get_args, get_origin
+
+from cardan.common import files, tables
+from cardan.common.options import hints
+from cardan.robots.arm_model import ArmModel
+
+_SOURCES = ("arm_chain.py", "arm_file.py", "arm_model.py", "arm_reader.py", "urdf.py")
+"""What makes a model out of files: others make others."""
+
+
+def content_key(texts: Iterable[str]) -> str:
+    """The same for the same texts."""
+    digest = hashlib.sha256()
+    for text in texts:
+        data = text.encode("utf-8", "surrogatepass")
+        digest.update(len(data).to_bytes(8, "big") + data)
+    return digest.hexdigest()
+
+
+def to_table(arm: ArmModel, key: str, urdf: str) -> str:
+    """Of an arm out of the files that have this `content_key`, the text `urdf` among them."""
+    table = {name: _plain(value) for name, value in arm._asdict().items() if value != urdf}
+    rows = ",\n".join(f"{json.dumps(name)}: {json.dumps(value)}" for name, value in table.items())
+    return f'{{"of": {json.dumps(key)},\n{rows}}}\n'
+
+
+def from_table(text: str, key: str, urdf: str) -> ArmModel | None:
+    """The arm; None where the text is of files with another key, or damaged."""
+    try:
+        table = json.loads(text)
+        if table.pop("of") != key:
+            return None
+        arm: ArmModel = _made(ArmModel, {"urdf": urdf, **table})
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
+        return None
+    return arm
+
+
+def kept_arm(texts: tuple[str, ...], urdf: str) -> ArmModel | None:
+    """What `keep_arm` has kept of these files; None: nothing."""
+    key = content_key((*texts, *_sources()))
+    try:
+        text = files.read_text(_file(key), files.MODEL_BYTES)
+    except (OSError, ValueError):
+        return None
+    return from_table(text, key, urdf)
+
+
+def keep_arm(texts: tuple[str, ...], urdf: str, arm: ArmModel) -> None:
+    """Where the user has a folder that can be written to, `kept_arm` has it next time."""
+    key = content_key((*texts, *_sources()))
+    with contextlib.suppress(OSError, ValueError):
+        path = _file(key)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, made = tempfile.mkstemp(dir=path.parent)
+        try:
+            with os.fdopen(handle, "w", encoding="utf-8") as file:
+                file.write(to_table(arm, key, urdf))
+            os.replace(made, path)
+        except BaseException:
+            os.unlink(made)
+            raise
+
+
+def _file(key: str) -> Path:
+    return files.cache_folder() / "arms" / f"{key}.json"
+
+
+@cache
+def _sources() -> tuple[str, ...]:
+    folder = Path(__file__).parent
+    return tuple((folder / name).read_text(encoding="utf-8") for name in _SOURCES)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, enum.Enum):
+        return value.value
+    if isinstance(value, frozenset):
+        return sorted(map(_plain, value))
+    if isinstance(value, tuple):
+        return [_plain(each) for each in value]
+    return tables.as_table(value) if is_dataclass(value) else value
+
+
+def _made(kind: Any, value: Any) -> Any:
+    """The value of type `kind` that `_plain` has made this of."""
+    origin, inner = get_origin(kind), get_args(kind)
+    if origin is UnionType:  # Of shapes, told apart by how many parts they have.
+        (kind,) = (each for each in inner if len(each._fields) == len(value))
+    if hasattr(kind, "_fields"):
+        names, types = kind._fields, hints(kind)
+        parts = [value[name] for name in names] if isinstance(value, dict) else value
+        return kind(*(_made(types[n], part) for n, part in zip(names, parts, strict=True)))
+    if origin is frozenset:
+        return frozenset(_made(inner[0], each) for each in value)
+    if origin is tuple:
+        kinds = inner[:1] * len(value) if inner[-1] is Ellipsis else inner
+        return tuple(_made(each, part) for each, part in zip(kinds, value, strict=True))
+    if isinstance(kind, type) and is_dataclass(kind):
+        return tables.read_table(kind, value)
+    if isinstance(kind, type) and issubclass(kind, enum.Enum):
+        return kind(value)
+    if not isinstance(value, kind):
+        raise TypeError
+    return value

@@ -1,0 +1,531 @@
+"""A look at a URDF, for what Pinocchio's parser does not say: whether other programs would take
+the file, what its joints and links are called and join, limits, soft limits, mimic.
+
+Poses, axes, masses and shapes are Pinocchio's to read; it is given :func:`normal_form`, in which
+every number has been looked at.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+import xml.etree.ElementTree as ET
+from collections.abc import Collection, Mapping, Sequence
+from typing import NamedTuple
+from xml.parsers import expat
+
+from cardan.errors import ConfigurationError, about
+from cardan.robots.arm_model import TIME_TO_FULL_SPEED_S, JointKind
+from cardan.types import JointLimits
+
+LARGEST_NUMBER = 1e6
+"""No length, angle, speed or mass of an arm is larger: a mistake, and products would overflow."""
+
+MOST_LINKS = 1000
+"""In one file; humanoids have 100. Pinocchio recurses along the tree."""
+
+MOST_NESTED = 100
+
+MOVING = tuple(kind.value for kind in JointKind)
+LOOSE = ("planar", "floating")
+"""Joints with several directions: only ever held."""
+
+_VERSIONS = ("1.0", "1.1", "1.2")
+_LENGTHS: Mapping[str, tuple[str, ...]] = {
+    "sphere": ("radius",),
+    "cylinder": ("radius", "length"),
+    "capsule": ("radius", "length"),
+}
+_MOMENTS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
+_SHORTEST_M = 1e-9
+_ROUNDING_KG_M2 = 1e-12
+"""Moments of CAD programs that ought to be 0 are below it by less."""
+
+
+class Limits(NamedTuple):
+    """Of one joint, rad or m."""
+
+    lower: float
+    """-inf for a continuous joint."""
+    upper: float
+    velocity: float
+    acceleration: float
+    effort: float
+    """Infinite where it is not published."""
+
+
+class TreeJoint(NamedTuple):
+    """A joint of any kind."""
+
+    name: str
+    kind: str
+    parent: str
+    child: str
+    element: ET.Element
+
+    @property
+    def mimic(self) -> ET.Element | None:
+        """Says which joint this one follows."""
+        return self.element.find("mimic")
+
+    @property
+    def moves(self) -> bool:
+        """Whether it has one direction of its own."""
+        return self.kind in MOVING and self.mimic is None
+
+    def refused(self) -> ConfigurationError:
+        """What is raised where it stands and none of its kind may."""
+        return _wrong(f"joint {self.name!r} is {self.kind!r}; allowed: fixed, {', '.join(MOVING)}")
+
+    def limits(self) -> Limits:
+        """Raises ConfigurationError."""
+        return _limits(self.element)
+
+    def range(self) -> tuple[float, float]:
+        """As far as the file gives one; a continuous joint has none."""
+        with about(f"limits of joint {self.name!r}"):
+            return _range(self.element, open_ended=True)
+
+
+class Tree(NamedTuple):
+    """All of a file: links and joints by name, each link after the one that it hangs on."""
+
+    robot: ET.Element
+    text: str
+    root: str
+    links: dict[str, ET.Element]
+    joints: dict[str, TreeJoint]
+    above: dict[str, TreeJoint]
+    """The joint that a link hangs on; the root has none."""
+
+    def path(self, link: str) -> list[TreeJoint]:
+        """The joints from the root to a link."""
+        found = []
+        while link != self.root:
+            found.append(self.above[link])
+            link = found[-1].parent
+        return found[::-1]
+
+    def ends(self) -> list[str]:
+        """The links that nothing hangs on."""
+        parents = {joint.parent for joint in self.joints.values()}
+        return [link for link in self.links if link not in parents]
+
+    def leader(self, name: str) -> tuple[TreeJoint, float, float]:
+        """The joint that one follows, by what times, plus what; itself where it follows none. One
+        that mimics, too, follows none that is there. Raises ConfigurationError."""
+        factor, offset, passed = 1.0, 0.0, {name}
+        joint = self.joints[name]
+        while (mimic := joint.mimic) is not None:
+            leader = mimic.get("joint", "")
+            if leader not in self.joints or leader in passed:
+                break
+            with about(f"mimic of joint {joint.name!r}"):
+                offset += factor * _bounded(mimic, "offset", "0")
+                factor *= _bounded(mimic, "multiplier", "1")
+                if not abs(factor) + abs(offset) <= LARGEST_NUMBER:
+                    raise ValueError(f"it turns {factor:g} times as far")
+            passed.add(leader)
+            joint = self.joints[leader]
+        return joint, factor, offset
+
+    def resting(self, name: str, held: Mapping[str, float]) -> float:
+        """Where a joint is that does not move, rad or m: where `held` says, where the joint is
+        that it follows, or nearest to 0 in its range. Raises ConfigurationError."""
+        if name in held:
+            return held[name]
+        joint, factor, offset = self.leader(name)
+        value = held.get(joint.name, 0.0)
+        if joint.name not in held and joint.kind in MOVING:
+            lower, upper = joint.range()
+            value = max(lower, min(upper, 0.0))
+        if not abs(value) <= LARGEST_NUMBER:
+            raise _wrong(f"joint {joint.name!r} has no value of at most {LARGEST_NUMBER:g}")
+        return factor * value + offset
+
+
+def limits_in(text: str, names: Sequence[str]) -> JointLimits:
+    """The limits of the joints called `names` in a robot's whole URDF, which may branch and have
+    meshes: as robots publish it.
+
+    Raises ConfigurationError for text that is not URDF, and for a joint that is missing, is there
+    twice or has no limits.
+    """
+    there = list(_parsed(text).iterfind("joint"))
+    limits = []
+    for name in names:
+        found = [each for each in there if each.get("name", "") == name]
+        if not found:
+            its = ", ".join(each.get("name", "") for each in there)
+            raise _wrong(f"the URDF has no joint {name!r}; it has {its}")
+        if len(found) > 1:
+            raise _wrong(f"the URDF has {len(found)} joints {name!r}")
+        kind = found[0].get("type", "")
+        if kind not in MOVING:
+            raise _wrong(f"joint {name!r} of the URDF is {kind!r}, which does not move")
+        limits.append(_limits(found[0]))
+    return JointLimits(
+        tuple(each.lower for each in limits),
+        tuple(each.upper for each in limits),
+        tuple(each.velocity for each in limits),
+        tuple(each.acceleration for each in limits),
+    )
+
+
+def _wrong(message: str) -> ConfigurationError:
+    return ConfigurationError("", message)
+
+
+def _parsed(text: str) -> ET.Element:
+    """Prefixes need no declaration, as for urdfdom, so they are part of the names here."""
+    builder, parser = ET.TreeBuilder(), expat.ParserCreate()
+    depth = 0
+
+    def start(tag: str, attributes: dict[str, str]) -> None:
+        nonlocal depth
+        depth += 1
+        if depth > MOST_NESTED:
+            raise _wrong(f"the arm's URDF has elements in more than {MOST_NESTED} others")
+        if tag.startswith("xacro:"):
+            raise _wrong(f"the arm's URDF has <{tag}>: expand it first, by `xacro FILE > arm.urdf`")
+        builder.start(tag, attributes)
+
+    def end(tag: str) -> None:
+        nonlocal depth
+        depth -= 1
+        builder.end(tag)
+
+    def entity(name: str, *_: object) -> None:
+        raise _wrong(f"the arm's URDF declares the entity {name!r}: write what it stands for")
+
+    parser.StartElementHandler = start
+    parser.EndElementHandler = end
+    parser.CharacterDataHandler = builder.data
+    parser.EntityDeclHandler = entity
+    try:
+        parser.Parse(text, True)
+    except (expat.ExpatError, UnicodeError) as error:
+        raise _wrong(f"the arm's URDF is not XML: {error}") from None
+    robot = builder.close()
+    if robot.tag != "robot":
+        raise _wrong(f"the arm's URDF is a <{robot.tag}>, not a <robot>")
+    if (version := _version(robot)) not in _VERSIONS:
+        raise _wrong(f"the arm's URDF is of version {version!r}; allowed: {', '.join(_VERSIONS)}")
+    return robot
+
+
+def _version(robot: ET.Element) -> str:
+    return robot.get("version", _VERSIONS[0])
+
+
+def read_tree(text: str) -> Tree:
+    """Raises ConfigurationError for text that is not URDF, and where its links and joints are no
+    tree."""
+    robot = _parsed(text)
+    joints = [_tree_joint(element) for element in robot.iterfind("joint")]
+    declared = _declared_links(robot, joints)
+    names = [joint.name for joint in joints]
+    if len(set(names)) < len(names) or "" in names:
+        raise _wrong(f"every joint has a name of its own, not {names}")
+    for joint in joints:
+        if joint.kind not in ("fixed", *MOVING, *LOOSE):
+            raise joint.refused()
+    roots = {joint.parent for joint in joints} - {joint.child for joint in joints}
+    if len(roots) != 1:
+        raise _wrong(f"an arm has one base link, not {sorted(roots)}")
+    (root,) = roots
+    below: dict[str, list[TreeJoint]] = {}
+    above: dict[str, TreeJoint] = {}
+    for joint in joints:
+        if joint.child in above:
+            raise _wrong(f"link {joint.child!r} is reached twice: not one arm")
+        below.setdefault(joint.parent, []).append(joint)
+        above[joint.child] = joint
+    links, left = {}, [root]
+    while left:
+        link = left.pop()
+        links[link] = declared[link]
+        left += [joint.child for joint in reversed(below.get(link, []))]
+    if loose := declared.keys() - links.keys():
+        raise _wrong(f"links {sorted(loose)} are not joined to the base")
+    return Tree(
+        robot,
+        text,
+        root,
+        links,
+        {joint.name: joint for joint in joints},
+        above,
+    )
+
+
+def _tree_joint(element: ET.Element) -> TreeJoint:
+    ends = []
+    for tag in ("parent", "child"):
+        end = element.find(tag)
+        ends.append("" if end is None else end.get("link", ""))
+    name = element.get("name", "")
+    if not all(ends):
+        raise _wrong(f"joint {name!r} lacks its parent or child")
+    return TreeJoint(name, element.get("type", ""), ends[0], ends[1], element)
+
+
+def _declared_links(robot: ET.Element, joints: Collection[TreeJoint]) -> dict[str, ET.Element]:
+    """All <link>. Raises ConfigurationError where two have one name, and for a joint between
+    others: what such a link has of mass and body would be lost."""
+    elements = list(robot.iterfind("link"))
+    names = [element.get("name", "") for element in elements]
+    if len(names) > MOST_LINKS:
+        raise _wrong(f"{len(names)} links are more than {MOST_LINKS}")
+    declared = dict(zip(names, elements, strict=True))
+    if len(declared) < len(names) or "" in declared:
+        raise _wrong(f"every link has a name of its own, not {names}")
+    for joint in joints:
+        for link in (joint.parent, joint.child):
+            if link not in declared:
+                raise _wrong(
+                    f"joint {joint.name!r} names link {link!r}, there are {names}; capitals "
+                    "and spaces count"
+                )
+    return declared
+
+
+# ---------------------------------------------------------------------------------------------
+# Numbers
+
+
+def _child(element: ET.Element, tag: str) -> ET.Element:
+    """Raises ValueError that names it where there is none."""
+    child = element.find(tag)
+    if child is None:
+        raise ValueError(f"no <{tag}>")
+    return child
+
+
+def _attribute(element: ET.Element | None, name: str, default: str | None = None) -> float:
+    """Raises ValueError that names the attribute and what it is."""
+    text = default if element is None else element.get(name, default)
+    if text is None:
+        raise ValueError(f"no {name}")
+    try:
+        return _number(text)
+    except ValueError:
+        raise ValueError(f"{name} {text!r} is not a number") from None
+
+
+def _number(text: str) -> float:
+    """Raises ValueError, also for digits that only Python groups by "_"."""
+    return float(text if "_" not in text else "")
+
+
+def _bounded(element: ET.Element, name: str, default: str) -> float:
+    value = _attribute(element, name, default)
+    if not abs(value) <= LARGEST_NUMBER:
+        raise ValueError(f"{name} {value:g} is not a number of at most {LARGEST_NUMBER:g}")
+    return value
+
+
+def _numbers(element: ET.Element, attribute: str, of: str, count: int = 3) -> list[float]:
+    text = element.get(attribute, "")
+    try:
+        numbers = [_number(word) for word in text.split()]
+    except ValueError:
+        numbers = []
+    if len(numbers) != count or not all(abs(each) <= LARGEST_NUMBER for each in numbers):
+        words = {3: "three", 4: "four"}[count]
+        raise _wrong(
+            f"{attribute} of {of}: {text!r} is not {words} numbers of at most {LARGEST_NUMBER:g}"
+        )
+    return numbers
+
+
+def _range(element: ET.Element, open_ended: bool = False) -> tuple[float, float]:
+    if element.get("type") == JointKind.CONTINUOUS.value:
+        return -math.inf, math.inf
+    limit, soft = element.find("limit"), element.find("safety_controller")
+    lower = _attribute(limit, "lower", "-inf" if open_ended else None)
+    upper = _attribute(limit, "upper", "inf" if open_ended else None)
+    lower = max(lower, _attribute(soft, "soft_lower_limit", "-inf"))
+    upper = min(upper, _attribute(soft, "soft_upper_limit", "inf"))
+    largest = math.inf if open_ended else LARGEST_NUMBER
+    if not (-largest <= lower <= upper <= largest and (open_ended or lower < upper)):
+        raise ValueError(f"lower {lower:g} and upper {upper:g} are no range")
+    return lower, upper
+
+
+def _limits(element: ET.Element) -> Limits:
+    with about(f"limits of joint {element.get('name', '')!r}"):
+        limit = _child(element, "limit")
+        velocity = _attribute(limit, "velocity")
+        effort = _attribute(limit, "effort", "0")
+        if not effort >= 0.0:
+            raise ValueError(f"effort {effort:g} is not a torque or force")
+        lower, upper = _range(element)
+        if not 0.0 < velocity <= LARGEST_NUMBER:
+            raise ValueError(f"velocity {velocity:g} is not a speed")
+        return Limits(lower, upper, velocity, _acceleration(limit, velocity), effort or math.inf)
+
+
+def _acceleration(limit: ET.Element, velocity: float) -> float:
+    """URDF 1.2 has two, of which the lower counts; 0 is one that is not published."""
+    published = []
+    for name in ("acceleration", "deceleration"):
+        value = _bounded(limit, name, "0")
+        if value < 0.0:
+            raise ValueError(f"{name} {value:g} is below 0")
+        published += [value] if value else []
+    return min(published, default=velocity / TIME_TO_FULL_SPEED_S)
+
+
+# ---------------------------------------------------------------------------------------------
+# What Pinocchio is given
+
+
+def normal_form(tree: Tree, bodiless: Collection[str], ignore_meshes: bool) -> str:
+    """A URDF of the same tree in which links and joints are numbered in the order that `tree` has
+    them ("link_0", "joint_0"), every number is one, and nothing is left that Pinocchio reads
+    otherwise than this package: no mimic, limits, meshes or missing moments. Joints of several
+    directions are fixed. Links in `bodiless` have no shapes.
+
+    Raises ConfigurationError for numbers that are none, and for shapes that are no primitives.
+    """
+    robot = ET.Element("robot", name="arm", version="1.1")
+    numbers = {link: f"link_{number}" for number, link in enumerate(tree.links)}
+    old = _version(tree.robot) == _VERSIONS[0]
+    for link, element in tree.links.items():
+        made = ET.SubElement(robot, "link", name=numbers[link])
+        if (inertial := element.find("inertial")) is not None:
+            _put_inertial(made, inertial, f"the inertial of link {link!r}", old)
+        for collision in element.iterfind("collision") if link not in bodiless else ():
+            shape = _shape(collision, link, ignore_meshes)
+            if shape is not None:
+                put = ET.SubElement(made, "collision")
+                _put_origin(put, collision, f"a collision element of link {link!r}", old)
+                ET.SubElement(put, "geometry").append(shape)
+    for number, joint in enumerate(tree.joints.values()):
+        one_direction = joint.kind in MOVING
+        kind = "prismatic" if joint.kind == "prismatic" else "revolute"
+        made = ET.SubElement(
+            robot, "joint", name=f"joint_{number}", type=kind if one_direction else "fixed"
+        )
+        ET.SubElement(made, "parent", link=numbers[joint.parent])
+        ET.SubElement(made, "child", link=numbers[joint.child])
+        _put_origin(made, joint.element, f"joint {joint.name!r}", old)
+        if one_direction:
+            _put_axis(made, joint)
+            ET.SubElement(made, "limit", lower="-1", upper="1", velocity="1", effort="1")
+    return ET.tostring(robot, encoding="unicode")
+
+
+class Place(NamedTuple):
+    """As an <origin> has it, m and rad."""
+
+    xyz: tuple[float, ...]
+    rpy: tuple[float, ...]
+
+
+def held_form(tree: Tree, held: Mapping[str, Place], root: Place | None) -> str:
+    """The file with the joints in `held` fixed, each at its place. Where `root` is one, that is of
+    the root in a link that all hangs on."""
+    robot = copy.deepcopy(tree.robot)
+    for joint in robot.iterfind("joint"):
+        if (place := held.get(joint.get("name", ""))) is not None:
+            for element in [each for each in joint if each.tag not in ("parent", "child")]:
+                joint.remove(element)
+            joint.set("type", "fixed")
+            _put_place(joint, place)
+    if root is not None:
+        name = "arm_base"
+        while name in tree.links or name in tree.joints:
+            name += "_"
+        ET.SubElement(robot, "link", name=name)
+        joint = ET.SubElement(robot, "joint", name=name, type="fixed")
+        ET.SubElement(joint, "parent", link=name)
+        ET.SubElement(joint, "child", link=tree.root)
+        _put_place(joint, root)
+    return ET.tostring(robot, encoding="unicode")
+
+
+def _text(*values: float) -> str:
+    """Numbers as urdfdom reads them: it takes none that are smaller than any."""
+    return " ".join(repr(value if abs(value) > 1e-100 else 0.0) for value in values)
+
+
+def _put_place(joint: ET.Element, place: Place) -> None:
+    ET.SubElement(joint, "origin", xyz=_text(*place.xyz), rpy=_text(*place.rpy))
+
+
+def _put_axis(made: ET.Element, joint: TreeJoint) -> None:
+    axis = joint.element.find("axis")
+    if axis is None or axis.get("xyz") is None:
+        return
+    numbers = _numbers(axis, "xyz", f"the axis of {joint.name!r}")
+    length = math.hypot(*numbers)
+    if length < 1e-6:
+        raise _wrong(f"the axis of joint {joint.name!r} has no direction")
+    ET.SubElement(made, "axis", xyz=_text(*(each / length for each in numbers)))
+
+
+def _put_origin(made: ET.Element, element: ET.Element, of: str, old: bool) -> None:
+    origin, of = element.find("origin"), f"the origin of {of}"
+    if origin is None:
+        return
+    put = ET.SubElement(made, "origin")
+    for name, count in (("xyz", 3), ("rpy", 3), ("quat_xyzw", 4)):
+        if origin.get(name) is not None:
+            numbers = _numbers(origin, name, of, count)
+            if count == 4:
+                if old or origin.get("rpy") is not None:
+                    raise _wrong(f'{of}: quat_xyzw is for version="1.1", without an rpy')
+                if abs(math.hypot(*numbers) - 1.0) > 1e-3:
+                    raise _wrong(f"quat_xyzw of {of}: {origin.get(name)!r} has not the length 1")
+            put.set(name, _text(*numbers))
+
+
+def _put_inertial(made: ET.Element, element: ET.Element, of: str, old: bool) -> None:
+    with about(of):
+        mass_kg, tensor = _attribute(_child(element, "mass"), "value"), element.find("inertia")
+        moments = [_attribute(tensor, name, "0") for name in _MOMENTS]
+        if not 0.0 <= mass_kg <= LARGEST_NUMBER:
+            raise ValueError(f"mass {mass_kg:g} kg is not 0 to {LARGEST_NUMBER:g}")
+        if not all(abs(entry) <= LARGEST_NUMBER for entry in moments):
+            raise ValueError(f"moments {moments} are not numbers of at most {LARGEST_NUMBER:g}")
+        if min(moments[0], moments[3], moments[5]) < -_ROUNDING_KG_M2:
+            raise ValueError(f"moments {moments} have a negative ixx, iyy or izz")
+    put = ET.SubElement(made, "inertial")
+    _put_origin(put, element, of, old)
+    ET.SubElement(put, "mass", value=_text(mass_kg))
+    entries = {name: _text(value) for name, value in zip(_MOMENTS, moments, strict=True)}
+    ET.SubElement(put, "inertia", entries)
+
+
+def _shape(element: ET.Element, link: str, ignore_meshes: bool) -> ET.Element | None:
+    """The primitive; None for a mesh that counts as nothing."""
+    geometry = element.find("geometry")
+    primitive = None if geometry is None else next(iter(geometry), None)
+    if primitive is None:
+        raise _wrong(f"a collision element of link {link!r} has no geometry")
+    tag = primitive.tag
+    if lengths := _LENGTHS.get(tag):
+        with about(f"{tag} of link {link!r}"):
+            return ET.Element(tag, {name: _text(_positive(primitive, name)) for name in lengths})
+    if tag == "box":
+        size = _numbers(primitive, "size", f"the box of link {link!r}")
+        if min(size) <= 0.0:
+            raise _wrong(f"the box of link {link!r} has no size")
+        return ET.Element("box", size=_text(*size))
+    if tag == "mesh" and ignore_meshes:
+        return None
+    key = "collision.meshes" if tag == "mesh" else ""
+    raise ConfigurationError(
+        key,
+        f"the collision geometry of link {link!r} is a {tag}; allowed: sphere, cylinder, "
+        "capsule, box. In the arm's .toml give it a [[collision.shape]], or set "
+        'collision.meshes = "ignore"',
+    )
+
+
+def _positive(element: ET.Element, attribute: str) -> float:
+    value = _attribute(element, attribute)
+    if not _SHORTEST_M <= value <= LARGEST_NUMBER:
+        raise ValueError(f"{attribute} {element.get(attribute)!r} is not a length")
+    return value

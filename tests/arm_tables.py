@@ -1,0 +1,19 @@
+"""Writes the table beside each of our arms: what Pinocchio reads of its files, for programs that
+have no Pinocchio. test_arm_tables holds them current."""
+
+from __future__ import annotations
+
+from cardan.robots.arm_loader import FOLDER, arm_names, our_texts
+from cardan.robots.arm_table import content_key, to_table
+
+
+def main() -> None:
+    """Write all of them."""
+    for name in arm_names():
+        texts = our_texts(name)
+        table = to_table(texts.build(), content_key(texts.all), texts.urdf)
+        (FOLDER / f"{name}.json").write_text(table, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
