@@ -12,6 +12,7 @@ from cardan.robots.arm_model import JointKind
 from cardan.robots.urdf import LOOSE, MOVING, Tree, TreeJoint
 
 MOST_JOINTS = 9
+"""Of one arm: seven on a torso of two."""
 
 
 class Chain(NamedTuple):

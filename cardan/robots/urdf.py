@@ -25,6 +25,7 @@ MOST_LINKS = 1000
 """In one file; humanoids have 100. Pinocchio recurses along the tree."""
 
 MOST_NESTED = 100
+"""Elements in each other; a URDF's own are 5, those of simulators some more."""
 
 MOVING = tuple(kind.value for kind in JointKind)
 LOOSE = ("planar", "floating")

@@ -131,8 +131,8 @@ CHAIN = ("l/shoulder", "l/elbow", "l/roll")
 
 @pytest.fixture
 def arm_of(tmp_path):
-    def load(toml):
-        (tmp_path / "tree.urdf").write_text(TREE, encoding="utf-8")
+    def load(toml, tree=TREE):
+        (tmp_path / "tree.urdf").write_text(tree, encoding="utf-8")
         path = tmp_path / "arm.toml"
         path.write_text(f'urdf = "tree.urdf"\n{toml}', encoding="utf-8")
         load_arm.cache_clear()
@@ -305,6 +305,17 @@ def test_every_body_is_where_the_whole_tree_has_it(arm_of):
             np.testing.assert_allclose(0.5 * (start + end), centre.translation, atol=1e-9)
             along = np.cross(end - start, centre.rotation[:, 2])
             np.testing.assert_allclose(along, 0.0, atol=1e-9)
+
+
+def test_what_else_is_in_the_file_stays(arm_of):
+    other = '<link name="arm_base"/><joint name="arm_base_" type="fixed"><parent link="head"/>'
+    other += '<child link="arm_base"/></joint><gazebo><sensor:camera sensor:fps="3">&lt;x&gt;'
+    text = TREE.replace("</robot>", f"{other}</sensor:camera></gazebo></robot>")
+    arm = arm_of('tcp = "l/tcp"\nbase = "torso"', text)
+    assert '<gazebo><sensor:camera sensor:fps="3">&lt;x&gt;</sensor:camera></gazebo>' in arm.urdf
+    assert '<mesh filename="package://nowhere/fore.stl"' in arm.urdf
+    assert read_tree(arm.urdf).root == "arm_base__"
+    assert_own_urdf(arm, "l/tcp")
 
 
 def test_two_arms_of_one_tree_have_each_other_s_bodies(arm_of):
