@@ -113,6 +113,8 @@ ARM_MODEL = (
     "cardan.gateway.motion.trajectory",
     "cardan.gateway.servo.",
     "cardan.robots.counterbalance",
+    "cardan.robots.fit",
+    "cardan.robots.meshes",
     "cardan.sim_peers.arm.controller",
     "cardan.sim_peers.arm.plant",
     "cardan.sim_peers.arm.udp",

@@ -15,6 +15,8 @@ TEXT_BYTES: Final = 2**20
 """Longest text that is read: a hundred times the longest configuration, and parsed in seconds."""
 MODEL_BYTES: Final = 16 * 2**20
 """Longest model of an arm that is read; published URDF files have less than 1 MB."""
+MESH_BYTES: Final = 64 * 2**20
+"""Longest mesh that is read; the longest published ones have 30 MB."""
 
 PIECE_BYTES: Final = 2**20
 """Most that is asked of a file at once where the length comes from the file: reading takes the
@@ -110,6 +112,18 @@ def state_folder() -> Path:
             "HOME", "this user has no home folder: set HOME, or XDG_STATE_HOME to a folder"
         )
     return Path(home) / "cardan"
+
+
+def cache_folder() -> Path | None:
+    """Where a program keeps what it can make anew: a service's folder for it, or the user's. It
+    need not exist yet. None for a user without a home."""
+    service = os.environ.get("CACHE_DIRECTORY", "").partition(":")[0]
+    if service:
+        return Path(service)
+    home = os.environ.get("XDG_CACHE_HOME", "")
+    if not os.path.isabs(home):
+        home = os.path.expanduser("~/.cache")
+    return Path(home) / "cardan" if os.path.isabs(home) else None
 
 
 def records_folder(folder: str = "") -> Path:
