@@ -22,6 +22,7 @@ from cardan.types import Pose, Quaternion, Vector3
 How = Literal["tight", "coarse"]
 """Few pieces that leave little over, or one."""
 Floats = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 
 METHOD: Final = 1
@@ -47,6 +48,8 @@ _JOGGLE: Final = 1e-8
 """Corners are shifted by so much of the length: no four are then in one plane by chance."""
 _SLICES: Final = 10
 """Planes across an axis at which pieces may meet divide it into so many."""
+_ON_PLANE_M: Final = 1e-9
+"""What is so near to a plane is on both its sides: rounding must not take a corner from a cell."""
 _SAMPLES: Final = 16384
 _SAMPLES_TO_COMPARE: Final = 2048
 _WORTH_A_PIECE: Final = 0.95
@@ -116,7 +119,9 @@ class Hull:
         length = float(np.ptp(points, axis=0).max())
         noise = np.random.Generator(np.random.PCG64(1)).uniform(-1.0, 1.0, points.shape)
         self._points = points + _JOGGLE * length * noise
-        self._begin()
+        self._flat_m = 1e-3 * _JOGGLE * length
+        self.facets: Indices = self._first_facets()
+        self.normals, self.offsets = self._planes(self.facets)
         self._insert(np.unique(np.argmax(self._points @ _directions(128).T, axis=0)))
         left = np.arange(len(points))
         while True:
@@ -141,8 +146,8 @@ class Hull:
         centred = self.triangles - self.corners.mean(axis=0)
         self.volume: float = float(np.linalg.det(centred).sum() / 6.0)
 
-    def _begin(self) -> None:
-        """With a tetrahedron: the longest, widest and thickest there is."""
+    def _first_facets(self) -> Indices:
+        """Of a tetrahedron: long, wide and thick."""
         points = self._points
         a = int(np.argmin(points[:, int(np.argmax(np.ptp(points, axis=0)))]))
         b = int(np.argmax(np.linalg.norm(points - points[a], axis=1)))
@@ -152,10 +157,9 @@ class Hull:
         d = int(np.argmax(np.abs(upward)))
         if upward[d] > 0.0:
             b, c = c, b
-        self.facets = np.array([[a, b, c], [a, d, b], [b, d, c], [c, d, a]])
-        self.normals, self.offsets = self._planes(self.facets)
+        return np.array([[a, b, c], [a, d, b], [b, d, c], [c, d, a]])
 
-    def _planes(self, facets: npt.NDArray[np.int64]) -> tuple[Floats, Floats]:
+    def _planes(self, facets: Indices) -> tuple[Floats, Floats]:
         a, b, c = self._points[facets].transpose(1, 0, 2)
         normals = np.cross(b - a, c - a)
         length = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -164,7 +168,7 @@ class Hull:
 
     def _insert(self, indices: Iterable[int]) -> None:
         for index in indices:
-            visible = self.normals @ self._points[index] > self.offsets
+            visible = self.normals @ self._points[index] > self.offsets + self._flat_m
             if not visible.any():
                 continue
             seen = self.facets[visible].tolist()
@@ -177,11 +181,11 @@ class Hull:
             self.normals = np.concatenate((self.normals[hidden], normals))
             self.offsets = np.concatenate((self.offsets[hidden], offsets))
 
-    def beyond(self, points: Floats) -> tuple[Floats, npt.NDArray[np.int64]]:
+    def beyond(self, points: Floats) -> tuple[Floats, Indices]:
         """How far each is beyond the planes of the facets, at most, and of which."""
         parts = [
             points[first : first + 4096] @ self.normals.T - self.offsets
-            for first in range(0, len(points), 4096)
+            for first in range(0, max(len(points), 1), 4096)
         ]
         facet = np.concatenate([part.argmax(axis=1) for part in parts])
         return np.concatenate([part.max(axis=1) for part in parts]), facet
@@ -212,7 +216,7 @@ def _thickened(points: Floats) -> Floats:
 def _axes_of(moments: Floats) -> Floats:
     """Principal axes as rows of a rotation, the longest first."""
     _, columns = np.linalg.eigh(moments)
-    axes = columns.T[::-1].copy()
+    axes: Floats = columns.T[::-1].copy()
     for axis in axes:
         axis *= math.copysign(1.0, axis[int(np.argmax(np.abs(axis)))])
     axes[2] = _cross(axes[0], axes[1])
@@ -382,8 +386,8 @@ def _capsule(points: Floats, axes: Floats, steps: int) -> _CapsulePiece:
 def _frames(hull: Hull) -> list[Floats]:
     """Orientations to try: the box of the smallest volume, principal axes, the mesh's own."""
     centres = hull.triangles.mean(axis=1)
-    sides = hull.triangles[:, 1:] - hull.triangles[:, :1]
-    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1)
+    spans = hull.triangles[:, 1:] - hull.triangles[:, :1]
+    areas = np.linalg.norm(np.cross(spans[:, 0], spans[:, 1]), axis=1)
     centred = centres - np.average(centres, axis=0, weights=areas)
     principal = _axes_of((centred * areas[:, None]).T @ centred)
     largest = hull.normals[np.argsort(-areas, kind="stable")]
@@ -393,7 +397,8 @@ def _frames(hull: Hull) -> list[Floats]:
             break
         if normal.any() and all(abs(normal @ other) < 0.999 for other in chosen):
             chosen.append(normal)
-    turned = [_turned(hull.corners, normal) for normal in [*chosen, *principal, *np.eye(3)]]
+    sides = np.array(chosen)
+    turned = [_turned(hull.corners, normal, sides) for normal in [*chosen, *principal, *np.eye(3)]]
     tried = [*turned, principal, np.eye(3)]
     tightest = min(tried, key=lambda axes: _box(hull.corners, axes).volume)
     return [_longest_first(hull.corners, axes) for axes in (tightest, principal, np.eye(3))]
@@ -407,14 +412,17 @@ def _longest_first(points: Floats, axes: Floats) -> Floats:
 _ANGLES: Final = np.linspace(0.0, math.pi / 2.0, 30, endpoint=False)
 
 
-def _turned(points: Floats, normal: Floats) -> Floats:
-    """The frame about `normal` whose box about the points is smallest."""
-    side = np.eye(3)[int(np.argmin(np.abs(normal)))]
-    x = _cross(normal, side)
+def _turned(points: Floats, normal: Floats, sides: Floats | None = None) -> Floats:
+    """The frame about `normal` whose box about the points is smallest; those with a side along one
+    of `sides` are tried, too."""
+    x = _cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
     x /= np.linalg.norm(x)
     y = _cross(normal, x)
-    xs = np.cos(_ANGLES)[:, None] * x + np.sin(_ANGLES)[:, None] * y
-    ys = np.cos(_ANGLES)[:, None] * y - np.sin(_ANGLES)[:, None] * x
+    angles = _ANGLES
+    if sides is not None:
+        angles = np.concatenate((angles, np.arctan2(sides @ y, sides @ x)))
+    cosines, sines = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    xs, ys = cosines * x + sines * y, cosines * y - sines * x
     sizes = np.ptp(points @ xs.T, axis=0) * np.ptp(points @ ys.T, axis=0)
     best = int(np.argmin(sizes))
     return np.stack((normal, xs[best], ys[best]))
@@ -438,7 +446,7 @@ def _crossings(edges: Floats, normal: Floats, offset: float) -> Floats:
     through = start * end < 0.0
     start, end, edges = start[through], end[through], edges[through]
     share = (start / (start - end))[:, None]
-    return cast(Floats, edges[:, 0] + share * (edges[:, 1] - edges[:, 0]))
+    return edges[:, 0] + share * (edges[:, 1] - edges[:, 0])
 
 
 class _Plane(NamedTuple):
@@ -482,30 +490,27 @@ class _Cell:
         return self.piece.volume - sum(half.piece.volume for half in self.halves)
 
     def _cuts(self) -> Iterator[tuple[_Cell, _Cell]]:
-        for direction in _CUTS @ self._axes:
+        for direction in (way @ self._axes for way in _CUTS):
             along = self.corners @ direction
             low, length = float(along.min()), float(np.ptp(along))
             for share in _CUT_SHARES:
                 offset = low + share * length
-                lower = _Plane(direction, offset)
-                upper = _Plane(-direction, -offset)
-                first, second = (
-                    _Cell(self._hull, self._axes, (*self._planes, side)) for side in (lower, upper)
+                yield (
+                    self._cut_by(_Plane(direction, offset)),
+                    self._cut_by(_Plane(-direction, -offset)),
                 )
-                yield first, second
+
+    def _cut_by(self, plane: _Plane) -> _Cell:
+        return _Cell(self._hull, self._axes, (*self._planes, plane))
 
 
-_CUTS: Final = np.array(
-    [
-        way
-        for way in itertools.product((-1.0, 0.0, 1.0), repeat=3)
-        if way > (0.0, 0.0, 0.0) and 0.0 in way
-    ]
-)
-_CUTS /= np.linalg.norm(_CUTS, axis=1, keepdims=True)
+_CUTS: Final = [
+    np.array(way) / math.hypot(*way)
+    for way in itertools.product((-1.0, 0.0, 1.0), repeat=3)
+    if way > (0.0, 0.0, 0.0) and 0.0 in way
+]
 """Normals of the planes that are tried: along the edges of a box and the diagonals of its faces."""
 _CUT_SHARES: Final = (0.25, 0.5, 0.75)
-_ON_PLANE_M: Final = 1e-9
 
 
 def _corners(hull: Hull, planes: tuple[_Plane, ...]) -> Floats:
@@ -520,7 +525,7 @@ def _corners(hull: Hull, planes: tuple[_Plane, ...]) -> Floats:
         normals = np.stack([plane.normal for plane in three])
         if abs(np.linalg.det(normals)) > 1e-9:
             point = np.linalg.solve(normals, np.array([plane.offset for plane in three]))
-            if (hull.normals @ point <= hull.offsets).all():
+            if (hull.normals @ point <= hull.offsets + _ON_PLANE_M).all():
                 found.append(point[None])
     points = np.concatenate(found)
     for plane in planes:
@@ -534,9 +539,9 @@ def _along(hull: Hull, point: Floats, direction: Floats) -> Floats:
     room = hull.offsets - hull.normals @ point
     into, out = slope < 0.0, slope > 0.0
     low, high = (room[into] / slope[into]).max(), (room[out] / slope[out]).min()
-    if low > high:
+    if low > high + _ON_PLANE_M:
         return np.empty((0, 3))
-    return cast(Floats, point + np.array([[low], [high]]) * direction)
+    return point + np.array([[low], [high]]) * direction
 
 
 def _steps(hull: Hull, axes: Floats) -> _Steps:
@@ -554,9 +559,9 @@ def _steps(hull: Hull, axes: Floats) -> _Steps:
 
     def piece(first: int, last: int) -> tuple[float, _BoxPiece]:
         away = np.abs(along - middle)
-        inside = away >= steps[first]
+        inside = away >= steps[first] - _ON_PLANE_M
         if last < _SLICES:
-            inside &= away <= steps[last]
+            inside &= away <= steps[last] + _ON_PLANE_M
         found = _box(np.concatenate((hull.corners[inside], *faces[first], *faces[last])), axes)
         size = found.high - found.low
         return 2.0 * float((steps[last] - steps[first]) * size[1] * size[2]), found
@@ -590,7 +595,8 @@ def _starred(hull: Hull, axes: Floats, number: int, share: float) -> list[_Piece
     on_axis = _along(hull, middle, axes[0])
     pieces: list[_Piece] = []
     for index in range(number):
-        between = sides[:, index] * sides[:, index + 1] <= 0.0
+        first, last = sides[:, index], sides[:, index + 1]
+        between = (first * last <= 0.0) | (np.minimum(np.abs(first), np.abs(last)) <= _ON_PLANE_M)
         angle = step * (index + share + 0.5)
         bisector = math.cos(angle) * axes[1] + math.sin(angle) * axes[2]
         frame = np.stack((axes[0], bisector, _cross(axes[0], bisector)))
@@ -605,7 +611,8 @@ def _starred(hull: Hull, axes: Floats, number: int, share: float) -> list[_Piece
 
 def _rated(hull: Hull, covers: Iterable[Sequence[_Piece]], axes: Floats) -> Fit:
     """The best of them."""
-    best, least = (), math.inf
+    best: tuple[_Piece, ...] = ()
+    least = math.inf
     for cover in covers:
         pieces = tuple(piece.larger(hull.margin_m) for piece in cover)
         share = _over_share(hull, pieces, axes, _SAMPLES_TO_COMPARE)
@@ -648,4 +655,4 @@ def _spread(number: int) -> Floats:
     # The real root of x⁴ = x + 1.
     root = 1.2207440846057596
     steps = root ** -np.arange(1.0, 4.0)
-    return cast(Floats, (0.5 + np.arange(number)[:, None] * steps) % 1.0)
+    return (0.5 + np.arange(number)[:, None] * steps) % 1.0

@@ -202,7 +202,7 @@ def _obj(data: bytes) -> Points:
         _refuse(f"is cut off or damaged: a face has a corner that is none of its {len(points)}")
     if (indices < 0).any():
         return points
-    return cast(Points, points[np.unique(indices) - 1])
+    return points[np.unique(indices) - 1]
 
 
 def _numbers(words: Sequence[bytes | str]) -> Points:
@@ -342,7 +342,7 @@ class _Collada:
                 if step < 3 or min(first, count) < 0 or first + count * step > len(numbers):
                     _refuse(f"has {len(numbers)} numbers for {count} positions of {step}")
                 rows = np.array(numbers[first : first + count * step], dtype=np.float64)
-                return cast(Points, rows.reshape(-1, step)[:, :3])
+                return rows.reshape(-1, step)[:, :3]
         _refuse("has faces without positions")
 
 
