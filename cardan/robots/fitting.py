@@ -103,7 +103,7 @@ def _checked(points: npt.ArrayLike) -> Floats:
     if found.ndim != 2 or found.shape[1] != 3 or not len(found):
         raise ConfigurationError("", f"points are rows of three numbers, found {found.shape}")
     if not (np.abs(found) <= FARTHEST_M).all():
-        raise ConfigurationError("", f"a point is no number, or more than {FARTHEST_M:g} m away")
+        raise ConfigurationError("", f"a point is not finite, or more than {FARTHEST_M:g} m away")
     return found
 
 
@@ -164,7 +164,7 @@ class Hull:
         normals = np.cross(b - a, c - a)
         length = np.linalg.norm(normals, axis=1, keepdims=True)
         normals = normals / np.where(length > 0.0, length, 1.0)
-        return normals, np.einsum("ij,ij->i", normals, a)
+        return normals, _dots(normals, a)
 
     def _insert(self, indices: Iterable[int]) -> None:
         for index in indices:
@@ -229,6 +229,12 @@ def _cross(first: Floats, second: Floats) -> Floats:
     return np.array([b * f - c * e, c * d - a * f, a * e - b * d])
 
 
+def _dots(first: Floats, second: Floats) -> Floats:
+    """Of each row of one with that of the other."""
+    found: Floats = (first * second).sum(axis=-1)
+    return found
+
+
 def _directions(number: int) -> Floats:
     """Spread evenly over the sphere, with the six along the axes."""
     index = np.arange(number) + 0.5
@@ -246,15 +252,15 @@ def distances(points: Floats, triangles: Floats) -> Floats:
     size = np.linalg.norm(normal, axis=1)
     flat = size == 0.0
     normal = normal / np.where(flat, 1.0, size)[:, None]
-    to_plane = np.abs(np.einsum("ij,ij->i", points - a, normal))
+    to_plane = np.abs(_dots(points - a, normal))
     inside = ~flat
     to_edges = np.full(len(points), np.inf)
     for first, second in ((0, 1), (1, 2), (2, 0)):
         start, side = triangles[:, first], triangles[:, second] - triangles[:, first]
         offset = points - start
-        inside &= np.einsum("ij,ij->i", np.cross(side, offset), normal) >= 0.0
-        squared = np.einsum("ij,ij->i", side, side)
-        share = np.einsum("ij,ij->i", offset, side) / np.where(squared > 0.0, squared, 1.0)
+        inside &= _dots(np.cross(side, offset), normal) >= 0.0
+        squared = _dots(side, side)
+        share = _dots(offset, side) / np.where(squared > 0.0, squared, 1.0)
         nearest = offset - np.clip(share, 0.0, 1.0)[:, None] * side
         to_edges = np.minimum(to_edges, np.linalg.norm(nearest, axis=1))
     return np.where(inside, to_plane, to_edges)
@@ -318,7 +324,7 @@ class _CapsulePiece(NamedTuple):
             np.clip(offset @ along / squared, 0.0, 1.0) if squared > 0.0 else np.zeros(len(points))
         )
         nearest = offset - share[:, None] * along
-        return cast(Mask, np.einsum("ij,ij->i", nearest, nearest) <= self.radius**2)
+        return cast(Mask, _dots(nearest, nearest) <= self.radius**2)
 
     def shape(self) -> Shape:
         return Capsule(_vector(self.start), _vector(self.end), self.radius)
@@ -364,10 +370,10 @@ def _capsule(points: Floats, axes: Floats, steps: int) -> _CapsulePiece:
     middle = (across.min(axis=0) + across.max(axis=0)) / 2.0
     for step in range(steps):
         offset = across - middle
-        far = int(np.argmax(np.einsum("ij,ij->i", offset, offset)))
+        far = int(np.argmax(_dots(offset, offset)))
         middle = middle + offset[far] / (step + 2)
     offset = across - middle
-    squared = np.einsum("ij,ij->i", offset, offset)
+    squared = _dots(offset, offset)
     radii = math.sqrt(squared.max()) * _WIDER
     ends = np.sqrt(np.maximum(radii[:, None] ** 2 - squared, 0.0))
     low, high = (local[:, 0] + ends).min(axis=1), (local[:, 0] - ends).max(axis=1)

@@ -140,7 +140,7 @@ def points_in(data: bytes, path: Path, scale: Vector3 = UNSCALED) -> Points:
         if not len(points):
             _refuse("has no faces")
         if not np.isfinite(points).all():
-            _refuse("has a corner that is no number")
+            _refuse("has a corner that is not finite")
     except (ValueError, OverflowError) as error:
         raise ConfigurationError("", f"mesh {path} {error}") from None
     return cast(Points, points)
@@ -333,7 +333,7 @@ class _Collada:
                 source = self._called(each, "source")
                 accessor = source.find("technique_common/accessor")
                 if accessor is None:
-                    _refuse("has positions without an accessor")
+                    _refuse("has positions that nothing describes")
                 numbers = (self._called(accessor, "source").text or "").split()
                 step, first = (
                     int(accessor.get(key, d)) for key, d in (("stride", "1"), ("offset", "0"))

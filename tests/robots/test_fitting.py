@@ -237,9 +237,9 @@ def test_what_has_no_thickness_gets_one(points):
     [
         ([], "rows of three numbers"),
         ([[1.0, 2.0]], "rows of three numbers"),
-        ([[1.0, 2.0, math.nan]], "no number, or more than 100 m"),
-        ([[1.0, 2.0, math.inf]], "no number, or more than 100 m"),
-        ([[1.0, 2.0, 1e30]], "no number, or more than 100 m"),
+        ([[1.0, 2.0, math.nan]], "not finite, or more than 100 m"),
+        ([[1.0, 2.0, math.inf]], "not finite, or more than 100 m"),
+        ([[1.0, 2.0, 1e30]], "not finite, or more than 100 m"),
     ],
 )
 def test_what_cannot_be_covered(points, words):

@@ -143,7 +143,7 @@ BAD = {
     "a corner that is no number": (
         binary_stl()[:96] + struct.pack("<f", math.nan) + binary_stl()[100:],
         "stl",
-        "a corner that is no number",
+        "a corner that is not finite",
     ),
     "an ASCII STL cut off": (ascii_stl()[:-20], "stl", "has no endsolid"),
     "an ASCII STL without a number": (
