@@ -324,7 +324,7 @@ class _CapsulePiece(NamedTuple):
             np.clip(offset @ along / squared, 0.0, 1.0) if squared > 0.0 else np.zeros(len(points))
         )
         nearest = offset - share[:, None] * along
-        return cast(Mask, _dots(nearest, nearest) <= self.radius**2)
+        return _dots(nearest, nearest) <= self.radius**2
 
     def shape(self) -> Shape:
         return Capsule(_vector(self.start), _vector(self.end), self.radius)
