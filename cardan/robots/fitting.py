@@ -46,8 +46,8 @@ _SIMPLER: Final = 5e-4
 """Corners that are nearer to the hull of the others are left out, as a share of its length."""
 _JOGGLE: Final = 1e-8
 """Corners are shifted by so much of the length: no four are then in one plane by chance."""
-_SLICES: Final = 10
-"""Planes across an axis at which pieces may meet divide it into so many."""
+_SLICES: Final = 8
+"""Half of the hull's length along an axis is divided into so many, where steps may begin."""
 _ON_PLANE_M: Final = 1e-9
 """What is so near to a plane is on both its sides: rounding must not take a corner from a cell."""
 _SAMPLES: Final = 16384
@@ -194,10 +194,7 @@ class Hull:
         """From the hull; below 0 inside it, by the depth."""
         depth, _ = self.beyond(points)
         outside = depth > 0.0
-        depth[outside] = [
-            distances(np.broadcast_to(point, (len(self.triangles), 3)), self.triangles).min()
-            for point in points[outside]
-        ]
+        depth[outside] = [distances(point, self.triangles).min() for point in points[outside]]
         return depth
 
 
@@ -246,7 +243,7 @@ def _directions(number: int) -> Floats:
 
 
 def distances(points: Floats, triangles: Floats) -> Floats:
-    """Of each point (n x 3) from the triangle with the same index (n x 3 x 3)."""
+    """Of a point, or of as many, from each triangle (n x 3 x 3)."""
     a = triangles[:, 0]
     normal = np.cross(triangles[:, 1] - a, triangles[:, 2] - a)
     size = np.linalg.norm(normal, axis=1)
@@ -254,7 +251,7 @@ def distances(points: Floats, triangles: Floats) -> Floats:
     normal = normal / np.where(flat, 1.0, size)[:, None]
     to_plane = np.abs(_dots(points - a, normal))
     inside = ~flat
-    to_edges = np.full(len(points), np.inf)
+    to_edges = np.full(len(triangles), np.inf)
     for first, second in ((0, 1), (1, 2), (2, 0)):
         start, side = triangles[:, first], triangles[:, second] - triangles[:, first]
         offset = points - start
@@ -347,8 +344,8 @@ def _boxes(points: Floats, frames: Iterable[Floats]) -> Iterator[_BoxPiece]:
 
 
 def _box(points: Floats, axes: Floats) -> _BoxPiece:
-    local = points @ axes.T
-    return _BoxPiece(axes, local.min(axis=0), local.max(axis=0))
+    local = axes @ points.T
+    return _BoxPiece(axes, local.min(axis=1), local.max(axis=1))
 
 
 def _pieces(points: Floats, frames: Sequence[Floats], steps: int = 0) -> Iterator[_Piece]:
@@ -429,7 +426,7 @@ def _turned(points: Floats, normal: Floats, sides: Floats | None = None) -> Floa
         angles = np.concatenate((angles, np.arctan2(sides @ y, sides @ x)))
     cosines, sines = np.cos(angles)[:, None], np.sin(angles)[:, None]
     xs, ys = cosines * x + sines * y, cosines * y - sines * x
-    sizes = np.ptp(points @ xs.T, axis=0) * np.ptp(points @ ys.T, axis=0)
+    sizes = np.ptp(xs @ points.T, axis=1) * np.ptp(ys @ points.T, axis=1)
     best = int(np.argmin(sizes))
     return np.stack((normal, xs[best], ys[best]))
 
@@ -496,7 +493,7 @@ class _Cell:
         return self.piece.volume - sum(half.piece.volume for half in self.halves)
 
     def _cuts(self) -> Iterator[tuple[_Cell, _Cell]]:
-        for direction in (way @ self._axes for way in _CUTS):
+        for direction in self._axes:
             along = self.corners @ direction
             low, length = float(along.min()), float(np.ptp(along))
             for share in _CUT_SHARES:
@@ -510,13 +507,8 @@ class _Cell:
         return _Cell(self._hull, self._axes, (*self._planes, plane))
 
 
-_CUTS: Final = [
-    np.array(way) / math.hypot(*way)
-    for way in itertools.product((-1.0, 0.0, 1.0), repeat=3)
-    if way > (0.0, 0.0, 0.0) and 0.0 in way
-]
-"""Normals of the planes that are tried: along the edges of a box and the diagonals of its faces."""
-_CUT_SHARES: Final = (0.25, 0.5, 0.75)
+_CUT_SHARES: Final = (0.2, 0.35, 0.5, 0.65, 0.8)
+"""Of a cell's length along an axis, where it may be cut."""
 
 
 def _corners(hull: Hull, planes: tuple[_Plane, ...]) -> Floats:
