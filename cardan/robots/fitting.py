@@ -115,14 +115,15 @@ class Hull:
     """The convex hull of points, of few corners: all points are within `margin_m` of it."""
 
     def __init__(self, points: Floats) -> None:
-        points = _thickened(points)
+        # Copies of a corner, as STL has them, would be shifted apart and leave slivers between.
+        points = _thickened(np.unique(points, axis=0))
         length = float(np.ptp(points, axis=0).max())
         noise = np.random.Generator(np.random.PCG64(1)).uniform(-1.0, 1.0, points.shape)
         self._points = points + _JOGGLE * length * noise
         self._flat_m = 1e-3 * _JOGGLE * length
         self.facets: Indices = self._first_facets()
         self.normals, self.offsets = self._planes(self.facets)
-        self._insert(np.unique(np.argmax(self._points @ _directions(128).T, axis=0)))
+        self._insert(np.unique(np.argmax(self._points @ _directions(20).T, axis=0)))
         left = np.arange(len(points))
         while True:
             beyond, facet = self.beyond(self._points[left])
