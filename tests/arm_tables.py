@@ -3,15 +3,16 @@ have no Pinocchio. test_arm_tables holds them current."""
 
 from __future__ import annotations
 
+from cardan.common.kept import content_key
 from cardan.robots.arm_loader import FOLDER, arm_names, our_texts
-from cardan.robots.arm_table import content_key, to_table
+from cardan.robots.arm_table import to_table
 
 
 def main() -> None:
     """Write all of them."""
     for name in arm_names():
         texts = our_texts(name)
-        table = to_table(texts.build(), content_key(texts.all), texts.urdf)
+        table = to_table(texts.build(), content_key(texts.texts), texts.urdf)
         (FOLDER / f"{name}.json").write_text(table, encoding="utf-8")
 
 

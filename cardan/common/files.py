@@ -16,6 +16,8 @@ TEXT_BYTES: Final = 2**20
 """Longest text that is read: a hundred times the longest configuration, and parsed in seconds."""
 MODEL_BYTES: Final = 16 * 2**20
 """Longest model of an arm that is read; published URDF files have less than 1 MB."""
+MESH_BYTES: Final = 64 * 2**20
+"""Longest mesh that is read; the longest published ones have 30 MB."""
 
 PIECE_BYTES: Final = 2**20
 """Most that is asked of a file at once where the length comes from the file: reading takes the

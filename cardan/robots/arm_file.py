@@ -70,7 +70,10 @@ class CollisionTable(Options):
 
     ignore: tuple[tuple[str, str], ...] = ()
     """Pairs of links that always touch, besides neighbours."""
-    meshes: Literal["refuse", "ignore"] = "refuse"
+    meshes: Literal["fit", "ignore"] = "fit"
+    """Whether meshes are covered, or count as nothing."""
+    fit: Literal["tight", "coarse"] = "tight"
+    """By up to four capsules and boxes each, or by one."""
     shape: tuple[ShapeTable, ...] = ()
 
 
@@ -90,6 +93,8 @@ class ArmFile(Options):
     """Those that move, of all between `base` and `tcp`; empty: all."""
     hold: Mapping[str, _Number] = field(default_factory=dict)
     """Where other joints are, deg or m; default: nearest to 0 in their range."""
+    package_dirs: tuple[str, ...] = ()
+    """Folders of packages that meshes are in, from the folder of the URDF, before all others."""
     home_deg: tuple[_Number, ...] | None = None
     """Revolute joints in deg, prismatic ones in m."""
     acceleration_deg_s2: _Positive | tuple[_Positive, ...] | None = None

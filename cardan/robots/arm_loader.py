@@ -15,11 +15,13 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from cardan.common.files import MODEL_BYTES
+from cardan.common.kept import content_key
 from cardan.common.tables import parse_toml, read_table, read_text
 from cardan.errors import ConfigurationError, about, below
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_model import ArmModel
-from cardan.robots.arm_table import content_key, from_table, keep_arm, kept_arm
+from cardan.robots.arm_table import from_table, keep_arm, kept_arm
+from cardan.robots.mesh_files import meshes_of, read_mesh
 from cardan.robots.urdf import read_tree
 
 FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
@@ -43,12 +45,24 @@ class ArmTexts:
                 self.urdf = read_text(self.urdf_path, MODEL_BYTES, declared=True)
         else:
             self.urdf = read_text(path, MODEL_BYTES, declared=True)
-        self.all = (*texts, self.urdf)
+        self.texts = (*texts, self.urdf)
+
+    def parts(self) -> list[str | bytes]:
+        """All that the arm is made of, meshes too. Raises ConfigurationError."""
+        with self._blamed():
+            meshes = meshes_of(read_tree(self.urdf), self.file, self.urdf_path)
+            return [
+                *self.texts,
+                *(
+                    each.missing if each.path is None else read_mesh(each.path)
+                    for each in meshes.values()
+                ),
+            ]
 
     def build(self) -> ArmModel:
         """By Pinocchio. Raises ConfigurationError, ExtraMissingError."""
         with self._blamed():
-            return _build(self.urdf, self.file)
+            return _build(self.urdf, self.file, self.urdf_path)
 
     @contextlib.contextmanager
     def _blamed(self) -> Iterator[None]:
@@ -60,12 +74,13 @@ class ArmTexts:
             raise ConfigurationError("", f"{at}: {error}") from None
 
 
-def _build(text: str, file: ArmFile) -> ArmModel:
+def _build(text: str, file: ArmFile, path: Path | None = None) -> ArmModel:
     tree = read_tree(text)
+    meshes = meshes_of(tree, file, path)
     # An extra: what is read from a table needs none.
     from cardan.robots.arm_reader import build_arm
 
-    return build_arm(tree, file)
+    return build_arm(tree, file, meshes)
 
 
 def parse_urdf(text: str) -> ArmModel:
@@ -104,10 +119,11 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
             "the path of a .toml or .urdf file, or PACKAGE:FILE for one in a package",
         )
     texts = ArmTexts(_located(name_or_file, Path()))
-    arm = kept_arm(texts.all, texts.urdf)
+    parts = texts.parts()
+    arm = kept_arm(parts, texts.urdf)
     if arm is None:
         arm = texts.build()
-        keep_arm(texts.all, texts.urdf, arm)
+        keep_arm(parts, texts.urdf, arm)
     return arm
 
 
@@ -120,7 +136,7 @@ def our_texts(name: str) -> ArmTexts:
 def _ours(name: str) -> ArmModel:
     texts, path = our_texts(name), FOLDER / f"{name}.json"
     table = read_text(path) if path.exists() else ""
-    return from_table(table, content_key(texts.all), texts.urdf) or texts.build()
+    return from_table(table, content_key(texts.texts), texts.urdf) or texts.build()
 
 
 def _located(name: str, folder: Path) -> Path:

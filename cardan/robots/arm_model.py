@@ -140,6 +140,8 @@ class ArmModel(NamedTuple):
     touch, and of what one joint moves the first where none has."""
     bare_links: tuple[str, ...] = ()
     """Those of `solid_links` without a body: nothing keeps them away from anything."""
+    missing_meshes: tuple[str, ...] = ()
+    """Which of their meshes are not there, and where they were looked for."""
 
     @property
     def home_tcp(self) -> Pose:
@@ -159,7 +161,8 @@ class ArmModel(NamedTuple):
         bare = self.bare_links
         if not bare:
             return ""
-        return f"{len(bare)} of {len(self.solid_links)} links have no body: {', '.join(bare)}"
+        words = f"{len(bare)} of {len(self.solid_links)} links have no body: {', '.join(bare)}"
+        return "; ".join((words, *self.missing_meshes))
 
     def require_bodies(self, key: str) -> None:
         """Raise ConfigurationError of the setting `key` where links have no body."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import xml.etree.ElementTree as ET
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from cardan.common.arm_libraries import coal, np, pin
@@ -20,6 +21,8 @@ from cardan.robots.arm_model import (
     JointKind,
     Shape,
 )
+from cardan.robots.fit_cache import fit_mesh
+from cardan.robots.mesh_files import FoundMesh
 from cardan.robots.urdf import LOOSE, Place, Tree, TreeJoint, held_form, normal_form
 from cardan.spatial import compose, norm, scale, subtract, transform
 from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion, Vector3
@@ -45,14 +48,21 @@ class _Links(dict[str, _Link]):
         return self[name]
 
 
-def build_arm(tree: Tree, file: ArmFile) -> ArmModel:
-    """Raises ConfigurationError: with a key for what the arm's file asks, without one for what is
-    wrong in the URDF."""
+def build_arm(tree: Tree, file: ArmFile, meshes: Mapping[ET.Element, FoundMesh]) -> ArmModel:
+    """`meshes` are those of the tree's collision elements. Raises ConfigurationError: with a key
+    for what the arm's file asks, without one for what is wrong in the URDF."""
     chain = chain_of(tree, file)
     joints = _limited(chain.joints)
     if file.acceleration_deg_s2 is not None:
         joints = _accelerated(joints, file.acceleration_deg_s2)
-    model, geometry, urdf = _reduced(tree, chain, file.collision)
+    covers = {
+        each: fit_mesh(found.path, file.collision.fit, found.mesh.scale).shapes
+        for each, found in meshes.items()
+        if found.path is not None
+    }
+    left_out = meshes.keys() - covers.keys()
+    given = {shape.link for shape in file.collision.shape}
+    model, geometry, urdf = _reduced(tree, chain, normal_form(tree, given, left_out))
     # Pinocchio's frame of body 0 is the root's.
     base = _link(model, list(tree.links).index(chain.base)).placement.inverse()
     joints = [
@@ -68,8 +78,10 @@ def build_arm(tree: Tree, file: ArmFile) -> ArmModel:
         body, frames[key] = links.get_link(name, key)
         if body != len(joints):
             raise ConfigurationError(key, f"link {name!r} is not moved by the last joint")
-    shapes, solid = _shapes(links, geometry, base), _solid_links(tree, links)
-    with_body = {shape.name for shape in shapes} | {each.link for each in file.collision.shape}
+    covers_by_name = _by_name(tree, covers, left_out)
+    shapes, solid = _shapes(links, geometry, base, covers_by_name), _solid_links(tree, links)
+    missing = {found.link: found.missing for found in meshes.values() if found.missing}
+    with_body = ({shape.name for shape in shapes} | given) - missing.keys()
     return ArmModel(
         name=tree.robot.get("name", ""),
         joints=tuple(joints),
@@ -83,13 +95,13 @@ def build_arm(tree: Tree, file: ArmFile) -> ArmModel:
         counterbalanced_joints=_counterbalanced(joints, file.counterbalance),
         solid_links=solid,
         bare_links=tuple(link for link in solid if link not in with_body),
+        missing_meshes=tuple(missing[link] for link in solid if link in missing),
     )
 
 
-def _reduced(tree: Tree, chain: Chain, table: CollisionTable) -> tuple[Any, Any, str]:
-    """Pinocchio's model of the chain, all else held; its shapes; and the same as a URDF."""
-    given = {shape.link for shape in table.shape}
-    text = normal_form(tree, given, table.meshes == "ignore")
+def _reduced(tree: Tree, chain: Chain, text: str) -> tuple[Any, Any, str]:
+    """Pinocchio's model of the chain in the normal form `text`, all else held; its shapes; and the
+    same as a URDF."""
     numbers = {name: number for number, name in enumerate(tree.joints)}
     try:
         model = pin.buildModelFromXML(text)
@@ -238,13 +250,32 @@ def _shape(geometry: Any, pose: Pose) -> Shape:
     return _placed(Capsule(scale(end, -1.0), end, geometry.radius), pose)
 
 
-def _shapes(links: _Links, geometry: Any, base: Any) -> list[BodyShape]:
+def _by_name(
+    tree: Tree, covers: Mapping[ET.Element, tuple[Shape, ...]], left_out: Collection[ET.Element]
+) -> dict[str, tuple[Shape, ...]]:
+    """What stands for meshes, by what Pinocchio calls the shape in its place: "link_3_0" is the
+    first of link 3."""
+    found = {}
+    for number, element in enumerate(tree.links.values()):
+        there = [each for each in element.iterfind("collision") if each not in left_out]
+        for index, each in enumerate(there):
+            if each in covers:
+                found[f"link_{number}_{index}"] = covers[each]
+    return found
+
+
+def _shapes(
+    links: _Links, geometry: Any, base: Any, covers: Mapping[str, tuple[Shape, ...]]
+) -> list[BodyShape]:
     by_link: dict[str, list[Shape]] = {name: [] for name in links}
     names = list(links)
     for each in geometry.geometryObjects:
         placement = each.placement if each.parentJoint else base * each.placement
-        name = names[int(each.name.split("_")[1])]  # "link_3_0" is the first of link 3.
-        by_link[name].append(_shape(each.geometry, _pose(placement)))
+        shapes, pose = by_link[names[int(each.name.split("_")[1])]], _pose(placement)
+        if each.name in covers:
+            shapes += (_placed(shape, pose) for shape in covers[each.name])
+        else:
+            shapes.append(_shape(each.geometry, pose))
     return [
         BodyShape(name, links[name].body, shape)
         for name, shapes in by_link.items()

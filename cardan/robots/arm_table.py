@@ -3,34 +3,32 @@ anybody's, so that loading it again takes milliseconds."""
 
 from __future__ import annotations
 
-import contextlib
 import enum
-import hashlib
 import json
-import os
-import tempfile
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import is_dataclass
 from functools import cache
 from pathlib import Path
 from types import UnionType
-from typing import Any, get_args, get_origin
+from typing import Any, TypeVar, get_args, get_origin
 
-from cardan.common import files, tables
+from cardan.common import tables
+from cardan.common.kept import content_key, keep_text, kept_text
 from cardan.common.options import hints
 from cardan.robots.arm_model import ArmModel
 
-_SOURCES = ("arm_chain.py", "arm_file.py", "arm_model.py", "arm_reader.py", "urdf.py")
+_SOURCES = (
+    "arm_chain.py",
+    "arm_file.py",
+    "arm_model.py",
+    "arm_reader.py",
+    "fitting.py",
+    "meshes.py",
+    "urdf.py",
+)
 """What makes a model out of files: others make others."""
-
-
-def content_key(texts: Iterable[str]) -> str:
-    """The same for the same texts."""
-    digest = hashlib.sha256()
-    for text in texts:
-        data = text.encode("utf-8", "surrogatepass")
-        digest.update(len(data).to_bytes(8, "big") + data)
-    return digest.hexdigest()
+KIND = "arms"
+_T = TypeVar("_T")
 
 
 def to_table(arm: ArmModel, key: str, urdf: str) -> str:
@@ -52,34 +50,31 @@ def from_table(text: str, key: str, urdf: str) -> ArmModel | None:
     return arm
 
 
-def kept_arm(texts: tuple[str, ...], urdf: str) -> ArmModel | None:
-    """What `keep_arm` has kept of these files; None: nothing."""
-    key = content_key((*texts, *_sources()))
+def plain_text(value: Any) -> str:
+    """A value of named tuples, tables and shapes as JSON."""
+    return json.dumps(_plain(value))
+
+
+def made_from(kind: type[_T], text: str) -> _T | None:
+    """The value of type `kind` that `plain_text` made this of; None where it is none."""
     try:
-        text = files.read_text(_file(key), files.MODEL_BYTES)
-    except (OSError, ValueError):
+        made: _T = _made(kind, json.loads(text))
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError):
         return None
-    return from_table(text, key, urdf)
+    return made
 
 
-def keep_arm(texts: tuple[str, ...], urdf: str, arm: ArmModel) -> None:
+def kept_arm(parts: Sequence[str | bytes], urdf: str) -> ArmModel | None:
+    """What `keep_arm` has kept of these files; None: nothing."""
+    key = content_key((*parts, *_sources()))
+    text = kept_text(KIND, key)
+    return None if text is None else from_table(text, key, urdf)
+
+
+def keep_arm(parts: Sequence[str | bytes], urdf: str, arm: ArmModel) -> None:
     """Where the user has a folder that can be written to, `kept_arm` has it next time."""
-    key = content_key((*texts, *_sources()))
-    with contextlib.suppress(OSError, ValueError):
-        path = _file(key)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, made = tempfile.mkstemp(dir=path.parent)
-        try:
-            with os.fdopen(handle, "w", encoding="utf-8") as file:
-                file.write(to_table(arm, key, urdf))
-            os.replace(made, path)
-        except BaseException:
-            os.unlink(made)
-            raise
-
-
-def _file(key: str) -> Path:
-    return files.cache_folder() / "arms" / f"{key}.json"
+    key = content_key((*parts, *_sources()))
+    keep_text(KIND, key, to_table(arm, key, urdf))
 
 
 @cache

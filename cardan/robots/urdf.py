@@ -16,7 +16,7 @@ from xml.parsers import expat
 
 from cardan.errors import ConfigurationError, about
 from cardan.robots.arm_model import TIME_TO_FULL_SPEED_S, JointKind
-from cardan.types import JointLimits
+from cardan.types import JointLimits, Vector3
 
 LARGEST_NUMBER = 1e6
 """No length, angle, speed or mass of an arm is larger: a mistake, and products would overflow."""
@@ -381,13 +381,37 @@ def _acceleration(limit: ET.Element, velocity: float) -> float:
 # What Pinocchio is given
 
 
-def normal_form(tree: Tree, bodiless: Collection[str], ignore_meshes: bool) -> str:
+class Mesh(NamedTuple):
+    """A collision shape that a file has."""
+
+    uri: str
+    scale: Vector3
+
+
+def mesh_in(collision: ET.Element, link: str) -> Mesh | None:
+    """The mesh of a collision element of `link`; None where that is something else. Raises
+    ConfigurationError."""
+    primitive = _primitive(collision, link)
+    if primitive.tag != "mesh":
+        return None
+    uri = primitive.get("filename", "")
+    if not uri:
+        raise _wrong(f"the mesh of link {link!r} has no filename")
+    if primitive.get("scale") is None:
+        return Mesh(uri, Vector3(1.0, 1.0, 1.0))
+    return Mesh(uri, Vector3(*_numbers(primitive, "scale", f"the mesh of link {link!r}")))
+
+
+def normal_form(
+    tree: Tree, bodiless: Collection[str], left_out: Collection[ET.Element] = ()
+) -> str:
     """A URDF of the same tree in which links and joints are numbered in the order that `tree` has
     them ("link_0", "joint_0"), every number is one, and nothing is left that Pinocchio reads
-    otherwise than this package: no mimic, limits, meshes or missing moments. Joints of several
-    directions are fixed. Links in `bodiless` have no shapes.
+    otherwise than this package: no mimic, limits or missing moments. Joints of several directions
+    are fixed. Links in `bodiless` have no shapes, and collision elements in `left_out` are none;
+    in the place of a mesh is a box of 1 m.
 
-    Raises ConfigurationError for numbers that are none, and for shapes that are no primitives.
+    Raises ConfigurationError for numbers that are none, and for shapes that are none.
     """
     robot = ET.Element("robot", name="arm", version="1.1")
     numbers = {link: f"link_{number}" for number, link in enumerate(tree.links)}
@@ -397,11 +421,10 @@ def normal_form(tree: Tree, bodiless: Collection[str], ignore_meshes: bool) -> s
         if (inertial := element.find("inertial")) is not None:
             _put_inertial(made, inertial, f"the inertial of link {link!r}", old)
         for collision in element.iterfind("collision") if link not in bodiless else ():
-            shape = _shape(collision, link, ignore_meshes)
-            if shape is not None:
+            if collision not in left_out:
                 put = ET.SubElement(made, "collision")
                 _put_origin(put, collision, f"a collision element of link {link!r}", old)
-                ET.SubElement(put, "geometry").append(shape)
+                ET.SubElement(put, "geometry").append(_shape(collision, link))
     for number, joint in enumerate(tree.joints.values()):
         one_direction = joint.kind in MOVING
         kind = "prismatic" if joint.kind == "prismatic" else "revolute"
@@ -499,12 +522,16 @@ def _put_inertial(made: ET.Element, element: ET.Element, of: str, old: bool) -> 
     ET.SubElement(put, "inertia", entries)
 
 
-def _shape(element: ET.Element, link: str, ignore_meshes: bool) -> ET.Element | None:
-    """The primitive; None for a mesh that counts as nothing."""
+def _primitive(element: ET.Element, link: str) -> ET.Element:
     geometry = element.find("geometry")
     primitive = None if geometry is None else next(iter(geometry), None)
     if primitive is None:
         raise _wrong(f"a collision element of link {link!r} has no geometry")
+    return primitive
+
+
+def _shape(element: ET.Element, link: str) -> ET.Element:
+    primitive = _primitive(element, link)
     tag = primitive.tag
     if lengths := _LENGTHS.get(tag):
         with about(f"{tag} of link {link!r}"):
@@ -514,14 +541,11 @@ def _shape(element: ET.Element, link: str, ignore_meshes: bool) -> ET.Element | 
         if min(size) <= 0.0:
             raise _wrong(f"the box of link {link!r} has no size")
         return ET.Element("box", size=_text(*size))
-    if tag == "mesh" and ignore_meshes:
-        return None
-    key = "collision.meshes" if tag == "mesh" else ""
-    raise ConfigurationError(
-        key,
-        f"the collision geometry of link {link!r} is a {tag}; allowed: sphere, cylinder, "
-        "capsule, box. In the arm's .toml give it a [[collision.shape]], or set "
-        'collision.meshes = "ignore"',
+    if tag == "mesh":
+        return ET.Element("box", size="1 1 1")
+    raise _wrong(
+        f"the collision geometry of link {link!r} is a {tag}; allowed: sphere, cylinder, capsule, "
+        "box, mesh"
     )
 
 

@@ -9,10 +9,11 @@ import time
 
 import pytest
 
+from cardan.common.kept import content_key
 from cardan.errors import ConfigurationError
 from cardan.robots import arm_names, load_arm
 from cardan.robots.arm_loader import FOLDER, our_texts
-from cardan.robots.arm_table import content_key, from_table, to_table
+from cardan.robots.arm_table import from_table, to_table
 
 OWN = '<robot name="own"><link name="a"/><link name="b"/><joint name="j" type="revolute">' + (
     '<parent link="a"/><child link="b"/><limit lower="-1" upper="1" velocity="3" effort="0"/>'
@@ -23,7 +24,7 @@ OWN = '<robot name="own"><link name="a"/><link name="b"/><joint name="j" type="r
 @pytest.mark.parametrize("name", arm_names())
 def test_the_table_beside_an_arm_is_what_pinocchio_reads(name):
     texts, table = our_texts(name), (FOLDER / f"{name}.json").read_text(encoding="utf-8")
-    there = from_table(table, content_key(texts.all), texts.urdf)
+    there = from_table(table, content_key(texts.texts), texts.urdf)
     assert there is not None, "make arm-tables writes it anew"
     made = texts.build()
     # Other builds of Pinocchio may round otherwise.

@@ -407,7 +407,7 @@ def test_any_arm_of_any_tree_is_where_pinocchio_has_it(text, data):
             chain_of(tree, file)
         return
     chain = chain_of(tree, file)
-    arm = build_arm(tree, file)
+    arm = build_arm(tree, file, {})
     whole = pin.buildModelFromXML(text)
     q = pin.neutral(whole)
     values = tuple(data.draw(st.floats(-3, 3)) for _ in arm.joints)
@@ -425,7 +425,7 @@ def test_any_arm_of_any_tree_is_where_pinocchio_has_it(text, data):
     )
     assert moved + still == pytest.approx(sum(range(len(tree.links))))
     assert sorted(pin.buildModelFromXML(arm.urdf).names) == sorted(["universe", *arm.joint_names])
-    again = build_arm(read_tree(arm.urdf), ArmFile(urdf="", tcp=chain.tcp))
+    again = build_arm(read_tree(arm.urdf), ArmFile(urdf="", tcp=chain.tcp), {})
     np.testing.assert_allclose(
         as_se3(again.home_tcp).homogeneous, as_se3(arm.home_tcp).homogeneous, atol=1e-9
     )

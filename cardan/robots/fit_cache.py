@@ -1,0 +1,30 @@
+"""Fits meshes once: what was found is kept by content in the user's cache folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cardan.common.kept import content_key, keep_text, kept_text
+from cardan.errors import about
+from cardan.robots.arm_table import made_from, plain_text
+from cardan.robots.fitting import METHOD, Fit, How, fit
+from cardan.robots.mesh_files import read_mesh
+from cardan.robots.meshes import UNSCALED, points_in
+from cardan.types import Vector3
+
+KIND = "fits"
+
+
+def fit_mesh(path: Path, how: How, scale: Vector3 = UNSCALED) -> Fit:
+    """What covers the convex hull of the mesh at `path`, as :func:`cardan.robots.fitting.fit` has
+    it; from the cache where these bytes were fitted before. Raises ConfigurationError."""
+    data = read_mesh(path)
+    key = content_key((data, plain_text((METHOD, how, *scale, path.suffix.lower()))))
+    text = kept_text(KIND, key)
+    if text is not None and (kept := made_from(Fit, text)) is not None:
+        return kept
+    points = points_in(data, path, scale)
+    with about(f"mesh {path}"):
+        found = fit(points, how)
+    keep_text(KIND, key, plain_text(found))
+    return found

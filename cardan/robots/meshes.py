@@ -1,0 +1,281 @@
+"""Reads the points of meshes.
+
+STL, OBJ and COLLADA (DAE) are read here and not by Assimp, which Coal brings: a file whose nodes
+go in a circle ends the process there, and units are not applied. Lengths in m.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final, NoReturn, cast
+
+from cardan.common.arm_libraries import np, npt
+from cardan.errors import ConfigurationError, shown
+from cardan.types import Vector3
+
+Points = npt.NDArray[np.float64]
+
+UNSCALED: Final = Vector3(1.0, 1.0, 1.0)
+FORMATS: Final = (".stl", ".obj", ".dae")
+LARGEST_SCALE: Final = 1e6
+MOST_POINTS: Final = 10_000_000
+"""Of all copies of all parts of a COLLADA file."""
+MOST_NODES: Final = 10_000
+MOST_ELEMENTS: Final = 500_000
+DEEPEST: Final = 64
+"""Nodes within each other, in a COLLADA file."""
+
+
+def points_in(data: bytes, path: Path, scale: Vector3 = UNSCALED) -> Points:
+    """Corners of the faces of the mesh at `path` with these bytes, in rows; some may be there more
+    than once.
+
+    Of a COLLADA file its unit is applied, and its upward axis is not: as RViz does. Raises
+    ConfigurationError that names the file.
+    """
+    for factor in scale:
+        if not 0.0 < abs(factor) <= LARGEST_SCALE:
+            raise ConfigurationError(
+                "", f"scale {tuple(scale)} of mesh {path}: three numbers, none of them 0"
+            )
+    reader = {".stl": _stl, ".obj": _obj, ".dae": _dae}.get(path.suffix.lower())
+    try:
+        if reader is None:
+            _refuse(f"is none of {', '.join(FORMATS)}")
+        with np.errstate(all="ignore"):
+            points = reader(data) * np.array(scale)
+        if not len(points):
+            _refuse("has no faces")
+        if not np.isfinite(points).all():
+            _refuse("has a corner that is not finite")
+    except (ValueError, OverflowError) as error:
+        raise ConfigurationError("", f"mesh {path} {error}") from None
+    return cast(Points, points)
+
+
+def _refuse(reason: str) -> NoReturn:
+    raise ValueError(reason)
+
+
+# ---------------------------------------------------------------------------------------------
+# STL and OBJ
+
+_STL_HEAD: Final = 84
+_STL_FACET: Final = np.dtype([("numbers", "<f4", (4, 3)), ("attribute", "<u2")])
+
+
+def _stl(data: bytes) -> Points:
+    count = int.from_bytes(data[80:_STL_HEAD], "little")
+    room = len(data) - _STL_HEAD
+    # Some programs begin binary files with "solid", too.
+    if room >= 0 and count * _STL_FACET.itemsize == room:
+        facets = np.frombuffer(data, _STL_FACET, count, _STL_HEAD)
+        return cast(Points, facets["numbers"][:, 1:].reshape(-1, 3).astype(np.float64))
+    if data.lstrip()[:5].lower() == b"solid":
+        return _ascii_stl(data)
+    if room < 0:
+        _refuse(f"is cut off: it has {len(data)} bytes, and an STL file {_STL_HEAD} at least")
+    _refuse(
+        f"is cut off or no STL: it says {count} facets, which take "
+        f"{_STL_HEAD + count * _STL_FACET.itemsize} bytes, and has {len(data)}"
+    )
+
+
+def _ascii_stl(data: bytes) -> Points:
+    text = data.lower()
+    if b"endsolid" not in text:
+        _refuse("is cut off: it has no endsolid")
+    corners = re.findall(rb"\bvertex\s+(\S+)\s+(\S+)\s+(\S+)", text)
+    if len(corners) != text.count(b"vertex") or len(corners) != 3 * text.count(b"endfacet"):
+        _refuse("is damaged: a facet has not three corners of three numbers")
+    return _numbers([number for corner in corners for number in corner])
+
+
+def _obj(data: bytes) -> Points:
+    lines = [line.split() for line in data.replace(b"\\\n", b" ").splitlines()]
+    corners = [line[1:4] for line in lines if line[:1] == [b"v"]]
+    if any(len(corner) < 3 for corner in corners):
+        _refuse("is damaged: a corner has not three numbers")
+    points = _numbers([number for corner in corners for number in corner])
+    # A negative index counts back from the corners so far, none of which is beyond the last.
+    used = [
+        int(corner.partition(b"/")[0])
+        for line in lines
+        if line[:1] == [b"f"]
+        for corner in line[1:]
+    ]
+    indices = np.array(used, dtype=np.int64)
+    if (np.abs(indices) > len(points)).any() or not indices.all():
+        _refuse(f"is cut off or damaged: a face has a corner that is none of its {len(points)}")
+    if (indices < 0).any():
+        return points
+    return points[np.unique(indices) - 1]
+
+
+def _numbers(words: Sequence[bytes | str]) -> Points:
+    return np.array(words, dtype=np.float64).reshape(-1, 3) if words else np.empty((0, 3))
+
+
+# ---------------------------------------------------------------------------------------------
+# COLLADA
+
+_FACES: Final = ("triangles", "polylist", "polygons", "trifans", "tristrips")
+
+
+class _Plain(ET.TreeBuilder):
+    """Without namespaces, and without a document type, whose entities could be anything."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._count = 0
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
+        self._count += 1
+        if self._count > MOST_ELEMENTS:
+            _refuse(f"has more than {MOST_ELEMENTS} elements")
+        return super().start(tag.rpartition("}")[2], attrs)
+
+    def end(self, tag: str, /) -> ET.Element:
+        return super().end(tag.rpartition("}")[2])
+
+    def doctype(self, name: str, pubid: str | None, system: str | None, /) -> None:
+        _refuse("has a DOCTYPE, which COLLADA has not")
+
+
+def _dae(data: bytes) -> Points:
+    parser = ET.XMLParser(target=_Plain())
+    try:
+        parser.feed(data)
+        root = parser.close()
+    except (ET.ParseError, LookupError) as error:
+        _refuse(f"is no XML: {error}")
+    if root.tag != "COLLADA":
+        _refuse(f"is no COLLADA: it begins with <{root.tag}>")
+    unit = root.find("asset/unit")
+    meter = float(unit.get("meter", "1")) if unit is not None else 1.0
+    if not 0.0 < meter <= LARGEST_SCALE:
+        _refuse(f"has a unit of {meter} m")
+    return meter * _Collada(root).points()
+
+
+class _Collada:
+    def __init__(self, root: ET.Element) -> None:
+        self._by_id: Mapping[str, ET.Element] = {
+            name: each for each in root.iter() if (name := each.get("id"))
+        }
+        self._root = root
+        self._known: dict[ET.Element, Points] = {}
+        self._read: dict[ET.Element, Points] = {}
+        self._nodes = self._count = 0
+
+    def points(self) -> Points:
+        scene = self._root.find("scene/instance_visual_scene")
+        if scene is None:
+            _refuse("has no scene")
+        found = list(self._placed(self._called(scene, "url"), np.eye(4), 0))
+        return np.concatenate(found) if found else np.empty((0, 3))
+
+    def _called(self, element: ET.Element, key: str) -> ET.Element:
+        name = element.get(key, "")
+        if name[1:] not in self._by_id:
+            _refuse(f"has a <{element.tag}> with {key} {shown(name)}, which is not there")
+        return self._by_id[name[1:]]
+
+    def _placed(self, node: ET.Element, outer: Points, depth: int) -> Iterator[Points]:
+        self._nodes += 1
+        if depth > DEEPEST or self._nodes > MOST_NODES:
+            _refuse(f"has more than {DEEPEST} nodes in each other, or {MOST_NODES} in all")
+        here = outer
+        for element in node:
+            if element.tag in ("matrix", "translate", "rotate", "scale", "lookat", "skew"):
+                here = here @ _transform(element)
+            elif element.tag == "node":
+                yield from self._placed(element, here, depth + 1)
+            elif element.tag == "instance_node":
+                yield from self._placed(self._called(element, "url"), here, depth + 1)
+            elif element.tag == "instance_geometry":
+                local = self._geometry(self._called(element, "url"))
+                self._count += len(local)
+                if self._count > MOST_POINTS:
+                    _refuse(f"has more than {MOST_POINTS} corners")
+                yield local @ here[:3, :3].T + here[:3, 3]
+            elif element.tag == "instance_controller":
+                _refuse("has a skin over bones, which is not read: export the mesh alone")
+
+    def _geometry(self, geometry: ET.Element) -> Points:
+        if geometry not in self._known:
+            faces = [each for each in geometry.iterfind("mesh/*") if each.tag in _FACES]
+            found = [points for each in faces for points in self._corners(each)]
+            self._known[geometry] = np.concatenate(found) if found else np.empty((0, 3))
+        return self._known[geometry]
+
+    def _corners(self, faces: ET.Element) -> Iterator[Points]:
+        """Of some faces of one geometry, each corner once."""
+        inputs = faces.findall("input")
+        offsets = [int(each.get("offset", "0")) for each in inputs]
+        step = max(offsets, default=0) + 1
+        for each, offset in zip(inputs, offsets, strict=True):
+            if each.get("semantic") != "VERTEX":
+                continue
+            points = self._positions(self._called(each, "source"))
+            for listed in faces.iter():
+                if listed.tag not in ("p", "h"):
+                    continue
+                words = (listed.text or "").split()
+                if len(words) % step or offset < 0:
+                    _refuse(f"has a <p> of {len(words)} indices, {step} for each corner")
+                indices = np.unique(np.array(words, dtype=np.int64).reshape(-1, step)[:, offset])
+                if len(indices) and not 0 <= indices[0] <= indices[-1] < len(points):
+                    _refuse(f"has a face with a corner that is none of its {len(points)}")
+                yield points[indices]
+
+    def _positions(self, vertices: ET.Element) -> Points:
+        if vertices not in self._read:
+            self._read[vertices] = self._read_positions(vertices)
+        return self._read[vertices]
+
+    def _read_positions(self, vertices: ET.Element) -> Points:
+        for each in vertices.findall("input"):
+            if each.get("semantic") == "POSITION":
+                source = self._called(each, "source")
+                accessor = source.find("technique_common/accessor")
+                if accessor is None:
+                    _refuse("has positions that nothing describes")
+                numbers = (self._called(accessor, "source").text or "").split()
+                step, first = (
+                    int(accessor.get(key, d)) for key, d in (("stride", "1"), ("offset", "0"))
+                )
+                count = int(accessor.get("count", "0"))
+                if step < 3 or min(first, count) < 0 or first + count * step > len(numbers):
+                    _refuse(f"has {len(numbers)} numbers for {count} positions of {step}")
+                rows = np.array(numbers[first : first + count * step], dtype=np.float64)
+                return rows.reshape(-1, step)[:, :3]
+        _refuse("has faces without positions")
+
+
+def _transform(element: ET.Element) -> Points:
+    """Of a node, 4 x 4."""
+    numbers = np.array((element.text or "").split(), dtype=np.float64)
+    found = np.eye(4)
+    match element.tag, len(numbers):
+        case "matrix", 16:
+            return cast(Points, numbers.reshape(4, 4))
+        case "translate", 3:
+            found[:3, 3] = numbers
+        case "scale", 3:
+            found[:3, :3] = np.diag(numbers)
+        case "rotate", 4:
+            axis, angle = numbers[:3], math.radians(numbers[3])
+            length = float(np.linalg.norm(axis))
+            if length > 0.0:
+                x, y, z = axis / length
+                across = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+                found[:3, :3] += math.sin(angle) * across
+                found[:3, :3] += (1.0 - math.cos(angle)) * across @ across
+        case tag, count:
+            _refuse(f"has a <{tag}> of {count} numbers, which is not read")
+    return found
