@@ -12,7 +12,7 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.robots import Box, Capsule, load_arm
 from cardan.spatial import from_euler_zyx, rotate, subtract, transform
-from cardan.types import Pose, Quaternion, Vector3
+from cardan.types import Pose, Vector3
 
 SIZE = (0.2, 0.1, 0.4)
 CORNERS = [
