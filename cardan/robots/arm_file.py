@@ -69,7 +69,7 @@ class CollisionTable(Options):
     """``[collision]``"""
 
     ignore: tuple[tuple[str, str], ...] = ()
-    """Pairs of links that always touch, besides neighbours."""
+    """Pairs of links, or of names of shapes, whose bodies always touch, besides neighbours."""
     meshes: Literal["refuse", "ignore"] = "refuse"
     shape: tuple[ShapeTable, ...] = ()
 
@@ -80,6 +80,8 @@ class ArmFile(Options):
 
     urdf: str
     """From the folder of this file, or ``PACKAGE:FILE``."""
+    srdf: str = ""
+    """Likewise; says which links are not kept apart. Empty: found out by 10,000 postures."""
     tcp: str = ""
     """Link whose frame is the TCP; default: the last one, where there is one."""
     flange: str = ""
@@ -91,7 +93,7 @@ class ArmFile(Options):
     hold: Mapping[str, _Number] = field(default_factory=dict)
     """Where other joints are, deg or m; default: nearest to 0 in their range."""
     home_deg: tuple[_Number, ...] | None = None
-    """Revolute joints in deg, prismatic ones in m."""
+    """Revolute joints in deg, prismatic ones in m; default: chosen bent."""
     acceleration_deg_s2: _Positive | tuple[_Positive, ...] | None = None
     """One for all joints or one each; prismatic ones in m/s²."""
     counterbalance: str = ""

@@ -20,7 +20,7 @@ from cardan.errors import ConfigurationError, about, below
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_model import ArmModel
 from cardan.robots.arm_table import content_key, from_table, keep_arm, kept_arm
-from cardan.robots.urdf import read_tree
+from cardan.robots.urdf import disabled_pairs, read_tree
 
 FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 
@@ -28,11 +28,13 @@ FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 class ArmTexts:
     """The files of an arm, as they are before anything is made of them.
 
-    Raises ConfigurationError for files that cannot be read, and for a ``.toml`` that is wrong.
+    Raises ConfigurationError for files that cannot be read, and for a ``.toml`` or ``.srdf`` that
+    is wrong.
     """
 
     def __init__(self, path: Path) -> None:
         self.urdf_path, self.toml_path, self.file = path, None, ArmFile(urdf="")
+        self.disabled: frozenset[tuple[str, str]] | None = None
         texts = []
         if path.suffix.lower() == ".toml":
             self.toml_path = path
@@ -41,6 +43,12 @@ class ArmTexts:
                 self.file = read_table(ArmFile, parse_toml(texts[0], path))
                 self.urdf_path = _located(self.file.urdf, path.parent)
                 self.urdf = read_text(self.urdf_path, MODEL_BYTES, declared=True)
+                if self.file.srdf:
+                    srdf_path = _located(self.file.srdf, path.parent)
+                    texts.append(read_text(srdf_path, MODEL_BYTES, declared=True))
+            if self.file.srdf:
+                with about(srdf_path):
+                    self.disabled = disabled_pairs(texts[1])
         else:
             self.urdf = read_text(path, MODEL_BYTES, declared=True)
         self.all = (*texts, self.urdf)
@@ -48,7 +56,7 @@ class ArmTexts:
     def build(self) -> ArmModel:
         """By Pinocchio. Raises ConfigurationError, ExtraMissingError."""
         with self._blamed():
-            return _build(self.urdf, self.file)
+            return _build(self.urdf, self.file, self.disabled)
 
     @contextlib.contextmanager
     def _blamed(self) -> Iterator[None]:
@@ -60,12 +68,14 @@ class ArmTexts:
             raise ConfigurationError("", f"{at}: {error}") from None
 
 
-def _build(text: str, file: ArmFile) -> ArmModel:
+def _build(
+    text: str, file: ArmFile, disabled: frozenset[tuple[str, str]] | None = None
+) -> ArmModel:
     tree = read_tree(text)
     # An extra: what is read from a table needs none.
     from cardan.robots.arm_reader import build_arm
 
-    return build_arm(tree, file)
+    return build_arm(tree, file, disabled)
 
 
 def parse_urdf(text: str) -> ArmModel:

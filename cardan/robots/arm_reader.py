@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 from cardan.common.arm_libraries import coal, np, pin
 from cardan.errors import ConfigurationError
 from cardan.robots.arm_chain import Chain, chain_of, no_link, unit_of
+from cardan.robots.arm_choices import bent_home, touching_shapes
 from cardan.robots.arm_file import ArmFile, CollisionTable
 from cardan.robots.arm_model import (
     ArmJoint,
@@ -45,9 +46,14 @@ class _Links(dict[str, _Link]):
         return self[name]
 
 
-def build_arm(tree: Tree, file: ArmFile) -> ArmModel:
-    """Raises ConfigurationError: with a key for what the arm's file asks, without one for what is
-    wrong in the URDF."""
+def build_arm(
+    tree: Tree, file: ArmFile, disabled: frozenset[tuple[str, str]] | None = None
+) -> ArmModel:
+    """`disabled` are the pairs of links that an SRDF has; None: there is no SRDF.
+
+    Raises ConfigurationError: with a key for what the arm's file asks, without one for what is
+    wrong in the URDF.
+    """
     chain = chain_of(tree, file)
     joints = _limited(chain.joints)
     if file.acceleration_deg_s2 is not None:
@@ -70,20 +76,27 @@ def build_arm(tree: Tree, file: ArmFile) -> ArmModel:
             raise ConfigurationError(key, f"link {name!r} is not moved by the last joint")
     shapes, solid = _shapes(links, geometry, base), _solid_links(tree, links)
     with_body = {shape.name for shape in shapes} | {each.link for each in file.collision.shape}
-    return ArmModel(
+    own_shapes, owners = _own_shapes(chain, links, file.collision)
+    owners = [*(shape.name for shape in shapes), *owners]
+    shapes += own_shapes
+    arm = ArmModel(
         name=tree.robot.get("name", ""),
         joints=tuple(joints),
         **frames,
         inertias=tuple(_inertia(each) for each in list(model.inertias)[1:]),
-        shapes=(*shapes, *_own_shapes(chain, links, file.collision)),
-        ignored_pairs=_pairs(links, file.collision),
+        shapes=tuple(shapes),
+        ignored_pairs=_pairs(links, shapes, file.collision),
         home=_home(joints, file.home_deg),
         task=file.task,
         urdf=urdf,
         counterbalanced_joints=_counterbalanced(joints, file.counterbalance),
         solid_links=solid,
         bare_links=tuple(link for link in solid if link not in with_body),
+        disabled_shapes=_disabled_shapes(owners, disabled or ()),
     )
+    if disabled is None:
+        arm = arm._replace(touching_shapes=touching_shapes(arm))
+    return arm if file.home_deg is not None else arm._replace(home=bent_home(arm))
 
 
 def _reduced(tree: Tree, chain: Chain, table: CollisionTable) -> tuple[Any, Any, str]:
@@ -195,11 +208,9 @@ def _counterbalanced(joints: list[ArmJoint], last: str) -> int:
 
 
 def _home(joints: list[ArmJoint], given: tuple[float, ...] | None) -> tuple[float, ...]:
+    """Empty where none is given: all of the arm is needed to choose one."""
     if given is None:
-        return tuple(
-            0.0 if joint.lower == -math.inf else 0.5 * (joint.lower + joint.upper)
-            for joint in joints
-        )
+        return ()
     home = _each("home_deg", given, joints)
     for joint, value in zip(joints, home, strict=True):
         if not joint.lower <= value <= joint.upper:
@@ -265,14 +276,18 @@ def _solid_links(tree: Tree, links: _Links) -> tuple[str, ...]:
     return tuple(name for body in bodies for name in solid.get(body, [first[body]]))
 
 
-def _own_shapes(chain: Chain, links: _Links, table: CollisionTable) -> list[BodyShape]:
-    found = []
+def _own_shapes(
+    chain: Chain, links: _Links, table: CollisionTable
+) -> tuple[list[BodyShape], list[str]]:
+    """And the link of each."""
+    found, owners = [], []
     for each in table.shape:
         link = each.link or chain.base
         body, pose = links.get_link(link, "collision.shape.link")
         if (shape := each.shape()) is not None:
             found.append(BodyShape(each.name or link, body, _placed(shape, pose)))
-    return found
+            owners.append(link)
+    return found, owners
 
 
 def _without_end_caps(shapes: list[Shape]) -> list[Shape]:
@@ -295,9 +310,32 @@ def _segment_distance(capsule: Capsule, point: Vector3) -> float:
     return norm(subtract(to, scale(along, max(0.0, min(1.0, share)))))
 
 
-def _pairs(links: _Links, table: CollisionTable) -> frozenset[tuple[int, int]]:
+def _pairs(
+    links: _Links, shapes: Iterable[BodyShape], table: CollisionTable
+) -> frozenset[tuple[int, int]]:
+    named = {shape.name: shape.body for shape in shapes}
     pairs = set()
     for pair in table.ignore:
-        low, high = sorted(links.get_link(name, "collision.ignore").body for name in pair)
-        pairs.add((low, high))
+        bodies = [
+            named[name]
+            if name in named and name not in links
+            else links.get_link(name, "collision.ignore").body
+            for name in pair
+        ]
+        pairs.add((min(bodies), max(bodies)))
     return frozenset(pairs)
+
+
+def _disabled_shapes(
+    owners: Sequence[str], disabled: Iterable[tuple[str, str]]
+) -> frozenset[tuple[int, int]]:
+    """Pairs of shapes by number, of pairs of the links that they are of."""
+    of_link: dict[str, list[int]] = {}
+    for number, link in enumerate(owners):
+        of_link.setdefault(link, []).append(number)
+    return frozenset(
+        (min(one, other), max(one, other))
+        for first, second in disabled
+        for one in of_link.get(first, ())
+        for other in of_link.get(second, ())
+    )
