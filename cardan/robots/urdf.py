@@ -177,7 +177,7 @@ def disabled_pairs(text: str) -> frozenset[tuple[str, str]]:
     """The pairs of links that an SRDF does not check for collisions, each in alphabetical order;
     names of links that a URDF lacks are nothing unusual. Raises ConfigurationError."""
     pairs = set()
-    for element in _parsed(text, "the arm's SRDF").iterfind("disable_collisions"):
+    for element in _parsed(text, "SRDF").iterfind("disable_collisions"):
         names = [element.get(name, "") for name in ("link1", "link2")]
         if not all(names):
             raise _wrong("<disable_collisions> of the arm's SRDF lacks its link1 or link2")
@@ -190,8 +190,9 @@ def _wrong(message: str) -> ConfigurationError:
     return ConfigurationError("", message)
 
 
-def _parsed(text: str, of: str = "the arm's URDF") -> ET.Element:
+def _parsed(text: str, kind: str = "URDF") -> ET.Element:
     """Prefixes need no declaration, as for urdfdom, so they are part of the names here."""
+    of = f"the arm's {kind}"
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     depth = 0
 
@@ -201,7 +202,9 @@ def _parsed(text: str, of: str = "the arm's URDF") -> ET.Element:
         if depth > MOST_NESTED:
             raise _wrong(f"{of} has elements in more than {MOST_NESTED} others")
         if tag.startswith("xacro:"):
-            raise _wrong(f"{of} has <{tag}>: expand it first, by `xacro FILE > NEW_FILE`")
+            raise _wrong(
+                f"{of} has <{tag}>: expand it first, by `xacro FILE > arm.{kind.lower()}`"
+            )
         builder.start(tag, attributes)
 
     def end(tag: str) -> None:
