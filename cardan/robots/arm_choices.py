@@ -25,8 +25,8 @@ MIDDLE_SHARE = 0.5
 FARTHEST_RAD = math.pi / 2.0
 """From the middle, for joints with a long range or none."""
 
-HOME_ROOM_M = 0.02
-"""Between bodies at home: more than sessions keep."""
+HOME_ROOMS_M = (0.02, 0.01, 0.005, 0.0)
+"""Between bodies at home: the first that any posture has. Wrists may be a few mm apart always."""
 
 AS_GOOD = 0.9
 """Part of the largest smallest singular value from which postures count as conditioned alike."""
@@ -65,8 +65,8 @@ def _ends(kind: JointKind) -> tuple[float, float]:
 
 
 def bent_home(arm: ArmModel) -> tuple[float, ...]:
-    """The best-conditioned of 1,000 postures near the middle of each range in which no bodies
-    touch; where they touch in all, the best-conditioned of all.
+    """The best-conditioned of 1,000 postures near the middle of each range in which bodies have
+    room between them; where they touch in all, the best-conditioned of all.
 
     Of postures conditioned nearly as well as the best, it is the one whose joints carry the least
     (the norm of the torques and forces by gravity; a difference of a tenth of the largest counts),
@@ -83,14 +83,18 @@ def bent_home(arm: ArmModel) -> tuple[float, ...]:
         )
         for q in postures
     ]
-    bodies = _Bodies(arm, HOME_ROOM_M)
     order = sorted(range(len(postures)), key=lambda number: -bent[number])
+    bodies = _Bodies(arm)
     found: list[int] = []
-    for number in order:
-        if found and bent[number] < AS_GOOD * bent[found[0]]:
+    for room_m in HOME_ROOMS_M:
+        bodies.set_room(room_m)
+        for number in order:
+            if found and bent[number] < AS_GOOD * bent[found[0]]:
+                break
+            if not bodies.touch(postures[number]):
+                found.append(number)
+        if found:
             break
-        if not bodies.touching(postures[number]):
-            found.append(number)
     found = found or [number for number in order if bent[number] >= AS_GOOD * bent[order[0]]]
     loads = {
         number: float(np.linalg.norm(pin.computeGeneralizedGravity(model, data, postures[number])))
@@ -121,9 +125,9 @@ def _postures(arm: ArmModel) -> FloatArray:
 
 
 class _Bodies:
-    """The shapes that are kept apart: which come nearer than `room_m`."""
+    """The shapes that are kept apart: which touch, or come nearer than `set_room` says."""
 
-    def __init__(self, arm: ArmModel, room_m: float = 0.0) -> None:
+    def __init__(self, arm: ArmModel) -> None:
         self.pairs = pairs_to_watch(arm)
         self._model, self._geometry = pinocchio_model(arm), pin.GeometryModel()
         for number, each in enumerate(arm.shapes):
@@ -134,9 +138,19 @@ class _Bodies:
         for pair in self.pairs:
             self._geometry.addCollisionPair(pin.CollisionPair(*pair))
         self._data, self._found = self._model.createData(), self._geometry.createData()
+        self._watched = set(range(len(self.pairs)))
+
+    def set_room(self, room_m: float) -> None:
+        """What is nearer counts as touching."""
         for number in range(len(self.pairs)):
             self._found.collisionRequests[number].security_margin = room_m
-        self._watched = set(range(len(self.pairs)))
+
+    def touch(self, q: FloatArray) -> bool:
+        """Whether any of `pairs` touch at `q`."""
+        any_do: bool = pin.computeCollisions(
+            self._model, self._data, self._geometry, self._found, q, True
+        )
+        return any_do
 
     def watch_only(self, numbers: set[int]) -> None:
         """Of `pairs`; those that are not watched touch nothing."""

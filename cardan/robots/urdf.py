@@ -202,9 +202,7 @@ def _parsed(text: str, kind: str = "URDF") -> ET.Element:
         if depth > MOST_NESTED:
             raise _wrong(f"{of} has elements in more than {MOST_NESTED} others")
         if tag.startswith("xacro:"):
-            raise _wrong(
-                f"{of} has <{tag}>: expand it first, by `xacro FILE > arm.{kind.lower()}`"
-            )
+            raise _wrong(f"{of} has <{tag}>: expand it first, by `xacro FILE > arm.{kind.lower()}`")
         builder.start(tag, attributes)
 
     def end(tag: str) -> None:
