@@ -82,7 +82,8 @@ def build_arm(
     arm = ArmModel(
         name=tree.robot.get("name", ""),
         joints=tuple(joints),
-        **frames,
+        flange=frames["flange"],
+        tcp=frames["tcp"],
         inertias=tuple(_inertia(each) for each in list(model.inertias)[1:]),
         shapes=tuple(shapes),
         ignored_pairs=_pairs(links, shapes, file.collision),
