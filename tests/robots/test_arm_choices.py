@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import re
-import time
 
 import numpy as np
 import pytest
@@ -172,16 +171,6 @@ def test_ignored_pairs_name_links_or_shapes(file):
 def test_no_pair_of_ours_that_counts_is_left_out(name):
     arm = load_arm(name)
     assert touching_shapes(arm) == arm.touching_shapes == arm.disabled_shapes == frozenset()
-
-
-def test_choosing_takes_less_than_a_second():
-    arm = load_arm("teo_right_arm")
-    start = time.process_time()
-    bent_home(arm)
-    touching_shapes(arm)
-    # Where a pair touches in all postures, all are tried.
-    touching_shapes(parse_urdf(fist()))
-    assert time.process_time() - start < 2.0
 
 
 def test_names_of_pairs_are_said_once():
