@@ -112,6 +112,8 @@ ARM_MODEL = (
     "cardan.gateway.motion.paths",
     "cardan.gateway.motion.trajectory",
     "cardan.gateway.servo.",
+    "cardan.robots.arm_bodies",
+    "cardan.robots.arm_choices",
     "cardan.robots.arm_reader",
     "cardan.robots.counterbalance",
     "cardan.robots.fit_cache",

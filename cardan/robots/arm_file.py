@@ -69,7 +69,7 @@ class CollisionTable(Options):
     """``[collision]``"""
 
     ignore: tuple[tuple[str, str], ...] = ()
-    """Pairs of links that always touch, besides neighbours."""
+    """Pairs of links, or of names of shapes, whose bodies always touch, besides neighbours."""
     meshes: Literal["fit", "ignore"] = "fit"
     """Whether meshes are covered, or count as nothing."""
     fit: Literal["tight", "coarse"] = "tight"
@@ -83,6 +83,8 @@ class ArmFile(Options):
 
     urdf: str
     """From the folder of this file, or ``PACKAGE:FILE``."""
+    srdf: str = ""
+    """Likewise; says which links are not kept apart. Empty: found out by 10,000 postures."""
     tcp: str = ""
     """Link whose frame is the TCP; default: the last one, where there is one."""
     flange: str = ""
@@ -96,7 +98,7 @@ class ArmFile(Options):
     package_dirs: tuple[str, ...] = ()
     """Folders of packages that meshes are in, from the folder of the URDF, before all others."""
     home_deg: tuple[_Number, ...] | None = None
-    """Revolute joints in deg, prismatic ones in m."""
+    """Revolute joints in deg, prismatic ones in m; default: chosen bent."""
     acceleration_deg_s2: _Positive | tuple[_Positive, ...] | None = None
     """One for all joints or one each; prismatic ones in m/s²."""
     counterbalance: str = ""

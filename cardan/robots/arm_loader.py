@@ -22,7 +22,7 @@ from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_model import ArmModel
 from cardan.robots.arm_table import from_table, keep_arm, kept_arm
 from cardan.robots.mesh_files import meshes_of, read_mesh
-from cardan.robots.urdf import read_tree
+from cardan.robots.urdf import disabled_pairs, read_tree
 
 FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 
@@ -30,11 +30,13 @@ FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 class ArmTexts:
     """The files of an arm, as they are before anything is made of them.
 
-    Raises ConfigurationError for files that cannot be read, and for a ``.toml`` that is wrong.
+    Raises ConfigurationError for files that cannot be read, and for a ``.toml`` or ``.srdf`` that
+    is wrong.
     """
 
     def __init__(self, path: Path) -> None:
         self.urdf_path, self.toml_path, self.file = path, None, ArmFile(urdf="")
+        self.disabled: frozenset[tuple[str, str]] | None = None
         texts = []
         if path.suffix.lower() == ".toml":
             self.toml_path = path
@@ -43,6 +45,12 @@ class ArmTexts:
                 self.file = read_table(ArmFile, parse_toml(texts[0], path))
                 self.urdf_path = _located(self.file.urdf, path.parent)
                 self.urdf = read_text(self.urdf_path, MODEL_BYTES, declared=True)
+                if self.file.srdf:
+                    srdf_path = _located(self.file.srdf, path.parent)
+                    texts.append(read_text(srdf_path, MODEL_BYTES, declared=True))
+            if self.file.srdf:
+                with about(srdf_path):
+                    self.disabled = disabled_pairs(texts[1])
         else:
             self.urdf = read_text(path, MODEL_BYTES, declared=True)
         self.texts = (*texts, self.urdf)
@@ -62,7 +70,7 @@ class ArmTexts:
     def build(self) -> ArmModel:
         """By Pinocchio. Raises ConfigurationError, ExtraMissingError."""
         with self._blamed():
-            return _build(self.urdf, self.file, self.urdf_path)
+            return _build(self.urdf, self.file, self.urdf_path, self.disabled)
 
     @contextlib.contextmanager
     def _blamed(self) -> Iterator[None]:
@@ -74,13 +82,18 @@ class ArmTexts:
             raise ConfigurationError("", f"{at}: {error}") from None
 
 
-def _build(text: str, file: ArmFile, path: Path | None = None) -> ArmModel:
+def _build(
+    text: str,
+    file: ArmFile,
+    path: Path | None = None,
+    disabled: frozenset[tuple[str, str]] | None = None,
+) -> ArmModel:
     tree = read_tree(text)
     meshes = meshes_of(tree, file, path)
     # An extra: what is read from a table needs none.
     from cardan.robots.arm_reader import build_arm
 
-    return build_arm(tree, file, meshes)
+    return build_arm(tree, file, meshes, disabled)
 
 
 def parse_urdf(text: str) -> ArmModel:

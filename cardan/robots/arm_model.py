@@ -129,7 +129,7 @@ class ArmModel(NamedTuple):
     ignored_pairs: frozenset[tuple[int, int]]
     """Bodies that always touch besides neighbours, lower index first."""
     home: tuple[float, ...]
-    """A configuration to start from, rad or m: inside limits, not singular."""
+    """A configuration to start from, rad or m, inside limits."""
     task: Task
     urdf: str
     """Of the arm alone: no other joint moves, and its base is the root."""
@@ -142,6 +142,27 @@ class ArmModel(NamedTuple):
     """Those of `solid_links` without a body: nothing keeps them away from anything."""
     missing_meshes: tuple[str, ...] = ()
     """Which of their meshes are not there, and where they were looked for."""
+    disabled_shapes: frozenset[tuple[int, int]] = frozenset()
+    """Pairs of `shapes` that an SRDF does not check, by number, lower first."""
+    touching_shapes: frozenset[tuple[int, int]] = frozenset()
+    """Pairs of `shapes` that touch in every posture, likewise."""
+
+    def keeps_apart(self, bodies: tuple[int, int], shapes: tuple[int, int]) -> bool:
+        """Whether two of `shapes`, by number, lower first, may not touch."""
+        low, high = sorted(bodies)
+        return (
+            high - low > 1
+            and (low, high) not in self.ignored_pairs
+            and shapes not in self.disabled_shapes
+            and shapes not in self.touching_shapes
+        )
+
+    def touching_names(self) -> list[tuple[str, str]]:
+        """Of `touching_shapes`, each pair of names once."""
+        pairs = sorted(self.touching_shapes)
+        return list(
+            dict.fromkeys((self.shapes[one].name, self.shapes[other].name) for one, other in pairs)
+        )
 
     @property
     def home_tcp(self) -> Pose:

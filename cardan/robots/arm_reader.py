@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from cardan.common.arm_libraries import coal, np, pin
 from cardan.errors import ConfigurationError
 from cardan.robots.arm_chain import Chain, chain_of, no_link, unit_of
+from cardan.robots.arm_choices import bent_home, touching_shapes
 from cardan.robots.arm_file import ArmFile, CollisionTable
 from cardan.robots.arm_model import (
     ArmJoint,
@@ -48,9 +49,18 @@ class _Links(dict[str, _Link]):
         return self[name]
 
 
-def build_arm(tree: Tree, file: ArmFile, meshes: Mapping[ET.Element, FoundMesh]) -> ArmModel:
-    """`meshes` are those of the tree's collision elements. Raises ConfigurationError: with a key
-    for what the arm's file asks, without one for what is wrong in the URDF."""
+def build_arm(
+    tree: Tree,
+    file: ArmFile,
+    meshes: Mapping[ET.Element, FoundMesh],
+    disabled: frozenset[tuple[str, str]] | None = None,
+) -> ArmModel:
+    """`meshes` are those of the tree's collision elements, `disabled` the pairs of links that an
+    SRDF has; None: there is no SRDF.
+
+    Raises ConfigurationError: with a key for what the arm's file asks, without one for what is
+    wrong in the URDF.
+    """
     chain = chain_of(tree, file)
     joints = _limited(chain.joints)
     if file.acceleration_deg_s2 is not None:
@@ -82,13 +92,17 @@ def build_arm(tree: Tree, file: ArmFile, meshes: Mapping[ET.Element, FoundMesh])
     shapes, solid = _shapes(links, geometry, base, covers_by_name), _solid_links(tree, links)
     missing = {found.link: found.missing for found in meshes.values() if found.missing}
     with_body = ({shape.name for shape in shapes} | given) - missing.keys()
-    return ArmModel(
+    own_shapes, owners = _own_shapes(chain, links, file.collision)
+    owners = [*(shape.name for shape in shapes), *owners]
+    shapes += own_shapes
+    arm = ArmModel(
         name=tree.robot.get("name", ""),
         joints=tuple(joints),
-        **frames,
+        flange=frames["flange"],
+        tcp=frames["tcp"],
         inertias=tuple(_inertia(each) for each in list(model.inertias)[1:]),
-        shapes=(*shapes, *_own_shapes(chain, links, file.collision)),
-        ignored_pairs=_pairs(links, file.collision),
+        shapes=tuple(shapes),
+        ignored_pairs=_pairs(links, shapes, file.collision),
         home=_home(joints, file.home_deg),
         task=file.task,
         urdf=urdf,
@@ -96,7 +110,11 @@ def build_arm(tree: Tree, file: ArmFile, meshes: Mapping[ET.Element, FoundMesh])
         solid_links=solid,
         bare_links=tuple(link for link in solid if link not in with_body),
         missing_meshes=tuple(missing[link] for link in solid if link in missing),
+        disabled_shapes=_disabled_shapes(owners, disabled or ()),
     )
+    if disabled is None:
+        arm = arm._replace(touching_shapes=touching_shapes(arm))
+    return arm if file.home_deg is not None else arm._replace(home=bent_home(arm))
 
 
 def _reduced(tree: Tree, chain: Chain, text: str) -> tuple[Any, Any, str]:
@@ -207,11 +225,9 @@ def _counterbalanced(joints: list[ArmJoint], last: str) -> int:
 
 
 def _home(joints: list[ArmJoint], given: tuple[float, ...] | None) -> tuple[float, ...]:
+    """Empty where none is given: all of the arm is needed to choose one."""
     if given is None:
-        return tuple(
-            0.0 if joint.lower == -math.inf else 0.5 * (joint.lower + joint.upper)
-            for joint in joints
-        )
+        return ()
     home = _each("home_deg", given, joints)
     for joint, value in zip(joints, home, strict=True):
         if not joint.lower <= value <= joint.upper:
@@ -296,14 +312,18 @@ def _solid_links(tree: Tree, links: _Links) -> tuple[str, ...]:
     return tuple(name for body in bodies for name in solid.get(body, [first[body]]))
 
 
-def _own_shapes(chain: Chain, links: _Links, table: CollisionTable) -> list[BodyShape]:
-    found = []
+def _own_shapes(
+    chain: Chain, links: _Links, table: CollisionTable
+) -> tuple[list[BodyShape], list[str]]:
+    """And the link of each."""
+    found, owners = [], []
     for each in table.shape:
         link = each.link or chain.base
         body, pose = links.get_link(link, "collision.shape.link")
         if (shape := each.shape()) is not None:
             found.append(BodyShape(each.name or link, body, _placed(shape, pose)))
-    return found
+            owners.append(link)
+    return found, owners
 
 
 def _without_end_caps(shapes: list[Shape]) -> list[Shape]:
@@ -326,9 +346,32 @@ def _segment_distance(capsule: Capsule, point: Vector3) -> float:
     return norm(subtract(to, scale(along, max(0.0, min(1.0, share)))))
 
 
-def _pairs(links: _Links, table: CollisionTable) -> frozenset[tuple[int, int]]:
+def _pairs(
+    links: _Links, shapes: Iterable[BodyShape], table: CollisionTable
+) -> frozenset[tuple[int, int]]:
+    named = {shape.name: shape.body for shape in shapes}
     pairs = set()
     for pair in table.ignore:
-        low, high = sorted(links.get_link(name, "collision.ignore").body for name in pair)
-        pairs.add((low, high))
+        bodies = [
+            named[name]
+            if name in named and name not in links
+            else links.get_link(name, "collision.ignore").body
+            for name in pair
+        ]
+        pairs.add((min(bodies), max(bodies)))
     return frozenset(pairs)
+
+
+def _disabled_shapes(
+    owners: Sequence[str], disabled: Iterable[tuple[str, str]]
+) -> frozenset[tuple[int, int]]:
+    """Pairs of shapes by number, of pairs of the links that they are of."""
+    of_link: dict[str, list[int]] = {}
+    for number, link in enumerate(owners):
+        of_link.setdefault(link, []).append(number)
+    return frozenset(
+        (min(one, other), max(one, other))
+        for first, second in disabled
+        for one in of_link.get(first, ())
+        for other in of_link.get(second, ())
+    )

@@ -18,7 +18,9 @@ from cardan.common.options import hints
 from cardan.robots.arm_model import ArmModel
 
 _SOURCES = (
+    "arm_bodies.py",
     "arm_chain.py",
+    "arm_choices.py",
     "arm_file.py",
     "arm_model.py",
     "arm_reader.py",

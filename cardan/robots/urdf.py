@@ -173,12 +173,26 @@ def limits_in(text: str, names: Sequence[str]) -> JointLimits:
     )
 
 
+def disabled_pairs(text: str) -> frozenset[tuple[str, str]]:
+    """The pairs of links that an SRDF does not check for collisions, each in alphabetical order;
+    names of links that a URDF lacks are nothing unusual. Raises ConfigurationError."""
+    pairs = set()
+    for element in _parsed(text, "SRDF").iterfind("disable_collisions"):
+        names = [element.get(name, "") for name in ("link1", "link2")]
+        if not all(names):
+            raise _wrong("<disable_collisions> of the arm's SRDF lacks its link1 or link2")
+        low, high = sorted(names)
+        pairs.add((low, high))
+    return frozenset(pairs)
+
+
 def _wrong(message: str) -> ConfigurationError:
     return ConfigurationError("", message)
 
 
-def _parsed(text: str) -> ET.Element:
+def _parsed(text: str, kind: str = "URDF") -> ET.Element:
     """Prefixes need no declaration, as for urdfdom, so they are part of the names here."""
+    of = f"the arm's {kind}"
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     depth = 0
 
@@ -186,9 +200,9 @@ def _parsed(text: str) -> ET.Element:
         nonlocal depth
         depth += 1
         if depth > MOST_NESTED:
-            raise _wrong(f"the arm's URDF has elements in more than {MOST_NESTED} others")
+            raise _wrong(f"{of} has elements in more than {MOST_NESTED} others")
         if tag.startswith("xacro:"):
-            raise _wrong(f"the arm's URDF has <{tag}>: expand it first, by `xacro FILE > arm.urdf`")
+            raise _wrong(f"{of} has <{tag}>: expand it first, by `xacro FILE > arm.{kind.lower()}`")
         builder.start(tag, attributes)
 
     def end(tag: str) -> None:
@@ -197,7 +211,7 @@ def _parsed(text: str) -> ET.Element:
         builder.end(tag)
 
     def entity(name: str, *_: object) -> None:
-        raise _wrong(f"the arm's URDF declares the entity {name!r}: write what it stands for")
+        raise _wrong(f"{of} declares the entity {name!r}: write what it stands for")
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
@@ -206,12 +220,12 @@ def _parsed(text: str) -> ET.Element:
     try:
         parser.Parse(text, True)
     except (expat.ExpatError, UnicodeError) as error:
-        raise _wrong(f"the arm's URDF is not XML: {error}") from None
+        raise _wrong(f"{of} is not XML: {error}") from None
     robot = builder.close()
     if robot.tag != "robot":
-        raise _wrong(f"the arm's URDF is a <{robot.tag}>, not a <robot>")
+        raise _wrong(f"{of} is a <{robot.tag}>, not a <robot>")
     if (version := _version(robot)) not in _VERSIONS:
-        raise _wrong(f"the arm's URDF is of version {version!r}; allowed: {', '.join(_VERSIONS)}")
+        raise _wrong(f"{of} is of version {version!r}; allowed: {', '.join(_VERSIONS)}")
     return robot
 
 

@@ -367,6 +367,5 @@ class ArmBody(Body):
         if margin[nearest] < AT_LIMIT_RAD:
             return f"{bounds.names[nearest]} is at its limit, {servo.q[nearest]:.4f} rad"
         if status.active_pairs:
-            first, second = status.nearest_pair
-            return f"{first} and {second} are {status.distance_m * 1e3:.1f} mm apart"
+            return status.nearest_in_words
         return ""

@@ -20,11 +20,12 @@ from cardan.errors import (
     OutOfReachError,
 )
 from cardan.gateway.arm.checks import Workspace, check_workspace
-from cardan.gateway.kinematics.arm import CHARACTERISTIC_LENGTH_M, ArmKinematics
+from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 from cardan.gateway.servo.status import SINGULAR, UNBENT
 from cardan.robots import ArmModel, BodyShape, JointKind
+from cardan.robots.arm_bodies import CHARACTERISTIC_LENGTH_M
 from cardan.spatial import norm, rotation_between, subtract
 from cardan.types import Pose, Twist
 

@@ -7,16 +7,17 @@ nothing ever wraps, and the short way round is taken where a goal is chosen (`ne
 from __future__ import annotations
 
 import math
-from typing import Any
 
 from cardan.common.arm_libraries import eigenpy, np, npt, pin
 from cardan.gateway.kinematics.base import SE3, TURN, FloatArray, to_se3
 from cardan.robots import ArmModel, JointKind, SixWeights
+from cardan.robots.arm_bodies import (
+    CHARACTERISTIC_LENGTH_M,
+    WEIGHTS,
+    pinocchio_model,
+    smallest_singular_value,
+)
 from cardan.types import IDENTITY_POSE, Pose
-
-CHARACTERISTIC_LENGTH_M = 0.3
-"""Weight of rad against m: 1 rad of tool orientation counts as 0.3 m, about the forearm of the arms
-that this is for; half or twice of it changes convergence little."""
 
 POSITION_TOLERANCE_M = 1e-6
 ROTATION_TOLERANCE_RAD = 1e-6
@@ -37,8 +38,7 @@ DAMPING = 0.02
 lets it jump between branches."""
 
 
-_WEIGHTS_ONE_ROW = np.array((1.0, 1.0, 1.0, *(CHARACTERISTIC_LENGTH_M,) * 3))
-_WEIGHTS = _WEIGHTS_ONE_ROW[:, None]
+_WEIGHTS = WEIGHTS[:, None]
 
 
 class ArmKinematics:
@@ -60,7 +60,7 @@ class ArmKinematics:
         whole = self._turns & (self.upper - self.lower >= TURN - 1e-5)
         self._soft_lower = np.where(whole, -np.inf, self.lower)
         self._soft_upper = np.where(whole, np.inf, self.upper)
-        self.model = _pinocchio_model(model)
+        self.model = pinocchio_model(model)
         self._tcp = self.model.getFrameId("tcp")
         self._data = self.model.createData()
         self._spare = self.model.createData()
@@ -94,9 +94,7 @@ class ArmKinematics:
         """Of the motion of the TCP (1 rad counts as 0.3 m) by the joints at `q`, in the directions
         along TCP axes whose weight is above 0: 0 where the arm is singular."""
         jacobian = pin.computeFrameJacobian(self.model, self._spare, q, self._tcp, self._local)
-        followed = np.array(weights) > 0.0
-        values = np.linalg.svd((_WEIGHTS * jacobian)[followed], compute_uv=False)
-        return float(values[-1])
+        return smallest_singular_value(jacobian, weights)
 
     @property
     def joint_jacobians(self) -> FloatArray:
@@ -230,41 +228,7 @@ class ArmKinematics:
             np.dot(weighted.T, weighted, out=normal)
             diagonal += DAMPING * square + 1e-9
             solver.compute(normal)
-            q += solver.solve(weighted.T.dot(_WEIGHTS_ONE_ROW * error))
+            q += solver.solve(weighted.T.dot(WEIGHTS * error))
             np.minimum(q, upper, out=q)
             np.maximum(q, lower, out=q)
         return None
-
-
-def _pinocchio_model(arm: ArmModel) -> Any:
-    model = pin.Model()
-    model.name = arm.name
-    parent = 0
-    for joint, inertia in zip(arm.joints, arm.inertias, strict=True):
-        axis = np.array(joint.axis)
-        kind = (
-            pin.JointModelPrismaticUnaligned(axis)
-            if joint.kind is JointKind.PRISMATIC
-            else _revolute(axis)
-        )
-        parent = model.addJoint(parent, kind, to_se3(joint.placement), joint.name)
-        xx, xy, xz, yy, yz, zz = inertia.moments
-        model.appendBodyToJoint(
-            parent,
-            pin.Inertia(
-                inertia.mass_kg,
-                np.array(inertia.centre_m),
-                np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))),
-            ),
-            pin.SE3.Identity(),
-        )
-    model.addFrame(pin.Frame("tcp", parent, to_se3(arm.tcp), pin.FrameType.OP_FRAME))
-    return model
-
-
-def _revolute(axis: FloatArray) -> Any:
-    """Joints about x, y and z cost less than those about any other axis."""
-    for index, aligned in enumerate((pin.JointModelRX, pin.JointModelRY, pin.JointModelRZ)):
-        if axis[index] > 1.0 - 1e-12:
-            return aligned()
-    return pin.JointModelRevoluteUnaligned(axis)

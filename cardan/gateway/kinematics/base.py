@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Protocol
+from typing import Protocol
 
 from cardan.common.arm_libraries import np, npt, pin
+from cardan.robots.arm_bodies import (
+    SE3 as SE3,
+    FloatArray as FloatArray,
+    to_se3 as to_se3,
+)
 from cardan.types import Frame, Pose, Quaternion, Vector3
 
-FloatArray = npt.NDArray[np.float64]
 TURN = 2.0 * math.pi
-SE3 = Any
-"""pinocchio.SE3; Pinocchio has no type stubs."""
 
 
 class Kinematics(Protocol):
@@ -44,13 +46,6 @@ def short_way(difference: FloatArray, continuous: npt.NDArray[np.bool_]) -> Floa
     """Joint differences without the whole turns of `continuous` joints."""
     turns = np.rint(difference / TURN)
     return np.where(continuous, difference - TURN * turns, difference)
-
-
-def to_se3(pose: Pose) -> SE3:
-    """A pose as Pinocchio has it."""
-    x, y, z = pose.position
-    w, i, j, k = pose.orientation
-    return pin.XYZQUATToSE3(np.array((x, y, z, i, j, k, w)))
 
 
 def to_pose(placement: SE3) -> Pose:

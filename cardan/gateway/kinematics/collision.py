@@ -12,11 +12,12 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from cardan.common.arm_libraries import coal, np, pin
-from cardan.errors import ConfigurationError, below
+from cardan.errors import below
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.base import FloatArray, to_se3
+from cardan.gateway.kinematics.base import FloatArray
 from cardan.robots import ArmModel, BodyShape, Box, Capsule, JointKind, Shape
-from cardan.spatial import norm, scale, subtract
+from cardan.robots.arm_bodies import coal_shape
+from cardan.spatial import norm
 from cardan.types import Vector3
 
 ADVANCE_STOP = 1e-3
@@ -87,7 +88,7 @@ class CollisionModel:
             (first, second)
             for first in range(len(self.solids))
             for second in range(first + 1, len(self.solids))
-            if self._can_touch(first, second, fixed_to_base, arm.ignored_pairs)
+            if self._can_touch(first, second, fixed_to_base)
         ]
         # The body that moves more is the second of its pair.
         bodies = [solid.body for solid in self.solids]
@@ -122,15 +123,13 @@ class CollisionModel:
         self._geometry.addGeometryObject(pin.GeometryObject(label, body, placement, geometry))
         self.solids.append(Solid(name, body, shape))
 
-    def _can_touch(
-        self, first: int, second: int, fixed_to_base: int, ignored: frozenset[tuple[int, int]]
-    ) -> bool:
-        low, high = sorted((self.solids[first].body, self.solids[second].body))
-        if low == high:
+    def _can_touch(self, first: int, second: int, fixed_to_base: int) -> bool:
+        bodies = self.solids[first].body, self.solids[second].body
+        if bodies[0] == bodies[1]:
             return False
-        if max(first, second) >= fixed_to_base:
+        if second >= fixed_to_base:
             return True  # An obstacle against a body of the arm.
-        return high - low > 1 and (low, high) not in ignored
+        return self.kinematics.arm.keeps_apart(bodies, (first, second))
 
     def update(self) -> list[float]:
         """Distances of all pairs where the kinematics was last updated, m; negative: overlap."""
@@ -209,21 +208,10 @@ class CollisionModel:
             share += gain
 
 
-def _coal_shape(shape: Shape | HalfSpace) -> tuple[object, object]:
-    if isinstance(shape, Capsule):
-        along = subtract(shape.end, shape.start)
-        length = norm(along)
-        middle = np.array(shape.start) + 0.5 * np.array(along)
-        if length < 1e-9:
-            return coal.Sphere(shape.radius_m), pin.SE3(np.eye(3), middle)
-        z = np.array(scale(along, 1.0 / length))
-        turn = pin.Quaternion.FromTwoVectors(np.array((0.0, 0.0, 1.0)), z).matrix()
-        return coal.Capsule(shape.radius_m, length), pin.SE3(turn, middle)
-    if isinstance(shape, Box):
-        return coal.Box(np.array(shape.size_m)), to_se3(shape.pose)
+def _coal_shape(shape: Shape | HalfSpace) -> tuple[Any, Any]:
     if isinstance(shape, HalfSpace):
         return coal.Halfspace(np.array(shape.normal), shape.offset_m), pin.SE3.Identity()
-    raise ConfigurationError("", f"{type(shape).__name__} is no collision shape")
+    return coal_shape(shape)
 
 
 def _reach(arm: ArmModel, shapes: tuple[BodyShape, ...]) -> FloatArray:

@@ -61,6 +61,14 @@ class ServoStatus(NamedTuple):
         return self.distance_m < 0.0
 
     @property
+    def nearest_in_words(self) -> str:
+        """How near the nearest pair of bodies is."""
+        first, second = self.nearest_pair
+        if self.overlaps:
+            return f"{first} and {second} overlap by {self.distance_m * -1e3:.1f} mm"
+        return f"{first} and {second} are {self.distance_m * 1e3:.1f} mm apart"
+
+    @property
     def unreachable(self) -> bool:
         """Whether part of what is commanded is a motion that the arm has no joints for."""
         return self.unreachable_m_s > UNREACHABLE_M_S or self.unreachable_rad_s > UNREACHABLE_RAD_S

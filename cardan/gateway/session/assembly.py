@@ -582,8 +582,8 @@ def read_part(kind: type[Part], path: Path) -> Part:
 
 
 def cautions(config: SessionConfig) -> list[str]:
-    """What is allowed and rarely should be: what the drivers say of their options, and links that
-    nothing keeps away from anything."""
+    """What is allowed and rarely should be: what the drivers say of their options, bodies that
+    nothing keeps apart or that are in each other at home, and a home that is singular."""
     drivers = {"robot": config.robot, "device": config.device}
     found = [
         f"{key}: {words}"
@@ -596,7 +596,40 @@ def cautions(config: SessionConfig) -> list[str]:
         bare = model.links_without_body()
         if bare and config.arm.collisions:
             found.append(f"arm: {bare}; neither obstacles nor the arm itself stop them")
+        if config.arm.collisions:
+            found += _touching(model, config)
         found += _unbent(model)
+    return found
+
+
+def _touching(model: ArmModel, config: SessionConfig) -> list[str]:
+    """Pairs of bodies that are left out, and those that overlap at home."""
+    from cardan.common.arm_libraries import np
+    from cardan.gateway.kinematics.arm import ArmKinematics
+    from cardan.gateway.kinematics.collision import CollisionModel
+
+    found = []
+    if pairs := model.touching_names():
+        named = ", ".join(" and ".join(pair) for pair in pairs)
+        found.append(f"arm: touch in every posture, and are not kept apart: {named}")
+    bodies = CollisionModel(ArmKinematics(model), [_obstacle(each) for each in config.obstacles])
+    overlaps: dict[tuple[str, str], tuple[float, bool]] = {}
+    for names, distance, outside in zip(
+        bodies.pairs, bodies.at(np.array(model.home)), bodies.with_obstacle, strict=True
+    ):
+        if distance < min(0.0, overlaps.get(names, (0.0, False))[0]):
+            overlaps[names] = distance, bool(outside)
+    for (first, second), (distance, outside) in overlaps.items():
+        remedy = (
+            f'ignore = [["{first}", "{second}"]] in [collision] of the arm\'s .toml if they do so '
+            "in every posture"
+        )
+        if outside:
+            remedy = "move the obstacle"
+        found.append(
+            f"arm: at home {first} and {second} overlap by {distance * -1e3:.1f} mm, which ends "
+            f"motions there: {remedy}, or give another home_deg"
+        )
     return found
 
 

@@ -37,3 +37,8 @@ def limits(leash_used=0.0, at_workspace_limit=False, **servo):
 def test_what_limits_the_arm(given, found):
     assert limits(**given) == found
     assert {*found} <= {*LIMITS}
+
+
+def test_how_near_two_bodies_are():
+    assert FREE._replace(distance_m=0.0307).nearest_in_words == "a and b are 30.7 mm apart"
+    assert FREE._replace(distance_m=-0.034).nearest_in_words == "a and b overlap by 34.0 mm"

@@ -98,3 +98,52 @@ def test_a_program_is_refused_likewise(session):
     ArmVerbs.alone(model, able)
     accepting = ControllerOptions(i_accept_links_without_bodies=True)
     ArmVerbs.alone(model, able, accepting, obstacles=box)
+
+
+@pytest.fixture
+def fist(tmp_path):
+    """Writes the file of a session with the UR5, whose base and upper arm always touch."""
+
+    def write(toml, more=""):
+        load_arm.cache_clear()
+        (tmp_path / "fist.urdf").write_text(load_arm("ur5").urdf, encoding="utf-8")
+        arm = tmp_path / "fist.toml"
+        arm.write_text(f'urdf = "fist.urdf"\n{toml}', encoding="utf-8")
+        file = tmp_path / "session.toml"
+        file.write_text(
+            f'[robot]\ndriver = "sim_arm"\nrobot = "ur5"\n[arm]\nmodel = "{arm}"\n{more}'
+        )
+        return file
+
+    return write
+
+
+FOLDED = "home_deg = [-90, 100, 120, 60, -120, 100]\n"
+
+
+def test_bodies_that_overlap_at_home_are_said_with_the_remedy(fist):
+    file = fist(FOLDED)
+    said = [words for words in cautions(load_config(file)) if "at home" in words]
+    assert said
+    for words in said:
+        names, line = re.search(
+            r"at home (.*) overlap by [0-9.]+ mm.*(ignore = \[\[.*\]\])", words
+        ).groups()
+        assert all(f'"{name}"' in line for name in names.split(" and "))
+    lines = [re.search(r"ignore = \[(\[.*\])\]", words)[1] for words in said]
+    pasted = fist(f"{FOLDED}[collision]\nignore = [{', '.join(lines)}]\n")
+    assert not any("at home" in words for words in cautions(load_config(pasted)))
+    assert cautions(load_config(fist(FOLDED, "collisions = false\n"))) == []
+
+
+def test_an_obstacle_that_the_arm_is_in_at_home_is_said(fist):
+    box = BOX.replace("0.2, -0.2, 0.0", "-0.5, -0.5, 0.1")
+    file = fist("home_deg = [0, -90, 90, -90, -90, 0]\n", box)
+    said = [words for words in cautions(load_config(file)) if "at home" in words]
+    assert any("box and " in words and "move the obstacle" in words for words in said)
+
+
+def test_bodies_that_always_touch_are_said(fist):
+    (words, *_) = cautions(load_config(fist("")))
+    assert words.startswith("arm: touch in every posture, and are not kept apart: ")
+    assert "base_link_inertia and upper_arm_link" in words

@@ -150,5 +150,5 @@ def stuck_in_words(servo: AnyServo, share: float) -> str:
     if status.singular:
         why += f"; {UNBENT.format(status.smallest_singular_value)}"
     if status.active_pairs:
-        why += f"; {' and '.join(status.nearest_pair)} are {status.distance_m * 1e3:.1f} mm apart"
+        why += f"; {status.nearest_in_words}"
     return why

@@ -1,0 +1,165 @@
+"""What is chosen for an arm whose files leave it open: where its home is, and which of its bodies
+are not kept apart because they touch in every posture."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+from cardan.common.arm_libraries import np, pin
+from cardan.robots.arm_bodies import (
+    FloatArray,
+    coal_shape,
+    pinocchio_model,
+    smallest_singular_value,
+)
+from cardan.robots.arm_model import ArmModel, JointKind
+
+HOMES = 1_000
+"""Postures of which the home is chosen."""
+
+MIDDLE_SHARE = 0.5
+"""Part of each range, about its middle, that a home is chosen in."""
+
+FARTHEST_RAD = math.pi / 2.0
+"""From the middle, for joints with a long range or none."""
+
+HOME_ROOMS_M = (0.02, 0.01, 0.005, 0.0)
+"""Between bodies at home: the first that any posture has. Wrists may be a few mm apart always."""
+
+AS_GOOD = 0.9
+"""Part of the largest smallest singular value from which postures count as conditioned alike."""
+
+POSTURES = 10_000
+"""In all of which bodies touch that are not kept apart, as MoveIt's setup assistant has it."""
+
+
+def pairs_to_watch(arm: ArmModel) -> list[tuple[int, int]]:
+    """Those of the arm's shapes, by number, that are kept apart."""
+    return [
+        (first, second)
+        for first, second in itertools.combinations(range(len(arm.shapes)), 2)
+        if arm.keeps_apart((arm.shapes[first].body, arm.shapes[second].body), (first, second))
+    ]
+
+
+def touching_shapes(arm: ArmModel) -> frozenset[tuple[int, int]]:
+    """Of the pairs to watch, those that touch in all of 10,000 random postures."""
+    bodies = _Bodies(arm)
+    # A continuous joint turns once; the others have all of their range.
+    lower = np.maximum(arm.lower, [_ends(joint.kind)[0] for joint in arm.joints])
+    upper = np.minimum(arm.upper, [_ends(joint.kind)[1] for joint in arm.joints])
+    touching = set(range(len(bodies.pairs)))
+    for q in np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(arm.joints))):
+        if not touching:
+            break
+        # What was apart once is not looked at again: a thousandth of the work remains.
+        touching &= bodies.touching(q)
+        bodies.watch_only(touching)
+    return frozenset(bodies.pairs[number] for number in touching)
+
+
+def _ends(kind: JointKind) -> tuple[float, float]:
+    return (-math.pi, math.pi) if kind is JointKind.CONTINUOUS else (-math.inf, math.inf)
+
+
+def bent_home(arm: ArmModel) -> tuple[float, ...]:
+    """The best-conditioned of 1,000 postures near the middle of each range in which bodies have
+    room between them; where they touch in all, the best-conditioned of all.
+
+    Of postures conditioned nearly as well as the best, it is the one whose joints carry the least
+    (the norm of the torques and forces by gravity; a difference of a tenth of the largest counts),
+    and of several such ones the one nearest to the middle. Whole degrees and millimetres, so that
+    it can be read, but for the middle itself.
+    """
+    postures = _postures(arm)
+    model = pinocchio_model(arm)
+    data, tcp = model.createData(), model.getFrameId("tcp")
+    bent = [
+        smallest_singular_value(
+            pin.computeFrameJacobian(model, data, q, tcp, pin.ReferenceFrame.LOCAL),
+            arm.task.weights,
+        )
+        for q in postures
+    ]
+    order = sorted(range(len(postures)), key=lambda number: -bent[number])
+    bodies = _Bodies(arm)
+    found: list[int] = []
+    for room_m in HOME_ROOMS_M:
+        bodies.set_room(room_m)
+        for number in order:
+            if found and bent[number] < AS_GOOD * bent[found[0]]:
+                break
+            if not bodies.touch(postures[number]):
+                found.append(number)
+        if found:
+            break
+    found = found or [number for number in order if bent[number] >= AS_GOOD * bent[order[0]]]
+    loads = {
+        number: float(np.linalg.norm(pin.computeGeneralizedGravity(model, data, postures[number])))
+        for number in found
+    }
+    heaviest = max(loads.values()) or 1.0
+
+    def preference(number: int) -> tuple[float, float]:
+        away = float(np.linalg.norm(postures[number] - postures[0]))
+        return round(loads[number] / heaviest, 1), away
+
+    return tuple(postures[min(found, key=preference)].tolist())
+
+
+def _postures(arm: ArmModel) -> FloatArray:
+    """The middle of each range, and others around it."""
+    middle, room, unit = [], [], []
+    for joint in arm.joints:
+        endless = joint.kind is JointKind.CONTINUOUS
+        slides = joint.kind is JointKind.PRISMATIC
+        middle.append(0.0 if endless else 0.5 * (joint.lower + joint.upper))
+        half = 0.5 * MIDDLE_SHARE * (joint.upper - joint.lower)
+        room.append(half if slides else min(half, FARTHEST_RAD))
+        unit.append(1e-3 if slides else math.pi / 180.0)
+    spread = np.random.default_rng(0).uniform(-1.0, 1.0, (HOMES - 1, len(middle)))
+    around = np.rint((middle + spread * room) / unit) * unit
+    return np.vstack((middle, np.clip(around, arm.lower, arm.upper)))
+
+
+class _Bodies:
+    """The shapes that are kept apart: which touch, or come nearer than `set_room` says."""
+
+    def __init__(self, arm: ArmModel) -> None:
+        self.pairs = pairs_to_watch(arm)
+        self._model, self._geometry = pinocchio_model(arm), pin.GeometryModel()
+        for number, each in enumerate(arm.shapes):
+            shape, placement = coal_shape(each.shape)
+            self._geometry.addGeometryObject(
+                pin.GeometryObject(f"{each.name}#{number}", each.body, placement, shape)
+            )
+        for pair in self.pairs:
+            self._geometry.addCollisionPair(pin.CollisionPair(*pair))
+        self._data, self._found = self._model.createData(), self._geometry.createData()
+        self._watched = set(range(len(self.pairs)))
+
+    def set_room(self, room_m: float) -> None:
+        """What is nearer counts as touching."""
+        for number in range(len(self.pairs)):
+            self._found.collisionRequests[number].security_margin = room_m
+
+    def touch(self, q: FloatArray) -> bool:
+        """Whether any of `pairs` touch at `q`."""
+        any_do: bool = pin.computeCollisions(
+            self._model, self._data, self._geometry, self._found, q, True
+        )
+        return any_do
+
+    def watch_only(self, numbers: set[int]) -> None:
+        """Of `pairs`; those that are not watched touch nothing."""
+        for number in self._watched - numbers:
+            self._found.deactivateCollisionPair(number)
+        self._watched = set(numbers)
+
+    def touching(self, q: FloatArray) -> set[int]:
+        """The numbers of `pairs` that touch at `q`."""
+        pin.computeCollisions(self._model, self._data, self._geometry, self._found, q, False)
+        results: Any = self._found.collisionResults
+        return {number for number in self._watched if results[number].isCollision()}
