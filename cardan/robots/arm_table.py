@@ -20,7 +20,14 @@ from cardan.common import files, tables
 from cardan.common.options import hints
 from cardan.robots.arm_model import ArmModel
 
-_SOURCES = ("arm_chain.py", "arm_file.py", "arm_model.py", "arm_reader.py", "urdf.py")
+_SOURCES = (
+    "arm_chain.py",
+    "arm_file.py",
+    "arm_limits.py",
+    "arm_model.py",
+    "arm_reader.py",
+    "urdf.py",
+)
 """What makes a model out of files: others make others."""
 
 
