@@ -98,10 +98,13 @@ def _asked_for(
     file: ArmFile,
 ) -> ConfigurationError:
     limits = {joint.name: each for joint, each in zip(joints, found, strict=True)}
-    lines: list[str] = []
+    names, lines = [], []
     for field, key in _KEYS.items():
         lacking = [joint for joint in missing if field in missing[joint]]
-        lines += [f"[{key}]"] if lacking else []
+        if not lacking:
+            continue
+        names.append(f"{field} of {', '.join(joint.name for joint in lacking)}")
+        lines.append(f"[{key}]")
         for joint in lacking:
             value = _proposal(joint, field, limits[joint.name])
             unit = "m" if joint.kind == JointKind.PRISMATIC.value else "deg"
@@ -113,14 +116,11 @@ def _asked_for(
     where = "the arm's .toml" if file.urdf else 'a .toml with urdf = "FILE"'
     there = [f"[{key}]" for key in _KEYS.values() if getattr(file, key)]
     into = f" (what belongs to {', '.join(there)}, below that)" if there else ""
-    names = ", ".join(
-        f"{' and '.join(fields)} of {joint.name!r}" for joint, fields in missing.items()
-    )
     text = "\n".join(lines)
     return ConfigurationError(
         "",
-        f"limits are missing: {names}. Put these lines at the end of {where}{into}, careful "
-        f"numbers until you have the maker's:\n{text}",
+        f"limits are missing: {'; '.join(names)}. Put these lines at the end of {where}{into}, "
+        f"careful numbers until you have the maker's:\n{text}",
     )
 
 
