@@ -38,7 +38,9 @@ def limits_of(joints: Sequence[TreeJoint], file: ArmFile) -> list[Limits]:
         if left := {field: words for field, words in lacks.items() if field not in given}:
             missing[joint] = left
     if missing:
-        silent = [j.name for j, each in zip(joints, found, strict=True) if math.isinf(each.effort)]
+        silent = [
+            repr(j.name) for j, each in zip(joints, found, strict=True) if math.isinf(each.effort)
+        ]
         raise _asked_for(missing, found, joints, silent, file)
     return found
 
@@ -77,8 +79,8 @@ def _given(joint: TreeJoint, file: ArmFile) -> dict[str, float]:
 def _check(joint: TreeJoint, limits: Limits, given: Mapping[str, float]) -> None:
     unit = unit_of(joint.kind)
     largest = {"velocity": fastest(joint.kind), "lower": WIDEST, "upper": WIDEST}
-    for field in given.keys() & largest.keys():
-        if abs(given[field]) > largest[field]:
+    for field in largest:
+        if abs(given.get(field, 0.0)) > largest[field]:
             raise ConfigurationError(
                 f"{_KEYS[field]}.{joint.name}",
                 f"{given[field] / unit:g} is more than {largest[field] / unit:g}",
@@ -103,7 +105,7 @@ def _asked_for(
         lacking = [joint for joint in missing if field in missing[joint]]
         if not lacking:
             continue
-        names.append(f"{field} of {', '.join(joint.name for joint in lacking)}")
+        names.append(f"{field} of {', '.join(repr(joint.name) for joint in lacking)}")
         lines.append(f"[{key}]")
         for joint in lacking:
             value = _proposal(joint, field, limits[joint.name])

@@ -67,15 +67,15 @@ POOR = chain(
 def test_all_that_is_missing_is_asked_for_at_once(load):
     head, lines = asked(load, POOR)
     for words in (
-        'velocity of turn, lift, left/elbow, "odd" é; lower of lift, left/elbow; ',
-        '; upper of lift, left/elbow, "odd" é. Put ',
+        "velocity of 'turn', 'lift', 'left/elbow', '\"odd\" é'; lower of 'lift', 'left/elbow'; ",
+        "; upper of 'lift', 'left/elbow', '\"odd\" é'. Put ",
         "at the end of the arm's .toml",
     ):
         assert words in head
     assert "good" not in head + lines
     for words in ("velocity 1e+09", "no lower", "lower -1e+16", "velocity 31", "no upper"):
         assert words in lines
-    assert lines.endswith('is not published, and no limit, of turn, lift, "odd" é')
+    assert lines.endswith("""no limit, of 'turn', 'lift', '"odd" é'""")
 
 
 def test_what_is_proposed_is_taken_and_careful(load):
@@ -116,10 +116,8 @@ def test_what_is_proposed_is_taken_and_careful(load):
 def test_what_counts_as_missing(load, limit, kind, missing):
     urdf = chain(joint("j", limit, kind))
     if missing:
-        assert (
-            f"missing: {'; '.join(f'{field} of j' for field in missing.split())}."
-            in asked(load, urdf)[0]
-        )
+        of_j = "; ".join(f"{field} of 'j'" for field in missing.split())
+        assert f"missing: {of_j}." in asked(load, urdf)[0]
         words = ".*".join(missing.split())
         with pytest.raises(ConfigurationError, match=f"limits of joint 'j': .*{words}"):
             limits_in(urdf, ["j"])
@@ -159,6 +157,14 @@ effort.a = 7
 def test_what_is_proposed_is_in_what_is_published(load):
     arm = load(POOR, asked(load, POOR)[1])
     assert limits_in(arm.urdf, arm.joint_names) == arm.limits
+
+
+def test_a_name_of_several_lines_adds_none_to_what_is_proposed(load):
+    name = "j\n[collision]\nmeshes = 'ignore'\n"
+    urdf = chain(joint(name, ""))
+    lines = asked(load, urdf)[1]
+    assert "collision" not in parse_toml(lines, "own.toml")
+    assert load(urdf, lines).joint_names == (name,)
 
 
 def test_only_what_the_file_has_not_is_asked_for(load):
