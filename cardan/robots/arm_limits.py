@@ -41,7 +41,7 @@ def limits_of(joints: Sequence[TreeJoint], file: ArmFile) -> list[Limits]:
         silent = [
             repr(j.name) for j, each in zip(joints, found, strict=True) if math.isinf(each.effort)
         ]
-        raise _asked_for(missing, found, joints, silent, file)
+        raise _asked_for(missing, found, joints, silent)
     return found
 
 
@@ -60,7 +60,9 @@ def _check_names(joints: Sequence[TreeJoint], file: ArmFile) -> None:
                     f"the arm has no moving joint {name!r}; allowed: {', '.join(kinds)}",
                 )
             if key in ("lower_deg", "upper_deg") and kinds[name] == JointKind.CONTINUOUS.value:
-                raise ConfigurationError(f"{key}.{name}", "a continuous joint has no range")
+                raise ConfigurationError(
+                    f"{key}.{name}", "a continuous joint takes no range: leave it out"
+                )
 
 
 def _unit(field: str, joint: TreeJoint) -> float:
@@ -97,7 +99,6 @@ def _asked_for(
     found: Sequence[Limits],
     joints: Sequence[TreeJoint],
     silent: Sequence[str],
-    file: ArmFile,
 ) -> ConfigurationError:
     limits = {joint.name: each for joint, each in zip(joints, found, strict=True)}
     names, lines = [], []
@@ -115,14 +116,12 @@ def _asked_for(
             lines.append(f"{line} # {unit}; the URDF: {missing[joint][field]}")
     if silent:
         lines.append(f"# [effort] (N·m, N) is not published, and no limit, of {', '.join(silent)}")
-    where = "the arm's .toml" if file.urdf else 'a .toml with urdf = "FILE"'
-    there = [f"[{key}]" for key in _KEYS.values() if getattr(file, key)]
-    into = f" (what belongs to {', '.join(there)}, below that)" if there else ""
     text = "\n".join(lines)
     return ConfigurationError(
         "",
-        f"limits are missing: {'; '.join(names)}. Put these lines at the end of {where}{into}, "
-        f"careful numbers until you have the maker's:\n{text}",
+        f"limits are missing: {'; '.join(names)}: put these lines at the end of the arm's .toml, "
+        'which begins with urdf = "FILE" (where it has a table of them, into that), careful '
+        f"numbers until you have the maker's:\n{text}",
     )
 
 

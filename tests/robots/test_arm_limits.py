@@ -68,7 +68,7 @@ def test_all_that_is_missing_is_asked_for_at_once(load):
     head, lines = asked(load, POOR)
     for words in (
         "velocity of 'turn', 'lift', 'left/elbow', '\"odd\" é'; lower of 'lift', 'left/elbow'; ",
-        "; upper of 'lift', 'left/elbow', '\"odd\" é'. Put ",
+        "; upper of 'lift', 'left/elbow', '\"odd\" é': put ",
         "at the end of the arm's .toml",
     ):
         assert words in head
@@ -117,7 +117,7 @@ def test_what_counts_as_missing(load, limit, kind, missing):
     urdf = chain(joint("j", limit, kind))
     if missing:
         of_j = "; ".join(f"{field} of 'j'" for field in missing.split())
-        assert f"missing: {of_j}." in asked(load, urdf)[0]
+        assert f"missing: {of_j}: put" in asked(load, urdf)[0]
         words = ".*".join(missing.split())
         with pytest.raises(ConfigurationError, match=f"limits of joint 'j': .*{words}"):
             limits_in(urdf, ["j"])
@@ -170,12 +170,14 @@ def test_a_name_of_several_lines_adds_none_to_what_is_proposed(load):
 def test_only_what_the_file_has_not_is_asked_for(load):
     head, lines = asked(load, POOR, "[velocity_deg_s]\nturn = 5")
     assert "turn" not in head
-    assert "(what belongs to [velocity_deg_s], below that)" in head
+    assert "(where it has a table of them, into that)" in head
     assert lines.startswith("[velocity_deg_s]\n")
 
 
 def test_an_arm_without_a_file_is_told_of_one():
-    with pytest.raises(ConfigurationError, match=re.escape('a .toml with urdf = "FILE"')):
+    with pytest.raises(
+        ConfigurationError, match=re.escape('.toml, which begins with urdf = "FILE"')
+    ):
         parse_urdf(POOR)
 
 
@@ -194,7 +196,7 @@ def test_only_the_arm_s_joints_need_limits(load):
         ("upper_deg.a = 1e5", "upper_deg.a: 100000 is more than 57295.8"),
         ("upper_deg.a = -90", "upper_deg.a: lower -57.2958 and upper -90 are no range"),
         ("lower_deg.a = nan", "lower_deg"),
-        ("lower_deg.c = -90", "lower_deg.c: a continuous joint has no range"),
+        ("lower_deg.c = -90", "lower_deg.c: a continuous joint takes no range: leave it out"),
     ],
 )
 def test_errors_name_the_key(load, toml, words):
