@@ -99,6 +99,13 @@ class ArmFile(Options):
     """Folders of packages that meshes are in, from the folder of the URDF, before all others."""
     home_deg: tuple[_Number, ...] | None = None
     """Revolute joints in deg, prismatic ones in m; default: chosen bent."""
+    velocity_deg_s: Mapping[str, _Positive] = field(default_factory=dict)
+    """Of joints by name, m/s for prismatic ones; counts instead of the URDF's, as do the next."""
+    lower_deg: Mapping[str, _Number] = field(default_factory=dict)
+    """Ends of ranges, m for prismatic joints."""
+    upper_deg: Mapping[str, _Number] = field(default_factory=dict)
+    effort: Mapping[str, _Positive] = field(default_factory=dict)
+    """N·m, or N."""
     acceleration_deg_s2: _Positive | tuple[_Positive, ...] | None = None
     """One for all joints or one each; prismatic ones in m/s²."""
     counterbalance: str = ""

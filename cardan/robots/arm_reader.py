@@ -12,6 +12,7 @@ from cardan.errors import ConfigurationError
 from cardan.robots.arm_chain import Chain, chain_of, no_link, unit_of
 from cardan.robots.arm_choices import bent_home, touching_shapes
 from cardan.robots.arm_file import ArmFile, CollisionTable
+from cardan.robots.arm_limits import limited_by, limits_of
 from cardan.robots.arm_model import (
     ArmJoint,
     ArmModel,
@@ -24,7 +25,7 @@ from cardan.robots.arm_model import (
 )
 from cardan.robots.fit_cache import fit_mesh
 from cardan.robots.mesh_files import FoundMesh
-from cardan.robots.urdf import LOOSE, Place, Tree, TreeJoint, held_form, normal_form
+from cardan.robots.urdf import LOOSE, Limits, Place, Tree, arm_form, normal_form
 from cardan.spatial import compose, norm, scale, subtract, transform
 from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion, Vector3
 
@@ -62,7 +63,12 @@ def build_arm(
     wrong in the URDF.
     """
     chain = chain_of(tree, file)
-    joints = _limited(chain.joints)
+    limits = limits_of(chain.joints, file)
+    # Pinocchio has not placed them yet.
+    joints = [
+        ArmJoint(joint.name, JointKind(joint.kind), IDENTITY_POSE, ZERO3, *each)
+        for joint, each in zip(chain.joints, limits, strict=True)
+    ]
     if file.acceleration_deg_s2 is not None:
         joints = _accelerated(joints, file.acceleration_deg_s2)
     covers = {
@@ -72,7 +78,13 @@ def build_arm(
     }
     left_out = meshes.keys() - covers.keys()
     given = {shape.link for shape in file.collision.shape}
-    model, geometry, urdf = _reduced(tree, chain, normal_form(tree, given, left_out))
+    overridden = limited_by(file)
+    ours = {
+        joint.name: each
+        for joint, each in zip(chain.joints, limits, strict=True)
+        if joint.name in overridden
+    }
+    model, geometry, urdf = _reduced(tree, chain, normal_form(tree, given, left_out), ours)
     # Pinocchio's frame of body 0 is the root's.
     base = _link(model, list(tree.links).index(chain.base)).placement.inverse()
     joints = [
@@ -117,9 +129,11 @@ def build_arm(
     return arm if file.home_deg is not None else arm._replace(home=bent_home(arm))
 
 
-def _reduced(tree: Tree, chain: Chain, text: str) -> tuple[Any, Any, str]:
+def _reduced(
+    tree: Tree, chain: Chain, text: str, limits: Mapping[str, Limits]
+) -> tuple[Any, Any, str]:
     """Pinocchio's model of the chain in the normal form `text`, all else held; its shapes; and the
-    same as a URDF."""
+    same as a URDF, with `limits` in it."""
     numbers = {name: number for number, name in enumerate(tree.joints)}
     try:
         model = pin.buildModelFromXML(text)
@@ -132,15 +146,15 @@ def _reduced(tree: Tree, chain: Chain, text: str) -> tuple[Any, Any, str]:
         reduced, geometry = pin.buildReducedModel(model, geometry, locked, q)
     except (ValueError, RuntimeError, IndexError) as error:
         raise ConfigurationError("", f"Pinocchio cannot read the arm's URDF: {error}") from None
-    return reduced, geometry, _urdf_of(tree, chain, model, q)
+    return reduced, geometry, _urdf_of(tree, chain, limits, model, q)
 
 
-def _urdf_of(tree: Tree, chain: Chain, model: Any, q: Any) -> str:
+def _urdf_of(tree: Tree, chain: Chain, limits: Mapping[str, Limits], model: Any, q: Any) -> str:
     """Of the arm alone: its joints are the only ones that move, and its base is the root. That of
     the file where it is so."""
     held = [joint for joint in tree.joints.values() if joint.kind in LOOSE]
     held += [tree.joints[name] for name in chain.held]
-    if not held and chain.base == tree.root:
+    if not held and not limits and chain.base == tree.root:
         return tree.text
     data, numbers = model.createData(), {name: number for number, name in enumerate(tree.links)}
     pin.framesForwardKinematics(model, data, q)
@@ -151,10 +165,11 @@ def _urdf_of(tree: Tree, chain: Chain, model: Any, q: Any) -> str:
         turned = pin.rpy.matrixToRpy(there.rotation)
         return Place(tuple(there.translation.tolist()), tuple(turned.tolist()))
 
-    return held_form(
+    return arm_form(
         tree,
         {joint.name: place(joint.parent, joint.child) for joint in held},
         None if chain.base == tree.root else place(chain.base, tree.root),
+        limits,
     )
 
 
@@ -176,14 +191,6 @@ def _pose(placement: Any) -> Pose:
 
 # ---------------------------------------------------------------------------------------------
 # Joints
-
-
-def _limited(chain: Sequence[TreeJoint]) -> list[ArmJoint]:
-    """The joints, where Pinocchio has not placed them yet."""
-    return [
-        ArmJoint(joint.name, JointKind(joint.kind), IDENTITY_POSE, ZERO3, *joint.limits())
-        for joint in chain
-    ]
 
 
 def _placed_joint(model: Any, number: int, joint: ArmJoint, base: Any) -> ArmJoint:

@@ -22,6 +22,7 @@ _SOURCES = (
     "arm_chain.py",
     "arm_choices.py",
     "arm_file.py",
+    "arm_limits.py",
     "arm_model.py",
     "arm_reader.py",
     "fitting.py",

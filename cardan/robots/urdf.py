@@ -21,6 +21,9 @@ from cardan.types import JointLimits, Vector3
 LARGEST_NUMBER = 1e6
 """No length, angle, speed or mass of an arm is larger: a mistake, and products would overflow."""
 
+WIDEST = 1000.0
+"""rad or m: a joint whose range ends beyond has none."""
+
 MOST_LINKS = 1000
 """In one file; humanoids have 100. Pinocchio recurses along the tree."""
 
@@ -44,7 +47,7 @@ _ROUNDING_KG_M2 = 1e-12
 
 
 class Limits(NamedTuple):
-    """Of one joint, rad or m."""
+    """Of one joint, rad or m; NaN where the file has none that an arm could keep to."""
 
     lower: float
     """-inf for a continuous joint."""
@@ -53,6 +56,13 @@ class Limits(NamedTuple):
     acceleration: float
     effort: float
     """Infinite where it is not published."""
+
+    @property
+    def accelerated(self) -> Limits:
+        """With an acceleration where the file has none."""
+        if math.isnan(self.acceleration):
+            return self._replace(acceleration=self.velocity / TIME_TO_FULL_SPEED_S)
+        return self
 
 
 class TreeJoint(NamedTuple):
@@ -78,14 +88,15 @@ class TreeJoint(NamedTuple):
         """What is raised where it stands and none of its kind may."""
         return _wrong(f"joint {self.name!r} is {self.kind!r}; allowed: fixed, {', '.join(MOVING)}")
 
-    def limits(self) -> Limits:
-        """Raises ConfigurationError."""
+    def limits(self) -> tuple[Limits, dict[str, str]]:
+        """As the file has them, and of those that are missing, what it has in their place. Raises
+        ConfigurationError."""
         return _limits(self.element)
 
     def range(self) -> tuple[float, float]:
         """As far as the file gives one; a continuous joint has none."""
         with about(f"limits of joint {self.name!r}"):
-            return _range(self.element, open_ended=True)
+            return _range(self.element)
 
 
 class Tree(NamedTuple):
@@ -149,11 +160,11 @@ def limits_in(text: str, names: Sequence[str]) -> JointLimits:
     """The limits of the joints called `names` in a robot's whole URDF, which may branch and have
     meshes: as robots publish it.
 
-    Raises ConfigurationError for text that is not URDF, and for a joint that is missing, is there
-    twice or has no limits.
+    Raises ConfigurationError for text that is not URDF, and for joints that are missing, are there
+    twice or lack limits.
     """
     there = list(_parsed(text).iterfind("joint"))
-    limits = []
+    limits, lacking = [], []
     for name in names:
         found = [each for each in there if each.get("name", "") == name]
         if not found:
@@ -164,7 +175,12 @@ def limits_in(text: str, names: Sequence[str]) -> JointLimits:
         kind = found[0].get("type", "")
         if kind not in MOVING:
             raise _wrong(f"joint {name!r} of the URDF is {kind!r}, which does not move")
-        limits.append(_limits(found[0]))
+        its_limits, missing = _limits(found[0])
+        limits.append(its_limits.accelerated)
+        if missing:
+            lacking.append(f"limits of joint {name!r}: {', '.join(missing.values())}")
+    if lacking:
+        raise _wrong("; ".join(lacking))
     return JointLimits(
         tuple(each.lower for each in limits),
         tuple(each.upper for each in limits),
@@ -353,34 +369,55 @@ def _numbers(element: ET.Element, attribute: str, of: str, count: int = 3) -> li
     return numbers
 
 
-def _range(element: ET.Element, open_ended: bool = False) -> tuple[float, float]:
+def _range(element: ET.Element) -> tuple[float, float]:
+    """Infinite where the file has none."""
     if element.get("type") == JointKind.CONTINUOUS.value:
         return -math.inf, math.inf
     limit, soft = element.find("limit"), element.find("safety_controller")
-    lower = _attribute(limit, "lower", "-inf" if open_ended else None)
-    upper = _attribute(limit, "upper", "inf" if open_ended else None)
+    lower = _attribute(limit, "lower", "-inf")
+    upper = _attribute(limit, "upper", "inf")
     lower = max(lower, _attribute(soft, "soft_lower_limit", "-inf"))
     upper = min(upper, _attribute(soft, "soft_upper_limit", "inf"))
-    largest = math.inf if open_ended else LARGEST_NUMBER
-    if not (-largest <= lower <= upper <= largest and (open_ended or lower < upper)):
+    if not lower <= upper:
         raise ValueError(f"lower {lower:g} and upper {upper:g} are no range")
     return lower, upper
 
 
-def _limits(element: ET.Element) -> Limits:
+def fastest(kind: str) -> float:
+    """rad/s or m/s: a joint's published speed above it is none."""
+    return 10.0 if kind == JointKind.PRISMATIC.value else 30.0
+
+
+def _limits(element: ET.Element) -> tuple[Limits, dict[str, str]]:
+    kind, limit = element.get("type", ""), element.find("limit")
+    missing: dict[str, str] = {}
+
+    def miss(name: str, value: float) -> float:
+        there = limit is not None and limit.get(name) is not None
+        missing[name] = f"{name} {value:g}" if there else f"no {name}"
+        return math.nan
+
     with about(f"limits of joint {element.get('name', '')!r}"):
-        limit = _child(element, "limit")
-        velocity = _attribute(limit, "velocity")
+        velocity = _attribute(limit, "velocity", "0")
         effort = _attribute(limit, "effort", "0")
         if not effort >= 0.0:
             raise ValueError(f"effort {effort:g} is not a torque or force")
-        lower, upper = _range(element)
-        if not 0.0 < velocity <= LARGEST_NUMBER:
+        if not velocity >= 0.0:
             raise ValueError(f"velocity {velocity:g} is not a speed")
-        return Limits(lower, upper, velocity, _acceleration(limit, velocity), effort or math.inf)
+        if not 0.0 < velocity <= fastest(kind):
+            velocity = miss("velocity", velocity)
+        lower, upper = _range(element)
+        if kind != JointKind.CONTINUOUS.value:
+            none = lower == upper
+            if none or abs(lower) > WIDEST:
+                lower = miss("lower", lower)
+            if none or abs(upper) > WIDEST:
+                upper = miss("upper", upper)
+        acceleration = math.nan if limit is None else _acceleration(limit)
+    return Limits(lower, upper, velocity, acceleration, effort or math.inf), missing
 
 
-def _acceleration(limit: ET.Element, velocity: float) -> float:
+def _acceleration(limit: ET.Element) -> float:
     """URDF 1.2 has two, of which the lower counts; 0 is one that is not published."""
     published = []
     for name in ("acceleration", "deceleration"):
@@ -388,7 +425,7 @@ def _acceleration(limit: ET.Element, velocity: float) -> float:
         if value < 0.0:
             raise ValueError(f"{name} {value:g} is below 0")
         published += [value] if value else []
-    return min(published, default=velocity / TIME_TO_FULL_SPEED_S)
+    return min(published, default=math.nan)
 
 
 # ---------------------------------------------------------------------------------------------
@@ -461,9 +498,11 @@ class Place(NamedTuple):
     rpy: tuple[float, ...]
 
 
-def held_form(tree: Tree, held: Mapping[str, Place], root: Place | None) -> str:
-    """The file with the joints in `held` fixed, each at its place. Where `root` is one, that is of
-    the root in a link that all hangs on."""
+def arm_form(
+    tree: Tree, held: Mapping[str, Place], root: Place | None, limits: Mapping[str, Limits]
+) -> str:
+    """The file with the joints in `held` fixed, each at its place, and those in `limits` with
+    these. Where `root` is a place, that is of the root in a link that all hangs on."""
     robot = copy.deepcopy(tree.robot)
     for joint in robot.iterfind("joint"):
         if (place := held.get(joint.get("name", ""))) is not None:
@@ -471,6 +510,8 @@ def held_form(tree: Tree, held: Mapping[str, Place], root: Place | None) -> str:
                 joint.remove(element)
             joint.set("type", "fixed")
             _put_place(joint, place)
+        elif (of_joint := limits.get(joint.get("name", ""))) is not None:
+            _put_limits(joint, of_joint)
     if root is not None:
         name = "arm_base"
         while name in tree.links or name in tree.joints:
@@ -490,6 +531,19 @@ def _text(*values: float) -> str:
 
 def _put_place(joint: ET.Element, place: Place) -> None:
     ET.SubElement(joint, "origin", xyz=_text(*place.xyz), rpy=_text(*place.rpy))
+
+
+def _put_limits(joint: ET.Element, limits: Limits) -> None:
+    if (soft := joint.find("safety_controller")) is not None:
+        joint.remove(soft)
+    limit = joint.find("limit")
+    if limit is None:
+        limit = ET.SubElement(joint, "limit")
+    limit.set("velocity", _text(limits.velocity))
+    limit.set("effort", _text(limits.effort if math.isfinite(limits.effort) else 0.0))
+    if math.isfinite(limits.lower):
+        limit.set("lower", _text(limits.lower))
+        limit.set("upper", _text(limits.upper))
 
 
 def _put_axis(made: ET.Element, joint: TreeJoint) -> None:

@@ -1,0 +1,140 @@
+"""Limits of an arm's joints: the URDF's, and those of the arm's file, which count more."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from cardan.common.tables import as_toml
+from cardan.errors import ConfigurationError
+from cardan.robots.arm_chain import unit_of
+from cardan.robots.arm_file import ArmFile
+from cardan.robots.arm_model import JointKind
+from cardan.robots.urdf import WIDEST, Limits, TreeJoint, fastest
+
+_KEYS = {
+    "velocity": "velocity_deg_s",
+    "lower": "lower_deg",
+    "upper": "upper_deg",
+    "effort": "effort",
+}
+_CAREFUL_SPEED = 10.0
+_CAREFUL_SPEED_M_S = 0.05
+_CAREFUL_WAY = 45.0
+_CAREFUL_WAY_M = 0.05
+"""What is proposed where nothing is published: deg/s, m/s; deg, m to each side."""
+
+
+def limits_of(joints: Sequence[TreeJoint], file: ArmFile) -> list[Limits]:
+    """Raises ConfigurationError: of a key for what the arm's file has wrong, of none for what is
+    wrong in the URDF, or is missing, all of it at once."""
+    _check_names(joints, file)
+    found, missing = [], {}
+    for joint in joints:
+        limits, lacks = joint.limits()
+        given = _given(joint, file)
+        found.append(limits._replace(**given).accelerated)
+        _check(joint, found[-1], given)
+        if left := {field: words for field, words in lacks.items() if field not in given}:
+            missing[joint] = left
+    if missing:
+        silent = [
+            repr(j.name) for j, each in zip(joints, found, strict=True) if math.isinf(each.effort)
+        ]
+        raise _asked_for(missing, found, joints, silent)
+    return found
+
+
+def limited_by(file: ArmFile) -> set[str]:
+    """The joints of which the arm's file has limits."""
+    return {name for key in _KEYS.values() for name in getattr(file, key)}
+
+
+def _check_names(joints: Sequence[TreeJoint], file: ArmFile) -> None:
+    kinds = {joint.name: joint.kind for joint in joints}
+    for key in _KEYS.values():
+        for name in getattr(file, key):
+            if name not in kinds:
+                raise ConfigurationError(
+                    f"{key}.{name}",
+                    f"the arm has no moving joint {name!r}; allowed: {', '.join(kinds)}",
+                )
+            if key in ("lower_deg", "upper_deg") and kinds[name] == JointKind.CONTINUOUS.value:
+                raise ConfigurationError(
+                    f"{key}.{name}", "a continuous joint takes no range: leave it out"
+                )
+
+
+def _unit(field: str, joint: TreeJoint) -> float:
+    return 1.0 if field == "effort" else unit_of(joint.kind)
+
+
+def _given(joint: TreeJoint, file: ArmFile) -> dict[str, float]:
+    tables = {field: getattr(file, key) for field, key in _KEYS.items()}
+    return {
+        field: table[joint.name] * _unit(field, joint)
+        for field, table in tables.items()
+        if joint.name in table
+    }
+
+
+def _check(joint: TreeJoint, limits: Limits, given: Mapping[str, float]) -> None:
+    unit = unit_of(joint.kind)
+    largest = {"velocity": fastest(joint.kind), "lower": WIDEST, "upper": WIDEST}
+    for field in largest:
+        if abs(given.get(field, 0.0)) > largest[field]:
+            raise ConfigurationError(
+                f"{_KEYS[field]}.{joint.name}",
+                f"{given[field] / unit:g} is more than {largest[field] / unit:g}",
+            )
+    if ("lower" in given or "upper" in given) and limits.lower >= limits.upper:
+        raise ConfigurationError(
+            f"{_KEYS['lower' if 'lower' in given else 'upper']}.{joint.name}",
+            f"lower {limits.lower / unit:g} and upper {limits.upper / unit:g} are no range",
+        )
+
+
+def _asked_for(
+    missing: Mapping[TreeJoint, Mapping[str, str]],
+    found: Sequence[Limits],
+    joints: Sequence[TreeJoint],
+    silent: Sequence[str],
+) -> ConfigurationError:
+    limits = {joint.name: each for joint, each in zip(joints, found, strict=True)}
+    names, lines = [], []
+    for field, key in _KEYS.items():
+        lacking = [joint for joint in missing if field in missing[joint]]
+        if not lacking:
+            continue
+        names.append(f"{field} of {', '.join(repr(joint.name) for joint in lacking)}")
+        lines.append(f"[{key}]")
+        for joint in lacking:
+            value = _proposal(joint, field, limits[joint.name])
+            unit = "m" if joint.kind == JointKind.PRISMATIC.value else "deg"
+            unit += "/s" if field == "velocity" else ""
+            line = as_toml({joint.name: round(value, 6)}).rstrip()
+            lines.append(f"{line} # {unit}; the URDF: {missing[joint][field]}")
+    if silent:
+        lines.append(f"# [effort] (N·m, N) is not published, and no limit, of {', '.join(silent)}")
+    text = "\n".join(lines)
+    return ConfigurationError(
+        "",
+        f"limits are missing: {'; '.join(names)}: put these lines at the end of the arm's .toml, "
+        'which begins with urdf = "FILE" (where it has a table of them, into that), careful '
+        f"numbers until you have the maker's:\n{text}",
+    )
+
+
+def _proposal(joint: TreeJoint, field: str, limits: Limits) -> float:
+    """deg or m. The end of a range is 0 where the other one allows it: so the specification has it
+    where nothing is said."""
+    prismatic = joint.kind == JointKind.PRISMATIC.value
+    if field == "velocity":
+        return _CAREFUL_SPEED_M_S if prismatic else _CAREFUL_SPEED
+    sign = -1.0 if field == "lower" else 1.0
+    way = sign * (_CAREFUL_WAY_M if prismatic else _CAREFUL_WAY)
+    other = limits.upper if field == "lower" else limits.lower
+    if math.isnan(other):
+        return way
+    other /= unit_of(joint.kind)
+    return 0.0 if sign * other < 0.0 else other + way
