@@ -224,11 +224,12 @@ def test_what_is_proposed_is_always_enough(limits):
     urdf = chain(*(joint(f"j.{n}", *each) for n, each in enumerate(limits)))
     tree = read_tree(urdf)
     try:
-        build_arm(tree, ArmFile(urdf="own.urdf"))
+        build_arm(tree, ArmFile(urdf="own.urdf"), {})
     except ConfigurationError as error:
         if "limits are missing" not in str(error):
             return
         lines = error.message.partition("\n")[2]
-        arm = build_arm(tree, read_table(ArmFile, parse_toml(f'urdf = "x"\n{lines}', "x.toml")))
+        file = read_table(ArmFile, parse_toml(f'urdf = "x"\n{lines}', "x.toml"))
+        arm = build_arm(tree, file, {})
         assert arm.limits == limits_in(arm.urdf, arm.joint_names)
         assert all(low < high for low, high in zip(arm.lower, arm.upper, strict=True))
