@@ -244,6 +244,31 @@ def test_an_arm_that_it_cannot_take_is_refused_in_words(change, words):
         altered(change)
 
 
+def test_what_is_far_away_hides_nothing_near():
+    """Only the nearest pair, and pairs that could meet, are computed to the end."""
+    generator = np.random.default_rng(5)
+    boxes = [
+        box_obstacle(f"box {i}", Vector3(*low), Vector3(*(low + generator.uniform(0.02, 0.3, 3))))
+        for i, low in enumerate(generator.uniform(-1.2, 1.0, (40, 3)))
+    ]
+    kinematics = ArmKinematics(load_arm("gp8"))
+    collision = CollisionModel(kinematics, boxes)
+    both = [kind(kinematics, collision) for kind in (CompiledServo, Servo)]
+    twist = np.array(((0.1, 0.0, 0.05), (0.0, 0.2, 0.0)))
+    for _ in range(60):
+        q = generator.uniform(kinematics.lower, kinematics.upper)
+        found = []
+        for servo in both:
+            servo.place(q)
+            servo.v[:] = 0.3
+            servo.tick(servo.pose, twist, DT_S)
+            status = servo.status()
+            found.append((status.nearest_pair, status.active_pairs))
+            assert status.distance_m == pytest.approx(both[0].status().distance_m, abs=1e-6)
+        assert found[0][1] == min(found[1][1], 16)
+        assert found[0][0] == found[1][0]
+
+
 def test_an_arm_of_nine_joints_with_bodies_is_compiled():
     links = "".join(
         f'<link name="l{i}"><collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.03"/>'

@@ -21,11 +21,17 @@ void body_place(const KernelShape *shape, const Placement *at, Body *body)
         turn3(at->rotation, shape->end, moved);
         along3(at->position, 1.0, moved, body->end);
         body->radius_m = shape->radius_m;
+        double along[3];
+        subtract3(body->end, body->start, along);
+        along3(body->start, 0.5, along, body->middle);
+        body->around_m = 0.5 * norm3(along) + shape->radius_m;
     } else if (shape->kind == SHAPE_BOX) {
         turn3(at->rotation, shape->position, moved);
         along3(at->position, 1.0, moved, body->position);
         multiply33(at->rotation, shape->rotation, body->rotation);
         copy3(shape->half_m, body->half_m);
+        copy3(body->position, body->middle);
+        body->around_m = norm3(shape->half_m);
     } else {
         copy3(shape->normal, body->normal);
         body->offset_m = shape->offset_m;
@@ -417,7 +423,7 @@ static double separating_axis(const double a[3], const double b[3], const double
     return most;
 }
 
-static void boxes(const Body *first, const Body *second, Separation *out)
+static void boxes(const Body *first, const Body *second, double far_m, Separation *out)
 {
     double away[3], middle[3], turned[9], normal[3], on_second[3];
     subtract3(second->position, first->position, away);
@@ -431,6 +437,8 @@ static void boxes(const Body *first, const Body *second, Separation *out)
         }
     double gap = separating_axis(first->half_m, second->half_m, turned, middle, normal, on_second);
     out->distance_m = gap;
+    if (gap > far_m)
+        return;
     if (gap > 0.0) {
         Nearest nearest;
         apart(first->half_m, second->half_m, turned, middle, &nearest);
@@ -454,7 +462,17 @@ static void exchange(Separation *out)
         out->normal[i] = -out->normal[i];
 }
 
-void body_separation(const Body *first, const Body *second, Separation *out)
+/* Of the balls around them: the bodies are no nearer. */
+static double gap_at_least(const Body *first, const Body *second)
+{
+    if (first->kind == SHAPE_HALF_SPACE)
+        return dot3(first->normal, second->middle) - first->offset_m - second->around_m;
+    double between[3];
+    subtract3(second->middle, first->middle, between);
+    return norm3(between) - first->around_m - second->around_m;
+}
+
+void body_separation(const Body *first, const Body *second, double far_m, Separation *out)
 {
     bool exchanged = false;
     /* In the order in which the functions above take them. */
@@ -465,6 +483,9 @@ void body_separation(const Body *first, const Body *second, Separation *out)
         second = swap;
         exchanged = true;
     }
+    out->distance_m = gap_at_least(first, second);
+    if (out->distance_m > far_m)
+        return;
     if (first->kind == SHAPE_HALF_SPACE) {
         if (second->kind == SHAPE_CAPSULE)
             plane_and_capsule(first, second, out);
@@ -476,7 +497,8 @@ void body_separation(const Body *first, const Body *second, Separation *out)
         else
             capsule_and_box(first, second, out);
     } else {
-        boxes(first, second, out);
+        boxes(first, second, far_m, out);
+        return;
     }
     if (exchanged)
         exchange(out);

@@ -27,6 +27,7 @@ typedef struct {
     double rotation[9], position[3];   /* box */
     double half_m[3];
     double normal[3], offset_m; /* half-space */
+    double middle[3], around_m; /* of a ball around a capsule or a box */
 } Body;
 
 typedef struct {
@@ -37,7 +38,8 @@ typedef struct {
 
 void body_place(const KernelShape *shape, const Placement *at, Body *body);
 
-/* Not of two half-spaces. */
-void body_separation(const Body *first, const Body *second, Separation *out);
+/* Not of two half-spaces. Where they are farther apart than `far_m`, out has a distance between that
+ * and the true one, and nothing else: that much is found at once. */
+void body_separation(const Body *first, const Body *second, double far_m, Separation *out);
 
 #endif

@@ -46,7 +46,8 @@ struct Kernel {
     double *room;
 };
 
-/* Distances of all pairs at `kernel->pose`. */
-void kernel_separate(Kernel *kernel);
+/* Distances of all pairs at `kernel->pose`: that of the nearest, and those below `far_m`, exact; the
+ * others are larger than both, and no more is known of them. */
+void kernel_separate(Kernel *kernel, double far_m);
 
 #endif

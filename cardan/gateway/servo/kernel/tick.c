@@ -53,15 +53,27 @@ static void separate(Kernel *kernel, const ChainPose *pose, Body *bodies)
             body_place(&kernel->shapes[i], &pose->bodies[kernel->shapes[i].body], &bodies[i]);
 }
 
-void kernel_separate(Kernel *kernel)
+static double separate_pair(Kernel *kernel, size_t i, double far_m)
+{
+    const KernelPair *pair = &kernel->pairs[i];
+    Separation *found = &kernel->separations[i];
+    body_separation(&kernel->bodies[pair->first], &kernel->bodies[pair->second], far_m, found);
+    return found->distance_m;
+}
+
+void kernel_separate(Kernel *kernel, double far_m)
 {
     separate(kernel, &kernel->pose, kernel->bodies);
+    /* The pair that was nearest still nearly is: what is farther away than it need not be known. */
+    int32_t before = kernel->state.nearest;
+    bool known = before >= 0 && (size_t)before < kernel->pair_count;
+    double least = known ? separate_pair(kernel, (size_t)before, INFINITY) : INFINITY;
     kernel->state.nearest = -1;
     kernel->state.distance_m = INFINITY;
     for (size_t i = 0; i < kernel->pair_count; i++) {
-        const KernelPair *pair = &kernel->pairs[i];
-        Separation *found = &kernel->separations[i];
-        body_separation(&kernel->bodies[pair->first], &kernel->bodies[pair->second], found);
+        const Separation *found = &kernel->separations[i];
+        if (!known || i != (size_t)before)
+            least = fmin(least, separate_pair(kernel, i, fmax(far_m, least)));
         if (found->distance_m < kernel->state.distance_m) {
             kernel->state.distance_m = found->distance_m;
             kernel->state.nearest = (int32_t)i;
@@ -140,12 +152,12 @@ static void add_rows(Kernel *kernel, double dt_s)
     state->active = programme->rows = 0;
     if (!kernel->pair_count)
         return;
-    kernel_separate(kernel);
-    kernel->nearest_m = state->distance_m;
     double deceleration = options->closing_deceleration_m_s2;
     double fastest = fastest_closing(kernel, state->v);
     double stop = fastest * (fastest / (2.0 * deceleration) + dt_s);
     double farthest = fmax(options->influence_distance_m, options->safety_distance_m + stop);
+    kernel_separate(kernel, farthest);
+    kernel->nearest_m = state->distance_m;
     int count = 0;
     for (size_t i = 0; i < kernel->pair_count; i++) {
         double distance = kernel->separations[i].distance_m;
@@ -600,7 +612,7 @@ static bool strikes(Kernel *kernel, const double *step)
         }
         Separation after;
         body_separation(&kernel->ahead[kernel->pairs[i].first],
-                        &kernel->ahead[kernel->pairs[i].second], &after);
+                        &kernel->ahead[kernel->pairs[i].second], 0.0, &after);
         if (after.distance_m < 0.0)
             return true;
     }
@@ -831,7 +843,7 @@ int32_t kernel_place(Kernel *kernel, const double *q)
     kernel->held = false;
     programme_forget(&kernel->programme);
     update(kernel);
-    kernel_separate(kernel);
+    kernel_separate(kernel, 0.0);
     return true;
 }
 
@@ -903,7 +915,7 @@ void kernel_kinematics(Kernel *kernel, const double *q, double rotation[9], doub
 void kernel_distances(Kernel *kernel, const double *q, double *distances, double *gradients)
 {
     chain_update(&kernel->chain, q, &kernel->pose);
-    kernel_separate(kernel);
+    kernel_separate(kernel, INFINITY);
     for (size_t i = 0; i < kernel->pair_count; i++) {
         distances[i] = kernel->separations[i].distance_m;
         gradient(kernel, i, gradients + i * (size_t)kernel->n);
