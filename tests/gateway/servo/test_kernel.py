@@ -269,19 +269,34 @@ def test_what_is_far_away_hides_nothing_near():
         assert found[0][0] == found[1][0]
 
 
-def test_an_arm_of_nine_joints_with_bodies_is_compiled():
+def chain(shapes):
+    """Text of an arm with a joint between any two links, which have these shapes."""
     links = "".join(
-        f'<link name="l{i}"><collision><origin xyz="0 0 0.1"/><geometry><sphere radius="0.03"/>'
-        "</geometry></collision></link>"
-        for i in range(10)
+        f'<link name="l{i}"><collision><origin xyz="0 0 0.1" rpy="0.3 {0.1 * i} 0.2"/>'
+        f"<geometry>{shape}</geometry></collision></link>"
+        for i, shape in enumerate(shapes)
     )
     joints = "".join(
         f'<joint name="j{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>'
         f'<origin xyz="0 0 0.2"/><axis xyz="{i % 2} {1 - i % 2} 0"/>'
         '<limit lower="-1" upper="1.5" velocity="1" effort="9"/></joint>'
-        for i in range(9)
+        for i in range(len(shapes) - 1)
     )
-    kinematics = ArmKinematics(parse_urdf(f'<robot name="nine">{links}{joints}</robot>'))
+    return f'<robot name="chain">{links}{joints}</robot>'
+
+
+def test_distances_of_boxes_are_coals(tmp_path):
+    sizes = np.random.default_rng(0).uniform(0.01, 0.15, (8, 3))
+    text = chain([f'<box size="{x} {y} {z}"/>' for x, y, z in sizes])
+    (tmp_path / "boxes.urdf").write_text(text)
+    found = servo_oracles.distances(str(tmp_path / "boxes.urdf"), 60, per_scene=20)
+    assert found.farther < 1e-9
+    assert found.nearer < 1e-9
+    assert found.gradient < 1e-4
+
+
+def test_an_arm_of_nine_joints_with_bodies_is_compiled():
+    kinematics = ArmKinematics(parse_urdf(chain(['<sphere radius="0.03"/>'] * 10)))
     servo = choose_servo(kinematics, CollisionModel(kinematics))
     assert servo.not_compiled == ""
     before = servo.placement.translation

@@ -296,13 +296,37 @@ static int edge_middle(const double half[3], int which, double out[3])
     return axis;
 }
 
+/* Whether a point of an edge can be the nearest of its box, where the other one is beyond the faces
+ * that `beyond` has the signs of: only if it is an edge of all these faces. */
+static bool can_be_nearest(const double edge[3], int axis, const double beyond[3])
+{
+    for (int i = 0; i < 3; i++)
+        if (beyond[i] != 0.0 && (i == axis || edge[i] * beyond[i] < 0.0))
+            return false;
+    return true;
+}
+
 /* Two boxes, the second at `middle` and `turned` in the axes of the first, that do not meet: the
  * nearest points are a corner and a point of the other, or on two edges. */
 static void apart(const double a[3], const double b[3], const double turned[9],
                   const double middle[3], Nearest *nearest)
 {
     double edges[12][3], point[3], other[3], moved[3];
+    double beyond_a[3] = {0.0, 0.0, 0.0}, beyond_b[3] = {0.0, 0.0, 0.0};
+    bool of_b[12];
     nearest->square = INFINITY;
+    turn_back3(turned, middle, other);
+    for (int i = 0; i < 3; i++) {
+        double reach_a = a[i], reach_b = b[i];
+        for (int j = 0; j < 3; j++) {
+            reach_a += fabs(turned[3 * i + j]) * b[j];
+            reach_b += fabs(turned[3 * j + i]) * a[j];
+        }
+        if (fabs(middle[i]) > reach_a)
+            beyond_a[i] = copysign(1.0, middle[i]);
+        if (fabs(other[i]) > reach_b)
+            beyond_b[i] = copysign(1.0, -other[i]);
+    }
     for (int which = 0; which < 8; which++) {
         corner(b, which, point);
         turn3(turned, point, moved);
@@ -320,18 +344,23 @@ static void apart(const double a[3], const double b[3], const double turned[9],
         keep_nearer(nearest, point, other);
     }
     for (int which = 0; which < 12; which++) {
-        edge_middle(b, which, point);
+        int axis = edge_middle(b, which, point);
+        of_b[which] = can_be_nearest(point, axis, beyond_b);
         turn3(turned, point, moved);
         along3(middle, 1.0, moved, edges[which]);
     }
     for (int first = 0; first < 12; first++) {
         double start[3], end[3];
         int axis = edge_middle(a, first, point);
+        if (!can_be_nearest(point, axis, beyond_a))
+            continue;
         copy3(point, start);
         copy3(point, end);
         start[axis] = -a[axis];
         end[axis] = a[axis];
         for (int second = 0; second < 12; second++) {
+            if (!of_b[second])
+                continue;
             int along = second >> 2;
             double away[3], from[3], to[3], reach = a[axis] + b[along];
             subtract3(edges[second], point, away);
