@@ -16,10 +16,6 @@ from cardan.robots.arm_file import ArmFile
 from cardan.robots.urdf import Mesh, Tree, mesh_in
 
 
-class MissingMeshError(ConfigurationError):
-    """A mesh is in none of the places where it may be."""
-
-
 class FoundMesh(NamedTuple):
     """A mesh of a link, and its file."""
 
@@ -51,29 +47,26 @@ def meshes_of(tree: Tree, file: ArmFile, urdf: Path | None) -> dict[ET.Element, 
                         "is no file: sphere, cylinder, capsule, box. In the .toml of a file set "
                         'collision.meshes = "ignore" to go without',
                     )
-                try:
-                    found[collision] = FoundMesh(link, mesh, find_mesh(mesh.uri, urdf, folders))
-                except MissingMeshError as error:
-                    found[collision] = FoundMesh(link, mesh, missing=str(error))
+                found[collision] = FoundMesh(link, mesh, *find_mesh(mesh.uri, urdf, folders))
     return found
 
 
-def find_mesh(uri: str, urdf: Path, folders: Sequence[Path] = ()) -> Path:
-    """The file that a URDF at `urdf` calls `uri`.
+def find_mesh(uri: str, urdf: Path, folders: Sequence[Path] = ()) -> tuple[Path | None, str]:
+    """The file that a URDF at `urdf` calls `uri`; or None and all places where it was looked for.
 
     ``package://NAME/FILE`` is searched in `folders`, from the URDF's folder upward, in
     ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH; what is relative, beside the URDF and in `folders`;
-    ``file://`` and absolute paths are taken as they are. Raises MissingMeshError with all places
-    where it was looked for, ConfigurationError for what is no such name.
+    ``file://`` and absolute paths are taken as they are. Raises ConfigurationError for what is no
+    such name.
     """
     looked: dict[str, None] = {}
     for place in _places(uri, urdf, folders):
         if os.path.isfile(place):
-            return place
+            return place, ""
         looked[str(place)] = None
     where = ", ".join(looked) or f"in no package of that name from {urdf.parent} upward"
     remedy = "; name the folder of its package in ROS_PACKAGE_PATH" if uri[:8] == "package:" else ""
-    raise MissingMeshError("", f"mesh {shown(uri)} is not there; looked for: {where}{remedy}")
+    return None, f"mesh {shown(uri)} is not there; looked for: {where}{remedy}"
 
 
 def _places(uri: str, urdf: Path, folders: Sequence[Path]) -> Iterator[Path]:

@@ -13,9 +13,17 @@ from hypothesis import given, settings, strategies as st
 from cardan.common import files
 from cardan.errors import ConfigurationError
 from cardan.robots import mesh_files, meshes
-from cardan.robots.mesh_files import find_mesh, read_mesh
+from cardan.robots.mesh_files import read_mesh
 from cardan.robots.meshes import UNSCALED, points_in
 from cardan.types import Vector3
+
+
+def find_mesh(*what):
+    path, missing = mesh_files.find_mesh(*what)
+    assert (path is None) == bool(missing)
+    if missing:
+        raise ConfigurationError("", missing)
+    return path
 
 
 def load_mesh(path, scale=UNSCALED):
