@@ -202,6 +202,11 @@ PAGES = {
                 "[recording and replay](../recording.md), [data sets](../lerobot.md#records-as-data-sets)",
             ),
             Part(
+                "An arm of one's own",
+                ("own_arm",),
+                "[own arms](../robots.md#adding-your-own)",
+            ),
+            Part(
                 "Robot learning",
                 ("learning",),
                 "[LeRobot](../lerobot.md)",

@@ -137,10 +137,10 @@ def _asked_for(
     joints: Sequence[TreeJoint],
     silent: Sequence[str],
 ) -> ConfigurationError:
-    names = []
-    for field in _KEYS:
-        if lacking := [repr(joint.name) for joint in missing if field in missing[joint]]:
-            names.append(f"{field} of {', '.join(lacking)}")
+    lacking = {
+        field: [repr(joint.name) for joint in missing if field in missing[joint]] for field in _KEYS
+    }
+    names = [f"{field} of {', '.join(without)}" for field, without in lacking.items() if without]
     lines = proposed_lines(_proposals(missing, found, joints))
     if silent:
         lines.append(f"# [effort] (N·m, N) is not published, and no limit, of {', '.join(silent)}")
