@@ -163,7 +163,7 @@ def _text(arm: ArmModel, head: dict[str, str], base: str, limits: Sequence[str])
     lines += [
         "",
         "[collision]",
-        'fit = "tight" # of meshes; "coarse": fewer and larger shapes',
+        'fit = "tight" # "coarse": fewer shapes',
         "# ignore = [] # pairs of links that always touch, besides neighbours",
     ]
     lines += [

@@ -58,7 +58,7 @@ def side_views(arm: ArmModel, poses: Sequence[Posed]) -> list[str]:
         drawn = [_view(each, axis, low, scale) for each in poses[first : first + 2]]
         lines += [GAP.join(row).rstrip() for row in zip(*drawn, strict=True)]
         lines.append("")
-    lines.append(f"seen along {'y' if axis == 0 else 'x'}; # base, o joints, X TCP")
+    lines.append(f"along {'y' if axis == 0 else 'x'}: # base, o joints, X TCP")
     return lines
 
 
