@@ -29,7 +29,8 @@ class End(NamedTuple):
 
 def ends_of(tree: Tree, base: str = "") -> list[End]:
     """The last links, and all that are called as tools are; of those that joints move, the likely
-    ones first: named as a tool, then behind the most joints that one arm may have."""
+    ones first: named as a tool, then behind the most joints that one arm may have,
+    then the farthest out."""
     before = {joint.name for joint in tree.path(base)} if base in tree.links else set()
     last = set(tree.ends())
     found = []
@@ -41,8 +42,12 @@ def ends_of(tree: Tree, base: str = "") -> list[End]:
             # Fingers often mimic each other: no arm ends behind a joint that follows another.
             if joints and all(joint.mimic is None for joint in path):
                 found.append(End(link, joints, is_tool))
-    fits = {end: len(end.joints) <= MOST_JOINTS for end in found}
-    return sorted(found, key=lambda end: (not fits[end], not end.is_tool, -len(end.joints)))
+
+    def order(end: End) -> tuple[bool, bool, int, int]:
+        joints = len(end.joints)
+        return joints > MOST_JOINTS, not end.is_tool, -joints, -len(tree.path(end.link))
+
+    return sorted(found, key=order)
 
 
 def which_end(tree: Tree, base: str = "") -> ConfigurationError:
