@@ -57,6 +57,11 @@ PAGES = {
                 "correct the arm's file: [keys](../robots.md#keys-of-the-toml)",
             ),
             Part(
+                "An arm of one's own",
+                ("own_arm",),
+                "[own arms](../robots.md#adding-your-own)",
+            ),
+            Part(
                 "Filters and the hand's mapping",
                 ("gateway/hand",),
                 "[mapping](../configuration.md#mapping), [shared control](../shared-control.md)",

@@ -40,6 +40,7 @@ MAY_IMPORT = {
     "learning": {"learning", "gateway", "drivers", "bus", *LEAVES},
     "recording": {"recording", "learning", "gateway", "drivers", "bus", *LEAVES},
     "doctor": {"doctor", "gateway", "drivers", "bus", *LEAVES},
+    "own_arm": {"own_arm", "gateway", *LEAVES},
     "demos": {"demos", "gateway", "drivers", "bus", *LEAVES},
     "sim_peers": {"sim_peers", "bus", "protocols", *LEAVES},
     "dissect": {"dissect", *LEAVES},
@@ -77,7 +78,7 @@ IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subp
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FREE_OF_CIRCLES = (
     "bus", "common", "conform", "demos", "dissect", "doctor", "drivers", "gateway", "learning",
-    "protocols", "recording", "sim_peers",
+    "own_arm", "protocols", "recording", "sim_peers",
 )  # fmt: skip
 
 GATEWAY_ROOMS = {
@@ -112,6 +113,9 @@ ARM_MODEL = (
     "cardan.gateway.motion.paths",
     "cardan.gateway.motion.trajectory",
     "cardan.gateway.servo.",
+    "cardan.own_arm.added",
+    "cardan.own_arm.pictures",
+    "cardan.own_arm.tried",
     "cardan.robots.arm_bodies",
     "cardan.robots.arm_choices",
     "cardan.robots.arm_reader",

@@ -39,6 +39,7 @@ from cardan.cli.doctor import doctor
 from cardan.cli.face import face
 from cardan.cli.installed import CardanCommands
 from cardan.cli.recording import export, plot, record, replay
+from cardan.cli.robots import robots
 from cardan.cli.sim import sim
 from cardan.common import output
 from cardan.common.plugins import Loaded
@@ -69,6 +70,7 @@ app = typer.Typer(
 app.add_typer(sim)
 app.add_typer(face)
 app.add_typer(service)
+app.add_typer(robots)
 for _command in (
     network, echo, hz, record, replay, plot, export, *DAEMON_COMMANDS, doctor, conform,
 ):  # fmt: skip

@@ -49,6 +49,13 @@ def drivers(incomplete: str) -> Offered:
     return [(name, "") for name in registry.names() if name.startswith(incomplete)]
 
 
+def robots(incomplete: str) -> Offered:
+    """Names of Cardan's arms."""
+    from cardan.robots import arm_names
+
+    return [(name, "") for name in arm_names() if name.startswith(incomplete)]
+
+
 def units(context: typer.Context, incomplete: str) -> Offered:
     """Sessions and faces of the daemon that runs."""
     return [

@@ -12,6 +12,7 @@ import contextlib
 import enum
 import json
 import os
+import re
 import sys
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
@@ -30,6 +31,8 @@ else:
 
 OTHER_KEYS = {"other_keys": True}
 """Metadata of the field that takes all keys that no other field has."""
+
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 Kind = TypeVar("Kind")
 
@@ -80,12 +83,16 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 def as_toml(tables: Mapping[str, Any]) -> str:
     """The text of a file with these tables; what `read_toml` gives is among what they may be."""
-    return "".join(f"{_toml(key)} = {_toml(value)}\n" for key, value in tables.items())
+    return "".join(f"{_toml_key(key)} = {_toml(value)}\n" for key, value in tables.items())
+
+
+def _toml_key(key: str) -> str:
+    return key if _BARE_KEY.fullmatch(key) else _toml(key)
 
 
 def _toml(value: object) -> str:
     if isinstance(value, Mapping):
-        return f"{{{', '.join(f'{_toml(key)} = {_toml(each)}' for key, each in value.items())}}}"
+        return f"{{{', '.join(as_toml({key: each}).rstrip() for key, each in value.items())}}}"
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(map(_toml, value))}]"
     if isinstance(value, str):

@@ -8,6 +8,7 @@ from cardan.robots.arm_loader import (
 )
 from cardan.robots.arm_model import (
     TIME_TO_FULL_SPEED_S as TIME_TO_FULL_SPEED_S,
+    ArmJoint as ArmJoint,
     ArmModel as ArmModel,
     BodyShape as BodyShape,
     Box as Box,

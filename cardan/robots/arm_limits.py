@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple
 
 from cardan.common.tables import as_toml
 from cardan.errors import ConfigurationError
@@ -25,10 +26,51 @@ _CAREFUL_WAY_M = 0.05
 """What is proposed where nothing is published: deg/s, m/s; deg, m to each side."""
 
 
+class Proposal(NamedTuple):
+    """What may stand in the arm's file for a limit that is missing."""
+
+    key: str
+    joint: str
+    value: float
+    remark: str
+    """Its unit, and what the URDF has."""
+
+
 def limits_of(joints: Sequence[TreeJoint], file: ArmFile) -> list[Limits]:
     """Raises ConfigurationError: of a key for what the arm's file has wrong, of none for what is
     wrong in the URDF, or is missing, all of it at once."""
     _check_names(joints, file)
+    found, missing = _found(joints, file)
+    if missing:
+        silent = [
+            repr(j.name) for j, each in zip(joints, found, strict=True) if math.isinf(each.effort)
+        ]
+        raise _asked_for(missing, found, joints, silent)
+    return found
+
+
+def proposals_for(joints: Sequence[TreeJoint], file: ArmFile) -> list[Proposal]:
+    """For all limits that are missing. Raises ConfigurationError for such as are wrong."""
+    found, missing = _found(joints, file)
+    return _proposals(missing, found, joints)
+
+
+def proposed_lines(proposals: Iterable[Proposal]) -> list[str]:
+    """The tables of the arm's file that have them."""
+    lines: list[str] = []
+    for key in _KEYS.values():
+        of_key = [each for each in proposals if each.key == key]
+        lines += [f"[{key}]"] if of_key else []
+        for each in of_key:
+            line = as_toml({each.joint: each.value}).rstrip()
+            lines.append(f"{line} # {each.remark}")
+    return lines
+
+
+def _found(
+    joints: Sequence[TreeJoint], file: ArmFile
+) -> tuple[list[Limits], dict[TreeJoint, dict[str, str]]]:
+    """The limits, and by joint those that are missing, with what the URDF has in their place."""
     found, missing = [], {}
     for joint in joints:
         limits, lacks = joint.limits()
@@ -37,12 +79,7 @@ def limits_of(joints: Sequence[TreeJoint], file: ArmFile) -> list[Limits]:
         _check(joint, found[-1], given)
         if left := {field: words for field, words in lacks.items() if field not in given}:
             missing[joint] = left
-    if missing:
-        silent = [
-            repr(j.name) for j, each in zip(joints, found, strict=True) if math.isinf(each.effort)
-        ]
-        raise _asked_for(missing, found, joints, silent)
-    return found
+    return found, missing
 
 
 def limited_by(file: ArmFile) -> set[str]:
@@ -100,20 +137,11 @@ def _asked_for(
     joints: Sequence[TreeJoint],
     silent: Sequence[str],
 ) -> ConfigurationError:
-    limits = {joint.name: each for joint, each in zip(joints, found, strict=True)}
-    names, lines = [], []
-    for field, key in _KEYS.items():
-        lacking = [joint for joint in missing if field in missing[joint]]
-        if not lacking:
-            continue
-        names.append(f"{field} of {', '.join(repr(joint.name) for joint in lacking)}")
-        lines.append(f"[{key}]")
-        for joint in lacking:
-            value = _proposal(joint, field, limits[joint.name])
-            unit = "m" if joint.kind == JointKind.PRISMATIC.value else "deg"
-            unit += "/s" if field == "velocity" else ""
-            line = as_toml({joint.name: round(value, 6)}).rstrip()
-            lines.append(f"{line} # {unit}; the URDF: {missing[joint][field]}")
+    lacking = {
+        field: [repr(joint.name) for joint in missing if field in missing[joint]] for field in _KEYS
+    }
+    names = [f"{field} of {', '.join(without)}" for field, without in lacking.items() if without]
+    lines = proposed_lines(_proposals(missing, found, joints))
     if silent:
         lines.append(f"# [effort] (N·m, N) is not published, and no limit, of {', '.join(silent)}")
     text = "\n".join(lines)
@@ -123,6 +151,23 @@ def _asked_for(
         'which begins with urdf = "FILE" (where it has a table of them, into that), careful '
         f"numbers until you have the maker's:\n{text}",
     )
+
+
+def _proposals(
+    missing: Mapping[TreeJoint, Mapping[str, str]],
+    found: Sequence[Limits],
+    joints: Sequence[TreeJoint],
+) -> list[Proposal]:
+    limits = {joint.name: each for joint, each in zip(joints, found, strict=True)}
+    proposals = []
+    for field, key in _KEYS.items():
+        for joint in (each for each in missing if field in missing[each]):
+            value = _proposal(joint, field, limits[joint.name])
+            unit = "m" if joint.kind == JointKind.PRISMATIC.value else "deg"
+            unit += "/s" if field == "velocity" else ""
+            remark = f"{unit}; the URDF: {missing[joint][field]}"
+            proposals.append(Proposal(key, joint.name, round(value, 6), remark))
+    return proposals
 
 
 def _proposal(joint: TreeJoint, field: str, limits: Limits) -> float:

@@ -43,10 +43,10 @@ class ArmTexts:
             texts.append(read_text(path))
             with about(path):
                 self.file = read_table(ArmFile, parse_toml(texts[0], path))
-                self.urdf_path = _located(self.file.urdf, path.parent)
+                self.urdf_path = located(self.file.urdf, path.parent)
                 self.urdf = read_text(self.urdf_path, MODEL_BYTES, declared=True)
                 if self.file.srdf:
-                    srdf_path = _located(self.file.srdf, path.parent)
+                    srdf_path = located(self.file.srdf, path.parent)
                     texts.append(read_text(srdf_path, MODEL_BYTES, declared=True))
             if self.file.srdf:
                 with about(srdf_path):
@@ -131,7 +131,7 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
             f"there is no arm {name_or_file!r}; allowed: {', '.join(arm_names())}, "
             "the path of a .toml or .urdf file, or PACKAGE:FILE for one in a package",
         )
-    texts = ArmTexts(_located(name_or_file, Path()))
+    texts = ArmTexts(located(name_or_file, Path()))
     parts = texts.parts()
     arm = kept_arm(parts, texts.urdf)
     if arm is None:
@@ -152,8 +152,9 @@ def _ours(name: str) -> ArmModel:
     return from_table(table, content_key(texts.texts), texts.urdf) or texts.build()
 
 
-def _located(name: str, folder: Path) -> Path:
-    """A file in `folder`, or in the package that the name begins with."""
+def located(name: str, folder: Path) -> Path:
+    """A file in `folder`, or in the package that the name begins with (``PACKAGE:FILE``). Raises
+    ConfigurationError."""
     package, colon, file = name.partition(":")
     if not (colon and package.isidentifier()):
         return folder / name

@@ -6,7 +6,7 @@ The configuration is compared with what devices, robots, filters and arms can do
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
@@ -593,16 +593,25 @@ def cautions(config: SessionConfig) -> list[str]:
     ]
     if config.arm is not None and has_rigid_arm(config):
         model = load_arm(config.arm.model, "arm.model")
-        bare = model.links_without_body()
-        if bare and config.arm.collisions:
-            found.append(f"arm: {bare}; neither obstacles nor the arm itself stop them")
-        if config.arm.collisions:
-            found += _touching(model, config)
-        found += _unbent(model)
+        obstacles = [_obstacle(each) for each in config.obstacles]
+        words = arm_cautions(model, obstacles, config.arm.collisions)
+        found += [f"arm: {each}" for each in words]
     return found
 
 
-def _touching(model: ArmModel, config: SessionConfig) -> list[str]:
+def arm_cautions(
+    model: ArmModel, obstacles: Sequence[Obstacle] = (), collisions: bool = True
+) -> list[str]:
+    """Those of an arm; not `collisions`: bodies are never kept apart."""
+    found = []
+    if collisions:
+        if bare := model.links_without_body():
+            found.append(f"{bare}; neither obstacles nor the arm itself stop them")
+        found += _touching(model, obstacles)
+    return found + _unbent(model)
+
+
+def _touching(model: ArmModel, obstacles: Sequence[Obstacle]) -> list[str]:
     """Pairs of bodies that are left out, and those that overlap at home."""
     from cardan.common.arm_libraries import np
     from cardan.gateway.kinematics.arm import ArmKinematics
@@ -611,8 +620,8 @@ def _touching(model: ArmModel, config: SessionConfig) -> list[str]:
     found = []
     if pairs := model.touching_names():
         named = ", ".join(" and ".join(pair) for pair in pairs)
-        found.append(f"arm: touch in every posture, and are not kept apart: {named}")
-    bodies = CollisionModel(ArmKinematics(model), [_obstacle(each) for each in config.obstacles])
+        found.append(f"touch in every posture, and are not kept apart: {named}")
+    bodies = CollisionModel(ArmKinematics(model), obstacles)
     overlaps: dict[tuple[str, str], tuple[float, bool]] = {}
     for names, distance, outside in zip(
         bodies.pairs, bodies.at(np.array(model.home)), bodies.with_obstacle, strict=True
@@ -627,7 +636,7 @@ def _touching(model: ArmModel, config: SessionConfig) -> list[str]:
         if outside:
             remedy = "move the obstacle"
         found.append(
-            f"arm: at home {first} and {second} overlap by {distance * -1e3:.1f} mm, which ends "
+            f"at home {first} and {second} overlap by {distance * -1e3:.1f} mm, which ends "
             f"motions there: {remedy}, or give another home_deg"
         )
     return found
@@ -641,7 +650,7 @@ def _unbent(model: ArmModel) -> list[str]:
     if value >= SINGULAR:
         return []
     return [
-        f"arm: its home is singular ({value:.3f}): straight motions from there are refused or "
+        f"its home is singular ({value:.3f}): straight motions from there are refused or "
         "slow; give a bent home_deg in the arm's .toml"
     ]
 

@@ -1,0 +1,234 @@
+"""``cardan robots``: the arms there are, and the file of one's own."""
+
+from __future__ import annotations
+
+import math
+import shlex
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from cardan.cli import completion
+from cardan.cli.common import EPILOG, AsJson, print_json, print_table
+from cardan.common.printable import printable
+from cardan.errors import ConfigurationError, ExtraMissingError
+
+if TYPE_CHECKING:
+    from cardan.robots import ArmJoint, ArmModel
+
+robots = typer.Typer(
+    name="robots",
+    help="List and show arms, and make the file of one's own.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+)
+
+POSTURES = 3
+"""Drawn beside home."""
+
+
+@robots.command(epilog=EPILOG)
+def add(
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE", help="A robot's URDF: a path, or PACKAGE:FILE in an installed package."
+        ),
+    ],
+    tcp: Annotated[
+        str,
+        typer.Option(
+            metavar="LINK",
+            help="The link that the arm ends at; default: the last one, where there is one.",
+        ),
+    ] = "",
+    base: Annotated[
+        str,
+        typer.Option(
+            metavar="LINK",
+            help="The link whose frame is the arm's; default: the root, or what carries its first "
+            "joint.",
+        ),
+    ] = "",
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="TOML",
+            help="The file to write; default: FILE's name with .toml, beside it.",
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Write over files that are there.")
+    ] = False,
+) -> None:
+    """Make the arm of a robot's URDF known to Cardan: write its TOML and a picture beside it, say
+    what was taken from where, try its inverse, and end with a session that moves it simulated."""
+    from cardan.own_arm.added import add as made, session_text
+    from cardan.own_arm.pictures import draw, posed, side_views
+    from cardan.own_arm.tried import POSES, postures, reach_of, try_inverse
+    from cardan.robots.arm_loader import located
+
+    path = output or located(file, Path()).with_suffix(".toml")
+    picture = path.with_suffix(".png")
+    if not overwrite:
+        for each in (path, picture):
+            if each.exists():
+                raise ConfigurationError(
+                    "--overwrite", f"{each} is there: give this, or another --output"
+                )
+    added = made(file, path, tcp, base)
+    arm = added.write()
+    print(f"{printable(str(path))}: written")
+    _print_parts(added.report())
+    poses = [posed(arm, arm.home, "home")]
+    poses += [
+        posed(arm, q, f"posture {number}")
+        for number, q in enumerate(postures(arm, POSTURES), start=1)
+    ]
+    print()
+    for line in side_views(arm, poses):
+        print(line)
+    try:
+        draw(arm, poses, picture)
+        print(f"{printable(str(picture))}: the same with all bodies")
+    except ExtraMissingError as error:
+        print(f"no picture: {printable(str(error))}")
+    print()
+
+    def progress(done: int) -> None:
+        if sys.stderr.isatty():
+            end = "\r" if done < POSES else "\n"
+            print(f"inverse: {done} of {POSES} poses tried", end=end, file=sys.stderr, flush=True)
+
+    _print_parts(
+        [("reach", reach_of(arm).words()), ("inverse", try_inverse(arm, progress, POSES).words())]
+    )
+    session = path.with_name(f"{path.stem}-session.toml")
+    print(f"\nTo try it on a simulated arm, save as {printable(str(session))}:\n")
+    print(session_text(str(path)))
+    print("and run it, with the page that moves it:\n")
+    print(f"cardan run {printable(shlex.quote(str(session)))} --console")
+
+
+def _print_parts(parts: list[tuple[str, str]]) -> None:
+    for part, words in parts:
+        print(f"  {part:<8} {printable(words)}")
+
+
+@robots.command("list")
+def list_(as_json: AsJson = False) -> None:
+    """List the arms there are: Cardan's, then the files of this folder that are one's own."""
+    from cardan.robots import arm_names, load_arm
+
+    rows = []
+    for name in arm_names():
+        arm = load_arm(name)
+        rows.append((name, str(len(arm.joints)), _home_words(arm), "Cardan"))
+    rows += [(path, "", "", f"its URDF: {urdf}") for path, urdf in _beside()]
+    print_table(("arm", "joints", "home", "from"), rows, as_json)
+
+
+def _beside() -> list[tuple[str, str]]:
+    """Files of arms in this folder, and their URDFs."""
+    from cardan.common.tables import read_toml
+
+    found = []
+    for path in sorted(Path().glob("*.toml")):
+        try:
+            urdf = read_toml(path).get("urdf")
+        except ConfigurationError:
+            continue
+        if isinstance(urdf, str):
+            found.append((str(path), urdf))
+    return found
+
+
+@robots.command(epilog=EPILOG)
+def show(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="NAME|FILE",
+            help="One of Cardan's arms, or the .toml or .urdf of one's own.",
+            autocompletion=completion.robots,
+        ),
+    ],
+    as_json: AsJson = False,
+) -> None:
+    """Show an arm: its joints with their limits, its reach, home and TCP, its bodies, and what is
+    to be looked at."""
+    from cardan.gateway.session.assembly import arm_cautions
+    from cardan.own_arm.tried import pairs_watched, reach_of
+    from cardan.robots import load_arm
+
+    arm = load_arm(name)
+    reach = reach_of(arm)
+    cautions = arm_cautions(arm)
+    pairs = pairs_watched(arm)
+    if as_json:
+        print_json(
+            {
+                "arm": name,
+                "joints": [_joint_values(each) for each in arm.joints],
+                "home": arm.home,
+                "home_tcp": arm.home_tcp,
+                "reach_m": reach.ranges,
+                "bodies": [each.name for each in arm.shapes],
+                "pairs": pairs,
+                "cautions": cautions,
+            }
+        )
+        return
+    print_table(
+        ("joint", "kind", "from", "to", "speed", "acceleration", "effort"),
+        [_joint_cells(each) for each in arm.joints],
+    )
+    place = ", ".join(f"{value:.3f}" for value in arm.home_tcp.position)
+    bodies = ", ".join(dict.fromkeys(each.name for each in arm.shapes)) or "none"
+    _print_parts(
+        [
+            ("home", f"{_home_words(arm)}; the TCP is at {place} m"),
+            ("reach", reach.words()),
+            ("bodies", f"{len(arm.shapes)} shapes, {pairs} pairs kept apart: {bodies}"),
+            *(("WARNING", words) for words in cautions),
+        ]
+    )
+
+
+def _joint_values(joint: ArmJoint) -> dict[str, Any]:
+    values = joint._asdict()
+    return {key: values[key] for key in values if key not in ("placement", "axis")}
+
+
+def _joint_cells(joint: ArmJoint) -> tuple[str, ...]:
+    from cardan.robots import JointKind
+
+    slides = joint.kind is JointKind.PRISMATIC
+    unit, factor = ("m", 1.0) if slides else ("°", 180.0 / math.pi)
+
+    def cell(value: float, per: str = "") -> str:
+        return f"{value * factor:.4g} {unit}{per}" if math.isfinite(value) else "–"
+
+    effort = f"{joint.effort:g} {'N' if slides else 'N·m'}" if math.isfinite(joint.effort) else "–"
+    return (
+        joint.name,
+        joint.kind.value,
+        cell(joint.lower),
+        cell(joint.upper),
+        cell(joint.velocity, "/s"),
+        cell(joint.acceleration, "/s²"),
+        effort,
+    )
+
+
+def _home_words(arm: ArmModel) -> str:
+    from cardan.robots import JointKind
+
+    return ", ".join(
+        f"{value:.3g} m" if joint.kind is JointKind.PRISMATIC else f"{math.degrees(value):.4g}°"
+        for joint, value in zip(arm.joints, arm.home, strict=True)
+    )

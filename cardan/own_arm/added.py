@@ -1,0 +1,216 @@
+"""Makes an arm's TOML of a URDF, and says what is taken from where."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from cardan.common.arm_libraries import np
+from cardan.common.files import MODEL_BYTES
+from cardan.common.printable import printable
+from cardan.common.tables import as_toml, parse_toml, read_table, read_text
+from cardan.errors import ConfigurationError, about
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.session.assembly import arm_cautions
+from cardan.own_arm.ends import which_end
+from cardan.robots import ArmModel, JointKind, load_arm
+from cardan.robots.arm_chain import chain_of
+from cardan.robots.arm_file import ArmFile
+from cardan.robots.arm_limits import Proposal, proposals_for, proposed_lines
+from cardan.robots.arm_loader import located
+from cardan.robots.arm_reader import build_arm
+from cardan.robots.fit_cache import fit_mesh
+from cardan.robots.fitting import Fit
+from cardan.robots.mesh_files import FoundMesh, meshes_of
+from cardan.robots.urdf import Tree, read_tree
+
+
+class Covered(NamedTuple):
+    """A mesh of a link, and what covers it."""
+
+    link: str
+    fit: Fit
+
+
+class Added(NamedTuple):
+    """An arm's file, before it is written, and what it is made of."""
+
+    path: Path
+    text: str
+    arm: ArmModel
+    proposals: tuple[Proposal, ...]
+    covered: tuple[Covered, ...]
+
+    def report(self) -> list[tuple[str, str]]:
+        """What was taken from where: parts and words."""
+        arm = self.arm
+        proposed = ", ".join(dict.fromkeys(each.joint for each in self.proposals))
+        found = [
+            ("joints", f"{len(arm.joints)} move: {', '.join(arm.joint_names)}"),
+            ("limits", "of the URDF"),
+        ]
+        if proposed:
+            found[-1] = (
+                "limits",
+                f"missing of {proposed}; PROPOSED: look into the file and put the maker's numbers",
+            )
+        if silent := [joint.name for joint in arm.joints if math.isinf(joint.effort)]:
+            found.append(("effort", f"not published, and no limit, of {', '.join(silent)}"))
+        found.append(("home", f"{_home_words(arm)}; {_bent_words(arm)}"))
+        found.append(("bodies", f"{len(arm.shapes)} shapes"))
+        found += [
+            (
+                "mesh",
+                f"of {link} is covered by {len(fit.shapes)} shapes, "
+                f"{100.0 * fit.over_share:.0f} % larger than its hull and at most "
+                f"{1e3 * fit.over_m:.1f} mm beyond it",
+            )
+            for link, fit in self.covered
+        ]
+        found += [("WARNING", words) for words in arm_cautions(arm)]
+        return found
+
+    def write(self) -> ArmModel:
+        """The arm, as it is read from the file that was written. Raises ConfigurationError."""
+        try:
+            self.path.write_text(self.text, encoding="utf-8")
+        except OSError as error:
+            raise ConfigurationError("", f"cannot write {self.path}: {error.strerror}") from None
+        load_arm.cache_clear()
+        return load_arm(str(self.path))
+
+
+def add(urdf: str, path: Path, tcp: str = "", base: str = "") -> Added:
+    """The arm of a URDF's file (a path or ``PACKAGE:FILE``), for a TOML at `path`.
+
+    Raises ConfigurationError, which names options of the command, and ExtraMissingError.
+    """
+    at = located(urdf, Path())
+    if at.suffix.lower() != ".urdf":
+        raise ConfigurationError("FILE", f"{urdf} must be a .urdf")
+    with about(at):
+        tree = read_tree(read_text(at, MODEL_BYTES, declared=True))
+        if not tcp and len(tree.ends()) > 1:
+            raise which_end(tree, base)
+        name = urdf if ":" in urdf and at != Path(urdf) else _relative(at, path)
+        file = ArmFile(urdf=name, tcp=tcp, base=base)
+        try:
+            return _added(tree, file, at, path)
+        except ConfigurationError as error:
+            if error.key in ("tcp", "base"):
+                raise ConfigurationError(f"--{error.key}", error.message) from None
+            raise
+
+
+def _relative(urdf: Path, toml: Path) -> str:
+    """The URDF as the TOML's folder sees it; where that cannot be said, its whole path."""
+    try:
+        return Path(os.path.relpath(urdf.absolute(), toml.absolute().parent)).as_posix()
+    except ValueError:  # On another drive.
+        return urdf.absolute().as_posix()
+
+
+def _added(tree: Tree, file: ArmFile, at: Path, path: Path) -> Added:
+    chain = chain_of(tree, file)
+    proposals = proposals_for(chain.joints, file)
+    head = {"urdf": file.urdf, "tcp": chain.tcp}
+    if file.base:
+        head["base"] = file.base
+    lines = proposed_lines(proposals)
+    text = "\n".join((as_toml(head), *lines))
+    file = read_table(ArmFile, parse_toml(text, path))
+    meshes = meshes_of(tree, file, at)
+    arm = build_arm(tree, file, meshes)
+    text = _text(arm, head, chain.base, lines)
+    return Added(path, text, arm, tuple(proposals), tuple(_covers(file, list(meshes.values()))))
+
+
+def _covers(file: ArmFile, meshes: Sequence[FoundMesh]) -> list[Covered]:
+    """From the cache: they were just fitted."""
+    return [
+        Covered(each.link, fit_mesh(each.path, file.collision.fit, each.mesh.scale))
+        for each in meshes
+        if each.path is not None
+    ]
+
+
+def _text(arm: ArmModel, head: dict[str, str], base: str, limits: Sequence[str]) -> str:
+    """The TOML. What is from the URDF stands in one line each: names add none."""
+    lines = [
+        f"# The arm of {printable(head['urdf'])}, as `cardan robots add` took it.",
+        "# docs/robots.md has all keys.",
+        *as_toml(head).splitlines(),
+        f"# {len(arm.joints)} joints move: {printable(', '.join(arm.joint_names))}",
+    ]
+    if "base" not in head:
+        lines.append(f"# base = {printable(repr(base))}: found, the link whose frame is the arm's")
+    lines += [
+        "",
+        f"# {printable(_bent_words(arm))}",
+        f"home_deg = [{', '.join(f'{value:.10g}' for value in _home(arm))}]",
+        "# acceleration_deg_s2 = 300 # default: as the URDF has it, else full speed in 0.2 s",
+    ]
+    if limits:
+        lines += [
+            "",
+            "# PROPOSED, since the URDF has none: nobody has checked these numbers. Put the",
+            "# maker's in their place.",
+            *limits,
+        ]
+    lines += [
+        "",
+        "[collision]",
+        'fit = "tight" # "coarse": fewer shapes',
+        "# ignore = [] # pairs of links that always touch, besides neighbours",
+    ]
+    lines += [
+        f"# Left out, since they touch in every posture: {printable(' and '.join(pair))}"
+        for pair in arm.touching_names()
+    ]
+    for link in arm.bare_links:
+        lines += [
+            "",
+            f"# {printable(link)} has no body, and nothing keeps it from anything. As an example:",
+            "# [[collision.shape]]",
+            f"# {printable(as_toml({'link': link}).rstrip())}",
+            "# capsule = [[0, 0, 0], [0, 0, 0.1], 0.05]",
+        ]
+    return "\n".join((*lines, ""))
+
+
+def _home(arm: ArmModel) -> list[float]:
+    """deg, m."""
+    return [
+        value if joint.kind is JointKind.PRISMATIC else math.degrees(value)
+        for joint, value in zip(arm.joints, arm.home, strict=True)
+    ]
+
+
+def _home_words(arm: ArmModel) -> str:
+    return ", ".join(
+        f"{value:g}{' m' if joint.kind is JointKind.PRISMATIC else '°'}"
+        for joint, value in zip(arm.joints, [round(each, 3) for each in _home(arm)], strict=True)
+    )
+
+
+def _bent_words(arm: ArmModel) -> str:
+    value = ArmKinematics(arm).smallest_singular_value(np.array(arm.home), arm.task.weights)
+    return f"chosen, of 1,000 postures: bent, its smallest singular value is {value:.3f}"
+
+
+def session_text(arm_file: str) -> str:
+    """A session's file that moves the arm of `arm_file` simulated, from the console's page."""
+    return (
+        "[robot]\n"
+        'driver = "sim_arm"\n'
+        f"{as_toml({'robot': arm_file})}"
+        "\n"
+        "[arm]\n"
+        f"{as_toml({'model': arm_file})}"
+        "\n"
+        "[network]\n"
+        'name = "my_arm"\n'
+    )

@@ -1,0 +1,123 @@
+"""What an arm can do, tried: its inverse, its reach, postures in which nothing touches."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from typing import NamedTuple
+
+from cardan.common.arm_libraries import np
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.base import FloatArray
+from cardan.gateway.kinematics.collision import CollisionModel
+from cardan.gateway.kinematics.reach import tcp_range_m
+from cardan.robots import ArmModel
+
+POSES = 1_000
+"""Reachable ones, of which the inverse is looked for."""
+
+LONGEST_S = 20.0
+"""Of the tries; on an idle computer they take a second or two."""
+
+POSTURE_TRIES = 1_000
+"""Random postures among which some without a touch are looked for."""
+
+
+class Tried(NamedTuple):
+    """How many reachable poses were tried, and of how many the inverse was found."""
+
+    wanted: int
+    """How many were to be tried, if there was time."""
+    tried: int
+    found: int
+    outside: int
+    """Found ones of which a joint is outside its range, or the TCP elsewhere: none, if all is
+    right."""
+
+    def words(self) -> str:
+        """As one line."""
+        share = 100.0 * self.found / self.tried if self.tried else 0.0
+        words = f"found for {self.found} of {self.tried} reachable poses, {share:.1f} %"
+        if self.outside:
+            words += f", {self.outside} WRONG"
+        if self.tried < self.wanted:
+            words += f" ({self.wanted} took too long)"
+        return words
+
+
+class Reach(NamedTuple):
+    """Of the TCP, in the base, m."""
+
+    ranges: tuple[tuple[float, float], ...]
+    """Lowest and highest x, y, z."""
+
+    def words(self) -> str:
+        """As one line."""
+        return ", ".join(
+            f"{axis} {low:.2f} to {high:.2f} m"
+            for axis, (low, high) in zip("xyz", self.ranges, strict=True)
+        )
+
+
+def _bounds(kinematics: ArmKinematics) -> tuple[FloatArray, FloatArray]:
+    lower = np.where(np.isfinite(kinematics.lower), kinematics.lower, -math.pi)
+    return lower, np.where(np.isfinite(kinematics.upper), kinematics.upper, math.pi)
+
+
+def try_inverse(
+    arm: ArmModel,
+    say: Callable[[int], None] = lambda _done: None,
+    poses: int = POSES,
+    longest_s: float = LONGEST_S,
+) -> Tried:
+    """Random postures inside the limits give the poses; each search begins at home. `say` hears
+    now and then how many are done."""
+    kinematics = ArmKinematics(arm)
+    lower, upper = _bounds(kinematics)
+    home, end_s = np.array(arm.home), time.monotonic() + longest_s
+    tried = found = outside = 0
+    for q in np.random.default_rng(0).uniform(lower, upper, (poses, kinematics.joints)):
+        if time.monotonic() > end_s:
+            break
+        goal = kinematics.forward(q)
+        solution = kinematics.inverse(goal, home)
+        tried += 1
+        if solution is not None:
+            found += 1
+            there = kinematics.forward(solution)
+            if not (kinematics.within_limits(solution, 1e-6) and there.isApprox(goal, 1e-4)):
+                outside += 1
+        if tried % 50 == 0:
+            say(tried)
+    return Tried(poses, tried, found, outside)
+
+
+def reach_of(arm: ArmModel) -> Reach:
+    """Joints inside their limits, collisions left out of account."""
+    return Reach(tuple(tcp_range_m(ArmKinematics(arm))))
+
+
+def postures(arm: ArmModel, number: int = 3) -> list[tuple[float, ...]]:
+    """Random ones in which no bodies touch that are kept apart: of those tried, the ones that
+    differ most from home and from each other. Fewer where hardly any are free."""
+    kinematics = ArmKinematics(arm)
+    bodies = CollisionModel(kinematics)
+    lower, upper = _bounds(kinematics)
+    free: list[FloatArray] = []
+    for q in np.random.default_rng(1).uniform(lower, upper, (POSTURE_TRIES, kinematics.joints)):
+        if min(bodies.at(q), default=1.0) > 0.0:
+            free.append(q)
+        if len(free) == 50 * number:
+            break
+    chosen = [np.array(arm.home)]
+    for _ in range(min(number, len(free))):
+        chosen.append(
+            max(free, key=lambda q: min(float(np.linalg.norm(q - each)) for each in chosen))
+        )
+    return [tuple(q.tolist()) for q in chosen[1:]]
+
+
+def pairs_watched(arm: ArmModel) -> int:
+    """How many pairs of bodies are kept apart in each cycle."""
+    return len(CollisionModel(ArmKinematics(arm)).pairs)

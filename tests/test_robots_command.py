@@ -1,0 +1,234 @@
+"""``cardan robots``: an arm's file made of a vendor's URDF, as a person meets it."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from cardan import cli
+from cardan.errors import ConfigurationError
+from cardan.own_arm import pictures, tried
+from cardan.own_arm.added import add
+from cardan.own_arm.ends import ends_of
+from cardan.robots import arm_names, load_arm
+from cardan.robots.urdf import read_tree
+
+LIMIT = '<limit lower="-2" upper="2.5" velocity="1.5" effort="80"/>'
+
+
+def joint(name, parent, child, axis="0 1 0", limit=LIMIT, kind="revolute", xyz="0 0 0.3"):
+    return (
+        f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>'
+        f'<origin xyz="{xyz}"/><axis xyz="{axis}"/>{limit}</joint>'
+    )
+
+
+def link(name):
+    return (
+        f'<link name="{name}"><collision><origin xyz="0 0 0.12"/><geometry>'
+        '<cylinder radius="0.03" length="0.1"/></geometry></collision></link>'
+    )
+
+
+GRIPPER = '<limit lower="0" upper="0.04" velocity="0.1" effort="20"/>'
+
+
+def robot(slow=LIMIT):
+    """Six joints, a tool's frame between two fingers, and a camera on the base."""
+    chain = "".join(
+        link(f"l{number}")
+        + joint(
+            f"j{number}",
+            f"l{number - 1}" if number > 1 else "base_link",
+            f"l{number}",
+            ("0 0 1", "0 1 0", "0 1 0", "0 0 1", "0 1 0", "0 0 1")[number - 1],
+            slow if number == 2 else LIMIT,
+        )
+        for number in range(1, 7)
+    )
+    return (
+        '<robot name="vendor"><link name="base_link"/><link name="camera"/><link name="tool0"/>'
+        '<link name="finger_a"/><link name="finger_b"/>'
+        + chain
+        + joint("eye", "base_link", "camera", limit="", kind="fixed")
+        + joint("tool", "l6", "tool0", limit="", kind="fixed", xyz="0 0 0.1")
+        + joint("grip", "l6", "finger_a", limit=GRIPPER, kind="prismatic")
+        + joint(
+            "grip_too", "l6", "finger_b", limit=f'{GRIPPER}<mimic joint="grip"/>', kind="prismatic"
+        )
+        + "</robot>"
+    )
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(tried, "POSES", 100)
+    load_arm.cache_clear()
+    Path("vendor.urdf").write_text(robot(), encoding="utf-8")
+    return tmp_path
+
+
+def cardan(capsys, *words):
+    """What the command prints."""
+    cli.app(list(words), standalone_mode=False)
+    return capsys.readouterr().out
+
+
+def test_where_the_tree_has_several_ends_the_likely_ones_are_listed(here, capsys):
+    with pytest.raises(ConfigurationError) as told:
+        cardan(capsys, "robots", "add", "vendor.urdf")
+    lines = [line for line in str(told.value).splitlines() if line.startswith("--tcp ")]
+    assert lines == [
+        "--tcp tool0  # 6 joints move: j1, j2, j3, j4, j5, j6",
+        "--tcp finger_a  # 7 joints move: j1, j2, j3, j4, j5, j6, grip",
+    ]
+    assert not Path("vendor.toml").exists()
+
+
+def test_names_of_tools_are_known_and_an_arm_may_have_so_many_joints_only():
+    def named(name):
+        tree = read_tree(
+            f'<robot name="r"><link name="b"/><link name="x"/><link name="{name}"/>'
+            f"{joint('a', 'b', 'x')}{joint('c', 'b', name)}</robot>"
+        )
+        return ends_of(tree)[0].link
+
+    for name in ("tool0", "panda_hand_tcp", "ee_link", "gripper_grasping_frame", "left/tool"):
+        assert named(name) == name
+    assert named("knee") == "x"
+
+
+def test_it_writes_the_arm_s_file_and_what_it_prints_can_be_run(here, capsys):
+    printed = cardan(capsys, "robots", "add", "vendor.urdf", "--tcp", "tool0")
+    arm = load_arm("vendor.toml")
+    assert arm.joint_names == ("j1", "j2", "j3", "j4", "j5", "j6")
+    assert "limits   of the URDF" in printed
+    assert re.search(r"inverse  found for \d+ of 100 reachable poses", printed)
+    assert Path("vendor.png").read_bytes().startswith(b"\x89PNG")
+    session = printed.partition("save as vendor-session.toml:\n")[2].partition("and run it")[0]
+    Path("vendor-session.toml").write_text(session, encoding="utf-8")
+    assert printed.endswith("cardan run vendor-session.toml --console\n")
+    assert cardan(capsys, "check", "vendor-session.toml").startswith("vendor-session.toml: fine")
+
+
+def test_the_file_has_the_home_that_was_chosen(here):
+    added = add("vendor.urdf", Path("vendor.toml"), "tool0")
+    arm = added.write()
+    assert arm.home == pytest.approx(added.arm.home, abs=1e-9)
+    assert arm.shapes == added.arm.shapes
+    assert "home_deg = [" in added.text
+
+
+def test_missing_limits_are_proposed_in_the_file_and_marked(here, capsys):
+    Path("vendor.urdf").write_text(
+        robot('<limit lower="-2" upper="2" velocity="0" effort="1"/>'), encoding="utf-8"
+    )
+    printed = cardan(capsys, "robots", "add", "vendor.urdf", "--tcp", "tool0")
+    assert "limits   missing of j2; PROPOSED" in printed
+    text = Path("vendor.toml").read_text(encoding="utf-8")
+    assert "# PROPOSED" in text
+    assert "[velocity_deg_s]\nj2 = 10.0 # deg/s; the URDF: velocity 0" in text
+
+
+def test_links_without_a_body_and_missing_meshes_are_said(here, capsys):
+    mesh = '<cylinder radius="0.03" length="0.1"/>'
+    text = robot().replace(mesh, '<mesh filename="package://gone/l1.stl"/>', 1)
+    Path("vendor.urdf").write_text(text, encoding="utf-8")
+    printed = cardan(capsys, "robots", "add", "vendor.urdf", "--tcp", "tool0")
+    assert "WARNING" in printed
+    assert "links have no body: l1" in printed
+    assert "package://gone/l1.stl" in printed
+    assert '# link = "l1"' in Path("vendor.toml").read_text(encoding="utf-8")
+
+
+def test_how_much_too_large_the_cover_of_a_mesh_is_stands_there(here, capsys):
+    corners = [(x, y, z) for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.2)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + ["f 1 2 3", "f 4 5 6", "f 6 7 8"]
+    Path("l1.obj").write_text("\n".join(lines), encoding="utf-8")
+    text = robot().replace('<cylinder radius="0.03" length="0.1"/>', '<mesh filename="l1.obj"/>', 1)
+    Path("vendor.urdf").write_text(text, encoding="utf-8")
+    printed = cardan(capsys, "robots", "add", "vendor.urdf", "--tcp", "tool0")
+    assert re.search(r"mesh +of l1 is covered by 1 shapes, \d+ % larger", printed)
+
+
+def test_nothing_is_written_over_without_being_told(here, capsys):
+    Path("vendor.toml").write_text("mine", encoding="utf-8")
+    words = ("robots", "add", "vendor.urdf", "--tcp", "tool0")
+    with pytest.raises(ConfigurationError, match=r"--overwrite: vendor\.toml is there"):
+        cardan(capsys, *words)
+    assert Path("vendor.toml").read_text(encoding="utf-8") == "mine"
+    cardan(capsys, *words, "--overwrite")
+    assert load_arm("vendor.toml").joint_names[0] == "j1"
+
+
+def test_the_file_may_stand_elsewhere(here):
+    Path("arms").mkdir()
+    added = add("vendor.urdf", Path("arms/mine.toml"), "tool0")
+    assert 'urdf = "../vendor.urdf"' in added.text
+    assert added.write().joint_names[0] == "j1"
+
+
+def test_names_add_no_lines_to_the_file(here):
+    name = "j1&#10;[collision]&#10;meshes = 1 #"
+    Path("vendor.urdf").write_text(robot().replace('"j1"', f'"{name}"'), encoding="utf-8")
+    added = add("vendor.urdf", Path("vendor.toml"), "tool0")
+    assert added.write().joint_names[0] == name.replace("&#10;", "\n")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("vendor.urdf", "--tcp", "hook"), "--tcp: there is no link 'hook'"),
+        (("vendor.urdf", "--tcp", "tool0", "--base", "hook"), "--base: there is no link 'hook'"),
+        (("nothing.urdf",), "cannot read nothing.urdf"),
+        (("vendor.xml",), "FILE: vendor.xml must be a .urdf"),
+    ],
+)
+def test_what_is_wrong_is_said_of_the_option(here, capsys, words, said):
+    with pytest.raises(ConfigurationError, match=re.escape(said)):
+        cardan(capsys, "robots", "add", *words)
+
+
+def test_the_arms_that_are_there_are_listed(here, capsys):
+    Path("mine.toml").write_text('urdf = "vendor.urdf"\ntcp = "tool0"', encoding="utf-8")
+    Path("session.toml").write_text('[robot]\ndriver = "sim_arm"', encoding="utf-8")
+    rows = json.loads(cardan(capsys, "robots", "list", "--json"))
+    assert [row["arm"] for row in rows] == [*arm_names(), "mine.toml"]
+
+
+def test_an_arm_is_shown(here, capsys):
+    printed = cardan(capsys, "robots", "show", "ur5")
+    assert "shoulder_pan_joint" in printed
+    assert "reach    x -" in printed
+    shown = json.loads(cardan(capsys, "robots", "show", "ur5", "--json"))
+    assert [each["name"] for each in shown["joints"]] == list(load_arm("ur5").joint_names)
+    assert shown["cautions"] == []
+
+
+def test_the_view_has_the_base_the_joints_and_the_tcp():
+    arm = load_arm("ur5")
+    lines = pictures.side_views(arm, [pictures.posed(arm, arm.home, "home")])
+    text = "\n".join(lines[:-1])
+    assert text.startswith("home")
+    assert text.count("X") == 1
+    assert "o" in text
+    assert max(map(len, lines)) < 80
+
+
+def test_postures_are_free_and_inverse_solutions_are_right():
+    arm = load_arm("gofa_crb15000_5")
+    assert len(tried.postures(arm)) == 3
+    found = tried.try_inverse(arm, poses=50)
+    assert found.tried == 50
+    assert found.found >= 49
+    assert found.outside == 0
+
+
+def test_the_tries_end_in_time():
+    arm = load_arm("ur5")
+    assert tried.try_inverse(arm, longest_s=0.0).tried == 0
+    assert "took too long" in tried.try_inverse(arm, longest_s=0.0).words()
