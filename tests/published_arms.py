@@ -12,9 +12,9 @@ from __future__ import annotations
 import importlib.metadata
 import itertools
 import math
-from functools import cached_property
+import tempfile
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -26,11 +26,12 @@ from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.common.files import MODEL_BYTES
 from cardan.common.tables import parse_toml, read_table, read_text
-from cardan.robots import ArmModel, JointKind, load_arm
+from cardan.robots import ArmModel, load_arm
 from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.urdf import read_tree
-from tests.gateway.arm.arms import World
+from tests.docs_tables import ROOT, markdown, replaced
+from tests.gateway.arm.arms import DT_S, World
 
 PACKAGE = "example-robot-data"
 INSTALL = f"{PACKAGE} is not installed: pip install --no-deps {PACKAGE}==6.0.0 (131 MB)"
@@ -41,6 +42,12 @@ POSES = 1000
 
 LINE_M = 0.05
 """Of each movl."""
+
+
+JOG_M_S = 0.02
+JOG_TICKS = 250
+
+BEGIN = "<!-- made by tests/published_arms.py -->\n"
 
 
 class Published(NamedTuple):
@@ -59,7 +66,11 @@ class Published(NamedTuple):
         return path
 
 
-POSITION_FIRST = "[task]\nweights = [1, 1, 1, 0.02, 0.02, 0.02]\n"
+POSITION = "[task]\nweights = [1, 1, 1, 0, 0, 0]\n"
+"""Of arms of five joints, which keep their orientation along few lines."""
+
+TALOS_WRIST = '[collision]\nignore = [["arm_left_5_link", "wrist_left_ft_tool_link"]]\n'
+"""Their covers are less than 6 mm apart in nearly all postures, and touch in most."""
 
 ARMS = (
     Published("panda", "panda_description/urdf/panda.urdf", "panda_hand_tcp"),
@@ -67,10 +78,15 @@ ARMS = (
     Published("ur10", "ur_description/urdf/ur10_robot.urdf", "tool0"),
     Published("kinova", "kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
     Published("xarm7", "xarm_description/urdf/xarm7.urdf", "link_eef"),
-    Published("so100", "so_arm_description/urdf/so100.urdf", "gripper"),
-    Published("so101", "so_arm_description/urdf/so101.urdf", "gripper_frame_link"),
+    Published("so100", "so_arm_description/urdf/so100.urdf", "gripper", POSITION),
+    Published("so101", "so_arm_description/urdf/so101.urdf", "gripper_frame_link", POSITION),
     Published("z1", "z1_description/urdf/z1.urdf", "gripperStator"),
-    Published("talos_left", "talos_data/robots/talos_left_arm.urdf", "gripper_left_base_link"),
+    Published(
+        "talos_left",
+        "talos_data/robots/talos_left_arm.urdf",
+        "gripper_left_base_link",
+        TALOS_WRIST,
+    ),
     Published("tiago", "tiago_description/robots/tiago.urdf", "arm_tool_link"),
     Published("baxter_left", "baxter_description/urdf/baxter.urdf", "left_gripper"),
 )
@@ -93,11 +109,15 @@ class Measured:
         self.collision = CollisionModel(self.kinematics)
         self.home = np.array(self.arm.home)
 
-    def _postures(self, count: int, seed: int) -> npt.NDArray[np.float64]:
+    @property
+    def _ranges(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         arm = self.kinematics
         low = np.where(arm.continuous, -math.pi, arm.lower)
-        high = np.where(arm.continuous, math.pi, arm.upper)
-        return np.random.default_rng(seed).uniform(low, high, (count, arm.joints))
+        return low, np.where(arm.continuous, math.pi, arm.upper)
+
+    def _postures(self, count: int, seed: int) -> npt.NDArray[np.float64]:
+        size = (count, self.kinematics.joints)
+        return np.random.default_rng(seed).uniform(*self._ranges, size)
 
     @property
     def singular_value(self) -> float:
@@ -166,3 +186,94 @@ class Measured:
             return motion.reason
         assert np.abs(world.tcp[0] - begin - step).max() < 1e-3
         return ""
+
+    def joint_motion(self) -> float:
+        """How far a movj to a posture near home ends from it, m."""
+        world = World(str(self.path))
+        goal = self.kinematics.forward(
+            np.clip(self.home + 0.05, self.kinematics.lower, self.kinematics.upper)
+        )
+        six = [*goal.translation, *pin.log3(goal.rotation)]
+        motion = world.run(world.verbs.movj(six))
+        assert motion.outcome is Outcome.DONE, motion.reason
+        return float(np.abs(world.tcp[0] - goal.translation).max())
+
+    def jogged(self) -> list[str]:
+        """Directions along the base's axes that a twist of 2 cm/s moves the TCP in, from home and
+        back: it goes at least half as far as it should, and not to a side."""
+        world = World(str(self.path))
+        world.verbs.set_parameter("cpsc", "twst")
+        world.tick()
+        went = []
+        for axis, sign in itertools.product(range(3), (1, -1)):
+            twist = np.zeros(6)
+            twist[axis] = sign * JOG_M_S
+            begin = world.tcp[0]
+            for _ in range(JOG_TICKS):
+                assert world.verbs.stream("twist", twist.tolist()) == ""
+                world.tick()
+            for _ in range(JOG_TICKS // 2):
+                world.verbs.stream("twist", [0.0] * 6)
+                world.tick()
+            gone = world.tcp[0] - begin
+            along, gone[axis] = sign * gone[axis], 0.0
+            if along > 0.5 * JOG_M_S * DT_S * JOG_TICKS and np.abs(gone).max() < 1e-3:
+                went.append(f"{'+-'[sign < 0]}{'xyz'[axis]}")
+        return went
+
+    def reach_m(self) -> float:
+        """The largest distance of the TCP from the origin of joint 2, to some mm."""
+        arm = self.kinematics
+
+        def distance(q: npt.NDArray[np.float64]) -> float:
+            tip = arm.forward(q).translation
+            data = arm.model.createData()
+            pin.forwardKinematics(arm.model, data, q)
+            return float(np.linalg.norm(tip - data.oMi[2].translation))
+
+        postures = self._postures(2000, seed=4)
+        low, high = self._ranges
+        best = max(postures, key=distance)
+        for turn in range(6):
+            for joint in range(arm.joints):
+                half = (high[joint] - low[joint]) / 2.0**turn
+                tried = []
+                for value in np.linspace(best[joint] - half, best[joint] + half, 41):
+                    q = best.copy()
+                    q[joint] = min(max(value, low[joint]), high[joint])
+                    tried.append(q)
+                best = max(tried, key=distance)
+        return distance(best)
+
+
+def row(measured: Measured) -> list[str]:
+    """Its line of the table."""
+    arm, published = measured.arm, measured.published
+    ended = measured.lines()
+    return [
+        f"`{published.urdf.rpartition('/')[2]}`",
+        f"`{published.tcp}`",
+        str(len(arm.joints)),
+        f"{measured.reach_m():.2f}",
+        str(len(arm.shapes)),
+        str(len(measured.collision.pairs)),
+        f"{measured.singular_value:.3f}",
+        f"{measured.inverse_share() * 100:.1f} %",
+        f"{sum(not why for why in ended.values())} of {len(ended)}",
+    ]
+
+
+COLUMNS = ("File", "`tcp`", "Joints", "Reach (m)", "Shapes", "Pairs", "Home", "Inverse", "Lines")
+
+
+def main() -> None:
+    """Write the table."""
+    page = ROOT / "docs" / "robots.md"
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [row(Measured(each, Path(folder))) for each in ARMS]
+    text = page.read_text(encoding="utf-8")
+    page.write_text(replaced(text, BEGIN, markdown(COLUMNS, rows)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
