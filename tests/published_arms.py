@@ -4,7 +4,7 @@ them.
     python -m tests.published_arms
 
 writes their table in docs/robots.md. It and tests/robots/test_published_arms.py need that package
-(BSD, 131 MB, of which Cardan uses nothing else): ``pip install --no-deps example-robot-data==6.0.0``.
+(BSD, 131 MB): ``pip install --no-deps example-robot-data==6.0.0``.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from cardan.gateway.arm.motion import Outcome
-from cardan.errors import MotionRefusedError
-from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.common.files import MODEL_BYTES
 from cardan.common.tables import parse_toml, read_table, read_text
+from cardan.errors import MotionRefusedError
+from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.robots import ArmModel, load_arm
 from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile
