@@ -45,19 +45,24 @@ def pairs_to_watch(arm: ArmModel) -> list[tuple[int, int]]:
 
 
 def touching_shapes(arm: ArmModel) -> frozenset[tuple[int, int]]:
-    """Of the pairs to watch, those that touch in all of 10,000 random postures."""
+    """Of the pairs to watch, those of whose names some touch in each of 10,000 random postures: a
+    link that is covered with several shapes touches if any of them does."""
     bodies = _Bodies(arm)
     # A continuous joint turns once; the others have all of their range.
     lower = np.maximum(arm.lower, [_ends(joint.kind)[0] for joint in arm.joints])
     upper = np.minimum(arm.upper, [_ends(joint.kind)[1] for joint in arm.joints])
-    touching = set(range(len(bodies.pairs)))
+    of_links: dict[Any, set[int]] = {}
+    for number, pair in enumerate(bodies.pairs):
+        links = tuple((arm.shapes[each].body, arm.shapes[each].name) for each in pair)
+        of_links.setdefault(frozenset(links), set()).add(number)
     for q in np.random.default_rng(0).uniform(lower, upper, (POSTURES, len(arm.joints))):
-        if not touching:
+        if not of_links:
             break
         # What was apart once is not looked at again: a thousandth of the work remains.
-        touching &= bodies.touching(q)
-        bodies.watch_only(touching)
-    return frozenset(bodies.pairs[number] for number in touching)
+        touching = bodies.touching(q)
+        of_links = {links: pairs for links, pairs in of_links.items() if pairs & touching}
+        bodies.watch_only(set().union(*of_links.values()))
+    return frozenset(bodies.pairs[number] for pairs in of_links.values() for number in pairs)
 
 
 def _ends(kind: JointKind) -> tuple[float, float]:

@@ -145,7 +145,7 @@ class ArmModel(NamedTuple):
     disabled_shapes: frozenset[tuple[int, int]] = frozenset()
     """Pairs of `shapes` that an SRDF does not check, by number, lower first."""
     touching_shapes: frozenset[tuple[int, int]] = frozenset()
-    """Pairs of `shapes` that touch in every posture, likewise."""
+    """Those of links that touch in every posture, likewise."""
 
     def keeps_apart(self, bodies: tuple[int, int], shapes: tuple[int, int]) -> bool:
         """Whether two of `shapes`, by number, lower first, may not touch."""

@@ -178,3 +178,19 @@ def test_names_of_pairs_are_said_once():
     arm = parse_urdf(text)
     assert len(arm.touching_shapes) == 4
     assert arm.touching_names() == [("a", "c")]
+
+
+def test_a_link_of_several_shapes_touches_if_any_of_them_does(file):
+    """Each of the four ends of the cross that c is leaves the ring's bar once a turn."""
+    toml = (
+        'home_deg = [0, 0, 0, 0]\n[[collision.shape]]\nlink = "c"\n'
+        "capsule = [[0.3, 0, -0.3], [0.3, 0, 0.3], 0.04]\n"
+        '[[collision.shape]]\nlink = "c"\ncapsule = [[0.3, 0, 0.3], [-0.3, 0, 0.3], 0.04]\n'
+        '[[collision.shape]]\nlink = "c"\ncapsule = [[-0.3, 0, 0.3], [-0.3, 0, -0.3], 0.04]\n'
+        '[[collision.shape]]\nlink = "c"\ncapsule = [[-0.3, 0, -0.3], [0.3, 0, -0.3], 0.04]\n'
+        '[[collision.shape]]\nlink = "a"\nbox = [[-0.05, -0.1, 0.1], [0.05, 0.1, 0.9]]\n'
+    )
+    arm = file(toml)
+    names = [shape.name for shape in arm.shapes]
+    assert arm.touching_names() == [("c", "a")]
+    assert sum({names[one], names[other]} == {"a", "c"} for one, other in arm.touching_shapes) == 4

@@ -26,7 +26,7 @@ ROTATION_TOLERANCE_RAD = 1e-6
 MAX_ITERATIONS = 40
 """Iterations of one descent. Those that converge need 5 to 15; others are in a local minimum."""
 
-MAX_RESTARTS = 40
+MAX_RESTARTS = 100
 """Descents from other configurations before the pose counts as out of reach."""
 
 PATIENCE = 4

@@ -1,0 +1,279 @@
+"""Arms of PyPI's example-robot-data as they are published: which they are, and what is measured of
+them.
+
+    python -m tests.published_arms
+
+writes their table in docs/robots.md. It and tests/robots/test_published_arms.py need that package
+(BSD, 131 MB): ``pip install --no-deps example-robot-data==6.0.0``.
+"""
+
+from __future__ import annotations
+
+import importlib.metadata
+import itertools
+import math
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+import pinocchio as pin
+
+from cardan.common.files import MODEL_BYTES
+from cardan.common.tables import parse_toml, read_table, read_text
+from cardan.errors import MotionRefusedError
+from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.collision import CollisionModel
+from cardan.robots import ArmModel, load_arm
+from cardan.robots.arm_chain import chain_of
+from cardan.robots.arm_file import ArmFile
+from cardan.robots.urdf import read_tree
+from tests.docs_tables import ROOT, markdown, replaced
+from tests.gateway.arm.arms import DT_S, World
+
+PACKAGE = "example-robot-data"
+INSTALL = f"{PACKAGE} is not installed: pip install --no-deps {PACKAGE}==6.0.0 (131 MB)"
+FOLDER = Path("cmeel.prefix", "share", "example-robot-data", "robots")
+
+POSES = 1000
+"""Reachable ones, of which the inverse is looked for."""
+
+LINE_M = 0.05
+"""Of each movl."""
+
+
+JOG_M_S = 0.02
+JOG_TICKS = 250
+
+BEGIN = "<!-- made by tests/published_arms.py -->\n"
+
+
+class Published(NamedTuple):
+    """One arm: its file, and what its TOML says beside it."""
+
+    name: str
+    urdf: str
+    tcp: str
+    more: str = ""
+
+    def write(self, folder: Path) -> Path:
+        """Its TOML in `folder`."""
+        path = folder / f"{self.name}.toml"
+        urdf = robots() / self.urdf
+        path.write_text(f'urdf = "{urdf}"\ntcp = "{self.tcp}"\n{self.more}', encoding="utf-8")
+        return path
+
+
+POSITION = "[task]\nweights = [1, 1, 1, 0, 0, 0]\n"
+"""Of arms of five joints, which keep their orientation along few lines."""
+
+TALOS_WRIST = '[collision]\nignore = [["arm_left_5_link", "wrist_left_ft_tool_link"]]\n'
+"""Their covers are less than 6 mm apart in nearly all postures, and touch in most."""
+
+ARMS = (
+    Published("panda", "panda_description/urdf/panda.urdf", "panda_hand_tcp"),
+    Published("ur5", "ur_description/urdf/ur5_robot.urdf", "tool0"),
+    Published("ur10", "ur_description/urdf/ur10_robot.urdf", "tool0"),
+    Published("kinova", "kinova_description/robots/kinova.urdf", "j2s6s200_end_effector"),
+    Published("xarm7", "xarm_description/urdf/xarm7.urdf", "link_eef"),
+    Published("so100", "so_arm_description/urdf/so100.urdf", "gripper", POSITION),
+    Published("so101", "so_arm_description/urdf/so101.urdf", "gripper_frame_link", POSITION),
+    Published("z1", "z1_description/urdf/z1.urdf", "gripperStator"),
+    Published(
+        "talos_left",
+        "talos_data/robots/talos_left_arm.urdf",
+        "gripper_left_base_link",
+        TALOS_WRIST,
+    ),
+    Published("tiago", "tiago_description/robots/tiago.urdf", "arm_tool_link"),
+    Published("baxter_left", "baxter_description/urdf/baxter.urdf", "left_gripper"),
+)
+
+
+def robots() -> Path:
+    """The folder of all descriptions. Raises PackageNotFoundError."""
+    found = importlib.metadata.distribution(PACKAGE).locate_file(FOLDER)
+    return Path(str(found))
+
+
+class Measured:
+    """What one arm can do, in virtual time; each thing is looked at once, where it is asked for."""
+
+    def __init__(self, published: Published, folder: Path) -> None:
+        self.published = published
+        self.path = published.write(folder)
+        self.arm: ArmModel = load_arm(str(self.path))
+        self.kinematics = ArmKinematics(self.arm)
+        self.collision = CollisionModel(self.kinematics)
+        self.home = np.array(self.arm.home)
+
+    @property
+    def _ranges(self) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
+        arm = self.kinematics
+        low = np.where(arm.continuous, -math.pi, arm.lower)
+        return low, np.where(arm.continuous, math.pi, arm.upper)
+
+    def _postures(self, count: int, seed: int) -> npt.NDArray[np.float64]:
+        size = (count, self.kinematics.joints)
+        return np.random.default_rng(seed).uniform(*self._ranges, size)
+
+    @property
+    def singular_value(self) -> float:
+        """The smallest at home."""
+        return self.kinematics.smallest_singular_value(self.home, self.arm.task.weights)
+
+    @property
+    def room_m(self) -> float:
+        """Between bodies at home."""
+        return min(self.collision.at(self.home), default=math.inf)
+
+    def forward_error_m(self, postures: int = 20) -> float:
+        """The largest difference of any entry of the TCP's matrix from Pinocchio's, which has the
+        whole tree."""
+        text = read_text(robots() / self.published.urdf, MODEL_BYTES, declared=True)
+        file = read_table(ArmFile, parse_toml(read_text(self.path), self.path))
+        chain = chain_of(read_tree(text), file)
+        whole = pin.buildModelFromXML(text)
+        data, worst = whole.createData(), 0.0
+        base, tcp = (whole.getFrameId(link, pin.BODY) for link in (chain.base, file.tcp))
+        for posture in self._postures(postures, seed=3):
+            q = pin.neutral(whole)
+            moved = dict(zip(self.arm.joint_names, posture, strict=True))
+            for name, value in {**chain.held, **moved}.items():
+                joint = whole.joints[whole.getJointId(name)]
+                angle = [value] if joint.nq == 1 else [math.cos(value), math.sin(value)]
+                q[joint.idx_q : joint.idx_q + joint.nq] = angle
+            pin.framesForwardKinematics(whole, data, q)
+            theirs = data.oMf[base].actInv(data.oMf[tcp])
+            ours = self.kinematics.forward(posture)
+            worst = max(worst, float(np.abs(theirs.homogeneous - ours.homogeneous).max()))
+        return worst
+
+    def inverse_share(self) -> float:
+        """Of reachable poses, those of which the inverse is found, from anywhere."""
+        arm, found = self.kinematics, 0
+        pairs = zip(self._postures(POSES, seed=1), self._postures(POSES, seed=2), strict=True)
+        for goal, start in pairs:
+            placement = arm.forward(goal)
+            q = arm.inverse(placement, start)
+            if q is None:
+                continue
+            assert arm.within_limits(q)
+            assert np.abs(arm.forward(q).homogeneous - placement.homogeneous).max() < 1e-5
+            found += 1
+        return found / POSES
+
+    def lines(self) -> dict[str, str]:
+        """By direction along the base's axes: why a movl from home was not done; empty: it was."""
+        ended = {}
+        for axis, sign in itertools.product(range(3), (1, -1)):
+            step = np.zeros(3)
+            step[axis] = sign * LINE_M
+            ended[f"{'+-'[sign < 0]}{'xyz'[axis]}"] = self.line(step)
+        return ended
+
+    def line(self, step: npt.NDArray[np.float64]) -> str:
+        """Why a movl by `step` from home was not done."""
+        world = World(str(self.path))
+        begin = world.tcp[0]
+        try:
+            motion = world.run(world.verbs.movl(world.moved(*step)))
+        except MotionRefusedError as error:
+            return str(error)
+        if motion.outcome is not Outcome.DONE:
+            return motion.reason
+        assert np.abs(world.tcp[0] - begin - step).max() < 1e-3
+        return ""
+
+    def joint_motion(self) -> float:
+        """How far a movj to a posture near home ends from it, m."""
+        world = World(str(self.path))
+        goal = self.kinematics.forward(
+            np.clip(self.home + 0.05, self.kinematics.lower, self.kinematics.upper)
+        )
+        six = [*goal.translation, *pin.log3(goal.rotation)]
+        motion = world.run(world.verbs.movj(six))
+        assert motion.outcome is Outcome.DONE, motion.reason
+        return float(np.abs(world.tcp[0] - goal.translation).max())
+
+    def jogged(self) -> list[str]:
+        """Directions along the base's axes that a twist of 2 cm/s moves the TCP in, from home and
+        back: it goes at least half as far as it should, and not to a side."""
+        world = World(str(self.path))
+        world.verbs.set_parameter("cpsc", "twst")
+        world.tick()
+        went = []
+        for axis, sign in itertools.product(range(3), (1, -1)):
+            twist = np.zeros(6)
+            twist[axis] = sign * JOG_M_S
+            begin = world.tcp[0]
+            for _ in range(JOG_TICKS):
+                assert world.verbs.stream("twist", twist.tolist()) == ""
+                world.tick()
+            for _ in range(JOG_TICKS // 2):
+                world.verbs.stream("twist", [0.0] * 6)
+                world.tick()
+            gone = world.tcp[0] - begin
+            along, gone[axis] = sign * gone[axis], 0.0
+            if along > 0.5 * JOG_M_S * DT_S * JOG_TICKS and np.abs(gone).max() < 1e-3:
+                went.append(f"{'+-'[sign < 0]}{'xyz'[axis]}")
+        return went
+
+    def reach_m(self) -> float:
+        """The largest distance of the TCP from the origin of joint 2, to some mm."""
+        arm = self.kinematics
+
+        def distance(q: npt.NDArray[np.float64]) -> float:
+            tip = arm.forward(q).translation
+            data = arm.model.createData()
+            pin.forwardKinematics(arm.model, data, q)
+            return float(np.linalg.norm(tip - data.oMi[2].translation))
+
+        postures = self._postures(2000, seed=4)
+        low, high = self._ranges
+        best = max(postures, key=distance)
+        for turn in range(6):
+            for joint in range(arm.joints):
+                half = (high[joint] - low[joint]) / 2.0**turn
+                tried = []
+                for value in np.linspace(best[joint] - half, best[joint] + half, 41):
+                    q = best.copy()
+                    q[joint] = min(max(value, low[joint]), high[joint])
+                    tried.append(q)
+                best = max(tried, key=distance)
+        return distance(best)
+
+
+def row(measured: Measured) -> list[str]:
+    """Its line of the table."""
+    arm, published = measured.arm, measured.published
+    ended = measured.lines()
+    return [
+        f"`{published.urdf.rpartition('/')[2]}`",
+        f"`{published.tcp}`",
+        str(len(arm.joints)),
+        f"{measured.reach_m():.2f}",
+        str(len(arm.shapes)),
+        str(len(measured.collision.pairs)),
+        f"{measured.singular_value:.3f}",
+        f"{measured.inverse_share() * 100:.1f} %",
+        f"{sum(not why for why in ended.values())} of {len(ended)}",
+    ]
+
+
+COLUMNS = ("File", "`tcp`", "Joints", "Reach (m)", "Shapes", "Pairs", "Home", "Inverse", "Lines")
+
+
+def main() -> None:
+    """Write the table."""
+    page = ROOT / "docs" / "robots.md"
+    with tempfile.TemporaryDirectory() as folder:
+        rows = [row(Measured(each, Path(folder))) for each in ARMS]
+    text = page.read_text(encoding="utf-8")
+    page.write_text(replaced(text, BEGIN, markdown(COLUMNS, rows)), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
