@@ -70,7 +70,7 @@ POSITION = "[task]\nweights = [1, 1, 1, 0, 0, 0]\n"
 """Of arms of five joints, which keep their orientation along few lines."""
 
 TALOS_WRIST = '[collision]\nignore = [["arm_left_5_link", "wrist_left_ft_tool_link"]]\n'
-"""Their covers are less than 6 mm apart in nearly all postures, and touch in most."""
+"""With this pair, none of the 1,000 postures that home is chosen from has 10 mm of room."""
 
 ARMS = (
     Published("panda", "panda_description/urdf/panda.urdf", "panda_hand_tcp"),
