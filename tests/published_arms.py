@@ -4,7 +4,7 @@ them.
     python -m tests.published_arms
 
 writes their table in docs/robots.md. It and tests/robots/test_published_arms.py need that package
-(BSD, 131 MB): ``pip install --no-deps example-robot-data==6.0.0``.
+(BSD, 131 MB): ``tools/install .venv published``.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from tests.docs_tables import ROOT, markdown, replaced
 from tests.gateway.arm.arms import DT_S, World
 
 PACKAGE = "example-robot-data"
-INSTALL = f"{PACKAGE} is not installed: pip install --no-deps {PACKAGE}==6.0.0 (131 MB)"
+INSTALL = f"{PACKAGE} is not installed: tools/install .venv published (131 MB)"
 FOLDER = Path("cmeel.prefix", "share", "example-robot-data", "robots")
 
 POSES = 1000
