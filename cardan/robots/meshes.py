@@ -1,7 +1,7 @@
 """Reads the points of meshes.
 
-STL, OBJ and COLLADA (DAE) are read here and not by Assimp, which Coal brings: a file whose nodes
-go in a circle ends the process there, and units are not applied. Lengths in m.
+STL, OBJ and COLLADA (DAE) are read here and not by Assimp, which Coal brings: a damaged COLLADA
+file can end the process there, and units are not applied. Lengths in m.
 """
 
 from __future__ import annotations
