@@ -8,8 +8,13 @@ export type Speeds = { linear: number; angular: number };
 const NEAR_M = 0.0003;
 const NEAR_RAD = 0.001;
 
-/** Of the remaining way per second, near the goal: slow enough for the age of what is measured. */
-const GAIN_1_S = 4;
+/** The longest that an arm goes on by what was asked for: age of the command, silence until it
+ * brakes, and braking. */
+const LATEST_S = 0.4;
+
+/** Of the remaining way per second, near the goal: a page that stands still, or whose arm is seen
+ * late, leads it up to its goal at most, never past it. */
+const GAIN_1_S = 1 / LATEST_S;
 
 /** The speed at a distance from the goal, at most `fastest`. */
 function slowing(distance: number, fastest: number): number {

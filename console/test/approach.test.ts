@@ -77,6 +77,17 @@ test("joints arrive together, none faster than it may", () => {
   assert.ok(Math.abs(said.seconds - seconds) < 0.2 * seconds, `said ${said.seconds}, took ${seconds}`);
 });
 
+test("a page that stands still for as long as an arm goes on does not lead it past its goal", () => {
+  for (const far of [0.001, 0.005, 0.0125, 0.02, 0.04, 0.2]) {
+    const from: Pose = { position: [0.4, 0.1, 0.3 - far], orientation: TO.orientation };
+    const to: Pose = { position: [0.4, 0.1, 0.3], orientation: TO.orientation };
+    const body = towardsPose(from, to, SPEEDS);
+    assert.ok(body?.kind === "jog twist" && norm(body.linear) * 0.4 <= far + 1e-9);
+    const joints = towardsJoints([0], [10 * far], [0.4]);
+    assert.ok(joints?.kind === "jog joints" && (joints.rates[0] ?? 0) * 0.4 <= 10 * far + 1e-9);
+  }
+});
+
 test("who is there asks for nothing", () => {
   assert.equal(towardsPose(TO, TO, SPEEDS), null);
   assert.equal(towardsJoints([1, 2], [1, 2], [1, 1]), null);

@@ -153,12 +153,14 @@ class Person:
         self._photograph(tab, "goal")
         self._enable(tab)
         self._wait(tab, "!document.querySelector('.send').disabled")
-        self._hold(tab, ".send", lambda: math.dist(goal, self._position(tab)) <= MISSED_MM)
-        self._rest(tab)
-        missed = math.dist(goal, self._position(tab))
-        if missed <= MISSED_MM:
-            self.done.append("at the goal")
-            self._say(f"it was held until the arm was there, within {missed:.1f} mm")
+        while "at the goal" not in self.done:
+            self._hold(tab, ".send", lambda: math.dist(goal, self._position(tab)) <= MISSED_MM)
+            self._rest(tab)
+            missed = math.dist(goal, self._position(tab))
+            self._say(f"it was held until the arm was there, and rests {missed:.1f} mm from it")
+            # Who sees late lets go late: it is held again then.
+            if missed <= MISSED_MM:
+                self.done.append("at the goal")
 
     def _look_around(self, tab: Tab) -> None:
         """Pictures of the other parts, and of the page on a phone."""
