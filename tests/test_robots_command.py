@@ -9,6 +9,9 @@ from pathlib import Path
 import pytest
 
 from cardan import cli
+from cardan.bus import description
+from cardan.bus.description import Description
+from cardan.bus.options import BusOptions
 from cardan.errors import ConfigurationError
 from cardan.own_arm import pictures, tried
 from cardan.own_arm.added import add
@@ -189,6 +192,108 @@ def test_names_add_no_lines_to_the_file(here):
     ],
 )
 def test_what_is_wrong_is_said_of_the_option(here, capsys, words, said):
+    with pytest.raises(ConfigurationError, match=re.escape(said)):
+        cardan(capsys, "robots", "add", *words)
+
+
+class Bus:
+    """Where `text` is published; what was asked for."""
+
+    def __init__(self, text) -> None:
+        self.text, self.asked = text, []
+
+    def describe(self, topic, options):
+        self.asked.append((topic, options))
+        return Description(self.text, f"{topic} of /rsp, by the router {options.router}")
+
+
+@pytest.fixture
+def bus(here, monkeypatch):
+    bus = Bus(robot())
+    monkeypatch.setattr(description, "describe", bus.describe)
+    return bus
+
+
+ROUTER = "tcp/127.0.0.1:7999"
+ADD_TOPIC = ("robots", "add", "--from-topic", "--router", ROUTER, "--tcp", "tool0")
+
+
+def test_a_description_on_the_bus_is_kept_as_a_file_and_then_as_any_file(bus, capsys):
+    printed = cardan(capsys, *ADD_TOPIC)
+    assert bus.asked == [("/robot_description", BusOptions(router=ROUTER))]
+    assert Path("robot_description.urdf").read_text(encoding="utf-8") == robot()
+    text = Path("robot_description.toml").read_text(encoding="utf-8")
+    assert 'urdf = "robot_description.urdf"' in text
+    origin = f"/robot_description of /rsp, by the router {ROUTER}"
+    assert f"# That file is the text of {origin}." in text
+    assert f"URDF     of {origin}; kept as robot_description.urdf" in printed
+    assert Path("robot_description.png").exists()
+    assert load_arm("robot_description.toml").home == load_arm_of_file(capsys).home
+    assert printed.endswith("cardan run robot_description-session.toml --console\n")
+
+
+def load_arm_of_file(capsys):
+    """The same arm, added from its file."""
+    cardan(capsys, "robots", "add", "vendor.urdf", "--tcp", "tool0")
+    return load_arm("vendor.toml")
+
+
+def test_a_topic_may_be_named_and_two_arms_have_a_file_each(bus, capsys):
+    for arm in ("left", "right"):
+        cardan(capsys, *ADD_TOPIC, f"/{arm}/robot_description", "-o", f"{arm}.toml")
+        cardan(capsys, *ADD_TOPIC, "-o", f"{arm}_too.toml")
+    assert [topic for topic, _ in bus.asked[::2]] == [
+        "/left/robot_description",
+        "/right/robot_description",
+    ]
+    assert sorted(each.name for each in Path().glob("*.urdf")) == [
+        "left-left_robot_description.urdf",
+        "left_too-robot_description.urdf",
+        "right-right_robot_description.urdf",
+        "right_too-robot_description.urdf",
+        "vendor.urdf",
+    ]
+
+
+def test_a_description_that_was_kept_is_not_written_over_either(bus, capsys):
+    Path("robot_description.urdf").write_text("mine", encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"--overwrite: robot_description\.urdf is there"):
+        cardan(capsys, *ADD_TOPIC)
+    assert bus.asked == []
+
+
+def test_what_is_no_urdf_is_said_of_the_topic_and_nothing_is_kept(bus, capsys):
+    bus.text = "<sdf/>"
+    with pytest.raises(ConfigurationError, match=r"^/robot_description: .*<robot>"):
+        cardan(capsys, *ADD_TOPIC)
+    bus.text = robot()
+    with pytest.raises(ConfigurationError, match="--tcp tool0"):
+        cardan(capsys, "robots", "add", "--from-topic")
+    assert [each.name for each in Path().iterdir()] == ["vendor.urdf"]
+
+
+def test_meshes_of_a_description_on_the_bus_are_looked_for_as_of_a_file(bus, capsys, monkeypatch):
+    mesh = '<cylinder radius="0.03" length="0.1"/>'
+    bus.text = robot().replace(mesh, '<mesh filename="package://vendor_arm/l1.obj"/>', 1)
+    assert "package://vendor_arm/l1.obj" in cardan(capsys, *ADD_TOPIC)
+    folder = Path("install/share/vendor_arm")
+    folder.mkdir(parents=True)
+    corners = [(x, y, z) for x in (0, 0.1) for y in (0, 0.1) for z in (0, 0.2)]
+    lines = [f"v {x} {y} {z}" for x, y, z in corners] + ["f 1 2 3", "f 4 5 6", "f 6 7 8"]
+    (folder / "l1.obj").write_text("\n".join(lines), encoding="utf-8")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(Path("install").absolute()))
+    assert "of l1 is covered by 1 shapes" in cardan(capsys, *ADD_TOPIC, "--overwrite")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "FILE: give a URDF, or --from-topic"),
+        (("vendor.urdf", "--router", ROUTER), "--session, --router: go with --from-topic"),
+        (("vendor.urdf", "--from-topic"), "--from-topic: takes a topic in FILE's place"),
+    ],
+)
+def test_a_file_or_a_topic_is_asked_for(here, capsys, words, said):
     with pytest.raises(ConfigurationError, match=re.escape(said)):
         cardan(capsys, "robots", "add", *words)
 

@@ -9,11 +9,17 @@ from typing import NamedTuple
 
 from cardan.bus.network import Service, Topic
 from cardan.bus.options import BusOptions
-from cardan.bus.router import router_address
+from cardan.bus.router import router_address, routers_here
 from cardan.bus.zenoh_network import BusNetwork
+from cardan.common.options import suggestion
+from cardan.errors import ConfigurationError
 
 SURVEY_S = 2.0
 """How long it waits: peers that learn of each other from a router connect within a second."""
+
+APPEARS_WITHIN_S = 5.0
+"""How long a topic is waited for: peers that learn of each other from a router connect within a
+second, and a session opens its arm's model in two."""
 
 
 class Survey(NamedTuple):
@@ -66,6 +72,30 @@ def survey(options: BusOptions) -> Survey:
             len(routers),
             len(peers),
         )
+
+
+def published(network: BusNetwork, name: str, key: str, remedy: str = "") -> Topic:
+    """The topic, once somebody publishes it. Raises ConfigurationError, of the setting `key`, where
+    nobody does in time; `remedy`: what else is to be done then."""
+    options = network.node.options
+    if not network.wait_for_publisher(name, APPEARS_WITHIN_S):
+        others = [each for each in routers_here() if each != options.router]
+        raise ConfigurationError(
+            key,
+            f"nobody publishes {name}{suggestion(name, network.topics())}: waited for "
+            f"{APPEARS_WITHIN_S:g} s, {met_by(options)}; `cardan network` lists what there is, and "
+            "says what to do where that is nothing"
+            + (f"; {remedy}" if remedy else "")
+            + (f"; other routers of this computer: {', '.join(others)}" if others else ""),
+        )
+    return network.topics()[name]
+
+
+def met_by(options: BusOptions) -> str:
+    """How others are met with these options, in words."""
+    if options.zenoh_config:
+        return f"as {options.zenoh_config} has it"
+    return f"by the router {options.router}" if options.router else "without a router"
 
 
 def remedies(options: BusOptions, found: Survey) -> list[str]:

@@ -15,16 +15,11 @@ from cardan.bus.options import BusOptions
 from cardan.cli import completion
 from cardan.cli.common import EXIT_INCOMPLETE, AsJson, Seconds, print_json
 from cardan.common.inbox import Inbox, InboxEmptyError
-from cardan.common.options import suggestion
 from cardan.common.printable import printable
 from cardan.errors import ConfigurationError
 
 if TYPE_CHECKING:
     from cardan.bus.network import Topic
-
-APPEARS_WITHIN_S: Final = 5.0
-"""How long a topic is waited for: peers that learn of each other from a router connect within a
-second, and a session opens its arm's model in two."""
 
 MESSAGES_KEPT: Final = 1000
 """Messages that wait to be printed; of more, some are not."""
@@ -230,7 +225,7 @@ def hz(
 def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tuple[bytes, Topic]]:
     """The messages of a topic as they come, for `seconds`. Raises ConfigurationError for a topic
     that does not appear."""
-    from cardan.bus.router import routers_here
+    from cardan.bus.survey import published
     from cardan.bus.zenoh_network import BusNetwork
 
     heard: Inbox[bytes] = Inbox()
@@ -241,15 +236,7 @@ def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tu
 
     end_s = None if seconds is None else time.monotonic() + seconds
     with BusNetwork(options, f"cardan_echo_{time.time_ns() % 10**9}") as network:
-        if not network.wait_for_publisher(name, APPEARS_WITHIN_S):
-            others = [each for each in routers_here() if each != options.router]
-            raise ConfigurationError(
-                "TOPIC",
-                f"nobody publishes {name}{suggestion(name, network.topics())}; `cardan network` "
-                "lists what there is, and says what to do where that is nothing"
-                + (f"; other routers of this computer: {', '.join(others)}" if others else ""),
-            )
-        topic = network.topics()[name]
+        topic = published(network, name, "TOPIC")
         network.subscribe(name, topic.type, take)
         while (left_s := 3600.0 if end_s is None else end_s - time.monotonic()) > 0.0:
             try:

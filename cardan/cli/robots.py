@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from cardan.cli import completion
+from cardan.cli.bus import Router, Session, bus_options
 from cardan.cli.common import EPILOG, AsJson, print_json, print_table
 from cardan.common.printable import printable
 from cardan.errors import ConfigurationError, ExtraMissingError
@@ -34,9 +35,12 @@ def add(
     file: Annotated[
         str,
         typer.Argument(
-            metavar="FILE", help="A robot's URDF: a path, or PACKAGE:FILE in an installed package."
+            metavar="FILE|TOPIC",
+            help="A robot's URDF: a path, or PACKAGE:FILE in an installed package; with "
+            "--from-topic the topic, by default /robot_description.",
+            show_default=False,
         ),
-    ],
+    ] = "",
     tcp: Annotated[
         str,
         typer.Option(
@@ -58,29 +62,57 @@ def add(
             "--output",
             "-o",
             metavar="TOML",
-            help="The file to write; default: FILE's name with .toml, beside it.",
+            help="The file to write; default: FILE's name with .toml, beside it; of a topic, its "
+            "name with .toml, here.",
         ),
     ] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Write over files that are there.")
     ] = False,
+    from_topic: Annotated[
+        bool,
+        typer.Option(
+            "--from-topic",
+            help="Take the URDF from the bus, as robot_state_publisher of ROS 2 publishes it, and "
+            "keep it as a file beside the TOML.",
+        ),
+    ] = False,
+    session: Session = None,
+    router: Router = "",
 ) -> None:
     """Make the arm of a robot's URDF known to Cardan: write its TOML and a picture beside it, say
     what was taken from where, try its inverse, and end with a session that moves it simulated."""
-    from cardan.own_arm.added import add as made, session_text
+    from cardan.bus.description import describe, topic_of
+    from cardan.own_arm.added import Published, add as made, session_text
     from cardan.own_arm.pictures import draw, posed, side_views
     from cardan.own_arm.tried import POSES, postures, reach_of, try_inverse
     from cardan.robots.arm_loader import located
 
-    path = output or located(file, Path()).with_suffix(".toml")
+    topic = ""
+    if from_topic:
+        topic = topic_of(file)
+        words = topic[1:].replace("/", "_")
+        path = output or Path(f"{words}.toml")
+        name = words if path.stem == words else f"{path.stem}-{words}"
+        file = str(path.with_name(f"{name}.urdf"))
+    elif session is not None or router:
+        raise ConfigurationError("--session, --router", "go with --from-topic")
+    elif not file:
+        raise ConfigurationError("FILE", "give a URDF, or --from-topic")
+    else:
+        path = output or located(file, Path()).with_suffix(".toml")
     picture = path.with_suffix(".png")
     if not overwrite:
-        for each in (path, picture):
+        for each in (path, picture, *([Path(file)] if from_topic else ())):
             if each.exists():
                 raise ConfigurationError(
                     "--overwrite", f"{each} is there: give this, or another --output"
                 )
-    added = made(file, path, tcp, base)
+    published = None
+    if from_topic:
+        taken = describe(topic, bus_options(session, router))
+        published = Published(taken.text, topic, taken.origin)
+    added = made(file, path, tcp, base, published)
     arm = added.write()
     print(f"{printable(str(path))}: written")
     _print_parts(added.report())
@@ -107,11 +139,11 @@ def add(
     _print_parts(
         [("reach", reach_of(arm).words()), ("inverse", try_inverse(arm, progress, POSES).words())]
     )
-    session = path.with_name(f"{path.stem}-session.toml")
-    print(f"\nTo try it on a simulated arm, save as {printable(str(session))}:\n")
+    to_try = path.with_name(f"{path.stem}-session.toml")
+    print(f"\nTo try it on a simulated arm, save as {printable(str(to_try))}:\n")
     print(session_text(str(path)))
     print("and run it, with the page that moves it:\n")
-    print(f"cardan run {printable(shlex.quote(str(session)))} --console")
+    print(f"cardan run {printable(shlex.quote(str(to_try)))} --console")
 
 
 def _print_parts(parts: list[tuple[str, str]]) -> None:

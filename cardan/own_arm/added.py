@@ -28,6 +28,16 @@ from cardan.robots.mesh_files import FoundMesh, meshes_of
 from cardan.robots.urdf import Tree, read_tree
 
 
+class Published(NamedTuple):
+    """A URDF that is no file yet."""
+
+    text: str
+    name: str
+    """What it is called where it is wrong."""
+    origin: str
+    """Where it is from, in words."""
+
+
 class Covered(NamedTuple):
     """A mesh of a link, and what covers it."""
 
@@ -43,12 +53,18 @@ class Added(NamedTuple):
     arm: ArmModel
     proposals: tuple[Proposal, ...]
     covered: tuple[Covered, ...]
+    kept: tuple[Path, Published] | None = None
+    """A URDF that becomes a file, and which."""
 
     def report(self) -> list[tuple[str, str]]:
         """What was taken from where: parts and words."""
         arm = self.arm
         proposed = ", ".join(dict.fromkeys(each.joint for each in self.proposals))
-        found = [
+        found = []
+        if self.kept is not None:
+            urdf, published = self.kept
+            found.append(("URDF", f"of {published.origin}; kept as {urdf}"))
+        found += [
             ("joints", f"{len(arm.joints)} move: {', '.join(arm.joint_names)}"),
             ("limits", "of the URDF"),
         ]
@@ -74,31 +90,41 @@ class Added(NamedTuple):
         return found
 
     def write(self) -> ArmModel:
-        """The arm, as it is read from the file that was written. Raises ConfigurationError."""
-        try:
-            self.path.write_text(self.text, encoding="utf-8")
-        except OSError as error:
-            raise ConfigurationError("", f"cannot write {self.path}: {error.strerror}") from None
+        """The arm, as it is read from the files that were written. Raises ConfigurationError."""
+        texts = [(self.path, self.text)]
+        if self.kept is not None:
+            urdf, published = self.kept
+            texts.insert(0, (urdf, published.text))
+        for path, text in texts:
+            try:
+                path.write_text(text, encoding="utf-8")
+            except OSError as error:
+                raise ConfigurationError("", f"cannot write {path}: {error.strerror}") from None
         load_arm.cache_clear()
         return load_arm(str(self.path))
 
 
-def add(urdf: str, path: Path, tcp: str = "", base: str = "") -> Added:
-    """The arm of a URDF's file (a path or ``PACKAGE:FILE``), for a TOML at `path`.
+def add(
+    urdf: str, path: Path, tcp: str = "", base: str = "", published: Published | None = None
+) -> Added:
+    """The arm of a URDF's file (a path or ``PACKAGE:FILE``), for a TOML at `path`. `published`:
+    what is to become that file.
 
     Raises ConfigurationError, which names options of the command, and ExtraMissingError.
     """
     at = located(urdf, Path())
     if at.suffix.lower() != ".urdf":
         raise ConfigurationError("FILE", f"{urdf} must be a .urdf")
-    with about(at):
-        tree = read_tree(read_text(at, MODEL_BYTES, declared=True))
+    with about(at if published is None else published.name):
+        tree = read_tree(
+            read_text(at, MODEL_BYTES, declared=True) if published is None else published.text
+        )
         if not tcp and len(tree.ends()) > 1:
             raise which_end(tree, base)
         name = urdf if ":" in urdf and at != Path(urdf) else _relative(at, path)
         file = ArmFile(urdf=name, tcp=tcp, base=base)
         try:
-            return _added(tree, file, at, path)
+            return _added(tree, file, at, path, published)
         except ConfigurationError as error:
             if error.key in ("tcp", "base"):
                 raise ConfigurationError(f"--{error.key}", error.message) from None
@@ -113,7 +139,7 @@ def _relative(urdf: Path, toml: Path) -> str:
         return urdf.absolute().as_posix()
 
 
-def _added(tree: Tree, file: ArmFile, at: Path, path: Path) -> Added:
+def _added(tree: Tree, file: ArmFile, at: Path, path: Path, published: Published | None) -> Added:
     chain = chain_of(tree, file)
     proposals = proposals_for(chain.joints, file)
     head = {"urdf": file.urdf, "tcp": chain.tcp}
@@ -124,8 +150,10 @@ def _added(tree: Tree, file: ArmFile, at: Path, path: Path) -> Added:
     file = read_table(ArmFile, parse_toml(text, path))
     meshes = meshes_of(tree, file, at)
     arm = build_arm(tree, file, meshes)
-    text = _text(arm, head, chain.base, lines)
-    return Added(path, text, arm, tuple(proposals), tuple(_covers(file, list(meshes.values()))))
+    text = _text(arm, head, chain.base, lines, "" if published is None else published.origin)
+    covers = tuple(_covers(file, list(meshes.values())))
+    kept = None if published is None else (at, published)
+    return Added(path, text, arm, tuple(proposals), covers, kept)
 
 
 def _covers(file: ArmFile, meshes: Sequence[FoundMesh]) -> list[Covered]:
@@ -137,10 +165,13 @@ def _covers(file: ArmFile, meshes: Sequence[FoundMesh]) -> list[Covered]:
     ]
 
 
-def _text(arm: ArmModel, head: dict[str, str], base: str, limits: Sequence[str]) -> str:
+def _text(
+    arm: ArmModel, head: dict[str, str], base: str, limits: Sequence[str], origin: str
+) -> str:
     """The TOML. What is from the URDF stands in one line each: names add none."""
     lines = [
         f"# The arm of {printable(head['urdf'])}, as `cardan robots add` took it.",
+        *([f"# That file is the text of {printable(origin)}."] if origin else ()),
         "# docs/robots.md has all keys.",
         *as_toml(head).splitlines(),
         f"# {len(arm.joints)} joints move: {printable(', '.join(arm.joint_names))}",

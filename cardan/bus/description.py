@@ -1,0 +1,127 @@
+"""Takes a robot's description from the bus, where ROS 2's robot_state_publisher has it."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Iterable, Sequence
+from typing import Final, NamedTuple
+
+from cardan.bus.options import BusOptions
+from cardan.bus.survey import met_by, published
+from cardan.bus.zenoh_network import BusNetwork
+from cardan.common.files import MODEL_BYTES
+from cardan.common.inbox import Inbox, InboxEmptyError
+from cardan.errors import ConfigurationError
+from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.names import RosNameError, checked_name
+
+TOPIC: Final = "/robot_description"
+"""Where robot_state_publisher has it."""
+
+TYPE: Final = "std_msgs/msg/String"
+
+ARRIVES_WITHIN_S: Final = 5.0
+"""How long the text of a publisher that was met is waited for: one that is latched comes at once,
+and who sends anew does so about once a second."""
+
+OTHERS_WITHIN_S: Final = 1.0
+"""How long after the first text others are listened for: peers that learn of each other from a
+router connect within a second."""
+
+TEXTS_KEPT: Final = 20
+
+OPTION: Final = "--from-topic"
+"""Of the command that asks for it."""
+
+_BEFORE_ROBOT = re.compile(r"\A[\ufeff\s]*(<\?xml.*?\?>\s*)?", re.DOTALL)
+"""A declaration of XML speaks of the file that a text was read from."""
+
+
+class Description(NamedTuple):
+    """A robot's description, and where it is from."""
+
+    text: str
+    origin: str
+    """Topic, nodes and how they were met, in words."""
+
+
+def topic_of(name: str) -> str:
+    """A topic's full name. Raises ConfigurationError."""
+    try:
+        return checked_name(name or TOPIC)
+    except RosNameError as error:
+        raise ConfigurationError(OPTION, f"takes a topic in FILE's place; {error}") from None
+
+
+def describe(topic: str, options: BusOptions) -> Description:
+    """The text that is published as `topic`.
+
+    Raises ConfigurationError where nobody publishes one in time, or several that differ;
+    ExtraMissingError, DriverError.
+    """
+    heard: Inbox[bytes] = Inbox(TEXTS_KEPT)
+    with BusNetwork(options, f"cardan_robots_{time.time_ns() % 10**9}") as network:
+        remedy = (
+            "start robot_state_publisher with RMW_IMPLEMENTATION=rmw_zenoh_cpp, or write the text "
+            "to a file and give that: `ros2 param get --hide-type /robot_state_publisher "
+            "robot_description > robot.urdf`"
+        )
+        known = published(network, topic, OPTION, remedy)
+        if known.type != TYPE:
+            raise ConfigurationError(OPTION, f"{topic} is of {known.type}, and must be of {TYPE}")
+        network.subscribe(topic, TYPE, lambda data, _stamp_ns: heard.put(data))
+        try:
+            messages = [heard.get(ARRIVES_WITHIN_S)]
+        except InboxEmptyError:
+            raise ConfigurationError(
+                OPTION,
+                f"{_by(known.publishers)} published nothing as {topic} within "
+                f"{ARRIVES_WITHIN_S:g} s {met_by(options)}: what is sent once is kept for later "
+                "subscriptions where it is latched (transient local) alone; start the publisher "
+                "anew, or have it latched",
+            ) from None
+        end_s = time.monotonic() + OTHERS_WITHIN_S
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            try:
+                messages.append(heard.get(left_s))
+            except InboxEmptyError:
+                break
+        publishers = network.topics().get(topic, known).publishers or known.publishers
+    origin = f"{topic} of {_by(publishers)}, {met_by(options)}"
+    return Description(agreed(topic, publishers, messages), origin)
+
+
+def agreed(topic: str, publishers: Sequence[str], messages: Iterable[bytes]) -> str:
+    """The one text of all messages, without a declaration of XML. Raises ConfigurationError."""
+    texts = dict.fromkeys(_text(topic, publishers, data) for data in messages)
+    if len(texts) > 1:
+        raise ConfigurationError(
+            OPTION,
+            f"{len(texts)} texts that differ were published as {topic}, by {_by(publishers)}: end "
+            "all publishers but one, or give each a topic of its own",
+        )
+    (text,) = texts
+    return text
+
+
+def _text(topic: str, publishers: Sequence[str], data: bytes) -> str:
+    if len(data) > MODEL_BYTES:
+        raise ConfigurationError(
+            OPTION, f"what is published as {topic} is longer than {MODEL_BYTES / 2**20:g} MiB"
+        )
+    message = codec_of(TYPE).decode(data)
+    if isinstance(message, Malformed):
+        raise ConfigurationError(OPTION, f"what is published as {topic} is wrong: {message.reason}")
+    text = _BEFORE_ROBOT.sub("", message["data"])
+    if not text:
+        raise ConfigurationError(
+            OPTION,
+            f"the text that {_by(publishers)} published as {topic} is empty: the publisher's "
+            "parameter robot_description has to be the robot's URDF",
+        )
+    return text
+
+
+def _by(nodes: Sequence[str]) -> str:
+    return " and ".join(nodes)
