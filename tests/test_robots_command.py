@@ -126,6 +126,15 @@ def test_the_file_has_the_home_that_was_chosen(here):
     assert "home_deg = [" in added.text
 
 
+def test_an_arm_of_too_few_joints_keeps_the_position_first(here, capsys):
+    printed = cardan(capsys, "robots", "add", "vendor.urdf", "--tcp", "l5")
+    assert "task     5 joints cannot keep an orientation along every line" in printed
+    assert load_arm("vendor.toml").task.weights == (1.0, 1.0, 1.0, 0.05, 0.05, 0.05)
+    printed = cardan(capsys, "robots", "add", "vendor.urdf", "--tcp", "tool0", "--overwrite")
+    assert "task" not in printed
+    assert load_arm("vendor.toml").task.weights == (1.0,) * 6
+
+
 def test_missing_limits_are_proposed_in_the_file_and_marked(here, capsys):
     Path("vendor.urdf").write_text(
         robot('<limit lower="-2" upper="2" velocity="0" effort="1"/>'), encoding="utf-8"

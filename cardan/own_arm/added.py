@@ -27,6 +27,9 @@ from cardan.robots.fitting import Fit
 from cardan.robots.mesh_files import FoundMesh, meshes_of
 from cardan.robots.urdf import Tree, read_tree
 
+FEW_JOINTS_TASK = (1.0, 1.0, 1.0, 0.05, 0.05, 0.05)
+"""Weights of an arm that has too few joints for all six directions: as ASIBOT's."""
+
 
 class Published(NamedTuple):
     """A URDF that is no file yet."""
@@ -75,6 +78,14 @@ class Added(NamedTuple):
             )
         if silent := [joint.name for joint in arm.joints if math.isinf(joint.effort)]:
             found.append(("effort", f"not published, and no limit, of {', '.join(silent)}"))
+        if _few(arm.joints):
+            found.append(
+                (
+                    "task",
+                    f"{len(arm.joints)} joints cannot keep an orientation along every line: the "
+                    "position counts, and the orientation as far as it can be had; [task] says so",
+                )
+            )
         found.append(("home", f"{_home_words(arm)}; {_bent_words(arm)}"))
         found.append(("bodies", f"{len(arm.shapes)} shapes"))
         found += [
@@ -146,11 +157,13 @@ def _added(tree: Tree, file: ArmFile, at: Path, path: Path, published: Published
     if file.base:
         head["base"] = file.base
     lines = proposed_lines(proposals)
-    text = "\n".join((as_toml(head), *lines))
+    task = _task_lines(chain.joints)
+    text = "\n".join((as_toml(head), *lines, *task))
     file = read_table(ArmFile, parse_toml(text, path))
     meshes = meshes_of(tree, file, at)
     arm = build_arm(tree, file, meshes)
-    text = _text(arm, head, chain.base, lines, "" if published is None else published.origin)
+    origin = "" if published is None else published.origin
+    text = _text(arm, head, chain.base, lines, task, origin)
     covers = tuple(_covers(file, list(meshes.values())))
     kept = None if published is None else (at, published)
     return Added(path, text, arm, tuple(proposals), covers, kept)
@@ -165,8 +178,28 @@ def _covers(file: ArmFile, meshes: Sequence[FoundMesh]) -> list[Covered]:
     ]
 
 
+def _few(joints: Sequence[object]) -> bool:
+    return len(joints) < len(FEW_JOINTS_TASK)
+
+
+def _task_lines(joints: Sequence[object]) -> list[str]:
+    if not _few(joints):
+        return []
+    return [
+        "",
+        f"# {len(joints)} joints cannot keep all six directions: where they cannot, x y z count.",
+        "[task]",
+        *as_toml({"weights": FEW_JOINTS_TASK}).splitlines(),
+    ]
+
+
 def _text(
-    arm: ArmModel, head: dict[str, str], base: str, limits: Sequence[str], origin: str
+    arm: ArmModel,
+    head: dict[str, str],
+    base: str,
+    limits: Sequence[str],
+    task: Sequence[str],
+    origin: str,
 ) -> str:
     """The TOML. What is from the URDF stands in one line each: names add none."""
     lines = [
@@ -192,6 +225,7 @@ def _text(
             *limits,
         ]
     lines += [
+        *task,
         "",
         "[collision]",
         'fit = "tight" # "coarse": fewer shapes',

@@ -125,6 +125,10 @@ class Planner:
         self._weights_on_way = weights * lengths
         # On the way an arm with few joints keeps what its task counts most.
         self._kept_on_way = weights >= 0.5 * weights.max()
+        can_all = np.count_nonzero(self.followed) <= len(model.joints)
+        self.kept = self.followed if can_all else self._kept_on_way
+        """Directions in which a line has to end at its goal: all that the arm follows, or what its
+        task counts most where it has too few joints for them."""
         self._units = tuple(
             "m" if joint.kind is JointKind.PRISMATIC else "rad" for joint in model.joints
         )

@@ -267,9 +267,7 @@ class Plans:
         if rehearsed.pace < 1.0:
             slow = f"{rehearsed.slowest} allows {rehearsed.pace:.0%} of the speed in places"
             note = f"{note}; {slow}" if note else slow
-        activity = FollowLine(
-            self.servo, path, self.planner.followed, self.deceleration, self._arrival
-        )
+        activity = FollowLine(self.servo, path, self.planner.kept, self.deceleration, self._arrival)
         return Plan(activity, path.duration_s, note)
 
     def _path(self, begin: Pose, target: Pose) -> tuple[LinePath, str]:

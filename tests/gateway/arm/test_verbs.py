@@ -95,6 +95,15 @@ def test_the_goal_is_reached(arm, verb):
     assert world.verbs.state is State.NOT_CONTROLLING
 
 
+def test_a_line_of_five_joints_keeps_the_position_and_the_orientation_as_far_as_it_can():
+    world = quick("asibot", start=np.radians([40.0, -30.0, 90.0, 30.0, 20.0]))
+    target = world.moved(0.0, 0.08, 0.0)
+    motion = world.run(world.verbs.movl(target))
+    assert motion.outcome is Outcome.DONE, motion
+    np.testing.assert_allclose(world.six()[:3], target[:3], atol=1e-3)
+    assert not same_rotation(world.six()[3:], target[3:], 1e-2)
+
+
 def test_joints_arrive_together_at_reference_speed():
     world = quick()
     goal = world.q + np.array([0.3, 0.1, 0.0, 0.0, 0.2, 0.0])

@@ -28,14 +28,15 @@ class FollowLine(FollowPath):
         self,
         servo: AnyServo,
         path: Line,
-        followed: npt.NDArray[np.bool_],
+        kept: npt.NDArray[np.bool_],
         deceleration: Deceleration,
         arrival: Arrival,
     ) -> None:
-        """`followed` (6): directions that the arm follows, x y z rx ry rz along TCP axes."""
+        """`kept` (6): directions in which it has to end at its goal, x y z rx ry rz along TCP
+        axes."""
         super().__init__(servo, path.duration_s, arrival)
         self._path = path
-        self._followed = followed
+        self._kept = kept
         self._deceleration = deceleration
 
     def brake(self) -> None:
@@ -89,6 +90,6 @@ class FollowLine(FollowPath):
         """Distance and angle from a placement of the TCP to the end of the line."""
         difference = placement.actInv(to_se3(self._path.at(self._clock.time_s)[0]))
         return (
-            float(np.linalg.norm(difference.translation[self._followed[:3]])),
-            float(np.linalg.norm(pin.log3(difference.rotation)[self._followed[3:]])),
+            float(np.linalg.norm(difference.translation[self._kept[:3]])),
+            float(np.linalg.norm(pin.log3(difference.rotation)[self._kept[3:]])),
         )
