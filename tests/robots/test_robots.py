@@ -489,8 +489,8 @@ CAPSULES = {
     ],
 }
 
-# Each box of a link as (body, centre, size), m; along the link's axes but for the one of the Panda's
-# flange, which is turned by 45 degrees, and the one of the SO-101's jaw.
+# Each box as (body, centre, size), m; along the body's axes, but for the one of the Panda's flange,
+# which is turned by 45 degrees, and the one of the SO-101's jaw.
 BOXES = {
     "panda": [
         (0, (-0.0415, 0, 0.038), (0.227, 0.19, 0.078)),
