@@ -91,6 +91,29 @@ ARMS = (
     Published("baxter_left", "baxter_description/urdf/baxter.urdf", "left_gripper"),
 )
 
+WITHOUT_MESHES = '[collision]\nmeshes = "ignore"\n'
+SERVOS = """
+[velocity_deg_s]
+shoulder_pan = 270.0
+shoulder_lift = 270.0
+elbow_flex = 270.0
+wrist_flex = 270.0
+wrist_roll = 270.0
+[effort]
+shoulder_pan = 2.94
+shoulder_lift = 2.94
+elbow_flex = 2.94
+wrist_flex = 2.94
+wrist_roll = 2.94
+"""
+"""As ours narrows its limits."""
+
+OURS = (
+    Published("panda", ARMS[0].urdf, "panda_link8", WITHOUT_MESHES),
+    Published("so101", ARMS[6].urdf, "gripper_frame_link", POSITION + WITHOUT_MESHES + SERVOS),
+)
+"""Those that this package has a file of its own of."""
+
 
 def robots() -> Path:
     """The folder of all descriptions. Raises PackageNotFoundError."""

@@ -1,12 +1,22 @@
-"""Eleven published descriptions as they are, with two lines of TOML: what a user does with one."""
+"""Eleven published descriptions as they are, with two lines of TOML: what a user does with one. Our
+own files of two of them are the same arms."""
 
 import importlib.metadata
 
+import numpy as np
 import pytest
 
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
-from tests.published_arms import ARMS, INSTALL, Measured, robots
+import pinocchio as pin
+
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.robots import Box, load_arm
+from cardan.robots.arm_bodies import to_se3
+from cardan.robots.mesh_files import find_mesh
+from cardan.robots.meshes import points_in
+from cardan.robots.urdf import read_tree
+from tests.published_arms import ARMS, INSTALL, OURS, Measured, robots
 
 pytestmark = pytest.mark.matrix
 
@@ -47,3 +57,61 @@ def test_a_joint_motion_arrives(measured):
 @pytest.mark.timeout(600)
 def test_jogging(measured):
     assert len(measured.jogged()) >= 4
+
+
+@pytest.mark.parametrize("published", OURS, ids=lambda published: published.name)
+def test_our_own_file_is_the_published_arm(published, tmp_path):
+    found, ours = Measured(published, tmp_path), load_arm(published.name)
+    theirs, found.kinematics = found.arm, ArmKinematics(ours)
+    assert ours.joint_names == theirs.joint_names
+    assert found.forward_error_m() < 1e-9
+    for one, other in zip(ours.joints, theirs.joints, strict=True):
+        assert (one.lower, one.upper) == (other.lower, other.upper)
+        assert (one.velocity, one.effort) == (other.velocity, other.effort)
+    # What hangs on the last link may be more than we have.
+    for one, other in zip(ours.inertias[:-1], theirs.inertias, strict=False):
+        assert one.mass_kg == other.mass_kg
+        assert one.centre_m == pytest.approx(other.centre_m, abs=1e-9)
+        assert one.moments == pytest.approx(other.moments, abs=1e-9)
+
+
+@pytest.mark.parametrize("published", OURS, ids=lambda published: published.name)
+def test_our_own_covers_contain_the_published_meshes(published):
+    ours = load_arm(published.name)
+    file = robots() / published.urdf
+    tree = read_tree(file.read_text(encoding="utf-8"))
+    for link in {each.name for each in ours.shapes}:
+        points = mesh_points(tree, file, link)
+        if (joint := tree.above.get(link)) and joint.name not in ours.joint_names:
+            points = placed(joint.element, points)
+        shapes = [each.shape for each in ours.shapes if each.name == link]
+        assert len(points) > 100
+        assert np.any([inside(shape, points) for shape in shapes], axis=0).all(), link
+
+
+def mesh_points(tree, file, link):
+    """The corners of all meshes that a link collides with, in its frame."""
+    found = []
+    for collision in tree.links[link].iterfind("collision"):
+        path, why = find_mesh(collision.find("geometry/mesh").get("filename"), file)
+        assert path, why
+        found.append(placed(collision, points_in(path.read_bytes(), path)))
+    return np.concatenate(found)
+
+
+def placed(element, points):
+    """Points in the frame that the origin of `element` is in."""
+    if (origin := element.find("origin")) is None:
+        return points
+    xyz, rpy = (np.array(origin.get(key, "0 0 0").split(), dtype=float) for key in ("xyz", "rpy"))
+    return points @ pin.rpy.rpyToMatrix(rpy).T + xyz
+
+
+def inside(shape, points):
+    """Of each point, whether it is in a capsule or a box."""
+    if isinstance(shape, Box):
+        local = (points - shape.pose.position) @ to_se3(shape.pose).rotation
+        return (np.abs(local) <= 0.5 * np.array(shape.size_m)).all(axis=1)
+    along, offset = np.subtract(shape.end, shape.start), points - shape.start
+    share = np.clip(offset @ along / (along @ along), 0.0, 1.0)
+    return np.linalg.norm(offset - share[:, None] * along, axis=1) <= shape.radius_m

@@ -22,8 +22,10 @@ TCP_LINKS = {
     "asibot": "tcp",
     "gofa_crb15000_5": "tool0",
     "gp8": "tool0",
+    "panda": "panda_link8",
     "pr2_left_arm": "l_gripper_tool_frame",
     "pr2_right_arm": "r_gripper_tool_frame",
+    "so101": "gripper_frame_link",
     "teo_left_arm": "tcp",
     "teo_right_arm": "tcp",
     "ur5": "tool0",
@@ -236,6 +238,46 @@ ROWS = [
         (-0.827089, -1.194419, -1.011710),
         0.1582,
     ),
+    Row(
+        "panda",
+        (0, 0, 0, 0, 0, 0, 0),
+        (0.088000, 0.000000, 0.926000),
+        (1.000000, 0.000000, 0.000000, 0.000000),
+        (3.141593, 0.000000, 0.000000),
+        0.0000,
+    ),
+    Row(
+        "panda",
+        (0, -45, 0, -135, 0, 90, 45),
+        (0.306891, 0.000000, 0.590282),
+        (0.923880, -0.382683, 0.000000, 0.000000),
+        (2.902453, -1.202235, 0.000000),
+        0.2244,
+    ),
+    Row(
+        "panda",
+        (20, -30, 25, -70, 50, 60, -40),
+        (-0.003281, 0.309587, 0.912059),
+        (0.516111, 0.817067, 0.105836, -0.234159),
+        (-1.416831, -2.243019, -0.290541),
+        0.1099,
+    ),
+    Row(
+        "so101",
+        (0, 0, 0, 0, 0),
+        (0.391361, -0.000009, 0.226470),
+        (0.017206, 0.706894, 0.017214, 0.706900),
+        (0.038226, 1.570449, 0.038242),
+        0.0605,
+    ),
+    Row(
+        "so101",
+        (20, -30, 25, 40, -60),
+        (0.285976, -0.082769, 0.150579),
+        (0.586525, 0.665413, 0.168445, 0.429931),
+        (1.463457, 1.660293, 0.420292),
+        0.0752,
+    ),
 ]
 
 # (lower, upper, speed, effort) of each joint; rad, rad/s, N·m; None: without end, not published.
@@ -272,6 +314,15 @@ LIMITS = {
         (-2.3561, 2.3561, 9.5993, 32.68),
         (-6.2944, 6.2944, 17.4845, 22.54),
     ],
+    "panda": [
+        (-2.8973, 2.8973, 2.175, 87),
+        (-1.7628, 1.7628, 2.175, 87),
+        (-2.8973, 2.8973, 2.175, 87),
+        (-3.0718, -0.0698, 2.175, 87),
+        (-2.8973, 2.8973, 2.61, 12),
+        (-0.0175, 3.7525, 2.61, 12),
+        (-2.8973, 2.8973, 2.61, 12),
+    ],
     "pr2_left_arm": [
         (-0.564602, 2.135398, 2.088, 30),
         (-0.3536, 1.2963, 2.082, 30),
@@ -289,6 +340,14 @@ LIMITS = {
         (None, None, 3.6, 30),
         (-2.0, -0.1, 3.078, 10),
         (None, None, 3.6, 10),
+    ],
+    # Speed and torque are those of its servos.
+    "so101": [
+        (-1.91986, 1.91986, math.radians(270), 2.94),
+        (-1.74533, 1.74533, math.radians(270), 2.94),
+        (-1.69, 1.69, math.radians(270), 2.94),
+        (-1.65806, 1.65806, math.radians(270), 2.94),
+        (-2.74385, 2.84121, math.radians(270), 2.94),
     ],
     "teo_left_arm": [
         (-1.689479, 1.975713, 0.872665, None),
@@ -361,6 +420,14 @@ CAPSULES = {
         (5, (0.044, 0, 0), (0, 0.001, 0), 0.048),
         (6, (0.079, 0, 0), (0.079, 0, 0), 0.03),
     ],
+    "panda": [
+        (1, (0, 0, -0.138), (0, -0.052, 0.001), 0.078),
+        (2, (0, -0.142, 0.001), (0, 0.001, 0.054), 0.077),
+        (3, (0.002, -0.001, -0.08), (0.084, 0.046, 0.002), 0.071),
+        (4, (0.001, -0.001, 0.044), (-0.082, 0.083, -0.002), 0.071),
+        (5, (-0.001, 0.002, -0.207), (0, 0.06, -0.06), 0.078),
+        (5, (0, 0.033, -0.003), (0, 0.081, -0.003), 0.059),
+    ],
     "pr2_left_arm": [
         (1, (0.056, 0, 0.042), (0, 0, -0.323), 0.208),
         (2, (0.001, 0, 0), (0.007, 0, 0.009), 0.149),
@@ -383,6 +450,7 @@ CAPSULES = {
         (7, (0.08, 0, 0), (0.079, 0, 0), 0.054),
         (7, (0.077, 0, 0), (0.18, 0, 0), 0.045),
     ],
+    "so101": [],
     "teo_left_arm": [
         (1, (-0.003, 0.003, 0.009), (-0.003, -0.055, 0.01), 0.051),
         (2, (-0.011, 0.003, -0.002), (-0.007, 0.016, -0.049), 0.052),
@@ -418,6 +486,30 @@ CAPSULES = {
         (4, (0, 0.008, -0.003), (0, -0.012, -0.002), 0.06),
         (5, (0, -0.008, -0.004), (0, 0.012, -0.002), 0.06),
         (6, (0, 0, -0.024), (0, -0.004, -0.02), 0.045),
+    ],
+}
+
+# Each box as (body, centre, size), m; along the body's axes, but for the one of the Panda's flange,
+# which is turned by 45 degrees, and the one of the SO-101's jaw.
+BOXES = {
+    "panda": [
+        (0, (-0.0415, 0, 0.038), (0.227, 0.19, 0.078)),
+        (0, (-0.0235, 0, 0.1085), (0.173, 0.15, 0.065)),
+        (6, (0.042, 0.015, 0.0065), (0.182, 0.134, 0.101)),
+        (7, (0.012021, 0.012021, 0.079), (0.142, 0.088, 0.056)),
+    ],
+    "so101": [
+        (0, (0.0165, 0, 0.019), (0.097, 0.112, 0.044)),
+        (0, (0.0125, -0.0005, 0.055), (0.089, 0.079, 0.03)),
+        (1, (-0.0285, 0.001, -0.009), (0.045, 0.056, 0.112)),
+        (1, (0.003, 0.0005, 0.0025), (0.02, 0.039, 0.089)),
+        (2, (-0.085, -0.031, 0.019), (0.086, 0.016, 0.052)),
+        (2, (-0.059, -0.0055, 0.02), (0.144, 0.037, 0.068)),
+        (3, (-0.0665, 0.003, 0.02), (0.159, 0.038, 0.066)),
+        (4, (-0.0025, -0.027, 0.022), (0.037, 0.08, 0.064)),
+        (5, (-0.007, 0, -0.0835), (0.044, 0.03, 0.043)),
+        (5, (-0.0025, -0.002, -0.0305), (0.067, 0.054, 0.065)),
+        (5, (0.0192, 0.0003, -0.0594), (0.024, 0.094, 0.049)),
     ],
 }
 
@@ -567,6 +659,20 @@ DH = {
         ],
         np.eye(4),
     ),
+    # Franka gives them as Craig does.
+    "panda": (
+        np.eye(4),
+        [
+            (0, 0.333, 0, -90),
+            (0, 0, 0, 90),
+            (0, 0.316, 0.0825, 90),
+            (0, 0, -0.0825, -90),
+            (0, 0.384, 0, 90),
+            (0, 0, 0.088, 90),
+            (0, 0, 0, 0),
+        ],
+        matrix(np.eye(3), (0, 0, 0.107)),
+    ),
     "ur5": (
         matrix(np.diag((-1.0, -1.0, 1.0)), (0, 0, 0)),
         [
@@ -638,11 +744,16 @@ def test_limits_of_teo_in_deg():
 
 
 @pytest.mark.parametrize("name", arm_names())
-def test_capsules_are_those_of_the_table(name):
+def test_bodies_are_those_of_the_tables(name):
     arm, given = load_arm(name), CAPSULES[name]
     fixed = {"torso", "head", "hip"}
     found = [shape for shape in arm.shapes if shape.name not in fixed]
-    assert len(found) == len(given)
+    boxes = [shape for shape in found if isinstance(shape.shape, Box)]
+    assert len(found) == len(given) + len(boxes)
+    for box, (body, centre, size) in zip(boxes, BOXES.get(name, ()), strict=True):
+        assert box.body == body
+        assert box.shape.pose.position == pytest.approx(centre, abs=1e-6)
+        assert box.shape.size_m == pytest.approx(size)
     for body, start, end, radius in given:
         if name in ("ur5", "ur5e") and body == 0:
             # Given in base_link_inertia, which is turned by pi from the base.
@@ -705,6 +816,9 @@ def distances(arm, q):
 LEAST_SINGULAR_VALUE_AT_HOME = 0.12
 """The fully stretched poses have 0; those of the table that are fit to work from, 0.08 to 0.23."""
 
+LEAST_OF_A_SMALL_ARM = {"so101": 0.07}
+"""Its links are of 12 and 13 cm; the largest that it has anywhere is hardly above 0.08."""
+
 
 @pytest.mark.parametrize("name", arm_names())
 def test_home_is_a_place_to_start_from(name):
@@ -712,7 +826,8 @@ def test_home_is_a_place_to_start_from(name):
     home = np.array(arm.home)
     margin = np.minimum(home - arm.lower, np.array(arm.upper) - home)
     assert margin.min() > math.radians(15)
-    assert np.linalg.svd(plain(arm, home)[1], compute_uv=False)[-1] > LEAST_SINGULAR_VALUE_AT_HOME
+    least = LEAST_OF_A_SMALL_ARM.get(name, LEAST_SINGULAR_VALUE_AT_HOME)
+    assert np.linalg.svd(plain(arm, home)[1], compute_uv=False)[-1] > least
     touching = {pair: d for pair, d in distances(arm, home).items() if d < 0.01}
     assert touching == {}
 
@@ -756,6 +871,11 @@ def test_published_masses():
     assert (xy, xz, yz) == pytest.approx((0, 0, 0), abs=1e-9)
     assert xx == pytest.approx(8.393 * 0.06**2 / 2, rel=1e-3)
     assert yy == zz == pytest.approx(8.393 * (3 * 0.06**2 + 0.425**2) / 12, rel=1e-3)
+    panda = [4.970684, 0.646926, 3.228604, 3.587895, 1.225946, 1.666555, 0.735522]
+    assert [i.mass_kg for i in load_arm("panda").inertias] == pytest.approx(panda)
+    # The last has the jaw's 12 g.
+    so101 = [0.100006, 0.103, 0.104, 0.079, 0.099]
+    assert [i.mass_kg for i in load_arm("so101").inertias] == pytest.approx(so101)
     pr2 = [25.799, 2.750, 6.118, 1.903, 2.680, 0.614, 0.680]
     assert [i.mass_kg for i in load_arm("pr2_left_arm").inertias] == pytest.approx(pr2)
 
@@ -785,8 +905,9 @@ def test_every_arm_can_be_simulated(name):
         assert np.linalg.eigvalsh(mass)[0] > 1e-6
 
 
-def test_asibot_never_trades_position_for_orientation():
-    task = load_arm("asibot").task
+@pytest.mark.parametrize("name", ["asibot", "so101"])
+def test_an_arm_of_five_joints_never_trades_position_for_orientation(name):
+    task = load_arm(name).task
     assert task.weights[:3] == (1.0, 1.0, 1.0)
     assert max(task.weights[3:]) <= 0.05
 
