@@ -15,7 +15,8 @@ def test_the_table_has_all_servers_rates_and_ends():
 
 
 LATE = {"spnav": {"abort", "client stopped for 1 s", "server stopped for 1 s"}}
-"""Known faults: after these the arm is at rest later than it has to be. What is mended leaves."""
+"""After these the arm is at rest later than it has to be, as it corrects what it is behind. What is
+mended leaves."""
 
 
 def test_the_arm_is_at_rest_in_time_after_the_last_byte_but_for_known_faults():
