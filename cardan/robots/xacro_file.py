@@ -110,7 +110,7 @@ def _reason(error: Exception) -> str:
     while isinstance(inner := getattr(cause, "exc", None), BaseException):
         cause = inner
     if isinstance(cause, ArgException):
-        return f'xacro needs the argument {cause}: in the arm\'s .toml, xacro = {{ {cause} = "…" }}'
+        return f'xacro needs the argument {cause}: xacro = {{ {cause} = "…" }} in the arm\'s .toml'
     if isinstance(cause, ConfigurationError):
         return str(cause)
     return " ".join(f"xacro cannot expand it: {error}".split())
