@@ -35,6 +35,10 @@ ARM = f"""<robot name="arm" {SPACE}>
 </robot>"""
 
 
+needs_xacro = pytest.mark.matrix
+"""Not among what `make test` installs."""
+
+
 @pytest.fixture
 def xacro():
     return pytest.importorskip(
@@ -58,12 +62,14 @@ def here(tmp_path, monkeypatch):
     return tmp_path
 
 
+@needs_xacro
 def test_it_is_expanded_with_files_of_other_packages(here, xacro):
     arm = load_arm("arm.urdf.xacro")
     assert arm.joint_names == ("a_j1", "a_j2")
     assert arm.velocity == (1.5, 1.5)
 
 
+@needs_xacro
 def test_packages_are_found_where_those_of_meshes_are(here, xacro, monkeypatch):
     elsewhere = Path("install/share")
     elsewhere.mkdir(parents=True)
@@ -81,6 +87,7 @@ def test_packages_are_found_where_those_of_meshes_are(here, xacro, monkeypatch):
     assert "ament_index_python.packages" not in sys.modules
 
 
+@needs_xacro
 def test_the_toml_has_its_arguments(here, xacro):
     Path("arm.toml").write_text(
         'urdf = "arm.urdf.xacro"\nxacro = { prefix = "left_" }', encoding="utf-8"
@@ -88,6 +95,7 @@ def test_the_toml_has_its_arguments(here, xacro):
     assert load_arm("arm.toml").joint_names == ("left_j1", "left_j2")
 
 
+@needs_xacro
 def test_what_is_kept_follows_included_files(here, xacro, monkeypatch):
     assert load_arm("arm.urdf.xacro").velocity == (1.5, 1.5)
     load_arm.cache_clear()
@@ -113,6 +121,7 @@ def test_what_is_kept_follows_included_files(here, xacro, monkeypatch):
         ("<a>", "xacro cannot expand it: mismatched tag"),
     ],
 )
+@needs_xacro
 def test_what_is_wrong_in_it_is_one_line(here, xacro, text, said, capfd):
     Path("bad.xacro").write_text(f'<robot name="r" {SPACE}>{text}</robot>', encoding="utf-8")
     with pytest.raises(ConfigurationError, match=re.escape(said)) as told:
@@ -122,12 +131,14 @@ def test_what_is_wrong_in_it_is_one_line(here, xacro, text, said, capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@needs_xacro
 def test_the_included_file_is_named_where_it_is_at_fault(here, xacro):
     Path("my_parts/urdf/parts.xacro").write_text("<robot><", encoding="utf-8")
     with pytest.raises(ConfigurationError, match=r"parts\.xacro: xacro cannot expand it"):
         load_arm("arm.urdf.xacro")
 
 
+@needs_xacro
 def test_arguments_that_it_does_not_have_are_refused(here, xacro):
     Path("arm.toml").write_text(
         'urdf = "arm.urdf.xacro"\nxacro = { prefx = "left_" }', encoding="utf-8"
@@ -156,6 +167,7 @@ def test_without_xacro_one_line_says_what_to_do(here, monkeypatch):
     assert str(told.value).endswith('pip install "cardan[xacro]"')
 
 
+@needs_xacro
 def test_its_toml_is_written_with_the_arguments(here, xacro):
     path = toml_beside("arm.urdf.xacro")
     assert path == Path("arm.toml")
