@@ -14,6 +14,12 @@ from cardan.errors import ExtraMissingError
 PROJECT = (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8")
 NEEDED = [
     ("coal", "arm", "import cardan.common.arm_libraries"),
+    (
+        "xacro",
+        "xacro",
+        "from cardan.robots import load_arm; "
+        "load_arm('examples/ros2/cardan_arm.ros2_control.xacro')",
+    ),
     ("scapy.fields", "dissect", "import cardan.dissect._scapy"),
     ("cbor2", "network", "import cardan.protocols.rosbridge.forms"),
     ("zenoh", "network", "from cardan.bus.node import zenoh_module; zenoh_module()"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import re
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from cardan.bus.description import Description
 from cardan.bus.options import BusOptions
 from cardan.errors import ConfigurationError
 from cardan.own_arm import pictures, tried
-from cardan.own_arm.added import add
+from cardan.own_arm.added import add, parse_limits
 from cardan.own_arm.ends import ends_of
 from cardan.robots import arm_names, load_arm
 from cardan.robots.urdf import read_tree
@@ -146,6 +147,30 @@ def test_missing_limits_are_proposed_in_the_file_and_marked(here, capsys):
     assert "[velocity_deg_s]\nj2 = 10.0 # deg/s; the URDF: velocity 0" in text
 
 
+def test_limits_are_given_on_the_command_line(here, capsys):
+    Path("vendor.urdf").write_text(robot('<limit velocity="0" effort="1"/>'), encoding="utf-8")
+    limits = ("lower_deg.j2=-90", "upper_deg.j2=80", "velocity_deg_s.j1=20")
+    words = [word for limit in limits for word in ("--limit", limit)]
+    printed = cardan(capsys, "robots", "add", "vendor.urdf", "--tcp", "tool0", *words)
+    assert "limits   missing of j2; PROPOSED" in printed
+    assert "limits   given of j1, j2" in printed
+    text = Path("vendor.toml").read_text(encoding="utf-8")
+    assert "[velocity_deg_s]\nj1 = 20.0\nj2 = 10.0 # deg/s; the URDF: velocity 0\n" in text
+    assert "[lower_deg]\nj2 = -90.0\n" in text
+    joints = load_arm("vendor.toml").joints
+    assert joints[0].velocity == pytest.approx(math.radians(20.0))
+    assert joints[1].lower == pytest.approx(math.radians(-90.0))
+
+    limits = (*words, "--limit", "velocity_deg_s.j2=30", "--overwrite")
+    printed = cardan(capsys, "robots", "add", "vendor.urdf", "--tcp", "tool0", *limits)
+    assert "PROPOSED" not in printed + Path("vendor.toml").read_text(encoding="utf-8")
+    assert load_arm("vendor.toml").joints[1].velocity == pytest.approx(math.radians(30.0))
+
+
+def test_limits_of_joints_are_told_apart_by_the_last_sign():
+    assert parse_limits(["effort.left/a.b=c=3"]) == {"effort": {"left/a.b=c": 3.0}}
+
+
 def test_links_without_a_body_and_missing_meshes_are_said(here, capsys):
     mesh = '<cylinder radius="0.03" length="0.1"/>'
     text = robot().replace(mesh, '<mesh filename="package://gone/l1.stl"/>', 1)
@@ -197,7 +222,19 @@ def test_names_add_no_lines_to_the_file(here):
         (("vendor.urdf", "--tcp", "hook"), "--tcp: there is no link 'hook'"),
         (("vendor.urdf", "--tcp", "tool0", "--base", "hook"), "--base: there is no link 'hook'"),
         (("nothing.urdf",), "cannot read nothing.urdf"),
-        (("vendor.xml",), "FILE: vendor.xml must be a .urdf"),
+        (("vendor.xml",), "FILE: vendor.xml must be a .urdf or .xacro"),
+        (
+            ("vendor.urdf", "--tcp", "tool0", "--limit", "velocity_deg_s.hook=1"),
+            "--limit: velocity_deg_s.hook: the arm has no moving joint 'hook'",
+        ),
+        (
+            ("vendor.urdf", "--tcp", "tool0", "--limit", "velocity_deg_s.j2=-1"),
+            "--limit: velocity_deg_s",
+        ),
+        (("vendor.urdf", "--limit", "speed.j2=1"), "--limit: 'speed.j2=1' must be KEY.JOINT="),
+        (("vendor.urdf", "--limit", "effort.j2=nan"), "--limit: 'effort.j2=nan' must be KEY."),
+        (("vendor.urdf", "--xacro", "prefix"), "--xacro: 'prefix' must be NAME=VALUE"),
+        (("vendor.urdf", "--xacro", "a=b"), "--xacro: xacro: vendor.urdf takes no arguments"),
     ],
 )
 def test_what_is_wrong_is_said_of_the_option(here, capsys, words, said):

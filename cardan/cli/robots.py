@@ -17,7 +17,7 @@ from cardan.common.printable import printable
 from cardan.errors import ConfigurationError, ExtraMissingError
 
 if TYPE_CHECKING:
-    from cardan.robots import ArmJoint, ArmModel
+    from cardan.robots import ArmJoint
 
 robots = typer.Typer(
     name="robots",
@@ -36,7 +36,7 @@ def add(
         str,
         typer.Argument(
             metavar="FILE|TOPIC",
-            help="A robot's URDF: a path, or PACKAGE:FILE in an installed package; with "
+            help="A robot's URDF or .xacro: a path, or PACKAGE:FILE in an installed package; with "
             "--from-topic the topic, by default /robot_description.",
             show_default=False,
         ),
@@ -56,6 +56,18 @@ def add(
             "joint.",
         ),
     ] = "",
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY.JOINT=NUMBER",
+            help="A limit that the URDF lacks, as the TOML has it, say velocity_deg_s.elbow=90; "
+            "repeatable.",
+        ),
+    ] = None,
+    xacro: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=VALUE", help="An argument for the .xacro; repeatable."),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -83,10 +95,16 @@ def add(
     """Make the arm of a robot's URDF known to Cardan: write its TOML and a picture beside it, say
     what was taken from where, try its inverse, and end with a session that moves it simulated."""
     from cardan.bus.description import describe, topic_of
-    from cardan.own_arm.added import Published, add as made, session_text
+    from cardan.own_arm.added import (
+        Published,
+        add as made,
+        parse_arguments,
+        parse_limits,
+        session_text,
+        toml_beside,
+    )
     from cardan.own_arm.pictures import draw, posed, side_views
     from cardan.own_arm.tried import POSES, postures, reach_of, try_inverse
-    from cardan.robots.arm_loader import located
 
     topic = ""
     if from_topic:
@@ -100,7 +118,7 @@ def add(
     elif not file:
         raise ConfigurationError("FILE", "give a URDF, or --from-topic")
     else:
-        path = output or located(file, Path()).with_suffix(".toml")
+        path = output or toml_beside(file)
     picture = path.with_suffix(".png")
     if not overwrite:
         for each in (path, picture, *([Path(file)] if from_topic else ())):
@@ -112,7 +130,8 @@ def add(
     if from_topic:
         taken = describe(topic, bus_options(session, router))
         published = Published(taken.text, topic, taken.origin)
-    added = made(file, path, tcp, base, published)
+    limits, arguments = parse_limits(limit or ()), parse_arguments(xacro or ())
+    added = made(file, path, tcp, base, limits, arguments, published)
     arm = added.write()
     print(f"{printable(str(path))}: written")
     _print_parts(added.report())
@@ -159,7 +178,7 @@ def list_(as_json: AsJson = False) -> None:
     rows = []
     for name in arm_names():
         arm = load_arm(name)
-        rows.append((name, str(len(arm.joints)), _home_words(arm), "Cardan"))
+        rows.append((name, str(len(arm.joints)), arm.home_words(), "Cardan"))
     rows += [(path, "", "", f"its URDF: {urdf}") for path, urdf in _beside()]
     print_table(("arm", "joints", "home", "from"), rows, as_json)
 
@@ -185,7 +204,7 @@ def show(
         str,
         typer.Argument(
             metavar="NAME|FILE",
-            help="One of Cardan's arms, or the .toml or .urdf of one's own.",
+            help="One of Cardan's arms, or the .toml, .urdf or .xacro of one's own.",
             autocompletion=completion.robots,
         ),
     ],
@@ -223,7 +242,7 @@ def show(
     bodies = ", ".join(dict.fromkeys(each.name for each in arm.shapes)) or "none"
     _print_parts(
         [
-            ("home", f"{_home_words(arm)}; the TCP is at {place} m"),
+            ("home", f"{arm.home_words()}; the TCP is at {place} m"),
             ("reach", reach.words()),
             ("bodies", f"{len(arm.shapes)} shapes, {pairs} pairs kept apart: {bodies}"),
             *(("WARNING", words) for words in cautions),
@@ -254,13 +273,4 @@ def _joint_cells(joint: ArmJoint) -> tuple[str, ...]:
         cell(joint.velocity, "/s"),
         cell(joint.acceleration, "/s²"),
         effort,
-    )
-
-
-def _home_words(arm: ArmModel) -> str:
-    from cardan.robots import JointKind
-
-    return ", ".join(
-        f"{value:.3g} m" if joint.kind is JointKind.PRISMATIC else f"{math.degrees(value):.4g}°"
-        for joint, value in zip(arm.joints, arm.home, strict=True)
     )

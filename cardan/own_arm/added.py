@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from cardan.common.arm_libraries import np
-from cardan.common.files import MODEL_BYTES
 from cardan.common.printable import printable
-from cardan.common.tables import as_toml, parse_toml, read_table, read_text
-from cardan.errors import ConfigurationError, about
+from cardan.common.tables import as_toml, parse_toml, read_table
+from cardan.errors import ConfigurationError, about, shown
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session.assembly import arm_cautions
 from cardan.own_arm.ends import which_end
-from cardan.robots import ArmModel, JointKind, load_arm
+from cardan.robots import ArmModel, load_arm
 from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile
-from cardan.robots.arm_limits import Proposal, proposals_for, proposed_lines
+from cardan.robots.arm_limits import LIMIT_KEYS, Proposal, limit_lines, limited_by, proposals_for
 from cardan.robots.arm_loader import located
 from cardan.robots.arm_reader import build_arm
 from cardan.robots.fit_cache import fit_mesh
 from cardan.robots.fitting import Fit
 from cardan.robots.mesh_files import FoundMesh, meshes_of
 from cardan.robots.urdf import Tree, read_tree
+from cardan.robots.xacro_file import is_xacro, read_description
 
 FEW_JOINTS_TASK = (1.0, 1.0, 1.0, 0.05, 0.05, 0.05)
 """Weights of an arm that has too few joints for all six directions: as ASIBOT's."""
@@ -58,6 +59,8 @@ class Added(NamedTuple):
     covered: tuple[Covered, ...]
     kept: tuple[Path, Published] | None = None
     """A URDF that becomes a file, and which."""
+    given: tuple[str, ...] = ()
+    """Joints of which the caller gave limits."""
 
     def report(self) -> list[tuple[str, str]]:
         """What was taken from where: parts and words."""
@@ -67,15 +70,17 @@ class Added(NamedTuple):
         if self.kept is not None:
             urdf, published = self.kept
             found.append(("URDF", f"of {published.origin}; kept as {urdf}"))
+        limits = "of the URDF"
+        if proposed:
+            limits = (
+                f"missing of {proposed}; PROPOSED: look into the file and put the maker's numbers"
+            )
         found += [
             ("joints", f"{len(arm.joints)} move: {', '.join(arm.joint_names)}"),
-            ("limits", "of the URDF"),
+            ("limits", limits),
         ]
-        if proposed:
-            found[-1] = (
-                "limits",
-                f"missing of {proposed}; PROPOSED: look into the file and put the maker's numbers",
-            )
+        if self.given:
+            found.append(("limits", f"given of {', '.join(self.given)}"))
         if silent := [joint.name for joint in arm.joints if math.isinf(joint.effort)]:
             found.append(("effort", f"not published, and no limit, of {', '.join(silent)}"))
         if _few(arm.joints):
@@ -86,7 +91,7 @@ class Added(NamedTuple):
                     "position counts, and the orientation as far as it can be had; [task] says so",
                 )
             )
-        found.append(("home", f"{_home_words(arm)}; {_bent_words(arm)}"))
+        found.append(("home", f"{arm.home_words()}; {_bent_words(arm)}"))
         found.append(("bodies", f"{len(arm.shapes)} shapes"))
         found += [
             (
@@ -115,31 +120,85 @@ class Added(NamedTuple):
         return load_arm(str(self.path))
 
 
+def toml_beside(urdf: str) -> Path:
+    """Where an arm's TOML is, unless told otherwise. Raises ConfigurationError."""
+    at = located(urdf, Path())
+    return (at.with_suffix("") if is_xacro(at) else at).with_suffix(".toml")
+
+
+def parse_limits(texts: Sequence[str]) -> dict[str, dict[str, float]]:
+    """``KEY.JOINT=VALUE`` each, as tables of an arm's file. Raises ConfigurationError."""
+    tables: dict[str, dict[str, float]] = {}
+    for text in texts:
+        key, _, rest = text.partition(".")
+        joint, _, value = rest.rpartition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            number = math.nan
+        if key not in LIMIT_KEYS or not joint or not math.isfinite(number):
+            raise ConfigurationError(
+                "--limit",
+                f"{shown(text)} must be KEY.JOINT=NUMBER; KEY is one of {', '.join(LIMIT_KEYS)}",
+            )
+        tables.setdefault(key, {})[joint] = number
+    return tables
+
+
+def parse_arguments(texts: Sequence[str]) -> dict[str, str]:
+    """``NAME=VALUE`` each. Raises ConfigurationError."""
+    arguments = {}
+    for text in texts:
+        name, equals, value = text.partition("=")
+        if not (name.isidentifier() and equals):
+            raise ConfigurationError("--xacro", f"{shown(text)} must be NAME=VALUE")
+        arguments[name] = value
+    return arguments
+
+
 def add(
-    urdf: str, path: Path, tcp: str = "", base: str = "", published: Published | None = None
+    urdf: str,
+    path: Path,
+    tcp: str = "",
+    base: str = "",
+    limits: Mapping[str, Mapping[str, float]] | None = None,
+    xacro: Mapping[str, str] | None = None,
+    published: Published | None = None,
 ) -> Added:
-    """The arm of a URDF's file (a path or ``PACKAGE:FILE``), for a TOML at `path`. `published`:
-    what is to become that file.
+    """The arm of a URDF's file (a path or ``PACKAGE:FILE``), for a TOML at `path` that has these
+    `limits`, by key and joint, and arguments for `xacro`. `published`: what is to become that file.
 
     Raises ConfigurationError, which names options of the command, and ExtraMissingError.
     """
     at = located(urdf, Path())
-    if at.suffix.lower() != ".urdf":
-        raise ConfigurationError("FILE", f"{urdf} must be a .urdf")
-    with about(at if published is None else published.name):
-        tree = read_tree(
-            read_text(at, MODEL_BYTES, declared=True) if published is None else published.text
+    if at.suffix.lower() != ".urdf" and not is_xacro(at):
+        raise ConfigurationError("FILE", f"{urdf} must be a .urdf or .xacro")
+    name = urdf if ":" in urdf and at != Path(urdf) else _relative(at, path)
+    with about(at if published is None else published.name), _of_options():
+        file = read_table(
+            ArmFile,
+            {"urdf": name, "tcp": tcp, "base": base, "xacro": xacro or {}, **(limits or {})},
         )
+        tree = read_tree(read_description(at, file) if published is None else published.text)
         if not tcp and len(tree.ends()) > 1:
             raise which_end(tree, base)
-        name = urdf if ":" in urdf and at != Path(urdf) else _relative(at, path)
-        file = ArmFile(urdf=name, tcp=tcp, base=base)
-        try:
-            return _added(tree, file, at, path, published)
-        except ConfigurationError as error:
-            if error.key in ("tcp", "base"):
-                raise ConfigurationError(f"--{error.key}", error.message) from None
-            raise
+        return _added(tree, file, at, path, published)
+
+
+@contextlib.contextmanager
+def _of_options() -> Iterator[None]:
+    """Errors of keys of the arm's file are errors of the command's options."""
+    try:
+        yield
+    except ConfigurationError as error:
+        key = error.key.partition(".")[0]
+        if key in ("tcp", "base"):
+            raise ConfigurationError(f"--{key}", error.message) from None
+        if key in LIMIT_KEYS:
+            raise ConfigurationError("--limit", str(error)) from None
+        if key == "xacro":
+            raise ConfigurationError("--xacro", str(error)) from None
+        raise
 
 
 def _relative(urdf: Path, toml: Path) -> str:
@@ -153,20 +212,23 @@ def _relative(urdf: Path, toml: Path) -> str:
 def _added(tree: Tree, file: ArmFile, at: Path, path: Path, published: Published | None) -> Added:
     chain = chain_of(tree, file)
     proposals = proposals_for(chain.joints, file)
-    head = {"urdf": file.urdf, "tcp": chain.tcp}
+    head: dict[str, Any] = {"urdf": file.urdf, "tcp": chain.tcp}
+    if file.xacro:
+        head["xacro"] = file.xacro
     if file.base:
         head["base"] = file.base
-    lines = proposed_lines(proposals)
+    lines = limit_lines(proposals, file)
+    given = tuple(joint.name for joint in chain.joints if joint.name in limited_by(file))
     task = _task_lines(chain.joints)
     text = "\n".join((as_toml(head), *lines, *task))
     file = read_table(ArmFile, parse_toml(text, path))
     meshes = meshes_of(tree, file, at)
     arm = build_arm(tree, file, meshes)
     origin = "" if published is None else published.origin
-    text = _text(arm, head, chain.base, lines, task, origin)
+    text = _text(arm, head, chain.base, lines, bool(proposals), task, origin)
     covers = tuple(_covers(file, list(meshes.values())))
     kept = None if published is None else (at, published)
-    return Added(path, text, arm, tuple(proposals), covers, kept)
+    return Added(path, text, arm, tuple(proposals), covers, kept, given)
 
 
 def _covers(file: ArmFile, meshes: Sequence[FoundMesh]) -> list[Covered]:
@@ -195,9 +257,10 @@ def _task_lines(joints: Sequence[object]) -> list[str]:
 
 def _text(
     arm: ArmModel,
-    head: dict[str, str],
+    head: dict[str, Any],
     base: str,
     limits: Sequence[str],
+    proposed: bool,
     task: Sequence[str],
     origin: str,
 ) -> str:
@@ -214,16 +277,16 @@ def _text(
     lines += [
         "",
         f"# {printable(_bent_words(arm))}",
-        f"home_deg = [{', '.join(f'{value:.10g}' for value in _home(arm))}]",
+        f"home_deg = [{', '.join(f'{value:.10g}' for value in arm.home_deg)}]",
         "# acceleration_deg_s2 = 300 # default: as the URDF has it, else full speed in 0.2 s",
     ]
-    if limits:
+    if proposed:
         lines += [
             "",
-            "# PROPOSED, since the URDF has none: nobody has checked these numbers. Put the",
-            "# maker's in their place.",
-            *limits,
+            "# PROPOSED, where what the URDF has stands behind: nobody has checked these numbers.",
+            "# Put the maker's in their place.",
         ]
+    lines += ["", *limits] if limits and not proposed else limits
     lines += [
         *task,
         "",
@@ -244,21 +307,6 @@ def _text(
             "# capsule = [[0, 0, 0], [0, 0, 0.1], 0.05]",
         ]
     return "\n".join((*lines, ""))
-
-
-def _home(arm: ArmModel) -> list[float]:
-    """deg, m."""
-    return [
-        value if joint.kind is JointKind.PRISMATIC else math.degrees(value)
-        for joint, value in zip(arm.joints, arm.home, strict=True)
-    ]
-
-
-def _home_words(arm: ArmModel) -> str:
-    return ", ".join(
-        f"{value:g}{' m' if joint.kind is JointKind.PRISMATIC else '°'}"
-        for joint, value in zip(arm.joints, [round(each, 3) for each in _home(arm)], strict=True)
-    )
 
 
 def _bent_words(arm: ArmModel) -> str:

@@ -82,7 +82,9 @@ class ArmFile(Options):
     """The whole file."""
 
     urdf: str
-    """From the folder of this file, or ``PACKAGE:FILE``."""
+    """From the folder of this file, or ``PACKAGE:FILE``; a ``.xacro`` is expanded."""
+    xacro: Mapping[str, str] = field(default_factory=dict)
+    """Arguments for that."""
     srdf: str = ""
     """Likewise; says which links are not kept apart. Empty: found out by 10,000 postures."""
     tcp: str = ""
@@ -96,7 +98,7 @@ class ArmFile(Options):
     hold: Mapping[str, _Number] = field(default_factory=dict)
     """Where other joints are, deg or m; default: nearest to 0 in their range."""
     package_dirs: tuple[str, ...] = ()
-    """Folders of packages that meshes are in, from the folder of the URDF, before all others."""
+    """Folders of packages, from the folder of the URDF, before all others."""
     home_deg: tuple[_Number, ...] | None = None
     """Revolute joints in deg, prismatic ones in m; default: chosen bent."""
     velocity_deg_s: Mapping[str, _Positive] = field(default_factory=dict)

@@ -19,6 +19,8 @@ _KEYS = {
     "upper": "upper_deg",
     "effort": "effort",
 }
+LIMIT_KEYS = tuple(_KEYS.values())
+"""Tables of the arm's file."""
 _CAREFUL_SPEED = 10.0
 _CAREFUL_SPEED_M_S = 0.05
 _CAREFUL_WAY = 45.0
@@ -55,12 +57,14 @@ def proposals_for(joints: Sequence[TreeJoint], file: ArmFile) -> list[Proposal]:
     return _proposals(missing, found, joints)
 
 
-def proposed_lines(proposals: Iterable[Proposal]) -> list[str]:
-    """The tables of the arm's file that have them."""
+def limit_lines(proposals: Iterable[Proposal], file: ArmFile | None = None) -> list[str]:
+    """The tables of the arm's file that have them, besides the limits that `file` has."""
     lines: list[str] = []
-    for key in _KEYS.values():
+    for key in LIMIT_KEYS:
         of_key = [each for each in proposals if each.key == key]
-        lines += [f"[{key}]"] if of_key else []
+        given: Mapping[str, float] = {} if file is None else getattr(file, key)
+        lines += [f"[{key}]"] if of_key or given else []
+        lines += as_toml(given).splitlines()
         for each in of_key:
             line = as_toml({each.joint: each.value}).rstrip()
             lines.append(f"{line} # {each.remark}")
@@ -84,12 +88,12 @@ def _found(
 
 def limited_by(file: ArmFile) -> set[str]:
     """The joints of which the arm's file has limits."""
-    return {name for key in _KEYS.values() for name in getattr(file, key)}
+    return {name for key in LIMIT_KEYS for name in getattr(file, key)}
 
 
 def _check_names(joints: Sequence[TreeJoint], file: ArmFile) -> None:
     kinds = {joint.name: joint.kind for joint in joints}
-    for key in _KEYS.values():
+    for key in LIMIT_KEYS:
         for name in getattr(file, key):
             if name not in kinds:
                 raise ConfigurationError(
@@ -141,7 +145,7 @@ def _asked_for(
         field: [repr(joint.name) for joint in missing if field in missing[joint]] for field in _KEYS
     }
     names = [f"{field} of {', '.join(without)}" for field, without in lacking.items() if without]
-    lines = proposed_lines(_proposals(missing, found, joints))
+    lines = limit_lines(_proposals(missing, found, joints))
     if silent:
         lines.append(f"# [effort] (N·m, N) is not published, and no limit, of {', '.join(silent)}")
     text = "\n".join(lines)

@@ -23,6 +23,7 @@ from cardan.robots.arm_model import ArmModel
 from cardan.robots.arm_table import from_table, keep_arm, kept_arm
 from cardan.robots.mesh_files import meshes_of, read_mesh
 from cardan.robots.urdf import disabled_pairs, read_tree
+from cardan.robots.xacro_file import read_description
 
 FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 
@@ -31,7 +32,7 @@ class ArmTexts:
     """The files of an arm, as they are before anything is made of them.
 
     Raises ConfigurationError for files that cannot be read, and for a ``.toml`` or ``.srdf`` that
-    is wrong.
+    is wrong; ExtraMissingError for a ``.xacro`` where xacro is missing.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,7 +45,7 @@ class ArmTexts:
             with about(path):
                 self.file = read_table(ArmFile, parse_toml(texts[0], path))
                 self.urdf_path = located(self.file.urdf, path.parent)
-                self.urdf = read_text(self.urdf_path, MODEL_BYTES, declared=True)
+                self.urdf = read_description(self.urdf_path, self.file)
                 if self.file.srdf:
                     srdf_path = located(self.file.srdf, path.parent)
                     texts.append(read_text(srdf_path, MODEL_BYTES, declared=True))
@@ -52,7 +53,7 @@ class ArmTexts:
                 with about(srdf_path):
                     self.disabled = disabled_pairs(texts[1])
         else:
-            self.urdf = read_text(path, MODEL_BYTES, declared=True)
+            self.urdf = read_description(path, self.file)
         self.texts = (*texts, self.urdf)
 
     def parts(self) -> list[str | bytes]:
@@ -112,24 +113,24 @@ def arm_names() -> tuple[str, ...]:
 
 @cache
 def load_arm(name_or_file: str, key: str = "") -> ArmModel:
-    """One of our arms by name, or one from a ``.toml`` or ``.urdf`` file.
+    """One of our arms by name, or one from a ``.toml``, ``.urdf`` or ``.xacro`` file.
 
     The file is given as a path, or as ``PACKAGE:FILE`` where an installed package brings it.
 
     Raises ConfigurationError that names the option `key` which asks for it, the file, what is
     wrong in it, and what is allowed; ExtraMissingError where Pinocchio is missing and the file was
-    never read by it.
+    never read by it, or where xacro is missing.
     """
     if key:
         with below(key):
             return load_arm(name_or_file)
     if name_or_file in arm_names():
         return _ours(name_or_file)
-    if not name_or_file.lower().endswith((".toml", ".urdf")):
+    if not name_or_file.lower().endswith((".toml", ".urdf", ".xacro")):
         raise ConfigurationError(
             "",
             f"there is no arm {name_or_file!r}; allowed: {', '.join(arm_names())}, "
-            "the path of a .toml or .urdf file, or PACKAGE:FILE for one in a package",
+            "the path of a .toml, .urdf or .xacro file, or PACKAGE:FILE for one in a package",
         )
     texts = ArmTexts(located(name_or_file, Path()))
     parts = texts.parts()

@@ -7,6 +7,7 @@ fixed or held joints weld together are one body.
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
@@ -176,6 +177,21 @@ class ArmModel(NamedTuple):
                 moved = Pose(ZERO3, from_rotation_vector(way))
             pose = compose(pose, compose(joint.placement, moved))
         return compose(pose, self.tcp)
+
+    @property
+    def home_deg(self) -> tuple[float, ...]:
+        """As the arm's file has it: deg, m for prismatic joints."""
+        return tuple(
+            value if joint.kind is JointKind.PRISMATIC else math.degrees(value)
+            for joint, value in zip(self.joints, self.home, strict=True)
+        )
+
+    def home_words(self) -> str:
+        """Where each joint is at home, with its unit."""
+        return ", ".join(
+            f"{round(value, 3):g}{' m' if joint.kind is JointKind.PRISMATIC else '°'}"
+            for joint, value in zip(self.joints, self.home_deg, strict=True)
+        )
 
     def links_without_body(self) -> str:
         """How many links have no body, and which, in words; empty: all have one."""

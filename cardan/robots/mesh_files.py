@@ -1,4 +1,4 @@
-"""Finds the meshes that a URDF names, and reads their bytes."""
+"""Finds the meshes and packages that a URDF names, and reads the bytes of meshes."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def meshes_of(tree: Tree, file: ArmFile, urdf: Path | None) -> dict[ET.Element, 
     file gives a shape. Raises ConfigurationError, for any mesh where there is no file."""
     table, found = file.collision, {}
     given = {shape.link for shape in table.shape}
-    folders = [] if urdf is None else [urdf.parent / folder for folder in file.package_dirs]
+    folders = [] if urdf is None else package_folders(file, urdf)
     for link, element in tree.links.items():
         for collision in element.iterfind("collision") if link not in given else ():
             mesh = mesh_in(collision, link)
@@ -67,6 +67,24 @@ def find_mesh(uri: str, urdf: Path, folders: Sequence[Path] = ()) -> tuple[Path 
     where = ", ".join(looked) or f"in no package of that name from {urdf.parent} upward"
     remedy = "; name the folder of its package in ROS_PACKAGE_PATH" if uri[:8] == "package:" else ""
     return None, f"mesh {shown(uri)} is not there; looked for: {where}{remedy}"
+
+
+def package_folders(file: ArmFile, urdf: Path) -> list[Path]:
+    """Those that the arm's file names."""
+    return [urdf.parent / folder for folder in file.package_dirs]
+
+
+def find_package(name: str, urdf: Path, folders: Sequence[Path]) -> Path:
+    """The folder of a ROS package, searched as `find_mesh` does it; one that only has its name
+    where none has a package.xml. Raises ConfigurationError."""
+    found = [folder for folder in _packages(name, urdf, folders) if os.path.isdir(folder)]
+    if not found:
+        raise ConfigurationError(
+            "",
+            f"there is no package {shown(name)} from {urdf.parent} upward: name its folder in "
+            "ROS_PACKAGE_PATH, or in package_dirs of the arm's .toml",
+        )
+    return next((each for each in found if os.path.isfile(each / "package.xml")), found[0])
 
 
 def _places(uri: str, urdf: Path, folders: Sequence[Path]) -> Iterator[Path]:
