@@ -131,7 +131,7 @@ def _tolerances(
     for each in goal[name]:
         if each["name"] not in joints:
             raise TrajectoryError(INVALID_JOINTS, f"{name}: no joint {each['name']!r:.60}")
-        if any(each[part] > 0.0 for part in ("velocity", "acceleration", "effort")):
+        if any(each[part] > 0.0 for part in ("velocity", "acceleration")):
             raise TrajectoryError(INVALID_GOAL, f"{name}: only positions are watched")
         position = each["position"]
         if not position < float("inf"):

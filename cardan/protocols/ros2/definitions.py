@@ -342,14 +342,12 @@ string name
 float64 position
 float64 velocity
 float64 acceleration
-float64 effort
 @control_msgs/msg/JointComponentTolerance
 string joint_name
 uint16 component
 float64 position
 float64 velocity
 float64 acceleration
-float64 effort
 @control_msgs/action/FollowJointTrajectory
 trajectory_msgs/JointTrajectory trajectory
 trajectory_msgs/MultiDOFJointTrajectory multi_dof_trajectory
