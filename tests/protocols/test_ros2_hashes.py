@@ -9,6 +9,7 @@ from cardan.protocols.ros2.interfaces import (
     known_types,
     service_type,
 )
+from cardan.protocols.ros2.names import dds_type
 from cardan.protocols.ros2.type_description import describe_type
 from cardan.protocols.ros2.type_hash import type_hash
 
@@ -130,6 +131,10 @@ CONTROL = (
 """Of control_msgs up to 6.2 (Iron, Jazzy): `follow_joint_trajectory__struct.h`, which a build of it
 by rosidl_generator_c has made. Those of goal and result are newer versions', too."""
 
+KILTED = "95618cc7"
+"""How the hash of the feedback of control_msgs 6.3 to 6.8 (Kilted and later) begins, as a client
+of it has it in its key; the whole of it is published nowhere that was found."""
+
 OWN = "cardan_msgs/"
 DIFFERS = {"rmw_dds_common/msg/Gid", "service_msgs/msg/ServiceEventInfo"}
 """rosbags has older ones, with 24 bytes, and uint8 in place of char."""
@@ -138,6 +143,15 @@ DIFFERS = {"rmw_dds_common/msg/Gid", "service_msgs/msg/ServiceEventInfo"}
 @pytest.mark.parametrize(("name", "expected"), KNOWN + CONTROL)
 def test_hashes_are_those_of_ros_2(name, expected):
     assert type_hash(name) == f"RIHS01_{expected}"
+
+
+def test_the_feedback_of_kilted_has_indices_and_the_same_name():
+    kilted = f"{FOLLOW}SinceKilted"
+    assert type_hash(f"{kilted}_FeedbackMessage").startswith(f"RIHS01_{KILTED}")
+    assert dds_type(f"{kilted}_FeedbackMessage") == dds_type(f"{FOLLOW}_FeedbackMessage")
+    for part in ("SendGoal", "GetResult", "Goal", "Result"):
+        assert type_hash(f"{kilted}_{part}") == type_hash(f"{FOLLOW}_{part}")
+    assert kilted not in known_types()
 
 
 def messages():

@@ -662,3 +662,18 @@ bool exists
 ---
 string[] names
 """
+
+FEEDBACK_SINCE_KILTED = """\
+std_msgs/Header header
+string[] joint_names
+trajectory_msgs/JointTrajectoryPoint desired
+trajectory_msgs/JointTrajectoryPoint actual
+trajectory_msgs/JointTrajectoryPoint error
+int32 index
+string[] multi_dof_joint_names
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_desired
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_actual
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error
+int32 multi_dof_index
+"""
+"""That of control_msgs/action/FollowJointTrajectory from control_msgs 6.3 on."""
