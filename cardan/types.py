@@ -168,6 +168,8 @@ class DeviceCapabilities(NamedTuple):
     """True: `DeviceState.axes` are deflections (rate control); False: they are always zero."""
     gives_inertia: bool = False
     """True: `DeviceState.inertia` is measured."""
+    further_buttons: tuple[str, ...] = ()
+    """Buttons that it may have beside `buttons`, which others count for it."""
 
 
 class DeviceFeedback(NamedTuple):

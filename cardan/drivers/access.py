@@ -19,6 +19,11 @@ _LIBUSB_PATH = re.compile(r"(?P<port>\d+-[\d.]+):\d+\.\d+")
 _OLD_LIBUSB_PATH = re.compile(r"(?P<bus>[0-9a-f]{4}):(?P<device>[0-9a-f]{4}):[0-9a-f]{2}")
 
 
+def is_path(given: str, path: str) -> bool:
+    """Whether `given` is the device's `path`, or a link of udev to it; empty: any device is."""
+    return given in ("", path) or os.path.realpath(given) == os.path.realpath(path)
+
+
 def obstacle(path: str, *, hint: str = UDEV_HINT, root: Path = Path("/")) -> str:
     """Why the device at `path` (as the HID back end calls it) cannot be opened; empty if it can.
 

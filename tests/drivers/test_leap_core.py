@@ -11,7 +11,7 @@ from cardan.drivers.leap import LeapOptions
 from cardan.protocols.leap import DeviceEvent, Hand, Malformed, TrackingFrame, Version
 from cardan.spatial import from_rotation_vector, norm, rotation_between, subtract
 from cardan.types import DeviceLink, Vector3
-from tests.drivers.leap_frames import HOME, PERIOD_S, Rig, engaged, hand
+from tests.drivers.leap_frames import HOME, PERIOD_S, PLUGGED, Rig, engaged, hand
 from tests.examples import examples
 
 FIST = {"grab_strength": 1.0}
@@ -417,3 +417,17 @@ def test_whatever_comes_the_state_is_consistent(clutch, story):
         if "clutch" in state.buttons:
             assert state.pose is not None
             assert rig.now_s - good_s <= 0.1
+
+
+@pytest.mark.parametrize("clutch", ["grab", "pinch", "open"])
+def test_a_hand_in_view_is_told_when_the_service_is_back(clutch):
+    shown = {"open": FIST}.get(clutch, {})
+    rig = Rig(clutch=clutch)
+    assert rig.frames(1.0, hand(**shown)).link is DeviceLink.LIVE
+    rig.core.on_lost("gone", rig.now_s)
+    rig.core.on_opened(rig.now_s)
+    rig.tell(PLUGGED)
+    state = rig.frames(1.0, hand(**shown))
+    assert state.link is DeviceLink.LIVE
+    assert "hand" in state.buttons
+    assert "clutch" not in state.buttons

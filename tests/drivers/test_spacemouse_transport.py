@@ -332,6 +332,19 @@ def test_a_device_is_chosen_by_model_path_or_serial(usb, open_mouse):
         mouse.close()
 
 
+def test_a_path_may_be_a_link_of_udev(usb, open_mouse, tmp_path):
+    node, other, link = (tmp_path / name for name in ("hidraw3", "hidraw4", "spacemouse"))
+    node.touch()
+    other.touch()
+    link.symlink_to(node)
+    one, two = usb(
+        FakePuck("spacenavigator", path=str(other).encode()),
+        FakePuck("spacenavigator", path=str(node).encode()),
+    )
+    open_mouse(path=str(link))
+    assert (one.opened, two.opened) == (0, 1)
+
+
 def test_mice_and_silent_collections_are_left_alone(usb):
     usb(FakePuck("universal-receiver", usage=(0xFF00, 1)))
     mouse = usb(FakePuck("spacenavigator"))

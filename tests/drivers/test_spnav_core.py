@@ -305,6 +305,18 @@ def test_a_device_that_shows_more_buttons_goes_on():
     assert state.buttons == {"button-1"}
 
 
+def test_a_daemons_count_is_no_bound():
+    """spacenavd up to 1.3.1 tells 15 buttons of a device of which it sends 31."""
+    daemon = Daemon(buttons=15)
+    daemon.arm()
+    daemon.send(encode_button(23, True))
+    daemon.exchange()
+    assert daemon.state.buttons == {"button-23"}
+    assert "button-23" not in daemon.core.labels
+    assert daemon.core.further_labels[:9][-1] == "button-23"
+    assert set(daemon.core.labels).isdisjoint(daemon.core.further_labels)
+
+
 def test_another_device_beside_the_first_has_to_come_to_rest():
     daemon = Daemon()
     daemon.arm()

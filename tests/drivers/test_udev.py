@@ -15,7 +15,8 @@ def test_3dconnexion_by_hidraw_and_by_raw_usb(subsystem, vendor):
 
 @pytest.mark.parametrize("product", ["0306", "0330"])
 def test_both_generations_of_wii_remotes(product):
-    assert any(f"057E:{product}." in rule for rule in RULES)
+    for bus in ("0005", "0003"):  # Bluetooth; USB, behind a DolphinBar
+        assert any(f'KERNELS=="{bus}:057E:{product}.*"' in rule for rule in RULES)
 
 
 def test_gamepads_but_no_keyboards():

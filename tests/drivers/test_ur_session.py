@@ -8,6 +8,7 @@ import pytest
 from cardan.drivers.ur_rtde import Phase, UrRtdeOptions
 from cardan.drivers.ur_rtde.program import FIRST_WAIT_S, Order, program
 from cardan.errors import CommandError, OptionError
+from cardan.protocols.ur.primary import text_message
 from cardan.protocols.ur.script import Program, parse
 from cardan.protocols.ur.states import SafetyMode
 from cardan.types import (
@@ -137,6 +138,18 @@ def test_a_program_that_the_controller_does_not_understand_is_named(monkeypatch)
     rig.session.ask("enable", rig.now_s)
     rig.run(1.0)
     assert "line 2: movej() is not supported" in rig.states[-1].hold_reason
+
+
+def test_text_of_a_urcap_during_a_start_is_none_of_its_failures():
+    rig = Rig().run(0.5)
+    rig.session.ask("enable", rig.now_s)
+
+    def said():
+        rig.controller.messages.append(text_message(rig.now_s, "URCap: gripper ready"))
+        return rig.states[-1].ready
+
+    rig.run(5.0, until=said)
+    assert rig.states[-1].ready, rig.states[-1].hold_reason
 
 
 @pytest.mark.parametrize("channel", ["dashboard", "primary"])

@@ -287,4 +287,7 @@ class LeapCore(DeviceCore):
         return [label for label, held in zip(BUTTONS, flags, strict=True) if held]
 
     def _drop_input(self, now_s: float) -> None:
+        # Up, not masked: `hand` is no button that one lets go of, and the others are masked at the
+        # next frame.
+        self._buttons.set((), now_s)
         self._tracker.drop()

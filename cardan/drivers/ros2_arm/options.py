@@ -118,7 +118,7 @@ class Ros2ArmOptions(NodeOptions):
         return DdsOptions(
             dds_domain=self.domain,
             dds_config=self.dds_config,
-            dds_distribution=self.distribution,
+            dds_distribution="humble" if self.distribution == "humble" else "iron and later",
         )
 
     @property

@@ -151,13 +151,11 @@ class JoyCore(BusCore):
         if not all(abs(value) <= LARGEST for value in given):
             self._on_malformed("with axes that are no numbers", -1)
             return
-        if len(buttons) > MOST_BUTTONS:
-            self._on_malformed("with more buttons than there are", -1)
-            return
         if max(map(abs, (*self._plain, *self._shifted))) > len(given):
             self._on_malformed(f"with {len(given)} axes: fewer than are mapped", -1)
             return
-        self._take(tuple([max(-1.0, min(1.0, v / scale)) for v in given]), buttons, now_s)
+        axes = tuple([max(-1.0, min(1.0, v / scale)) for v in given])
+        self._take(axes, buttons[:MOST_BUTTONS], now_s)
 
     def _take(self, values: tuple[float, ...], buttons: list[int], now_s: float) -> None:
         if self._link is DeviceLink.STALE:

@@ -9,7 +9,7 @@ from typing import Any
 
 from cardan.common.sockets import absence
 from cardan.drivers import base
-from cardan.drivers.access import obstacle, such
+from cardan.drivers.access import is_path, obstacle, such
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.simulated import OWN
 from cardan.drivers.spacemouse.core import SpaceMouseCore
@@ -252,7 +252,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
         options = self.options
         key = device.model.key if device.model else ""
         return (
-            options.path in ("", device.path)
+            is_path(options.path, device.path)
             and options.serial in ("", device.serial)
             and options.port in ("", device.port)
             and options.slot in ("", str(device.interface))

@@ -31,7 +31,8 @@ class SpaceMouseOptions(MouseOptions):
     """auto: hidraw, then libusb. usb: raw USB, where there is no HID. socket: a simulated device,
     one raw HID report per packet."""
     path: str = ""
-    """The device's path as ``cardan devices`` lists it, or the socket's; empty: the first found."""
+    """The device's path as ``cardan devices`` lists it, a link to it, or the socket's; empty: the
+    first found."""
     model: str = ""
     """Key of the model to open ("spacemouse-compact"); for a socket, the simulated model, for the
     labels of its buttons and its full scale. Empty: any."""

@@ -276,6 +276,12 @@ class SpnavCore(DeviceCore):
         return tuple(f"button-{number}" for number in range(self._button_count))
 
     @property
+    def further_labels(self) -> tuple[str, ...]:
+        """Names of buttons beyond the daemon's count, which is no bound: up to 1.3.1 it counts too
+        few of some devices, and sends them all the same."""
+        return tuple(f"button-{number}" for number in range(self._button_count, _MOST_LABELS))
+
+    @property
     def has_led(self) -> bool:
         """Whether the daemon takes requests about an LED."""
         return self._led_found is not None

@@ -86,12 +86,14 @@ class Spnav(ReadDevice[SpnavCore]):
     def capabilities(self) -> DeviceCapabilities:
         """What the device has. No buttons listed: the daemon does not tell (version 0)."""
         with self._lock:
-            labels, has_led = self._core.labels, self._core.has_led
+            labels, further = self._core.labels, self._core.further_labels
+            has_led = self._core.has_led
         return DeviceCapabilities(
             gives_pose=False,
             buttons=labels,
             feedback=frozenset({"led"} if has_led else ()),
             battery=False,
+            further_buttons=further,
         )
 
     def _feedback(self, feedback: DeviceFeedback) -> None:

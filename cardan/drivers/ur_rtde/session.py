@@ -336,13 +336,9 @@ class UrSession:
         self._go_on(now_s)
 
     def _told(self, message: RobotMessage) -> None:
-        text = message.text
-        if message.kind == MessageKind.RUNTIME_EXCEPTION:
-            text = f"line {message.line}: {text}"
-        elif message.kind != MessageKind.TEXT:
-            return
-        if self._starting is not None:
-            self._starting.told(text)
+        # Text is what any program or URCap says by `textmsg`: no sign that ours was not started.
+        if message.kind == MessageKind.RUNTIME_EXCEPTION and self._starting is not None:
+            self._starting.told(f"line {message.line}: {message.text}")
 
     # -- what the states mean ---------------------------------------------------------------------
 

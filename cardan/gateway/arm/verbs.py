@@ -260,13 +260,14 @@ class ArmVerbs:
                 authority=controller.authority.state(),
             )
 
-    def desired(self) -> tuple[list[float], list[float]] | None:
-        """Joint positions and velocities that a trajectory has now; None where none is followed."""
+    def desired(self) -> tuple[list[float], list[float], int] | None:
+        """Joint positions and velocities that a trajectory has now, and the index of its point;
+        None where none is followed."""
         activity = self.controller.activity
         if not isinstance(activity, FollowTrajectory):
             return None
         positions, velocities = activity.desired()
-        return positions.tolist(), velocities.tolist()
+        return positions.tolist(), velocities.tolist(), activity.point
 
     # -- what becomes of motions -----------------------------------------------------------------
 

@@ -64,8 +64,8 @@ class Instant(NamedTuple):
     pose: Pose | None
     """Measured, of the TCP."""
     robot: RobotState
-    desired: tuple[Sequence[float], Sequence[float]] | None = None
-    """Joint positions and velocities that a trajectory has now."""
+    desired: tuple[Sequence[float], Sequence[float], int] | None = None
+    """Joint positions and velocities that a trajectory has now, and the index of its point."""
 
 
 def _pose_feedback(now: Instant) -> Message:

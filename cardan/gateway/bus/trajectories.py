@@ -19,6 +19,7 @@ from cardan.gateway.motion.joint_trajectory import (
     JointTrajectory,
 )
 from cardan.protocols.ros2.cdr import Message
+from cardan.protocols.ros2.interfaces import SINCE_KILTED
 from cardan.protocols.ros2.messages import default_message
 
 FOLLOW = "control_msgs/action/FollowJointTrajectory"
@@ -42,16 +43,20 @@ class TrajectoryError(MotionRefusedError):
         self.code = code
 
 
-def follow_joint_trajectory(controller: str, joints: Sequence[str]) -> ActionCommand:
-    """The action of a controller of this name, for an arm with these joints."""
+def follow_joint_trajectory(
+    controller: str, joints: Sequence[str], since_kilted: bool = False
+) -> ActionCommand:
+    """The action of a controller of this name, for an arm with these joints; `since_kilted`: with
+    the feedback of control_msgs 6.3 and later."""
     names = tuple(joints)
+    type_name = FOLLOW + SINCE_KILTED * since_kilted
 
     def feedback(now: Instant) -> Message:
-        return _feedback(names, now)
+        return _feedback(f"{type_name}_Feedback", names, now)
 
     return ActionCommand(
         f"{controller}/follow_joint_trajectory",
-        FOLLOW,
+        type_name,
         "trajectory",
         lambda goal: trajectory_of(goal, names, time.time_ns()),
         result_of,
@@ -131,7 +136,7 @@ def _tolerances(
     for each in goal[name]:
         if each["name"] not in joints:
             raise TrajectoryError(INVALID_JOINTS, f"{name}: no joint {each['name']!r:.60}")
-        if any(each[part] > 0.0 for part in ("velocity", "acceleration", "effort")):
+        if any(each[part] > 0.0 for part in ("velocity", "acceleration")):
             raise TrajectoryError(INVALID_GOAL, f"{name}: only positions are watched")
         position = each["position"]
         if not position < float("inf"):
@@ -160,8 +165,8 @@ def result_of(reason: str, error: CardanError | None) -> Message:
     return {"error_code": code, "error_string": reason}
 
 
-def _feedback(joints: Sequence[str], now: Instant) -> Message:
-    message = default_message(f"{FOLLOW}_Feedback")
+def _feedback(type_name: str, joints: Sequence[str], now: Instant) -> Message:
+    message = default_message(type_name)
     message["header"] = {
         "stamp": {"sec": now.stamp_ns // 10**9, "nanosec": now.stamp_ns % 10**9},
         "frame_id": now.frame,
@@ -171,7 +176,9 @@ def _feedback(joints: Sequence[str], now: Instant) -> Message:
     moving = actual.velocities if len(actual.velocities) == len(joints) else ()
     message["actual"] = _point(actual.joints, moving)
     if now.desired is not None and len(actual.joints) == len(joints):
-        positions, velocities = now.desired
+        positions, velocities, point = now.desired
+        if "index" in message:
+            message["index"] = point
         message["desired"] = _point(positions, velocities)
         apart = [a - b for a, b in zip(positions, actual.joints, strict=True)]
         slower = [a - b for a, b in zip(velocities, moving, strict=True)] if moving else []

@@ -143,7 +143,11 @@ class SessionNetwork:
         )
         self._taps = SessionTaps(self._node, self._tables, controller, robot, device)
         if options.commands:
-            follow = follow_joint_trajectory(options.trajectory_controller, self._names.joints)
+            follow = follow_joint_trajectory(
+                options.trajectory_controller,
+                self._names.joints,
+                options.distribution == "kilted and later",
+            )
             self._server = ArmServer(
                 self._node,
                 self._offer,

@@ -205,7 +205,9 @@ class Session:
             raise ConfigurationError(
                 "gripper.output", f"the robot has no output {gripper.output!r}"
             )
-        known = device.capabilities.buttons
+        capabilities = device.capabilities
+        known = capabilities.buttons
+        usable = {*known, *capabilities.further_buttons}
         if options.enable and type(self.robot).enable is RobotDriver.enable:
             raise ConfigurationError(
                 "mapping.enable", "this robot is enabled at its own controller; leave it out"
@@ -219,7 +221,7 @@ class Session:
             ("mapping.pass_on", options.pass_on),
             *((f"gripper.{action.value}", name) for name, action in buttons.items()),
         ):
-            if button and known and button not in known:
+            if button and known and button not in usable:
                 raise ConfigurationError(
                     key, f"the device has no button {button!r}; it has: {', '.join(known)}"
                 )

@@ -342,14 +342,12 @@ string name
 float64 position
 float64 velocity
 float64 acceleration
-float64 effort
 @control_msgs/msg/JointComponentTolerance
 string joint_name
 uint16 component
 float64 position
 float64 velocity
 float64 acceleration
-float64 effort
 @control_msgs/action/FollowJointTrajectory
 trajectory_msgs/JointTrajectory trajectory
 trajectory_msgs/MultiDOFJointTrajectory multi_dof_trajectory
@@ -664,3 +662,18 @@ bool exists
 ---
 string[] names
 """
+
+FEEDBACK_SINCE_KILTED = """\
+std_msgs/Header header
+string[] joint_names
+trajectory_msgs/JointTrajectoryPoint desired
+trajectory_msgs/JointTrajectoryPoint actual
+trajectory_msgs/JointTrajectoryPoint error
+int32 index
+string[] multi_dof_joint_names
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_desired
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_actual
+trajectory_msgs/MultiDOFJointTrajectoryPoint multi_dof_error
+int32 multi_dof_index
+"""
+"""That of control_msgs/action/FollowJointTrajectory from control_msgs 6.3 on."""

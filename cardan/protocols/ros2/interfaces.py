@@ -11,13 +11,21 @@ import re
 from functools import cache
 from typing import NamedTuple
 
-from cardan.protocols.ros2.definitions import TEXT
+from cardan.protocols.ros2.definitions import FEEDBACK_SINCE_KILTED, TEXT
 
 FILES = {
     name: text
     for name, _, text in (each.partition("\n") for each in TEXT.removeprefix("@").split("\n@"))
 }
 """The text of each interface's file, by its full name."""
+
+SINCE_KILTED = "SinceKilted"
+"""At the end of a type's name: as Kilted and later have it. On the wire it has its own name."""
+
+_FOLLOW = "control_msgs/action/FollowJointTrajectory"
+_REVISED = {
+    _FOLLOW + SINCE_KILTED: f"{FILES[_FOLLOW].rpartition('---')[0]}---\n{FEEDBACK_SINCE_KILTED}"
+}
 
 DUMMY_MEMBER = "structure_needs_at_least_one_member"
 """The one byte of a message without fields."""
@@ -162,6 +170,11 @@ def two_part(name: str) -> str:
     return f"{package}/{last}"
 
 
+def name_on_the_wire(name: str) -> str:
+    """The name of a type for others, whichever revision it is."""
+    return name.replace(SINCE_KILTED, "")
+
+
 def known_types() -> tuple[str, ...]:
     """The full names of all messages, services and actions that have a file, sorted."""
     return tuple(sorted(FILES))
@@ -295,9 +308,10 @@ def _is_name(part: str) -> bool:
 
 def _text_of(package: str, kind: str, last: str) -> str:
     name = f"{package}/{kind}/{last}"
-    if name not in FILES:
+    text = FILES.get(name, _REVISED.get(name))
+    if text is None:
         raise InterfaceError(f"{name} is not a type that Cardan knows")
-    return FILES[name]
+    return text
 
 
 def _sections(package: str, kind: str, base: str, count: int) -> list[str]:

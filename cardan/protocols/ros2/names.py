@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 
-from cardan.protocols.ros2.interfaces import full_name
+from cardan.protocols.ros2.interfaces import full_name, name_on_the_wire
 
 _TOKEN = re.compile(r"[A-Za-z_][A-Za-z0-9_]*\Z")
 
@@ -34,7 +34,7 @@ def checked_name(name: str, node: str = "") -> str:
 
 def dds_type(name: str) -> str:
     """The DDS form of a type, or of a service as a whole: "geometry_msgs::msg::dds_::Pose_"."""
-    package, kind, last = full_name(name).split("/")
+    package, kind, last = name_on_the_wire(full_name(name)).split("/")
     return f"{package}::{kind}::dds_::{last}_"
 
 

@@ -15,6 +15,7 @@ from cardan.protocols.ros2.interfaces import (
     Field,
     full_name,
     message_type,
+    name_on_the_wire,
     referenced,
     service_type,
 )
@@ -57,13 +58,13 @@ def _hash_of_service(name: str) -> str:
 
 def _hash(name: str, fields: list[Any], within: set[str]) -> str:
     description = {
-        "type_description": {"type_name": name, "fields": fields},
+        "type_description": {"type_name": name_on_the_wire(name), "fields": fields},
         "referenced_type_descriptions": [
             {
-                "type_name": each,
+                "type_name": name_on_the_wire(each),
                 "fields": [described(field) for field in message_type(each).fields],
             }
-            for each in sorted(within)
+            for each in sorted(within, key=name_on_the_wire)
         ],
     }
     text = json.dumps(description, separators=(", ", ": "))
@@ -84,6 +85,6 @@ def described(field: Field) -> dict[str, Any]:
             "type_id": number + _ARRAY_OFFSETS[field.array],
             "capacity": field.length,
             "string_capacity": field.most_characters,
-            "nested_type_name": field.base if field.nested else "",
+            "nested_type_name": name_on_the_wire(field.base) if field.nested else "",
         },
     }

@@ -27,11 +27,14 @@ from cardan.protocols.ros2.names import type_of_dds
 from cardan.protocols.ros2.zenoh import Qos
 from cardan_dds.wire import ENCLAVE, Endpoint, padded
 
-LOOPBACK = """
+MOST_PARTICIPANTS = 62
+"""Of one domain on this computer, at least; of the highest domain, more have no ports."""
+
+LOOPBACK = f"""
 <CycloneDDS xmlns="https://cdds.io/config"><Domain Id="any">
   <General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces></General>
   <Discovery><ParticipantIndex>auto</ParticipantIndex>
-    <MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
+    <MaxAutoParticipantIndex>{MOST_PARTICIPANTS}</MaxAutoParticipantIndex>
     <Peers><Peer address="127.0.0.1"/></Peers></Discovery>
   <Internal><GenerateKeyhash>true</GenerateKeyhash>
     <WriterLingerDuration>20 ms</WriterLingerDuration></Internal>
@@ -259,6 +262,12 @@ class Participant:
         try:
             domains[number] = config, self._library.domain.Domain(number, config)
         except (self._library.core.DDSException, UnicodeEncodeError) as error:
+            if not self.options.dds_config:
+                raise DriverError(
+                    f"domain {number} of DDS cannot be joined: {_words(error)}; there is room for "
+                    f"{MOST_PARTICIPANTS} participants of it on this computer: end some, or choose "
+                    "another domain"
+                ) from None
             raise ConfigurationError(
                 "dds_config",
                 f"domain {number} cannot be configured by it, or is in use in this process "

@@ -10,7 +10,7 @@ pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[d
 
 from cardan.bus.dds_options import DdsOptions
 from cardan.bus.network import Failure, NetworkError
-from cardan.errors import ConfigurationError, ExtraMissingError
+from cardan.errors import CardanError, ConfigurationError, ExtraMissingError
 from cardan.protocols.ros2.zenoh import Qos
 from cardan_dds import cyclone
 from cardan_dds.cyclone import LOOPBACK, Participant
@@ -333,6 +333,27 @@ def test_a_domain_is_configured_in_one_way():
         Participant(DdsOptions(dds_domain=46, dds_config="<CycloneDDS/>"))
     first.close()
     first.close()
+
+
+@pytest.mark.parametrize("config", ["", LOOPBACK])
+def test_a_domain_without_room_is_named_and_an_option_only_where_it_was_given(monkeypatch, config):
+    library = cyclone._library()
+
+    def full(*given):
+        raise library.core.DDSException(-1)
+
+    monkeypatch.setattr(library.domain, "Domain", full)
+    with pytest.raises(CardanError) as caught:
+        Participant(DdsOptions(dds_domain=77, dds_config=config))
+    assert ("dds_config" in str(caught.value)) == bool(config)
+    assert ("room for 62 participants" in str(caught.value)) == (not config)
+
+
+def test_the_last_participant_of_the_highest_domain_has_ports():
+    from cardan.bus.options import DOMAIN
+
+    # RTPS: unicast of users at 7400 + 250 * domain + 11 + 2 * index.
+    assert 7400 + 250 * DOMAIN.highest + 11 + 2 * cyclone.MOST_PARTICIPANTS == 2**16 - 1
 
 
 def test_a_configuration_of_the_user_passes_through(monkeypatch):

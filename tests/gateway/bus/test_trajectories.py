@@ -8,6 +8,8 @@ import pytest
 from cardan.gateway.bus import trajectories as fjt
 from cardan.gateway.bus.commands import Instant
 from cardan.protocols.ros2.actions import GoalStatus
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.interfaces import action_type
 from cardan.protocols.ros2.messages import completed
 from tests.gateway.arm.arms import DT_S
 from tests.gateway.bus.rig import Bench
@@ -88,6 +90,19 @@ def test_feedback_has_where_it_is_and_where_it_is_to_be(bench):
     apart = np.subtract(feedback["desired"]["positions"], feedback["actual"]["positions"])
     np.testing.assert_allclose(feedback["error"]["positions"], apart)
     assert len(feedback["error"]["velocities"]) == 6
+
+
+def test_feedback_of_kilted_has_the_index_of_the_point(bench):
+    send(bench, goal(bench, 0.5 * STEP, STEP))
+    bench.world.tick(int(1.5 / DT_S))
+    desired = bench.world.verbs.desired()
+    action = fjt.follow_joint_trajectory("c", bench.world.model.joint_names, since_kilted=True)
+    feedback = action.feedback(Instant(5, "base_link", None, bench.world.state(), desired))
+    message = {"goal_id": {"uuid": bytes(16)}, "feedback": feedback}
+    codec = codec_of(action_type(action.type_name).feedback)
+    back = codec.decode(codec.encode(message))["feedback"]
+    assert (back["index"], back["multi_dof_index"]) == (1, 0)
+    assert desired[2] == 1
 
 
 def test_cancelling_brakes(bench):

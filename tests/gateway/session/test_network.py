@@ -19,7 +19,7 @@ from cardan.gateway.arm.codes import State  # noqa: E402
 from cardan.protocols.ros2.actions import GoalStatus  # noqa: E402
 from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from cardan.protocols.ros2.messages import completed  # noqa: E402
-from cardan.protocols.ros2.zenoh import LATCHED_QOS, data_key  # noqa: E402
+from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment, data_key  # noqa: E402
 from cardan.robots import load_arm  # noqa: E402
 from tests.ros2_packages import write_packages  # noqa: E402
 from tests.serving import ARM_SESSION, free_endpoint  # noqa: E402
@@ -326,6 +326,22 @@ def test_an_action_moves_the_arm_with_feedback_and_can_be_cancelled(user):
     status, told = user.result(action, MOVE, goal_id)
     assert status is GoalStatus.ABORTED
     assert "movl" in told["message"]
+
+
+def test_a_goal_of_the_released_type_is_answered(user):
+    """By the hash that clients of ROS 2 have, which is not computed here."""
+    node = user.network.node
+    mark = "RIHS01_b13789dddc325a7a962825c45e28c77d37237ec129dd0c34dc5994562938c57f"
+    key = (
+        f"{node.options.domain}{FOLLOW_NAME}/_action/send_goal/"
+        f"control_msgs::action::dds_::FollowJointTrajectory_SendGoal_/{mark}"
+    )
+    name = f"{FOLLOW}_SendGoal_Request"
+    goal = completed(name, {"goal_id": {"uuid": list(range(16))}})
+    attachment = Attachment(1, time.time_ns(), bytes(range(16))).encode()
+    answer = node.get(key, codec_of(name).encode(goal), attachment, 5.0)
+    assert answer is not None
+    assert codec_of(f"{FOLLOW}_SendGoal_Response").decode(answer)["accepted"]
 
 
 def test_a_plan_of_moveit_is_carried_out(user):

@@ -161,6 +161,14 @@ def test_what_a_snapshot_tells_is_printable(unprintable):
     assert Snapshot.from_bytes(plain).message.isprintable()
 
 
+def test_a_button_that_a_device_may_have_beside_those_it_tells_is_taken(fake_drivers, monkeypatch):
+    capabilities = FakeDevice.capabilities._replace(further_buttons=("button-23",))
+    monkeypatch.setattr(FakeDevice, "capabilities", capabilities)
+    assert session(mapping={"deadman": "button-23"}).run().finished
+    with pytest.raises(ConfigurationError, match=r"'button-24'; it has: go, grip"):
+        session(mapping={"deadman": "button-24"}).run()
+
+
 def test_what_the_hand_feels_ends_with_the_session(fake_drivers, monkeypatch):
     felt = []
     monkeypatch.setattr(

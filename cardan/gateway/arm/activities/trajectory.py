@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 
 from cardan.common.arm_libraries import np
@@ -47,6 +48,7 @@ class FollowTrajectory(FollowJoints):
             )
         self._timeout_s = wanted.goal_time_s or self._timeout_s
         self._elapsed_s = 0.0
+        self._times_s = wanted.times_s
 
     @property
     def elapsed_s(self) -> float:
@@ -56,6 +58,11 @@ class FollowTrajectory(FollowJoints):
     def desired(self) -> tuple[FloatArray, FloatArray]:
         """Joint positions and velocities that the trajectory has now."""
         return self._way.at(self._elapsed_s)
+
+    @property
+    def point(self) -> int:
+        """Index of the trajectory's point that it is at, or came from."""
+        return max(0, bisect_right(self._times_s, self._elapsed_s) - 1)
 
     def tick(self, robot: RobotState, dt_s: float) -> Progress:
         """Move on by one period."""

@@ -8,7 +8,7 @@ import threading
 import time
 from typing import Any
 
-from cardan.drivers.access import such
+from cardan.drivers.access import is_path, such
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.simulated import OWN
@@ -55,6 +55,9 @@ class Wiimote(ReadDevice[WiimoteCore]):
         "# Both generations.",
         'SUBSYSTEM=="hidraw", KERNELS=="0005:057E:0306.*"',
         'SUBSYSTEM=="hidraw", KERNELS=="0005:057E:0330.*"',
+        "# Behind an adapter on USB, such as a DolphinBar.",
+        'SUBSYSTEM=="hidraw", KERNELS=="0003:057E:0306.*"',
+        'SUBSYSTEM=="hidraw", KERNELS=="0003:057E:0330.*"',
     )
     options: WiimoteOptions
     _kind = "Wii Remote"
@@ -201,7 +204,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
 
     def _is_meant(self, remote: Found) -> bool:
         options = self.options
-        return options.path in ("", remote.path) and (
+        return is_path(options.path, remote.path) and (
             "" in (options.address, remote.address) or options.address.upper() == remote.address
         )
 
