@@ -247,5 +247,11 @@ def _shown(choice: Any) -> Any:
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:
     """The nearest of `allowed`, as the end of a sentence; empty when none is near."""
-    near = difflib.get_close_matches(word, list(allowed), 1)
+    # Of names that differ in nothing else, capitals and the hyphen for _ are not told apart.
+    spelled = {_spelling(each): each for each in allowed}
+    near = [spelled[each] for each in difflib.get_close_matches(_spelling(word), list(spelled), 1)]
     return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def _spelling(word: str) -> str:
+    return word.lower().replace("-", "_")

@@ -43,6 +43,7 @@ from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.hand.feedback import Felt, HandFeedback
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.session.assembly import (
+    check_buttons,
     check_mode,
     has_output,
     make_controller,
@@ -205,24 +206,12 @@ class Session:
             raise ConfigurationError(
                 "gripper.output", f"the robot has no output {gripper.output!r}"
             )
-        known = device.capabilities.buttons
         if options.enable and type(self.robot).enable is RobotDriver.enable:
             raise ConfigurationError(
                 "mapping.enable", "this robot is enabled at its own controller; leave it out"
             )
         check_mode(options, device)
-        for key, button in (
-            *(("mapping.deadman", button) for button in options.deadman_buttons),
-            ("mapping.clutch", options.clutch),
-            ("mapping.recapture", options.recapture),
-            ("mapping.enable", options.enable),
-            ("mapping.pass_on", options.pass_on),
-            *((f"gripper.{action.value}", name) for name, action in buttons.items()),
-        ):
-            if button and known and button not in known:
-                raise ConfigurationError(
-                    key, f"the device has no button {button!r}; it has: {', '.join(known)}"
-                )
+        check_buttons(config, device)
 
     @property
     def _filters(self) -> tuple[TwistFilter, ...]:

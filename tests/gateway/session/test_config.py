@@ -91,8 +91,14 @@ def test_mappings_of_a_pose():
         ({**POSED, "orientation": "follow"}, "follow-base, follow-tool, fixed, absolute"),
         ({**POSED, "origin_m": [0, 0, 0]}, "origin_m: only mode"),
         ({**POSED, "device_centre_m": [0, 0, 1]}, "device_centre_m: only mode"),
-        ({**POSED, "recapture": "button_2"}, "mapping.clutch and mapping.recapture are the same"),
-        ({**POSED, "deadman": "button_2"}, "mapping.clutch and mapping.deadman are the same"),
+        (
+            {**POSED, "recapture": "button_2"},
+            "mapping.clutch: 'button_2' is the button of mapping.recapture",
+        ),
+        (
+            {**POSED, "deadman": "button_2"},
+            "mapping.clutch: 'button_2' is the button of mapping.deadman",
+        ),
         ({"recapture": "button_1"}, 'recapture: mode = "rate" has no references'),
         ({"orientation": "fixed"}, 'orientation: mode = "rate" follows no pose'),
         ({"device_rpy_deg": [0, 0, 90]}, "device_rpy_deg: only mode"),
@@ -173,7 +179,7 @@ def test_survives_the_way_to_the_session_process():
         ({"gripper": {"output": 99}}, "gripper.output", "39"),
         ({"gripper": {"output": True}}, "gripper.output", "True is not allowed"),
         ({"mapping": {"linear_speed_m_s": True}}, "mapping.linear_speed_m_s", "True"),
-        ({"gripper": {"toggle": "go"}}, "", "gripper.toggle and mapping.deadman are the same"),
+        ({"gripper": {"toggle": "go"}}, "gripper.toggle", "'go' is the button of mapping.deadman"),
         ({"limits": {"linear_acceleration_m_s2": 1e-3}}, "", "limits.linear_acceleration"),
     ],
 )
@@ -294,7 +300,7 @@ def test_limits_that_the_driver_would_cut_are_refused():
 
 
 def test_a_leash_longer_than_the_following_error_is_refused():
-    with pytest.raises(ConfigurationError, match=r"limits\.leash_m is 0\.2; .* which is 0\.1"):
+    with pytest.raises(ConfigurationError, match=r"limits\.leash_m: is 0\.2; .* which is 0\.1"):
         parse_config({**GOOD, "limits": {"leash_m": 0.2}})
 
 
