@@ -109,6 +109,7 @@ class Session:
         `has_device`: whether it begins with the device, which other sessions may have."""
         self.device = device
         self._has_device = has_device
+        self._known_buttons: tuple[str, ...] = ()
         self._lease: DeviceLease | None = None
         self.robot = robot
         self.controller = controller
@@ -193,6 +194,17 @@ class Session:
         if channels != self._channels:
             self._channels = channels
             self._feedback = HandFeedback(self._config.feedback, channels)
+
+    def _look_at_buttons(self, device: OperatorDevice) -> None:
+        """Have the operator told of configured buttons that the device, open by now, has not."""
+        known = device.capabilities.buttons
+        if known == self._known_buttons or self.controller.hand is None:
+            return
+        self._known_buttons, self.controller.hand.complaint = known, ""
+        try:
+            check_buttons(self._config, device)
+        except ConfigurationError as error:
+            self.controller.hand.complaint = str(error)
 
     def _end_requests(self) -> None:
         self._link.end("the session has ended: " + (self.snapshot.ending or "its robot is closed"))
@@ -429,6 +441,7 @@ class Session:
             s.device_held = self._lease.held
             if s.device_held:
                 self._fit_feedback(self.device)
+                self._look_at_buttons(self.device)
                 s.diagnosis += self.device.diagnosis()
                 s.device_errors = dict(self.device.protocol_errors())
             if self._lease.problem:

@@ -360,3 +360,30 @@ def test_any_table_is_a_configuration_or_an_error(table):
             make_device(config)
         make_robot(config)
         make_filters(config)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            '[device]\ndriver = "abb_egm"\n',
+            "2:1: device.driver: 'abb_egm' is not an operator device",
+        ),
+        ('[device]\ndriver = "ABB_EGM"\n', "2:1: device.driver: .*did you mean 'abb_egm'"),
+        ('[device]\ndriver = "SpaceMouse"\n', "2:1: device.driver: .*did you mean 'spacemouse'"),
+        ('[device]\n  driver = "ros2-joy"\n', "2:3: device.driver: .*did you mean 'ros2_joy'"),
+        ('[device]\ndriver = "gamepad"\n[mapping]\ndeadman = "Left"\n', "4:1: mapping.deadman: "),
+        ('[device]\ndriver = "leap"\nport = "6437"\n', "3:1: device.port: .*without quotes"),
+        (
+            '[limits]\nlinear_speed_m_s = "0.1 m/s"\n',
+            "2:1: .*a number, without quotes and unit: 0.0001 to 5",
+        ),
+        ('[arm]\nmodel = "UR5E"\n', "2:1: arm.model: .*did you mean 'ur5e'"),
+        ('[device]\ndriver = "leap"\nhost = "192.168.125.300"\n', "3:1: device.host: "),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_told_with_its_line_and_column(tmp_path, text, words):
+    path = tmp_path / "cell.toml"
+    path.write_text(f'{text}[robot]\ndriver = "abb_egm"\n', encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=rf"cell\.toml:{words}"):
+        load_config(path)
