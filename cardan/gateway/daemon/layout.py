@@ -126,6 +126,11 @@ class Layout(NamedTuple):
     faces: Mapping[str, FaceEntry]
 
 
+def is_of_daemon(tables: Mapping[str, Any]) -> bool:
+    """Whether these are of a file of the daemon, and not of one session."""
+    return "robot" not in tables and not _TOP.isdisjoint(tables)
+
+
 def read_layout(paths: Iterable[Path]) -> Layout:
     """Read files, and the .toml files of folders, and check all of them.
 
@@ -276,7 +281,7 @@ class _Reading:
 
     def _session(self, table: SessionTable, file: Path, key: str) -> SessionEntry:
         stands = {name: (file, f"{key}.{name}".lstrip(".")) for name in table.session}
-        with below(f"{file}: {table.name}"), _placed(stands, file, key):
+        with _placed(table.name, stands, file, key):
             tables = dict(table.session)
             if table.file:
                 base = file.parent / table.file
@@ -293,7 +298,7 @@ class _Reading:
         return SessionEntry(config, table.start, file, device)
 
     def _face(self, name: str, named: _Named) -> FaceEntry:
-        with below(f"{named.file}: faces.{name}"), _placed({}, named.file, named.key):
+        with _placed(named.key, {}, named.file, named.key):
             table = read_table(FaceTable, named.table)
             face = table.face or name
             face_registry.load(face)
@@ -302,17 +307,20 @@ class _Reading:
 
 
 @contextlib.contextmanager
-def _placed(stands: Mapping[str, tuple[Path, str]], file: Path, key: str) -> Iterator[None]:
-    """Errors of keys that are raised inside say where these stand: `stands` has the file and the
-    key there of those at the top, all others are in the table `key` of `file`."""
+def _placed(
+    name: str, stands: Mapping[str, tuple[Path, str]], file: Path, key: str
+) -> Iterator[None]:
+    """Errors that are raised inside are of `name`, and those of keys say where these stand:
+    `stands` has the file and the key there of those at the top, all others are in the table `key`
+    of `file`."""
     try:
         yield
     except ConfigurationError as error:
         if not error.key:
-            raise
+            raise error.below(f"{file}: {name}") from None
         top, dot, rest = error.key.partition(".")
         at, above = stands.get(top, (file, f"{key}.{top}".lstrip(".")))
-        raise error.placed(place_of(at, f"{above}{dot}{rest}")) from None
+        raise error.below(name).placed(place_of(at, f"{above}{dot}{rest}")) from None
 
 
 def _check_name(key: str, name: str) -> None:
