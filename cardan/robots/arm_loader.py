@@ -14,7 +14,7 @@ from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
 
-from cardan.common.files import MODEL_BYTES
+from cardan.common.files import MODEL_BYTES, expanded
 from cardan.common.kept import content_key
 from cardan.common.options import suggestion
 from cardan.common.places import in_file, place_of
@@ -162,7 +162,7 @@ def located(name: str, folder: Path) -> Path:
     ConfigurationError."""
     package, colon, file = name.partition(":")
     if not (colon and package.isidentifier()):
-        return folder / name
+        return folder / expanded(name)
     spec = find_spec(package)
     if spec is None or not spec.submodule_search_locations:
         raise ConfigurationError("", f"{name!r}: there is no package {package!r}")

@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from cardan.common import bounds
+from cardan.common.files import expanded
 from cardan.common.options import Options, require, suggestion
 from cardan.common.places import in_file, place_of
 from cardan.common.tables import OTHER_KEYS, read_table, read_toml
@@ -284,7 +285,7 @@ class _Reading:
         with _placed(table.name, stands, file, key):
             tables = dict(table.session)
             if table.file:
-                base = file.parent / table.file
+                base = file.parent / expanded(table.file)
                 tables = read_toml(base) | tables
                 stands |= {name: (base, name) for name in tables.keys() - stands.keys()}
             device = tables.get("device")

@@ -163,3 +163,11 @@ def test_an_error_in_the_file_that_a_session_names_is_of_that_file(folder):
     (folder / "arm.toml").write_text(ARM.replace("model", "modell"))
     with pytest.raises(ConfigurationError, match=r"arm\.toml:5:1: two\.arm\.modell: "):
         read(folder, lab=LAB)
+
+
+@pytest.mark.parametrize("home", ["~", "$HOME", "${HOME}"])
+def test_a_home_in_a_path_is_expanded(folder, tmp_path, monkeypatch, home):
+    (folder / "arm.toml").rename(tmp_path / "other.toml")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    layout = read(folder, lab=LAB.replace("arm.toml", f"{home}/other.toml"))
+    assert layout.sessions["two"].config.arm.model == "ur5"
