@@ -34,6 +34,7 @@ of each when it comes and what to do.
 from __future__ import annotations
 
 import contextlib
+import copy
 import pickle
 import reprlib
 from collections.abc import Iterator
@@ -99,7 +100,10 @@ class CardanError(Exception):
 
 
 class ConfigurationError(CardanError, ValueError):
-    """A setting is wrong. `key` is its dotted path ("limits.linear_speed_m_s")."""
+    """A setting is wrong. `key` is its dotted path ("limits.linear_speed_m_s"), `place` the file,
+    the line and the column where it stands ("cell.toml:3:5"), or empty."""
+
+    place = ""
 
     def __init__(self, key: str, message: str) -> None:
         super().__init__(printable(f"{_bounded(key)}: {message}" if key else message, _LINE_END))
@@ -107,13 +111,22 @@ class ConfigurationError(CardanError, ValueError):
 
     @property
     def message(self) -> str:
-        """What is wrong, without the key."""
-        return str(self).removeprefix(f"{printable(_bounded(self.key), _LINE_END)}: ")
+        """What is wrong, without the key and its place."""
+        words = str(self).removeprefix(f"{self.place}: ")
+        return words.removeprefix(f"{printable(_bounded(self.key), _LINE_END)}: ")
 
     def below(self, table: str) -> ConfigurationError:
         """The same error, of a setting in `table`."""
         key = ".".join(filter(None, (table, self.key)))
-        return ConfigurationError(key, self.message)
+        error = ConfigurationError(key, self.message)
+        return error.placed(self.place) if self.place else error
+
+    def placed(self, place: str) -> ConfigurationError:
+        """The same error, of a setting that stands there."""
+        error = copy.copy(self)
+        error.place = printable(place)
+        error.args = (f"{error.place}: {self}",)
+        return error
 
 
 class OptionError(ConfigurationError):
@@ -124,8 +137,10 @@ class OptionError(ConfigurationError):
         self.value = value
         self.allowed = allowed
 
-    def below(self, table: str) -> OptionError:
-        return OptionError(super().below(table).key, self.value, self.allowed)
+    def below(self, table: str) -> ConfigurationError:
+        key = ".".join(filter(None, (table, self.key)))
+        error = OptionError(key, self.value, self.allowed)
+        return error.placed(self.place) if self.place else error
 
 
 @contextlib.contextmanager
@@ -143,7 +158,10 @@ def about(what: object) -> Iterator[None]:
     try:
         yield
     except ValueError as error:
-        raise ConfigurationError("", f"{what}: {error}") from None
+        words = str(error)
+        if not words.startswith(f"{what}:"):  # As one has it that says where in this file it is.
+            words = f"{what}: {words}"
+        raise ConfigurationError("", words) from None
 
 
 class DriverError(CardanError):

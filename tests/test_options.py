@@ -108,8 +108,11 @@ class Point(NamedTuple):
     ("hint", "good", "bad", "allowed"),
     [
         (bool, [True, False], [0, 1, "true", None], "true or false"),
-        (int, [0, -1, 10**400], [1.0, True, "1", None], "a whole number"),
-        (float, [0, 1.5, math.inf, 10**300], [True, "1", None, math.nan, 10**400], "a number"),
+        (int, [0, -1, 10**400], [1.0, True, "x", None], "a whole number"),
+        (int, [], ["1", " 6510 "], "a whole number, without quotes"),
+        (float, [0, 1.5, math.inf, 10**300], [True, "x", None, math.nan, 10**400], "a number"),
+        (float, [], ["1", "-.5e-3"], "a number, without quotes"),
+        (float, [], ["0.1 m/s", "5m/s2"], "a number, without quotes and unit"),
         (str, ["", "x"], ["\0", 1, None, b""], "a text without a NUL"),
         (Literal["a", "b"], ["a", "b"], ["c", "", None, 1], "one of a, b"),
         (Literal["", "0"], ["", "0"], ["1", 0], 'one of "", 0'),

@@ -14,7 +14,7 @@ import pytest
 
 from cardan.common.bounds import Range
 from cardan.common.options import CODE_ONLY, Options, require
-from cardan.common.tables import AtMost, Tag, as_table, keys_of, read_table, read_toml
+from cardan.common.tables import AtMost, Tag, as_table, keys_of, parse_toml, read_table, read_toml
 from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError, OptionError
 
@@ -230,3 +230,18 @@ def test_a_key_cannot_command_a_terminal(tmp_path):
     with pytest.raises(ConfigurationError, match="there is no such key") as caught:
         read_table(Scene, read_toml(path))
     assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("speed = 0,05", "write the decimal point as ., not as a comma"),
+        ("driver = \u201cspacemouse\u201d", 'write quotes as " and no others'),
+        ("collisions = True", "write true and false in small letters"),
+        ("speed\u00a0= 1", "there is a no-break space: write a space"),
+    ],
+)
+def test_a_habit_of_other_languages_is_told_with_what_to_write(line, words):
+    with pytest.raises(ConfigurationError, match=r"own is not TOML: .*line 2.*: ") as caught:
+        parse_toml(f"# {line}\n{line}\n", "own")
+    assert str(caught.value).endswith(words)

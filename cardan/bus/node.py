@@ -14,11 +14,11 @@ import re
 import threading
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cardan.bus.options import BusOptions
 from cardan.common.extras import missing_extra
+from cardan.common.files import expanded
 from cardan.common.inbox import Inbox, InboxEmptyError
 from cardan.errors import ConfigurationError, DriverError
 from cardan.protocols.ros2.interfaces import service_type
@@ -591,7 +591,7 @@ def _config(mode: str, listen: Sequence[str], connect: Sequence[str], file: str)
     zenoh = zenoh_module()
     if file:
         try:
-            return zenoh.Config.from_file(Path(file).expanduser())
+            return zenoh.Config.from_file(expanded(file))
         except zenoh.ZError as error:
             raise ConfigurationError("zenoh_config", words_of(error)) from None
     config = zenoh.Config()

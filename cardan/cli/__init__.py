@@ -33,7 +33,7 @@ from cardan.cli.common import (
     print_unusable,
 )
 from cardan.cli.conform import conform
-from cardan.cli.daemon import COMMANDS as DAEMON_COMMANDS, arm, service
+from cardan.cli.daemon import COMMANDS as DAEMON_COMMANDS, arm, checked, service
 from cardan.cli.dissect import Dissect
 from cardan.cli.doctor import doctor
 from cardan.cli.face import face
@@ -318,11 +318,24 @@ def _final_problem(last: Snapshot) -> str:
 
 @app.command()
 def check(file: ConfigFile, as_json: AsJson = False) -> None:
-    """Check a configuration file without opening anything, and say what it would do."""
+    """Check a configuration file, of a session or of the daemon, without opening anything, and say
+    what it would do."""
+    from cardan.common.tables import read_toml
+    from cardan.gateway.daemon.layout import is_of_daemon, read_layout
     from cardan.gateway.session.assembly import cautions, load_config
 
-    config = load_config(file)
-    warnings, parts = list(cautions(config)), list(_parts(config))
+    if is_of_daemon(read_toml(file)):
+        layout = checked(read_layout([file]))
+        warnings = [
+            f"{name}: {words}"
+            for name, entry in layout.sessions.items()
+            for words in cautions(entry.config)
+        ]
+        parts = [("session", name) for name in layout.sessions]
+        parts += [("face", name) for name in layout.faces]
+    else:
+        config = load_config(file)
+        warnings, parts = list(cautions(config)), list(_parts(config))
     if as_json:
         described: dict[str, list[str]] = {}
         for part, words in parts:

@@ -49,7 +49,7 @@ OfName = Annotated[
 ]
 
 
-def _checked(layout: Layout) -> Layout:
+def checked(layout: Layout) -> Layout:
     """A layout, once the options of its faces are checked. Raises ConfigurationError."""
     from cardan.cli.face import check_words
 
@@ -87,7 +87,7 @@ def serve(
 
     begin_serving(verbose, log_level, LogLevel.INFO, log_format or found_format())
     files = paths or []
-    daemon = Daemon(_checked(read_layout(files)), lambda: _checked(read_layout_beside(files)))
+    daemon = Daemon(checked(read_layout(files)), lambda: checked(read_layout_beside(files)))
 
     def told(number: int) -> None:
         if number == signal.SIGHUP:
@@ -345,7 +345,7 @@ def _service(files: list[Path] | None, system: bool, account: str) -> Any:
     from cardan.gateway.daemon.layout import read_layout
     from cardan.gateway.daemon.service import make_service
 
-    _checked(read_layout(files or []))  # What cannot run is said now.
+    checked(read_layout(files or []))  # What cannot run is said now.
     user = account or os.environ.get("SUDO_USER") or getpass.getuser()
     return make_service(files or [], system=system, account=user)
 

@@ -85,10 +85,13 @@ class Host(Text):
     def __contains__(self, value: object) -> bool:
         if not super().__contains__(value):
             return False
+        if _DOTTED.fullmatch(str(value)) and re.fullmatch(_IPV4, str(value)) is None:
+            return False  # No name is of numbers alone: an address with one that is too large.
         kind = shared_address(str(value))
         return not kind or (self.listens and kind == _ALL_OWN)
 
 
+_DOTTED = re.compile(r"[0-9]+(\.[0-9]+){3}")
 _ALL_OWN = "an address that stands for all of a computer's"
 
 
@@ -306,5 +309,6 @@ HOST = Host(_NAME, f"the address or the name {_ONE}")
 HOST_OR_IPV4 = Host(_NAME_OR_IPV4, f"the IPv4 address or the name {_ONE}")
 LISTEN_HOST = Host(_NAME, f"the address or the name {_OWN}", listens=True)
 LISTEN_HOST_OR_IPV4 = Host(_NAME_OR_IPV4, f"the IPv4 address or the name {_OWN}", listens=True)
-IPV4 = Host(rf"{_BYTE}(\.{_BYTE}){{3}}", f"an IPv4 address, as 127.0.0.1, {_OWN}", listens=True)
+_IPV4 = rf"{_BYTE}(\.{_BYTE}){{3}}"
+IPV4 = Host(_IPV4, f"an IPv4 address, as 127.0.0.1, {_OWN}", listens=True)
 SOCKET_PATH = Text(r"[^\0]+", f"a path of up to {_SOCKET_PATH_BYTES} bytes", _SOCKET_PATH_BYTES)

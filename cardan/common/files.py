@@ -45,6 +45,11 @@ class SupportsRead(Protocol):
         ...
 
 
+def expanded(path: str) -> Path:
+    """The path that a user has written, with the home for ~ and variables of the environment."""
+    return Path(os.path.expanduser(os.path.expandvars(path)))
+
+
 def open_file(path: str | os.PathLike[str]) -> BinaryIO:
     """The regular file at `path`, to read. Raises OSError, also for what is no regular file: a pipe
     may never end, and a device gives what it likes."""

@@ -20,6 +20,7 @@ import difflib
 import enum
 import math
 import os
+import re
 import sys
 from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping
 from dataclasses import fields
@@ -37,6 +38,9 @@ _PLAIN: dict[Any, tuple[tuple[type, ...], str]] = {
     str: ((str,), "a text without a NUL"),
 }
 
+
+_NUMBER = re.compile(r"\s*[-+]?\.?[0-9][0-9.]*(?:[eE][-+]?[0-9]+)?\s*(.*)", re.DOTALL)
+"""What begins with a number; then its unit."""
 
 _UNCHANGEABLE = frozenset({bool, int, float, str, NoneType})
 
@@ -187,7 +191,7 @@ def refusal(hint: Any, value: object) -> str:
             good = good and not math.isnan(value)
         elif hint is float and isinstance(value, int):
             good = good and abs(value) <= sys.float_info.max
-        return "" if good else words
+        return "" if good else f"{words}{_quoted(hint, value)}"
     if allowed := choices(hint):
         # 1 == True, and an enum of texts equals its texts.
         good = any(value == each and type(value) is type(each) for each in allowed)
@@ -208,6 +212,12 @@ def _one_of(words: list[str], value: object) -> str:
     return f"one of {', '.join(words)}{near}"
 
 
+def _quoted(hint: Any, value: object) -> str:
+    """How a number is written, where `value` is one in quotes and `hint` allows numbers."""
+    number = hint in (int, float) and isinstance(value, str) and _NUMBER.fullmatch(value)
+    return (f", without quotes{' and unit' if number[1] else ''}") if number else ""
+
+
 def _refused_by_notes(inner: tuple[Any, ...], value: object) -> str:
     for note in inner[1:]:
         if isinstance(note, Text) and value not in note:
@@ -215,8 +225,10 @@ def _refused_by_notes(inner: tuple[Any, ...], value: object) -> str:
         if isinstance(note, Range):
             whole = inner[0] is int
             if value not in note or (whole and not isinstance(value, int)):
+                quoted = _quoted(inner[0], value)
+                quoted = f"a number{quoted}: " if quoted else ""
                 reason = f": {note.reason}" if note.reason else ""
-                return f"{note}{', whole' if whole else ''}{reason}"
+                return f"{quoted}{note}{', whole' if whole else ''}{reason}"
             return ""
     if (allowed := refusal(inner[0], value)) == "":
         directed = (note for note in inner[1:] if isinstance(note, Directed))
@@ -247,5 +259,11 @@ def _shown(choice: Any) -> Any:
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:
     """The nearest of `allowed`, as the end of a sentence; empty when none is near."""
-    near = difflib.get_close_matches(word, list(allowed), 1)
+    # Of names that differ in nothing else, capitals and the hyphen for _ are not told apart.
+    spelled = {_spelling(each): each for each in allowed}
+    near = [spelled[each] for each in difflib.get_close_matches(_spelling(word), list(spelled), 1)]
     return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def _spelling(word: str) -> str:
+    return word.lower().replace("-", "_")

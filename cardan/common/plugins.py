@@ -10,6 +10,7 @@ from dataclasses import dataclass, is_dataclass
 from importlib.metadata import EntryPoint
 from typing import Any, Generic, TypeVar, cast
 
+from cardan.common.options import suggestion
 from cardan.common.printable import printable
 from cardan.common.shortage import shortage
 from cardan.common.signals import EndingSignalError
@@ -131,7 +132,8 @@ class Finder(Generic[T]):
                 raise ConfigurationError(
                     self._word,
                     not_installed(self._word, name)
-                    or f"there is no {self._word} {name!r}; allowed: {', '.join(self.names())}",
+                    or f"there is no {self._word} {name!r}; allowed: {', '.join(self.names())}"
+                    + suggestion(name, self.names()),
                 )
         module, _, attribute = target.partition(":")
         of = f"{target} of {self._word} {name!r}"

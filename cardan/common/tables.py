@@ -34,6 +34,14 @@ OTHER_KEYS = {"other_keys": True}
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
+_REMEDIES = (
+    ("[\u201c\u201d\u201e\u2018\u2019\u201a\u00ab\u00bb]", 'write quotes as " and no others'),
+    ("[\u00a0\u202f\u2007]", "there is a no-break space: write a space"),
+    (r"=\s*[-+]?[0-9]+,[0-9]", "write the decimal point as ., not as a comma"),
+    (r"=\s*(True|False|TRUE|FALSE)\b", "write true and false in small letters"),
+)
+"""What people write that TOML has not, and what to write instead."""
+
 Kind = TypeVar("Kind")
 
 
@@ -70,10 +78,18 @@ def parse_toml(text: str, of: object) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise ConfigurationError("", f"{of} is not TOML: {error}") from None
+        reason = f"{error}{_remedy(text, error)}"
+        raise ConfigurationError("", f"{of} is not TOML: {reason}") from None
     except ValueError as error:  # A number of more digits than Python reads.
         why = str(error).partition(";")[0]
         raise ConfigurationError("", f"cannot read {of}: {why}") from None
+
+
+def _remedy(text: str, error: Exception) -> str:
+    """What to write instead, as the end of a sentence, where a syntax error's line shows it."""
+    number = re.search(r"at line ([0-9]+)", str(error))
+    line = text.split("\n")[int(number[1]) - 1] if number else ""
+    return next((f": {words}" for pattern, words in _REMEDIES if re.search(pattern, line)), "")
 
 
 def read_toml(path: Path) -> dict[str, Any]:

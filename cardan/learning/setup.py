@@ -67,8 +67,7 @@ def make_hand(
     tables = _tables(session, driver, {"device": options}, HandConfig)
     config = read_table(HandConfig, {**tables, **_given(mapping=mapping, gripper=gripper)})
     device = make_driver(config.device, "device")
-    if not isinstance(device, OperatorDevice):
-        raise ConfigurationError("device.driver", f"{config.device.driver!r} is no operator device")
+    assert isinstance(device, OperatorDevice)
     check_mode(config.mapping, device)
     kind = action_kind(action, HAND_ACTIONS)
     age_s = config.watchdogs.device_age_s

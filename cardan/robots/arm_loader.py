@@ -14,8 +14,10 @@ from importlib import resources
 from importlib.util import find_spec
 from pathlib import Path
 
-from cardan.common.files import MODEL_BYTES
+from cardan.common.files import MODEL_BYTES, expanded
 from cardan.common.kept import content_key
+from cardan.common.options import suggestion
+from cardan.common.places import in_file, place_of
 from cardan.common.tables import parse_toml, read_table, read_text
 from cardan.errors import ConfigurationError, about, below
 from cardan.robots.arm_file import ArmFile
@@ -42,7 +44,7 @@ class ArmTexts:
         if path.suffix.lower() == ".toml":
             self.toml_path = path
             texts.append(read_text(path))
-            with about(path):
+            with about(path), in_file(path):
                 self.file = read_table(ArmFile, parse_toml(texts[0], path))
                 self.urdf_path = located(self.file.urdf, path.parent)
                 self.urdf = read_description(self.urdf_path, self.file)
@@ -79,7 +81,9 @@ class ArmTexts:
         try:
             yield
         except ConfigurationError as error:
-            at = self.toml_path if error.key and self.toml_path else self.urdf_path
+            at = str(self.urdf_path)
+            if error.key and self.toml_path:
+                at = place_of(self.toml_path, error.key)
             raise ConfigurationError("", f"{at}: {error}") from None
 
 
@@ -130,7 +134,8 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
         raise ConfigurationError(
             "",
             f"there is no arm {name_or_file!r}; allowed: {', '.join(arm_names())}, "
-            "the path of a .toml, .urdf or .xacro file, or PACKAGE:FILE for one in a package",
+            "the path of a .toml, .urdf or .xacro file, or PACKAGE:FILE for one in a package"
+            + suggestion(name_or_file, arm_names()),
         )
     texts = ArmTexts(located(name_or_file, Path()))
     parts = texts.parts()
@@ -158,7 +163,7 @@ def located(name: str, folder: Path) -> Path:
     ConfigurationError."""
     package, colon, file = name.partition(":")
     if not (colon and package.isidentifier()):
-        return folder / name
+        return folder / expanded(name)
     spec = find_spec(package)
     if spec is None or not spec.submodule_search_locations:
         raise ConfigurationError("", f"{name!r}: there is no package {package!r}")

@@ -94,7 +94,7 @@ HAND, ARM = make_hand, make_arm
         (HAND, {"driver": "spacemouse", "options": {"dead_zon": 1}}, "dead_zon"),
         (HAND, {"driver": "spacemouse", "mapping": {"deadmen": "left"}}, "mapping.deadmen"),
         (HAND, {"driver": "spacemouse", "action": "pose"}, "one of delta, target"),
-        (HAND, {"driver": "sim_arm"}, "is no operator device"),
+        (HAND, {"driver": "sim_arm"}, "is not an operator device"),
         (HAND, {"driver": "leap"}, "mapping.mode"),
         (ARM, {"driver": "sim_arm"}, "arm"),
         (ARM, {"driver": "spacemouse", "model": "ur5"}, "is not a robot"),

@@ -28,6 +28,7 @@ from cardan.protocols.evdev import (
     ABS_Z,
     FF_RUMBLE,
     PAD_BUTTONS,
+    PAD_LABELS,
     AbsInfo,
     AxisPair,
     PadLayout,
@@ -131,10 +132,10 @@ class GamepadCore(EvdevCore):
 
     @property
     def buttons(self) -> tuple[str, ...]:
-        """Labels of the buttons that the open pad has; of a pad like an Xbox's before."""
+        """Labels of the buttons that the open pad has; of every pad before."""
         keys = self.description.keys
         if not keys:
-            return tuple(PAD_BUTTONS.values())
+            return PAD_LABELS
         labels = [label for code, label in self._layout.buttons.items() if code in keys]
         for code, low, high in _HATS:
             if code in self.description.axes:

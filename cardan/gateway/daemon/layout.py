@@ -19,19 +19,22 @@ Other files may have, together or each for itself::
 
 from __future__ import annotations
 
+import contextlib
 import pickle
 import re
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from cardan.common import bounds
+from cardan.common.files import expanded
 from cardan.common.options import Options, require, suggestion
+from cardan.common.places import in_file, place_of
 from cardan.common.tables import OTHER_KEYS, read_table, read_toml
-from cardan.errors import CardanError, ConfigurationError, below
+from cardan.errors import CardanError, ConfigurationError, about, below
 from cardan.gateway.faces import registry as face_registry
 from cardan.gateway.session.assembly import check_parts
 from cardan.gateway.session.config import SessionConfig
@@ -124,6 +127,11 @@ class Layout(NamedTuple):
     faces: Mapping[str, FaceEntry]
 
 
+def is_of_daemon(tables: Mapping[str, Any]) -> bool:
+    """Whether these are of a file of the daemon, and not of one session."""
+    return "robot" not in tables and not _TOP.isdisjoint(tables)
+
+
 def read_layout(paths: Iterable[Path]) -> Layout:
     """Read files, and the .toml files of folders, and check all of them.
 
@@ -192,6 +200,8 @@ def _files(paths: Iterable[Path]) -> list[Path]:
 class _Named(NamedTuple):
     table: Any
     file: Path
+    key: str
+    """Where it stands in the file."""
 
 
 class _Reading:
@@ -202,9 +212,9 @@ class _Reading:
         self._devices: dict[str, _Named] = {}
         self._robots: dict[str, _Named] = {}
         self._faces: dict[str, _Named] = {}
-        self._sessions: dict[str, tuple[SessionTable, Path]] = {}
+        self._sessions: dict[str, tuple[SessionTable, Path, str]] = {}
         for file in files:
-            with below(str(file)):
+            with about(file), in_file(file):
                 self._read(file)
 
     def _read(self, file: Path) -> None:
@@ -240,18 +250,18 @@ class _Reading:
                     raise ConfigurationError(
                         f"{kind}.{name}", f"this name is in {into[name].file} already"
                     )
-                into[name] = _Named(table, file)
-        for session in read.sessions:
-            self._add_session(session, file)
+                into[name] = _Named(table, file, f"{kind}.{name}")
+        for number, session in enumerate(read.sessions):
+            self._add_session(session, file, f"sessions.{number}")
 
-    def _add_session(self, session: SessionTable, file: Path) -> None:
+    def _add_session(self, session: SessionTable, file: Path, key: str = "") -> None:
         _check_name("sessions.name", session.name)
         if session.name in self._sessions:
             other = self._sessions[session.name][1]
             raise ConfigurationError(
                 "sessions.name", f"{session.name!r} is the name of a session in {other} already"
             )
-        self._sessions[session.name] = session, file
+        self._sessions[session.name] = session, file, key
 
     def layout(self) -> Layout:
         """All of it, checked."""
@@ -270,22 +280,26 @@ class _Reading:
                     _check_shared(device, sessions[name].config)
         return Layout(options, sessions, faces)
 
-    def _session(self, table: SessionTable, file: Path) -> SessionEntry:
-        with below(f"{file}: {table.name}"):
+    def _session(self, table: SessionTable, file: Path, key: str) -> SessionEntry:
+        stands = {name: (file, f"{key}.{name}".lstrip(".")) for name in table.session}
+        with _placed(table.name, stands, file, key):
             tables = dict(table.session)
             if table.file:
-                tables = read_toml(file.parent / table.file) | tables
+                base = file.parent / expanded(table.file)
+                tables = read_toml(base) | tables
+                stands |= {name: (base, name) for name in tables.keys() - stands.keys()}
             device = tables.get("device")
             device = device if isinstance(device, str) else ""
-            for key, known in (("device", self._devices), ("robot", self._robots)):
-                if isinstance(name := tables.get(key), str):
-                    tables[key] = _named(key, name, known)
+            for kind, known in (("device", self._devices), ("robot", self._robots)):
+                if isinstance(name := tables.get(kind), str):
+                    named = _named(kind, name, known)
+                    tables[kind], stands[kind] = named.table, (named.file, named.key)
             config = read_table(SessionConfig, tables)
             check_parts(config)
         return SessionEntry(config, table.start, file, device)
 
     def _face(self, name: str, named: _Named) -> FaceEntry:
-        with below(f"{named.file}: faces.{name}"):
+        with _placed(named.key, {}, named.file, named.key):
             table = read_table(FaceTable, named.table)
             face = table.face or name
             face_registry.load(face)
@@ -293,17 +307,34 @@ class _Reading:
         return FaceEntry(face, words, table.start, named.file)
 
 
+@contextlib.contextmanager
+def _placed(
+    name: str, stands: Mapping[str, tuple[Path, str]], file: Path, key: str
+) -> Iterator[None]:
+    """Errors that are raised inside are of `name`, and those of keys say where these stand:
+    `stands` has the file and the key there of those at the top, all others are in the table `key`
+    of `file`."""
+    try:
+        yield
+    except ConfigurationError as error:
+        if not error.key:
+            raise error.below(f"{file}: {name}") from None
+        top, dot, rest = error.key.partition(".")
+        at, above = stands.get(top, (file, f"{key}.{top}".lstrip(".")))
+        raise error.below(name).placed(place_of(at, f"{above}{dot}{rest}")) from None
+
+
 def _check_name(key: str, name: str) -> None:
     require(NAME.fullmatch(name), key, name, _NAMES)
 
 
-def _named(key: str, name: str, known: Mapping[str, _Named]) -> Any:
+def _named(key: str, name: str, known: Mapping[str, _Named]) -> _Named:
     if name not in known:
         allowed = ", ".join(known) or "none is named"
         raise ConfigurationError(
             key, f"there is no [{key}s.{name}]; allowed: {allowed}{suggestion(name, known)}"
         )
-    return known[name].table
+    return known[name]
 
 
 def _words(options: Mapping[str, Any]) -> Iterable[str]:

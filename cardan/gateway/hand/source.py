@@ -135,6 +135,8 @@ class HandSource:
         self._refusal = ""
         """Why the last deliberate act was refused."""
         self._device: DeviceState | None = None
+        self.complaint = ""
+        """What is wrong in how the device's buttons are configured; empty: nothing known."""
 
     # -- one control tick ------------------------------------------------------------------------
 
@@ -221,6 +223,8 @@ class HandSource:
         if device.link is not DeviceLink.LIVE:
             reason = device.reason or f"the device is {device.link.value}"
             return why + reason if reason not in why else reason
+        if self.complaint:
+            return why + self.complaint
         if self._refusal:
             why = f"the clutch was not engaged: {self._refusal}; "
         deadman = " or ".join(repr(button) for button in options.deadman_buttons)

@@ -22,6 +22,7 @@ from typing import Annotated, ClassVar, NamedTuple
 from cardan.common import bounds
 from cardan.common.arm_libraries import np, npt, pin
 from cardan.common.options import Options, require
+from cardan.common.places import in_file
 from cardan.common.tables import read_table, read_toml
 from cardan.errors import about
 from cardan.gateway.kinematics.base import SE3, FloatArray
@@ -100,7 +101,7 @@ def load_soft_neck(name_or_file: str = "teo_soft_neck") -> SoftNeckData:
     own = not name_or_file.endswith(".toml")
     path = _FOLDER / f"{name_or_file}.toml" if own else Path(name_or_file)
     table = read_toml(path)
-    with about(path):
+    with about(path), in_file(path):
         return read_table(SoftNeckData, table)
 
 

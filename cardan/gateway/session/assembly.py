@@ -12,6 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from cardan.common.options import suggestion
+from cardan.common.places import in_file
+from cardan.common.plugins import not_installed
 from cardan.common.tables import as_table, keys_of, read_table, read_toml
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
@@ -96,9 +98,9 @@ FREE_JOINTS = 6
 
 
 def make_driver(table: registry.DriverTable, key: str) -> Driver:
-    """The driver of a table, not opened yet; errors name `key`."""
+    """The driver of a table, not opened yet; errors name `key`, which is "robot" for a robot's."""
     with below(key):
-        driver = registry.load(table.driver)
+        driver = _driver_class(table.driver, RobotDriver if key == "robot" else OperatorDevice)
     with registry.using(table.driver, f"{key}.driver"):
         made = driver(read_table(driver.Options, table.options, key))
         able: object = getattr(made, "capabilities", None)
@@ -108,6 +110,33 @@ def make_driver(table: registry.DriverTable, key: str) -> Driver:
             f"driver {table.driver!r} cannot be used: its capabilities are {able!r:.60}",
         )
     return made
+
+
+def _driver_class(name: str, side: type[Driver]) -> type[Driver]:
+    """The class of a driver, which must be of this `side`: OperatorDevice or RobotDriver."""
+    try:
+        driver = registry.load(name)
+    except ConfigurationError as error:
+        if name in registry.names() or not_installed("driver", name):
+            raise
+        allowed = _drivers(side)
+        near = suggestion(name, allowed) or suggestion(name, registry.names())
+        raise ConfigurationError(
+            error.key, f"there is no driver {name!r}; allowed: {', '.join(allowed)}{near}"
+        ) from None
+    if not issubclass(driver, side):
+        words = "{0!r} is not an operator device: it drives a robot, and is for [robot]"
+        if side is RobotDriver:
+            words = "{0!r} is not a robot: it reads an operator device, and is for [device]"
+        raise ConfigurationError(
+            "driver", f"{words.format(name)}; allowed: {', '.join(_drivers(side))}"
+        )
+    return driver
+
+
+def _drivers(side: type[Driver]) -> list[str]:
+    found = registry.load_all().classes.items()
+    return [name for name, driver in found if issubclass(driver, side)]
 
 
 class WithDevice(Protocol):
@@ -122,11 +151,28 @@ def make_device(config: WithDevice) -> OperatorDevice:
     if config.device is None:
         raise ConfigurationError("device", "is missing: which driver reads the operator device?")
     device = make_driver(config.device, "device")
-    if not isinstance(device, OperatorDevice):
-        raise ConfigurationError(
-            "device.driver", f"{config.device.driver!r} is not an operator device"
-        )
+    assert isinstance(device, OperatorDevice)
     return device
+
+
+def check_buttons(config: SessionConfig, device: OperatorDevice) -> None:
+    """Raise ConfigurationError for buttons that a device, as far as it knows its own, has not."""
+    known, further = device.capabilities.buttons, device.capabilities.further_buttons
+    mapping = config.mapping
+    for key, button in (
+        *(("mapping.deadman", button) for button in mapping.deadman_buttons),
+        ("mapping.clutch", mapping.clutch),
+        ("mapping.recapture", mapping.recapture),
+        ("mapping.enable", mapping.enable),
+        ("mapping.pass_on", mapping.pass_on),
+        *((f"gripper.{each.value}", name) for name, each in config.gripper.buttons.items()),
+    ):
+        if button and known and button not in (*known, *further):
+            raise ConfigurationError(
+                key,
+                f"the device has no button {button!r}; it has: {', '.join(known)}"
+                + suggestion(button, known),
+            )
 
 
 def check_mode(mapping: MappingOptions, device: OperatorDevice) -> None:
@@ -145,8 +191,7 @@ def check_mode(mapping: MappingOptions, device: OperatorDevice) -> None:
 def make_robot(config: SessionConfig) -> RobotDriver:
     """The robot of a session, not opened yet."""
     robot = make_driver(config.robot, "robot")
-    if not isinstance(robot, RobotDriver):
-        raise ConfigurationError("robot.driver", f"{config.robot.driver!r} is not a robot")
+    assert isinstance(robot, RobotDriver)
     kinds = ", ".join(sorted(kind.value for kind in robot.capabilities.commands))
     if config.arm is None and CommandKind.POSE not in robot.capabilities.commands:
         raise ConfigurationError(
@@ -410,10 +455,7 @@ def make_source(table: ForceTable) -> ForceSource | None:
     if not isinstance(table, SensorForceTable):
         return None
     sensor = make_driver(table.sensor, "force.sensor")
-    if not isinstance(sensor, OperatorDevice):
-        raise ConfigurationError(
-            "force.sensor.driver", f"{table.sensor.driver!r} is a robot, not a sensor"
-        )
+    assert isinstance(sensor, OperatorDevice)
     if table.zero_sensor and not hasattr(sensor, "zero"):
         raise ConfigurationError(
             "force.zero_sensor", f"{table.sensor.driver!r} cannot be zeroed: leave it out"
@@ -559,26 +601,29 @@ def _check_speeds(limits: LimitsTable, robot: RobotCapabilities) -> None:
 def load_haptic(path: Path) -> HapticConfig:
     """Read and check what ``cardan haptic`` needs of a file: ``[device]``, ``[network]`` and the
     age of ``[force]``."""
-    config = read_part(HapticConfig, path)
-    device = make_device(config)
-    if not isinstance(device, HapticDevice):
-        raise ConfigurationError(
-            "device.driver", f"{config.device.driver!r} gives no force back to the hand"
-        )
+    with in_file(path):
+        config = read_part(HapticConfig, path)
+        device = make_device(config)
+        if not isinstance(device, HapticDevice):
+            raise ConfigurationError(
+                "device.driver", f"{config.device.driver!r} gives no force back to the hand"
+            )
     return config
 
 
 def load_force(path: Path) -> ForceConfig:
     """Read and check what ``cardan force`` needs of a file: ``[force]`` and ``[[fixtures]]``."""
-    config = read_part(ForceConfig, path)
-    make_source(config.force)
+    with in_file(path):
+        config = read_part(ForceConfig, path)
+        make_source(config.force)
     return config
 
 
 def read_part(kind: type[Part], path: Path) -> Part:
     """The tables of a file that `kind` has; all others may be anything."""
     keys = keys_of(kind)
-    return read_table(kind, {key: each for key, each in read_toml(path).items() if key in keys})
+    with in_file(path):
+        return read_table(kind, {key: each for key, each in read_toml(path).items() if key in keys})
 
 
 def cautions(config: SessionConfig) -> list[str]:
@@ -657,8 +702,9 @@ def _unbent(model: ArmModel) -> list[str]:
 
 def load_config(path: Path) -> SessionConfig:
     """Read and check a configuration file, the options of drivers and filters included."""
-    config = parse_config(read_toml(path))
-    check_parts(config)
+    with in_file(path):
+        config = parse_config(read_toml(path))
+        check_parts(config)
     return config
 
 
@@ -670,4 +716,5 @@ def check_parts(config: SessionConfig) -> None:
     if config.device is not None:
         device = make_device(config)
         check_mode(config.mapping, device)
+        check_buttons(config, device)
         make_force(config, device, robot)

@@ -196,9 +196,7 @@ class SessionConfig(Options):
         for key, button in buttons:
             for other, same in buttons:
                 if button and button == same and key < other:
-                    raise ConfigurationError(
-                        "", f"{key} and {other} are the same button, {button!r}"
-                    )
+                    raise ConfigurationError(key, f"{button!r} is the button of {other}, too")
 
     def _check_limits(self) -> None:
         limits, watchdogs = self.limits, self.watchdogs
@@ -231,8 +229,8 @@ class SessionConfig(Options):
             error_limit = getattr(watchdogs, f"following_error_{unit}")
             if leash > error_limit:
                 raise ConfigurationError(
-                    "",
-                    f"limits.leash_{unit} is {leash:g}; it must not be longer than "
+                    f"limits.leash_{unit}",
+                    f"is {leash:g}; it must not be longer than "
                     f"watchdogs.following_error_{unit}, which is {error_limit:g}",
                 )
 

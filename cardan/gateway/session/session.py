@@ -43,6 +43,7 @@ from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.hand.feedback import Felt, HandFeedback
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.session.assembly import (
+    check_buttons,
     check_mode,
     has_output,
     make_controller,
@@ -108,6 +109,7 @@ class Session:
         `has_device`: whether it begins with the device, which other sessions may have."""
         self.device = device
         self._has_device = has_device
+        self._known_buttons: tuple[str, ...] = ()
         self._lease: DeviceLease | None = None
         self.robot = robot
         self.controller = controller
@@ -193,6 +195,17 @@ class Session:
             self._channels = channels
             self._feedback = HandFeedback(self._config.feedback, channels)
 
+    def _look_at_buttons(self, device: OperatorDevice) -> None:
+        """Have the operator told of configured buttons that the device, open by now, has not."""
+        known = device.capabilities.buttons
+        if known == self._known_buttons or self.controller.hand is None:
+            return
+        self._known_buttons, self.controller.hand.complaint = known, ""
+        try:
+            check_buttons(self._config, device)
+        except ConfigurationError as error:
+            self.controller.hand.complaint = str(error)
+
     def _end_requests(self) -> None:
         self._link.end("the session has ended: " + (self.snapshot.ending or "its robot is closed"))
         if self._requests is not None:
@@ -205,26 +218,12 @@ class Session:
             raise ConfigurationError(
                 "gripper.output", f"the robot has no output {gripper.output!r}"
             )
-        capabilities = device.capabilities
-        known = capabilities.buttons
-        usable = {*known, *capabilities.further_buttons}
         if options.enable and type(self.robot).enable is RobotDriver.enable:
             raise ConfigurationError(
                 "mapping.enable", "this robot is enabled at its own controller; leave it out"
             )
         check_mode(options, device)
-        for key, button in (
-            *(("mapping.deadman", button) for button in options.deadman_buttons),
-            ("mapping.clutch", options.clutch),
-            ("mapping.recapture", options.recapture),
-            ("mapping.enable", options.enable),
-            ("mapping.pass_on", options.pass_on),
-            *((f"gripper.{action.value}", name) for name, action in buttons.items()),
-        ):
-            if button and known and button not in usable:
-                raise ConfigurationError(
-                    key, f"the device has no button {button!r}; it has: {', '.join(known)}"
-                )
+        check_buttons(config, device)
 
     @property
     def _filters(self) -> tuple[TwistFilter, ...]:
@@ -442,6 +441,7 @@ class Session:
             s.device_held = self._lease.held
             if s.device_held:
                 self._fit_feedback(self.device)
+                self._look_at_buttons(self.device)
                 s.diagnosis += self.device.diagnosis()
                 s.device_errors = dict(self.device.protocol_errors())
             if self._lease.problem:

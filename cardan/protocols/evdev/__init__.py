@@ -41,6 +41,7 @@ from cardan.protocols.evdev.codes import (
     MICROSOFT as MICROSOFT,
     PAD_BUTTONS as PAD_BUTTONS,
     PAD_CODES as PAD_CODES,
+    PAD_LABELS as PAD_LABELS,
     AxisPair as AxisPair,
     PadLayout as PadLayout,
     north_and_west_exchanged as north_and_west_exchanged,

@@ -144,6 +144,9 @@ _COUNTED: Final[Mapping[tuple[int, int], PadLayout]] = {
 }
 """By vendor and product. Source: SDL's table of gamepads, for Linux."""
 
+PAD_LABELS: Final = tuple(dict.fromkeys((*PAD_BUTTONS.values(), *_SONY_COUNTED.buttons.values())))
+"""Labels of the buttons that any gamepad has."""
+
 _OWN_DRIVERS: Final = frozenset({"xpad", "sony", "playstation", "nintendo"})
 """Drivers of the kernel's that give axes and buttons as its gamepad.rst says."""
 

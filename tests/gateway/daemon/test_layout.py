@@ -135,3 +135,39 @@ def test_a_folder_without_files_is_refused(tmp_path):
         read_layout([tmp_path])
     with pytest.raises(ConfigurationError, match="no file was given"):
         read_layout([])
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "words"),
+    [
+        ('driver = "keyboard"', 'driver = "keybord"', "lab.toml:3:1: one.device.driver: "),
+        ('robot = "ur5"\n[[', 'robot = "ur6"\n[[', "lab.toml:6:1: one.robot.robot: "),
+        ('device = "left"', 'device = "lefd"', "lab.toml:9:1: one.device: .*did you mean 'left'"),
+        ("[sessions.arm]", "[sessions.arms]", "lab.toml:11:1: one.arms: "),
+        (
+            "linear_speed_m_s = 0.1",
+            "linear_speed = 0.1",
+            "lab.toml:18:1: two.limits.linear_speed",
+        ),
+        ("start = false", "starts = false", "lab.toml:16:1: two.starts: there is no such key"),
+        ('face = "rosbridge"', 'face = "rosbridg"', "lab.toml:20:1: faces.web.face: "),
+    ],
+)
+def test_an_error_says_where_its_key_stands(folder, was, now, words):
+    assert LAB.count(was) == 1
+    with pytest.raises(ConfigurationError, match=words):
+        read(folder, lab=LAB.replace(was, now))
+
+
+def test_an_error_in_the_file_that_a_session_names_is_of_that_file(folder):
+    (folder / "arm.toml").write_text(ARM.replace("model", "modell"))
+    with pytest.raises(ConfigurationError, match=r"arm\.toml:5:1: two\.arm\.modell: "):
+        read(folder, lab=LAB)
+
+
+@pytest.mark.parametrize("home", ["~", "$HOME", "${HOME}"])
+def test_a_home_in_a_path_is_expanded(folder, tmp_path, monkeypatch, home):
+    (folder / "arm.toml").rename(tmp_path / "other.toml")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    layout = read(folder, lab=LAB.replace("arm.toml", f"{home}/other.toml"))
+    assert layout.sessions["two"].config.arm.model == "ur5"

@@ -122,7 +122,7 @@ def test_sources_are_made_with_their_sense(monkeypatch):
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ({"driver": "abb_egm"}, r"force\.sensor\.driver: 'abb_egm' is a robot"),
+        ({"driver": "abb_egm"}, r"force\.sensor\.driver: 'abb_egm' is not an operator device"),
         ({"driver": "nothing"}, r"force\.sensor\.driver: there is no driver 'nothing'"),
         ({"driver": "jr3_can", "nod_id": 1}, r"force\.sensor\.nod_id: there is no such key"),
         ({"driver": "keyboard"}, r"force\.zero_sensor: 'keyboard' cannot be zeroed"),

@@ -305,3 +305,13 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
             rested = rested and was_armed
         elif not held and axes == REST:
             rested = True
+
+
+def test_a_button_that_the_device_has_not_is_told_in_place_of_an_act_that_cannot_be():
+    asked = Asked()
+    asked.tick()
+    asked.source.complaint = "mapping.deadman: the device has no button 'left'; it has: go"
+    asked.tick()
+    assert asked.advice == asked.source.complaint
+    asked.tick(link=DeviceLink.LOST)
+    assert asked.advice != asked.source.complaint

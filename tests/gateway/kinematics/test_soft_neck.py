@@ -214,7 +214,7 @@ def test_a_neck_of_one_s_own(tmp_path):
     [
         (
             OWN.format(length=-1.0, second=120.0),
-            "mine.toml: link_length_m: -1.0 .*above 0, at most 100 m",
+            "mine.toml:4:1: link_length_m: -1.0 .*above 0, at most 100 m",
         ),
         (OWN.format(length="nan", second=120.0), "link_length_m: nan .*above 0"),
         (OWN.format(length=0.2, second=0.5), "spread around the circle"),

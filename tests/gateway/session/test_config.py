@@ -91,8 +91,14 @@ def test_mappings_of_a_pose():
         ({**POSED, "orientation": "follow"}, "follow-base, follow-tool, fixed, absolute"),
         ({**POSED, "origin_m": [0, 0, 0]}, "origin_m: only mode"),
         ({**POSED, "device_centre_m": [0, 0, 1]}, "device_centre_m: only mode"),
-        ({**POSED, "recapture": "button_2"}, "mapping.clutch and mapping.recapture are the same"),
-        ({**POSED, "deadman": "button_2"}, "mapping.clutch and mapping.deadman are the same"),
+        (
+            {**POSED, "recapture": "button_2"},
+            "mapping.clutch: 'button_2' is the button of mapping.recapture",
+        ),
+        (
+            {**POSED, "deadman": "button_2"},
+            "mapping.clutch: 'button_2' is the button of mapping.deadman",
+        ),
         ({"recapture": "button_1"}, 'recapture: mode = "rate" has no references'),
         ({"orientation": "fixed"}, 'orientation: mode = "rate" follows no pose'),
         ({"device_rpy_deg": [0, 0, 90]}, "device_rpy_deg: only mode"),
@@ -173,7 +179,7 @@ def test_survives_the_way_to_the_session_process():
         ({"gripper": {"output": 99}}, "gripper.output", "39"),
         ({"gripper": {"output": True}}, "gripper.output", "True is not allowed"),
         ({"mapping": {"linear_speed_m_s": True}}, "mapping.linear_speed_m_s", "True"),
-        ({"gripper": {"toggle": "go"}}, "", "gripper.toggle and mapping.deadman are the same"),
+        ({"gripper": {"toggle": "go"}}, "gripper.toggle", "'go' is the button of mapping.deadman"),
         ({"limits": {"linear_acceleration_m_s2": 1e-3}}, "", "limits.linear_acceleration"),
     ],
 )
@@ -294,7 +300,7 @@ def test_limits_that_the_driver_would_cut_are_refused():
 
 
 def test_a_leash_longer_than_the_following_error_is_refused():
-    with pytest.raises(ConfigurationError, match=r"limits\.leash_m is 0\.2; .* which is 0\.1"):
+    with pytest.raises(ConfigurationError, match=r"limits\.leash_m: is 0\.2; .* which is 0\.1"):
         parse_config({**GOOD, "limits": {"leash_m": 0.2}})
 
 
@@ -354,3 +360,30 @@ def test_any_table_is_a_configuration_or_an_error(table):
             make_device(config)
         make_robot(config)
         make_filters(config)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            '[device]\ndriver = "abb_egm"\n',
+            "2:1: device.driver: 'abb_egm' is not an operator device",
+        ),
+        ('[device]\ndriver = "ABB_EGM"\n', "2:1: device.driver: .*did you mean 'abb_egm'"),
+        ('[device]\ndriver = "SpaceMouse"\n', "2:1: device.driver: .*did you mean 'spacemouse'"),
+        ('[device]\n  driver = "ros2-joy"\n', "2:3: device.driver: .*did you mean 'ros2_joy'"),
+        ('[device]\ndriver = "gamepad"\n[mapping]\ndeadman = "Left"\n', "4:1: mapping.deadman: "),
+        ('[device]\ndriver = "leap"\nport = "6437"\n', "3:1: device.port: .*without quotes"),
+        (
+            '[limits]\nlinear_speed_m_s = "0.1 m/s"\n',
+            "2:1: .*a number, without quotes and unit: 0.0001 to 5",
+        ),
+        ('[arm]\nmodel = "UR5E"\n', "2:1: arm.model: .*did you mean 'ur5e'"),
+        ('[device]\ndriver = "leap"\nhost = "192.168.125.300"\n', "3:1: device.host: "),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_told_with_its_line_and_column(tmp_path, text, words):
+    path = tmp_path / "cell.toml"
+    path.write_text(f'{text}[robot]\ndriver = "abb_egm"\n', encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=rf"cell\.toml:{words}"):
+        load_config(path)

@@ -1,0 +1,154 @@
+"""Where a key of a TOML file stands, which the tables that are read of it do not say.
+
+Asked only once a key is wrong. The text is scanned anew then: it has been read as TOML already, so
+that the scan may take it for such.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from cardan.common import files
+from cardan.errors import ConfigurationError
+
+_TOKEN = re.compile(
+    r"""(?P<skip>[ \t\r]+|\#[^\n]*)
+    |(?P<text>\"{3}(?:\\[\s\S]|[^\\])*?\"{3}\"{0,2}|'{3}[\s\S]*?'{3}'{0,2}
+        |"(?:\\.|[^"\\\n])*"|'[^'\n]*')
+    |(?P<mark>[=\[\]{},.\n])
+    |(?P<bare>[^\s\#"'=\[\]{},.]+)""",
+    re.VERBOSE,
+)
+_Path = tuple[str, ...]
+
+
+class _Scan:
+    """The dotted keys of a text, those in arrays by their numbers, and the offsets of each."""
+
+    def __init__(self, text: str) -> None:
+        self.found: dict[str, int] = {}
+        self._tokens = [
+            (each[0], each.start()) for each in _TOKEN.finditer(text) if each.lastgroup != "skip"
+        ]
+        self._next = 0
+        self._lengths: dict[_Path, int] = {}
+        """Of the arrays of tables, up to here."""
+        table: _Path = ()
+        while self._next < len(self._tokens):
+            if self._token == "\n":
+                self._next += 1
+            elif self._token == "[":
+                table = self._header()
+            else:
+                self._assignment(table)
+
+    @property
+    def _token(self) -> str:
+        """The next one; empty at the end of the text."""
+        return self._tokens[self._next][0] if self._next < len(self._tokens) else ""
+
+    def _note(self, path: _Path, offset: int) -> None:
+        self.found.setdefault(".".join(path), offset)
+
+    def _key(self, end: str) -> list[str]:
+        """The parts of a key, up to `end`, which is taken too."""
+        parts = []
+        while (token := self._token) not in (end, ""):
+            self._next += 1
+            if token != ".":
+                parts.append(_plain(token))
+        self._next += 1
+        return parts
+
+    def _header(self) -> _Path:
+        offset = self._tokens[self._next][1]
+        self._next += 1
+        if several := self._token == "[":
+            self._next += 1
+        *outer, last = self._key("]")
+        path: _Path = ()
+        for part in outer:
+            path = (*path, part)
+            self._note(path, offset)
+            if path in self._lengths:
+                path = (*path, str(self._lengths[path] - 1))
+        path = (*path, last)
+        self._note(path, offset)
+        if several:
+            self._next += 1
+            number = self._lengths.get(path, 0)
+            self._lengths[path] = number + 1
+            path = (*path, str(number))
+            self._note(path, offset)
+        return path
+
+    def _assignment(self, table: _Path) -> None:
+        offset = self._tokens[self._next][1]
+        path = table
+        for part in self._key("="):
+            path = (*path, part)
+            self._note(path, offset)
+        self._value(path)
+
+    def _value(self, path: _Path) -> None:
+        opening = self._token
+        if opening not in ("[", "{"):
+            while self._token not in (",", "]", "}", "\n", ""):
+                self._next += 1
+            return
+        self._next += 1
+        closing, number = "]" if opening == "[" else "}", 0
+        while self._token not in (closing, ""):
+            if self._token in (",", "\n"):
+                self._next += 1
+            elif opening == "{":
+                self._assignment(path)
+            else:
+                element = (*path, str(number))
+                self._note(element, self._tokens[self._next][1])
+                self._value(element)
+                number += 1
+        self._next += 1
+
+
+def _plain(token: str) -> str:
+    """A part of a key without its quotes."""
+    if token[0] == "'":
+        return token[1:-1]
+    with contextlib.suppress(ValueError):
+        return str(json.loads(token)) if token[0] == '"' else token
+    return token[1:-1]
+
+
+def place_of(path: Path, key: str) -> str:
+    """`path` with line and column, as "cell.toml:3:5", of a dotted key; where it does not stand
+    there, of the table that it is missing in. `path` alone where that does not either."""
+    try:
+        text = files.read_text(path)
+        found = _Scan(text).found
+    except (OSError, ValueError, RecursionError):
+        return str(path)
+    while key and key not in found:
+        key = key.rpartition(".")[0]
+    return at(path, text, found[key]) if key else str(path)
+
+
+def at(path: object, text: str, offset: int) -> str:
+    """`path` with the line and the column of `offset` in its text."""
+    line = text.count("\n", 0, offset) + 1
+    return f"{path}:{line}:{offset - text.rfind(chr(10), 0, offset)}"
+
+
+@contextlib.contextmanager
+def in_file(path: Path) -> Iterator[None]:
+    """Errors of keys that are raised inside say where in the file these stand."""
+    try:
+        yield
+    except ConfigurationError as error:
+        if error.place or not error.key:
+            raise
+        raise error.placed(place_of(path, error.key)) from None
