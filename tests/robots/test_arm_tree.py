@@ -337,11 +337,11 @@ def test_limits_are_those_of_the_file(arm_of):
     ("toml", "words"),
     [
         ("", r"arm\.toml: tcp: link 'base_link' branches: name the link .* ends at, wheel, "),
-        ('tcp = "paw"', r"arm\.toml: tcp: there is no link 'paw'; allowed: world, "),
-        ('tcp = "l/tcp"\nbase = "paw"', r"arm\.toml: base: there is no link 'paw'"),
+        ('tcp = "paw"', r"arm\.toml:\d:1: tcp: there is no link 'paw'; allowed: world, "),
+        ('tcp = "l/tcp"\nbase = "paw"', r"arm\.toml:\d:1: base: there is no link 'paw'"),
         (
             'tcp = "l/tcp"\nbase = "l/hand"',
-            r"arm\.toml: base: no joint moves between 'l/hand' and 'l/tcp'",
+            r"arm\.toml:\d:1: base: no joint moves between 'l/hand' and 'l/tcp'",
         ),
         (
             'tcp = "l/tcp"\njoints = ["pan"]',
@@ -349,7 +349,7 @@ def test_limits_are_those_of_the_file(arm_of):
         ),
         (
             'tcp = "l/tcp"\nhold.lift = 0.2',
-            r"arm\.toml: hold\.lift: there is no such joint to hold; allowed: wheel, pan, ",
+            r"arm\.toml:\d:1: hold\.lift: there is no such joint to hold; allowed: wheel, pan, ",
         ),
         ('tcp = "l/tcp"\nhold.slam = 0', r"hold\.slam: there is no such joint"),
         ('tcp = "l/tcp"\nhold.pan = 60', r"hold\.pan: 60 is outside -57.* to 57"),
