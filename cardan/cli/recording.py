@@ -60,6 +60,13 @@ def replay(
             "authority allow.",
         ),
     ] = False,
+    longest_pause: Annotated[
+        float,
+        typer.Option(
+            metavar="S",
+            help="Wait for no longer time without a message: a clock was set, or there was none.",
+        ),
+    ] = 60.0,
     engine: Annotated[
         bool,
         typer.Option(
@@ -86,6 +93,7 @@ def replay(
         rate=rate,
         topics=topics or (),
         commands=commands,
+        longest_pause_s=longest_pause,
         say=lambda line: print(printable(line)),
     )
     for line in report.lines():
@@ -158,6 +166,13 @@ def export(
             "not one for each FILE.",
         ),
     ] = False,
+    longest_gap: Annotated[
+        float,
+        typer.Option(
+            metavar="S",
+            help="At a longer time without a state an episode ends, and another begins.",
+        ),
+    ] = 10.0,
 ) -> None:
     """Write records as a data set for robot learning: joints, TCP and gripper at a fixed rate, with
     the poses that were commanded. By LeRobot's own program where it is installed."""
@@ -171,6 +186,7 @@ def export(
         repo_id=repo_id,
         arm=arm,
         each_engagement=each_engagement,
+        longest_gap_s=longest_gap,
     )
     for line in report.lines():
         print(printable(line))

@@ -1,6 +1,7 @@
 """Replay: the same messages with the same spacing, and nothing that reaches an arm unasked."""
 
 import contextlib
+import math
 import threading
 
 import pytest
@@ -21,6 +22,7 @@ from cardan.recording.mcap_file import (
 from cardan.recording.replay import (
     COMMANDS_WORDS,
     ReplayReport,
+    Schedule,
     arms_of,
     replay,
     until_damage,
@@ -94,6 +96,53 @@ def test_what_is_wrong_with_the_file_is_part_of_the_report():
     assert not report.complete
     assert ReplayReport(3, ("/a",), {}).complete
     assert not ReplayReport(0, (), {}).complete
+
+
+# -- steps of its time ---------------------------------------------------------------------------
+
+
+def due(tmp_path, times_s, longest_pause_s=60.0):
+    """When messages with these times are due, and what is told."""
+    path = write(tmp_path / "r.mcap", [(at_s, JOG, {}) for at_s in times_s])
+    schedule = Schedule(longest_pause_s)
+    return [at_s for at_s, _ in schedule.of(RecordReader(path))], schedule.steps
+
+
+def test_a_clock_that_was_set_back_is_not_waited_for(tmp_path):
+    times_s, told = due(tmp_path, [3600.0, 0.0])
+    assert times_s == [0.0, 0.0]
+    (words,) = told
+    assert words.startswith("its time makes a step of -3600.0 s after 0.0 s, which was not waited")
+
+
+def test_what_follows_a_step_keeps_its_spacing(tmp_path):
+    times_s, told = due(tmp_path, [7200.0, 7200.5, 0.0, 0.5, 1.0])
+    assert times_s == pytest.approx([0.0, 0.5, 0.5, 1.0, 1.5])
+    assert len(told) == 1
+    (tmp_path / "r.mcap").unlink()
+    times_s, told = due(tmp_path, [0.0, 0.5, 7200.0, 7200.5])
+    assert times_s == pytest.approx([0.0, 0.5, 0.5, 1.0])
+    assert "--longest-pause" in told[0]
+
+
+def test_a_step_that_the_next_message_does_not_confirm_is_not_waited_for(tmp_path):
+    times_s, told = due(tmp_path, [0.0, 0.5, 20.0, 1.0])
+    assert times_s == pytest.approx([0.0, 0.5, 0.5, 0.5])
+    assert len(told) == 2
+
+
+def test_pauses_and_messages_that_are_written_late_are_no_steps(tmp_path):
+    times_s, told = due(tmp_path, [0.0, 20.0, 19.5, 30.0])
+    assert (times_s, told) == (pytest.approx([0.0, 20.0, 19.5, 30.0]), [])
+    (tmp_path / "r.mcap").unlink()
+    times_s, told = due(tmp_path, [0.0, 4000.0], longest_pause_s=5000.0)
+    assert (times_s, told) == ([0.0, 4000.0], [])
+
+
+def test_steps_are_told_one_by_one_up_to_some(tmp_path):
+    _, told = due(tmp_path, [0.0, 1000.0] * 8)
+    assert len(told) == 6
+    assert told[-1] == "and 10 more steps of its time"
 
 
 def listening(endpoint):
@@ -219,6 +268,8 @@ def test_what_somebody_publishes_now_is_held_back(tmp_path):
 def test_a_rate_that_is_none_is_refused(tmp_path):
     with pytest.raises(OptionError, match="--rate"):
         replay(tmp_path / "r.mcap", BusOptions(), rate=0.0)
+    with pytest.raises(OptionError, match="--longest-pause"):
+        replay(tmp_path / "r.mcap", BusOptions(), longest_pause_s=math.nan)
 
 
 def test_an_empty_record_and_topics_that_are_not_there(tmp_path):
