@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.metadata
 import json
+import logging
 import platform
 import threading
 import time
@@ -35,6 +36,8 @@ from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWri
 from cardan.types import NEVER_S
 
 NAME = "cardan_recorder"
+
+_log = logging.getLogger(__name__)
 
 FLUSH_S = 0.5
 """How often the file is flushed: with what is under way then, a record whose process is killed
@@ -274,7 +277,10 @@ class Recorder:
                     return
         except Exception as error:
             why = error.strerror if isinstance(error, OSError) else shortage(error)
-            self._error = f"{self._path} cannot be written: {why or repr(error)}"
+            if not why:
+                _log.exception("writing failed")
+                why = f"a fault of this program, {type(error).__name__}, which its log tells"
+            self._error = f"{self._path} cannot be written: {why}"
             with self._there:
                 self._queue.clear()
             with contextlib.suppress(Exception):  # What was flushed is there to be read.

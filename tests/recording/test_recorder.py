@@ -353,7 +353,8 @@ def test_a_fault_in_writing_ends_the_record_and_is_said(tmp_path, monkeypatch):
         monkeypatch.setattr(RecordWriter, "add", lambda *_: [][0])
         recorder._hear(Strange("0/odd/std_msgs::msg::dds_::String_/RIHS01_0"))
         until(lambda: recorder.failed)
-        assert "cannot be written: IndexError" in recorder.close().error
+        why = "cannot be written: a fault of this program, IndexError, which its log tells"
+        assert why in recorder.close().error
 
 
 def test_a_clock_that_is_set_back_holds_up_nothing(tmp_path):
