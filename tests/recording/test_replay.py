@@ -5,6 +5,7 @@ import math
 import threading
 
 import pytest
+from mcap.writer import Writer as McapWriter
 
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
@@ -278,6 +279,37 @@ def test_an_empty_record_and_topics_that_are_not_there(tmp_path):
     path = write(tmp_path / "r.mcap", [(0.0, STATE, {})])
     with pytest.raises(OptionError, match=f"--topics.*{STATE.name}"):
         replay(path, BusOptions(), topics=["/none"])
+
+
+def others_record(path, encodings):
+    """An MCAP file with a message in each of these encodings."""
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start("")
+        for number, encoding in enumerate(encodings):
+            schema = writer.register_schema(STRING, "ros2msg", b"string data")
+            channel = writer.register_channel(f"/talk_{number}", encoding, schema)
+            writer.add_message(channel, NS + number, codec_of(STRING).encode({"data": "a"}), NS)
+        writer.finish()
+    return path
+
+
+def test_a_record_of_ros_1_or_json_alone_says_what_it_is(tmp_path):
+    path = others_record(tmp_path / "r.mcap", ["ros1", "ros1", "json"])
+    with pytest.raises(CaptureError) as refused:
+        replay(path, BusOptions())
+    assert str(refused.value) == (
+        f"{path} has no messages; 2 messages are left out: they are in 'ros1', and only those of "
+        "ROS 2 (cdr) are read; 1 messages are left out: they are in 'json', and only those of ROS "
+        "2 (cdr) are read"
+    )
+
+
+def test_messages_in_another_encoding_are_told(tmp_path):
+    reader = RecordReader(others_record(tmp_path / "r.mcap", ["cdr", "json"]))
+    assert [each.topic.name for each in reader] == ["/talk_0"]
+    (told,) = reader.problems
+    assert told.startswith("1 messages are left out: they are in 'json'")
 
 
 # -- a live robot --------------------------------------------------------------------------------
