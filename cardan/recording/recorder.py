@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cardan import __version__
-from cardan.bus.node import BusNode, zenoh_module
+from cardan.bus.node import BusNode, gid_of, zenoh_module
 from cardan.bus.options import BusOptions
 from cardan.common.serving import interruptible
 from cardan.common.shortage import shortage
@@ -147,6 +147,9 @@ class Recorder:
         self._began_s = NEVER_S
         self._topics: dict[str, RecordedTopic | None] = {}
         """By key; None: no topic of ROS."""
+        self._of_one: dict[tuple[str, bytes], RecordedTopic] = {}
+        """Latched topics by key and who publishes: a later subscription gets the last message of
+        each."""
         self._counted: dict[bytes, int] = {}
         """Newest sequence numbers of publishers."""
         self._configured: set[tuple[str, bytes]] = set()
@@ -212,7 +215,8 @@ class Recorder:
         self._node.close()
         unknown = () if self._writer is None else tuple(sorted(self._writer.unknown.items()))
         topics = () if self._writer is None else self._writer.topics
-        return Report(self._messages, len(topics), self._dropped, self._lost, unknown, self._error)
+        count = len({topic.name for topic in topics})
+        return Report(self._messages, count, self._dropped, self._lost, unknown, self._error)
 
     @staticmethod
     def _describe(writer: RecordWriter) -> None:
@@ -296,6 +300,8 @@ class Recorder:
         told = Attachment.decode(heard.attachment)
         sequence = publish_ns = 0
         if told is not None:
+            if topic.latched:
+                topic = self._of_publisher(topic, heard, told.gid)
             sequence, publish_ns = told.sequence, told.source_ns
             if not 0 <= publish_ns < _END_NS:
                 publish_ns = 0
@@ -334,6 +340,27 @@ class Recorder:
             any(each.qos.transient_local for each in found),
             tuple(sorted({each.full_node for each in found})),
         )
+
+    def _of_publisher(self, topic: RecordedTopic, heard: _Heard, gid: bytes) -> RecordedTopic:
+        """A latched topic as its publisher `gid` has it; the whole one where that is not known."""
+        if (found := self._of_one.get((heard.key, gid))) is not None:
+            return found
+        name, domain = topic.name, self._options.domain
+
+        def nodes() -> list[str]:
+            return [
+                each.full_node for each in self._publishers(name) if gid_of(each, domain) == gid
+            ]
+
+        with self._saw:
+            if time.monotonic() - self._began_s < JOINING_S:
+                wait_s = GRAPH_S - 1e-9 * (time.time_ns() - heard.log_ns)
+                self._saw.wait_for(nodes, min(wait_s, GRAPH_S))
+            publishers = tuple(nodes())
+        if not publishers:
+            return topic
+        found = self._of_one[heard.key, gid] = topic._replace(publishers=publishers)
+        return found
 
     def _attach(self, writer: RecordWriter, topic: RecordedTopic, heard: _Heard) -> None:
         """A session's configuration, once, as an attachment, too."""

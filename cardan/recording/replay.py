@@ -7,6 +7,7 @@ whoever takes it decides, a session by its arming sequence and its authority.
 from __future__ import annotations
 
 import fnmatch
+import itertools
 import math
 import threading
 import time
@@ -222,12 +223,12 @@ def replay(
     with interruptible() as interrupted, BusNetwork(options, NAME) as network:
         _meet(network, interrupted)
         held_back: dict[str, str] = {}
-        publishers: dict[RecordedTopic, Publisher] = {}
+        publishers: dict[RecordedTopic, Iterator[Publisher]] = {}
         for topic in wanted:
             why = "" if commands else why_held_back(topic, arms, network)
             try:
                 if not why:
-                    publishers[topic] = _advertise(network, topic)
+                    publishers[topic] = itertools.cycle(_advertise(network, topic))
             except NetworkError as error:
                 why = str(error)
             if why:
@@ -244,7 +245,7 @@ def replay(
         problems = [*reader.problems, *schedule.steps]
         if commands and reader.damage:
             problems.append("no command is replayed from there on (--commands)")
-        published = tuple(sorted(each.name for each in publishers))
+        published = tuple(sorted({each.name for each in publishers}))
         return ReplayReport(count, published, held_back, tuple(problems))
 
 
@@ -267,28 +268,34 @@ def _meet(network: BusNetwork, interrupted: threading.Event) -> None:
     interrupted.wait(SETTLE_S)  # What there is comes one by one.
 
 
-def _advertise(network: BusNetwork, topic: RecordedTopic) -> Publisher:
+def _advertise(network: BusNetwork, topic: RecordedTopic) -> list[Publisher]:
+    """As many publishers as take turns: one, or where several nodes published a latched topic, one
+    for each, so that a later subscription gets the last message of each."""
     known = known_definition(topic.type_name, topic.type_hash)
     mark = "" if known else topic.type_hash
-    return network.advertise(topic.name, topic.type_name, topic.latched, mark)
+    count = len(topic.publishers) if topic.latched else 1
+    return [
+        network.advertise(topic.name, topic.type_name, topic.latched, mark)
+        for _ in range(max(1, count))
+    ]
 
 
 def _publish(
     messages: Iterable[tuple[float, RecordedMessage]],
-    publishers: Mapping[RecordedTopic, Publisher],
+    publishers: Mapping[RecordedTopic, Iterator[Publisher]],
     rate: float,
     interrupted: threading.Event,
 ) -> int:
     began_s, count = time.monotonic(), 0
     for due_s, message in messages:
-        publisher = publishers.get(message.topic)
-        if publisher is None:
+        turns = publishers.get(message.topic)
+        if turns is None:
             continue
         left_s = began_s + due_s / rate - time.monotonic()
         if left_s > 0.0:
             interrupted.wait(left_s)
         if interrupted.is_set():
             break
-        publisher.publish(message.data)
+        next(turns).publish(message.data)
         count += 1
     return count

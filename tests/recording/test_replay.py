@@ -13,7 +13,7 @@ from cardan.errors import CaptureError, OptionError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan.protocols.ros2.type_hash import type_hash
-from cardan.protocols.ros2.zenoh import DEFAULT_QOS
+from cardan.protocols.ros2.zenoh import DEFAULT_QOS, LATCHED_QOS
 from cardan.recording.mcap_file import (
     RecordedMessage,
     RecordedTopic,
@@ -253,6 +253,33 @@ def test_types_that_cardan_does_not_know_are_replayed_with_their_hash(tmp_path):
         assert there.wait(10.0)
         kept.undeclare()
     assert heard == [(f"0{strange.name}/strange_msgs::msg::dds_::Thing_/{mark}", b"\0\1\0\0abc")]
+
+
+@pytest.mark.matrix
+@pytest.mark.parametrize("together", [False, True], ids=["told apart", "one topic of both"])
+def test_a_later_subscription_gets_the_last_message_of_each_who_published(tmp_path, together):
+    endpoint, both = free_endpoint(), ("/left/arm", "/right/arm")
+    publishers = [both, both] if together else [both[:1], both[1:]]
+    fixed = [topic("/tf_static", "tf2_msgs/msg/TFMessage", each, True) for each in publishers]
+    frames = [
+        {"transforms": [{"header": {"frame_id": frame_id}}]} for frame_id in ("left", "right")
+    ]
+    rows = [(0.0, where, message) for where, message in zip(fixed, frames, strict=True)]
+    rows.append((6.0, CAMERA, {}))  # So that it is still there.
+    path = write(tmp_path / "r.mcap", rows)
+    with listening(endpoint) as node:
+        replaying = threading.Thread(
+            target=replay, args=(path, BusOptions(router=endpoint)), kwargs={"say": quietly}
+        )
+        replaying.start()
+        first = node.subscription("/tf_static", "tf2_msgs/msg/TFMessage", 10, LATCHED_QOS)
+        until(first.poll)
+        until(first.poll)
+        later = node.subscription("/tf_static", "tf2_msgs/msg/TFMessage", 10, LATCHED_QOS)
+        found = [until(later.poll) for _ in range(2)]
+        replaying.join()
+    decoded = [codec_of("tf2_msgs/msg/TFMessage").decode(each.data) for each in found]
+    assert {each["transforms"][0]["header"]["frame_id"] for each in decoded} == {"left", "right"}
 
 
 @pytest.mark.matrix
