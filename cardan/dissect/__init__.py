@@ -92,8 +92,9 @@ def dissect_file(
 
     def show(found: Iterable[Message | Note], dissector: Dissector) -> None:
         for each in found:
-            line = capture.take(each, dissector)
+            remarks = capture.take(each, dissector)
             if not summary:
+                line = _line(each, dissector, remarks)
                 time_s = (each.packet.time_ns - (start_ns or 0)) / 1e9
                 print(f"#{each.packet.number} {time_s:.6f} {printable(line)}", file=out)
 
@@ -208,25 +209,23 @@ class _Capture:
             self._offered[link_type] = [self.dissectors[kind] for kind in found]
         return self._offered[link_type]
 
-    def take(self, found: Message | Note, dissector: Dissector) -> str:
-        """The line of a message or a note. The message is counted."""
+    def take(self, found: Message | Note, dissector: Dissector) -> tuple[str, ...]:
+        """Count a message; what is to be said of it besides its values."""
         if isinstance(found, Note):
-            return f"{found.where} {found.text}"
+            return ()
         self.messages[dissector.name] += 1
         decoded = found.decoded
         title = decoded.title or type(decoded.value).__name__
         key = dissector, found.where
         if key not in self._figures and len(self._figures) >= MOST_FIGURES:
             key = dissector, "others"
-        figures = self._figures.setdefault(key, Figures())
+        figures = self._figures.get(key)
+        if figures is None:
+            figures = self._figures[key] = Figures()
         remarks = figures.add(found, title, self._figures.get((dissector, found.other_way)))
         if decoded.fault:
             self._malformed[dissector.name] += 1
-            title = decoded.title or dissector.name
-            shown = f"MALFORMED {title}: {decoded.fault} {excerpt(found.data)}"
-        else:
-            shown = " | ".join((describe(decoded), *remarks))
-        return f"{found.where} {shown}"
+        return remarks
 
     def fold(self) -> None:
         """Keeps the most frequent of the other packets, and the number of the rest."""
@@ -280,6 +279,17 @@ class _Capture:
             yield f"{path} begins before the file before it ends: give them in the order of time"
         if counts.other_packets:
             yield f"other packets: {tally(+self.others)}"
+
+
+def _line(found: Message | Note, dissector: Dissector, remarks: tuple[str, ...]) -> str:
+    """A message or a note in words."""
+    if isinstance(found, Note):
+        return f"{found.where} {found.text}"
+    decoded = found.decoded
+    if decoded.fault:
+        title = decoded.title or dissector.name
+        return f"{found.where} MALFORMED {title}: {decoded.fault} {excerpt(found.data)}"
+    return " | ".join((f"{found.where} {describe(decoded)}", *remarks))
 
 
 def _utc(time_ns: int) -> str:

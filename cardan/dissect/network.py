@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import ipaddress
 import struct
 from typing import NamedTuple
@@ -169,14 +170,19 @@ def _ipv6(data: bytes) -> Segment | str:
     return _segment(header, source, destination, body, missing)
 
 
+@functools.lru_cache(maxsize=1024)
+def _host(address: bytes) -> str:
+    return str(ipaddress.ip_address(address))
+
+
 def _segment(
     protocol: int, source: bytes, destination: bytes, body: bytes, missing: int
 ) -> Segment | str:
     if protocol not in (TCP, UDP):
         return PROTOCOL_NAMES.get(protocol, f"IP protocol {protocol}")
     source_port, destination_port = struct.unpack_from("!HH", body)
-    sender = Endpoint(str(ipaddress.ip_address(source)), source_port)
-    receiver = Endpoint(str(ipaddress.ip_address(destination)), destination_port)
+    sender = Endpoint(_host(source), source_port)
+    receiver = Endpoint(_host(destination), destination_port)
     if protocol == TCP:
         (sequence,) = struct.unpack_from("!4xI", body)
         payload = body[(body[12] >> 4) * 4 :]
