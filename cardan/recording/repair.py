@@ -192,6 +192,7 @@ def _profile(header: bytes) -> str:
     from mcap.records import Header
 
     try:
-        return Header.read(ReadDataStream(BytesIO(header))).profile
+        profile: str = Header.read(ReadDataStream(BytesIO(header))).profile
     except (ValueError, OverflowError, struct.error, EndOfFile):
         return ""
+    return profile
