@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
@@ -11,6 +12,7 @@ from cardan.common.options import Options, require
 from cardan.common.plugins import Finder
 from cardan.common.tables import OTHER_KEYS
 from cardan.drivers.base import Driver
+from cardan.errors import ConfigurationError, ExtraMissingError
 
 ENTRY_POINT_GROUP = "cardan.drivers"
 
@@ -40,6 +42,13 @@ class DriverTable(Options):
 
     driver: str
     options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
+
+    @classmethod
+    def kind_of_others(cls, table: Mapping[str, Any]) -> Any:
+        """The options of the table's driver; None where that cannot be loaded."""
+        with contextlib.suppress(ConfigurationError, ExtraMissingError):
+            return load(table.get("driver", "")).Options
+        return None
 
 
 FINDER: Finder[Driver] = Finder(

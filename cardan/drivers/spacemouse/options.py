@@ -30,7 +30,7 @@ class SpaceMouseOptions(MouseOptions):
     transport: Literal["auto", "hidraw", "libusb", "usb", "socket"] = "auto"
     """auto: hidraw, then libusb. usb: raw USB, where there is no HID. socket: a simulated device,
     one raw HID report per packet."""
-    path: str = ""
+    path: Annotated[str, bounds.MEETING] = ""
     """The device's path as ``cardan devices`` lists it, a link to it, or the socket's; empty: the
     first found."""
     model: str = ""

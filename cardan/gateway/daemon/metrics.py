@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final
 
 from websockets.datastructures import Headers
 
-from cardan.common.bounds import ANY_PORT
+from cardan.common.bounds import ANY_PORT, WRITTEN_FILE
 from cardan.common.extras import missing_extra
 from cardan.common.options import Options
 from cardan.errors import CardanError
@@ -43,7 +43,7 @@ class MetricsOptions(FrontOptions):
 class DaemonAddress(Options):
     """The daemon whose figures are shown."""
 
-    socket: str = ""
+    socket: Annotated[str, WRITTEN_FILE] = ""
     """The daemon's socket; empty: of the one that runs this face, else of this user's."""
 
 

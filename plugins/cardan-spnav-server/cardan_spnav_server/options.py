@@ -17,7 +17,7 @@ from cardan_spnav_server.identity import DeviceIdentity, identity_behind_bus
 class SpnavServerOptions(Options):
     """Options of the server. Raises OptionError for a value that is not allowed."""
 
-    socket: Annotated[str, bounds.SOCKET_PATH] = DEFAULT_SOCKET
+    socket: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING] = DEFAULT_SOCKET
     """Path of the socket to create; programs look there, or where SPNAV_SOCKET says."""
     access: Literal["owner", "everybody"] = "owner"
     """Who may connect: the user who serves (mode 0600), or every user of this machine (0666)."""
