@@ -200,7 +200,9 @@ def _absolute(note: Located, value: str, file: Path, key: str) -> str:
         folder = file.parent.absolute()
         if note.is_read and not path.is_absolute() and not (folder / path).exists():
             raise ConfigurationError(
-                key, f"there is no {found['path']!r} in {folder}: paths are relative to their file"
+                key,
+                f"cannot read {found['path']!r}: there is none in {folder}, the folder of the file "
+                "that names it",
             )
         path = folder / path
     return f"{value[: found.start('path')]}{path}{value[found.end('path') :]}"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan.common import bounds
-from cardan.common.options import require
+from cardan.common.options import require, suggestion
 from cardan.drivers.shaping import ShapingOptions
 from cardan.protocols.connexion import MODELS
 
@@ -48,7 +48,8 @@ class SpaceMouseOptions(MouseOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         good = not self.model or self.model in _MODEL_KEYS
-        require(good, "model", self.model, f"empty or one of {', '.join(_MODEL_KEYS)}")
+        near = suggestion(self.model, _MODEL_KEYS)
+        require(good, "model", self.model, f"empty or one of {', '.join(_MODEL_KEYS)}{near}")
         if self.transport == "socket":
             way = "for transport 'socket'"
             require(self.path, "path", self.path, f"the path of the socket {way}")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan.common import bounds
-from cardan.common.options import Options
+from cardan.common.options import Options, suggestion
 from cardan.errors import OptionError
 from cardan.protocols.connexion import MODELS
 from cardan.protocols.spnav import DEFAULT_SOCKET
@@ -36,7 +36,8 @@ class SpnavServerOptions(Options):
         super().__post_init__()
         keys = [model.key for model in MODELS]
         if self.model and self.model not in keys:
-            raise OptionError("model", self.model, f"one of {', '.join(keys)}, or empty")
+            near = suggestion(self.model, keys)
+            raise OptionError("model", self.model, f"empty or one of {', '.join(keys)}{near}")
 
     @property
     def identity(self) -> DeviceIdentity | None:
