@@ -264,7 +264,7 @@ class Placed(Options):
     met: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING] | None = None
     arm: Annotated[str, bounds.ARM_FILE] = "ur5"
     dds: Annotated[str, bounds.DDS_CONFIG] = ""
-    inside: tuple["Placed", ...] = ()
+    inside: tuple[Placed, ...] = ()
 
 
 def test_paths_are_relative_to_the_file_that_names_them(tmp_path, monkeypatch):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any
 
-from cardan.common.options import Options, require
+from cardan.common.options import Options, hints, require
 from cardan.common.plugins import Finder
 from cardan.common.tables import OTHER_KEYS
 from cardan.drivers.base import Driver
@@ -46,8 +46,11 @@ class DriverTable(Options):
     @classmethod
     def kind_of_others(cls, table: Mapping[str, Any]) -> Any:
         """The options of the table's driver; None where that cannot be loaded."""
-        with contextlib.suppress(ConfigurationError, ExtraMissingError):
-            return load(table.get("driver", "")).Options
+        name = table.get("driver", "")
+        with contextlib.suppress(ConfigurationError, ExtraMissingError), using(name, "driver"):
+            options = load(name).Options
+            hints(options)  # Another package's may be none.
+            return options
         return None
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any
 
-from cardan.common.options import Options
+from cardan.common.options import Options, hints
 from cardan.common.plugins import Finder
 from cardan.common.tables import OTHER_KEYS
 from cardan.errors import ConfigurationError, ExtraMissingError
@@ -33,8 +33,11 @@ class FilterTable(Options):
     @classmethod
     def kind_of_others(cls, table: Mapping[str, Any]) -> Any:
         """The options of the table's filter; None where that cannot be loaded."""
-        with contextlib.suppress(ConfigurationError, ExtraMissingError):
-            return load(str(table.get("filter", ""))).Options
+        name = str(table.get("filter", ""))
+        with contextlib.suppress(ConfigurationError, ExtraMissingError), using(name, "filter"):
+            options = load(name).Options
+            hints(options)  # Another package's may be none.
+            return options
         return None
 
 
