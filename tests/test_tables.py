@@ -260,7 +260,7 @@ def test_a_habit_of_other_languages_is_told_with_what_to_write(line, words):
 @dataclass(frozen=True, kw_only=True)
 class Placed(Options):
     read: Annotated[str, bounds.FILE] = ""
-    written: Annotated[str, bounds.WRITTEN_FILE] = ""
+    written: Annotated[str, bounds.PATH] = ""
     met: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING] | None = None
     arm: Annotated[str, bounds.ARM_FILE] = "ur5"
     dds: Annotated[str, bounds.DDS_CONFIG] = ""

@@ -325,8 +325,8 @@ LISTEN_HOST_OR_IPV4 = Host(_NAME_OR_IPV4, f"the IPv4 address or the name {_OWN}"
 _IPV4 = rf"{_BYTE}(\.{_BYTE}){{3}}"
 IPV4 = Host(_IPV4, f"an IPv4 address, as 127.0.0.1, {_OWN}", listens=True)
 FILE = Located()
-WRITTEN_FILE = Located(is_read=False)
-"""One that we write, or make."""
+PATH = Located(is_read=False)
+"""A file or a socket that need not be there when the configuration is read."""
 MEETING = Located(is_read=False, is_met=True)
 """A Unix socket of another program's command line."""
 ARM_FILE = Located(r"(?i)(?![a-z_]\w*:)(?P<path>.+\.(toml|urdf|xacro))")

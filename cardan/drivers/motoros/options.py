@@ -85,7 +85,7 @@ class MotorosOptions(Options):
     lag_s: Annotated[float, bounds.LAG_S] = 0.4
     """The longest that the arm is behind its command in good order: the controller's filter and
     servos, and what the mode adds ("standard" needs 1.2)."""
-    record: Annotated[str, bounds.WRITTEN_FILE] = ""
+    record: Annotated[str, bounds.PATH] = ""
     """A CSV file for commands and feedback, written at close; empty: none."""
 
     def __post_init__(self) -> None:

@@ -53,7 +53,7 @@ _TOP = frozenset({"daemon", "devices", "robots", "sessions", "faces"})
 class DaemonOptions(Options):
     """``[daemon]``: the daemon itself."""
 
-    socket: Annotated[str, bounds.WRITTEN_FILE] = ""
+    socket: Annotated[str, bounds.PATH] = ""
     """Where it is controlled; empty: cardan.sock in the user's runtime folder."""
     group: str = ""
     """Group whose members may ask it, too; empty: its own user alone."""
@@ -259,7 +259,11 @@ class _Reading:
                         f"{kind}.{name}", f"this name is in {into[name].file} already"
                     )
                 table, key = given, f"{kind}.{name}"
-                for each in _face_kinds(name, table) if kind == "faces" else (DriverTable,):
+                kinds: Iterable[Any] = (DriverTable,)
+                if kind == "faces" and isinstance(table, Mapping):  # As a command's options.
+                    table = {word.replace("-", "_"): value for word, value in table.items()}
+                    kinds = _face_kinds(table.get("face", name))
+                for each in kinds:
                     table = resolved(each, table, file, key)
                 into[name] = _Named(table, file, key)
         for number, session in enumerate(read.sessions):
@@ -349,9 +353,8 @@ def _named(key: str, name: str, known: Mapping[str, _Named]) -> _Named:
     return known[name]
 
 
-def _face_kinds(name: str, table: Any) -> Iterator[Any]:
-    """The dataclasses that have the options of a face's table; none where that cannot be loaded."""
-    face = table.get("face", name) if isinstance(table, Mapping) else ""
+def _face_kinds(face: Any) -> Iterator[Any]:
+    """The dataclasses that have the options of a face; none where that cannot be loaded."""
     kinds: list[Any] = []
     with contextlib.suppress(ConfigurationError, ExtraMissingError):
         kinds.append(face_registry.load(face).Options)
