@@ -48,7 +48,7 @@ class DriverTable(Options):
         """The options of the table's driver; None where that cannot be loaded."""
         name = table.get("driver", "")
         with contextlib.suppress(ConfigurationError, ExtraMissingError), using(name, "driver"):
-            options = load(name).Options
+            options: Any = load(name).Options
             hints(options)  # Another package's may be none.
             return options
         return None

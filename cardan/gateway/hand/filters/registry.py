@@ -35,7 +35,7 @@ class FilterTable(Options):
         """The options of the table's filter; None where that cannot be loaded."""
         name = str(table.get("filter", ""))
         with contextlib.suppress(ConfigurationError, ExtraMissingError), using(name, "filter"):
-            options = load(name).Options
+            options: Any = load(name).Options
             hints(options)  # Another package's may be none.
             return options
         return None
