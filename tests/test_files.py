@@ -18,7 +18,10 @@ from cardan.robots import load_arm
 from cardan.sim_peers.base import load_script
 
 
-@pytest.fixture(params=["a pipe", "a device", "a directory", "a socket"])
+THINGS = ["a pipe", "a device", "a directory", "a socket"]
+
+
+@pytest.fixture(params=THINGS)
 def no_file(request, tmp_path):
     """Something at a path that is no file, and what it is."""
     path = tmp_path / "thing.toml"
@@ -43,7 +46,16 @@ READERS = {
 }
 
 
-@pytest.mark.parametrize("reader", READERS)
+PAIRS = [
+    (reader, what)
+    for reader in READERS
+    for what in THINGS
+    # Captures are read from pipes, too: tests/dissect/test_captures_of_users.py.
+    if (reader, what) != ("capture", "a pipe")
+]
+
+
+@pytest.mark.parametrize(("reader", "no_file"), PAIRS, indirect=["no_file"])
 def test_what_is_no_file_is_refused_at_once(reader, no_file):
     path, what = no_file
     read, error = READERS[reader]
