@@ -17,7 +17,6 @@ from cardan.gateway.session.assembly import load_config
 from cardan.robots import load_arm
 from cardan.sim_peers.base import load_script
 
-
 THINGS = ["a pipe", "a device", "a directory", "a socket"]
 
 
