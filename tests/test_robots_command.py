@@ -202,6 +202,38 @@ def test_nothing_is_written_over_without_being_told(here, capsys):
     assert load_arm("vendor.toml").joint_names[0] == "j1"
 
 
+@pytest.mark.parametrize("output", ["vendor.urdf", "mine.urdf", "mine.png", "mine"])
+@pytest.mark.parametrize("more", [(), ("--overwrite",)])
+def test_a_file_that_is_to_be_written_ends_in_toml(here, capsys, output, more):
+    words = ("robots", "add", "vendor.urdf", "--tcp", "tool0", "-o", output, *more)
+    with pytest.raises(ConfigurationError, match=f"^--output: {output} must end in .toml$"):
+        cardan(capsys, *words)
+    assert Path("vendor.urdf").read_text(encoding="utf-8") == robot()
+    assert [path.name for path in here.iterdir()] == ["vendor.urdf"]
+
+
+def test_what_is_no_description_is_said_before_what_is_in_the_way(here, capsys):
+    Path("mine.toml").write_text("mine", encoding="utf-8")
+    with pytest.raises(ConfigurationError, match=r"^FILE: mine\.toml must be a \.urdf or \.xacro"):
+        cardan(capsys, "robots", "add", "mine.toml")
+
+
+def test_the_session_beside_an_arm_elsewhere_is_one(here, capsys):
+    Path("arms").mkdir()
+    printed = cardan(
+        capsys, "robots", "add", "vendor.urdf", "--tcp", "tool0", "-o", "arms/mine.toml"
+    )
+    session = printed.partition("save as arms/mine-session.toml:\n")[2].partition("and run it")[0]
+    Path("arms/mine-session.toml").write_text(session, encoding="utf-8")
+    said = cardan(capsys, "check", "arms/mine-session.toml")
+    assert said.startswith("arms/mine-session.toml: fine")
+
+
+def test_a_limit_is_given_once():
+    with pytest.raises(ConfigurationError, match=r"^--limit: 'effort\.j1' is given twice$"):
+        parse_limits(["effort.j1=3", "effort.j1=4"])
+
+
 def test_the_file_may_stand_elsewhere(here):
     Path("arms").mkdir()
     added = add("vendor.urdf", Path("arms/mine.toml"), "tool0")

@@ -46,7 +46,7 @@ def record(
     bytes of devices and robots, and each session's configuration. Prints READY once it records."""
     if repair is not None:
         if arms or session or router or seconds is not None:
-            raise OptionError("--repair", repair, "given with nothing but -o")
+            raise OptionError("--repair", str(repair), "given with nothing but -o")
         _repair(repair, output)
         return
     from cardan.recording.recorder import record as run

@@ -106,6 +106,8 @@ def add(
     from cardan.own_arm.pictures import draw, posed, side_views
     from cardan.own_arm.tried import POSES, postures, reach_of, try_inverse
 
+    if output is not None and output.suffix != ".toml":
+        raise ConfigurationError("--output", f"{output} must end in .toml")
     topic = ""
     if from_topic:
         topic = topic_of(file)
@@ -118,7 +120,8 @@ def add(
     elif not file:
         raise ConfigurationError("FILE", "give a URDF, or --from-topic")
     else:
-        path = output or toml_beside(file)
+        beside = toml_beside(file)
+        path = output or beside
     picture = path.with_suffix(".png")
     if not overwrite:
         for each in (path, picture, *([Path(file)] if from_topic else ())):
@@ -160,7 +163,7 @@ def add(
     )
     to_try = path.with_name(f"{path.stem}-session.toml")
     print(f"\nTo try it on a simulated arm, save as {printable(str(to_try))}:\n")
-    print(session_text(str(path)))
+    print(session_text(path.name))
     print("and run it, with the page that moves it:\n")
     print(f"cardan run {printable(shlex.quote(str(to_try)))} --console")
 

@@ -122,8 +122,15 @@ class Added(NamedTuple):
 
 def toml_beside(urdf: str) -> Path:
     """Where an arm's TOML is, unless told otherwise. Raises ConfigurationError."""
-    at = located(urdf, Path())
+    at = _described_at(urdf)
     return (at.with_suffix("") if is_xacro(at) else at).with_suffix(".toml")
+
+
+def _described_at(urdf: str) -> Path:
+    at = located(urdf, Path())
+    if at.suffix.lower() != ".urdf" and not is_xacro(at):
+        raise ConfigurationError("FILE", f"{urdf} must be a .urdf or .xacro")
+    return at
 
 
 def parse_limits(texts: Sequence[str]) -> dict[str, dict[str, float]]:
@@ -141,7 +148,9 @@ def parse_limits(texts: Sequence[str]) -> dict[str, dict[str, float]]:
                 "--limit",
                 f"{shown(text)} must be KEY.JOINT=NUMBER; KEY is one of {', '.join(LIMIT_KEYS)}",
             )
-        tables.setdefault(key, {})[joint] = number
+        if joint in tables.setdefault(key, {}):
+            raise ConfigurationError("--limit", f"{shown(f'{key}.{joint}')} is given twice")
+        tables[key][joint] = number
     return tables
 
 
@@ -170,9 +179,7 @@ def add(
 
     Raises ConfigurationError, which names options of the command, and ExtraMissingError.
     """
-    at = located(urdf, Path())
-    if at.suffix.lower() != ".urdf" and not is_xacro(at):
-        raise ConfigurationError("FILE", f"{urdf} must be a .urdf or .xacro")
+    at = _described_at(urdf)
     name = urdf if ":" in urdf and at != Path(urdf) else _relative(at, path)
     with about(at if published is None else published.name), _of_options():
         file = read_table(
