@@ -16,19 +16,22 @@ from cardan.robots.arm_bodies import to_se3
 from cardan.robots.mesh_files import find_mesh
 from cardan.robots.meshes import points_in
 from cardan.robots.urdf import read_tree
-from tests.published_arms import ARMS, FOLDERS, INSTALL, OURS, Measured, folder_of
+from tests.published_arms import ARMS, INSTALL, OURS, Measured, folder_of
 
 pytestmark = pytest.mark.matrix
 
-for package in FOLDERS:
-    try:
-        folder_of(package)
-    except importlib.metadata.PackageNotFoundError:
-        pytest.skip(INSTALL.format(package), allow_module_level=True)
+try:
+    folder_of("example-robot-data")
+except importlib.metadata.PackageNotFoundError:
+    pytest.skip(INSTALL.format("example-robot-data"), allow_module_level=True)
 
 
 @pytest.fixture(scope="module", params=ARMS, ids=lambda published: published.name)
 def measured(request, tmp_path_factory):
+    try:
+        folder_of(request.param.package)
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip(INSTALL.format(request.param.package))
     return Measured(request.param, tmp_path_factory.mktemp("arms"))
 
 
