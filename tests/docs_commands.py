@@ -86,6 +86,7 @@ RUN = {
     r"cardan service (install|show)": f"{DAEMON}/test_service.py",
     r"sudo cardan service install": f"{DAEMON}/test_service.py",
     r"cardan robots (add|show)": "tests/test_robots_command.py",
+    r"cardan record --repair": f"{RECORDS}::test_a_record_that_was_cut_off_is_repaired",
     r"cardan record": f"{RECORDS}::test_a_record_is_ended_by_ctrl_c",
     r"cardan replay --engine": f"{RECORDS}::test_the_engine_is_replayed_in_another_process",
     r"cardan replay": "tests/recording/test_replay.py::test_topics_can_be_chosen",

@@ -24,6 +24,7 @@ ARM_SESSION = """
 driver = "sim_arm"
 robot = "ur5"
 drive = "ideal"
+period_s = 0.008
 
 [arm]
 model = "ur5"

@@ -174,10 +174,8 @@ def test_a_configuration_with_a_broken_filter_is_refused_in_one_line(cardan, tmp
         '[[filters]]\nfilter = "failing"\n'
     )
     said = cardan("check", file, code=2)
-    words = (
-        "cardan: filters.0.filter: filter 'failing' cannot be used: TypeError: Can't instantiate"
-    )
-    assert said.startswith(words)
+    words = "filters.0.filter: filter 'failing' cannot be used: TypeError: Can't instantiate"
+    assert said.startswith(f"cardan: {file}:8:1: {words}")
     assert said.count("\n") == 1
 
 

@@ -12,6 +12,7 @@ import pytest
 
 from cardan.cli import app
 from cardan.conform import registry
+from cardan.errors import ConfigurationError
 
 
 def run(*words):
@@ -70,6 +71,17 @@ def test_reports_are_saved_and_compared(output, tmp_path):
     assert "simulated motoman-gp8 is easier" in text
     report = json.loads((tmp_path / "a" / "report.json").read_text())
     assert {*report["attached"]} == {"capture.pcap", "record.mcap"}
+
+
+def test_a_report_is_not_written_over_without_being_told(output, tmp_path):
+    words = ("egm", "--level", "0", "--save", str(tmp_path))
+    assert run(*words) == 0
+    before = (tmp_path / "report.json").read_bytes()
+    with pytest.raises(ConfigurationError, match="has a report: give another folder, or --over"):
+        run(*words, "--seconds", "4")
+    assert (tmp_path / "report.json").read_bytes() == before
+    assert run(*words, "--seconds", "4", "--overwrite") == 0
+    assert (tmp_path / "report.json").read_bytes() != before
 
 
 @pytest.mark.parametrize(

@@ -197,6 +197,7 @@ def test_what_is_missing_is_no_fault_of_a_plug_in(tmp_path, monkeypatch, raised,
     found = finder.load_all()
     assert list(found.classes) == ["theirs"]
     assert re.match(f"cannot be loaded: {words}", found.refused["poor"])
+    assert found.lacking == ({"poor": "arm"} if kind is ExtraMissingError else {})
 
 
 def test_a_shortage_in_use_is_no_fault_of_a_plug_in(finder):

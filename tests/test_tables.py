@@ -12,9 +12,19 @@ from typing import Annotated, Any, Literal
 
 import pytest
 
+from cardan.common import bounds
 from cardan.common.bounds import Range
 from cardan.common.options import CODE_ONLY, Options, require
-from cardan.common.tables import AtMost, Tag, as_table, keys_of, parse_toml, read_table, read_toml
+from cardan.common.tables import (
+    AtMost,
+    Tag,
+    as_table,
+    keys_of,
+    parse_toml,
+    read_table,
+    read_toml,
+    resolved,
+)
 from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError, OptionError
 
@@ -245,3 +255,51 @@ def test_a_habit_of_other_languages_is_told_with_what_to_write(line, words):
     with pytest.raises(ConfigurationError, match=r"own is not TOML: .*line 2.*: ") as caught:
         parse_toml(f"# {line}\n{line}\n", "own")
     assert str(caught.value).endswith(words)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Placed(Options):
+    read: Annotated[str, bounds.FILE] = ""
+    written: Annotated[str, bounds.PATH] = ""
+    met: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING] | None = None
+    arm: Annotated[str, bounds.ARM_FILE] = "ur5"
+    dds: Annotated[str, bounds.DDS_CONFIG] = ""
+    inside: tuple[Placed, ...] = ()
+
+
+def test_paths_are_relative_to_the_file_that_names_them(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setenv("CELL", str(tmp_path / "cell"))
+    (tmp_path / "there").write_text("")
+    (tmp_path / "arm.URDF").write_text("")
+    file = tmp_path / "file.toml"
+    for key, said, found in (
+        ("read", "there", tmp_path / "there"),
+        ("read", "", ""),
+        ("read", "/nowhere", "/nowhere"),
+        ("written", "new.csv", tmp_path / "new.csv"),
+        ("written", "~/new.csv", tmp_path / "home" / "new.csv"),
+        ("written", "$CELL/new.csv", tmp_path / "cell" / "new.csv"),
+        ("met", "mouse.sock", "mouse.sock"),
+        ("met", "~/mouse.sock", tmp_path / "home" / "mouse.sock"),
+        ("arm", "ur5", "ur5"),
+        ("arm", "arm.URDF", tmp_path / "arm.URDF"),
+        ("arm", "package:arm.urdf", "package:arm.urdf"),
+        ("dds", "file://there", f"file://{tmp_path}/there"),
+        ("dds", "<CycloneDDS/>", "<CycloneDDS/>"),
+        ("arm", 3, 3),
+    ):
+        found = found if isinstance(found, int) else str(found)
+        assert resolved(Placed, {key: said, "other": 1}, file) == {key: found, "other": 1}
+        inside = resolved(Placed, {"inside": [{key: said}]}, file)
+        assert inside == {"inside": [{key: found}]}
+
+
+def test_a_file_that_is_not_there_is_named_with_the_folder(tmp_path):
+    with pytest.raises(ConfigurationError) as error:
+        resolved(Placed, {"inside": [{"read": "none.toml"}]}, tmp_path / "file.toml")
+    assert error.value.key == "inside.0.read"
+    assert error.value.message == (
+        f"cannot read 'none.toml': there is none in {tmp_path}, the folder of the file that names "
+        "it"
+    )

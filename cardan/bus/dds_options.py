@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan.common.bounds import Range
+from cardan.common.bounds import DDS_CONFIG, Range
 from cardan.common.options import Options
 from cardan.errors import ConfigurationError
 
@@ -22,7 +22,7 @@ class DdsOptions(Options):
 
     dds_domain: Annotated[int, DDS_DOMAIN] = -1
     """ROS_DOMAIN_ID on DDS; -1: that of the environment, 0 where there is none."""
-    dds_config: str = ""
+    dds_config: Annotated[str, DDS_CONFIG] = ""
     """Configuration of Cyclone DDS: XML, or file://PATH. Empty: CYCLONEDDS_URI where that is set,
     or else loopback alone."""
     dds_distribution: Literal["humble", "iron and later"] = "iron and later"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from cardan.common.bounds import Range
+from cardan.common.bounds import FILE, Range
 from cardan.common.options import Options
 from cardan.errors import OptionError
 
@@ -29,7 +29,7 @@ class BusOptions(Options):
     mode: Literal["peer", "client"] = "peer"
     """"peer": others on this computer connect directly; "client": all goes through the router,
     which is what a router on another computer needs."""
-    zenoh_config: str = ""
+    zenoh_config: Annotated[str, FILE] = ""
     """Zenoh configuration file (JSON5), used as it is instead of `router`, `listen` and `mode`."""
     distribution: Literal["humble", "iron and later", "kilted and later"] = "iron and later"
     """Of the ROS 2 nodes: Humble has no type hashes, Kilted and later have more in the feedback of

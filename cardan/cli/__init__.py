@@ -258,7 +258,7 @@ def run(
 ) -> None:
     """Join the device and the robot of a configuration file until Ctrl-C."""
     from cardan.gateway.session.assembly import cautions, load_config
-    from cardan.gateway.session.recorded import recorded
+    from cardan.gateway.session.recorded import recorded, why_incomplete
     from cardan.gateway.session.supervisor import supervise
     from cardan.gateway.session.view import SessionView, summary
 
@@ -295,12 +295,15 @@ def run(
         sys.stderr.write(recorder.complaints)
         for line in recorder.lines:
             print(f"{record_to}: {printable(line)}")
+        if record_to is not None and (why := why_incomplete(recorder, record_to)):
+            print(f"cardan: {printable(why)}", file=sys.stderr)
     if outcome.last.error:
         print(f"cardan: {outcome.last.error}", file=sys.stderr)
     if outcome.exit_code == EXIT_OK and (problem := _final_problem(outcome.last)):
         print(f"cardan: {problem}", file=sys.stderr)
         raise typer.Exit(EXIT_INCOMPLETE)
-    raise typer.Exit(outcome.exit_code or (EXIT_OK if recorder is None else recorder.code))
+    recorded_all = recorder is None or recorder.code == EXIT_OK
+    raise typer.Exit(outcome.exit_code or (EXIT_OK if recorded_all else EXIT_INCOMPLETE))
 
 
 def _final_problem(last: Snapshot) -> str:

@@ -13,6 +13,7 @@ import typer
 from cardan.cli.common import EXIT_INCOMPLETE, check_seconds, print_table, print_unusable
 from cardan.common.files import read_text
 from cardan.common.printable import printable
+from cardan.common.realtime import ask_for_real_time
 from cardan.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -74,6 +75,9 @@ def conform(
             metavar="FOLDER", help="Leave the report in all forms, a capture and a record there."
         ),
     ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Write over a report that --save finds there.")
+    ] = False,
     compare: Annotated[
         tuple[Path, Path] | None,
         typer.Option(metavar="A B", help="Compare two reports in JSON, then end."),
@@ -117,6 +121,10 @@ def conform(
         for each in suite.requirements:
             print(f"{each.id}  level {each.level:d}  {each.text}  [{each.source}]")
         return
+    if save is not None and not overwrite and (save / "report.json").exists():
+        raise ConfigurationError(
+            "--save", f"{save} has a report: give another folder, or --overwrite"
+        )
     report, missing = _judged(
         suite, target, level, seconds, fault or [], seed, yes, at_switch, save
     )
@@ -151,6 +159,7 @@ def _judged(
             raise ConfigurationError("--fault, --target", "only a simulated peer has faults")
         wanted = suite.harmless if level is None else Level(level)
         _consent(suite.harmless, wanted, yes, at_switch)
+        ask_for_real_time()
 
         def told(instruction: str) -> None:
             print(f">>> {instruction}", file=sys.stderr, flush=True)

@@ -24,8 +24,9 @@ from cardan.cli.common import (
     print_json,
 )
 from cardan.common.logs import LogFormat, found_format
+from cardan.common.places import in_file
 from cardan.common.printable import printable
-from cardan.errors import MotionRefusedError, below
+from cardan.errors import ConfigurationError, MotionRefusedError, below
 
 if TYPE_CHECKING:
     from cardan.gateway.daemon.layout import Layout
@@ -54,8 +55,12 @@ def checked(layout: Layout) -> Layout:
     from cardan.cli.face import check_words
 
     for name, entry in layout.faces.items():
-        with below(f"{entry.file}: faces.{name}"):
-            check_words(entry.face, entry.words)
+        with in_file(entry.file), below(f"faces.{name}"):
+            try:
+                check_words(entry.face, entry.words)
+            except ConfigurationError as error:
+                key = error.key.removeprefix("--").replace("-", "_")
+                raise ConfigurationError(key, error.message) from None
     return layout
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,6 +14,10 @@ from typer.core import TyperCommand
 
 if TYPE_CHECKING:
     from cardan.dissect.reader import Numbers
+
+
+PROGRESS_S = 0.5
+"""How often it is said how far a long capture has been read."""
 
 
 class Dissect(TyperCommand):
@@ -43,7 +48,13 @@ def _function(numbers: list[Numbers]) -> Any:
     """The function that typer makes the command of: options of all captures, and of protocols."""
 
     def dissect(
-        file: Annotated[Path, typer.Argument(metavar="FILE", help="A pcap or pcapng file.")],
+        files: Annotated[
+            list[Path],
+            typer.Argument(
+                metavar="FILE...",
+                help="pcap or pcapng files, which are read one after the other; - for a pipe.",
+            ),
+        ],
         limit: Annotated[
             int | None, typer.Option(min=1, help="Print at most this many packets.")
         ] = None,
@@ -55,13 +66,42 @@ def _function(numbers: list[Numbers]) -> Any:
         from cardan.dissect import dissect_file
 
         places = {key: found or () for key, found in given.items()}
-        dissect_file(file, sys.stdout, limit=limit, summary=summary, **places)
+        progress = _Progress(sys.stderr.isatty() and (summary or not sys.stdout.isatty()))
+        try:
+            dissect_file(
+                files, sys.stdout, limit=limit, summary=summary, progress=progress.tell, **places
+            )
+        finally:
+            progress.clear()
 
-    file, *rest = list(inspect.signature(dissect, eval_str=True).parameters.values())[:-1]
-    parameters = [file, *map(_parameter, numbers), *rest]
+    files, *rest = list(inspect.signature(dissect, eval_str=True).parameters.values())[:-1]
+    parameters = [files, *map(_parameter, numbers), *rest]
     dissect.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     dissect.__annotations__ = {each.name: each.annotation for each in parameters}
     return dissect
+
+
+class _Progress:
+    """How far a long capture has been read: a line on a terminal that is written over."""
+
+    def __init__(self, shown: bool) -> None:
+        self._shown = shown
+        self._due_s = time.monotonic() + PROGRESS_S
+        self._wide = 0
+
+    def tell(self, packets: int, share: float | None) -> None:
+        """So many packets were read, and of so much of the file."""
+        if not self._shown or time.monotonic() < self._due_s:
+            return
+        self._due_s = time.monotonic() + PROGRESS_S
+        line = f"{packets} packets" + ("" if share is None else f", {share:.0%} of the file")
+        print(f"\r{line.ljust(self._wide)}", end="", file=sys.stderr, flush=True)
+        self._wide = len(line)
+
+    def clear(self) -> None:
+        """Take the line away."""
+        if self._wide:
+            print(f"\r{' ' * self._wide}\r", end="", file=sys.stderr, flush=True)
 
 
 def _parameter(numbers: Numbers) -> inspect.Parameter:

@@ -75,4 +75,6 @@ def check_words(name: str, words: Sequence[str]) -> None:
         message = getattr(error, "format_message", None)
         if message is None:
             raise
-        raise ConfigurationError("", " ".join(message().split())) from None
+        parameter: Any = getattr(error, "param", None)
+        option = getattr(error, "option_name", "") or (parameter.opts[0] if parameter else "")
+        raise ConfigurationError(option, " ".join(message().split())) from None

@@ -10,14 +10,16 @@ import typer
 from cardan.cli.bus import Router, Session, bus_options
 from cardan.cli.common import EXIT_INCOMPLETE, Level, Seconds, Verbose, begin_serving
 from cardan.common.printable import printable
+from cardan.errors import OptionError
 
 Record = Annotated[Path, typer.Argument(metavar="FILE", help="A record (MCAP).")]
 
 
 def record(
     output: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FILE", help="The file to write (MCAP).")
-    ],
+        Path | None,
+        typer.Option("--output", "-o", metavar="FILE", help="The file to write (MCAP)."),
+    ] = None,
     arms: Annotated[
         list[str] | None,
         typer.Argument(
@@ -29,15 +31,40 @@ def record(
     session: Session = None,
     router: Router = "",
     seconds: Seconds = None,
+    repair: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Record nothing: write what this record has, which was cut off or damaged, into a "
+            "whole one; without -o beside it, as NAME-repaired.mcap.",
+        ),
+    ] = None,
     verbose: Verbose = False,
     log_level: Level = None,
 ) -> None:
     """Record what is on the network into FILE: all topics, also those that appear later, the raw
     bytes of devices and robots, and each session's configuration. Prints READY once it records."""
+    if repair is not None:
+        if arms or session or router or seconds is not None:
+            raise OptionError("--repair", repair, "given with nothing but -o")
+        _repair(repair, output)
+        return
     from cardan.recording.recorder import record as run
 
+    if output is None:
+        raise typer.BadParameter("give the file to write", param_hint="--output / -o")
     begin_serving(verbose, log_level)
     report = run(bus_options(session, router), output, arms or (), seconds)
+    for line in report.lines():
+        print(printable(line))
+    if not report.complete:
+        raise typer.Exit(EXIT_INCOMPLETE)
+
+
+def _repair(path: Path, output: Path | None) -> None:
+    from cardan.recording.repair import repair, repaired_name
+
+    report = repair(path, output or repaired_name(path))
     for line in report.lines():
         print(printable(line))
     if not report.complete:
@@ -60,6 +87,13 @@ def replay(
             "authority allow.",
         ),
     ] = False,
+    longest_pause: Annotated[
+        float,
+        typer.Option(
+            metavar="S",
+            help="Wait for no longer time without a message: a clock was set, or there was none.",
+        ),
+    ] = 60.0,
     engine: Annotated[
         bool,
         typer.Option(
@@ -86,6 +120,7 @@ def replay(
         rate=rate,
         topics=topics or (),
         commands=commands,
+        longest_pause_s=longest_pause,
         say=lambda line: print(printable(line)),
     )
     for line in report.lines():
@@ -158,6 +193,13 @@ def export(
             "not one for each FILE.",
         ),
     ] = False,
+    longest_gap: Annotated[
+        float,
+        typer.Option(
+            metavar="S",
+            help="At a longer time without a state an episode ends, and another begins.",
+        ),
+    ] = 10.0,
 ) -> None:
     """Write records as a data set for robot learning: joints, TCP and gripper at a fixed rate, with
     the poses that were commanded. By LeRobot's own program where it is installed."""
@@ -171,6 +213,7 @@ def export(
         repo_id=repo_id,
         arm=arm,
         each_engagement=each_engagement,
+        longest_gap_s=longest_gap,
     )
     for line in report.lines():
         print(printable(line))

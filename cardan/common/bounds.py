@@ -122,6 +122,19 @@ _BROADCAST = ipaddress.IPv4Address("255.255.255.255")
 
 
 @dataclass(frozen=True)
+class Located:
+    """A text that may be a path, for ``Annotated[str, FILE]``: in a configuration file it is
+    relative to that file (:func:`cardan.common.tables.resolved`)."""
+
+    pattern: str = "(?P<path>.+)"
+    """Regular expression of the texts that are one, with the group `path`."""
+    is_read: bool = True
+    """It must be there."""
+    is_met: bool = False
+    """Another program is met there, whose command line names it: relative to the working folder."""
+
+
+@dataclass(frozen=True)
 class Directed:
     """A vector that is not zero, for ``Annotated[tuple[...], Directed()]``."""
 
@@ -311,4 +324,12 @@ LISTEN_HOST = Host(_NAME, f"the address or the name {_OWN}", listens=True)
 LISTEN_HOST_OR_IPV4 = Host(_NAME_OR_IPV4, f"the IPv4 address or the name {_OWN}", listens=True)
 _IPV4 = rf"{_BYTE}(\.{_BYTE}){{3}}"
 IPV4 = Host(_IPV4, f"an IPv4 address, as 127.0.0.1, {_OWN}", listens=True)
+FILE = Located()
+PATH = Located(is_read=False)
+"""A file or a socket that need not be there when the configuration is read."""
+MEETING = Located(is_read=False, is_met=True)
+"""A Unix socket of another program's command line."""
+ARM_FILE = Located(r"(?i)(?![a-z_]\w*:)(?P<path>.+\.(toml|urdf|xacro))")
+"""An arm's name, PACKAGE:FILE, or a path."""
+DDS_CONFIG = Located(r"file://(?P<path>.+)")
 SOCKET_PATH = Text(r"[^\0]+", f"a path of up to {_SOCKET_PATH_BYTES} bytes", _SOCKET_PATH_BYTES)

@@ -6,7 +6,7 @@ import contextlib
 import importlib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass, field, is_dataclass
 from importlib.metadata import EntryPoint
 from typing import Any, Generic, TypeVar, cast
 
@@ -86,6 +86,8 @@ class Loaded(Generic[T]):
     """Those that cannot be loaded: why, in one line."""
     notes: list[str]
     """What is installed and not used, as another one has its name."""
+    lacking: dict[str, str] = field(default_factory=dict)
+    """Those of `refused` that are whole and need an extra that is not installed: which."""
 
 
 class Finder(Generic[T]):
@@ -166,6 +168,8 @@ class Finder(Generic[T]):
                 if not is_lack(error):
                     raise
                 found.refused[name] = f"cannot be loaded: {reason(error)}"
+                if isinstance(error, ExtraMissingError):
+                    found.lacking[name] = error.extra
         used = dict(self._built_in)
         for point in points:
             if (target := used.setdefault(point.name, point.value)) != point.value:

@@ -40,6 +40,13 @@ _TWO: Final = struct.Struct("II")
 _MEMINFO: Final = 55 if sys.platform == "linux" else None
 """Linux' SO_MEMINFO: the memory that what waits to be read takes, and how much it may, and more."""
 
+_STAMPS: Final = 35
+"""Linux' SO_TIMESTAMPNS, which Python does not name; the stamps' own type is the same number."""
+_STAMP: Final = struct.Struct("@ll")
+_STAMP_BYTES: Final = socket.CMSG_SPACE(_STAMP.size)
+LAIN_AT_MOST_S: Final = 10.0
+"""A datagram that seems to have lain for longer was stamped by a clock that has been set since."""
+
 _ANY_PORT: Final = 9
 """For asking the system about an address: nothing is sent."""
 
@@ -144,6 +151,34 @@ def waiting(
             return
         except OSError:
             failed()
+
+
+def ask_for_stamps(sock: socket.socket) -> bool:
+    """Have the kernel stamp datagrams as they come; False where it cannot, as on macOS."""
+    if sys.platform != "linux":
+        return False
+    try:
+        sock.setsockopt(socket.SOL_SOCKET, _STAMPS, 1)
+    except OSError:
+        return False
+    return True
+
+
+def waiting_stamped(sock: socket.socket, largest: int) -> Iterator[tuple[bytes, Any, float]]:
+    """As `waiting`, of a socket with stamps; each with how long it had lain there, s."""
+    for _ in range(DRAIN_AT_MOST):
+        try:
+            data, ancillary, _flags, source = sock.recvmsg(largest, _STAMP_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            continue
+        lain_s = 0.0
+        for level, kind, value in ancillary:
+            if (level, kind) == (socket.SOL_SOCKET, _STAMPS) and len(value) == _STAMP.size:
+                seconds, ns = _STAMP.unpack(value)
+                lain_s = (time.time_ns() - seconds * 10**9 - ns) * 1e-9
+        yield data, source, lain_s if 0.0 <= lain_s <= LAIN_AT_MOST_S else 0.0
 
 
 class Advice(NamedTuple):

@@ -21,6 +21,7 @@ from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
 
 from cardan.common import files
+from cardan.common.bounds import Located
 from cardan.common.options import CODE_ONLY, choices, hints, refusal, suggestion
 from cardan.errors import ConfigurationError, OptionError, shown
 
@@ -140,6 +141,71 @@ def read_table(kind: type[Kind], table: object, key: str = "", from_file: bool =
             raise ConfigurationError(first.key, f"{first.message} (and {more} more)")
         raise first
     return made
+
+
+def resolved(kind: Any, table: Any, file: Path, key: str = "") -> Any:
+    """`table`, a `kind`'s in `file`, with the paths in it (:class:`~cardan.common.bounds.Located`)
+    absolute: they are relative to the file, with ~ and variables of the environment.
+
+    A `kind` whose other keys are the options of something says of what by a class method
+    `kind_of_others`. ConfigurationError names a key below `key` whose file is not there.
+    """
+    if not isinstance(table, Mapping):
+        return table
+    known, allowed = keys_of(kind), hints(kind)
+    named = {name: each for name, each in table.items() if name in known}
+    found = {
+        name: _resolved(allowed[name], each, file, _below(key, name))
+        for name, each in named.items()
+    }
+    others = {name: each for name, each in table.items() if name not in known}
+    told = getattr(kind, "kind_of_others", None)
+    if others and told is not None and (other := told(table)) is not None:
+        others = resolved(other, others, file, key)
+    return {name: {**found, **others}[name] for name in table}
+
+
+def _resolved(hint: Any, value: Any, file: Path, key: str) -> Any:
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        for note in inner[1:]:
+            if isinstance(note, Located) and isinstance(value, str):
+                return _absolute(note, value, file, key)
+            if isinstance(note, Tag) and isinstance(value, Mapping):
+                name = value.get(note.key, note.default)
+                kinds = get_args(inner[0])
+                kind = next(
+                    (each for each in kinds if name in choices(hints(each)[note.key])), None
+                )
+                return value if kind is None else resolved(kind, value, file, key)
+        return _resolved(inner[0], value, file, key)
+    if origin in (Union, UnionType):
+        for each in inner:
+            value = _resolved(each, value, file, key)
+        return value
+    if origin is tuple and inner and isinstance(value, list):
+        return [
+            _resolved(inner[0], each, file, _below(key, str(index)))
+            for index, each in enumerate(value)
+        ]
+    return resolved(hint, value, file, key) if is_dataclass(hint) else value
+
+
+def _absolute(note: Located, value: str, file: Path, key: str) -> str:
+    """The text of a file with the path in it absolute."""
+    if (found := re.fullmatch(note.pattern, value)) is None:
+        return value
+    path = files.expanded(found["path"])
+    if path.is_absolute() or not note.is_met:
+        folder = file.parent.absolute()
+        if note.is_read and not path.is_absolute() and not (folder / path).exists():
+            raise ConfigurationError(
+                key,
+                f"cannot read {found['path']!r}: there is none in {folder}, the folder of the file "
+                "that names it",
+            )
+        path = folder / path
+    return f"{value[: found.start('path')]}{path}{value[found.end('path') :]}"
 
 
 def as_table(options: Any, from_file: bool = True) -> dict[str, Any]:

@@ -37,7 +37,9 @@ def pcap(suite: Suite[V], timeline: Timeline, start_ns: int) -> bytes | None:
     parts = [struct.pack("<IHHiIII", PCAP_MAGIC_NS, 2, 4, 0, 0, SNAP_BYTES, link)]
     writers = {"udp": _datagrams, "tcp": _segments, "can": _frames}
     events = (suite.redacted(each) for each in timeline)
-    for time_s, packet in writers[transport.kind](transport, events):
+    packets = writers[transport.kind](transport, events)
+    # What came is stamped by the kernel, what was sent before it was read is not earlier for that.
+    for time_s, packet in sorted(packets, key=lambda each: each[0]):
         time_ns = start_ns + round(time_s * 1e9)
         seconds, ns = divmod(time_ns, 1_000_000_000)
         parts.append(struct.pack("<IIII", seconds, ns, len(packet), len(packet)) + packet)

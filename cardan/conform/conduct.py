@@ -109,10 +109,12 @@ class Conduct:
         *,
         kind: Kind = Kind.DATA,
         note: str = "",
+        late_s: float = 0.0,
     ) -> list[Act]:
-        """Something came from what is judged; what to do about it."""
+        """Something came from what is judged, `late_s` before it was read; what to do about it."""
         self.pilot.now_s = now_s
-        event = Event(now_s, kind, False, channel, data, note)
+        self.timeline.was_late(late_s)
+        event = Event(now_s - late_s, kind, False, channel, data, note)
         self.timeline.add(event)
         acts = [] if self.over else list(self.pilot.answer(event))
         self._keep(now_s, acts)

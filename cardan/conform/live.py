@@ -40,7 +40,9 @@ class _Live:
                     break
                 timeout_s = max(0.0, conduct.next_s - self._now())
                 wires = {each.fileno(): name for name, each in self._open.items()}
+                due_s = self._now() + timeout_s
                 ready, _, _ = select.select(list(wires), [], [], timeout_s)
+                conduct.timeline.was_late(self._now() - due_s)
                 for descriptor in ready:
                     self._take(wires[descriptor])
         finally:
@@ -56,7 +58,9 @@ class _Live:
             self._open[name] = client
             self._do(self._conduct.heard(self._now(), name, kind=Kind.OPENED))
         for data, source in wire.read():
-            self._do(self._conduct.heard(self._now(), channel, data, note=source))
+            now_s, late_s = self._now(), wire.late_s
+            self._do(self._conduct.heard(now_s, channel, data, note=source, late_s=late_s))
+            self._conduct.timeline.was_late(self._now() - now_s)
         if wire.ended and self._open.pop(channel, None) is not None:
             wire.close()
             self._do(self._conduct.heard(self._now(), channel, kind=Kind.CLOSED))

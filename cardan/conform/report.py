@@ -188,7 +188,7 @@ def judged(
         if each.level > level:
             verdict: Verdict = not_seen(f"level {each.level:d} was not run")
         else:
-            verdict = each.judge(seen)
+            verdict = each.verdict(seen, timeline.late_s)
         evidence = tuple(clean(line) for line in _evidence(suite, timeline, verdict))
         results.append(
             Result(
@@ -271,7 +271,10 @@ def read(text: str, name: str) -> Report:
         )
     except ConfigurationError:
         raise
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise ConfigurationError(
-            name, f"no report of `cardan conform --format json`: {type(error).__name__} {error}"
-        ) from None
+    except KeyError as error:
+        why = f"it has no {error}"
+    except json.JSONDecodeError as error:
+        why = f"it is no JSON: {error}"
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        why = "a value of it is of another kind"
+    raise ConfigurationError(name, f"no report of `cardan conform --format json`: {why}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import inspect
+import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -34,7 +35,8 @@ class Outcome(enum.Enum):
     NOT_APPLICABLE = "not applicable"
     """It does not concern what is judged."""
     NOT_SEEN = "not seen"
-    """What it is about did not happen, or not on this level."""
+    """What it is about did not happen, or not on this level; or this computer was too late to tell
+    whose fault it was."""
 
 
 class Verdict(NamedTuple):
@@ -104,6 +106,16 @@ class Requirement(Generic[V]):
     source: str
     text: str
     judge: Callable[[V], Verdict]
+    late_s: float
+    """Where this computer was later than this, what seems a failure may be its own."""
+
+    def verdict(self, seen: V, late_s: float) -> Verdict:
+        """On `seen`, taken by a computer that was late by up to `late_s`."""
+        found = self.judge(seen)
+        if found.outcome is Outcome.FAILED and late_s > self.late_s:
+            late_ms = late_s * 1e3
+            return not_seen(f"not judged: this computer was late by {late_ms:.0f} ms; {found.said}")
+        return found
 
 
 class Requirements(Generic[V]):
@@ -114,16 +126,17 @@ class Requirements(Generic[V]):
         self._found: dict[int, Requirement[V]] = {}
 
     def __call__(
-        self, number: int, source: str
+        self, number: int, source: str, *, late_s: float = math.inf
     ) -> Callable[[Callable[[V], Verdict]], Callable[[V], Verdict]]:
-        """Decorates the judge of requirement `number`, whose hundreds are its level."""
+        """Decorates the judge of requirement `number`, whose hundreds are its level. `late_s` is
+        what this computer may be late by for a failure to be the other side's."""
 
         def enter(judge: Callable[[V], Verdict]) -> Callable[[V], Verdict]:
             if number in self._found:
                 raise ValueError(f"{self._prefix}-{number:03} is there already")
             text = " ".join((inspect.getdoc(judge) or "").split())
             self._found[number] = Requirement(
-                f"{self._prefix}-{number:03}", Level(number // 100), source, text, judge
+                f"{self._prefix}-{number:03}", Level(number // 100), source, text, judge, late_s
             )
             return judge
 

@@ -53,6 +53,9 @@ class Timeline:
 
     def __init__(self) -> None:
         self.events: list[Event] = []
+        self.late_s = 0.0
+        """The longest time for which something that had come was not read, or something that was
+        due was not done: how late the computer was on which this was taken."""
 
     def __iter__(self) -> Iterator[Event]:
         return iter(self.events)
@@ -63,6 +66,10 @@ class Timeline:
     def add(self, event: Event) -> None:
         """Append what happened next."""
         self.events.append(event)
+
+    def was_late(self, seconds: float) -> None:
+        """Note that something was read, or done, so long after it could have been."""
+        self.late_s = max(self.late_s, seconds)
 
     @property
     def end_s(self) -> float:

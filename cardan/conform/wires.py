@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from cardan.common.sockets import opened, waiting
+from cardan.common.sockets import ask_for_stamps, opened, waiting, waiting_stamped
 from cardan.drivers.serial_port import SerialPort
 from cardan.errors import AddressError, ConfigurationError, DeviceAccessError
 
@@ -27,6 +27,8 @@ class Wire(ABC):
     ended = False
     identity = ""
     """What the system says it is, where it says so: vendor and product as 046d:c626."""
+    late_s = 0.0
+    """How long what `read` gave last had lain there, by the kernel's time stamp; 0 without one."""
 
     @abstractmethod
     def fileno(self) -> int:
@@ -61,19 +63,38 @@ class Wires(ABC):
         """Let go of what the wires share, after all of them are closed. Never raises."""
 
 
-class _Listening(Wire):
-    """A UDP port of ours; what is sent goes to whom was heard last."""
+class _Udp(Wire):
+    """A UDP socket, whose datagrams the kernel stamps as they come."""
 
-    def __init__(self, host: str, port: int) -> None:
-        problem = f"cannot listen on {host}:{port}"
-        self._socket = opened(host, port, socket.SOCK_DGRAM, socket.socket.bind, problem)
-        self._peer: Any = None
+    def __init__(self, opened_socket: socket.socket) -> None:
+        self._socket = opened_socket
+        self._stamped = ask_for_stamps(opened_socket)
 
     def fileno(self) -> int:
         return self._socket.fileno()
 
+    def _waiting(self) -> Iterator[tuple[bytes, Any]]:
+        if not self._stamped:
+            yield from waiting(self._socket, LARGEST_READ)
+            return
+        for data, source, lain_s in waiting_stamped(self._socket, LARGEST_READ):
+            self.late_s = lain_s
+            yield data, source
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+class _Listening(_Udp):
+    """A UDP port of ours; what is sent goes to whom was heard last."""
+
+    def __init__(self, host: str, port: int) -> None:
+        problem = f"cannot listen on {host}:{port}"
+        super().__init__(opened(host, port, socket.SOCK_DGRAM, socket.socket.bind, problem))
+        self._peer: Any = None
+
     def read(self) -> Iterator[tuple[bytes, str]]:
-        for data, source in waiting(self._socket, LARGEST_READ):
+        for data, source in self._waiting():
             self._peer = source
             yield data, f"{source[0]}:{source[1]}"
 
@@ -82,32 +103,23 @@ class _Listening(Wire):
             with contextlib.suppress(OSError):
                 self._socket.sendto(data, self._peer)
 
-    def close(self) -> None:
-        self._socket.close()
 
-
-class _Datagrams(Wire):
+class _Datagrams(_Udp):
     """A UDP socket that is connected to one address."""
 
     def __init__(self, host: str, port: int) -> None:
         problem = f"cannot send to {host}:{port}"
         join = socket.socket.connect
-        self._socket = opened(host, port, socket.SOCK_DGRAM, join, problem)
+        super().__init__(opened(host, port, socket.SOCK_DGRAM, join, problem))
         self._source = f"{host}:{port}"
 
-    def fileno(self) -> int:
-        return self._socket.fileno()
-
     def read(self) -> Iterator[tuple[bytes, str]]:
-        for data, _ in waiting(self._socket, LARGEST_READ):
+        for data, _ in self._waiting():
             yield data, self._source
 
     def write(self, data: bytes) -> None:
         with contextlib.suppress(OSError):
             self._socket.send(data)
-
-    def close(self) -> None:
-        self._socket.close()
 
 
 class StreamWire(Wire):

@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from cardan.common.tables import resolved
 from cardan.demos.examples import Demo, find_demos, read_demo
 from cardan.demos.peers import Peers
 from cardan.demos.unattended import check_unattended, check_words
@@ -69,7 +70,7 @@ def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConf
     if demo.launcher:
         through = (*CARDAN, *check_words(demo, "launcher", shlex.split(demo.launcher)), "--")
     peers = Peers(demo, seconds + READY_WITHIN_S + KILL_AFTER_S)
-    config = parse_config(peers.tables)
+    config = parse_config(resolved(SessionConfig, peers.tables, demo.file))
     check_unattended(demo, config)
     with peers:
         peers.start_all()

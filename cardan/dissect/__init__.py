@@ -16,14 +16,15 @@ from __future__ import annotations
 
 import datetime
 import os
-from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple, TextIO
 
 from cardan.common.printable import printable
 from cardan.dissect import network, registry
-from cardan.dissect.capture import Capture
+from cardan.dissect.capture import Capture, CapturedPacket
 from cardan.dissect.figures import Figures, tally
+from cardan.dissect.network import Segment
 from cardan.dissect.ports import EGM_PORTS, RTDE_PORTS, SIMPLE_MESSAGE_PORTS
 from cardan.dissect.reader import Dissector, Message, Note, describe, excerpt
 from cardan.errors import CaptureError, ConfigurationError
@@ -41,6 +42,11 @@ MOST_FIGURES = 4096
 """Most senders and receivers with figures of their own."""
 MOST_OTHERS = 4096
 """Most kinds of other packets that are told apart."""
+COPY_NS = 20_000_000
+"""Within this time a datagram passes from one interface of a computer to another: a bridge, a
+container."""
+PROGRESS_PACKETS = 4096
+"""After so many packets the progress is told."""
 
 
 class Counts(NamedTuple):
@@ -54,17 +60,21 @@ class Counts(NamedTuple):
 
 
 def dissect_file(
-    path: str | os.PathLike[str],
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     out: TextIO,
     *,
     limit: int | None = None,
     summary: bool = False,
+    progress: Callable[[int, float | None], None] = lambda packets, share: None,
     **numbers: Iterable[int],
 ) -> Counts:
     """Writes a line per datagram, report and message of the protocols in a capture, then a summary.
 
     `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP,
-    Linux usbmon, or of a link that a plug-in reads. Reading stops at the packet with which `limit`
+    Linux usbmon, or of a link that a plug-in reads; a pipe of such, "-" for standard input; or
+    several of them, which are read one after the other as one capture. What passed two interfaces
+    is counted once. `progress` is told now and then how many packets were read, and of how much of
+    the file (None: not known). Reading stops at the packet with which `limit`
     datagrams, reports, frames and messages are reached. With `summary` the lines are left out.
     `numbers` are where protocols are looked for besides the usual places, by the keys of their
     dissectors' options: `egm_ports` are UDP ports a PC listens at besides EGM_PORTS,
@@ -76,18 +86,20 @@ def dissect_file(
     has and for a number out of its range.
     """
     capture = _Capture(registry.dissectors(), numbers)
+    paths = [path] if isinstance(path, str | os.PathLike) else path
     start_ns = None
     stopped, damage = False, None
 
     def show(found: Iterable[Message | Note], dissector: Dissector) -> None:
         for each in found:
-            line = capture.take(each, dissector)
+            remarks = capture.take(each, dissector)
             if not summary:
+                line = _line(each, dissector, remarks)
                 time_s = (each.packet.time_ns - (start_ns or 0)) / 1e9
                 print(f"#{each.packet.number} {time_s:.6f} {printable(line)}", file=out)
 
     try:
-        for packet in Capture(path):
+        for packet in capture.read(paths, progress):
             if limit is not None and capture.messages.total() >= limit:
                 stopped = True
                 break
@@ -96,6 +108,8 @@ def dissect_file(
                 start_ns = packet.time_ns
                 print(f"capture starts {_utc(start_ns)}", file=out)
             parsed = network.parse(packet)
+            if capture.is_copy(packet, parsed):
+                continue
             capture.others[str(parsed)] += 1
             for dissector in capture.offered(packet.link_type):
                 before = dissector.packets
@@ -141,6 +155,49 @@ class _Capture:
         self._malformed: Counter[str] = Counter()
         self.others: Counter[str] = Counter()
         self._figures: dict[tuple[Dissector, str], Figures] = {}
+        self._cut: Counter[int] = Counter()
+        """How many packets the capture cut, by the bytes that it kept of them."""
+        self._copies = 0
+        self._late: list[str] = []
+        """Files that begin before the one before them ends."""
+        self._seen: OrderedDict[Segment, tuple[int, Counter[int]]] = OrderedDict()
+        """Of what came shortly before: when, and how often on each interface."""
+
+    def read(
+        self,
+        paths: Iterable[str | os.PathLike[str]],
+        progress: Callable[[int, float | None], None],
+    ) -> Iterator[CapturedPacket]:
+        """The packets of the files, one after the other."""
+        last_ns = 0
+        for path in paths:
+            file = Capture(path, self.packets + 1)
+            begins = True
+            for packet in file:
+                if begins and packet.time_ns < last_ns:
+                    self._late.append(file.path)
+                begins, last_ns = False, packet.time_ns
+                if packet.cut:
+                    self._cut[len(packet.data)] += 1
+                if packet.number % PROGRESS_PACKETS == 0:
+                    progress(packet.number, file.share)
+                yield network.unwrapped(packet)
+
+    def is_copy(self, packet: CapturedPacket, parsed: Segment | str) -> bool:
+        """Whether what is in a packet was seen on another interface just before."""
+        interface = network.interface(packet)
+        if interface is None or isinstance(parsed, str):
+            return False
+        seen = self._seen
+        while seen and next(iter(seen.values()))[0] < packet.time_ns - COPY_NS:
+            seen.popitem(last=False)
+        _, counts = seen.setdefault(parsed, (packet.time_ns, Counter()))
+        counts[interface] += 1
+        elsewhere = max((n for each, n in counts.items() if each != interface), default=0)
+        if counts[interface] > elsewhere:
+            return False
+        self._copies += 1
+        return True
 
     def offered(self, link_type: int) -> list[Dissector]:
         """The dissectors for packets of this link type, in their order."""
@@ -152,25 +209,23 @@ class _Capture:
             self._offered[link_type] = [self.dissectors[kind] for kind in found]
         return self._offered[link_type]
 
-    def take(self, found: Message | Note, dissector: Dissector) -> str:
-        """The line of a message or a note. The message is counted."""
+    def take(self, found: Message | Note, dissector: Dissector) -> tuple[str, ...]:
+        """Count a message; what is to be said of it besides its values."""
         if isinstance(found, Note):
-            return f"{found.where} {found.text}"
+            return ()
         self.messages[dissector.name] += 1
         decoded = found.decoded
         title = decoded.title or type(decoded.value).__name__
         key = dissector, found.where
         if key not in self._figures and len(self._figures) >= MOST_FIGURES:
             key = dissector, "others"
-        figures = self._figures.setdefault(key, Figures())
+        figures = self._figures.get(key)
+        if figures is None:
+            figures = self._figures[key] = Figures()
         remarks = figures.add(found, title, self._figures.get((dissector, found.other_way)))
         if decoded.fault:
             self._malformed[dissector.name] += 1
-            title = decoded.title or dissector.name
-            shown = f"MALFORMED {title}: {decoded.fault} {excerpt(found.data)}"
-        else:
-            shown = " | ".join((describe(decoded), *remarks))
-        return f"{found.where} {shown}"
+        return remarks
 
     def fold(self) -> None:
         """Keeps the most frequent of the other packets, and the number of the rest."""
@@ -185,7 +240,7 @@ class _Capture:
             self.packets,
             {name: self.messages[name] for name in names},
             {name: self._malformed[name] for name in names},
-            self.others.total(),
+            self.others.total() + self._copies,
         )
 
     def summary(self, counts: Counts) -> Iterator[str]:
@@ -212,8 +267,29 @@ class _Capture:
                             f"{kind.name} was looked for on {option.what}s {places} "
                             f"(--{option.flag} for others)"
                         )
+        if self._copies:
+            yield f"{self._copies} packets were seen on a second interface, and are counted once"
+        if self._cut:
+            kept, most = max(self._cut), self._cut.total()
+            yield (
+                f"{most} packets are cut by the capture, which kept {kept} bytes of them at most "
+                "(tcpdump -s 0 keeps all)"
+            )
+        for path in self._late:
+            yield f"{path} begins before the file before it ends: give them in the order of time"
         if counts.other_packets:
             yield f"other packets: {tally(+self.others)}"
+
+
+def _line(found: Message | Note, dissector: Dissector, remarks: tuple[str, ...]) -> str:
+    """A message or a note in words."""
+    if isinstance(found, Note):
+        return f"{found.where} {found.text}"
+    decoded = found.decoded
+    if decoded.fault:
+        title = decoded.title or dissector.name
+        return f"{found.where} MALFORMED {title}: {decoded.fault} {excerpt(found.data)}"
+    return " | ".join((f"{found.where} {describe(decoded)}", *remarks))
 
 
 def _utc(time_ns: int) -> str:

@@ -1,13 +1,19 @@
-"""Reads pcap and pcapng files, also gzipped, packet by packet; exact about where a file is cut."""
+"""Reads pcap and pcapng files, also gzipped and from pipes, packet by packet; exact about where a
+file is cut."""
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import gzip
 import os
+import shlex
+import stat
 import struct
+import sys
 import zlib
 from collections.abc import Iterator
+from contextlib import AbstractContextManager
 from typing import BinaryIO, NamedTuple, cast
 
 from cardan.common.files import open_file, read_up_to
@@ -29,6 +35,15 @@ PCAP_MAGICS = {
 """Byte order, and nanoseconds per unit of the second time stamp word."""
 PCAPNG_MAGIC = b"\x0a\x0d\x0d\x0a"
 GZIP_MAGIC = b"\x1f\x8b"
+UNPACKED_BY = {
+    b"\x28\xb5\x2f\xfd": ("zstd", "zstd -dc"),
+    b"\xfd7zX": ("xz", "xz -dc"),
+    b"\x04\x22\x4d\x18": ("lz4", "lz4 -dc"),
+    b"BZh": ("bzip2", "bzip2 -dc"),
+    b"PK\x03\x04": ("zip", "unzip -p"),
+}
+"""Compressed files that are not read here, by their first bytes, and what unpacks them."""
+STANDARD_INPUT = "-"
 SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, PACKET = 0x0A0D0D0A, 1, 2, 3, 6
 OPTION_END, OPTION_RESOLUTION, OPTION_OFFSET = 0, 9, 14
 
@@ -55,6 +70,7 @@ class CapturedPacket(NamedTuple):
     byte_order: str  # struct's sign for the capturing machine
     data: bytes
     wire_bytes: int  # how long it was; more than len(data) when the capture cut it
+    interface: int | None = None  # its number in a pcapng file
 
     @property
     def cut(self) -> bool:
@@ -69,16 +85,39 @@ class _Interface(NamedTuple):
     offset_s: int
 
 
-class Capture:
-    """The packets of a file, iterated once. CaptureError names what is wrong with the file."""
+class _Again:
+    """A stream from which `head` was read already. A pipe cannot be wound back."""
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    def __init__(self, head: bytes, stream: BinaryIO) -> None:
+        self._head, self._stream = head, stream
+
+    def read(self, size: int = -1) -> bytes:
+        """At most `size` bytes."""
+        head = self._head if size < 0 else self._head[:size]
+        self._head = self._head[len(head) :]
+        return head or self._stream.read(size)
+
+
+class Capture:
+    """The packets of a file or a pipe, iterated once; "-" is standard input. They are counted from
+    `first` on. CaptureError names what is wrong with the file."""
+
+    def __init__(self, path: str | os.PathLike[str], first: int = 1) -> None:
         self.path = os.fspath(path)
-        self._count = 0
+        self._count = first - 1
+        self._stream: BinaryIO | None = None
+        self._bytes: int | None = None
+
+    @property
+    def share(self) -> float | None:
+        """How much of the file has been read, 0 to 1; None where its length is not known."""
+        if self._stream is None or not self._bytes:
+            return None
+        return min(1.0, self._stream.tell() / self._bytes)
 
     def __iter__(self) -> Iterator[CapturedPacket]:
         try:
-            with open_file(self.path) as stream:
+            with self._opened() as stream:
                 yield from self._packets(stream)
         except FileNotFoundError:
             raise CaptureError(f"{self.path}: there is no such file") from None
@@ -87,17 +126,34 @@ class Capture:
         except OSError as error:
             raise CaptureError(f"{self.path}: cannot be read: {error.strerror}") from error
 
-    def _packets(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
-        magic = stream.read(2)
-        stream.seek(0)
-        if magic == GZIP_MAGIC:
-            with gzip.open(stream) as unzipped:
-                yield from self._unzipped(cast(BinaryIO, unzipped))
-        else:
-            yield from self._unzipped(stream)
+    def _opened(self) -> AbstractContextManager[BinaryIO]:
+        if self.path == STANDARD_INPUT:
+            return contextlib.nullcontext(sys.stdin.buffer)
+        mode = os.stat(self.path).st_mode
+        if stat.S_ISFIFO(mode):
+            return open(self.path, "rb")
+        stream = self._stream = open_file(self.path)
+        self._bytes = os.fstat(stream.fileno()).st_size
+        return stream
 
-    def _unzipped(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
-        magic = stream.read(4)
+    def _packets(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
+        magic = read_up_to(stream, 4)
+        if magic.startswith(GZIP_MAGIC):
+            with gzip.GzipFile(fileobj=cast(BinaryIO, _Again(magic, stream))) as unzipped:
+                unpacked = cast(BinaryIO, unzipped)
+                yield from self._unzipped(read_up_to(unpacked, 4), unpacked)
+        else:
+            yield from self._unzipped(magic, stream)
+
+    def _unzipped(self, magic: bytes, stream: BinaryIO) -> Iterator[CapturedPacket]:
+        packed = next((by for start, by in UNPACKED_BY.items() if magic.startswith(start)), None)
+        if packed is not None:
+            kind, command = packed
+            file = "FILE" if self.path == STANDARD_INPUT else self.path
+            raise CaptureError(
+                f"{self.path}: it is compressed with {kind}: "
+                f"`{command} {shlex.quote(file)} | cardan dissect -`"
+            )
         if magic in PCAP_MAGICS:
             yield from self._pcap(stream, *PCAP_MAGICS[magic])
         elif magic == PCAPNG_MAGIC:
@@ -122,12 +178,18 @@ class Capture:
         return data
 
     def _captured(
-        self, time_ns: int, link_type: int, order: str, data: bytes, wire_bytes: int
+        self,
+        time_ns: int,
+        link_type: int,
+        order: str,
+        data: bytes,
+        wire_bytes: int,
+        interface: int | None = None,
     ) -> CapturedPacket:
         if not 0 <= time_ns < MAX_TIME_NS:
             raise self._damaged("damaged: a time stamp out of range")
         self._count += 1
-        return CapturedPacket(self._count, time_ns, link_type, order, data, wire_bytes)
+        return CapturedPacket(self._count, time_ns, link_type, order, data, wire_bytes, interface)
 
     def _pcap(self, stream: BinaryIO, order: str, unit_ns: int) -> Iterator[CapturedPacket]:
         link_type = struct.unpack(f"{order}16xI", self._exactly(stream, 20))[0] & 0xFFFF
@@ -157,12 +219,15 @@ class Capture:
                 if kind == INTERFACE:
                     interfaces.append(_interface(order, body))
                 elif kind in (PACKET, OLD_PACKET, SIMPLE_PACKET):
-                    interface, stamp, data, wire_bytes = _packet(order, kind, body, interfaces)
+                    index, stamp, data, wire_bytes = _packet(order, kind, body, interfaces)
+                    interface = interfaces[index]
                     if stamp is not None:
                         time_ns = (
                             interface.offset_s * 10**9 + stamp * 10**9 // interface.units_per_s
                         )
-                    yield self._captured(time_ns, interface.link_type, order, data, wire_bytes)
+                    yield self._captured(
+                        time_ns, interface.link_type, order, data, wire_bytes, index
+                    )
             except (struct.error, IndexError):
                 raise self._damaged(f"damaged: a pcapng block of type {kind}") from None
             first = stream.read(1)
@@ -195,12 +260,13 @@ def _interface(order: str, body: bytes) -> _Interface:
 
 def _packet(
     order: str, kind: int, body: bytes, interfaces: list[_Interface]
-) -> tuple[_Interface, int | None, bytes, int]:
-    """Interface, time stamp in its units, data and length on the wire of a packet block."""
+) -> tuple[int, int | None, bytes, int]:
+    """The interface's number, the time stamp in its units, data and length on the wire of a packet
+    block."""
     if kind == SIMPLE_PACKET:
         (wire_bytes,) = struct.unpack_from(f"{order}I", body)
         size = min(wire_bytes, interfaces[0].snap_bytes or wire_bytes)
-        return interfaces[0], None, body[4 : 4 + size], wire_bytes
+        return 0, None, body[4 : 4 + size], wire_bytes
     layout = "5I" if kind == PACKET else "HH4I"
     index, *_, high, low, size, wire_bytes = struct.unpack_from(order + layout, body)
-    return interfaces[index], high << 32 | low, body[20 : 20 + size], wire_bytes
+    return index, high << 32 | low, body[20 : 20 + size], wire_bytes

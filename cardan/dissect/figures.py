@@ -163,10 +163,14 @@ class Figures:
             count(self._remarks, remark)
         verdict = ""
         if decoded.sequence is not None:
-            sequence = self._sequences.setdefault(kind, Sequence())
+            sequence = self._sequences.get(kind)
+            if sequence is None:
+                sequence = self._sequences[kind] = Sequence()
             verdict = sequence.add(decoded.sequence, message.data)
         if kind == title:
-            intervals = self._intervals.setdefault(title, Intervals())
+            intervals = self._intervals.get(title)
+            if intervals is None:
+                intervals = self._intervals[title] = Intervals()
             if verdict == "restart":
                 intervals.pause()
             if verdict not in ("duplicate", "repeated", "late"):

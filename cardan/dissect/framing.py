@@ -9,7 +9,7 @@ from typing import ClassVar, NamedTuple
 from cardan.dissect import tcp
 from cardan.dissect.capture import CapturedPacket, Direction
 from cardan.dissect.network import TCP_ACK, TCP_SYN, Segment
-from cardan.dissect.reader import Decoded, Dissector, Found, Message, Note
+from cardan.dissect.reader import CUT, Decoded, Dissector, Found, Message, Note
 
 MOST_FLOWS = 1024
 """Flows that are followed at once; for one more the one that was silent the longest is ended."""
@@ -64,17 +64,23 @@ class _Stream:
         self._synchronised = False
         self._early = b""
         """Too few bytes to tell whether a message begins with them."""
+        self._passed_over = 0
+        """Bytes to come of a message of which the capture lacks a part."""
 
     def take(self, event: tcp.Event) -> Iterator[str | tuple[bytes, Decoded]]:
         """What the stream says next: notes, and messages with their bytes."""
         if isinstance(event, tcp.Bytes):
             yield from self._cut(event.data)
             return
+        if isinstance(event, tcp.Cut):
+            yield from self._lack(event.size)
+            return
         if isinstance(event, tcp.Gap):
             note = f"GAP: {event.size} bytes are missing in the capture"
             if self._buffer:
                 note += f", {len(self._buffer)} bytes of an unfinished message dropped"
             yield note
+        self._passed_over = 0
         yield from self._skip_early()
         if self._buffer and isinstance(event, tcp.End):
             yield self._broken("the connection ends inside a message")
@@ -83,9 +89,35 @@ class _Stream:
         if self._synchronised:
             self._conversation.restart()
 
+    def _lack(self, size: int) -> Iterator[str | tuple[bytes, Decoded]]:
+        """The next `size` bytes are not in the capture. The message that they are of is shown as
+        cut; where its length is known, and no more than its own bytes are missing, the next one
+        begins where it ends."""
+        yield from self._skip_early()
+        known = min(size, self._passed_over)
+        size -= known
+        self._passed_over -= known
+        if not size:
+            return
+        length, reason = None, ""
+        if len(self._buffer) >= self._conversation.head_bytes:
+            length, reason = self._conversation.measure(self._buffer)
+        left = -1 if length is None or reason else length - len(self._buffer)
+        if self._buffer:
+            yield self._broken(CUT)
+            self._buffer.clear()
+        self._synchronised = size <= left
+        self._passed_over = max(0, left - size) if self._synchronised else 0
+
     def _cut(self, payload: bytes) -> Iterator[str | tuple[bytes, Decoded]]:
         """The next bytes of the stream; the messages they end."""
         head_bytes = self._conversation.head_bytes
+        if self._passed_over:
+            known = min(len(payload), self._passed_over)
+            self._passed_over -= known
+            payload = payload[known:]
+            if not payload:
+                return
         while not self._synchronised:
             fresh = self._early + payload
             if len(fresh) < head_bytes:
@@ -131,6 +163,7 @@ class _Stream:
             f"out of order {stream.reordered} gaps {stream.gaps}"
         )
         line += f" ({stream.lost_bytes} B missing)" if stream.gaps else ""
+        line += f", {stream.cut} cut by the capture" if stream.cut else ""
         line += f" skipped {self.skipped_bytes} B" if self.skipped_bytes else ""
         return line + (f", the capture ends {left} B into a message" if left else "")
 

@@ -171,10 +171,10 @@ def _named(name: str, value: Any) -> str:
 
 
 def _text(value: Any) -> str:
-    if isinstance(value, enum.Enum):
-        return value.name
     if isinstance(value, float):
         return f"{value:.8g}"
+    if isinstance(value, enum.Enum):
+        return value.name
     if isinstance(value, bytes):
         return value.hex(" ") or "(none)"
     if isinstance(value, str):
@@ -183,6 +183,8 @@ def _text(value: Any) -> str:
         fields = value._asdict().items()
         return f"({', '.join(_named(n, v) for n, v in fields if v is not None)})"
     if isinstance(value, tuple | list):
+        if value and set(map(type, value)) == {float}:
+            return " ".join([f"{each:.8g}" for each in value])
         return " ".join(map(_text, value)) or "(none)"
     return str(value)
 

@@ -37,11 +37,17 @@ class Gap(NamedTuple):
     size: int
 
 
+class Cut(NamedTuple):
+    """Bytes that came and that the capture did not keep."""
+
+    size: int
+
+
 class End(NamedTuple):
     """The connection has ended."""
 
 
-Event = Begin | Bytes | Gap | End
+Event = Begin | Bytes | Gap | Cut | End
 
 
 class _Held(NamedTuple):
@@ -49,6 +55,8 @@ class _Held(NamedTuple):
 
     sequence: int
     payload: bytes
+    missing: int
+    """Bytes after the payload that the capture cut off."""
     time_ns: int
 
 
@@ -57,6 +65,8 @@ class TcpStream:
 
     def __init__(self) -> None:
         self.segments = self.retransmitted = self.reordered = self.gaps = self.lost_bytes = 0
+        self.cut = 0
+        """Segments of which the capture lacks the end."""
         self._next: int | None = None
         self._begun = False
         """Whether there were bytes since the connection's beginning."""
@@ -65,7 +75,7 @@ class TcpStream:
 
     def feed(self, segment: Segment, time_ns: int) -> Iterator[Event]:
         """One segment; what can be read now."""
-        sequence, payload = segment.sequence, segment.payload
+        sequence, payload, missing = segment.sequence, segment.payload, segment.missing
         if segment.flags & TCP_SYN:
             start = (sequence + 1) % SEQUENCE_MODULUS
             if start != self._next or self._begun:  # else the same SYN again
@@ -73,13 +83,14 @@ class TcpStream:
                 self._next = start
                 yield Begin()
             sequence = start
-        if payload:
+        if payload or missing:
             self.segments += 1
-            yield from self._take(sequence, payload, time_ns)
+            self.cut += missing > 0
+            yield from self._take(_Held(sequence, payload, missing, time_ns))
         if segment.flags & TCP_RST or (
             segment.flags & TCP_FIN
             and not self._held
-            and self._next == (sequence + len(payload)) % SEQUENCE_MODULUS
+            and self._next == (sequence + len(payload) + missing) % SEQUENCE_MODULUS
         ):
             yield from self._end()
 
@@ -88,22 +99,23 @@ class TcpStream:
         while self._held:
             yield from self._give_up()
 
-    def _take(self, sequence: int, payload: bytes, time_ns: int) -> Iterator[Event]:
-        ahead = self._ahead(sequence)
+    def _take(self, segment: _Held) -> Iterator[Event]:
+        time_ns = segment.time_ns
+        ahead = self._ahead(segment.sequence)
         if ahead < -FARTHEST_BACK:
             yield from self._end()
-            ahead = self._ahead(sequence)
+            ahead = self._ahead(segment.sequence)
         if ahead > 0:
             if not self._held:
                 self._held_since_ns = time_ns
             self.reordered += 1
-            self._held.append(_Held(sequence, payload, time_ns))
+            self._held.append(segment)
         else:
-            yield from self._append(sequence, payload, time_ns)
+            yield from self._append(segment)
             yield from self._release(time_ns)
         if self._held and (
             time_ns - self._held_since_ns > HELD_NS
-            or sum(len(held.payload) for held in self._held) > HELD_BYTES
+            or sum(len(held.payload) + held.missing for held in self._held) > HELD_BYTES
         ):
             yield from self._give_up()
 
@@ -117,16 +129,21 @@ class TcpStream:
     def _advance(self, size: int) -> None:
         self._next = ((self._next or 0) + size) % SEQUENCE_MODULUS
 
-    def _append(self, sequence: int, payload: bytes, time_ns: int) -> Iterator[Event]:
+    def _append(self, segment: _Held) -> Iterator[Event]:
         """A segment that begins at or before what is expected next."""
-        known = -self._ahead(sequence)
+        known = -self._ahead(segment.sequence)
         if known:
             self.retransmitted += 1
-        fresh = payload[known:]
+        fresh = segment.payload[known:]
         if fresh:
             self._advance(len(fresh))
             self._begun = True
-            yield Bytes(fresh, time_ns)
+            yield Bytes(fresh, segment.time_ns)
+        cut = segment.missing - max(0, known - len(segment.payload))
+        if cut > 0:
+            self._advance(cut)
+            self._begun = True
+            yield Cut(cut)
 
     def _release(self, time_ns: int | None) -> Iterator[Event]:
         """Held segments that are not ahead any more. They could not be read before `time_ns`, when
@@ -134,7 +151,7 @@ class TcpStream:
         while ready := next((h for h in self._held if self._ahead(h.sequence) <= 0), None):
             self._held.remove(ready)
             when_ns = ready.time_ns if time_ns is None else time_ns
-            yield from self._append(ready.sequence, ready.payload, when_ns)
+            yield from self._append(ready._replace(time_ns=when_ns))
 
     def _give_up(self) -> Iterator[Event]:
         """Give up the missing bytes."""

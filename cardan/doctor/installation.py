@@ -204,9 +204,12 @@ class PlugIns(Check):
 def judge_plug_ins(found: Iterable[tuple[str, Loaded[Any]]]) -> Iterator[Finding]:
     """Which plug-ins cannot be used. `found`: what was loaded, by the word for one of it."""
     bad = False
+    lacking: dict[str, list[str]] = {}
     for word, loaded in found:
-        for name, why in loaded.refused.items():
-            bad = True
+        for name, extra in loaded.lacking.items():
+            lacking.setdefault(extra, []).append(f"{word} {name!r}")
+        for name in sorted(loaded.refused.keys() - loaded.lacking.keys()):
+            bad, why = True, loaded.refused[name]
             yield failure(
                 "plug-in",
                 f"{word} {name!r} {why}",
@@ -218,5 +221,8 @@ def judge_plug_ins(found: Iterable[tuple[str, Loaded[Any]]]) -> Iterator[Finding
             yield caution(
                 "plug-in", note, "two packages give the same name", "pip uninstall one of the two"
             )
+    for extra, names in lacking.items():  # Where the files need it, that is a failure of "extra".
+        yield good("plug-in", f"not installed: {install_command(extra)} for {', '.join(names)}")
     if not bad:
-        yield good("plug-in", "all drivers, filters, faces and checks can be loaded")
+        others = "all other" if lacking else "all"
+        yield good("plug-in", f"{others} drivers, filters, faces and checks can be loaded")

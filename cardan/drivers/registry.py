@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any
 
-from cardan.common.options import Options, require
+from cardan.common.options import Options, hints, require
 from cardan.common.plugins import Finder
 from cardan.common.tables import OTHER_KEYS
 from cardan.drivers.base import Driver
+from cardan.errors import ConfigurationError, ExtraMissingError
 
 ENTRY_POINT_GROUP = "cardan.drivers"
 
@@ -40,6 +42,16 @@ class DriverTable(Options):
 
     driver: str
     options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
+
+    @classmethod
+    def kind_of_others(cls, table: Mapping[str, Any]) -> Any:
+        """The options of the table's driver; None where that cannot be loaded."""
+        name = table.get("driver", "")
+        with contextlib.suppress(ConfigurationError, ExtraMissingError), using(name, "driver"):
+            options: Any = load(name).Options
+            hints(options)  # Another package's may be none.
+            return options
+        return None
 
 
 FINDER: Finder[Driver] = Finder(

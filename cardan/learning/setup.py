@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from cardan.common.options import Options
-from cardan.common.tables import keys_of, read_table, read_toml
+from cardan.common.places import in_file
+from cardan.common.tables import keys_of, read_table, read_toml, resolved
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError, OptionError
@@ -64,11 +66,12 @@ def make_hand(
 ) -> Hand:
     """The device of `session`, a session's file, or of `driver` with its `options`; `mapping` and
     `gripper` are tables as such a file has them, in place of its own. Raises ConfigurationError."""
-    tables = _tables(session, driver, {"device": options}, HandConfig)
-    config = read_table(HandConfig, {**tables, **_given(mapping=mapping, gripper=gripper)})
-    device = make_driver(config.device, "device")
-    assert isinstance(device, OperatorDevice)
-    check_mode(config.mapping, device)
+    with _in_file(session):
+        tables = _tables(session, driver, {"device": options}, HandConfig)
+        config = read_table(HandConfig, {**tables, **_given(mapping=mapping, gripper=gripper)})
+        device = make_driver(config.device, "device")
+        assert isinstance(device, OperatorDevice)
+        check_mode(config.mapping, device)
     kind = action_kind(action, HAND_ACTIONS)
     age_s = config.watchdogs.device_age_s
     return Hand(
@@ -128,22 +131,12 @@ def make_arm(
             network_gripper,
             reference_of(named, IDENTITY_POSE),
         )
-    tables = _tables(session, driver, {"robot": options}, SessionConfig)
-    if model:
-        tables["arm"] = {**tables.get("arm", {}), "model": model}
-    config = parse_config(
-        {**tables, **_given(mapping=mapping, gripper=gripper, limits=limits)}, from_file=True
-    )
-    config = dataclasses.replace(
-        config,
-        device=None,
-        filters=(),
-        force=NoForceTable(),
-        fixtures=(),
-    )
-    if why := why_no_verbs(config):
-        raise ConfigurationError("arm", why)
-    check_parts(config)
+    with _in_file(session):
+        config = _arm_config(
+            _tables(session, driver, {"robot": options}, SessionConfig),
+            model,
+            _given(mapping=mapping, gripper=gripper, limits=limits),
+        )
     assert config.arm is not None
     loaded = load_arm(config.arm.model)
     return Arm(
@@ -154,6 +147,28 @@ def make_arm(
         has_output(config.gripper, make_robot(config).capabilities),
         reference_of(loaded, config.arm.tool()),
     )
+
+
+def _arm_config(tables: dict[str, Any], model: str, given: dict[str, Table]) -> SessionConfig:
+    """That of an arm without operator: its parts are checked."""
+    if model:
+        tables["arm"] = {**tables.get("arm", {}), "model": model}
+    config = dataclasses.replace(
+        parse_config({**tables, **given}, from_file=True),
+        device=None,
+        filters=(),
+        force=NoForceTable(),
+        fixtures=(),
+    )
+    if why := why_no_verbs(config):
+        raise ConfigurationError("arm", why)
+    check_parts(config)
+    return config
+
+
+def _in_file(session: str) -> AbstractContextManager[None]:
+    """Errors of keys say where they stand in the session's file; without one nowhere."""
+    return in_file(Path(session)) if session else nullcontext()
 
 
 def _tables(
@@ -169,9 +184,9 @@ def _tables(
     if session:
         if given:
             raise ConfigurationError("options", "a session's file has those of its driver")
-        tables = read_toml(Path(session))
-        keys = keys_of(kind)
-        return {name: table for name, table in tables.items() if name in keys}
+        path, keys = Path(session), keys_of(kind)
+        tables = {name: table for name, table in read_toml(path).items() if name in keys}
+        return dict(resolved(kind, tables, path))
     return {key: {"driver": driver, **(given or {})}}
 
 

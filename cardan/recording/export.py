@@ -20,7 +20,7 @@ from cardan.recording.dataset import (
     vector_feature,
     write_dataset,
 )
-from cardan.recording.frames import Frames, read_frames
+from cardan.recording.frames import LONGEST_FILL_S, Frames, read_frames
 
 OBSERVATION, ACTION = "observation.state", "action"
 ROBOT_TYPE = "cardan"
@@ -84,20 +84,26 @@ def export_lerobot(
     repo_id: str = "",
     arm: str = "",
     each_engagement: bool = False,
+    longest_gap_s: float = LONGEST_FILL_S,
     by_lerobot: bool = True,
 ) -> ExportReport:
     """Write records as a LeRobotDataset into a new folder.
 
     Observed are joints, TCP and gripper; the action is the pose that the TCP was commanded to have
-    and what the gripper was told. `repo_id`: what LeRobot calls it; empty: by the folder's name.
+    and what the gripper was told. `longest_gap_s`: longest time without a state that is filled; at
+    a longer one an episode ends. `repo_id`: what LeRobot calls it; empty: by the folder's name.
     `by_lerobot`: by LeRobot's own program, where it is there and writes that version. Raises
     CaptureError, OptionError, ExtraMissingError.
     """
     if not 0 < fps <= MOST_FPS:
         raise OptionError("--fps", fps, f"1 to {MOST_FPS} frames a second")
+    if not longest_gap_s > 0.0:
+        raise OptionError("--longest-gap", longest_gap_s, "a number above 0")
     if os.path.lexists(folder):
         raise CaptureError(f"{folder} exists: choose another name, or delete it")
-    frames = read_frames(records, fps, arm=arm, each_engagement=each_engagement)
+    frames = read_frames(
+        records, fps, arm=arm, each_engagement=each_engagement, longest_gap_s=longest_gap_s
+    )
     features = {
         OBSERVATION: vector_feature(frames.observation_names),
         ACTION: vector_feature(frames.action_names),

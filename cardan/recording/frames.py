@@ -55,6 +55,10 @@ from cardan.types import Frame, Pose, Quaternion, Vector3
 LONGEST_GAP_NS = NS // 5
 """Between two states: a longer gap is told, and what was before it holds until its end."""
 
+LONGEST_FILL_S = 10.0
+"""Longest gap within an episode, unless another is asked for: at a longer one it ends, and another
+begins after it."""
+
 FEWEST_FRAMES = 2
 """Of an episode: shorter ones are left out, and told."""
 
@@ -88,9 +92,21 @@ class Track:
             self.unusable += 1
         elif self.stamps_ns and stamp_ns <= self.stamps_ns[-1]:
             self.disordered += 1
+            if self._newest_is_alone_before(stamp_ns):
+                self.stamps_ns[-1], self.values[-1] = stamp_ns, value
         else:
             self.stamps_ns.append(stamp_ns)
             self.values.append(value)
+
+    def _newest_is_alone_before(self, stamp_ns: int) -> bool:
+        """Whether the newest value is far from the one before and from this one, which follow each
+        other: its stamp is of a clock that was set."""
+        if self.stamps_ns[-1] - stamp_ns <= LONGEST_GAP_NS:
+            return False
+        return len(self.stamps_ns) == 1 or (
+            self.stamps_ns[-2] < stamp_ns
+            and self.stamps_ns[-1] - self.stamps_ns[-2] > LONGEST_GAP_NS
+        )
 
     def at(self, stamp_ns: int) -> tuple[tuple[float, ...], tuple[float, ...], float]:
         """The values before and after a time that is within, and how far it is between them, 0 to
@@ -201,11 +217,17 @@ class Frames:
 
 
 def read_frames(
-    paths: Sequence[Path], fps: int, *, arm: str = "", each_engagement: bool = False
+    paths: Sequence[Path],
+    fps: int,
+    *,
+    arm: str = "",
+    each_engagement: bool = False,
+    longest_gap_s: float = LONGEST_FILL_S,
 ) -> Frames:
     """Episodes of records, one a file, or one for each time in which a source had the authority.
 
-    `arm`: full name of an arm's node; empty: the only one. Raises CaptureError, OptionError.
+    `arm`: full name of an arm's node; empty: the only one. `longest_gap_s`: longest time without a
+    state that is filled; at a longer one an episode ends. Raises CaptureError, OptionError.
     """
     found = [(path, *_read(path, arm)) for path in paths]
     names = found[0][1].names
@@ -235,7 +257,13 @@ def read_frames(
         frames.problems += (f"{path}: {each}" for each in problems)
         for track in tracks.tracks:
             frames.problems += _told(path, track)
-        for first_ns, last_ns in _spans(tracks, each_engagement):
+        breaks = _breaks(tracks, longest_gap_s)
+        frames.problems += (
+            f"{path}: {each.what}: nothing for {each.long_ns / NS:.1f} s, at which an episode ends "
+            "(a clock was set, or nothing was published; --longest-gap)"
+            for each in breaks
+        )
+        for first_ns, last_ns in _without(breaks, _spans(tracks, each_engagement)):
             episode = _episode(path, tracks, first_ns, last_ns, fps, written)
             if len(episode.actions) < FEWEST_FRAMES:
                 frames.problems.append(
@@ -367,6 +395,29 @@ def _spans(tracks: ArmTracks, each_engagement: bool) -> Iterable[tuple[int, int]
         for begin_ns, end_ns, owner in spans
         if owner and min(end_ns, last_ns) > max(begin_ns, first_ns)
     ]
+
+
+def _breaks(tracks: ArmTracks, longest_gap_s: float) -> list[Gap]:
+    """The gaps that are not filled, in the order of time."""
+    found: list[Gap] = []
+    for track in tracks.tracks:
+        gaps = track.gaps(track.stamps_ns[0], track.stamps_ns[-1])
+        found += (gap for gap in gaps if gap.long_ns > longest_gap_s * NS)
+    return sorted(found, key=lambda gap: gap.at_ns)
+
+
+def _without(breaks: Iterable[Gap], spans: Iterable[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """What is left of times between the gaps in them."""
+    for first_ns, last_ns in spans:
+        begin_ns = first_ns
+        for gap in breaks:
+            if gap.at_ns >= last_ns or gap.at_ns + gap.long_ns <= begin_ns:
+                continue
+            if gap.at_ns > begin_ns:
+                yield begin_ns, gap.at_ns
+            begin_ns = gap.at_ns + gap.long_ns
+        if begin_ns < last_ns:
+            yield begin_ns, last_ns
 
 
 def _episode(

@@ -28,7 +28,15 @@ from cardan.protocols.ros2.type_hash import UNSUPPORTED, type_hash
 if TYPE_CHECKING:
     from mcap.records import Channel, Chunk, Message, Schema
 
-_Record: TypeAlias = "Schema | Channel | Message"
+
+class OtherRecord(NamedTuple):
+    """A header, an attachment or metadata, as the file has it."""
+
+    opcode: int
+    body: bytes
+
+
+Record: TypeAlias = "Schema | Channel | Message | OtherRecord"
 
 PROFILE, ENCODING, SCHEMA_ENCODING = "ros2", "cdr", "ros2msg"
 
@@ -222,12 +230,14 @@ class RecordReader:
         self.damage: list[str] = []
         """What was damaged before the newest message, in words, and left out; the first
         MOST_DAMAGE of it."""
-        self.left_out = 0
-        """Messages that are not in CDR."""
+        self.left_out: dict[str, int] = {}
+        """Messages that are not in CDR, by their encoding; empty: their topic is not described."""
         self.places: list[Place] = []
         """In the order of the file; as far as it was read from its beginning."""
         self._schemas: dict[int, str] = {}
         self._topics: dict[int, RecordedTopic] = {}
+        self._others: dict[int, str] = {}
+        """Encodings of the channels that are no topics of ROS 2."""
 
     def __iter__(self) -> Iterator[RecordedMessage]:
         """All messages in the order of the file. Raises CaptureError for what is no MCAP file."""
@@ -237,19 +247,56 @@ class RecordReader:
     def problems(self) -> list[str]:
         """What is wrong with the file as far as it was read, in words; empty: nothing."""
         damaged = [f"the file is damaged {each}" for each in self.damage]
-        return damaged + ([f"the file ends early: {self.cut_off}"] if self.cut_off else [])
+        others = [
+            f"{count} messages are left out: they are in {encoding!r:.30}, and only those of ROS 2 "
+            f"({ENCODING}) are read"
+            if encoding
+            else f"{count} messages are left out: their topics are not described before them"
+            for encoding, count in self.left_out.items()
+        ]
+        ended = [f"the file ends early: {self.cut_off}"] if self.cut_off else []
+        return damaged + others + ended
 
     def messages(self, place: Place | None = None) -> Iterator[RecordedMessage]:
         """Those from a place of `places` on, in the order of the file; None: all. Raises
         CaptureError for what is no MCAP file."""
-        from mcap.records import Channel, Schema
+        from mcap.records import Channel, Message, Schema
 
-        schemas, topics, places = self._schemas, self._topics, self.places
+        schemas, topics, others, places = self._schemas, self._topics, self._others, self.places
         if place is None:
             schemas.clear()
             topics.clear()
+            others.clear()
             places.clear()
-        self.cut_off, self.damage, self.left_out = "", [], 0
+        self.left_out = {}
+        for offset, record in self._read(place):
+            if isinstance(record, Schema):
+                schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                if record.message_encoding == ENCODING:
+                    topics[record.id] = _topic(record, schemas.get(record.schema_id, ""))
+                else:
+                    others[record.id] = record.message_encoding or "no encoding"
+            elif isinstance(record, Message):
+                if place is None and _is_news(places, offset, record.log_time):
+                    places.append(Place(record.log_time, offset))
+                topic = topics.get(record.channel_id)
+                if topic is None:
+                    encoding = others.get(record.channel_id, "")
+                    self.left_out[encoding] = self.left_out.get(encoding, 0) + 1
+                    continue
+                yield RecordedMessage(
+                    topic, record.log_time, record.publish_time, record.sequence, record.data
+                )
+
+    def records(self) -> Iterator[Record]:
+        """All that the file has before its summary, in its order, but indexes and other programs'
+        own. Raises CaptureError for what is no MCAP file."""
+        for _, record in self._read(None):
+            yield record
+
+    def _read(self, place: Place | None) -> Iterator[tuple[int, Record]]:
+        self.cut_off, self.damage = "", []
         try:
             stream = open_file(self.path)
         except OSError as error:
@@ -258,28 +305,13 @@ class RecordReader:
         with stream:
             if read_up_to(stream, len(_MAGIC)) != _MAGIC:
                 raise CaptureError(f"{self.path} is no MCAP file")
-            for offset, record in self._records(stream, place):
-                if isinstance(record, Schema):
-                    schemas[record.id] = record.name
-                elif isinstance(record, Channel):
-                    if record.message_encoding == ENCODING:
-                        topics[record.id] = _topic(record, schemas.get(record.schema_id, ""))
-                else:
-                    if place is None and _is_news(places, offset, record.log_time):
-                        places.append(Place(record.log_time, offset))
-                    topic = topics.get(record.channel_id)
-                    if topic is None:
-                        self.left_out += 1
-                        continue
-                    yield RecordedMessage(
-                        topic, record.log_time, record.publish_time, record.sequence, record.data
-                    )
+            yield from self._records(stream, place)
 
     def _damaged(self, offset: int, why: str) -> None:
         if len(self.damage) < MOST_DAMAGE:
             self.damage.append(f"at byte {offset} {why}")
 
-    def _records(self, stream: BinaryIO, place: Place | None) -> Iterator[tuple[int, _Record]]:
+    def _records(self, stream: BinaryIO, place: Place | None) -> Iterator[tuple[int, Record]]:
         """Those of the data section and of its chunks, each with the offset at which reading it
         begins."""
         from mcap.opcode import Opcode
@@ -301,7 +333,7 @@ class RecordReader:
                 self._damaged(offset, f"it cannot be read: {error.strerror or error}")
                 return
             at = offset + len(head) + len(body)
-            records: list[_Record] = []
+            records: list[Record] = []
             if len(head) < _HEAD.size or len(body) < length:
                 if not end.finished:
                     missing = f"byte {at} is its last, in a record of {length} bytes"
@@ -320,7 +352,8 @@ class RecordReader:
                 except Exception as error:
                     if shortage(error):
                         raise
-                    why = f"a chunk is left out ({error!r:.80})"
+                    said = str(error) if isinstance(error, _ChunkError) else "it cannot be unpacked"
+                    why = f"a chunk is left out ({said})"
             following = end.chunk_after(offset)
             if following is not None and following < at:
                 why, lost, records = why or "a record is longer than it was", True, []
@@ -370,6 +403,10 @@ class _LostError(ValueError):
     """Where the next record begins is not known."""
 
 
+class _ChunkError(ValueError):
+    """What is wrong with a chunk, in words."""
+
+
 class _End(NamedTuple):
     """What the summary of a file says, at its end."""
 
@@ -379,7 +416,7 @@ class _End(NamedTuple):
     """Whether the summary can be read and has its CRC."""
     chunks: tuple[int, ...]
     """Offsets of the chunks, ascending."""
-    topics: list[_Record]
+    topics: list[Record]
     """All schemas and channels."""
     messages: int | None
     """How many there are; None where it is not said."""
@@ -415,7 +452,7 @@ class _End(NamedTuple):
         if crc not in (0, zlib.crc32(head, zlib.crc32(summary))):
             return broken
         chunks: list[int] = []
-        topics: list[_Record] = []
+        topics: list[Record] = []
         messages, at = None, 0
         try:
             while at < len(summary):
@@ -430,7 +467,7 @@ class _End(NamedTuple):
                     topics.append(Schema.read(body))
                 elif opcode == Opcode.CHANNEL:
                     topics.append(Channel.read(body))
-        except (ValueError, struct.error, EndOfFile):
+        except (ValueError, OverflowError, struct.error, EndOfFile):
             return broken
         return cls(True, True, tuple(sorted(chunks)), topics, messages)
 
@@ -442,7 +479,7 @@ def _is_news(places: list[Place], offset: int, log_ns: int) -> bool:
     return far and offset != places[-1].offset and len(places) < MOST_PLACES
 
 
-def _records_in(opcode: int, body: bytes) -> list[_Record]:
+def _records_in(opcode: int, body: bytes) -> list[Record]:
     """What is in a record of the data section, and in it if it is a chunk. Raises _LostError, or
     what mcap and the compressors raise."""
     from mcap.data_stream import ReadDataStream
@@ -456,7 +493,9 @@ def _records_in(opcode: int, body: bytes) -> list[_Record]:
         if len(body) < 6 or len(body) != 6 + struct.unpack_from("<I", body, 2)[0]:
             raise _LostError("an index of messages has another length than it says")
         return []
-    if opcode in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA) or opcode >= _PRIVATE:
+    if opcode in (Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA):
+        return [OtherRecord(opcode, body)]
+    if opcode >= _PRIVATE:
         return []
     stream = ReadDataStream(BytesIO(body))
     try:
@@ -466,13 +505,13 @@ def _records_in(opcode: int, body: bytes) -> list[_Record]:
             return [Channel.read(stream)]
         if opcode == Opcode.MESSAGE:
             return [Message.read(stream, len(body))]
-    except (ValueError, struct.error, EndOfFile) as error:
-        raise _LostError(f"a record cannot be read ({error!r:.80})") from None
+    except (ValueError, OverflowError, struct.error, EndOfFile):
+        raise _LostError("a record cannot be read: a length or a text in it is wrong") from None
     raise _LostError(f"a record is of an unknown kind, {opcode}")
 
 
-def _unpacked(chunk: Chunk) -> list[_Record]:
-    """What is in a chunk. Raises ValueError where its CRC is another. The lengths that it and its
+def _unpacked(chunk: Chunk) -> list[Record]:
+    """What is in a chunk. Raises _ChunkError where its CRC is another. The lengths that it and its
     compressed frame declare are not believed: mcap's own unpacking takes the memory for them
     first."""
     import lz4.frame
@@ -488,12 +527,12 @@ def _unpacked(chunk: Chunk) -> list[_Record]:
         elif chunk.compression == "lz4":
             stream = stack.enter_context(lz4.frame.open(packed))
         elif chunk.compression:
-            raise ValueError(f"an unknown compression, {chunk.compression!r:.20}")
+            raise _ChunkError(f"an unknown compression, {chunk.compression!r:.20}")
         data = read_up_to(stream, MAX_CHUNK_BYTES + 1)
     if len(data) > MAX_CHUNK_BYTES:
-        raise ValueError(f"a chunk of more than {MAX_CHUNK_BYTES >> 20} MiB")
+        raise _ChunkError(f"a chunk of more than {MAX_CHUNK_BYTES >> 20} MiB")
     if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
-        raise ValueError("its CRC is another")
+        raise _ChunkError("its CRC is another")
     records = breakup_chunk(dataclasses.replace(chunk, compression="", data=data))
     return [each for each in records if isinstance(each, (Schema, Channel, Message))]
 

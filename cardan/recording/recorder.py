@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib.metadata
 import json
+import logging
 import platform
 import threading
 import time
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cardan import __version__
-from cardan.bus.node import BusNode, zenoh_module
+from cardan.bus.node import BusNode, gid_of, zenoh_module
 from cardan.bus.options import BusOptions
 from cardan.common.serving import interruptible
 from cardan.common.shortage import shortage
@@ -35,6 +36,8 @@ from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordWri
 from cardan.types import NEVER_S
 
 NAME = "cardan_recorder"
+
+_log = logging.getLogger(__name__)
 
 FLUSH_S = 0.5
 """How often the file is flushed: with what is under way then, a record whose process is killed
@@ -144,6 +147,9 @@ class Recorder:
         self._began_s = NEVER_S
         self._topics: dict[str, RecordedTopic | None] = {}
         """By key; None: no topic of ROS."""
+        self._of_one: dict[tuple[str, bytes], RecordedTopic] = {}
+        """Latched topics by key and who publishes: a later subscription gets the last message of
+        each."""
         self._counted: dict[bytes, int] = {}
         """Newest sequence numbers of publishers."""
         self._configured: set[tuple[str, bytes]] = set()
@@ -209,7 +215,8 @@ class Recorder:
         self._node.close()
         unknown = () if self._writer is None else tuple(sorted(self._writer.unknown.items()))
         topics = () if self._writer is None else self._writer.topics
-        return Report(self._messages, len(topics), self._dropped, self._lost, unknown, self._error)
+        count = len({topic.name for topic in topics})
+        return Report(self._messages, count, self._dropped, self._lost, unknown, self._error)
 
     @staticmethod
     def _describe(writer: RecordWriter) -> None:
@@ -274,7 +281,10 @@ class Recorder:
                     return
         except Exception as error:
             why = error.strerror if isinstance(error, OSError) else shortage(error)
-            self._error = f"{self._path} cannot be written: {why or repr(error)}"
+            if not why:
+                _log.exception("writing failed")
+                why = f"a fault of this program, {type(error).__name__}, which its log tells"
+            self._error = f"{self._path} cannot be written: {why}"
             with self._there:
                 self._queue.clear()
             with contextlib.suppress(Exception):  # What was flushed is there to be read.
@@ -290,6 +300,8 @@ class Recorder:
         told = Attachment.decode(heard.attachment)
         sequence = publish_ns = 0
         if told is not None:
+            if topic.latched:
+                topic = self._of_publisher(topic, heard, told.gid)
             sequence, publish_ns = told.sequence, told.source_ns
             if not 0 <= publish_ns < _END_NS:
                 publish_ns = 0
@@ -328,6 +340,27 @@ class Recorder:
             any(each.qos.transient_local for each in found),
             tuple(sorted({each.full_node for each in found})),
         )
+
+    def _of_publisher(self, topic: RecordedTopic, heard: _Heard, gid: bytes) -> RecordedTopic:
+        """A latched topic as its publisher `gid` has it; the whole one where that is not known."""
+        if (found := self._of_one.get((heard.key, gid))) is not None:
+            return found
+        name, domain = topic.name, self._options.domain
+
+        def nodes() -> list[str]:
+            return [
+                each.full_node for each in self._publishers(name) if gid_of(each, domain) == gid
+            ]
+
+        with self._saw:
+            if time.monotonic() - self._began_s < JOINING_S:
+                wait_s = GRAPH_S - 1e-9 * (time.time_ns() - heard.log_ns)
+                self._saw.wait_for(nodes, min(wait_s, GRAPH_S))
+            publishers = tuple(nodes())
+        if not publishers:
+            return topic
+        found = self._of_one[heard.key, gid] = topic._replace(publishers=publishers)
+        return found
 
     def _attach(self, writer: RecordWriter, topic: RecordedTopic, heard: _Heard) -> None:
         """A session's configuration, once, as an attachment, too."""

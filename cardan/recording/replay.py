@@ -7,6 +7,7 @@ whoever takes it decides, a session by its arming sequence and its authority.
 from __future__ import annotations
 
 import fnmatch
+import itertools
 import math
 import threading
 import time
@@ -55,6 +56,16 @@ COMMANDS_WORDS = (
 MEET_S = 2.0
 """Longest wait for other nodes, before anything is published."""
 
+STEP_NS = 1_000_000_000
+"""Shortest step of a record's time that is asked whether a clock was set: between two messages that
+are written one after the other, threads and disks make less."""
+
+LONGEST_PAUSE_S = 60.0
+"""Longest time without a message that is waited for, unless another is asked for."""
+
+MOST_STEPS = 5
+"""That are told, one by one."""
+
 SETTLE_S = 0.3
 """After that: how long others take to subscribe to topics that are new to them."""
 
@@ -67,7 +78,7 @@ class ReplayReport(NamedTuple):
     held_back: Mapping[str, str]
     """Topics that were not published, and why."""
     problems: tuple[str, ...] = ()
-    """What is wrong with the file: damage, and why it has no end."""
+    """What is wrong with the file: damage, why it has no end, and where its time makes a step."""
 
     @property
     def complete(self) -> bool:
@@ -79,23 +90,75 @@ class ReplayReport(NamedTuple):
         return [f"{self.messages} messages of {len(self.topics)} topics", *self.problems]
 
 
-class _Contents(NamedTuple):
-    topics: list[RecordedTopic]
-    first_ns: int
-
-
-def _look_through(path: Path) -> _Contents:
+def _topics_in(path: Path) -> list[RecordedTopic]:
     topics: dict[RecordedTopic, None] = {}
-    first_ns = None
     reader = RecordReader(path)
     for message in reader:
         topics.setdefault(message.topic)
-        if first_ns is None or message.log_ns < first_ns:
-            first_ns = message.log_ns
-    if first_ns is None:
+    if not topics:
         why = "; ".join(("", *reader.problems))
         raise CaptureError(f"{path} has no messages{why}")
-    return _Contents(list(topics), first_ns)
+    return list(topics)
+
+
+class Schedule:
+    """When each message of a record is due: with the spacing it was recorded with, except where the
+    record's time makes a step that is no pause."""
+
+    def __init__(self, longest_pause_s: float = LONGEST_PAUSE_S) -> None:
+        self._longest_ns = longest_pause_s * 1e9
+        self._told: list[str] = []
+        self._steps = 0
+
+    @property
+    def steps(self) -> list[str]:
+        """Those that were not waited for, in words."""
+        more = self._steps - len(self._told)
+        return [*self._told, f"and {more} more steps of its time"] if more else self._told
+
+    def of(self, messages: Iterable[RecordedMessage]) -> Iterator[tuple[float, RecordedMessage]]:
+        """Messages, each with the time at which it is due, s after the first one."""
+        first_ns = newest_ns = None
+        for message, following in _with_following(messages):
+            log_ns = message.log_ns
+            if first_ns is None or newest_ns is None:
+                first_ns = newest_ns = log_ns
+            step_ns = log_ns - newest_ns
+            if why := self._why_none(step_ns, log_ns, following):
+                self._tell((newest_ns - first_ns) / 1e9, step_ns / 1e9, why)
+                first_ns += step_ns
+                newest_ns = log_ns
+            newest_ns = max(newest_ns, log_ns)
+            yield (log_ns - first_ns) / 1e9, message
+
+    def _why_none(self, step_ns: int, log_ns: int, following: RecordedMessage | None) -> str:
+        if step_ns < -STEP_NS:
+            return "a clock was set"
+        if step_ns > STEP_NS and following is not None and following.log_ns < log_ns - STEP_NS:
+            return "the message after it is of before: a clock was set"
+        if step_ns > self._longest_ns:
+            return "a clock was set, or nothing was published (--longest-pause)"
+        return ""
+
+    def _tell(self, at_s: float, step_s: float, why: str) -> None:
+        self._steps += 1
+        if len(self._told) < MOST_STEPS:
+            self._told.append(
+                f"its time makes a step of {step_s:+.1f} s after {at_s:.1f} s, which was not "
+                f"waited for: {why}"
+            )
+
+
+def _with_following(
+    messages: Iterable[RecordedMessage],
+) -> Iterator[tuple[RecordedMessage, RecordedMessage | None]]:
+    newest = None
+    for message in messages:
+        if newest is not None:
+            yield newest, message
+        newest = message
+    if newest is not None:
+        yield newest, None
 
 
 def arms_of(topics: Iterable[RecordedTopic]) -> frozenset[str]:
@@ -137,31 +200,35 @@ def replay(
     rate: float = 1.0,
     topics: Sequence[str] = (),
     commands: bool = False,
+    longest_pause_s: float = LONGEST_PAUSE_S,
     say: Callable[[str], None] = print,
 ) -> ReplayReport:
     """Publish a record until its end, SIGINT or SIGTERM.
 
     `rate`: 2: twice as fast; `topics`: names, where * stands for anything; none: all. `commands`:
-    those, too, that are held back otherwise. `say` is told what is held back before anything is
+    those, too, that are held back otherwise. `longest_pause_s`: of a longer time without a message,
+    s of the record, nothing is waited for. `say` is told what is held back before anything is
     published. Raises CaptureError, OptionError, or what opening the bus raises.
     """
     if not 0.0 < rate < math.inf:
         raise OptionError("--rate", rate, "a number above 0")
-    contents = _look_through(path)
-    wanted = [topic for topic in contents.topics if _is_among(topic.name, topics)]
+    if not longest_pause_s > 0.0:
+        raise OptionError("--longest-pause", longest_pause_s, "a number above 0")
+    recorded = _topics_in(path)
+    wanted = [topic for topic in recorded if _is_among(topic.name, topics)]
     if not wanted:
-        names = ", ".join(sorted({topic.name for topic in contents.topics}))
+        names = ", ".join(sorted({topic.name for topic in recorded}))
         raise OptionError("--topics", ", ".join(topics), f"topics of the record: {names}")
-    arms = arms_of(contents.topics)
+    arms = arms_of(recorded)
     with interruptible() as interrupted, BusNetwork(options, NAME) as network:
         _meet(network, interrupted)
         held_back: dict[str, str] = {}
-        publishers: dict[RecordedTopic, Publisher] = {}
+        publishers: dict[RecordedTopic, Iterator[Publisher]] = {}
         for topic in wanted:
             why = "" if commands else why_held_back(topic, arms, network)
             try:
                 if not why:
-                    publishers[topic] = _advertise(network, topic)
+                    publishers[topic] = itertools.cycle(_advertise(network, topic))
             except NetworkError as error:
                 why = str(error)
             if why:
@@ -173,11 +240,12 @@ def replay(
         interrupted.wait(SETTLE_S)
         reader = RecordReader(path)
         whole = until_damage(reader) if commands else iter(reader)
-        count = _publish(whole, publishers, contents.first_ns, rate, interrupted)
-        problems = reader.problems
+        schedule = Schedule(longest_pause_s)
+        count = _publish(schedule.of(whole), publishers, rate, interrupted)
+        problems = [*reader.problems, *schedule.steps]
         if commands and reader.damage:
             problems.append("no command is replayed from there on (--commands)")
-        published = tuple(sorted(each.name for each in publishers))
+        published = tuple(sorted({each.name for each in publishers}))
         return ReplayReport(count, published, held_back, tuple(problems))
 
 
@@ -200,30 +268,34 @@ def _meet(network: BusNetwork, interrupted: threading.Event) -> None:
     interrupted.wait(SETTLE_S)  # What there is comes one by one.
 
 
-def _advertise(network: BusNetwork, topic: RecordedTopic) -> Publisher:
+def _advertise(network: BusNetwork, topic: RecordedTopic) -> list[Publisher]:
+    """As many publishers as take turns: one, or where several nodes published a latched topic, one
+    for each, so that a later subscription gets the last message of each."""
     known = known_definition(topic.type_name, topic.type_hash)
     mark = "" if known else topic.type_hash
-    return network.advertise(topic.name, topic.type_name, topic.latched, mark)
+    count = len(topic.publishers) if topic.latched else 1
+    return [
+        network.advertise(topic.name, topic.type_name, topic.latched, mark)
+        for _ in range(max(1, count))
+    ]
 
 
 def _publish(
-    messages: Iterable[RecordedMessage],
-    publishers: Mapping[RecordedTopic, Publisher],
-    first_ns: int,
+    messages: Iterable[tuple[float, RecordedMessage]],
+    publishers: Mapping[RecordedTopic, Iterator[Publisher]],
     rate: float,
     interrupted: threading.Event,
 ) -> int:
     began_s, count = time.monotonic(), 0
-    for message in messages:
-        publisher = publishers.get(message.topic)
-        if publisher is None:
+    for due_s, message in messages:
+        turns = publishers.get(message.topic)
+        if turns is None:
             continue
-        due_s = began_s + (message.log_ns - first_ns) / (1e9 * rate)
-        left_s = due_s - time.monotonic()
+        left_s = began_s + due_s / rate - time.monotonic()
         if left_s > 0.0:
             interrupted.wait(left_s)
         if interrupted.is_set():
             break
-        publisher.publish(message.data)
+        next(turns).publish(message.data)
         count += 1
     return count

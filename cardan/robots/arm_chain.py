@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from cardan.common.options import suggestion
 from cardan.errors import ConfigurationError
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_model import JointKind
@@ -33,7 +34,9 @@ def unit_of(kind: str) -> float:
 
 def no_link(key: str, name: str, links: Iterable[str]) -> ConfigurationError:
     """What is raised where the setting `key` names a link that is none of `links`."""
-    return ConfigurationError(key, f"there is no link {name!r}; allowed: {', '.join(links)}")
+    there = tuple(links)
+    words = f"there is no link {name!r}; allowed: {', '.join(there)}{suggestion(name, there)}"
+    return ConfigurationError(key, words)
 
 
 def chain_of(tree: Tree, file: ArmFile) -> Chain:
@@ -103,7 +106,9 @@ def _chosen(moving: list[TreeJoint], file: ArmFile) -> list[TreeJoint]:
     for name in file.joints:
         if name not in there:
             raise ConfigurationError(
-                "joints", f"the arm has no moving joint {name!r}; allowed: {_names(moving)}"
+                "joints",
+                f"the arm has no moving joint {name!r}; allowed: {_names(moving)}"
+                + suggestion(name, there),
             )
     return [joint for joint in moving if joint.name in file.joints]
 

@@ -8,6 +8,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from cardan.common.arm_libraries import coal, np, pin
+from cardan.common.options import suggestion
 from cardan.errors import ConfigurationError
 from cardan.robots.arm_chain import Chain, chain_of, no_link, unit_of
 from cardan.robots.arm_choices import bent_home, touching_shapes
@@ -226,7 +227,8 @@ def _counterbalanced(joints: list[ArmJoint], last: str) -> int:
     names = [joint.name for joint in joints]
     if last not in names:
         raise ConfigurationError(
-            "counterbalance", f"there is no joint {last!r}; allowed: {', '.join(names)}"
+            "counterbalance",
+            f"there is no joint {last!r}; allowed: {', '.join(names)}{suggestion(last, names)}",
         )
     return names.index(last) + 1
 

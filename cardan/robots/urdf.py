@@ -14,6 +14,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import NamedTuple
 from xml.parsers import expat
 
+from cardan.common.options import suggestion
 from cardan.errors import ConfigurationError, about
 from cardan.robots.arm_model import TIME_TO_FULL_SPEED_S, JointKind
 from cardan.types import JointLimits, Vector3
@@ -168,8 +169,10 @@ def limits_in(text: str, names: Sequence[str]) -> JointLimits:
     for name in names:
         found = [each for each in there if each.get("name", "") == name]
         if not found:
-            its = ", ".join(each.get("name", "") for each in there)
-            raise _wrong(f"the URDF has no joint {name!r}; it has {its}")
+            its = [each.get("name", "") for each in there]
+            raise _wrong(
+                f"the URDF has no joint {name!r}; it has {', '.join(its)}{suggestion(name, its)}"
+            )
         if len(found) > 1:
             raise _wrong(f"the URDF has {len(found)} joints {name!r}")
         kind = found[0].get("type", "")

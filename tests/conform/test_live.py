@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import socket
+import sys
+import time
+
 import pytest
 
-from cardan.conform import Level, registry, run
+from cardan.conform import Conduct, Level, registry, run
 from cardan.errors import AddressError, ConfigurationError, DeviceAccessError
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 
@@ -39,6 +43,37 @@ def test_a_target_that_is_not_there_is_an_error():
 def test_a_target_without_a_port_after_its_colon_is_refused(target):
     with pytest.raises(ConfigurationError, match="no port of 1 to 65535"):
         registry.load("motoros").wires(target)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the kernel's stamps are Linux's")
+def test_a_datagram_is_stamped_when_it_comes_not_when_it_is_read():
+    """The judge that is late takes its own lateness for nobody's pause."""
+    from cardan.conform.wires import Listen
+
+    wire = Listen("127.0.0.1", 0).open("")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        port = wire._socket.getsockname()[1]
+        start_s = time.monotonic()
+        sender.sendto(b"one", ("127.0.0.1", port))
+        time.sleep(0.05)
+        sender.sendto(b"two", ("127.0.0.1", port))
+        time.sleep(0.05)
+        lain = [(data, wire.late_s) for data, _ in wire.read()]
+        end_s = time.monotonic()
+    wire.close()
+    (one, one_s), (two, two_s) = lain
+    assert (one, two) == (b"one", b"two")
+    assert 0.05 <= two_s < one_s <= end_s - start_s
+    assert one_s - two_s >= 0.05
+
+
+def test_a_timeline_has_when_things_came_and_how_late_its_computer_was():
+    conduct = Conduct(registry.load("egm").pilot(Level.LISTEN, 1.0))
+    conduct.due(0.0)
+    conduct.heard(0.5, "", b"x", late_s=0.2)
+    (came,) = (each for each in conduct.timeline if each.data)
+    assert came.time_s == 0.3
+    assert conduct.timeline.late_s == 0.2
 
 
 def test_a_device_file_is_read_report_by_report(tmp_path):

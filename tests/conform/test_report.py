@@ -12,6 +12,7 @@ from cardan.conform import Level, Outcome, registry
 from cardan.conform.comparison import as_text, compare, easier
 from cardan.conform.redaction import Redaction
 from cardan.conform.report import read
+from cardan.conform.requirements import Requirements, failed
 from cardan.conform.run import simulated
 from cardan.errors import ConfigurationError
 
@@ -54,12 +55,36 @@ def test_json_reads_back(bad):
         ('{"form": 2}', "form 2; this reads 1"),
         ('{"form": 1}', "no report"),
         ('{"form": 1, "results": 5}', "no report"),
+        ('{"version": "1"}', r"format json`: it has no 'form'"),
+        ('{"form": 1, "suite": "egm", "results": []}', r"format json`: it has no 'judges'"),
+        ('{"form": 1, "suite": "egm", "results": [3]}', r"a value of it is of another kind"),
         ("[" * 100_000, "no report"),
     ],
 )
 def test_what_is_no_report_is_said_to_be_none(text, why):
     with pytest.raises(ConfigurationError, match=why):
         read(text, "it.json")
+
+
+def test_a_failure_that_a_late_computer_can_have_made_is_not_judged():
+    requires = Requirements("X")
+
+    @requires(1, "the manual", late_s=0.1)
+    def on_time(_seen):
+        """It answers in time."""
+        return failed("after 70 ms")
+
+    @requires(2, "the manual")
+    def whole(_seen):
+        """It is whole."""
+        return failed("cut")
+
+    late, other = requires.all()
+    assert late.verdict(None, 0.1) == failed("after 70 ms")
+    found = late.verdict(None, 0.2)
+    assert found.outcome is Outcome.NOT_SEEN
+    assert found.said == "not judged: this computer was late by 200 ms; after 70 ms"
+    assert other.verdict(None, 9.0) == failed("cut")
 
 
 def test_junit_has_a_case_for_each(bad):

@@ -126,6 +126,13 @@ def test_plug_ins():
     assert told(PlugIns, judge_plug_ins([("face", Loaded({}, {}, []))])) == [("good", "plug-in")]
 
 
+def test_what_an_extra_brings_is_no_failure_without_it():
+    loaded = Loaded({}, {"rosbridge": "cannot be loaded: ..."}, [], {"rosbridge": "network"})
+    found = list(judge_plug_ins([("face", loaded)]))
+    assert told(PlugIns, found) == [("good", "plug-in"), ("good", "plug-in")]
+    assert found[0].what == "not installed: pip install \"cardan[network]\" for face 'rosbridge'"
+
+
 def test_here():
     for check in (Packages, PlugIns):
         assert {level for level, _ in told(check, check.look(Subject()))} <= {"good", "caution"}

@@ -87,6 +87,20 @@ def test_a_record_of_nothing_says_so(tmp_path):
 
 
 @pytest.mark.matrix
+def test_a_record_that_was_cut_off_is_repaired(tmp_path):
+    path = write(tmp_path / "r.mcap", rows())
+    path.write_bytes(path.read_bytes()[:-8])
+    done = cardan("record", "--repair", str(path))
+    assert done.returncode == 4, done.stderr
+    assert "the file ends early: it was cut off" in done.stdout
+    whole = tmp_path / "r-repaired.mcap"
+    assert f"{whole}: {len(list(rows()))} messages, with an index" in done.stdout
+    assert cardan("plot", str(whole)).returncode == 0
+    done = cardan("record", "--repair", str(path), "--seconds", "1")
+    assert (done.returncode, "--repair" in done.stderr) == (2, True)
+
+
+@pytest.mark.matrix
 def test_the_engine_is_replayed_in_another_process(tmp_path):
     """With another seed of Python's hashes than the session had."""
     path = Recorded(seconds=1.2).write(tmp_path / "r.mcap")

@@ -54,6 +54,8 @@ def test_what_cannot_be_written_is_refused_before_anything_is(record, tmp_path, 
     for fps in (0, -1, 1001):
         with pytest.raises(OptionError, match="--fps"):
             export_lerobot([record], folder, fps=fps)
+    with pytest.raises(OptionError, match="--longest-gap"):
+        export_lerobot([record], folder, longest_gap_s=0.0)
     assert not folder.exists()
     folder.mkdir()
     with pytest.raises(CaptureError, match="set exists: choose another name, or delete it"):

@@ -114,6 +114,33 @@ def test_in_a_gap_what_was_before_holds_and_the_gap_is_told(tmp_path):
         assert gap.long_ns == pytest.approx(1.0 * NS, abs=0.05 * NS)
 
 
+@pytest.mark.parametrize("step_s", [3600.0, 3.5 * 86400.0])
+def test_at_a_clock_that_was_set_ahead_an_episode_ends(tmp_path, step_s):
+    times = [each + (step_s if each > 2.0 else 0.0) for each in steadily(2.0)]
+    frames = read_frames([recorded(tmp_path / "r.mcap", times)], 30)
+    assert [len(each.actions) for each in frames.episodes] == [31, 30]
+    assert not any(each.gaps for each in frames.episodes)
+    assert len(frames.problems) == 3
+    assert f"joints: nothing for {step_s:.1f} s, at which an episode ends" in frames.problems[0]
+
+
+def test_how_long_gaps_are_filled_is_an_option(tmp_path):
+    path = recorded(tmp_path / "r.mcap", [*steadily(1.0), *steadily(1.0, 22.0)])
+    for longest_s, counts in ((30.0, [221]), (15.0, [11, 11])):
+        frames = read_frames([path], 10, longest_gap_s=longest_s)
+        assert [len(each.actions) for each in frames.episodes] == counts
+
+
+@pytest.mark.parametrize("at", [0, 20])
+def test_an_instant_ahead_of_those_around_it_is_left_out_and_told(tmp_path, at):
+    times = steadily(1.0)
+    times[at] += 3600.0
+    frames = read_frames([recorded(tmp_path / "r.mcap", times)], 10)
+    (episode,) = frames.episodes
+    assert len(episode.actions) in (10, 11)
+    assert any("1 joints left out: their stamps" in each for each in frames.problems)
+
+
 def test_an_episode_each_engagement(tmp_path):
     def owner(at_s):
         return "hand" if 1.5 <= at_s < 2.5 else "verbs" if 3.0 <= at_s < 3.5 else ""

@@ -367,6 +367,18 @@ def test_a_damaged_length_is_left_behind(file, read_damaged):
             assert not reader.cut_off
 
 
+def test_no_exception_of_pythons_is_in_what_is_said_of_a_file(tmp_path):
+    """A chunk whose compressed part says that it is longer than any memory, and its like."""
+    for packed_bytes in (1 << 63, (1 << 64) - 1, 1 << 40):
+        body = struct.pack("<QQQI", 0, 0, 100, 0) + struct.pack("<IQ", 0, packed_bytes) + b"abc"
+        path = tmp_path / "damaged.mcap"
+        path.write_bytes(b"\x89MCAP0\r\n\x06" + struct.pack("<Q", len(body)) + body)
+        reader = RecordReader(path)
+        assert list(reader) == []
+        assert [each for each in reader.problems if "Error" in each or "EndOfFile" in each] == []
+        assert reader.damage == ["at byte 8 a chunk is left out (it cannot be unpacked)"]
+
+
 def test_chunks_without_a_crc_are_read(tmp_path):
     path = tmp_path / "other.mcap"
     with path.open("wb") as file:

@@ -13,11 +13,11 @@ import pytest
 from mcap.reader import NonSeekingReader
 from rosbags.rosbag2 import Reader
 
-from cardan.bus.node import BusNode
+from cardan.bus.node import BusNode, gid_of
 from cardan.bus.options import BusOptions
 from cardan.errors import CaptureError, OptionError
 from cardan.protocols.ros2.cdr import codec_of
-from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment
+from cardan.protocols.ros2.zenoh import LATCHED_QOS, PUBLISHER, Attachment
 from cardan.recording.engine import replay_engine
 from cardan.recording.mcap_file import RecordReader, RecordWriter
 from cardan.recording.recorder import QUEUE_MESSAGES, Recorder
@@ -348,12 +348,31 @@ def test_no_message_ends_a_record(tmp_path):
     assert report.messages == len(STRANGE) == len(list(RecordReader(path)))
 
 
+def test_who_publishes_a_latched_topic_is_told_apart(tmp_path):
+    path, key = tmp_path / "a.mcap", "0/tf_static/std_msgs::msg::dds_::String_/RIHS01_0"
+    with Recorder(BusOptions(router=""), path) as recorder:
+        heard = []
+        for number in range(2):
+            entity, _ = recorder._node.endpoint(PUBLISHER, "/tf_static", STRING, LATCHED_QOS)
+            entity = entity._replace(node=f"arm_{number}")
+            recorder._see(entity.token(0), True)
+            sample = Strange(key)
+            sample.data[1] = Attachment(1, 1, gid_of(entity, 0)).encode()
+            heard.append(sample)
+        for each in heard:
+            recorder._hear(each)
+        report = recorder.close()
+    assert [each.topic.publishers for each in RecordReader(path)] == [("/arm_0",), ("/arm_1",)]
+    assert (report.messages, report.topics) == (2, 1)
+
+
 def test_a_fault_in_writing_ends_the_record_and_is_said(tmp_path, monkeypatch):
     with Recorder(BusOptions(router=""), tmp_path / "a.mcap") as recorder:
         monkeypatch.setattr(RecordWriter, "add", lambda *_: [][0])
         recorder._hear(Strange("0/odd/std_msgs::msg::dds_::String_/RIHS01_0"))
         until(lambda: recorder.failed)
-        assert "cannot be written: IndexError" in recorder.close().error
+        why = "cannot be written: a fault of this program, IndexError, which its log tells"
+        assert why in recorder.close().error
 
 
 def test_a_clock_that_is_set_back_holds_up_nothing(tmp_path):

@@ -1,9 +1,11 @@
 """Replay: the same messages with the same spacing, and nothing that reaches an arm unasked."""
 
 import contextlib
+import math
 import threading
 
 import pytest
+from mcap.writer import Writer as McapWriter
 
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
@@ -11,7 +13,7 @@ from cardan.errors import CaptureError, OptionError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan.protocols.ros2.type_hash import type_hash
-from cardan.protocols.ros2.zenoh import DEFAULT_QOS
+from cardan.protocols.ros2.zenoh import DEFAULT_QOS, LATCHED_QOS
 from cardan.recording.mcap_file import (
     RecordedMessage,
     RecordedTopic,
@@ -21,6 +23,7 @@ from cardan.recording.mcap_file import (
 from cardan.recording.replay import (
     COMMANDS_WORDS,
     ReplayReport,
+    Schedule,
     arms_of,
     replay,
     until_damage,
@@ -94,6 +97,53 @@ def test_what_is_wrong_with_the_file_is_part_of_the_report():
     assert not report.complete
     assert ReplayReport(3, ("/a",), {}).complete
     assert not ReplayReport(0, (), {}).complete
+
+
+# -- steps of its time ---------------------------------------------------------------------------
+
+
+def due(tmp_path, times_s, longest_pause_s=60.0):
+    """When messages with these times are due, and what is told."""
+    path = write(tmp_path / "r.mcap", [(at_s, JOG, {}) for at_s in times_s])
+    schedule = Schedule(longest_pause_s)
+    return [at_s for at_s, _ in schedule.of(RecordReader(path))], schedule.steps
+
+
+def test_a_clock_that_was_set_back_is_not_waited_for(tmp_path):
+    times_s, told = due(tmp_path, [3600.0, 0.0])
+    assert times_s == [0.0, 0.0]
+    (words,) = told
+    assert words.startswith("its time makes a step of -3600.0 s after 0.0 s, which was not waited")
+
+
+def test_what_follows_a_step_keeps_its_spacing(tmp_path):
+    times_s, told = due(tmp_path, [7200.0, 7200.5, 0.0, 0.5, 1.0])
+    assert times_s == pytest.approx([0.0, 0.5, 0.5, 1.0, 1.5])
+    assert len(told) == 1
+    (tmp_path / "r.mcap").unlink()
+    times_s, told = due(tmp_path, [0.0, 0.5, 7200.0, 7200.5])
+    assert times_s == pytest.approx([0.0, 0.5, 0.5, 1.0])
+    assert "--longest-pause" in told[0]
+
+
+def test_a_step_that_the_next_message_does_not_confirm_is_not_waited_for(tmp_path):
+    times_s, told = due(tmp_path, [0.0, 0.5, 20.0, 1.0])
+    assert times_s == pytest.approx([0.0, 0.5, 0.5, 0.5])
+    assert len(told) == 2
+
+
+def test_pauses_and_messages_that_are_written_late_are_no_steps(tmp_path):
+    times_s, told = due(tmp_path, [0.0, 20.0, 19.5, 30.0])
+    assert (times_s, told) == (pytest.approx([0.0, 20.0, 19.5, 30.0]), [])
+    (tmp_path / "r.mcap").unlink()
+    times_s, told = due(tmp_path, [0.0, 4000.0], longest_pause_s=5000.0)
+    assert (times_s, told) == ([0.0, 4000.0], [])
+
+
+def test_steps_are_told_one_by_one_up_to_some(tmp_path):
+    _, told = due(tmp_path, [0.0, 1000.0] * 8)
+    assert len(told) == 6
+    assert told[-1] == "and 10 more steps of its time"
 
 
 def listening(endpoint):
@@ -206,6 +256,33 @@ def test_types_that_cardan_does_not_know_are_replayed_with_their_hash(tmp_path):
 
 
 @pytest.mark.matrix
+@pytest.mark.parametrize("together", [False, True], ids=["told apart", "one topic of both"])
+def test_a_later_subscription_gets_the_last_message_of_each_who_published(tmp_path, together):
+    endpoint, both = free_endpoint(), ("/left/arm", "/right/arm")
+    publishers = [both, both] if together else [both[:1], both[1:]]
+    fixed = [topic("/tf_static", "tf2_msgs/msg/TFMessage", each, True) for each in publishers]
+    frames = [
+        {"transforms": [{"header": {"frame_id": frame_id}}]} for frame_id in ("left", "right")
+    ]
+    rows = [(0.0, where, message) for where, message in zip(fixed, frames, strict=True)]
+    rows.append((6.0, CAMERA, {}))  # So that it is still there.
+    path = write(tmp_path / "r.mcap", rows)
+    with listening(endpoint) as node:
+        replaying = threading.Thread(
+            target=replay, args=(path, BusOptions(router=endpoint)), kwargs={"say": quietly}
+        )
+        replaying.start()
+        first = node.subscription("/tf_static", "tf2_msgs/msg/TFMessage", 10, LATCHED_QOS)
+        until(first.poll)
+        until(first.poll)
+        later = node.subscription("/tf_static", "tf2_msgs/msg/TFMessage", 10, LATCHED_QOS)
+        found = [until(later.poll) for _ in range(2)]
+        replaying.join()
+    decoded = [codec_of("tf2_msgs/msg/TFMessage").decode(each.data) for each in found]
+    assert {each["transforms"][0]["header"]["frame_id"] for each in decoded} == {"left", "right"}
+
+
+@pytest.mark.matrix
 def test_what_somebody_publishes_now_is_held_back(tmp_path):
     endpoint = free_endpoint()
     path = write(tmp_path / "r.mcap", [(0.0, CONFIGURATION, {"data": "{}"}), (0.0, STATE, {})])
@@ -219,6 +296,8 @@ def test_what_somebody_publishes_now_is_held_back(tmp_path):
 def test_a_rate_that_is_none_is_refused(tmp_path):
     with pytest.raises(OptionError, match="--rate"):
         replay(tmp_path / "r.mcap", BusOptions(), rate=0.0)
+    with pytest.raises(OptionError, match="--longest-pause"):
+        replay(tmp_path / "r.mcap", BusOptions(), longest_pause_s=math.nan)
 
 
 def test_an_empty_record_and_topics_that_are_not_there(tmp_path):
@@ -227,6 +306,37 @@ def test_an_empty_record_and_topics_that_are_not_there(tmp_path):
     path = write(tmp_path / "r.mcap", [(0.0, STATE, {})])
     with pytest.raises(OptionError, match=f"--topics.*{STATE.name}"):
         replay(path, BusOptions(), topics=["/none"])
+
+
+def others_record(path, encodings):
+    """An MCAP file with a message in each of these encodings."""
+    with path.open("wb") as stream:
+        writer = McapWriter(stream)
+        writer.start("")
+        for number, encoding in enumerate(encodings):
+            schema = writer.register_schema(STRING, "ros2msg", b"string data")
+            channel = writer.register_channel(f"/talk_{number}", encoding, schema)
+            writer.add_message(channel, NS + number, codec_of(STRING).encode({"data": "a"}), NS)
+        writer.finish()
+    return path
+
+
+def test_a_record_of_ros_1_or_json_alone_says_what_it_is(tmp_path):
+    path = others_record(tmp_path / "r.mcap", ["ros1", "ros1", "json"])
+    with pytest.raises(CaptureError) as refused:
+        replay(path, BusOptions())
+    assert str(refused.value) == (
+        f"{path} has no messages; 2 messages are left out: they are in 'ros1', and only those of "
+        "ROS 2 (cdr) are read; 1 messages are left out: they are in 'json', and only those of ROS "
+        "2 (cdr) are read"
+    )
+
+
+def test_messages_in_another_encoding_are_told(tmp_path):
+    reader = RecordReader(others_record(tmp_path / "r.mcap", ["cdr", "json"]))
+    assert [each.topic.name for each in reader] == ["/talk_0"]
+    (told,) = reader.problems
+    assert told.startswith("1 messages are left out: they are in 'json'")
 
 
 # -- a live robot --------------------------------------------------------------------------------

@@ -269,9 +269,8 @@ def published():
     ]
     for path in sorted(ROOT.glob("docs/**/*.md")):
         text = path.read_text(encoding="utf-8")
-        for block in re.findall(r"```xml\n(.*?)```", text, re.DOTALL):
-            if "<robot" in block:
-                texts.append((f"{path.stem}-page", block))
+        blocks = re.findall(r"```xml\n(.*?)```", text, re.DOTALL)
+        texts += [(f"{path.stem}-page", block) for block in blocks if "<robot" in block]
     for name, text in texts:
         yield pytest.param(text, parse_urdf(text).joint_names, id=name)
 

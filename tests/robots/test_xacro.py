@@ -134,7 +134,8 @@ def test_arguments_that_it_does_not_have_are_refused(here, xacro):
     )
     with pytest.raises(
         ConfigurationError,
-        match=r"arm\.toml:2:11: xacro\.prefx: arm\.urdf\.xacro has no such argument; allowed: prefix",
+        match=r"arm\.toml:2:11: xacro\.prefx: arm\.urdf\.xacro has no such argument; "
+        "allowed: prefix",
     ):
         load_arm("arm.toml")
 

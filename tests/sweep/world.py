@@ -36,6 +36,7 @@ listen = []
 driver = "sim_arm"
 robot = "ur5"
 drive = "ideal"
+period_s = 0.008
 
 [arm]
 model = "ur5"

@@ -27,6 +27,9 @@ STEP_S = 1.2
 """Five time constants of the default gain."""
 QUIET_S = 0.5
 """A run is over after this time without a datagram."""
+ENDS_S = 3.0
+"""A run that is left alone ends within this time, and the next begins: three times RAPID's own
+CommTimeout."""
 HAND_S = 60.0
 """Somebody has so long to do what the list says."""
 
@@ -75,9 +78,10 @@ class EgmPilot(Pilot):
             yield Wait(QUIET_S)
 
     def _holding(self) -> Script:
+        patience_s = max(self._seconds, ENDS_S)
         yield mark("hold")
         self._answering = True
-        yield Wait(self._seconds, self._runs)
+        yield Wait(patience_s, self._runs)
         yield Wait(self._seconds)
         yield mark("junk")
         for data in JUNK:
@@ -85,11 +89,11 @@ class EgmPilot(Pilot):
             yield Wait(0.05)
         yield mark("silence")
         self._answering = False
-        yield Wait(self._seconds, lambda: self._quiet() or not self._runs())
+        yield Wait(patience_s, lambda: self._quiet() or not self._runs())
         yield mark("again")
         self._hold = None
         self._answering = True
-        yield Wait(self._seconds, self._runs)
+        yield Wait(patience_s, self._runs)
         yield Wait(QUIET_S)
 
     def answer(self, event: Event) -> Iterator[Act]:

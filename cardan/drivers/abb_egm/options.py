@@ -55,7 +55,7 @@ class AbbEgmOptions(Options):
     """Which external axes, counted from 0, are linear (mm on the wire) and not rotary."""
     force_frame: Literal["tool", "base"] = "tool"
     """The frame that measured forces are given in; ABB's manual does not say."""
-    robot: str | None = None
+    robot: Annotated[str, bounds.ARM_FILE] | None = None
     """A robot whose joint range and speed are known; None: only the limits below."""
     joint_lower_deg: tuple[Annotated[float, bounds.JOINT_ANGLE_DEG], ...] = ()
     """Own lower ends of the joint range; empty: the robot's."""

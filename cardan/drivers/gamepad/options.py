@@ -20,7 +20,7 @@ class GamepadOptions(ShapingOptions):
 
     transport: Literal["evdev", "socket"] = "evdev"
     """evdev: a node of /dev/input. socket: a simulated gamepad."""
-    path: str = ""
+    path: Annotated[str, bounds.MEETING] = ""
     """The node's path as ``cardan devices`` lists it, or the socket's; empty: the first found."""
     name: str = ""
     """A part of the pad's name, where several are plugged in; empty: any."""

@@ -18,7 +18,7 @@ class KeyboardOptions(ShapingOptions):
 
     transport: Literal["evdev", "socket"] = "evdev"
     """evdev: a node of /dev/input. socket: a simulated keyboard."""
-    path: str = ""
+    path: Annotated[str, bounds.MEETING] = ""
     """The node's path as ``cardan devices`` lists it, or the socket's; empty: the first found."""
     name: str = ""
     """A part of the keyboard's name, where several are plugged in; empty: any."""

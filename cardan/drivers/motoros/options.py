@@ -45,7 +45,7 @@ class MotorosOptions(Options):
     motion_port: Annotated[int, bounds.PORT] = MOTION_PORT
     state_port: Annotated[int, bounds.PORT] = STATE_PORT
     io_port: Annotated[int, bounds.PORT] = IO_PORT
-    robot: str = "gp8"
+    robot: Annotated[str, bounds.ARM_FILE] = "gp8"
     """An arm's name, or the path of a .toml or .urdf file; number of joints and limits are its."""
     velocity_rad_s: tuple[Annotated[float, bounds.JOINT_SPEED_RAD_S], ...] = ()
     """Own highest joint speeds; empty: the arm's."""
@@ -85,7 +85,7 @@ class MotorosOptions(Options):
     lag_s: Annotated[float, bounds.LAG_S] = 0.4
     """The longest that the arm is behind its command in good order: the controller's filter and
     servos, and what the mode adds ("standard" needs 1.2)."""
-    record: str = ""
+    record: Annotated[str, bounds.PATH] = ""
     """A CSV file for commands and feedback, written at close; empty: none."""
 
     def __post_init__(self) -> None:

@@ -15,6 +15,9 @@ STALE_AFTER_S = bounds.Range(0.005, 0.1, "s", "ticks come every 1 ms; a hand mov
 RANGE_M = bounds.Range(0.001, 1.0, "m", "a hand on a desk reaches no farther")
 RANGE_DEG = bounds.Range(1.0, 180.0, "deg", "half a turn to either side is all there is")
 
+_LIBRARY = bounds.Located("(?P<path>.*/.*)", is_read=False)
+"""A name without / is the system loader's to find."""
+
 _Desk = Annotated[float, bounds.DESK_M]
 _Angle = Annotated[float, bounds.ANGLE_DEG]
 
@@ -30,7 +33,7 @@ class OmniOptions(ShapingOptions, TickLimits):
 
     device: str = ""
     """The device's name in the vendor's setup tool; empty: the first one."""
-    library: str = ""
+    library: Annotated[str, _LIBRARY] = ""
     """Path or name of libHD; empty: $CARDAN_LIBHD, else where the system's loader finds it."""
     force_mode: Literal["cartesian", "joint"] = "cartesian"
     """What set_feedback takes at first: forces at the stylus, or torques of the three joints."""

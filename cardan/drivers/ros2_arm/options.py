@@ -35,7 +35,7 @@ COMMAND_TOPICS: dict[str, str] = {
 class Ros2ArmOptions(NodeOptions):
     """Options of :class:`Ros2Arm`."""
 
-    robot: str = "ur5"
+    robot: Annotated[str, bounds.ARM_FILE] = "ur5"
     """An arm's name, or the path of a .toml or .urdf file: names and limits of the joints. Empty:
     `joints` names them, and `robot_description` has the limits."""
     joints: tuple[str, ...] = ()
@@ -44,7 +44,7 @@ class Ros2ArmOptions(NodeOptions):
     transport: Literal["zenoh", "dds"] = "zenoh"
     """What the robot's nodes speak, as their RMW_IMPLEMENTATION says: zenoh: rmw_zenoh_cpp; dds:
     rmw_cyclonedds_cpp or rmw_fastrtps_cpp, which needs the plug-in cardan-dds."""
-    dds_config: str = ""
+    dds_config: Annotated[str, bounds.DDS_CONFIG] = ""
     """For dds: configuration of Cyclone DDS, XML or file://PATH. Empty: CYCLONEDDS_URI where that
     is set, or else this computer alone."""
     states_topic: str = "/joint_states"

@@ -34,7 +34,7 @@ class SimArmOptions(Options):
     `robot` and `period_s` must then agree with it, and drive, planes, spheres, payload, start,
     faults and seed must be left alone."""
 
-    robot: str = "ur5"
+    robot: Annotated[str, bounds.ARM_FILE] = "ur5"
     """An arm's name, or the path of a .toml or .urdf file."""
     transport: Literal["in-process", "udp"] = "in-process"
     endpoint: str = "127.0.0.1:6520"

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan.common import bounds
-from cardan.common.options import require
+from cardan.common.options import require, suggestion
 from cardan.drivers.shaping import ShapingOptions
 from cardan.protocols.connexion import MODELS
 
@@ -30,7 +30,7 @@ class SpaceMouseOptions(MouseOptions):
     transport: Literal["auto", "hidraw", "libusb", "usb", "socket"] = "auto"
     """auto: hidraw, then libusb. usb: raw USB, where there is no HID. socket: a simulated device,
     one raw HID report per packet."""
-    path: str = ""
+    path: Annotated[str, bounds.MEETING] = ""
     """The device's path as ``cardan devices`` lists it, a link to it, or the socket's; empty: the
     first found."""
     model: str = ""
@@ -48,7 +48,8 @@ class SpaceMouseOptions(MouseOptions):
     def __post_init__(self) -> None:
         super().__post_init__()
         good = not self.model or self.model in _MODEL_KEYS
-        require(good, "model", self.model, f"empty or one of {', '.join(_MODEL_KEYS)}")
+        near = suggestion(self.model, _MODEL_KEYS)
+        require(good, "model", self.model, f"empty or one of {', '.join(_MODEL_KEYS)}{near}")
         if self.transport == "socket":
             way = "for transport 'socket'"
             require(self.path, "path", self.path, f"the path of the socket {way}")

@@ -20,7 +20,7 @@ STALE_AFTER_S = bounds.Range(
 class SpnavOptions(ShapingOptions):
     """Options of :class:`Spnav`. Raises OptionError for a value that is not allowed."""
 
-    socket: str = ""
+    socket: Annotated[str, bounds.MEETING] = ""
     """Path of the socket; empty: what SPNAV_SOCKET says, else /var/run/spnav.sock."""
     full_scale: Annotated[float, bounds.COUNTS] | None = None
     """Counts of a full deflection; None: what the daemon's device usually gives, 350 or 500."""

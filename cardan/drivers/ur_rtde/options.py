@@ -38,7 +38,7 @@ class UrRtdeOptions(Options):
     rtde_port: Annotated[int, bounds.PORT] = RTDE_PORT
     primary_port: Annotated[int, bounds.PORT] = PRIMARY_PORT
     dashboard_port: Annotated[int, bounds.PORT] = DASHBOARD_PORT
-    robot: str = "ur5e"
+    robot: Annotated[str, bounds.ARM_FILE] = "ur5e"
     """An arm's name, or the path of a .toml or .urdf file of six joints; limits are its."""
     rate_hz: Annotated[float, RATE_HZ] = 500.0
     """States and commands a second; a CB3 has 125 at most, and is asked for no more."""

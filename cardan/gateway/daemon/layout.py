@@ -25,16 +25,16 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, is_dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from cardan.common import bounds
-from cardan.common.files import expanded
-from cardan.common.options import Options, require, suggestion
+from cardan.common.options import Options, hints, require, suggestion
 from cardan.common.places import in_file, place_of
-from cardan.common.tables import OTHER_KEYS, read_table, read_toml
-from cardan.errors import CardanError, ConfigurationError, about, below
+from cardan.common.tables import OTHER_KEYS, read_table, read_toml, resolved
+from cardan.drivers.registry import DriverTable
+from cardan.errors import CardanError, ConfigurationError, ExtraMissingError, about, below
 from cardan.gateway.faces import registry as face_registry
 from cardan.gateway.session.assembly import check_parts
 from cardan.gateway.session.config import SessionConfig
@@ -42,6 +42,8 @@ from cardan.gateway.session.config import SessionConfig
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
 
 _NAMES = "letters (a to z), digits, and _ . - within, 63 at most"
+
+_EVENT_LOG = bounds.Located("(?!none$)(?P<path>.+)", is_read=False)
 
 _TOP = frozenset({"daemon", "devices", "robots", "sessions", "faces"})
 """Keys of a file of the daemon; every other belongs to a session."""
@@ -51,13 +53,13 @@ _TOP = frozenset({"daemon", "devices", "robots", "sessions", "faces"})
 class DaemonOptions(Options):
     """``[daemon]``: the daemon itself."""
 
-    socket: str = ""
+    socket: Annotated[str, bounds.PATH] = ""
     """Where it is controlled; empty: cardan.sock in the user's runtime folder."""
     group: str = ""
     """Group whose members may ask it, too; empty: its own user alone."""
     group_role: Literal["viewer", "operator", "admin"] = "operator"
     """What they may do."""
-    event_log: str = ""
+    event_log: Annotated[str, _EVENT_LOG] = ""
     """File of what happened, a JSON object a line; empty: events.jsonl in the folder for the user's
     (a service's) state; "none": none."""
     start_limit: Annotated[int, bounds.STARTS] = 8
@@ -81,11 +83,16 @@ class SessionTable(Options):
     """One of ``[[sessions]]``; all other keys are those of a session's file."""
 
     name: str
-    file: str = ""
+    file: Annotated[str, bounds.FILE] = ""
     """A session's file, relative to this one; the keys given here replace its own."""
     start: bool = True
     """Whether it starts with the daemon."""
     session: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
+
+    @classmethod
+    def kind_of_others(cls, _table: Mapping[str, Any]) -> Any:
+        """A session's file."""
+        return SessionConfig
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,9 +239,10 @@ class _Reading:
                     f"{file.stem!r}, the file's name, is the session's, and must be {_NAMES}: "
                     "rename the file",
                 )
-            self._add_session(SessionTable(name=file.stem, session=tables), file)
+            session = resolved(SessionConfig, tables, file)
+            self._add_session(SessionTable(name=file.stem, session=session), file)
             return
-        read = read_table(DaemonFile, tables)
+        read = read_table(DaemonFile, resolved(DaemonFile, tables, file))
         if read.daemon is not None:
             if self._daemon is not None:
                 raise ConfigurationError("daemon", f"is in {self._daemon[1]} already")
@@ -244,13 +252,20 @@ class _Reading:
             ("robots", read.robots, self._robots),
             ("faces", read.faces, self._faces),
         ):
-            for name, table in found.items():
+            for name, given in found.items():
                 _check_name(f"{kind}.{name}", name)
                 if name in into:
                     raise ConfigurationError(
                         f"{kind}.{name}", f"this name is in {into[name].file} already"
                     )
-                into[name] = _Named(table, file, f"{kind}.{name}")
+                table, key = given, f"{kind}.{name}"
+                kinds: Iterable[Any] = (DriverTable,)
+                if kind == "faces" and isinstance(table, Mapping):  # As a command's options.
+                    table = {word.replace("-", "_"): value for word, value in table.items()}
+                    kinds = _face_kinds(table.get("face", name))
+                for each in kinds:
+                    table = resolved(each, table, file, key)
+                into[name] = _Named(table, file, key)
         for number, session in enumerate(read.sessions):
             self._add_session(session, file, f"sessions.{number}")
 
@@ -285,8 +300,9 @@ class _Reading:
         with _placed(table.name, stands, file, key):
             tables = dict(table.session)
             if table.file:
-                base = file.parent / expanded(table.file)
-                tables = read_toml(base) | tables
+                base = Path(table.file)
+                with in_file(base):
+                    tables = resolved(SessionConfig, read_toml(base), base) | tables
                 stands |= {name: (base, name) for name in tables.keys() - stands.keys()}
             device = tables.get("device")
             device = device if isinstance(device, str) else ""
@@ -335,6 +351,16 @@ def _named(key: str, name: str, known: Mapping[str, _Named]) -> _Named:
             key, f"there is no [{key}s.{name}]; allowed: {allowed}{suggestion(name, known)}"
         )
     return known[name]
+
+
+def _face_kinds(face: Any) -> Iterator[Any]:
+    """The dataclasses that have the options of a face; none where that cannot be loaded."""
+    kinds: list[Any] = []
+    with contextlib.suppress(ConfigurationError, ExtraMissingError):
+        kinds.append(face_registry.load(face).Options)
+    while kinds:
+        yield (kind := kinds.pop())
+        kinds += filter(is_dataclass, hints(kind).values())
 
 
 def _words(options: Mapping[str, Any]) -> Iterable[str]:

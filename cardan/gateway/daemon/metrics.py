@@ -15,7 +15,7 @@ from typing import Annotated, Any, Final
 
 from websockets.datastructures import Headers
 
-from cardan.common.bounds import ANY_PORT
+from cardan.common import bounds
 from cardan.common.extras import missing_extra
 from cardan.common.options import Options
 from cardan.errors import CardanError
@@ -36,14 +36,14 @@ ANSWER_S: Final = 5.0
 class MetricsOptions(FrontOptions):
     """How a scraper reaches the figures."""
 
-    port: Annotated[int, ANY_PORT] = PORT
+    port: Annotated[int, bounds.ANY_PORT] = PORT
 
 
 @dataclass(frozen=True, kw_only=True)
 class DaemonAddress(Options):
     """The daemon whose figures are shown."""
 
-    socket: str = ""
+    socket: Annotated[str, bounds.PATH] = ""
     """The daemon's socket; empty: of the one that runs this face, else of this user's."""
 
 

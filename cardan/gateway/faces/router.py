@@ -7,10 +7,12 @@ import select
 import sys
 import threading
 from dataclasses import dataclass
+from typing import Annotated
 
 from cardan.bus.node import close_session, router_config, words_of, zenoh_module
 from cardan.bus.options import ROUTER
 from cardan.bus.router import announced
+from cardan.common.bounds import FILE
 from cardan.common.options import Options
 from cardan.errors import AddressError, OptionError
 from cardan.gateway.faces.base import Face, Ready
@@ -28,7 +30,7 @@ class RouterOptions(Options):
     computer alone; tcp/0.0.0.0:7447 is every network that it has."""
     connect: tuple[str, ...] = ()
     """Routers of other computers to join with."""
-    zenoh_config: str = ""
+    zenoh_config: Annotated[str, FILE] = ""
     """Zenoh configuration file (JSON5), used as it is instead of `endpoint` and `connect`: for TLS,
     passwords and access control."""
     attached: bool = False

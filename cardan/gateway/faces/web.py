@@ -28,7 +28,7 @@ from websockets.http11 import Request, Response
 from websockets.protocol import Event
 from websockets.typing import Data, Subprotocol
 
-from cardan.common.bounds import ANY_PORT, LISTEN_HOST, Range
+from cardan.common.bounds import ANY_PORT, LISTEN_HOST, PATH, Range
 from cardan.common.files import read_text
 from cardan.common.options import CODE_ONLY, Options, require
 from cardan.common.sockets import has_room, is_loopback, waiting_bytes
@@ -127,14 +127,14 @@ class FrontOptions(Options):
     """What clients have in the address: ws://HOST:PORT/?t=TOKEN, or /TOKEN; an operator's. Empty:
     those of `token_file` or of the environment. No option of a command: all users see a command
     line."""
-    token_file: str = ""
+    token_file: Annotated[str, PATH] = ""
     """File with the tokens that clients have in the address, ws://HOST:PORT/?t=TOKEN or /TOKEN, or
     in a header; one a line, after its role: viewer, operator or admin (without: operator). Only its
     owner may read it. Without it the environment's CARDAN_FACE_TOKEN; without both, none is needed
     on this computer, and for others some are made."""
-    certificate: str = ""
+    certificate: Annotated[str, PATH] = ""
     """File with the certificate chain (PEM), for wss; empty: ws."""
-    key: str = ""
+    key: Annotated[str, PATH] = ""
     """File with the certificate's private key (PEM)."""
     plaintext: bool = False
     """Serve other computers without a certificate, where the network between is protected by

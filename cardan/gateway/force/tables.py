@@ -249,7 +249,7 @@ class RemoteForceTable(ForceTable):
     """A force node in a process of its own."""
 
     source: Literal["remote"] = "remote"
-    socket: Annotated[str, bounds.SOCKET_PATH]
+    socket: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 from cardan.common.options import suggestion
 from cardan.common.places import in_file
 from cardan.common.plugins import not_installed
-from cardan.common.tables import as_table, keys_of, read_table, read_toml
+from cardan.common.tables import as_table, keys_of, read_table, read_toml, resolved
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.drivers.haptic import HapticDevice
@@ -623,7 +623,8 @@ def read_part(kind: type[Part], path: Path) -> Part:
     """The tables of a file that `kind` has; all others may be anything."""
     keys = keys_of(kind)
     with in_file(path):
-        return read_table(kind, {key: each for key, each in read_toml(path).items() if key in keys})
+        tables = {key: each for key, each in read_toml(path).items() if key in keys}
+        return read_table(kind, resolved(kind, tables, path))
 
 
 def cautions(config: SessionConfig) -> list[str]:
@@ -703,7 +704,7 @@ def _unbent(model: ArmModel) -> list[str]:
 def load_config(path: Path) -> SessionConfig:
     """Read and check a configuration file, the options of drivers and filters included."""
     with in_file(path):
-        config = parse_config(read_toml(path))
+        config = parse_config(resolved(SessionConfig, read_toml(path), path))
         check_parts(config)
     return config
 

@@ -57,7 +57,7 @@ class LimitsTable(ReferenceLimits):
 class ArmTable(ArrivalOptions):
     """``[arm]``: the model by which joints are commanded; without it the robot is sent poses."""
 
-    model: str
+    model: Annotated[str, bounds.ARM_FILE]
     """One of our arms, or the path of a .toml or .urdf file."""
     policy: Policy = ServoOptions.policy
     tool_xyz_m: Place = (0.0, 0.0, 0.0)

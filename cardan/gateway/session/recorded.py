@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,20 @@ from cardan.gateway.session.launched import Launched
 
 LAST_S = 0.5
 """How long the recorder goes on after the session has ended: what it said last is on its way."""
+
+
+def why_incomplete(recorder: Launched, path: Path) -> str:
+    """Why a recorder that has ended did not come to its end in good order; empty: it did, or says
+    itself what is missing."""
+    if recorder.code >= 0:
+        return ""
+    number = -recorder.code
+    known = number in set(signal.Signals)
+    name = signal.Signals(number).name if known else f"signal {number}"
+    return (
+        f"the recorder was ended by {name}: {path} has what came until less than a second before, "
+        f"and no index; `cardan record --repair {path}` writes a whole file of it"
+    )
 
 
 @contextlib.contextmanager

@@ -92,7 +92,7 @@ def render(snapshot: Snapshot) -> RenderableType:
         + (", at the workspace's edge" if s.at_workspace_limit else ""),
     )
     if s.utilization is not None:
-        robot.add_row("utilization", f"{s.utilization:.0%}")
+        robot.add_row("needed of the robot's ability", f"{s.utilization:.0%}")
     if s.path_speed is not None:
         clearance = "–" if s.clearance_m is None else f"{s.clearance_m * 1e3:.0f} mm"
         robot.add_row("path speed, clearance", f"{s.path_speed:.0%}, {clearance}")
@@ -120,7 +120,7 @@ def render(snapshot: Snapshot) -> RenderableType:
         f"   {s.elapsed_s:6.1f} s",
     )
     if s.authority:
-        links.append(f"   authority {s.authority} {s.authority_s or 0.0:.0f} s")
+        links.append(f"   commanded by {s.authority} for {s.authority_s or 0.0:.0f} s")
     if s.buttons:
         links.append(f"   [{', '.join(s.buttons)}]")
     if s.battery is not None:

@@ -194,7 +194,7 @@ class EgmController:
         """The shell reports that no program listens at the PC's address."""
         if not self._send_failing:
             self._send_failing = True
-            self._log.add(SENDING_FAILED, "Error sending EGM UdpUc message")
+            self._log.add(SENDING_FAILED, "Error sending EGM UdpUc message (no program listens)")
 
     def sending_worked(self) -> None:
         """The shell reports that the PC was heard."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan.common import bounds
-from cardan.common.options import Options
+from cardan.common.options import Options, suggestion
 from cardan.errors import OptionError
 from cardan.protocols.connexion import MODELS
 from cardan.protocols.spnav import DEFAULT_SOCKET
@@ -17,7 +17,7 @@ from cardan_spnav_server.identity import DeviceIdentity, identity_behind_bus
 class SpnavServerOptions(Options):
     """Options of the server. Raises OptionError for a value that is not allowed."""
 
-    socket: Annotated[str, bounds.SOCKET_PATH] = DEFAULT_SOCKET
+    socket: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING] = DEFAULT_SOCKET
     """Path of the socket to create; programs look there, or where SPNAV_SOCKET says."""
     access: Literal["owner", "everybody"] = "owner"
     """Who may connect: the user who serves (mode 0600), or every user of this machine (0666)."""
@@ -36,7 +36,8 @@ class SpnavServerOptions(Options):
         super().__post_init__()
         keys = [model.key for model in MODELS]
         if self.model and self.model not in keys:
-            raise OptionError("model", self.model, f"one of {', '.join(keys)}, or empty")
+            near = suggestion(self.model, keys)
+            raise OptionError("model", self.model, f"empty or one of {', '.join(keys)}{near}")
 
     @property
     def identity(self) -> DeviceIdentity | None:

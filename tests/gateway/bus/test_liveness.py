@@ -39,7 +39,12 @@ class Served:
         self.session = make_session(
             parse_config(
                 {
-                    "robot": {"driver": "sim_arm", "robot": "ur5", "drive": "ideal"},
+                    "robot": {
+                        "driver": "sim_arm",
+                        "robot": "ur5",
+                        "drive": "ideal",
+                        "period_s": 0.008,
+                    },
                     "arm": {"model": "ur5"},
                     "network": network or {"router": "", "listen": [endpoint]},
                     "watchdogs": PATIENT,

@@ -4,6 +4,7 @@ import pytest
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.daemon.layout import read_layout
+from cardan.robots.arm_loader import our_texts
 
 ARM = '[robot]\ndriver = "sim_arm"\nrobot = "ur5"\n[arm]\nmodel = "ur5"\n'
 LAB = """
@@ -171,3 +172,25 @@ def test_a_home_in_a_path_is_expanded(folder, tmp_path, monkeypatch, home):
     monkeypatch.setenv("HOME", str(tmp_path))
     layout = read(folder, lab=LAB.replace("arm.toml", f"{home}/other.toml"))
     assert layout.sessions["two"].config.arm.model == "ur5"
+
+
+def test_paths_are_relative_to_the_file_that_names_them(folder, monkeypatch):
+    (folder / "base").mkdir()
+    (folder / "base" / "arm.toml").write_text(
+        ARM.replace('robot = "ur5"', 'robot = "own.toml"').replace('"ur5"', '"own.toml"')
+    )
+    (folder / "base" / "own.toml").write_text('urdf = "own.urdf"\n')
+    (folder / "base" / "own.urdf").write_bytes(our_texts("ur5").urdf.encode())
+    monkeypatch.chdir("/")
+    layout = read(
+        folder,
+        lab='[daemon]\nevent_log = "log"\nsocket = "lab.sock"\n'
+        '[[sessions]]\nname = "one"\nfile = "base/arm.toml"\n'
+        '[faces.rosbridge]\ntoken-file = "tokens"\n',
+    )
+    config = layout.sessions["one"].config
+    assert config.arm.model == config.robot.options["robot"] == str(folder / "base" / "own.toml")
+    assert layout.daemon.event_log == str(folder / "log")
+    assert layout.daemon.socket == str(folder / "lab.sock")
+    assert layout.faces["rosbridge"].words == ("--token-file", str(folder / "tokens"))
+    assert read(folder, lab=LAB + '[daemon]\nevent_log = "none"\n').daemon.event_log == "none"

@@ -28,7 +28,7 @@ SESSION = """
 event_log = "none"
 [[sessions]]
 name = "one"
-robot = { driver = "sim_arm", robot = "ur5" }
+robot = { driver = "sim_arm", robot = "ur5", period_s = 0.008 }
 [sessions.arm]
 model = "ur5"
 """

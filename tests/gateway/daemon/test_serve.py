@@ -29,7 +29,7 @@ pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 ARM = """
 [[sessions]]
 name = "{name}"
-robot = {{ driver = "sim_arm", robot = "ur5" }}
+robot = {{ driver = "sim_arm", robot = "ur5", period_s = 0.008 }}
 {more}
 [sessions.arm]
 model = "ur5"

@@ -54,7 +54,7 @@ BRAKING_S = 0.3
 """From 0.25 m/s at 1 m/s²."""
 
 TABLE = {
-    "robot": {"driver": "sim_arm", "robot": "ur5", "drive": "ideal"},
+    "robot": {"driver": "sim_arm", "robot": "ur5", "drive": "ideal", "period_s": 0.008},
     "arm": {"model": "ur5"},
     "obstacles": [{"name": "table", "plane": [[0.0, 0.0, 1.0], -0.05]}],
 }

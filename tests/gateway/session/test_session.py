@@ -169,6 +169,24 @@ def test_a_button_that_a_device_may_have_beside_those_it_tells_is_taken(fake_dri
         session(mapping={"deadman": "button-24"}).run()
 
 
+def test_of_buttons_that_are_known_once_the_device_is_there_the_operator_is_told(
+    fake_drivers, monkeypatch
+):
+    known = FakeDevice.capabilities
+    unknown = known._replace(buttons=())
+    monkeypatch.setattr(
+        FakeDevice,
+        "capabilities",
+        property(lambda device: known if device.looks else unknown),
+    )
+    s, seen = session(mapping={"deadman": "Go"}), []
+    monkeypatch.setattr(s, "_tell", lambda snapshot: seen.append(dataclasses.replace(snapshot)))
+    last = s.run()
+    told = "mapping.deadman: the device has no button 'Go'; it has: go, grip; did you mean 'go'?"
+    assert told in {snapshot.message for snapshot in seen}
+    assert last.path_m == 0.0
+
+
 def test_what_the_hand_feels_ends_with_the_session(fake_drivers, monkeypatch):
     felt = []
     monkeypatch.setattr(

@@ -48,7 +48,7 @@ SOMEBODY: Final = Sender()
 class ListenerOptions(Options):
     """Where a filter listens for its sensor: at a Unix socket, or at a UDP port."""
 
-    socket: Annotated[str, bounds.SOCKET_PATH] | None = None
+    socket: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING] | None = None
     """Path of the Unix socket, which only programs of the same user can write to; without one, and
     without `port`: one of the filter's name in the user's runtime folder."""
     port: Annotated[int, bounds.PORT] | None = None

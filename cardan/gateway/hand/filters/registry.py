@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any
 
-from cardan.common.options import Options
+from cardan.common.options import Options, hints
 from cardan.common.plugins import Finder
 from cardan.common.tables import OTHER_KEYS
+from cardan.errors import ConfigurationError, ExtraMissingError
 from cardan.gateway.hand.filters.base import TwistFilter
 
 ENTRY_POINT_GROUP = "cardan.filters"
@@ -27,6 +29,16 @@ class FilterTable(Options):
 
     filter: str
     options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
+
+    @classmethod
+    def kind_of_others(cls, table: Mapping[str, Any]) -> Any:
+        """The options of the table's filter; None where that cannot be loaded."""
+        name = str(table.get("filter", ""))
+        with contextlib.suppress(ConfigurationError, ExtraMissingError), using(name, "filter"):
+            options: Any = load(name).Options
+            hints(options)  # Another package's may be none.
+            return options
+        return None
 
 
 FINDER: Finder[TwistFilter] = Finder(

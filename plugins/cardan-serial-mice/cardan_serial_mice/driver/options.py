@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
-from cardan.common.options import require_each
+from cardan.common import bounds
+from cardan.common.options import require_each, suggestion
 from cardan.drivers.spacemouse.options import MouseOptions
 from cardan_serial_mice.protocol import SERIAL_MODELS
 
@@ -15,16 +17,17 @@ _KEYS = tuple(model.key for model in SERIAL_MODELS)
 class SpaceMouseSerialOptions(MouseOptions):
     """Options of :class:`SpaceMouseSerial`. Raises OptionError for a value that is not allowed."""
 
-    path: str = "/dev/ttyUSB0"
+    path: Annotated[str, bounds.MEETING] = "/dev/ttyUSB0"
     """The serial port."""
     model: str = ""
     """Key of the model that is there ("spaceball-4000"). Empty: whatever answers."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        near = suggestion(self.model, _KEYS)
         good = not self.model or self.model in _KEYS
         require_each(
             self,
             ("path", self.path, "the path of the serial port"),
-            ("model", good, f"empty or one of {', '.join(_KEYS)}"),
+            ("model", good, f"empty or one of {', '.join(_KEYS)}{near}"),
         )

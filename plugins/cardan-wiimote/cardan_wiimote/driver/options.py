@@ -27,7 +27,7 @@ class WiimoteOptions(ShapingOptions):
     transport: Literal["auto", "hidraw", "l2cap", "socket"] = "auto"
     """auto: hidraw. l2cap: Bluetooth channels of our own, past the kernel's drivers. socket: a
     simulated remote."""
-    path: str = ""
+    path: Annotated[str, bounds.MEETING] = ""
     """hidraw: the device's path as ``cardan devices`` lists it, empty for the first found; socket:
     the folder of the simulated remote's two sockets."""
     address: str = ""
