@@ -37,10 +37,6 @@ FOLDERS = {
     "example-robot-data": "cmeel.prefix/share/example-robot-data/robots",
     "rtb-data": "rtbdata/xacro",
     "airo-models": "airo_models/arms",
-    "armar": "armar/description/urdf",
-    "dexmate-urdf": "dexmate_urdf/robots",
-    "fourier-robot-descriptions": "fourier_robot_descriptions/assets/urdf",
-    "hello-robot-stretch-urdf": "stretch_urdf",
 }
 """Where each distribution has its descriptions."""
 
@@ -65,6 +61,8 @@ class Published(NamedTuple):
     tcp: str
     more: str = ""
     package: str = "example-robot-data"
+    ros_name: str = ""
+    """What its meshes call the folder that its own is in; empty: as that is called."""
 
     @property
     def file(self) -> Path:
@@ -74,27 +72,18 @@ class Published(NamedTuple):
     def write(self, folder: Path) -> Path:
         """Its TOML in `folder`."""
         path = folder / f"{self.name}.toml"
-        path.write_text(f'urdf = "{self.file}"\ntcp = "{self.tcp}"\n{self.more}', encoding="utf-8")
+        where = ""
+        if self.ros_name:
+            (folder / self.ros_name).symlink_to(self.file.parents[1])
+            where = f'package_dirs = ["{folder}"]\n'
+        path.write_text(
+            f'urdf = "{self.file}"\ntcp = "{self.tcp}"\n{where}{self.more}', encoding="utf-8"
+        )
         return path
 
 
 POSITION = "[task]\nweights = [1, 1, 1, 0, 0, 0]\n"
 """Of arms of five joints, which keep their orientation along few lines."""
-
-TELESCOPE = """[collision]
-ignore = [
-    ["link_arm_l4", "link_arm_l2"],
-    ["link_arm_l3", "link_arm_l1"],
-    ["link_arm_l2", "link_arm_l0"],
-    ["link_arm_l4", "link_arm_l1"],
-    ["link_arm_l3", "link_arm_l0"],
-    ["link_arm_l4", "link_arm_l0"],
-    ["link_arm_l1", "link_wrist_yaw_bottom"],
-    ["link_arm_l0", "link_wrist_pitch"],
-]
-"""
-"""Slides that lie in one another."""
-
 
 def slow(*joints: str) -> str:
     """The proposal for joints whose velocity is 0 in the file."""
@@ -123,19 +112,40 @@ ARMS = (
     Published("baxter_left", "baxter_description/urdf/baxter.urdf", "left_gripper"),
     Published("ur3e", "ur3e/ur3e.urdf", "tool0", package="airo-models"),
     Published("ur5e", "ur5e/ur5e.urdf", "tool0", package="airo-models"),
-    Published("irb140", "abb_irb140_description/urdf/irb140.urdf", "tool0", package="rtb-data"),
-    Published("kr16", "kuka_description/kuka_kr16/urdf/kr16_2.urdf", "tool0", package="rtb-data"),
     Published(
-        "kr120", "kuka_description/kuka_kr120/urdf/kr120r2500pro.urdf", "tool0", package="rtb-data"
+        "irb140",
+        "abb_irb140_description/urdf/irb140.urdf",
+        "tool0",
+        package="rtb-data",
+        ros_name="abb_irb140_support",
     ),
     Published(
-        "kr210", "kuka_description/kuka_kr210/urdf/kr210l150.urdf", "tool0", package="rtb-data"
+        "kr16",
+        "kuka_description/kuka_kr16/urdf/kr16_2.urdf",
+        "tool0",
+        package="rtb-data",
+        ros_name="kuka_kr16_support",
+    ),
+    Published(
+        "kr120",
+        "kuka_description/kuka_kr120/urdf/kr120r2500pro.urdf",
+        "tool0",
+        package="rtb-data",
+        ros_name="kuka_kr120_support",
+    ),
+    Published(
+        "kr210",
+        "kuka_description/kuka_kr210/urdf/kr210l150.urdf",
+        "tool0",
+        package="rtb-data",
+        ros_name="kuka_kr210_support",
     ),
     Published(
         "iiwa14",
         "kuka_description/kuka_lbr_iiwa/urdf/lbr_iiwa_14_r820.urdf",
         "tool0",
         package="rtb-data",
+        ros_name="kuka_lbr_iiwa_support",
     ),
     Published(
         "puma560",
@@ -155,39 +165,31 @@ ARMS = (
         "vx300s", "trossen_descriptions/urdf/vx300s.urdf.xacro", "/ee_gripper_link", "", "rtb-data"
     ),
     Published(
+        "wx250s",
+        "trossen_descriptions/urdf/wx250s.urdf.xacro",
+        "/ee_gripper_link",
+        package="rtb-data",
+    ),
+    Published(
+        "vx250",
+        "trossen_descriptions/urdf/vx250.urdf.xacro",
+        "/ee_gripper_link",
+        POSITION,
+        package="rtb-data",
+    ),
+    Published(
+        "rx200",
+        "trossen_descriptions/urdf/rx200.urdf.xacro",
+        "/ee_gripper_link",
+        POSITION,
+        package="rtb-data",
+    ),
+    Published(
         "px100",
         "trossen_descriptions/urdf/px100.urdf.xacro",
         "/ee_gripper_link",
         POSITION,
         "rtb-data",
-    ),
-    Published(
-        "armar4_right",
-        "armar4_fixed_hands.urdf",
-        "arm_wri2_r0",
-        'base = "torso_pitch"\n',
-        "armar",
-    ),
-    Published(
-        "vega_left",
-        "humanoid/vega_1/vega_1.urdf",
-        "L_ee",
-        'base = "arm_center"\n',
-        "dexmate-urdf",
-    ),
-    Published(
-        "gr1t2_left",
-        "gr1t2.urdf",
-        "left_end_effector_link",
-        'base = "torso_link"\n',
-        "fourier-robot-descriptions",
-    ),
-    Published(
-        "stretch",
-        "SE3/stretch_description_SE3_eoa_wrist_dw3_tool_sg3.urdf",
-        "link_grasp_center",
-        TELESCOPE,
-        "hello-robot-stretch-urdf",
     ),
 )
 
