@@ -62,7 +62,7 @@ class Published(NamedTuple):
     more: str = ""
     package: str = "example-robot-data"
     ros_name: str = ""
-    """What its meshes call the folder that its own is in; empty: as that is called."""
+    """Of the package that its meshes are named in, where the wheel calls that folder otherwise."""
 
     @property
     def file(self) -> Path:
@@ -83,7 +83,8 @@ class Published(NamedTuple):
 
 
 POSITION = "[task]\nweights = [1, 1, 1, 0, 0, 0]\n"
-"""Of arms of five joints, which keep their orientation along few lines."""
+"""Of arms of four or five joints, which keep their orientation along few lines."""
+
 
 def slow(*joints: str) -> str:
     """The proposal for joints whose velocity is 0 in the file."""
