@@ -1,10 +1,9 @@
-"""Arms of PyPI's example-robot-data as they are published: which they are, and what is measured of
-them.
+"""Arms out of wheels of PyPI as they are published: which they are, and what is measured of them.
 
     python -m tests.published_arms
 
-writes their table in docs/robots.md. It and tests/robots/test_published_arms.py need that package
-(BSD, 131 MB): ``tools/install .venv published``.
+writes their table in docs/robots.md. It and tests/robots/test_published_arms.py need these wheels
+(189 MB): ``tools/install .venv published``.
 """
 
 from __future__ import annotations
@@ -20,7 +19,6 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
-from cardan.common.files import MODEL_BYTES
 from cardan.common.tables import parse_toml, read_table, read_text
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.motion import Outcome
@@ -30,12 +28,17 @@ from cardan.robots import ArmModel, load_arm
 from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.urdf import read_tree
+from cardan.robots.xacro_file import read_description
 from tests.docs_tables import ROOT, markdown, replaced
 from tests.gateway.arm.arms import DT_S, World
 
-PACKAGE = "example-robot-data"
-INSTALL = f"{PACKAGE} is not installed: tools/install .venv published (131 MB)"
-FOLDER = Path("cmeel.prefix", "share", "example-robot-data", "robots")
+INSTALL = "{} is not installed: tools/install .venv published (189 MB)"
+FOLDERS = {
+    "example-robot-data": "cmeel.prefix/share/example-robot-data/robots",
+    "rtb-data": "rtbdata/xacro",
+    "airo-models": "airo_models/arms",
+}
+"""Where each distribution has its descriptions."""
 
 POSES = 1000
 """Reachable ones, of which the inverse is looked for."""
@@ -57,17 +60,36 @@ class Published(NamedTuple):
     urdf: str
     tcp: str
     more: str = ""
+    package: str = "example-robot-data"
+    ros_name: str = ""
+    """Of the package that its meshes are named in, where the wheel calls that folder otherwise."""
+
+    @property
+    def file(self) -> Path:
+        """Raises PackageNotFoundError."""
+        return folder_of(self.package) / self.urdf
 
     def write(self, folder: Path) -> Path:
         """Its TOML in `folder`."""
         path = folder / f"{self.name}.toml"
-        urdf = robots() / self.urdf
-        path.write_text(f'urdf = "{urdf}"\ntcp = "{self.tcp}"\n{self.more}', encoding="utf-8")
+        where = ""
+        if self.ros_name:
+            (folder / self.ros_name).symlink_to(self.file.parents[1])
+            where = f'package_dirs = ["{folder}"]\n'
+        path.write_text(
+            f'urdf = "{self.file}"\ntcp = "{self.tcp}"\n{where}{self.more}', encoding="utf-8"
+        )
         return path
 
 
 POSITION = "[task]\nweights = [1, 1, 1, 0, 0, 0]\n"
-"""Of arms of five joints, which keep their orientation along few lines."""
+"""Of arms of four or five joints, which keep their orientation along few lines."""
+
+
+def slow(*joints: str) -> str:
+    """The proposal for joints whose velocity is 0 in the file."""
+    return "[velocity_deg_s]\n" + "".join(f"{joint} = 10.0\n" for joint in joints)
+
 
 TALOS_WRIST = '[collision]\nignore = [["arm_left_5_link", "wrist_left_ft_tool_link"]]\n'
 """With this pair, none of the 1,000 postures that home is chosen from has 10 mm of room."""
@@ -89,6 +111,87 @@ ARMS = (
     ),
     Published("tiago", "tiago_description/robots/tiago.urdf", "arm_tool_link"),
     Published("baxter_left", "baxter_description/urdf/baxter.urdf", "left_gripper"),
+    Published("ur3e", "ur3e/ur3e.urdf", "tool0", package="airo-models"),
+    Published("ur5e", "ur5e/ur5e.urdf", "tool0", package="airo-models"),
+    Published(
+        "irb140",
+        "abb_irb140_description/urdf/irb140.urdf",
+        "tool0",
+        package="rtb-data",
+        ros_name="abb_irb140_support",
+    ),
+    Published(
+        "kr16",
+        "kuka_description/kuka_kr16/urdf/kr16_2.urdf",
+        "tool0",
+        package="rtb-data",
+        ros_name="kuka_kr16_support",
+    ),
+    Published(
+        "kr120",
+        "kuka_description/kuka_kr120/urdf/kr120r2500pro.urdf",
+        "tool0",
+        package="rtb-data",
+        ros_name="kuka_kr120_support",
+    ),
+    Published(
+        "kr210",
+        "kuka_description/kuka_kr210/urdf/kr210l150.urdf",
+        "tool0",
+        package="rtb-data",
+        ros_name="kuka_kr210_support",
+    ),
+    Published(
+        "iiwa14",
+        "kuka_description/kuka_lbr_iiwa/urdf/lbr_iiwa_14_r820.urdf",
+        "tool0",
+        package="rtb-data",
+        ros_name="kuka_lbr_iiwa_support",
+    ),
+    Published(
+        "puma560",
+        "unimation_puma560_description/urdf/puma560_robot.urdf",
+        "link7",
+        slow("j1", "j2", "j3", "j4", "j5", "j6"),
+        "rtb-data",
+    ),
+    Published(
+        "al5d",
+        "lynxmotion_al5d_description/urdf/al5d_robot.urdf",
+        "link4",
+        POSITION + slow("j1", "j2", "j3", "j4"),
+        "rtb-data",
+    ),
+    Published(
+        "vx300s", "trossen_descriptions/urdf/vx300s.urdf.xacro", "/ee_gripper_link", "", "rtb-data"
+    ),
+    Published(
+        "wx250s",
+        "trossen_descriptions/urdf/wx250s.urdf.xacro",
+        "/ee_gripper_link",
+        package="rtb-data",
+    ),
+    Published(
+        "vx250",
+        "trossen_descriptions/urdf/vx250.urdf.xacro",
+        "/ee_gripper_link",
+        POSITION,
+        package="rtb-data",
+    ),
+    Published(
+        "rx200",
+        "trossen_descriptions/urdf/rx200.urdf.xacro",
+        "/ee_gripper_link",
+        POSITION,
+        package="rtb-data",
+    ),
+    Published(
+        "px100",
+        "trossen_descriptions/urdf/px100.urdf.xacro",
+        "/ee_gripper_link",
+        POSITION,
+        "rtb-data",
+    ),
 )
 
 WITHOUT_MESHES = '[collision]\nmeshes = "ignore"\n'
@@ -115,9 +218,9 @@ OURS = (
 """Those that this package has a file of its own of."""
 
 
-def robots() -> Path:
-    """The folder of all descriptions. Raises PackageNotFoundError."""
-    found = importlib.metadata.distribution(PACKAGE).locate_file(FOLDER)
+def folder_of(package: str) -> Path:
+    """That of the descriptions of a distribution. Raises PackageNotFoundError."""
+    found = importlib.metadata.distribution(package).locate_file(FOLDERS[package])
     return Path(str(found))
 
 
@@ -155,8 +258,8 @@ class Measured:
     def forward_error_m(self, postures: int = 20) -> float:
         """The largest difference of any entry of the TCP's matrix from Pinocchio's, which has the
         whole tree."""
-        text = read_text(robots() / self.published.urdf, MODEL_BYTES, declared=True)
         file = read_table(ArmFile, parse_toml(read_text(self.path), self.path))
+        text = read_description(self.published.file, file)
         chain = chain_of(read_tree(text), file)
         whole = pin.buildModelFromXML(text)
         data, worst = whole.createData(), 0.0

@@ -1,5 +1,5 @@
-"""Eleven published descriptions as they are, with two lines of TOML: what a user does with one. Our
-own files of two of them are the same arms."""
+"""Published descriptions as they are, with a few lines of TOML: what a user does with one. Our own
+files of two of them are the same arms."""
 
 import importlib.metadata
 
@@ -16,18 +16,22 @@ from cardan.robots.arm_bodies import to_se3
 from cardan.robots.mesh_files import find_mesh
 from cardan.robots.meshes import points_in
 from cardan.robots.urdf import read_tree
-from tests.published_arms import ARMS, INSTALL, OURS, Measured, robots
+from tests.published_arms import ARMS, INSTALL, OURS, Measured, folder_of
 
 pytestmark = pytest.mark.matrix
 
 try:
-    robots()
+    folder_of("example-robot-data")
 except importlib.metadata.PackageNotFoundError:
-    pytest.skip(INSTALL, allow_module_level=True)
+    pytest.skip(INSTALL.format("example-robot-data"), allow_module_level=True)
 
 
 @pytest.fixture(scope="module", params=ARMS, ids=lambda published: published.name)
 def measured(request, tmp_path_factory):
+    try:
+        folder_of(request.param.package)
+    except importlib.metadata.PackageNotFoundError:
+        pytest.skip(INSTALL.format(request.param.package))
     return Measured(request.param, tmp_path_factory.mktemp("arms"))
 
 
@@ -78,7 +82,7 @@ def test_our_own_file_is_the_published_arm(published, tmp_path):
 @pytest.mark.parametrize("published", OURS, ids=lambda published: published.name)
 def test_our_own_covers_contain_the_published_meshes(published):
     ours = load_arm(published.name)
-    file = robots() / published.urdf
+    file = published.file
     tree = read_tree(file.read_text(encoding="utf-8"))
     for link in {each.name for each in ours.shapes}:
         points = mesh_points(tree, file, link)
