@@ -264,8 +264,9 @@ def test_a_later_subscription_gets_the_last_message_of_each_who_published(tmp_pa
     frames = [
         {"transforms": [{"header": {"frame_id": frame_id}}]} for frame_id in ("left", "right")
     ]
-    rows = [(0.0, where, message) for where, message in zip(fixed, frames, strict=True)]
-    rows.append((6.0, CAMERA, {}))  # So that it is still there.
+    rows = [(0.0, CONFIGURATION, {"data": "{}"})]
+    rows += [(0.0, where, message) for where, message in zip(fixed, frames, strict=True)]
+    rows.append((6.0, STATE, {}))  # So that it is still there.
     path = write(tmp_path / "r.mcap", rows)
     with listening(endpoint) as node:
         replaying = threading.Thread(
