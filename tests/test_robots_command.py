@@ -67,10 +67,15 @@ def robot(slow=LIMIT):
     )
 
 
+draw = pictures.draw
+
+
 @pytest.fixture
 def here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(tried, "POSES", 100)
+    # Drawing is nearly all of the command's time.
+    monkeypatch.setattr(pictures, "draw", lambda _arm, _poses, picture: picture.touch())
     load_arm.cache_clear()
     Path("vendor.urdf").write_text(robot(), encoding="utf-8")
     return tmp_path
@@ -106,7 +111,8 @@ def test_names_of_tools_are_known_and_an_arm_may_have_so_many_joints_only():
     assert named("knee") == "x"
 
 
-def test_it_writes_the_arm_s_file_and_what_it_prints_can_be_run(here, capsys):
+def test_it_writes_the_arm_s_file_and_what_it_prints_can_be_run(here, capsys, monkeypatch):
+    monkeypatch.setattr(pictures, "draw", draw)
     printed = cardan(capsys, "robots", "add", "vendor.urdf", "--tcp", "tool0")
     arm = load_arm("vendor.toml")
     assert arm.joint_names == ("j1", "j2", "j3", "j4", "j5", "j6")

@@ -233,7 +233,7 @@ def test_who_sends_more_than_can_be_handled_is_let_go_with_the_reason(flooded):
 
 def test_a_backlog_that_was_worked_off_is_forgotten(flooded):
     _, connection, flood = flooded
-    for _ in range(5):
+    for _ in range(2):
         floods(flooded, STALE_S + 0.9 * BACKLOGGED_S)
         assert connection.open
         # Less than is read at once.

@@ -108,6 +108,7 @@ def test_wrong_ones_of_any_beginning_are_bounded_and_hold_up_no_right_one():
     assert one.check(asked("/?t=another--guess-67"), later_s).status == 401
 
 
+@pytest.mark.matrix
 def test_other_beginnings_do_not_displace_the_count_of_a_right_one():
     one = door()
     for number in range(BURST):

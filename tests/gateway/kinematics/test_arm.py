@@ -11,6 +11,7 @@ from cardan.gateway.kinematics.base import to_pose, to_se3
 from cardan.robots import arm_names, load_arm
 from cardan.spatial import from_rotation_vector, same_hemisphere
 from cardan.types import IDENTITY_POSE, Pose, Vector3
+from tests.examples import ARMS_LATER
 
 POSES = 200
 """For each arm; the benchmark takes thousands."""
@@ -47,6 +48,7 @@ def test_the_jacobian_is_the_derivative_in_tcp_axes(name):
             assert twist == pytest.approx(jacobian[:, joint], abs=2e-5)
 
 
+@pytest.mark.matrix(*ARMS_LATER)
 @pytest.mark.parametrize("name", arm_names())
 def test_the_inverse_finds_reachable_poses_inside_the_limits(name):
     kinematics = arm(name)

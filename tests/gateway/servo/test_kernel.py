@@ -23,6 +23,7 @@ from cardan.gateway.servo.servo import Servo
 from cardan.robots import arm_names, load_arm, parse_urdf
 from cardan.types import IDENTITY_POSE, Pose, Quaternion, Vector3
 from tests import servo_oracles
+from tests.examples import ARMS_LATER
 
 DT_S = 0.004
 STILL = np.zeros((2, 3))
@@ -76,6 +77,7 @@ def test_a_row_of_rounding_constrains_nothing():
     assert noise.by_daqp()[0] == pytest.approx((1.0, -2.0, 0.0))
 
 
+@pytest.mark.matrix(*ARMS_LATER)
 @pytest.mark.parametrize("name", arm_names())
 def test_ticks_are_those_of_the_servo_in_python(name):
     found = servo_oracles.ticks(name, 200)
