@@ -23,6 +23,7 @@ from cardan.protocols.evdev import (
     BUS_USB,
     FF_GAIN,
     FF_RUMBLE,
+    JOYSTICK_BUTTONS,
     KEY_CODES,
     PAD_CODES,
     AbsInfo,
@@ -49,7 +50,8 @@ class Model(NamedTuple):
     """How often the hardware is polled."""
     sticks: tuple[int, int, int, int] = (ABS_X, ABS_Y, ABS_RX, ABS_RY)
     """Axes of the left stick and of the right one."""
-    triggers: tuple[int, int] = (ABS_Z, ABS_RZ)
+    triggers: tuple[int, ...] = (ABS_Z, ABS_RZ)
+    """Axes of the left trigger and the right one; none: they are buttons alone."""
     repeats: bool = False
     """The kernel repeats a key that is held."""
 
@@ -78,6 +80,15 @@ def _counted_codes(*further: str) -> Mapping[str, int]:
     return MappingProxyType({label: BTN_SOUTH + at for at, label in enumerate((*labels, *further))})
 
 
+def _joystick_codes() -> Mapping[str, int]:
+    """A Logitech pad's in its mode D, where it calls itself a joystick."""
+    labels = (
+        "west", "south", "east", "north", "left-shoulder", "right-shoulder", "left-trigger",
+        "right-trigger", "select", "start", "left-stick", "right-stick",
+    )  # fmt: skip
+    return MappingProxyType(dict(zip(labels, JOYSTICK_BUTTONS, strict=False)))
+
+
 _COUNTED_STICKS, _COUNTED_TRIGGERS = (ABS_X, ABS_Y, ABS_Z, ABS_RZ), (ABS_RX, ABS_RY)
 
 
@@ -85,7 +96,7 @@ def _pad_axes(
     stick: AbsInfo,
     trigger_most: int,
     sticks: tuple[int, ...] = (ABS_X, ABS_Y, ABS_RX, ABS_RY),
-    triggers: tuple[int, int] = (ABS_Z, ABS_RZ),
+    triggers: tuple[int, ...] = (ABS_Z, ABS_RZ),
 ) -> Mapping[int, AbsInfo]:
     trigger, hat = AbsInfo(0, 0, trigger_most, 0, 0, 0), AbsInfo(0, -1, 1, 0, 0, 0)
     return MappingProxyType(
@@ -100,7 +111,8 @@ def _pad_axes(
 _XBOX_STICK = AbsInfo(0, -32768, 32767, 16, 128, 0)
 _SONY_STICK = AbsInfo(128, 0, 255, 0, 0, 0)
 # The generic driver declares a sixteenth of the range as flat.
-_COUNTED_AXES = _pad_axes(AbsInfo(128, 0, 255, 0, 15, 0), 255, _COUNTED_STICKS, _COUNTED_TRIGGERS)
+_COUNTED_STICK = AbsInfo(128, 0, 255, 0, 15, 0)
+_COUNTED_AXES = _pad_axes(_COUNTED_STICK, 255, _COUNTED_STICKS, _COUNTED_TRIGGERS)
 
 MODELS = (
     Model(
@@ -151,6 +163,17 @@ MODELS = (
         0.004,
         _COUNTED_STICKS,
         _COUNTED_TRIGGERS,
+    ),
+    Model(
+        "logitech-f310-d",
+        "Logitech Logitech Dual Action",
+        InputId(BUS_USB, 0x046D, 0xC216, 0x0110),
+        _joystick_codes(),
+        _pad_axes(_COUNTED_STICK, 255, _COUNTED_STICKS, ()),
+        frozenset(),
+        0.004,
+        _COUNTED_STICKS,
+        (),
     ),
     Model(
         "keyboard",
