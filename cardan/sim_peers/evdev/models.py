@@ -15,6 +15,7 @@ from cardan.protocols.evdev import (
     ABS_X,
     ABS_Y,
     ABS_Z,
+    BTN_JOYSTICK,
     BTN_NORTH,
     BTN_SOUTH,
     BTN_TL2,
@@ -23,7 +24,6 @@ from cardan.protocols.evdev import (
     BUS_USB,
     FF_GAIN,
     FF_RUMBLE,
-    JOYSTICK_BUTTONS,
     KEY_CODES,
     PAD_CODES,
     AbsInfo,
@@ -71,22 +71,13 @@ def _pad_codes(vendor: int, *, trigger_buttons: bool) -> Mapping[str, int]:
     return MappingProxyType(codes)
 
 
-def _counted_codes(*further: str) -> Mapping[str, int]:
-    """A Sony pad's by the generic driver: counted from BTN_SOUTH on, as in the pad's reports."""
-    labels = (
-        "west", "south", "east", "north", "left-shoulder", "right-shoulder", "left-trigger",
-        "right-trigger", "select", "start", "left-stick", "right-stick", "mode", "touchpad",
-    )  # fmt: skip
-    return MappingProxyType({label: BTN_SOUTH + at for at, label in enumerate((*labels, *further))})
-
-
-def _joystick_codes() -> Mapping[str, int]:
-    """A Logitech pad's in its mode D, where it calls itself a joystick."""
+def _counted_codes(first: int, *further: str) -> Mapping[str, int]:
+    """A pad's by the generic driver: counted from `first` on, as in the pad's reports."""
     labels = (
         "west", "south", "east", "north", "left-shoulder", "right-shoulder", "left-trigger",
         "right-trigger", "select", "start", "left-stick", "right-stick",
     )  # fmt: skip
-    return MappingProxyType(dict(zip(labels, JOYSTICK_BUTTONS, strict=False)))
+    return MappingProxyType({label: first + at for at, label in enumerate((*labels, *further))})
 
 
 _COUNTED_STICKS, _COUNTED_TRIGGERS = (ABS_X, ABS_Y, ABS_Z, ABS_RZ), (ABS_RX, ABS_RY)
@@ -146,7 +137,7 @@ MODELS = (
         "dualshock-4-generic",
         "Sony Interactive Entertainment Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x09CC, 0x0111),
-        _counted_codes(),
+        _counted_codes(BTN_SOUTH, "mode", "touchpad"),
         _COUNTED_AXES,
         frozenset(),
         0.004,
@@ -157,7 +148,7 @@ MODELS = (
         "dualsense-generic",
         "Sony Interactive Entertainment DualSense Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x0CE6, 0x0111),
-        _counted_codes("mute"),
+        _counted_codes(BTN_SOUTH, "mode", "touchpad", "mute"),
         _COUNTED_AXES,
         frozenset(),
         0.004,
@@ -168,7 +159,7 @@ MODELS = (
         "logitech-f310-d",
         "Logitech Logitech Dual Action",
         InputId(BUS_USB, 0x046D, 0xC216, 0x0110),
-        _joystick_codes(),
+        _counted_codes(BTN_JOYSTICK),
         _pad_axes(_COUNTED_STICK, 255, _COUNTED_STICKS, ()),
         frozenset(),
         0.004,
