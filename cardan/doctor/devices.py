@@ -56,6 +56,8 @@ def _mend(obstacle: str) -> str:
         return INSTALL_RULES
     if "another program" in obstacle:
         return "cardan doctor, as the superuser, names the program: sudo cardan doctor"
+    if "set the switch" in obstacle:
+        return obstacle[obstacle.index("set the switch") :]
     if "pip install" in obstacle:
         return obstacle[obstacle.index("pip install") :]
     return "unplug it and plug it in again, then: cardan devices"

@@ -44,6 +44,7 @@ def test_what_mends_an_obstacle():
         ("another program holds /dev/hidraw0: end it", "sudo cardan doctor"),
         ("python-can is not installed: pip install x", "pip install x"),
         ("/dev/hidraw0 is gone: plug it in again", "cardan devices"),
+        ("a pad in its mode D: set the switch to X", "set the switch to X"),
     ):
         found = list(judge_devices([MOUSE._replace(obstacle=obstacle)], []))
         assert found[0].mend.endswith(mend)

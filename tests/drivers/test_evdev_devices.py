@@ -16,7 +16,14 @@ from cardan.drivers.gamepad import Gamepad, GamepadOptions
 from cardan.drivers.keyboard import Keyboard, KeyboardOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
 from cardan.protocols import evdev
-from cardan.protocols.evdev import encode_bits, encode_events
+from cardan.protocols.evdev import (
+    BUS_VIRTUAL,
+    AbsInfo,
+    InputId,
+    codes as c,
+    encode_bits,
+    encode_events,
+)
 from cardan.sim_peers.evdev import EvdevPeer, EvdevPeerOptions, SimulatedInput
 from cardan.types import DeviceFeedback, DeviceLink
 from tests.drivers.evdev_bench import BY_KEY
@@ -213,6 +220,110 @@ def test_a_node_of_another_kind_is_refused(kernel):
     fake = kernel("keyboard")
     with pytest.raises(DeviceNotFoundError, match=r"Set 2 keyboard .* is no gamepad"):
         Gamepad(GamepadOptions(path=fake.path)).open()
+
+
+def test_a_third_partys_pad_by_xone(kernel, tmp_path, monkeypatch):
+    """Which driver it has is what /sys says of its node."""
+    fake = kernel("xbox-one")
+    pdp = InputId(BUS_VIRTUAL, 0x0E6F, 0x02C6, 0x0101)
+    model = BY_KEY["xbox-one"]._replace(name="Microsoft X-Box One pad", id=pdp)
+    fake.device = SimulatedInput(model)
+    device = add_node(tmp_path, 7, model)
+    (tmp_path / "drivers/xone-gip-gamepad").mkdir(parents=True)
+    (device / "device").mkdir()
+    (device / "device/driver").symlink_to(tmp_path / "drivers/xone-gip-gamepad")
+    monkeypatch.setattr(shell, "kernel_driver", lambda path: nodes.kernel_driver(path, tmp_path))
+    with Gamepad(GamepadOptions(path=fake.path)) as pad:
+        fake.tap("start")
+        wait_for(lambda: pad.state().link is DeviceLink.LIVE, "not live")
+        for label in ("north", "west"):
+            fake.device.press(label)
+            fake.run(0.02)
+            wait_for(lambda: pad.state().buttons, "not pressed")
+            assert pad.state().buttons == {label}
+            fake.device.release(label)
+            fake.run(0.02)
+            wait_for(lambda: not pad.state().buttons, "not released")
+
+
+# -- what is no gamepad, though it looks like one or is sold as one
+
+JOYSTICK = BY_KEY["logitech-f310-d"]
+SWITCH = "set the switch on its back to X"
+
+
+def sold_as(name, vendor, product, axes=None):
+    return JOYSTICK._replace(
+        name=name,
+        id=JOYSTICK.id._replace(vendor=vendor, product=product),
+        axes=JOYSTICK.axes | dict.fromkeys(axes or (), AbsInfo(0, 0, 255, 0, 0, 0)),
+    )
+
+
+MISFITS = {
+    "Logitech Logitech Dual Action": (JOYSTICK, f"a Logitech F310 in its mode D: {SWITCH}"),
+    "Logitech Logitech Cordless RumblePad 2": (
+        sold_as("Logitech Logitech Cordless RumblePad 2", 0x046D, 0xC219),
+        f"a Logitech F710 in its mode D: {SWITCH}",
+    ),
+    "Logitech Logitech RumblePad 2 USB": (
+        sold_as("Logitech Logitech RumblePad 2 USB", 0x046D, 0xC218),
+        f"a Logitech F510 in its mode D: {SWITCH}",
+    ),
+    "DragonRise Inc. Generic USB Joystick": (
+        sold_as("DragonRise Inc. Generic USB Joystick", 0x0079, 0x0006),
+        "numbered as a joystick's, so that nothing says where they are: switch a pad to XInput",
+    ),
+    "Logitech Logitech Extreme 3D": (
+        sold_as("Logitech Logitech Extreme 3D", 0x046D, 0xC215, {c.ABS_THROTTLE}),
+        "a flight stick, which cannot be used",
+    ),
+    "Logitech MOMO Racing": (
+        sold_as("Logitech MOMO Racing", 0x046D, 0xCA03, {c.ABS_GAS, c.ABS_BRAKE}),
+        "a steering wheel, which cannot be used",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", MISFITS)
+def test_a_joystick_is_said_to_be_one(kernel, monkeypatch, name):
+    model, words = MISFITS[name]
+    fake = kernel("xbox-360")
+    fake.device = SimulatedInput(model)
+    with pytest.raises(DeviceNotFoundError) as refused:
+        Gamepad(GamepadOptions(path=fake.path)).open()
+    assert f"{name} ({fake.path}) is no gamepad: " in str(refused.value)
+    assert words in str(refused.value)
+
+    plugs = Plugs(monkeypatch)
+    plugs.models["/dev/input/event5"] = model
+    with pytest.raises(DeviceNotFoundError) as refused:
+        Gamepad().open()
+    assert f"no gamepad is plugged in: see `cardan devices`; {name}" in str(refused.value)
+    assert words in str(refused.value)
+    with pytest.raises(DeviceNotFoundError, match=r"no keyboard .* see `cardan devices`$"):
+        Keyboard().open()
+
+
+def test_a_pad_whose_switch_is_wrong_is_listed_with_that(monkeypatch):
+    plugs = Plugs(monkeypatch)
+    plugs.models |= {
+        f"/dev/input/event{number}": model for number, (model, _) in enumerate(MISFITS.values())
+    }
+    found = Gamepad.find()
+    assert [device.identity for device in found] == ["046d:c216", "046d:c219", "046d:c218"]
+    assert all(SWITCH in device.obstacle for device in found)
+    plugs.models["/dev/input/event9"] = BY_KEY["xbox-360"]
+    with Gamepad() as pad:
+        assert pad._core.description.name == "Microsoft X-Box 360 pad"
+
+
+def test_a_simulated_pad_in_mode_d_is_refused_as_a_real_one(tmp_path):
+    with (
+        in_a_thread(peer(tmp_path, model="logitech-f310-d")),
+        pytest.raises(DeviceNotFoundError, match=SWITCH),
+    ):
+        gamepad(tmp_path).open()
 
 
 def test_a_file_that_is_no_input_device(tmp_path):

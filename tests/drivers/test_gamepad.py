@@ -164,7 +164,7 @@ def test_a_stick_that_is_held_while_it_is_opened_is_no_trigger(right, held):
     assert core.state(0.0).axes == (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
 
 
-@pytest.mark.parametrize("driver", ["playstation", "sony", "xpad"])
+@pytest.mark.parametrize("driver", ["playstation", "sony", "xpad", "xone-gip-gamepad"])
 def test_the_kernels_own_drivers_say_what_is_what(driver):
     """Whatever is held: here the triggers half-way, and the stick in its corner."""
     core = GamepadCore(GamepadOptions())
@@ -176,6 +176,32 @@ def test_the_kernels_own_drivers_say_what_is_what(driver):
     assert core.state(0.0).link is DeviceLink.NEEDS_NEUTRAL
     feed(core, *((3, code, value) for code, value in at_rest((c.ABS_RX, c.ABS_RY)).items()))
     assert core.state(0.0).link is DeviceLink.LIVE
+
+
+@pytest.mark.parametrize(
+    ("vendor", "driver", "exchanged"),
+    [
+        (0x0E6F, "xone-gip-gamepad", True),  # PDP
+        (0x0E6F, "xpad", True),
+        (0x045E, "xone-gip-gamepad", True),
+        (0x2DC8, "xpadneo", True),  # 8BitDo
+        (0x28DE, "hid-steam", True),
+        (0x045E, "hid-generic", True),
+        (0x0E6F, "hid-generic", False),
+        (0x057E, "nintendo", False),
+    ],
+)
+def test_north_and_west_are_where_they_are_whoever_drives_the_pad(vendor, driver, exchanged):
+    core = GamepadCore(GamepadOptions())
+    keys = (c.BTN_SOUTH, c.BTN_NORTH, c.BTN_WEST)
+    pad = unknown_pad(keys, vendor=vendor, driver=driver)
+    core.on_opened(pad, Snapshot(frozenset(), at_rest((c.ABS_RX, c.ABS_RY))), 0.0)
+    tap(core)
+    for code, label in ((c.BTN_NORTH, "north"), (c.BTN_WEST, "west")):
+        feed(core, (1, code, 1))
+        other = {"north": "west", "west": "north"}[label]
+        assert core.state(0.0).buttons == {other if exchanged else label}
+        feed(core, (1, code, 0))
 
 
 COUNTED = range(c.BTN_SOUTH, c.BTN_SOUTH + 14)

@@ -66,7 +66,7 @@ def test_what_a_peer_declares_is_offered(name):
     [
         ("spacemouse", "--list-models", "spacenavigator", 25),
         ("spacemouse-serial", "--list-models", "magellan", 6),
-        ("gamepad", "--list-models", "xbox-360", 5),
+        ("gamepad", "--list-models", "xbox-360", 6),
         ("jr3", "--list-sensors", "right-hand", 4),
     ],
 )

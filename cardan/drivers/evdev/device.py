@@ -90,6 +90,11 @@ class EvdevDevice(ReadDevice[K]):
     def _fits(keys: frozenset[int], axes: frozenset[int]) -> bool:
         """Whether a device with these keys and axes is of the kind."""
 
+    @staticmethod
+    def _misfit(identity: str, keys: frozenset[int], axes: frozenset[int]) -> str:
+        """What a device that does not fit is instead, where that helps; empty: anything."""
+        return ""
+
     @abstractmethod
     def _attend(self, link: Link) -> None:
         """Do what else the open device needs, after each read. May raise OSError."""
@@ -109,10 +114,12 @@ class EvdevDevice(ReadDevice[K]):
         link, driver = self._open_link()
         try:
             description = describe(link, driver)
-            if not self._fits(description.keys, frozenset(description.axes)):
+            axes = frozenset(description.axes)
+            if not self._fits(description.keys, axes):
+                misfit = self._misfit(description.identity, description.keys, axes)
                 raise DeviceNotFoundError(
                     f"{description.name} ({self.options.path}) is no {self._kind}: "
-                    f"leave path empty, or see `cardan devices`"
+                    f"{misfit or 'leave path empty, or see `cardan devices`'}"
                 )
             self._check_choice(description)
             snapshot = take_snapshot(link, description)
@@ -180,6 +187,10 @@ class EvdevDevice(ReadDevice[K]):
     def _nodes(cls) -> list[Node]:
         return [node for node in find_nodes() if cls._fits(node.keys, node.axes)]
 
+    @classmethod
+    def _others(cls) -> list[Node]:
+        return [node for node in find_nodes() if not cls._fits(node.keys, node.axes)]
+
     def _open_link(self) -> tuple[Link, str]:
         """The device that the options mean, and the name of its kernel driver."""
         options = self.options
@@ -208,9 +219,15 @@ class EvdevDevice(ReadDevice[K]):
                 f"{chosen.name} is not plugged in"
                 + (f"; there is {there}: start again to use it" if there else "")
             )
+        misfits = "".join(
+            f"; {node.name} ({node.path}) is none: {misfit}"
+            for node in self._others()
+            if (misfit := self._misfit(node.identity, node.keys, node.axes))
+        )
         raise DeviceNotFoundError(
             f"no {self._kind}{such(options, 'name')} is plugged in"
             + (f"; there are: {there}" if there else ": see `cardan devices`")
+            + misfits
         )
 
     def _check_choice(self, description: Description) -> None:

@@ -6,11 +6,17 @@ import contextlib
 import os
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from cardan.drivers.evdev.links import Link
 from cardan.protocols.evdev import (
+    ABS_BRAKE,
+    ABS_GAS,
+    ABS_RUDDER,
+    ABS_THROTTLE,
+    ABS_WHEEL,
     ABS_X,
     ABS_Y,
     BTN_SOUTH,
@@ -20,6 +26,7 @@ from cardan.protocols.evdev import (
     EVIOCGID,
     EVIOCGKEY,
     EVIOCGNAME,
+    JOYSTICK_BUTTONS,
     KEY_CODES,
     AbsInfo,
     decode_absinfo,
@@ -91,6 +98,41 @@ class Snapshot(NamedTuple):
 def is_gamepad(keys: frozenset[int], axes: frozenset[int]) -> bool:
     """A pad by the kernel's rule for gamepads: a south button, and a stick."""
     return BTN_SOUTH in keys and {ABS_X, ABS_Y} <= axes
+
+
+_MODE_D: Final[Mapping[str, tuple[str, str]]] = {
+    "046d:c216": ("F310", "Dual Action"),
+    "046d:c218": ("F510", "RumblePad 2"),
+    "046d:c219": ("F710", "Cordless RumblePad 2"),
+}
+"""Logitech's pads whose switch is at D, and older ones that say that they are the same."""
+
+
+def pad_in_mode_d(identity: str) -> str:
+    """What has to be done that this Logitech pad is a gamepad; empty: it is none of them."""
+    if identity not in _MODE_D:
+        return ""
+    pad, older = _MODE_D[identity]
+    return (
+        f"a Logitech {pad} in its mode D: set the switch on its back to X (an older {older} has no "
+        "such switch, and cannot be used)"
+    )
+
+
+def joystick(identity: str, keys: frozenset[int], axes: frozenset[int]) -> str:
+    """What a device is whose buttons are a joystick's, and what can be done; empty: it is none."""
+    if BTN_SOUTH in keys or not axes or keys.isdisjoint(JOYSTICK_BUTTONS):
+        return ""
+    if words := pad_in_mode_d(identity):
+        return words
+    if ABS_WHEEL in axes or {ABS_GAS, ABS_BRAKE} <= axes:
+        return "a steering wheel, which cannot be used"
+    if ABS_THROTTLE in axes or ABS_RUDDER in axes:
+        return "a flight stick, which cannot be used"
+    return (
+        "its buttons are numbered as a joystick's, so that nothing says where they are: switch a "
+        "pad to XInput (its X mode), if it has that; a stick or a wheel cannot be used"
+    )
 
 
 def is_keyboard(keys: frozenset[int], axes: frozenset[int]) -> bool:

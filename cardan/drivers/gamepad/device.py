@@ -6,9 +6,10 @@ import contextlib
 import time
 from typing import Any
 
+from cardan.drivers.base import FoundDevice
 from cardan.drivers.evdev.device import EvdevDevice
 from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
-from cardan.drivers.evdev.nodes import CONSOLE_HINT, is_gamepad
+from cardan.drivers.evdev.nodes import CONSOLE_HINT, is_gamepad, joystick, pad_in_mode_d
 from cardan.drivers.gamepad.core import GamepadCore
 from cardan.drivers.gamepad.options import GamepadOptions
 from cardan.drivers.simulated import OWN
@@ -54,6 +55,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
     _kind = "gamepad"
     _permission_hint = CONSOLE_HINT
     _fits = staticmethod(is_gamepad)
+    _misfit = staticmethod(joystick)
 
     def __init__(self, options: GamepadOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -64,6 +66,15 @@ class Gamepad(EvdevDevice[GamepadCore]):
         self._effect = _NEW
         self._again_s = 0.0
         self._rumble_failures = 0
+
+    @classmethod
+    def find(cls) -> list[FoundDevice]:
+        """The pads, also those of Logitech whose switch keeps them from being one. Never raises."""
+        return super().find() + [
+            FoundDevice(node.name, node.identity, "evdev", node.path, words)
+            for node in cls._others()
+            if (words := pad_in_mode_d(node.identity))
+        ]
 
     @property
     def capabilities(self) -> DeviceCapabilities:

@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import Final, NamedTuple
 
 ABS_X, ABS_Y, ABS_Z, ABS_RX, ABS_RY, ABS_RZ = range(6)
-ABS_GAS, ABS_BRAKE = 0x09, 0x0A
+ABS_THROTTLE, ABS_RUDDER, ABS_WHEEL, ABS_GAS, ABS_BRAKE = range(0x06, 0x0B)
 ABS_HAT0X, ABS_HAT0Y = 0x10, 0x11
 ABS_COUNT = 0x40
 KEY_COUNT = 0x300
@@ -22,6 +22,8 @@ FF_RUMBLE = 0x50
 FF_GAIN = 0x60
 
 BTN_JOYSTICK = 0x120
+JOYSTICK_BUTTONS: Final = range(BTN_JOYSTICK, BTN_JOYSTICK + 16)
+"""Numbers that the generic HID driver gives the buttons of what calls itself a joystick."""
 BTN_SOUTH, BTN_EAST, BTN_C, BTN_NORTH, BTN_WEST, BTN_Z = range(0x130, 0x136)
 BTN_TL, BTN_TR, BTN_TL2, BTN_TR2 = 0x136, 0x137, 0x138, 0x139
 BTN_SELECT, BTN_START, BTN_MODE, BTN_THUMBL, BTN_THUMBR = 0x13A, 0x13B, 0x13C, 0x13D, 0x13E
@@ -82,16 +84,19 @@ PAD_CODES: Mapping[str, int] = MappingProxyType(
 )
 
 MICROSOFT = 0x045E
-"""Vendor whose pads, and everything that the kernel's xpad drives, have two numbers exchanged."""
+"""Vendor whose pads have two numbers exchanged, whatever drives them."""
+XONE: Final = "xone-gip-gamepad"
+_BY_CAPS: Final = frozenset({"xpad", XONE, "xpadneo", "hid-steam"})
+"""Drivers that number buttons by what is printed on them, whoever made the pad."""
 
 
 def north_and_west_exchanged(vendor: int, kernel_driver: str) -> bool:
     """Whether 0x133 is the west button and 0x134 the north one.
 
-    The kernel gives an Xbox pad's X (west) and Y (north) the numbers once called BTN_X and BTN_Y,
+    These drivers give an Xbox pad's X (west) and Y (north) the numbers once called BTN_X and BTN_Y,
     which are those of north and west on every other pad.
     """
-    return vendor == MICROSOFT or kernel_driver == "xpad"
+    return vendor == MICROSOFT or kernel_driver in _BY_CAPS
 
 
 AxisPair = tuple[int, int]
@@ -147,8 +152,8 @@ _COUNTED: Final[Mapping[tuple[int, int], PadLayout]] = {
 PAD_LABELS: Final = tuple(dict.fromkeys((*PAD_BUTTONS.values(), *_SONY_COUNTED.buttons.values())))
 """Labels of the buttons that any gamepad has."""
 
-_OWN_DRIVERS: Final = frozenset({"xpad", "sony", "playstation", "nintendo"})
-"""Drivers of the kernel's that give axes and buttons as its gamepad.rst says."""
+_OWN_DRIVERS: Final = frozenset({"xpad", XONE, "sony", "playstation", "nintendo"})
+"""Drivers that give the right stick as the kernel's gamepad.rst says, and triggers on Z and RZ."""
 
 
 def pad_layout(vendor: int, product: int, kernel_driver: str, keys: Iterable[int]) -> PadLayout:

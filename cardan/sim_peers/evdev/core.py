@@ -389,7 +389,7 @@ class SimulatedInput:
             noise = self._random.randint(-self._jitter_lsb, self._jitter_lsb) if share else 0
             counts = info.value + round(away * reach) + noise
             readings.append((code, min(info.maximum, max(info.minimum, counts))))
-        for code, share in zip(self.model.triggers, self.controls[4:], strict=True):
+        for code, share in zip(self.model.triggers, self.controls[4:], strict=False):
             readings.append((code, round(share * self.model.axes[code].maximum)))
         hats = [_HATS[label] for label in self._hats]
         readings += [

@@ -15,6 +15,7 @@ from cardan.protocols.evdev import (
     ABS_X,
     ABS_Y,
     ABS_Z,
+    BTN_JOYSTICK,
     BTN_NORTH,
     BTN_SOUTH,
     BTN_TL2,
@@ -49,7 +50,8 @@ class Model(NamedTuple):
     """How often the hardware is polled."""
     sticks: tuple[int, int, int, int] = (ABS_X, ABS_Y, ABS_RX, ABS_RY)
     """Axes of the left stick and of the right one."""
-    triggers: tuple[int, int] = (ABS_Z, ABS_RZ)
+    triggers: tuple[int, ...] = (ABS_Z, ABS_RZ)
+    """Axes of the left trigger and the right one; none: they are buttons alone."""
     repeats: bool = False
     """The kernel repeats a key that is held."""
 
@@ -69,13 +71,13 @@ def _pad_codes(vendor: int, *, trigger_buttons: bool) -> Mapping[str, int]:
     return MappingProxyType(codes)
 
 
-def _counted_codes(*further: str) -> Mapping[str, int]:
-    """A Sony pad's by the generic driver: counted from BTN_SOUTH on, as in the pad's reports."""
+def _counted_codes(first: int, *further: str) -> Mapping[str, int]:
+    """A pad's by the generic driver: counted from `first` on, as in the pad's reports."""
     labels = (
         "west", "south", "east", "north", "left-shoulder", "right-shoulder", "left-trigger",
-        "right-trigger", "select", "start", "left-stick", "right-stick", "mode", "touchpad",
+        "right-trigger", "select", "start", "left-stick", "right-stick",
     )  # fmt: skip
-    return MappingProxyType({label: BTN_SOUTH + at for at, label in enumerate((*labels, *further))})
+    return MappingProxyType({label: first + at for at, label in enumerate((*labels, *further))})
 
 
 _COUNTED_STICKS, _COUNTED_TRIGGERS = (ABS_X, ABS_Y, ABS_Z, ABS_RZ), (ABS_RX, ABS_RY)
@@ -85,7 +87,7 @@ def _pad_axes(
     stick: AbsInfo,
     trigger_most: int,
     sticks: tuple[int, ...] = (ABS_X, ABS_Y, ABS_RX, ABS_RY),
-    triggers: tuple[int, int] = (ABS_Z, ABS_RZ),
+    triggers: tuple[int, ...] = (ABS_Z, ABS_RZ),
 ) -> Mapping[int, AbsInfo]:
     trigger, hat = AbsInfo(0, 0, trigger_most, 0, 0, 0), AbsInfo(0, -1, 1, 0, 0, 0)
     return MappingProxyType(
@@ -100,7 +102,8 @@ def _pad_axes(
 _XBOX_STICK = AbsInfo(0, -32768, 32767, 16, 128, 0)
 _SONY_STICK = AbsInfo(128, 0, 255, 0, 0, 0)
 # The generic driver declares a sixteenth of the range as flat.
-_COUNTED_AXES = _pad_axes(AbsInfo(128, 0, 255, 0, 15, 0), 255, _COUNTED_STICKS, _COUNTED_TRIGGERS)
+_COUNTED_STICK = AbsInfo(128, 0, 255, 0, 15, 0)
+_COUNTED_AXES = _pad_axes(_COUNTED_STICK, 255, _COUNTED_STICKS, _COUNTED_TRIGGERS)
 
 MODELS = (
     Model(
@@ -134,7 +137,7 @@ MODELS = (
         "dualshock-4-generic",
         "Sony Interactive Entertainment Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x09CC, 0x0111),
-        _counted_codes(),
+        _counted_codes(BTN_SOUTH, "mode", "touchpad"),
         _COUNTED_AXES,
         frozenset(),
         0.004,
@@ -145,12 +148,23 @@ MODELS = (
         "dualsense-generic",
         "Sony Interactive Entertainment DualSense Wireless Controller",
         InputId(BUS_USB, 0x054C, 0x0CE6, 0x0111),
-        _counted_codes("mute"),
+        _counted_codes(BTN_SOUTH, "mode", "touchpad", "mute"),
         _COUNTED_AXES,
         frozenset(),
         0.004,
         _COUNTED_STICKS,
         _COUNTED_TRIGGERS,
+    ),
+    Model(
+        "logitech-f310-d",
+        "Logitech Logitech Dual Action",
+        InputId(BUS_USB, 0x046D, 0xC216, 0x0110),
+        _counted_codes(BTN_JOYSTICK),
+        _pad_axes(_COUNTED_STICK, 255, _COUNTED_STICKS, ()),
+        frozenset(),
+        0.004,
+        _COUNTED_STICKS,
+        (),
     ),
     Model(
         "keyboard",

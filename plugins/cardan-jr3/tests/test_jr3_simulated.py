@@ -18,7 +18,7 @@ from cardan.errors import (
 from cardan.types import DeviceLink
 from cardan_jr3.driver import Jr3, Jr3Options, bus, can_interfaces, device as device_module
 from cardan_jr3.peer import Jr3Peer, Jr3PeerOptions
-from cardan_jr3.protocol import CanFrame
+from cardan_jr3.protocol import CanFrame, Opcode
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix
@@ -115,7 +115,10 @@ def test_over_udp_multicast():
     peer = Jr3Peer(Jr3PeerOptions(port=port, script="rest", **UP))
     assert peer.endpoint == f"udp_multicast {GROUP}:{port} node 33"
     options = Jr3Options(interface="udp_multicast", channel=GROUP, port=port)
-    with in_a_thread(peer), Jr3(options) as device:
+    device = Jr3(options)
+    recorded = []
+    device.tap = lambda *packet: recorded.append(packet)
+    with in_a_thread(peer), device:
         drive(device, peer)
         # Junk on the port is counted and changes nothing.
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -124,6 +127,10 @@ def test_over_udp_multicast():
                 probe.sendto(junk, (GROUP, port))
         wait_for(lambda: device.metrics()["garbled_frames"] >= 2)
         live(device)
+    # Its group gives it what it sends: that is not what the board says.
+    said = {int(name.removeprefix("can "), 16) - 33 for _, sent, name in recorded if not sent}
+    assert said - {Opcode.BOOTUP} == {Opcode.ACK, Opcode.FORCES, Opcode.MOMENTS}
+    assert any(sent for _, sent, _ in recorded)
 
 
 @pytest.mark.real

@@ -10,6 +10,7 @@ import errno
 import importlib.util
 import logging
 import os
+import secrets
 import socket
 import sys
 from pathlib import Path
@@ -46,9 +47,12 @@ class Unusable(NamedTuple):
 
 
 class CanBus:
-    """An open bus. Raises OSError when it is gone."""
+    """An open bus. Raises OSError when it is gone.
 
-    def __init__(self, bus: can.BusABC) -> None:
+    One that `echoes` gives back what is sent, as udp_multicast does, whatever python-can is told.
+    """
+
+    def __init__(self, bus: can.BusABC, *, echoes: bool = False) -> None:
         import can
 
         self._bus = bus
@@ -57,13 +61,17 @@ class CanBus:
         self._message = can.Message
         self._error = can.CanError
         self._garbled = 0
+        self._mark = secrets.token_hex(8) if echoes else None
+        """What python-can sends along as the frame's channel, and a board does not know."""
 
     def receive(self, timeout_s: float) -> CanFrame | Unusable | None:
-        """The next frame, at most `timeout_s` from now; None: there was none."""
+        """The next frame of another node, at most `timeout_s` from now; None: there was none."""
         try:
             if self._stream is not None:
                 _look_for_end(self._stream)
             message = self._bus.recv(timeout_s)
+            while message is not None and self._is_own(message):
+                message = self._bus.recv(0.0)
         except self._error as error:
             return self._unreadable(error)
         except (ValueError, TypeError) as error:  # of a socket that was closed
@@ -80,7 +88,9 @@ class CanBus:
     def send(self, frame: CanFrame) -> None:
         """Send `frame`."""
         arbitration_id, data = frame
-        message = self._message(arbitration_id=arbitration_id, data=data, is_extended_id=False)
+        message = self._message(
+            arbitration_id=arbitration_id, data=data, is_extended_id=False, channel=self._mark
+        )
         try:
             self._bus.send(message, SEND_TIMEOUT_S)
         except self._error as error:
@@ -90,6 +100,9 @@ class CanBus:
         """Let go of the bus; never raises."""
         with contextlib.suppress(Exception):
             self._bus.shutdown()
+
+    def _is_own(self, message: can.Message) -> bool:
+        return not message.is_rx or (self._mark is not None and message.channel == self._mark)
 
     def _unreadable(self, error: can.CanError) -> Unusable:
         """What python-can could not read: one frame, or the whole bus (OSError)."""
@@ -140,7 +153,7 @@ def open_bus(options: Jr3Options) -> CanBus:
             f"cannot open {where}: python-can fails with {error!r}; "
             "are the interface's driver and library installed?"
         ) from None
-    return CanBus(bus)
+    return CanBus(bus, echoes=interface == "udp_multicast")
 
 
 def in_use(options: Jr3Options, error: OSError) -> DriverError:
