@@ -24,6 +24,7 @@ from cardan.common.printable import printable
 from cardan.dissect import network, registry
 from cardan.dissect.capture import Capture, CapturedPacket
 from cardan.dissect.figures import Figures, tally
+from cardan.dissect.hints import Hints
 from cardan.dissect.network import Segment
 from cardan.dissect.ports import EGM_PORTS, RTDE_PORTS, SIMPLE_MESSAGE_PORTS
 from cardan.dissect.reader import Dissector, Message, Note, describe, excerpt
@@ -118,6 +119,9 @@ def dissect_file(
                     # It can take earlier packets too, once it knows what they are.
                     capture.others[str(parsed)] -= dissector.packets - before
                     break
+            else:
+                if isinstance(parsed, Segment):
+                    capture.hints.add(packet, parsed)
             if len(capture.others) > MOST_OTHERS:
                 capture.fold()
     except CaptureError as error:
@@ -154,6 +158,7 @@ class _Capture:
         self.messages: Counter[str] = Counter()
         self._malformed: Counter[str] = Counter()
         self.others: Counter[str] = Counter()
+        self.hints = Hints()
         self._figures: dict[tuple[Dissector, str], Figures] = {}
         self._cut: Counter[int] = Counter()
         """How many packets the capture cut, by the bytes that it kept of them."""
@@ -267,6 +272,7 @@ class _Capture:
                             f"{kind.name} was looked for on {option.what}s {places} "
                             f"(--{option.flag} for others)"
                         )
+        yield from self.hints.lines(self._kinds)
         if self._copies:
             yield f"{self._copies} packets were seen on a second interface, and are counted once"
         if self._cut:
