@@ -72,10 +72,12 @@ def dissect_file(
     """Writes a line per datagram, report and message of the protocols in a capture, then a summary.
 
     `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP,
-    Linux usbmon, or of a link that a plug-in reads; a pipe of such, "-" for standard input; or
-    several of them, which are read one after the other as one capture. What passed two interfaces
-    is counted once. `progress` is told now and then how many packets were read, and of how much of
-    the file (None: not known). Reading stops at the packet with which `limit`
+    Linux usbmon, or of a link that a plug-in reads; a log of a CAN bus, of candump or (with
+    python-can) .asc or .blf; a pipe of such, "-" for standard input; or
+    several of them, which are read one after the other as one capture: none is, where one of them
+    is missing. What passed two interfaces is counted once. Of flows that are not read the summary
+    says which protocol they look like. `progress` is told now and then how many packets were read,
+    and of how much of the file (None: not known). Reading stops at the packet with which `limit`
     datagrams, reports, frames and messages are reached. With `summary` the lines are left out.
     `numbers` are where protocols are looked for besides the usual places, by the keys of their
     dissectors' options: `egm_ports` are UDP ports a PC listens at besides EGM_PORTS,
@@ -88,6 +90,9 @@ def dissect_file(
     """
     capture = _Capture(registry.dissectors(), numbers)
     paths = [path] if isinstance(path, str | os.PathLike) else path
+    if len(paths) > 1:
+        for each in paths:
+            Capture(each).look()
     start_ns = None
     stopped, damage = False, None
 
