@@ -107,10 +107,6 @@ class _Again(io.RawIOBase):
         return len(data)
 
 
-class _DamagedError(CaptureError):
-    """A capture is one, and is damaged."""
-
-
 class Capture:
     """The packets of a file or a pipe, iterated once; "-" is standard input. They are counted from
     `first` on. CaptureError names what is wrong with the file."""
@@ -120,6 +116,8 @@ class Capture:
         self._count = first - 1
         self._stream: BinaryIO | None = None
         self._bytes: int | None = None
+        self._is_capture = False
+        """Known of one that is damaged."""
 
     @property
     def share(self) -> float | None:
@@ -133,10 +131,14 @@ class Capture:
         Pipes are left alone."""
         if self.path == STANDARD_INPUT:
             return
-        with contextlib.suppress(_DamagedError), self._told():
-            if not stat.S_ISFIFO(os.stat(self.path).st_mode):
-                with open_file(self.path) as stream:
-                    next(self._packets(stream), None)
+        try:
+            with self._told():
+                if not stat.S_ISFIFO(os.stat(self.path).st_mode):
+                    with open_file(self.path) as stream:
+                        next(self._packets(stream), None)
+        except CaptureError:
+            if not self._is_capture:
+                raise
 
     def __iter__(self) -> Iterator[CapturedPacket]:
         with self._told(), self._opened() as stream:
@@ -202,10 +204,9 @@ class Capture:
                 f"with {magic.hex(' ')}); record one with tcpdump -w or Wireshark"
             )
 
-    def _damaged(self, what: str) -> _DamagedError:
-        return _DamagedError(
-            f"{self.path}: {what} after packet {self._count}; the rest is not read"
-        )
+    def _damaged(self, what: str) -> CaptureError:
+        self._is_capture = True
+        return CaptureError(f"{self.path}: {what} after packet {self._count}; the rest is not read")
 
     def _exactly(self, stream: BinaryIO, size: int) -> bytes:
         if size > MAX_BLOCK_BYTES:
