@@ -212,3 +212,22 @@ def test_many_flows_to_one_port_are_one_line(tmp_path):
             spread.append(data[:at] + struct.pack(">H", 30_000 + n) + data[at + 2 :])
     (line,) = hints(written(tmp_path / "spread.pcap", spread))
     assert line.endswith("read it with --port 16510 (4 more of these flows)")
+
+
+@pytest.mark.parametrize(("suite", "name"), [("ur-rtde", "RTDE"), ("motoros", "simple message")])
+def test_one_side_or_the_beginning_can_be_missing(tmp_path, suite, name):
+    packets = [moved(p.data) for p in Capture(session(tmp_path, suite))]
+    robot = bytes((192, 0, 2, 1))
+    for some in (packets[len(packets) // 2 :], [p for p in packets if p[12:16] == robot]):
+        (line,) = hints(written(tmp_path / "some.pcap", some))
+        assert re.search(rf"looks like {name}, the (robot|controller) at 192\.0\.2\.1:", line)
+
+
+def test_what_the_capture_cut_is_no_fault_of_a_flow(tmp_path):
+    packets = [moved(p.data) for p in Capture(session(tmp_path, "ur-rtde"))]
+    path = tmp_path / "cut.pcap"
+    start = struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 96, network.RAW)
+    cut = (HEAD.pack(n, 0, min(96, len(p)), len(p)) + p[:96] for n, p in enumerate(packets))
+    path.write_bytes(start + b"".join(cut))
+    (line,) = hints(path)
+    assert "looks like RTDE, the robot at 192.0.2.1:40004" in line
