@@ -247,7 +247,11 @@ PAGES = {
                 ("sim_peers", "cardan-jr3/cardan_jr3/peer", "cardan-wiimote/cardan_wiimote/peer"),
                 "`cardan sim NAME --help`; [simulated peers](../simulated-peers.md)",
             ),
-            Part("Captures", ("dissect",), "`cardan dissect` reads pcap and pcapng"),
+            Part(
+                "Captures",
+                ("dissect",),
+                "`cardan dissect` reads pcap, pcapng and logs of a CAN bus",
+            ),
             Part(
                 "Conformance",
                 (

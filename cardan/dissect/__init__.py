@@ -24,6 +24,7 @@ from cardan.common.printable import printable
 from cardan.dissect import network, registry
 from cardan.dissect.capture import Capture, CapturedPacket
 from cardan.dissect.figures import Figures, tally
+from cardan.dissect.hints import Hints
 from cardan.dissect.network import Segment
 from cardan.dissect.ports import EGM_PORTS, RTDE_PORTS, SIMPLE_MESSAGE_PORTS
 from cardan.dissect.reader import Dissector, Message, Note, describe, excerpt
@@ -71,10 +72,12 @@ def dissect_file(
     """Writes a line per datagram, report and message of the protocols in a capture, then a summary.
 
     `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP,
-    Linux usbmon, or of a link that a plug-in reads; a pipe of such, "-" for standard input; or
-    several of them, which are read one after the other as one capture. What passed two interfaces
-    is counted once. `progress` is told now and then how many packets were read, and of how much of
-    the file (None: not known). Reading stops at the packet with which `limit`
+    Linux usbmon, or of a link that a plug-in reads; a log of a CAN bus, of candump or (with
+    python-can) .asc or .blf; a pipe of such, "-" for standard input; or
+    several of them, which are read one after the other as one capture: none is, where one of them
+    is missing. What passed two interfaces is counted once. Of flows that are not read the summary
+    says which protocol they look like. `progress` is told now and then how many packets were read,
+    and of how much of the file (None: not known). Reading stops at the packet with which `limit`
     datagrams, reports, frames and messages are reached. With `summary` the lines are left out.
     `numbers` are where protocols are looked for besides the usual places, by the keys of their
     dissectors' options: `egm_ports` are UDP ports a PC listens at besides EGM_PORTS,
@@ -87,6 +90,9 @@ def dissect_file(
     """
     capture = _Capture(registry.dissectors(), numbers)
     paths = [path] if isinstance(path, str | os.PathLike) else path
+    if len(paths) > 1:
+        for each in paths:
+            Capture(each).look()
     start_ns = None
     stopped, damage = False, None
 
@@ -118,6 +124,9 @@ def dissect_file(
                     # It can take earlier packets too, once it knows what they are.
                     capture.others[str(parsed)] -= dissector.packets - before
                     break
+            else:
+                if isinstance(parsed, Segment):
+                    capture.hints.add(packet, parsed)
             if len(capture.others) > MOST_OTHERS:
                 capture.fold()
     except CaptureError as error:
@@ -154,6 +163,7 @@ class _Capture:
         self.messages: Counter[str] = Counter()
         self._malformed: Counter[str] = Counter()
         self.others: Counter[str] = Counter()
+        self.hints = Hints()
         self._figures: dict[tuple[Dissector, str], Figures] = {}
         self._cut: Counter[int] = Counter()
         """How many packets the capture cut, by the bytes that it kept of them."""
@@ -267,6 +277,7 @@ class _Capture:
                             f"{kind.name} was looked for on {option.what}s {places} "
                             f"(--{option.flag} for others)"
                         )
+        yield from self.hints.lines(self._kinds)
         if self._copies:
             yield f"{self._copies} packets were seen on a second interface, and are counted once"
         if self._cut:

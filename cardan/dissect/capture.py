@@ -1,11 +1,12 @@
-"""Reads pcap and pcapng files, also gzipped and from pipes, packet by packet; exact about where a
-file is cut."""
+"""Reads pcap and pcapng files and logs of a CAN bus, also gzipped and from pipes, packet by packet;
+exact about where a file is cut."""
 
 from __future__ import annotations
 
 import contextlib
 import enum
 import gzip
+import io
 import os
 import shlex
 import stat
@@ -14,9 +15,10 @@ import sys
 import zlib
 from collections.abc import Iterator
 from contextlib import AbstractContextManager
-from typing import BinaryIO, NamedTuple, cast
+from typing import Any, BinaryIO, NamedTuple, cast
 
 from cardan.common.files import open_file, read_up_to
+from cardan.dissect import can_log
 from cardan.errors import CaptureError
 
 MAX_BLOCK_BYTES = 256 * 2**20
@@ -34,6 +36,7 @@ PCAP_MAGICS = {
 }
 """Byte order, and nanoseconds per unit of the second time stamp word."""
 PCAPNG_MAGIC = b"\x0a\x0d\x0d\x0a"
+MCAP_MAGIC = b"\x89MCA"
 GZIP_MAGIC = b"\x1f\x8b"
 UNPACKED_BY = {
     b"\x28\xb5\x2f\xfd": ("zstd", "zstd -dc"),
@@ -44,6 +47,8 @@ UNPACKED_BY = {
 }
 """Compressed files that are not read here, by their first bytes, and what unpacks them."""
 STANDARD_INPUT = "-"
+LINK_CAN = 227
+"""LINKTYPE_CAN_SOCKETCAN, of frames out of a log."""
 SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, PACKET = 0x0A0D0D0A, 1, 2, 3, 6
 OPTION_END, OPTION_RESOLUTION, OPTION_OFFSET = 0, 9, 14
 
@@ -85,17 +90,21 @@ class _Interface(NamedTuple):
     offset_s: int
 
 
-class _Again:
+class _Again(io.RawIOBase):
     """A stream from which `head` was read already. A pipe cannot be wound back."""
 
     def __init__(self, head: bytes, stream: BinaryIO) -> None:
-        self._head, self._stream = head, stream
+        self._head, self._stream = head, cast(io.BufferedReader, stream)
 
-    def read(self, size: int = -1) -> bytes:
-        """At most `size` bytes."""
-        head = self._head if size < 0 else self._head[:size]
-        self._head = self._head[len(head) :]
-        return head or self._stream.read(size)
+    def readable(self) -> bool:
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """What is there, without waiting for as much as there is room for."""
+        data = self._head[: len(buffer)] or self._stream.read1(len(buffer))
+        self._head = self._head[len(data) :]
+        buffer[: len(data)] = data
+        return len(data)
 
 
 class Capture:
@@ -107,6 +116,8 @@ class Capture:
         self._count = first - 1
         self._stream: BinaryIO | None = None
         self._bytes: int | None = None
+        self._is_capture = False
+        """Known of one that is damaged."""
 
     @property
     def share(self) -> float | None:
@@ -115,10 +126,28 @@ class Capture:
             return None
         return min(1.0, self._stream.tell() / self._bytes)
 
-    def __iter__(self) -> Iterator[CapturedPacket]:
+    def look(self) -> None:
+        """CaptureError where there is no such file, or none that is read; one that is damaged is.
+        Pipes are left alone."""
+        if self.path == STANDARD_INPUT:
+            return
         try:
-            with self._opened() as stream:
-                yield from self._packets(stream)
+            with self._told():
+                if not stat.S_ISFIFO(os.stat(self.path).st_mode):
+                    with open_file(self.path) as stream:
+                        next(self._packets(stream), None)
+        except CaptureError:
+            if not self._is_capture:
+                raise
+
+    def __iter__(self) -> Iterator[CapturedPacket]:
+        with self._told(), self._opened() as stream:
+            yield from self._packets(stream)
+
+    @contextlib.contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
         except FileNotFoundError:
             raise CaptureError(f"{self.path}: there is no such file") from None
         except (EOFError, gzip.BadGzipFile, zlib.error) as error:
@@ -158,15 +187,25 @@ class Capture:
             yield from self._pcap(stream, *PCAP_MAGICS[magic])
         elif magic == PCAPNG_MAGIC:
             yield from self._pcapng(stream)
+        elif log := can_log.reader(magic):
+            yield from self._can_log(log(io.BufferedReader(_Again(magic, stream))))
         elif not magic:
             raise CaptureError(f"{self.path}: the file is empty")
+        elif magic == MCAP_MAGIC:
+            file = shlex.quote(self.path)
+            raise CaptureError(
+                f"{self.path}: it is a record (MCAP) and no capture: `cardan replay {file}` "
+                f"publishes it, `cardan plot {file}` draws it, `cardan export {file}` makes a data "
+                "set of it"
+            )
         else:
             raise CaptureError(
-                f"{self.path}: not a pcap or pcapng capture (it begins with {magic.hex(' ')}); "
-                "record one with tcpdump -w or Wireshark"
+                f"{self.path}: not a pcap or pcapng capture, and no log of a CAN bus (it begins "
+                f"with {magic.hex(' ')}); record one with tcpdump -w or Wireshark"
             )
 
     def _damaged(self, what: str) -> CaptureError:
+        self._is_capture = True
         return CaptureError(f"{self.path}: {what} after packet {self._count}; the rest is not read")
 
     def _exactly(self, stream: BinaryIO, size: int) -> bytes:
@@ -190,6 +229,13 @@ class Capture:
             raise self._damaged("damaged: a time stamp out of range")
         self._count += 1
         return CapturedPacket(self._count, time_ns, link_type, order, data, wire_bytes, interface)
+
+    def _can_log(self, frames: Iterator[can_log.Logged]) -> Iterator[CapturedPacket]:
+        try:
+            for time_ns, data in frames:
+                yield self._captured(time_ns, LINK_CAN, "<", data, len(data))
+        except ValueError as error:
+            raise self._damaged(f"damaged: {error}") from error
 
     def _pcap(self, stream: BinaryIO, order: str, unit_ns: int) -> Iterator[CapturedPacket]:
         link_type = struct.unpack(f"{order}16xI", self._exactly(stream, 20))[0] & 0xFFFF

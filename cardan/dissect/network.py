@@ -7,11 +7,10 @@ import ipaddress
 import struct
 from typing import NamedTuple
 
-from cardan.dissect.capture import CapturedPacket, Direction
+from cardan.dissect.capture import LINK_CAN as CAN, CapturedPacket, Direction
 
 NULL, ETHERNET, LOOP, RAW, LINUX_SLL, IPV4, IPV6, LINUX_SLL2 = 0, 1, 108, 101, 113, 228, 229, 276
 RAW_OF_BSD = (12, 14)
-CAN = 227
 LINK_TYPES = frozenset((NULL, ETHERNET, LOOP, RAW, LINUX_SLL, IPV4, IPV6, LINUX_SLL2, *RAW_OF_BSD))
 """Link types of captures that can hold IP."""
 ETHERTYPE_IPV4, ETHERTYPE_IPV6 = 0x0800, 0x86DD

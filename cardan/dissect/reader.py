@@ -9,7 +9,7 @@ from typing import Any, ClassVar, NamedTuple
 
 from cardan.dissect import network
 from cardan.dissect.capture import CapturedPacket
-from cardan.dissect.network import Segment
+from cardan.dissect.network import Endpoint, Segment
 from cardan.errors import ConfigurationError
 
 CUT = "cut by the capture"
@@ -126,6 +126,12 @@ class Dissector(ABC):
 
     def about(self, where: str) -> str:
         """What the figures say of those that are here besides their messages."""
+        return ""
+
+    def recognised(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
+        """Of a flow between two ends that was read on trial, with the port of `end` as a number of
+        the first option: which side is where ("the robot at ..."), if these first messages of it
+        can be no other protocol's; else empty, as it is where a protocol is found without ports."""
         return ""
 
 

@@ -32,7 +32,8 @@ class RepairReport(NamedTuple):
 
     def lines(self) -> list[str]:
         """For people."""
-        return [*self.problems, f"{self.path}: {self.messages} messages, with an index"]
+        found = self.problems or ("nothing was wrong with the file: there was nothing to repair",)
+        return [*found, f"{self.path}: {self.messages} messages, with an index"]
 
 
 def repaired_name(path: Path) -> Path:

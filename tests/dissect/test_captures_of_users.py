@@ -115,6 +115,35 @@ def test_several_files_are_one_capture(rtde, tmp_path):
     assert f"{one} begins before the file before it ends" in read([two, one])[1]
 
 
+def test_of_several_files_none_is_read_where_one_is_missing(rtde, tmp_path):
+    out = io.StringIO()
+    with pytest.raises(CaptureError, match=r"nope\.pcap: there is no such file"):
+        dissect_file([rtde, tmp_path / "nope.pcap"], out)
+    other = tmp_path / "notes.txt"
+    other.write_text("notes")
+    with pytest.raises(CaptureError, match=r"notes\.txt: not a pcap"):
+        dissect_file([rtde, other], out)
+    assert out.getvalue() == ""
+
+
+def test_of_several_files_one_that_is_damaged_is_read_to_there(rtde, tmp_path):
+    two = tmp_path / "two.pcap"
+    two.write_bytes(rtde.read_bytes()[:30])
+    out = io.StringIO()
+    with pytest.raises(CaptureError, match=r"two\.pcap: truncated"):
+        dissect_file([rtde, two], out, summary=True)
+    assert "RTDE, 0 malformed" in out.getvalue()
+
+
+def test_a_record_is_named_with_the_commands_that_read_it(tmp_path):
+    path = tmp_path / "a session.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
+    with pytest.raises(CaptureError) as told:
+        read(path)
+    for command in ("replay", "plot", "export"):
+        assert f"`cardan {command} '{path}'`" in str(told.value)
+
+
 def cooked2(interface, protocol, rest):
     return struct.pack("!HHIHBB8s", protocol, 0, interface, 1, 0, 6, bytes(8)) + rest
 

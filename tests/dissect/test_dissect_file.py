@@ -433,7 +433,10 @@ def test_files_that_are_no_captures(tmp_path, capture):
     with pytest.raises(CaptureError, match="the file is empty"):
         read(path)
     path.write_bytes(b"%PDF-1.7 and more")
-    with pytest.raises(CaptureError, match=r"not a pcap or pcapng capture \(it begins with 25 50"):
+    with pytest.raises(
+        CaptureError,
+        match=r"not a pcap or pcapng capture, and no log of a CAN bus \(it begins with 25 50",
+    ):
         read(path)
     path.write_bytes(capture(session(1)).read_bytes()[:24])
     assert f"{NOTHING} 0 packets" in read(path)[1]

@@ -100,6 +100,10 @@ def test_messages_of_others_are_kept(tmp_path):
         writer.finish()
     whole = repair(path, tmp_path / "whole.mcap")
     assert whole.complete
+    assert whole.lines() == [
+        "nothing was wrong with the file: there was nothing to repair",
+        f"{whole.path}: 21 messages, with an index",
+    ]
     with whole.path.open("rb") as stream:
         reader = make_reader(stream)
         assert reader.get_header().profile == "ros1"

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from cardan.dissect.network import Segment
+from collections.abc import Sequence
+
+from cardan.dissect.network import Endpoint, Segment
 from cardan.dissect.ports import EGM_PORTS, JOINT_STREAM_PORT
-from cardan.dissect.reader import DatagramDissector, Decoded, Numbers
+from cardan.dissect.reader import DatagramDissector, Decoded, Message, Numbers
 from cardan.protocols import egm, joint_stream
+
+ROBOT_TYPES = (egm.MessageType.DATA,)
+PC_TYPES = (egm.MessageType.CORRECTION, egm.MessageType.PATH_CORRECTION)
 
 
 class Egm(DatagramDissector):
@@ -42,6 +47,21 @@ class Egm(DatagramDissector):
         if isinstance(value, egm.EgmRobot):
             return Decoded(value, sequence=seqno, asks=tm_ms)
         return Decoded(value, sequence=seqno, answers=tm_ms)
+
+    def recognised(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
+        for message in messages:
+            value = message.decoded.value
+            header = value.header
+            if header is None or None in (header.seqno, header.tm_ms):
+                return ""
+            robots = isinstance(value, egm.EgmRobot)
+            if robots != (message.where == f"{other} > {end}"):
+                return ""
+            if header.mtype not in (ROBOT_TYPES if robots else PC_TYPES):
+                return ""
+            if robots and (value.feed_back is None or value.feed_back.joints is None):
+                return ""
+        return f"the robot at {other}"
 
 
 class JointStream(DatagramDissector):

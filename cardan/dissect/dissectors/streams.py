@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 from cardan.dissect.capture import CapturedPacket, Direction
 from cardan.dissect.framing import Conversation, Measured, StreamDissector
-from cardan.dissect.network import Segment
+from cardan.dissect.network import Endpoint, Segment
 from cardan.dissect.ports import (
     RTDE_PORTS,
     SIMPLE_MESSAGE_PORTS,
@@ -37,6 +37,19 @@ PENDING = 256
 LARGEST_TIME_S = 1e9
 """No controller was on for so long."""
 RTDE_KINDS = frozenset(rtde.PacketType)
+LEAST_DATA = 4
+"""So many packets of data of one size show a stream of RTDE whose beginning was not captured."""
+TOLD = frozenset(
+    each.name
+    for each in (
+        MessageType.JOINT_POSITION,
+        MessageType.ROBOT_STATUS,
+        MessageType.JOINT_FEEDBACK,
+        MessageType.OLD_JOINT_FEEDBACK_EX,
+        MessageType.MOTO_JOINT_FEEDBACK_EX,
+    )
+)
+"""What a controller sends unasked."""
 
 
 class _SimpleMessages(Conversation):
@@ -104,6 +117,17 @@ class SimpleMessage(StreamDissector):
         ),
     )
     conversation = _SimpleMessages
+
+    def recognised(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
+        for message in messages:
+            kind, comm_type = message.decoded.title.split()[:2]
+            answers = comm_type == CommType.SERVICE_REPLY.name
+            tells = comm_type == CommType.TOPIC.name and kind in TOLD
+            from_device = message.where.startswith(f"{end} >")
+            # A ping is answered by itself.
+            if from_device != (answers or tells) and kind != MessageType.PING.name:
+                return ""
+        return f"the controller at {end}"
 
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
         if not isinstance(network, Segment) or network.protocol != "UDP":
@@ -215,3 +239,20 @@ class Rtde(StreamDissector):
         ),
     )
     conversation = _RtdePackets
+
+    def recognised(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
+        data: list[tuple[str, int, int]] = []
+        for message in messages:
+            value = message.decoded.value
+            if message.decoded.title.startswith("RTDE DATA"):
+                data.append((message.where, message.data[3], len(message.data)))
+            elif isinstance(value, rtde.Setup):
+                if not all(name.isidentifier() for name in value.names):
+                    return ""
+            elif isinstance(value, rtde.SetupReply) and not value.types:
+                return ""
+        agreed = len(messages) > len(data)
+        stream = (
+            len(set(data)) == 1 and len(data) >= LEAST_DATA and data[0][0].startswith(f"{end} >")
+        )
+        return f"the robot at {end}" if agreed or stream else ""

@@ -2,7 +2,9 @@
 
 import io
 import struct
+import sys
 
+import can
 import pytest
 from hypothesis import example, given, strategies as st
 from scapy.layers.can import CAN
@@ -10,7 +12,7 @@ from scapy.utils import RawPcapWriter
 
 from cardan.dissect import dissect_file
 from cardan.dissect.capture import Direction
-from cardan.errors import ConfigurationError
+from cardan.errors import CaptureError, ConfigurationError, ExtraMissingError
 from cardan_jr3 import dissect as layers, protocol as codec
 from cardan_jr3.dissect import BrokenFrame, UnknownFrame, dissect
 
@@ -297,3 +299,142 @@ def test_lost_halves_repeats_and_damage(dissected):
         "  remarks: NO MOMENTS BEFORE x1, SAME SAMPLE AGAIN x1, NO FORCES OF THIS COUNTER x1",
     ):
         assert line in lines
+
+
+# Logs.
+
+SAMPLES = [(0x621, "e80338ff01404d00"), (0x6A1, "004000c000004d00"), (0x080, "")]
+BUS_OFF = "(1700000000.003000) can0 20000040#0000000000000000"
+
+
+def candump(frames):
+    return [
+        f"(1700000000.{1000 * n:06d}) can0 {identifier:03X}#{data.upper()}"
+        for n, (identifier, data) in enumerate(frames)
+    ]
+
+
+def read_log(path):
+    out = io.StringIO()
+    counts = dissect_file(path, out)
+    lines = out.getvalue().splitlines()
+    return counts, [line.split(" ", 2)[2] for line in lines if line.startswith("#")], lines
+
+
+SHOWN = [
+    "JR3 node 33 Forces | x 1000 | y -200 | z 16385 | counter 77",
+    "JR3 node 33 Moments | x 16384 | y -16384 | z 0 | counter 77",
+    "CAN Sync",
+]
+
+
+@pytest.mark.parametrize("way", ["", " R", " T"])
+def test_a_log_of_candump(tmp_path, way):
+    path = tmp_path / "candump.log"
+    path.write_text("".join(f"{line}{way}\n" for line in candump(SAMPLES)))
+    counts, shown, lines = read_log(path)
+    assert shown == SHOWN
+    assert (counts.packets, counts.other_packets) == (3, 0)
+    assert lines[0] == "capture starts 2023-11-14 22:13:20.000000 UTC"
+    assert lines[2].startswith("#2 0.001000 ")
+
+
+def test_errors_and_others_in_a_log_of_candump_are_no_data(tmp_path):
+    path = tmp_path / "candump.log"
+    one, two, sync = candump(SAMPLES)
+    others = [
+        BUS_OFF,
+        "(1700000000.003000) can0 20000004#000C000000000000",
+        "(1700000000.003000) can0 20000088#0000000000000000",
+        "(1700000000.003000) can0 621#R8",
+        "(1700000000.003000) can0 621#R",
+        "(1700000000.003000) can0 00000621#e80338ff01404d00",
+        "(1700000000.003000) can0 12345678##1" + "00" * 64,
+        "",
+    ]
+    path.write_text("\n".join([one, two, *others, sync, ""]))
+    counts, shown, lines = read_log(path)
+    assert shown == SHOWN
+    assert (counts.packets, counts.other_packets) == (10, 7)
+    assert lines[-1] == "other packets: CAN x7"
+
+
+def test_a_log_of_candump_that_is_cut(tmp_path):
+    path = tmp_path / "candump.log"
+    path.write_text("\n".join([*candump(SAMPLES), "(1700000000.00"]))
+    out = io.StringIO()
+    with pytest.raises(CaptureError, match=r"damaged: line 4 is none of candump -L: '.*after pack"):
+        dissect_file(path, out)
+    assert SHOWN[0] in out.getvalue()
+
+
+ASC = """date Tue Nov 14 10:13:20.000 pm 2023
+base hex  timestamps absolute
+internal events logged
+// version 9.0.0
+Begin Triggerblock Tue Nov 14 10:13:20.000 pm 2023
+   0.000000 Start of measurement
+   0.000500 CAN 1 Status:chip status error active
+   0.001000 1  621             Rx   d 8 e8 03 38 ff 01 40 4d 00
+   0.002000 1  6a1             Rx   d 8 00 40 00 c0 00 00 4d 00  Length = 244000 BitCount = 126
+   0.002500 1  ErrorFrame
+   0.002600 CAN 1 Status:chip status bus off
+   0.002700 1  621x            Rx   d 8 e8 03 38 ff 01 40 4d 00
+   0.002800 1  621             Rx   r
+   0.002900 1  80              TxRq d 0
+   0.003000 1  80              Tx   d 0
+   0.004000 1  Statistic: D 4 R 0 XD 0 XR 0 E 1 O 0 B 0.50%
+End TriggerBlock
+"""
+
+
+@pytest.mark.parametrize("date", ["Tue Nov 14", "mar. nov. 14"])
+def test_a_log_of_vector_as_text(tmp_path, date):
+    path = tmp_path / "log.asc"
+    path.write_text(ASC.replace("Tue Nov 14", date))
+    counts, shown, lines = read_log(path)
+    assert shown == SHOWN
+    assert (counts.packets, counts.other_packets) == (6, 3)
+    assert lines[2].startswith("#2 0.001000 ")
+
+
+def test_a_line_that_is_none_in_a_log_of_vector(tmp_path):
+    path = tmp_path / "log.asc"
+    path.write_text(ASC + "   0.004000 1  621             Rx   d 8 e8 xx\n")
+    with pytest.raises(CaptureError, match=r"damaged: line 18 cannot be read: '0\.004000 1  621"):
+        read_log(path)
+
+
+def test_a_binary_log_of_vector(tmp_path):
+    path = tmp_path / "log.blf"
+    with can.BLFWriter(path) as writer:
+        for n, (identifier, data) in enumerate(SAMPLES):
+            said = {"arbitration_id": identifier, "data": bytes.fromhex(data)}
+            time_s = 1_700_000_000 + 0.001 * n
+            writer(can.Message(time_s, is_extended_id=False, **said))
+            if n == 1:
+                writer(can.Message(time_s, is_error_frame=True, **said))
+                writer(can.Message(time_s, is_extended_id=True, **said))
+    counts, shown, lines = read_log(path)
+    assert shown == SHOWN
+    assert (counts.packets, counts.other_packets) == (5, 2)
+    assert lines[2].startswith("#2 0.001000 ")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-10])
+    with pytest.raises(CaptureError, match=f"it has {len(whole) - 10} of {len(whole)} bytes after"):
+        read_log(path)
+    path.write_bytes(whole[:150] + bytes(50))
+    with pytest.raises(CaptureError, match="damaged: a part of it is not where it should be"):
+        read_log(path)
+
+
+@pytest.mark.parametrize("name", ["log.asc", "log.blf"])
+def test_what_reads_logs_of_vector_is_named(tmp_path, monkeypatch, name):
+    path = tmp_path / name
+    path.write_bytes(ASC.encode() if name == "log.asc" else b"LOGG" + bytes(200))
+    for module in ("can", "can.io.blf"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ExtraMissingError, match=r"cardan\[can\]"):
+        read_log(path)
+    path.write_text(candump(SAMPLES)[0])
+    assert read_log(path)[0].packets == 1

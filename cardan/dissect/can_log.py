@@ -1,0 +1,144 @@
+"""Reads logs of a CAN bus that are no captures: candump's; Vector's .asc and .blf by python-can.
+Frames become what captures of SocketCAN have.
+
+candump's are read here, as python-can takes most lines of errors ("bus off") for data frames.
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import zlib
+from collections.abc import Callable, Iterator
+from io import TextIOWrapper
+from typing import Any, BinaryIO, NamedTuple, TextIO, cast
+
+from cardan.common.extras import missing_extra
+
+EXTENDED, REMOTE, ERROR, IDENTIFIER = 0x80000000, 0x40000000, 0x20000000, 0x1FFFFFFF
+FD_FRAME = 0x04
+"""CANFD_FDF, of the flags of a frame."""
+PADDING_BYTES = 4
+"""Fewer bytes can be missing at the end of a .blf: it is padded."""
+_HEAD = struct.Struct("!IBB2x")
+_LINE = re.compile(
+    r"\((?P<seconds>\d+)\.(?P<fraction>\d{1,9})\)\s+\S+\s+(?P<id>[0-9A-F]{8}|[0-9A-F]{3})#"
+    r"((?P<remote>R)\d?|(?P<fd>#[0-9A-F])?(?P<data>([0-9A-F]{2}\.?)*))(_[0-9A-F])?(\s+[RT])?",
+    re.IGNORECASE,
+)
+_REQUEST = re.compile(r"\sTxRq\s")
+
+
+class Logged(NamedTuple):
+    """A frame as a capture has it."""
+
+    time_ns: int
+    data: bytes
+
+
+def reader(head: bytes) -> Callable[[BinaryIO], Iterator[Logged]] | None:
+    """What reads the log that begins with these four bytes; None: it is none.
+
+    What is read raises ValueError that says what is wrong with it.
+    """
+    if head[:1] == b"(" and head[1:].isdigit():
+        return _candump
+    if head == b"LOGG":
+        return _blf
+    return _asc if head in (b"date", b"base", b"// v") else None
+
+
+def _candump(stream: BinaryIO) -> Iterator[Logged]:
+    for number, line in enumerate(TextIOWrapper(stream, "utf-8", "replace"), 1):
+        text = line.strip()
+        if not text:
+            continue
+        match = _LINE.fullmatch(text)
+        if match is None:
+            raise ValueError(f"line {number} is none of candump -L: {text[:80]!r}")
+        word = int(match["id"], 16)
+        if len(match["id"]) > 3 and not word & ERROR:
+            word |= EXTENDED
+        word |= REMOTE if match["remote"] else 0
+        data = bytes.fromhex((match["data"] or "").replace(".", ""))
+        time_ns = int(match["seconds"]) * 10**9 + int(match["fraction"].ljust(9, "0"))
+        flags = FD_FRAME | int(match["fd"][1], 16) if match["fd"] else 0
+        yield Logged(time_ns, _HEAD.pack(word, len(data), flags) + data)
+
+
+def _asc(stream: BinaryIO) -> Iterator[Logged]:
+    try:
+        from can import ASCReader
+    except ImportError as error:
+        raise missing_extra("a log of Vector's", "python-can", "can", error) from error
+
+    class Reader(ASCReader):
+        """Begins at 0 where the date is in another language."""
+
+        @staticmethod
+        def _datetime_to_timestamp(datetime_string: str) -> float:
+            try:
+                return ASCReader._datetime_to_timestamp(datetime_string)
+            except ValueError:
+                return 0.0
+
+    read = 0, ""
+
+    def lines() -> Iterator[str]:
+        nonlocal read
+        for number, line in enumerate(TextIOWrapper(stream, "utf-8", "replace"), 1):
+            read = number, line.strip()
+            if not _REQUEST.search(line):  # it comes again once it was sent
+                yield line
+
+    try:
+        yield from _messages(Reader(cast(TextIO, lines()), relative_timestamp=False))
+    except (ValueError, IndexError) as error:
+        number, line = read
+        raise ValueError(f"line {number} cannot be read: {line[:80]!r}") from error
+
+
+def _blf(stream: BinaryIO) -> Iterator[Logged]:
+    try:
+        from can import BLFReader
+        from can.io.blf import BLFParseError
+    except ImportError as error:
+        raise missing_extra("a log of Vector's", "python-can", "can", error) from error
+    counted = _Counted(stream)
+    try:
+        log = BLFReader(cast(BinaryIO, counted))
+        yield from _messages(log)
+    except (BLFParseError, ValueError, struct.error, zlib.error) as error:
+        raise ValueError("a part of it is not where it should be") from error
+    if counted.bytes <= log.file_size - PADDING_BYTES:
+        raise ValueError(f"it has {counted.bytes} of {log.file_size} bytes")
+
+
+class _Counted:
+    """A stream that knows how much was read of it."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream, self.bytes = stream, 0
+
+    def read(self, size: int) -> bytes:
+        data = self._stream.read(size)
+        self.bytes += len(data)
+        return data
+
+    def close(self) -> None:
+        """The stream is whose it was."""
+
+
+def _messages(log: Any) -> Iterator[Logged]:
+    for message in log:
+        word = message.arbitration_id & IDENTIFIER
+        for flag, is_set in (
+            (EXTENDED, message.is_extended_id and not message.is_error_frame),
+            (REMOTE, message.is_remote_frame),
+            (ERROR, message.is_error_frame),
+        ):
+            word |= flag if is_set else 0
+        flags = FD_FRAME if message.is_fd else 0
+        data = bytes(message.data)
+        head = _HEAD.pack(word, len(data), flags)
+        yield Logged(round(message.timestamp * 1e6) * 1000, head + data)
