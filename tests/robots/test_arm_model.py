@@ -252,9 +252,10 @@ def changed(old, new):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("urdf = ", r"own\.toml is not TOML"),
+        ("urdf = ", r"own\.toml:1:8: is not TOML"),
         ("", "urdf: is missing"),
         (changed('"own.urdf"', "3"), "urdf: 3 is not allowed; it must be a text"),
+        (changed('"own.urdf"', '"$NOWHERE/own.urdf"'), "the environment has no variable NOWHERE"),
         (changed('"own.urdf"', '"other.urdf"'), r"cannot read .*other\.urdf: No such file"),
         (
             changed('"own.urdf"', r'"\u0000.urdf"'),
