@@ -758,6 +758,11 @@ BRANCHED = """<robot name="two">
 </robot>"""
 
 
+def test_the_nearest_joint_of_a_description_is_named():
+    with pytest.raises(ConfigurationError, match=r"has no joint 'tow'; .*; did you mean 'two'\?$"):
+        limits_in(BRANCHED, ("tow", "one"))
+
+
 def test_limits_of_a_whole_robot_that_branches_and_has_meshes():
     limits = limits_in(BRANCHED, ("two", "one"))
     assert (limits.lower, limits.upper) == ((-math.inf, -1.0), (math.inf, 2.0))
