@@ -10,7 +10,7 @@ import pytest
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.ros2_arm import Ros2Arm, Ros2ArmOptions, Ros2ArmSession
 from cardan.drivers.ros2_arm.session import COMMAND_TYPES
-from cardan.errors import CommandError, DriverError, OptionError
+from cardan.errors import CommandError, ConfigurationError, DriverError, OptionError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.robots import limits_in, load_arm
 from cardan.types import (
