@@ -37,13 +37,16 @@ import contextlib
 import copy
 import pickle
 import reprlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from datetime import date, datetime, time
 from typing import Any
 
 from cardan.common.printable import printable
 
 _MOST_SHOWN = 300
 """Characters of a value, or of a key, in a message: enough for 40 numbers, which EGM carries."""
+_MOST_TOLD = 10
+"""Errors of a file that are told at once."""
 _LINE_END = "\n"
 """Stays in messages of several lines, as those about a file."""
 _PLAIN_BITS = 256
@@ -61,12 +64,22 @@ class _Brief(reprlib.Repr):
         bits = x.bit_length()
         return repr(x) if bits <= _PLAIN_BITS else f"<a whole number of {bits} bits>"
 
+    def repr_date(self, x: date, level: int) -> str:
+        return f"the date {x.isoformat()}"
+
+    def repr_time(self, x: time, level: int) -> str:
+        return f"the time {x.isoformat()}"
+
+    def repr_datetime(self, x: datetime, level: int) -> str:
+        return f"the date and time {x.isoformat(' ')}"
+
 
 _BRIEF = _Brief()
 
 
 def shown(value: object) -> str:
-    """`value` in a message: as repr() has it, but always short, and it never fails."""
+    """`value` in a message: as repr() has it, dates and times in words, but always short, and it
+    never fails."""
     try:
         return _bounded(_BRIEF.repr(value))
     except Exception:
@@ -104,28 +117,47 @@ class ConfigurationError(CardanError, ValueError):
     the line and the column where it stands ("cell.toml:3:5"), or empty."""
 
     place = ""
+    others: tuple[ConfigurationError, ...] = ()
+    """What else is wrong in the same file: a line each after this one's."""
 
     def __init__(self, key: str, message: str) -> None:
         super().__init__(printable(f"{_bounded(key)}: {message}" if key else message, _LINE_END))
         self.key = key
 
+    def __str__(self) -> str:
+        return _LINE_END.join((self.args[0], *map(str, self.others)))
+
     @property
     def message(self) -> str:
-        """What is wrong, without the key and its place."""
-        words = str(self).removeprefix(f"{self.place}: ")
+        """What is wrong, without the key and its place, and without the `others`."""
+        words: str = self.args[0].removeprefix(f"{self.place}: ")
         return words.removeprefix(f"{printable(_bounded(self.key), _LINE_END)}: ")
 
     def below(self, table: str) -> ConfigurationError:
         """The same error, of a setting in `table`."""
-        key = ".".join(filter(None, (table, self.key)))
-        error = ConfigurationError(key, self.message)
-        return error.placed(self.place) if self.place else error
+
+        def below(error: ConfigurationError) -> ConfigurationError:
+            found = error._of(".".join(filter(None, (table, error.key))))
+            return found.placed(error.place) if error.place else found
+
+        return self.each(below)
+
+    def each(
+        self, change: Callable[[ConfigurationError], ConfigurationError]
+    ) -> ConfigurationError:
+        """This error and the `others`, each as `change` makes it."""
+        error = copy.copy(change(self))
+        error.others = tuple(map(change, self.others))
+        return error
+
+    def _of(self, key: str) -> ConfigurationError:
+        return ConfigurationError(key, self.message)
 
     def placed(self, place: str) -> ConfigurationError:
         """The same error, of a setting that stands there."""
         error = copy.copy(self)
         error.place = printable(place)
-        error.args = (f"{error.place}: {self}",)
+        error.args = (f"{error.place}: {self.args[0]}",)
         return error
 
 
@@ -137,10 +169,25 @@ class OptionError(ConfigurationError):
         self.value = value
         self.allowed = allowed
 
-    def below(self, table: str) -> ConfigurationError:
-        key = ".".join(filter(None, (table, self.key)))
-        error = OptionError(key, self.value, self.allowed)
-        return error.placed(self.place) if self.place else error
+    def _of(self, key: str) -> ConfigurationError:
+        return OptionError(key, self.value, self.allowed)
+
+
+def together(errors: Iterable[ConfigurationError]) -> ConfigurationError:
+    """The first of the errors of a file, and after it the others, each once and not too many."""
+    each_once = {str(one): one for error in errors for one in (_alone(error), *error.others)}
+    first, *others = each_once.values()
+    if (more := len(others) + 1 - _MOST_TOLD) > 0:
+        last = others[-more - 1]
+        others[-more - 1 :] = [ConfigurationError(last.key, f"{last.message} (and {more} more)")]
+    first.others = tuple(others)
+    return first
+
+
+def _alone(error: ConfigurationError) -> ConfigurationError:
+    found = copy.copy(error)
+    found.others = ()
+    return found
 
 
 @contextlib.contextmanager

@@ -84,6 +84,16 @@ def test_a_report_is_not_written_over_without_being_told(output, tmp_path):
     assert (tmp_path / "report.json").read_bytes() != before
 
 
+def test_a_folder_that_cannot_be_is_refused_before_anything_is_run(monkeypatch, tmp_path):
+    from cardan.conform import run as running
+
+    monkeypatch.setattr(running, "simulated", None)
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file", tmp_path / "file" / "inside"):
+        with pytest.raises(ConfigurationError, match=r"^--save: .* cannot be written: "):
+            run("egm", "--save", str(folder))
+
+
 @pytest.mark.parametrize(
     ("words", "why"),
     [

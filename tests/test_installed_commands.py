@@ -5,6 +5,7 @@ from importlib.metadata import EntryPoint
 
 import pytest
 import typer
+from rich.text import Text
 
 from cardan import cli
 from cardan.cli import installed
@@ -57,6 +58,33 @@ def cardan(monkeypatch, capsys):
         return said.out if code == 0 else said.err
 
     return run
+
+
+@pytest.mark.parametrize(
+    ("command", "written"),
+    [("run", "needs a [network]"), ("force", "[force] and [[fixtures]]"), ("record", "[network]")],
+)
+def test_what_stands_in_brackets_is_shown_in_a_help(cardan, command, written):
+    text = " ".join(cardan(command, "--help").replace("\u2502", " ").split())
+    assert written in text
+
+
+def helps(command, context):
+    """The texts of all helps of a command and of those below it, in rich's markup."""
+    yield from (command.help, command.short_help, command.epilog)
+    yield from (getattr(each, "help", None) for each in command.params)
+    if hasattr(command, "list_commands"):
+        for name in command.list_commands(context):
+            yield from helps(command.get_command(context, name), context)
+
+
+def test_no_help_loses_what_stands_in_brackets():
+    command = typer.main.get_command(cli.app)
+    texts = [each for each in helps(command, None) if each]
+    assert len(texts) > 300
+    for text in texts:
+        written = text.replace("[bold]", "").replace("[/bold]", "").replace("\\[", "[")
+        assert Text.from_markup(text).plain == written
 
 
 @pytest.mark.usefixtures("others")

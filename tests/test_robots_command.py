@@ -270,6 +270,16 @@ def test_names_add_no_lines_to_the_file(here):
             "--limit: velocity_deg_s",
         ),
         (("vendor.urdf", "--limit", "speed.j2=1"), "--limit: 'speed.j2=1' must be KEY.JOINT="),
+        (("panda",), "FILE: panda comes with Cardan: `cardan robots show panda` shows it, and"),
+        (
+            ("vendor.urdf", "--limit", "x=1,5"),
+            "--limit: 'x=1,5' must be KEY.JOINT=NUMBER, as velocity_deg_s.elbow=90; write the "
+            "decimal point as ., not as a comma; KEY is one of velocity_deg_s",
+        ),
+        (
+            ("vendor.urdf", "--limit", "=-1"),
+            "--limit: '=-1' must be KEY.JOINT=NUMBER, as velocity_deg_s.elbow=90; KEY is one of",
+        ),
         (("vendor.urdf", "--limit", "effort.j2=nan"), "--limit: 'effort.j2=nan' must be KEY."),
         (("vendor.urdf", "--xacro", "prefix"), "--xacro: 'prefix' must be NAME=VALUE"),
         (("vendor.urdf", "--xacro", "a=b"), "--xacro: xacro: vendor.urdf takes no arguments"),

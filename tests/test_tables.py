@@ -5,8 +5,10 @@ from __future__ import annotations
 import dataclasses
 import enum
 import json
+import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import date, datetime, time, timezone
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -107,7 +109,15 @@ def test_what_is_left_out_has_its_default():
         ({"nam": "x"}, "nam", "there is no such key; allowed: name, size_m, "),
         ({"bodys": []}, "bodys", "did you mean 'bodies'?"),
         ({"made_s": 1.0}, "made_s", "there is no such key"),
-        ({"name": 5}, "name", "5 is not allowed; it must be a text without a NUL"),
+        ({"name": 5}, "name", "5 is not allowed; it must be a text, in quotes"),
+        ({"name": date(2026, 3, 1)}, "name", "the date 2026-03-01 is not allowed; it must be a"),
+        ({"count": time(7, 32)}, "count", "the time 07:32:00 is not allowed; it must be a whole"),
+        (
+            {"size_m": [datetime(2026, 3, 1, 7, 32, tzinfo=timezone.utc), 1]},
+            "size_m",
+            "the date and time 2026-03-01 07:32:00+00:00",
+        ),
+        ({"best": date(2026, 3, 1)}, "best", "the date 2026-03-01 is not a table"),
         ({"name": None}, "name", "None is not allowed"),
         ({"size_m": [1, 2]}, "size_m", "(1.0, 2.0) is not allowed; it must be longer than wide"),
         ({"size_m": [1]}, "size_m", "2 values"),
@@ -154,10 +164,25 @@ def test_errors_name_the_whole_key(change, key, words):
         assert words in str(caught.value)
 
 
-def test_the_first_error_says_how_many_more_there_are():
+def test_all_errors_are_told_a_line_each():
     table = {"nam": "x", "count": 1.5, "bodies": [{"shape": "ball"}]}
-    with pytest.raises(ConfigurationError, match=r"^nam: .* \(and 3 more\)$"):
-        read_table(Scene, table)
+    with pytest.raises(ConfigurationError, match=r"^cell\.nam: ") as caught:
+        read_table(Scene, table, "cell")
+    keys = [each.partition(": ")[0] for each in str(caught.value).splitlines()]
+    assert keys == ["cell.nam", "cell.name", "cell.bodies.0.radius_m", "cell.count"]
+    assert "\n" not in caught.value.message
+    again = pickle.loads(pickle.dumps(caught.value))
+    assert str(again) == str(caught.value)
+
+
+def test_of_very_many_errors_the_rest_is_counted():
+    with pytest.raises(ConfigurationError) as caught:
+        read_table(Scene, {"name": "x", **{f"key_{number}": 0 for number in range(14)}})
+    lines = str(caught.value).splitlines()
+    assert len(lines) == 10
+    assert not any("more)" in each for each in lines[:9])
+    assert lines[9].startswith("key_9: ")
+    assert lines[9].endswith(" (and 4 more)")
 
 
 def test_an_error_of_one_option_keeps_its_value():
@@ -190,9 +215,11 @@ def test_what_is_no_table_is_refused(table: Any):
     ("content", "words"),
     [
         (None, "cannot read .*own.toml: No such file"),
-        (b"\xff", "cannot read .*own.toml: .*utf-8"),
-        (b"a = ", "own.toml is not TOML: "),
-        (b"a = " + b"[" * 5000, "own.toml is not TOML: "),
+        (b"\xff", "cannot read .*own.toml: line 1 is not UTF-8; save it as UTF-8$"),
+        ("a = 1\r\n# Größe\r\n".encode("latin-1"), "own.toml: line 2 is not UTF-8; save it as"),
+        (b"\xef\xbb\xbfa = 1\rb = '\xe4'", "own.toml: line 2 is not UTF-8; save it as UTF-8$"),
+        (b"a = ", "own.toml:1:5: is not TOML: "),
+        (b"a = " + b"[" * 5000, "own.toml: is not TOML: "),
     ],
 )
 def test_a_file_that_holds_no_tables_is_named(tmp_path: Path, content: bytes | None, words: str):
@@ -249,12 +276,43 @@ def test_a_key_cannot_command_a_terminal(tmp_path):
         ("driver = \u201cspacemouse\u201d", 'write quotes as " and no others'),
         ("collisions = True", "write true and false in small letters"),
         ("speed\u00a0= 1", "there is a no-break space: write a space"),
+        ('path = "C:\\Users\\me"', "write a path in single quotes, or with / for \\"),
+        ('path = "C:\\Data"', "write a path in single quotes, or with / for \\"),
+        ('path = "C:\\Udddddddd"', "write a path in single quotes, or with / for \\"),
     ],
 )
 def test_a_habit_of_other_languages_is_told_with_what_to_write(line, words):
-    with pytest.raises(ConfigurationError, match=r"own is not TOML: .*line 2.*: ") as caught:
+    with pytest.raises(ConfigurationError, match=r"^own:2:\d+: is not TOML: .*: ") as caught:
         parse_toml(f"# {line}\n{line}\n", "own")
     assert str(caught.value).endswith(words)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a = 1\n b = 2\n a = [\n3]\n", "own:3:2: a: is given twice; first in line 1"),
+        ("x.a = 1\nx.b = 2\nx.a = 3\n", "own:3:1: x.a: is given twice; first in line 1"),
+        ("a = {b = 1, c = 2, b = 3}", "own:1:20: a.b: is given twice; first in line 1"),
+        ("[d]\nx = 1\n[e]\n[d]\ny = 2\n", "own:4:1: d: is given twice; first in line 1"),
+        ("[d.e]\n[d]\nx = 1\nx = 2\n", "own:4:1: d.x: is given twice; first in line 3"),
+        ("[[f]]\na = 1\n[[f]]\na = 1\na = 2", "own:5:1: f.1.a: is given twice; first in line 4"),
+        ("d = 1\n[d]\n", "own:2:1: d: is given twice; first in line 1"),
+        ("[d]\n[[d]]\n", "own:2:1: d: is given twice; first in line 1"),
+        ("d = {}\n[d.e]\n", "own:2:1: d: is given twice; first in line 1"),
+    ],
+)
+def test_a_key_given_twice_is_named_with_both_places(text, words):
+    with pytest.raises(ConfigurationError) as caught:
+        parse_toml(text, "own")
+    assert str(caught.value) == words
+
+
+def test_what_is_no_toml_has_its_place_as_other_errors_have_it(tmp_path):
+    (tmp_path / "a.toml").write_text('a = 1\nb = "x\n')
+    with pytest.raises(ConfigurationError) as caught:
+        read_toml(tmp_path / "a.toml")
+    assert str(caught.value).startswith(f"{tmp_path}/a.toml:2:7: is not TOML: Illegal character")
+    assert "at line" not in str(caught.value)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -293,6 +351,17 @@ def test_paths_are_relative_to_the_file_that_names_them(tmp_path, monkeypatch):
         assert resolved(Placed, {key: said, "other": 1}, file) == {key: found, "other": 1}
         inside = resolved(Placed, {"inside": [{key: said}]}, file)
         assert inside == {"inside": [{key: found}]}
+
+
+@pytest.mark.parametrize("path", ["$NOWHERE/a.toml", "${NOWHERE}/a.toml", "$CELL/$NOWHERE"])
+@pytest.mark.parametrize("key", ["read", "written", "met", "arm"])
+def test_a_variable_that_the_environment_has_not_is_named(tmp_path, monkeypatch, key, path):
+    monkeypatch.delenv("NOWHERE", raising=False)
+    monkeypatch.setenv("CELL", str(tmp_path))
+    path = f"{path}.urdf" if key == "arm" else path
+    with pytest.raises(ConfigurationError) as caught:
+        resolved(Placed, {"inside": [{key: path}]}, tmp_path / "file.toml")
+    assert str(caught.value) == f"inside.0.{key}: the environment has no variable NOWHERE"
 
 
 def test_a_file_that_is_not_there_is_named_with_the_folder(tmp_path):

@@ -20,7 +20,7 @@ from cardan.bus.options import BusOptions
 from cardan.common.extras import missing_extra
 from cardan.common.files import expanded
 from cardan.common.inbox import Inbox, InboxEmptyError
-from cardan.errors import ConfigurationError, DriverError
+from cardan.errors import ConfigurationError, DriverError, below
 from cardan.protocols.ros2.interfaces import service_type
 from cardan.protocols.ros2.names import checked_name
 from cardan.protocols.ros2.zenoh import (
@@ -590,8 +590,10 @@ def router_config(listen: Sequence[str], connect: Sequence[str], file: str) -> A
 def _config(mode: str, listen: Sequence[str], connect: Sequence[str], file: str) -> Any:
     zenoh = zenoh_module()
     if file:
+        with below("zenoh_config"):
+            path = expanded(file)
         try:
-            return zenoh.Config.from_file(expanded(file))
+            return zenoh.Config.from_file(path)
         except zenoh.ZError as error:
             raise ConfigurationError("zenoh_config", words_of(error)) from None
     config = zenoh.Config()

@@ -27,6 +27,7 @@ from cardan.errors import DriverError
 from cardan.protocols.ros2.graph import Graph
 from cardan.protocols.ros2.interfaces import InterfaceError
 from cardan.protocols.ros2.names import RosNameError
+from cardan.protocols.ros2.type_hash import revision_of
 from cardan.protocols.ros2.zenoh import (
     CLIENT,
     DEFAULT_QOS,
@@ -339,7 +340,9 @@ class _Part(BusNetwork):
 
 def _topic(type_name: str, publishers: Sequence[Entity], subscribers: Sequence[Entity]) -> Topic:
     latched = any(each.qos.transient_local for each in publishers)
-    return Topic(type_name, _nodes(publishers), _nodes(subscribers), latched)
+    later = (revision_of(type_name, each.type_hash) for each in publishers)
+    revision = next((each for each in later if each != type_name), "")
+    return Topic(type_name, _nodes(publishers), _nodes(subscribers), latched, revision)
 
 
 def _nodes(entities: Sequence[Entity]) -> tuple[str, ...]:

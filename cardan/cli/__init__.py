@@ -234,14 +234,14 @@ def run(
             "--record",
             metavar="OUT",
             help="Record the network into this file (MCAP) while the session runs, as `cardan "
-            "record` does; the session needs a [network].",
+            "record` does; the session needs a \\[network].",
         ),
     ] = None,
     console: Annotated[
         bool,
         typer.Option(
             help="Serve the page that shows and moves the arm, as `cardan face console` does, and "
-            "print its address; the session needs a [network]."
+            "print its address; the session needs a \\[network]."
         ),
     ] = False,
     console_host: Annotated[
@@ -523,7 +523,7 @@ def force(
     log_level: Level = None,
 ) -> None:
     """Be the force node of a session in another process: read its robot's states, and send it the
-    forces that the [force] and [[fixtures]] of FILE make of them. Prints READY once it does."""
+    forces that the \\[force] and [\\[fixtures]] of FILE make of them. Prints READY once it does."""
     from cardan.gateway.session.assembly import load_force
     from cardan.gateway.session.force_node import run_force_node
 
@@ -542,8 +542,8 @@ def haptic(
     log_level: Level = None,
 ) -> None:
     """Serve a haptic device to ROS 2 without an arm: publish its pose and buttons, and render the
-    feedback that programs publish. Of FILE it reads [device] and [network]. Prints READY and the
-    name of its node once it serves."""
+    feedback that programs publish. Of FILE it reads \\[device] and \\[network]. Prints READY and
+    the name of its node once it serves."""
     from cardan.gateway.session.assembly import load_haptic
     from cardan.gateway.session.haptic_alone import serve_haptic
 

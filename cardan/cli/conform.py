@@ -125,6 +125,13 @@ def conform(
         raise ConfigurationError(
             "--save", f"{save} has a report: give another folder, or --overwrite"
         )
+    if save is not None:
+        try:
+            save.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigurationError(
+                "--save", f"{save} cannot be written: {error.strerror}"
+            ) from None
     report, missing = _judged(
         suite, target, level, seconds, fault or [], seed, yes, at_switch, save
     )

@@ -112,7 +112,7 @@ class Given(NamedTuple):
         metavar = option.metavar or "|".join(self.choices) or name_and_unit(self.field.name)[1]
         if kind is bool:
             metavar = ""
-        shown: dict[str, Any] = {"metavar": metavar or None, "help": option.help}
+        shown: dict[str, Any] = {"metavar": metavar or None, "help": as_written(option.help)}
         shown["show_default"] = kind is not bool and default not in (None, "")
         told = typer.Argument(**shown) if option.positional else typer.Option(self.flag, **shown)
         return parameter_of(self.field.name, Annotated[kind, told], default)
@@ -153,6 +153,13 @@ class Given(NamedTuple):
         return host, int(port)
 
 
+def as_written(text: str) -> str:
+    """`text` for a help, in which what stands in brackets is markup otherwise."""
+    from rich.markup import escape
+
+    return escape(text)
+
+
 def parameter_of(name: str, annotation: Any, default: Any) -> inspect.Parameter:
     kind = inspect.Parameter.KEYWORD_ONLY
     return inspect.Parameter(name, kind, default=default, annotation=annotation)
@@ -175,10 +182,8 @@ def all_given(options: type, described: bool = False) -> Iterator[Given]:
 
 def _described(field: dataclasses.Field[Any], kind: Any, text: str) -> Option:
     """The option of a field whose help is `text`. A tuple of texts is given one by one."""
-    from rich.markup import escape
-
     if get_origin(kind) is tuple:
-        shown = escape(f" [default: {', '.join(field.default)}]") if field.default else ""  # type: ignore[arg-type]
+        shown = f" [default: {', '.join(field.default)}]" if field.default else ""  # type: ignore[arg-type]
         return Option(help=f"{text}{shown} (repeatable)", read=str, repeatable=True)
     # A flag turns what is so by itself off.
     name = f"no-{name_and_unit(field.name)[0]}" if kind is bool and field.default else ""
@@ -198,12 +203,10 @@ def _texts(options: type) -> dict[str, str]:
 
 def _texts_of(source: str) -> dict[str, str]:
     """The text below each field of a class."""
-    from rich.markup import escape
-
     body = ast.parse(textwrap.dedent(source)).body[0]
     assert isinstance(body, ast.ClassDef)
     return {
-        ast.unparse(field.target): escape(_text(below.value))
+        ast.unparse(field.target): _text(below.value)
         for field, below in zip(body.body, body.body[1:], strict=False)
         if isinstance(field, ast.AnnAssign) and isinstance(below, ast.Expr)
     }
@@ -246,7 +249,9 @@ def broken(name: str, error: Exception) -> Any:
 
     app = typer.Typer(add_completion=False)
     settings = {"allow_extra_args": True, "ignore_unknown_options": True}
-    app.command(name, help=f"cannot be loaded: {reason(error)}", context_settings=settings)(run)
+    app.command(
+        name, help=as_written(f"cannot be loaded: {reason(error)}"), context_settings=settings
+    )(run)
     return typer.main.get_command(app)
 
 
@@ -330,8 +335,8 @@ def command_of(
     interspersed = not any(each.option.positional for each in own.values())
     app.command(
         name,
-        help=declared.__doc__,
-        epilog=declared.epilog,
+        help=as_written(declared.__doc__ or ""),
+        epilog=as_written(declared.epilog),
         context_settings={"allow_interspersed_args": interspersed},
     )(run)
     return typer.main.get_command(app)

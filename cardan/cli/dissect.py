@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from cardan.cli.declared import as_written
+
 if TYPE_CHECKING:
     from cardan.dissect.reader import Numbers
 
@@ -31,7 +33,7 @@ class Dissect(TyperCommand):
         dissectors = registry.dissectors()
         lines = (f"{each.name}: {inspect.getdoc(each)}" for each in dissectors)
         numbers = [option for each in dissectors for option in each.options]
-        app.command(help="\n\n".join((str(self.help), *lines)))(_function(numbers))
+        app.command(help=as_written("\n\n".join((str(self.help), *lines))))(_function(numbers))
         return typer.main.get_command(app)
 
     def get_params(self, ctx: Any) -> Any:
@@ -111,7 +113,7 @@ def _parameter(numbers: Numbers) -> inspect.Parameter:
         metavar=numbers.metavar,
         min=numbers.allowed[0],
         max=numbers.allowed[-1],
-        help=f"{numbers.help} (repeatable).",
+        help=as_written(f"{numbers.help} (repeatable)."),
     )
     kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
     annotation = Annotated[list[int] | None, option]

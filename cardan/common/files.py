@@ -34,6 +34,7 @@ _UTF_16: Final = (b"\xff\xfe", b"\xfe\xff")
 _DECLARED: Final = re.compile(rb"""<\?xml[^>]*?\sencoding\s*=\s*["']([A-Za-z0-9._-]+)["']""")
 _ENCODINGS: Final = ("us-ascii", "iso-8859-1", "iso-8859-15", "windows-1252")
 """Besides UTF-8, those of XML files that declare one."""
+_VARIABLE: Final = re.compile(r"\$(\w+|\{\w+\})", re.ASCII)
 _NO_WAIT: Final = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
 
 
@@ -46,7 +47,13 @@ class SupportsRead(Protocol):
 
 
 def expanded(path: str) -> Path:
-    """The path that a user has written, with the home for ~ and variables of the environment."""
+    """The path that a user has written, with the home for ~ and variables of the environment.
+
+    Raises ConfigurationError for a variable that the environment has not.
+    """
+    for found in _VARIABLE.finditer(path):
+        if (name := found[1].strip("{}")) not in os.environ:
+            raise ConfigurationError("", f"the environment has no variable {name}")
     return Path(os.path.expanduser(os.path.expandvars(path)))
 
 
@@ -94,7 +101,18 @@ def read_text(
         encoding = found[1].decode("ascii")
         if encoding.lower() not in _ENCODINGS:
             raise ValueError(f"its encoding is {encoding}; save it as UTF-8")
-    return data.decode(encoding).replace("\r\n", "\n").replace("\r", "\n")
+    try:
+        return _with_line_ends(data.decode(encoding))
+    except UnicodeDecodeError as error:
+        before = _with_line_ends(error.object[: error.start].decode("latin-1"))
+        what = encoding.removesuffix("-sig").upper()
+        raise ValueError(
+            f"line {before.count(chr(10)) + 1} is not {what}; save it as UTF-8"
+        ) from None
+
+
+def _with_line_ends(text: str) -> str:
+    return text.replace("\r\n", "\n").replace("\r", "\n")
 
 
 def create_file(path: str | os.PathLike[str]) -> TextIO:

@@ -35,7 +35,7 @@ _PLAIN: dict[Any, tuple[tuple[type, ...], str]] = {
     bool: ((bool,), "true or false"),
     int: ((int,), "a whole number"),
     float: ((int, float), "a number"),
-    str: ((str,), "a text without a NUL"),
+    str: ((str,), "a text, in quotes"),
 }
 
 
@@ -186,7 +186,8 @@ def refusal(hint: Any, value: object) -> str:
         kinds, words = _PLAIN[hint]
         good = isinstance(value, kinds) and (hint is bool or not isinstance(value, bool))
         if isinstance(value, str):
-            good = good and "\0" not in value
+            if good and "\0" in value:
+                return "a text without a NUL"
         elif isinstance(value, float):
             good = good and not math.isnan(value)
         elif hint is float and isinstance(value, int):

@@ -1,7 +1,7 @@
 """Where a key of a TOML file stands, which the tables that are read of it do not say.
 
-Asked only once a key is wrong. The text is scanned anew then: it has been read as TOML already, so
-that the scan may take it for such.
+Asked only once a key is wrong. The text is scanned anew then: it has been read as TOML already, up
+to the key at least, so that the scan may take it for such.
 """
 
 from __future__ import annotations
@@ -31,6 +31,8 @@ class _Scan:
 
     def __init__(self, text: str) -> None:
         self.found: dict[str, int] = {}
+        self.given: list[tuple[str, int]] = []
+        """The whole keys of assignments and tables, one after the other, with their offsets."""
         self._tokens = [
             (each[0], each.start()) for each in _TOKEN.finditer(text) if each.lastgroup != "skip"
         ]
@@ -78,6 +80,7 @@ class _Scan:
                 path = (*path, str(self._lengths[path] - 1))
         path = (*path, last)
         self._note(path, offset)
+        self.given.append((".".join(path), offset))
         if several:
             self._next += 1
             number = self._lengths.get(path, 0)
@@ -92,6 +95,7 @@ class _Scan:
         for part in self._key("="):
             path = (*path, part)
             self._note(path, offset)
+        self.given.append((".".join(path), offset))
         self._value(path)
 
     def _value(self, path: _Path) -> None:
@@ -137,10 +141,29 @@ def place_of(path: Path, key: str) -> str:
     return at(path, text, found[key]) if key else str(path)
 
 
+def given_twice(text: str) -> tuple[str, int, int] | None:
+    """The last key in `text` that was given before, and the offsets of both, or else the last one's
+    table, where that was given as a value; None: none was. `text` ends at the key or in its
+    value."""
+    scan = _Scan(text)
+    for key, offset in reversed(scan.given):
+        if scan.found[key] < offset:
+            return key, scan.found[key], offset
+    key, offset = scan.given[-1] if scan.given else ("", 0)
+    while key := key.rpartition(".")[0]:
+        if key in dict(scan.given):
+            return key, scan.found[key], offset
+    return None
+
+
 def at(path: object, text: str, offset: int) -> str:
     """`path` with the line and the column of `offset` in its text."""
-    line = text.count("\n", 0, offset) + 1
-    return f"{path}:{line}:{offset - text.rfind(chr(10), 0, offset)}"
+    return f"{path}:{line_of(text, offset)}:{offset - text.rfind(chr(10), 0, offset)}"
+
+
+def line_of(text: str, offset: int) -> int:
+    """The line in which `offset` is."""
+    return text.count("\n", 0, offset) + 1
 
 
 @contextlib.contextmanager
@@ -149,6 +172,9 @@ def in_file(path: Path) -> Iterator[None]:
     try:
         yield
     except ConfigurationError as error:
-        if error.place or not error.key:
-            raise
-        raise error.placed(place_of(path, error.key)) from None
+
+        def placed(error: ConfigurationError) -> ConfigurationError:
+            unplaced = error.key and not error.place
+            return error.placed(place_of(path, error.key)) if unplaced else error
+
+        raise error.each(placed) from None

@@ -23,7 +23,8 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args
 from cardan.common import files
 from cardan.common.bounds import Located
 from cardan.common.options import CODE_ONLY, choices, hints, refusal, suggestion
-from cardan.errors import ConfigurationError, OptionError, shown
+from cardan.common.places import at, given_twice, line_of
+from cardan.errors import ConfigurationError, OptionError, below, shown, together
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -40,8 +41,19 @@ _REMEDIES = (
     ("[\u00a0\u202f\u2007]", "there is a no-break space: write a space"),
     (r"=\s*[-+]?[0-9]+,[0-9]", "write the decimal point as ., not as a comma"),
     (r"=\s*(True|False|TRUE|FALSE)\b", "write true and false in small letters"),
+    (
+        r"\A(Unescaped '\\'|Invalid hex value|Escaped character is not a Unicode)",
+        "write a path in single quotes, or with / for \\",
+    ),
 )
-"""What people write that TOML has not, and what to write instead."""
+"""What people write that TOML has not, in what its reader says or in the line, and what to write
+instead."""
+
+_SAID = re.compile(
+    r"(?P<what>.*) \(at (?:line (?P<line>\d+), column (?P<column>\d+)|end of document)\)", re.DOTALL
+)
+_TWICE = re.compile("^(Cannot (overwrite|declare|mutate|redefine)|Duplicate)")
+"""What TOML's reader says of a key that is given twice."""
 
 Kind = TypeVar("Kind")
 
@@ -78,19 +90,32 @@ def parse_toml(text: str, of: object) -> dict[str, Any]:
     """The tables that `text` holds; `of` says in errors where it is from."""
     try:
         return tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        reason = f"{error}{_remedy(text, error)}"
-        raise ConfigurationError("", f"{of} is not TOML: {reason}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise _syntax_error(text, of, str(error)) from None
+    except RecursionError as error:
+        raise ConfigurationError("", f"is not TOML: {error}").placed(str(of)) from None
     except ValueError as error:  # A number of more digits than Python reads.
         why = str(error).partition(";")[0]
         raise ConfigurationError("", f"cannot read {of}: {why}") from None
 
 
-def _remedy(text: str, error: Exception) -> str:
-    """What to write instead, as the end of a sentence, where a syntax error's line shows it."""
-    number = re.search(r"at line ([0-9]+)", str(error))
-    line = text.split("\n")[int(number[1]) - 1] if number else ""
-    return next((f": {words}" for pattern, words in _REMEDIES if re.search(pattern, line)), "")
+def _syntax_error(text: str, of: object, said: str) -> ConfigurationError:
+    """The error of `text` of which TOML's reader `said` something, with what to write instead."""
+    found = _SAID.fullmatch(said)
+    assert found is not None, said
+    lines = text.split("\n")
+    line = int(found["line"] or len(lines))
+    column = int(found["column"] or len(lines[-1]) + 1)
+    offset = sum(len(each) + 1 for each in lines[: line - 1]) + column - 1
+    if _TWICE.search(found["what"]) and (twice := given_twice(text[:offset])):
+        key, first, again = twice
+        error = ConfigurationError(key, f"is given twice; first in line {line_of(text, first)}")
+        return error.placed(at(of, text, again))
+    seen = f"{found['what']}\n{lines[line - 1]}"
+    remedy = next((f": {words}" for pattern, words in _REMEDIES if re.search(pattern, seen)), "")
+    return ConfigurationError("", f"is not TOML: {found['what']}{remedy}").placed(
+        at(of, text, offset)
+    )
 
 
 def read_toml(path: Path) -> dict[str, Any]:
@@ -130,16 +155,13 @@ def keys_of(kind: type[Any], from_file: bool = True) -> dict[str, Field[Any]]:
 def read_table(kind: type[Kind], table: object, key: str = "", from_file: bool = True) -> Kind:
     """The `kind`, a dataclass, that `table` describes; `from_file` as :func:`keys_of` has it.
 
-    Lists become tuples, and texts the members of an enum. ConfigurationError names the first key
-    that is wrong, below `key`, and says how many more there are.
+    Lists become tuples, and texts the members of an enum. ConfigurationError names the keys that
+    are wrong, below `key`.
     """
     reader = _Reader(from_file)
     made: Kind = reader.table(kind, table, key)
     if reader.errors:
-        first, more = reader.errors[0], len(reader.errors) - 1
-        if more:
-            raise ConfigurationError(first.key, f"{first.message} (and {more} more)")
-        raise first
+        raise together(reader.errors)
     return made
 
 
@@ -195,7 +217,8 @@ def _absolute(note: Located, value: str, file: Path, key: str) -> str:
     """The text of a file with the path in it absolute."""
     if (found := re.fullmatch(note.pattern, value)) is None:
         return value
-    path = files.expanded(found["path"])
+    with below(key):
+        path = files.expanded(found["path"])
     if path.is_absolute() or not note.is_met:
         folder = file.parent.absolute()
         if note.is_read and not path.is_absolute() and not (folder / path).exists():

@@ -1,4 +1,4 @@
-"""Judges whether what is held is ever silent."""
+"""Judges whether a controller or a device is ever silent in a hold."""
 
 from __future__ import annotations
 

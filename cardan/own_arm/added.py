@@ -16,7 +16,7 @@ from cardan.errors import ConfigurationError, about, shown
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session.assembly import arm_cautions
 from cardan.own_arm.ends import which_end
-from cardan.robots import ArmModel, load_arm
+from cardan.robots import ArmModel, arm_names, load_arm
 from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_limits import LIMIT_KEYS, Proposal, limit_lines, limited_by, proposals_for
@@ -127,6 +127,12 @@ def toml_beside(urdf: str) -> Path:
 
 
 def _described_at(urdf: str) -> Path:
+    if urdf in arm_names():
+        raise ConfigurationError(
+            "FILE",
+            f"{urdf} comes with Cardan: `cardan robots show {urdf}` shows it, and a session has it "
+            f'by model = "{urdf}" in [arm]',
+        )
     at = located(urdf, Path())
     if at.suffix.lower() != ".urdf" and not is_xacro(at):
         raise ConfigurationError("FILE", f"{urdf} must be a .urdf or .xacro")
@@ -144,9 +150,12 @@ def parse_limits(texts: Sequence[str]) -> dict[str, dict[str, float]]:
         except ValueError:
             number = math.nan
         if key not in LIMIT_KEYS or not joint or not math.isfinite(number):
+            comma = "," in text.rpartition("=")[2]
+            point = "; write the decimal point as ., not as a comma" if comma else ""
             raise ConfigurationError(
                 "--limit",
-                f"{shown(text)} must be KEY.JOINT=NUMBER; KEY is one of {', '.join(LIMIT_KEYS)}",
+                f"{shown(text)} must be KEY.JOINT=NUMBER, as velocity_deg_s.elbow=90{point}; KEY "
+                f"is one of {', '.join(LIMIT_KEYS)}",
             )
         if joint in tables.setdefault(key, {}):
             raise ConfigurationError("--limit", f"{shown(f'{key}.{joint}')} is given twice")

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import NamedTuple
 
+from cardan.common.options import suggestion
 from cardan.common.tables import as_toml
 from cardan.errors import ConfigurationError
 from cardan.robots.arm_chain import unit_of
@@ -98,7 +99,8 @@ def _check_names(joints: Sequence[TreeJoint], file: ArmFile) -> None:
             if name not in kinds:
                 raise ConfigurationError(
                     f"{key}.{name}",
-                    f"the arm has no moving joint {name!r}; allowed: {', '.join(kinds)}",
+                    f"the arm has no moving joint {name!r}; allowed: {', '.join(kinds)}"
+                    + suggestion(name, kinds),
                 )
             if key in ("lower_deg", "upper_deg") and kinds[name] == JointKind.CONTINUOUS.value:
                 raise ConfigurationError(

@@ -6,6 +6,7 @@ import pytest
 
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
+from cardan.protocols.ros2.interfaces import revised
 from tests.serving import free_endpoint
 from tests.waiting import until
 
@@ -41,6 +42,18 @@ def test_a_part_is_a_node_of_its_own_that_takes_all_with_it(pair):
     assert "/wave" not in other.topics()
     assert other.topics()["/chatter"].publishers == ("/face",)
     for each in (part, own, served, kept):
+        each.close()
+
+
+def test_a_topic_says_which_revision_of_its_type_is_published(pair):
+    face, other = pair
+    name = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
+    old = other.advertise("/old", name, latched=False)
+    new = other.advertise("/new", revised(name), latched=False)
+    until(lambda: {"/old", "/new"} <= face.topics().keys())
+    assert (face.topics()["/old"].type, face.topics()["/old"].revision) == (name, "")
+    assert (face.topics()["/new"].type, face.topics()["/new"].revision) == (name, revised(name))
+    for each in (old, new):
         each.close()
 
 

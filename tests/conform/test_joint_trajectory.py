@@ -32,6 +32,7 @@ from cardan.gateway.arm.plans import Plans
 from cardan.gateway.bus.commands import Instant
 from cardan.protocols.ros2.actions import Goals
 from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.interfaces import revised
 from cardan.protocols.ros2.messages import completed
 from cardan.robots import JointKind, load_arm
 from tests import conformance_tables as tables
@@ -256,8 +257,26 @@ def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
     assert requires.all()[0].judge(seen) == failed("a position is no number", [5])
 
 
-def _hear(timeline, channel, given):
-    name = CHANNELS[channel].type
+@pytest.mark.parametrize("index", [None, 0, 1, 7])
+@pytest.mark.parametrize("names", [[], ["a"], ["a", "b", "c"]])
+def test_feedback_of_every_distribution_is_read(names, index):
+    """`index`: of the point, as Kilted and later have it; None: before."""
+    timeline = Timeline()
+    feedback = {"joint_names": names, "actual": {"positions": [0.5] * len(names)}}
+    name = CHANNELS[FEEDBACK].type
+    if index is not None:
+        name, feedback["index"] = revised(name), index
+    _hear(timeline, FEEDBACK, {"feedback": feedback}, name)
+    seen = SUITE.see(timeline)
+    assert not seen.malformed
+    ((_, message),) = seen.feedback
+    assert message["feedback"]["joint_names"] == names
+    assert message["feedback"]["actual"]["positions"] == [0.5] * len(names)
+    assert message["feedback"].get("index") == index
+
+
+def _hear(timeline, channel, given, name=None):
+    name = name or CHANNELS[channel].type
     data = codec_of(name).encode(completed(name, given))
     timeline.add(Event(0.0, Kind.DATA, channel=channel, data=data))
 

@@ -142,7 +142,7 @@ def test_the_port_of_an_endpoint_becomes_one_of_the_demos_own(tmp_path):
     ("block", "words"),
     [
         (SAID + 'faces = ["page"]', "demo.faces: .*page.* is not allowed; .*rosbridge"),
-        ("description = bread", "toaster-simulated.toml: demo is not TOML"),
+        ("description = bread", "toaster-simulated.toml: demo:1:15: is not TOML"),
         (
             SAID + 'lunch = ["sim toaster"]',
             "demo.lunch: there is no such key; .*did you mean 'launch'",

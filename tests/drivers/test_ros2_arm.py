@@ -10,7 +10,7 @@ import pytest
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.ros2_arm import Ros2Arm, Ros2ArmOptions, Ros2ArmSession
 from cardan.drivers.ros2_arm.session import COMMAND_TYPES
-from cardan.errors import CommandError, DriverError, OptionError
+from cardan.errors import CommandError, ConfigurationError, DriverError, OptionError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.robots import limits_in, load_arm
 from cardan.types import (
@@ -756,6 +756,11 @@ BRANCHED = """<robot name="two">
   <limit velocity="1" effort="4"/></joint>
 <joint name="fast" type="fixed"><parent link="b"/><child link="c"/></joint>
 </robot>"""
+
+
+def test_the_nearest_joint_of_a_description_is_named():
+    with pytest.raises(ConfigurationError, match=r"has no joint 'tow'; .*; did you mean 'two'\?$"):
+        limits_in(BRANCHED, ("tow", "one"))
 
 
 def test_limits_of_a_whole_robot_that_branches_and_has_meshes():

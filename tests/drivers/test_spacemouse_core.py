@@ -13,7 +13,7 @@ from pyspacemouse.types import AxisConvention
 from cardan.drivers.buttons import MAX_EVENTS
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spacemouse.core import GAP_AFTER_S, SETTLE_S, STALE_AFTER_S
-from cardan.errors import CommandError
+from cardan.errors import CommandError, OptionError
 from cardan.protocols.connexion import (
     Family,
     decode_input,
@@ -82,6 +82,17 @@ def device(request):
 
 
 # -- neutral first -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("model", "near"),
+    [("spacemouse-prp", "spacemouse-pro"), ("SpaceNavigator", "spacenavigator"), ("x", "")],
+)
+def test_of_a_model_that_nobody_knows_the_nearest_is_named(model, near):
+    with pytest.raises(OptionError) as caught:
+        SpaceMouseOptions(model=model)
+    assert caught.value.key == "model"
+    assert str(caught.value).partition("; did you mean ")[2] == (near and f"{near!r}?")
 
 
 def test_before_opening_it_is_closed():

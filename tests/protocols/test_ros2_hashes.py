@@ -251,6 +251,19 @@ def test_a_description_has_the_types_within_and_its_file():
     assert [each["type_name"] for each in answer["type_sources"]] == [name, *within]
 
 
+def test_a_description_is_of_the_revision_whose_hash_is_asked_for():
+    for part in ("Feedback", "FeedbackMessage"):
+        name, later = f"{FOLLOW}_{part}", f"{FOLLOW}SinceKilted_{part}"
+        for mark, kilted in (("", False), (type_hash(name), False), (type_hash(later), True)):
+            answer = describe_type(asked(name, mark))
+            assert answer["successful"]
+            described = answer["type_description"]
+            whole = [described["type_description"], *described["referenced_type_descriptions"]]
+            (feedback,) = (each for each in whole if each["type_name"] == f"{FOLLOW}_Feedback")
+            assert ("index" in [each["name"] for each in feedback["fields"]]) is kilted
+            assert "SinceKilted" not in str(answer)
+
+
 def test_a_description_says_what_it_does_not_know():
     name = "geometry_msgs/msg/Pose"
     assert "RIHS01_d501954e" in describe_type(asked(name, "RIHS01_0"))["failure_reason"]

@@ -191,6 +191,7 @@ def test_only_the_arm_s_joints_need_limits(load):
     [
         ("velocity_deg_s.b = 3", "velocity_deg_s.b: the arm has no .* 'b'; allowed: a, c"),
         ("effort.b = 3", "effort.b: the arm has no moving joint 'b'; allowed: a, c"),
+        ("effort.A = 3", "effort.A: the arm has no moving joint 'A'; .*; did you mean 'a'"),
         ("velocity_deg_s.a = 0", "velocity_deg_s.*: .*must be above 0"),
         ("velocity_deg_s.a = 1720", "velocity_deg_s.a: 1720 is more than 1718.87"),
         ("upper_deg.a = 1e5", "upper_deg.a: 100000 is more than 57295.8"),

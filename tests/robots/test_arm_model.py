@@ -252,9 +252,10 @@ def changed(old, new):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("urdf = ", r"own\.toml is not TOML"),
+        ("urdf = ", r"own\.toml:1:8: is not TOML"),
         ("", "urdf: is missing"),
         (changed('"own.urdf"', "3"), "urdf: 3 is not allowed; it must be a text"),
+        (changed('"own.urdf"', '"$NOWHERE/own.urdf"'), "the environment has no variable NOWHERE"),
         (changed('"own.urdf"', '"other.urdf"'), r"cannot read .*other\.urdf: No such file"),
         (
             changed('"own.urdf"', r'"\u0000.urdf"'),
@@ -271,6 +272,23 @@ def changed(old, new):
             "flange: link 'one' is not moved by the last joint",
         ),
         (changed('flange = "two"', 'flange = "x"'), "flange: there is no link 'x'"),
+        (changed('"hand"', '"hadn"'), "tcp: there is no link 'hadn'; .*; did you mean 'hand'"),
+        (
+            changed('flange = "two"', 'flange = "Two"'),
+            "flange: there is no link 'Two'; .*; did you mean 'two'",
+        ),
+        (
+            changed('["two", "base"]', '["two", "bse"]'),
+            "collision.ignore: there is no link 'bse'; .*; did you mean 'base'",
+        ),
+        (
+            changed('link = "hand"', 'link = "hands"'),
+            "collision.shape.link: there is no link 'hands'; .*; did you mean 'hand'",
+        ),
+        (
+            'counterbalance = "elbwo"\n' + OWN,
+            "counterbalance: there is no joint 'elbwo'; .*; did you mean 'elbow'",
+        ),
         (
             'counterbalance = "ankle"\n' + OWN,
             "counterbalance: there is no joint 'ankle'; allowed: lift, elbow",

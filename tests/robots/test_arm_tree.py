@@ -348,6 +348,11 @@ def test_limits_are_those_of_the_file(arm_of):
             r"joints: the arm has no moving joint 'pan'; allowed: lift, l/shoulder, l/elbow",
         ),
         (
+            'tcp = "l/tcp"\njoints = ["l/shuolder"]',
+            r"joints: the arm has no moving joint 'l/shuolder'; .*; did you mean 'l/shoulder'",
+        ),
+        ('tcp = "l/tpc"', r"tcp: there is no link 'l/tpc'; .*; did you mean 'l/tcp'"),
+        (
             'tcp = "l/tcp"\nhold.lift = 0.2',
             r"arm\.toml:\d:1: hold\.lift: there is no such joint to hold; allowed: wheel, pan, ",
         ),

@@ -71,7 +71,7 @@ def test_a_file_is_in_the_encoding_that_its_xml_declares(arm_file):
     name = arm_file('<?xml version="1.0" encoding="utf-7"?>' + urdf())
     with pytest.raises(ConfigurationError, match=r"own\.urdf: its encoding is utf-7; save it as"):
         load_arm(name)
-    with pytest.raises(ConfigurationError, match=r"cannot read .*own\.urdf: 'utf-8' codec"):
+    with pytest.raises(ConfigurationError, match=r"cannot read .*own\.urdf: line 1 is not UTF-8"):
         load_arm(arm_file(urdf(name="épaule").encode("iso-8859-1")))
 
 

@@ -376,8 +376,9 @@ def both_descriptions_agree(seen: EgmSeen) -> Verdict:
     return readings_differ(seen)
 
 
-def _held(seen: EgmSeen) -> list[Robot]:
-    """What comes while it is held, from guidance on that runs and has been answered."""
+def _hold(seen: EgmSeen) -> list[Robot]:
+    """What comes in the hold, from the first datagram on with which guidance runs and has been
+    answered."""
     found = seen.during("hold")
     first = next((a.time_s for a in seen.answers if found and a.number > found[0].number), math.inf)
     began = (n for n, each in enumerate(found) if each.running and each.time_s > first + IN_TIME_S)
@@ -391,9 +392,9 @@ def _held(seen: EgmSeen) -> list[Robot]:
 )
 def an_answered_session_lasts(seen: EgmSeen) -> Verdict:
     """While every datagram is answered, no session ends and no other begins."""
-    phase, found = seen.phase("hold"), _held(seen) or seen.during("hold")
+    phase, found = seen.phase("hold"), _hold(seen) or seen.during("hold")
     if phase is None or not found:
-        return not_seen("nothing was held")
+        return not_seen("there was no hold")
     for session in seen.sessions:
         if found[0].number < session[0].number < phase.end:
             return failed("a session began anew", [session[0].number])
@@ -406,7 +407,7 @@ def an_answered_session_lasts(seen: EgmSeen) -> Verdict:
 @requires(102, f"{MANUAL}, egmstate; {SCHEMA}, EgmMotorState, EgmMCIState", late_s=LATE_ANSWERS_S)
 def holding_is_undisturbed(seen: EgmSeen) -> Verdict:
     """Once guidance runs and is answered, the motors stay on and the MCI stays RUNNING."""
-    found = _held(seen)
+    found = _hold(seen)
     if not found:
         return not_seen("the MCI never ran")
     wrong = []
@@ -437,7 +438,7 @@ def _apart(one: tuple[float, ...], other: tuple[float, ...]) -> float:
 @requires(104, LAW)
 def an_arm_that_is_held_stands(seen: EgmSeen) -> Verdict:
     """Told its own position, the arm stays within 0.5 mm and 0.1 degrees of it."""
-    found = [each for each in _held(seen) if each.running]
+    found = [each for each in _hold(seen) if each.running]
     if len(found) < ENOUGH:
         return not_seen("the MCI ran too shortly")
     first = found[0]

@@ -36,7 +36,7 @@ from cardan.common.tables import OTHER_KEYS, read_table, read_toml, resolved
 from cardan.drivers.registry import DriverTable
 from cardan.errors import CardanError, ConfigurationError, ExtraMissingError, about, below
 from cardan.gateway.faces import registry as face_registry
-from cardan.gateway.session.assembly import check_parts
+from cardan.gateway.session.assembly import checked_config
 from cardan.gateway.session.config import SessionConfig
 
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,62}")
@@ -310,8 +310,7 @@ class _Reading:
                 if isinstance(name := tables.get(kind), str):
                     named = _named(kind, name, known)
                     tables[kind], stands[kind] = named.table, (named.file, named.key)
-            config = read_table(SessionConfig, tables)
-            check_parts(config)
+            config = checked_config(tables)
         return SessionEntry(config, table.start, file, device)
 
     def _face(self, name: str, named: _Named) -> FaceEntry:
@@ -333,11 +332,15 @@ def _placed(
     try:
         yield
     except ConfigurationError as error:
-        if not error.key:
-            raise error.below(f"{file}: {name}") from None
-        top, dot, rest = error.key.partition(".")
-        at, above = stands.get(top, (file, f"{key}.{top}".lstrip(".")))
-        raise error.below(name).placed(place_of(at, f"{above}{dot}{rest}")) from None
+
+        def placed(error: ConfigurationError) -> ConfigurationError:
+            if not error.key:
+                return error.below(f"{file}: {name}")
+            top, dot, rest = error.key.partition(".")
+            at, above = stands.get(top, (file, f"{key}.{top}".lstrip(".")))
+            return error.below(name).placed(place_of(at, f"{above}{dot}{rest}"))
+
+        raise error.each(placed) from None
 
 
 def _check_name(key: str, name: str) -> None:

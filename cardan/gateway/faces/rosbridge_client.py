@@ -459,9 +459,11 @@ class Client:
         goal_id = os.urandom(_GOAL_ID_BYTES)
         listening: Handle | None = None
         if asked.feedback:
-            hear = partial(self._hear_feedback, asked, kind, goal_id)
             topic = f"{action}/_action/feedback"
-            listening = self._network.subscribe(topic, kind.feedback, hear)
+            there = self._network.topics().get(topic)
+            feedback = (there and there.revision) or kind.feedback
+            hear = partial(self._hear_feedback, asked, feedback, goal_id)
+            listening = self._network.subscribe(topic, feedback, hear)
         try:
             accepted = self._caller.start(
                 f"{action}/_action/send_goal",
@@ -503,18 +505,18 @@ class Client:
             self._refuse(Refused(str(error), "send_action_goal", asked.id, asked.action))
 
     def _hear_feedback(
-        self, asked: SendActionGoal, kind: ActionType, goal_id: bytes, cdr: bytes, _stamp_ns: int
+        self, asked: SendActionGoal, type_name: str, goal_id: bytes, cdr: bytes, _stamp_ns: int
     ) -> None:
         """In any thread."""
-        message = codec_of(kind.feedback).decode(cdr)
+        message = codec_of(type_name).decode(cdr)
         if not isinstance(message, Malformed) and message["goal_id"]["uuid"] == goal_id:
-            tell = partial(self._tell_feedback, asked, kind, message["feedback"])
+            inner = type_name.removesuffix("Message")
+            tell = partial(self._tell_feedback, asked, inner, message["feedback"])
             self._mailbox.put(tell)
 
-    def _tell_feedback(self, asked: SendActionGoal, kind: ActionType, feedback: Message) -> None:
+    def _tell_feedback(self, asked: SendActionGoal, inner: str, feedback: Message) -> None:
         # While the client does not read, it is left out: the next one has newer figures.
         if asked.id in self._goals and self.sender.free:
-            inner = f"{kind.name}_Feedback"
             self.send(forms.action_feedback(asked.id, asked.action, inner, feedback))
 
     def _cancel_goal(self, asked: CancelActionGoal) -> None:

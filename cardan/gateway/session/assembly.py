@@ -6,7 +6,7 @@ The configuration is compared with what devices, robots, filters and arms can do
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, TypeVar
@@ -18,7 +18,13 @@ from cardan.common.tables import as_table, keys_of, read_table, read_toml, resol
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
 from cardan.drivers.haptic import HapticDevice
-from cardan.errors import ConfigurationError, MotionRefusedError, below
+from cardan.errors import (
+    ConfigurationError,
+    ExtraMissingError,
+    MotionRefusedError,
+    below,
+    together,
+)
 from cardan.gateway.arm.authority import Authority
 from cardan.gateway.arm.body import Body, FreeBody
 from cardan.gateway.arm.codes import Action
@@ -704,14 +710,40 @@ def _unbent(model: ArmModel) -> list[str]:
 def load_config(path: Path) -> SessionConfig:
     """Read and check a configuration file, the options of drivers and filters included."""
     with in_file(path):
-        config = parse_config(resolved(SessionConfig, read_toml(path), path))
-        check_parts(config)
+        return checked_config(resolved(SessionConfig, read_toml(path), path))
+
+
+def checked_config(tables: Mapping[str, Any]) -> SessionConfig:
+    """A configuration already read, the options of drivers and filters included. ConfigurationError
+    says what is wrong in it."""
+    try:
+        config = parse_config(tables)
+    except ConfigurationError as error:
+        raise together((error, *_wrong_options(tables))) from None
+    check_parts(config)
     return config
+
+
+def _wrong_options(tables: Mapping[str, Any]) -> Iterator[ConfigurationError]:
+    """What is wrong in the tables of device and robot, read or not."""
+    for key in ("device", "robot"):
+        if (table := tables.get(key)) is None:
+            continue
+        try:
+            if not isinstance(table, registry.DriverTable):
+                table = read_table(registry.DriverTable, table, key)
+            make_driver(table, key)
+        except ConfigurationError as error:
+            yield error
+        except ExtraMissingError:
+            pass  # Its options are not known.
 
 
 def check_parts(config: SessionConfig) -> None:
     """Check the options of drivers and filters, and what device, robot and arm can do. Raises
     ConfigurationError; nothing is opened."""
+    if wrong := tuple(_wrong_options({"device": config.device, "robot": config.robot})):
+        raise together(wrong)
     robot = make_robot(config)
     make_controller(config, robot)
     if config.device is not None:

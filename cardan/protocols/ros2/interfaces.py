@@ -175,6 +175,12 @@ def name_on_the_wire(name: str) -> str:
     return name.replace(SINCE_KILTED, "")
 
 
+def revised(name: str) -> str:
+    """The later revision of a type; empty where there is none."""
+    later = (each for each in _REVISED if f"{name}_".startswith(f"{name_on_the_wire(each)}_"))
+    return next((each + name.removeprefix(name_on_the_wire(each)) for each in later), "")
+
+
 def known_types() -> tuple[str, ...]:
     """The full names of all messages, services and actions that have a file, sorted."""
     return tuple(sorted(FILES))

@@ -11,10 +11,11 @@ from cardan.protocols.ros2.interfaces import (
     InterfaceError,
     full_name,
     message_type,
+    name_on_the_wire,
     referenced,
 )
 from cardan.protocols.ros2.messages import default_message
-from cardan.protocols.ros2.type_hash import described, type_hash
+from cardan.protocols.ros2.type_hash import described, revision_of, type_hash
 
 TYPE_DESCRIPTION = "type_description_interfaces/srv/GetTypeDescription"
 
@@ -23,7 +24,7 @@ def describe_type(request: Message) -> Message:
     """The response to a GetTypeDescription request: of a message's type, never an error."""
     response = default_message(f"{TYPE_DESCRIPTION}_Response")
     try:
-        name = full_name(request["type_name"])
+        name = revision_of(full_name(request["type_name"]), request["type_hash"])
         mark = type_hash(name)
         message_type(name)
     except InterfaceError as error:
@@ -49,4 +50,4 @@ def _individual(name: str) -> Message:
     fields = [
         {**described(field), "default_value": field.default} for field in message_type(name).fields
     ]
-    return {"type_name": name, "fields": fields}
+    return {"type_name": name_on_the_wire(name), "fields": fields}

@@ -17,6 +17,7 @@ from cardan.protocols.ros2.interfaces import (
     message_type,
     name_on_the_wire,
     referenced,
+    revised,
     service_type,
 )
 
@@ -45,6 +46,12 @@ def type_hash(name: str) -> str:
         return _hash_of_service(name)
     fields = [described(field) for field in message_type(name).fields]
     return _hash(full_name(name), fields, set(referenced(name)))
+
+
+def revision_of(name: str, mark: str) -> str:
+    """The type `name` as who has it with the hash `mark` means it: a later revision, or `name`."""
+    later = revised(name)
+    return later if later and mark == type_hash(later) != type_hash(name) else name
 
 
 def _hash_of_service(name: str) -> str:

@@ -12,7 +12,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.drivers import reading
 from cardan.drivers.spacemouse import SpaceMouseOptions
-from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError
+from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, OptionError
 from cardan.types import DeviceFeedback, DeviceLink
 from cardan_serial_mice.driver import SpaceMouseSerial, SpaceMouseSerialOptions, port as port_module
 from cardan_serial_mice.driver.jumps import JUMP
@@ -41,6 +41,11 @@ LATE_S = 0.1 + STEP_S
 
 
 MODELS = [model.key for model in SERIAL_MODELS]
+
+
+def test_of_a_model_that_nobody_knows_the_nearest_is_named():
+    with pytest.raises(OptionError, match=r"^model: .*; did you mean 'spaceball-4000'\?$"):
+        SpaceMouseSerialOptions(model="spacebal-4000")
 
 
 @pytest.mark.parametrize("told", [True, False])

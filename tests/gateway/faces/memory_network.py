@@ -9,7 +9,7 @@ from typing import Any
 
 from cardan.bus.network import Failure, NetworkError, Service, Topic
 from cardan.protocols.ros2.cdr import codec_of
-from cardan.protocols.ros2.interfaces import service_type
+from cardan.protocols.ros2.interfaces import name_on_the_wire, service_type
 from cardan.protocols.ros2.messages import completed
 
 TEST_NODE, FACE = "/arm", "/rosbridge"
@@ -63,7 +63,13 @@ class MemoryNetwork:
     def topics(self):
         with self.lock:
             found = {
-                name: Topic(kind, (TEST_NODE,), (), name in self.latched)
+                name: Topic(
+                    name_on_the_wire(kind),
+                    (TEST_NODE,),
+                    (),
+                    name in self.latched,
+                    kind if kind != name_on_the_wire(kind) else "",
+                )
                 for name, kind in self.known.items()
             }
             for topic, kind, _ in self.publishers:

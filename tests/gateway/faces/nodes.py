@@ -14,14 +14,14 @@ MOVE = "control_msgs/action/FollowJointTrajectory"
 class Mover:
     """An action's server on the network."""
 
-    def __init__(self, network, accepts=True):
-        self.network, self.accepts = network, accepts
+    def __init__(self, network, accepts=True, feedback=f"{MOVE}_FeedbackMessage"):
+        self.network, self.accepts, self.feedback = network, accepts, feedback
         self.goals, self.cancelled = [], []
         self.asked_result = threading.Event()
         network.offer("/move/_action/send_goal", f"{MOVE}_SendGoal", self.take)
         network.serve("/move/_action/get_result", f"{MOVE}_GetResult", self.result, TEST_NODE)
         network.offer("/move/_action/cancel_goal", "action_msgs/srv/CancelGoal", self.cancel)
-        network.known["/move/_action/feedback"] = f"{MOVE}_FeedbackMessage"
+        network.known["/move/_action/feedback"] = feedback
 
     def take(self, request):
         self.goals.append(request)
@@ -35,11 +35,11 @@ class Mover:
         self.cancelled.append(request["goal_info"]["goal_id"]["uuid"])
         return {}
 
-    def feed_back(self, uuid):
-        feedback = {"joint_names": ["a"]}
+    def feed_back(self, uuid, **further):
+        feedback = {"joint_names": ["a"], **further}
         goal = {"uuid": uuid}
         self.network.publish(
-            "/move/_action/feedback", f"{MOVE}_FeedbackMessage", goal_id=goal, feedback=feedback
+            "/move/_action/feedback", self.feedback, goal_id=goal, feedback=feedback
         )
 
     def end(self, status, **result):

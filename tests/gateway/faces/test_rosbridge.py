@@ -455,6 +455,19 @@ def test_a_goal_has_feedback_and_a_result(network, client):
     assert network.subscriptions == []
 
 
+def test_feedback_of_kilted_and_later_is_understood(network, client):
+    kilted = f"{MOVE}SinceKilted_FeedbackMessage"
+    mover = Mover(network, feedback=kilted)
+    send_goal(client, args={"trajectory": {"joint_names": ["a"]}}, feedback=True)
+    assert mover.asked_result.wait(WAIT_S)
+    mover.feed_back(mover.goals[0]["goal_id"]["uuid"], index=3)
+    said = client.receive()
+    assert (said["op"], said["values"]["joint_names"]) == ("action_feedback", ["a"])
+    assert said["values"]["index"] == 3
+    mover.end(4)
+    assert client.receive()["op"] == "action_result"
+
+
 @pytest.mark.real
 def test_a_goal_is_cancelled_and_ends_as_its_server_says(network, client):
     mover = Mover(network)

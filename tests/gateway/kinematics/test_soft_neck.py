@@ -219,7 +219,7 @@ def test_a_neck_of_one_s_own(tmp_path):
         (OWN.format(length="nan", second=120.0), "link_length_m: nan .*above 0"),
         (OWN.format(length=0.2, second=0.5), "spread around the circle"),
         (OWN.format(length=0.2, second=120.0).replace('"b"', '"a"'), "tendon: .* that differ"),
-        ("a = ", "mine.toml is not TOML"),
+        ("a = ", "mine.toml:1:5: is not TOML"),
         ("", "mine.toml: base_anchor_radius_m: is missing"),
     ],
 )

@@ -430,7 +430,10 @@ def test_some_axes_drive_joints_and_the_others_the_tcp():
 @pytest.mark.parametrize(
     ("mapping", "words"),
     [
-        ({"joints": {"rz": "elbow"}}, "mapping.joints.rz: there is no joint 'elbow'; .*did you"),
+        (
+            {"joints": {"rz": "elbow"}},
+            "mapping.joints.rz: there is no joint 'elbow'; .*; did you mean 'elbow_joint'",
+        ),
         ({"joints": {"yaw": "elbow_joint"}}, "mapping.joints: 'yaw' .*one of x, y, z"),
         ({"joints": {"rz": "elbow_joint"}}, "the axis drives rz as well"),
     ],

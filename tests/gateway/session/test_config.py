@@ -237,12 +237,29 @@ def test_a_file_with_a_wrong_filter_is_refused_whole(tmp_path):
         load_config(path)
 
 
+@pytest.mark.parametrize(
+    "wrong", ["", "[limits]\nlinear_sped_m_s = 1\n", "[arm]\nmodel = 5\n"], ids=str
+)
+def test_each_wrong_key_of_a_file_is_told_in_a_line_with_its_place(tmp_path, wrong):
+    path = tmp_path / "session.toml"
+    path.write_text(
+        '[device]\ndriver = "spacemouse"\ndead_zon = 0.1\n'
+        f'[robot]\ndriver = "ur_rtde"\nhosst = "10.0.0.1"\n{wrong}'
+    )
+    with pytest.raises(ConfigurationError) as caught:
+        load_config(path)
+    lines = str(caught.value).splitlines()
+    assert len(lines) == (3 if wrong else 2)
+    assert lines[-2].startswith(f"{path}:3:1: device.dead_zon: there is no such key")
+    assert lines[-1].startswith(f"{path}:6:1: robot.hosst: there is no such key")
+
+
 def test_files_that_cannot_be_read(tmp_path):
     with pytest.raises(ConfigurationError, match="cannot read"):
         load_config(tmp_path / "none.toml")
     bad = tmp_path / "bad.toml"
     bad.write_text("[device\n")
-    with pytest.raises(ConfigurationError, match=r"bad\.toml is not TOML"):
+    with pytest.raises(ConfigurationError, match=r"bad\.toml:1:8: is not TOML"):
         load_config(bad)
 
 
