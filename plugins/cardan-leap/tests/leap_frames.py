@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from cardan.drivers.leap import LeapCore, LeapOptions
-from cardan.protocols.leap import (
+from cardan.types import IDENTITY, DeviceState, Quaternion, Vector3
+from cardan_leap.driver import LeapCore, LeapOptions
+from cardan_leap.protocol import (
     DeviceEvent,
     Hand,
     Malformed,
@@ -15,7 +16,6 @@ from cardan.protocols.leap import (
     direction_and_normal,
     position_to_leap,
 )
-from cardan.types import IDENTITY, DeviceState, Quaternion, Vector3
 
 PERIOD_S = 1.0 / 110.0
 HOME = Vector3(0.0, 0.0, 0.2)

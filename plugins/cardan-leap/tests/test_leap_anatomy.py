@@ -9,10 +9,10 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.protocols.leap import hand_orientation, pitch_yaw_roll
-from cardan.sim_peers.leap import Anatomy, HandPosture, rotation_rows
-from cardan.sim_peers.leap.anatomy import as_version, frame_document
 from cardan.types import Vector3
+from cardan_leap.peer import Anatomy, HandPosture, rotation_rows
+from cardan_leap.peer.anatomy import as_version, frame_document
+from cardan_leap.protocol import hand_orientation, pitch_yaw_roll
 from tests.examples import examples
 
 HAND_FIELDS = {

@@ -7,11 +7,11 @@ import math
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.drivers.leap import LeapOptions
-from cardan.protocols.leap import DeviceEvent, Hand, Malformed, TrackingFrame, Version
 from cardan.spatial import from_rotation_vector, norm, rotation_between, subtract
 from cardan.types import DeviceLink, Vector3
-from tests.drivers.leap_frames import HOME, PERIOD_S, PLUGGED, Rig, engaged, hand
+from cardan_leap.driver import LeapOptions
+from cardan_leap.protocol import DeviceEvent, Hand, Malformed, TrackingFrame, Version
+from leap_frames import HOME, PERIOD_S, PLUGGED, Rig, engaged, hand
 from tests.examples import examples
 
 FIST = {"grab_strength": 1.0}

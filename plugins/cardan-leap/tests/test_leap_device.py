@@ -9,13 +9,14 @@ from contextlib import contextmanager
 
 import pytest
 
-from cardan.drivers.leap import BUTTONS, Leap, LeapOptions
-from cardan.drivers.leap.connection import Connection, ServiceClosedError, connect
-from cardan.drivers.leap.core import STALE_AFTER_S
+from cardan.drivers.base import Endpoint
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError
-from cardan.protocols.leap import ClientOptions, Version
-from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from cardan.types import DeviceFeedback, DeviceLink
+from cardan_leap.driver import BUTTONS, Leap, LeapOptions
+from cardan_leap.driver.connection import Connection, ServiceClosedError, connect
+from cardan_leap.driver.core import STALE_AFTER_S
+from cardan_leap.peer import LeapPeer, LeapPeerOptions
+from cardan_leap.protocol import ClientOptions, Version
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix
@@ -261,7 +262,7 @@ def test_find_lists_the_trackers_of_a_service(script, monkeypatch):
     for faults, obstacle in (({}, ""), ({"no-device": 1.0}, "it tells of no tracker")):
         with in_a_thread(peer_with(script("0 leave right"), faults)) as peer:
             monkeypatch.setattr(
-                "cardan.drivers.leap.device.LeapOptions",
+                "cardan_leap.driver.device.LeapOptions",
                 lambda p=peer: LeapOptions(port=p.carrier.port),
             )
             (found,) = Leap.find()
@@ -276,9 +277,7 @@ def test_find_lists_what_is_plugged_in_without_a_service(tmp_path, monkeypatch):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         port = taken.getsockname()[1]
-        monkeypatch.setattr(
-            "cardan.drivers.leap.device.LeapOptions", lambda: LeapOptions(port=port)
-        )
+        monkeypatch.setattr("cardan_leap.driver.device.LeapOptions", lambda: LeapOptions(port=port))
         monkeypatch.setattr("cardan.drivers.access.USB_DEVICES", tmp_path)
         assert Leap.find() == []
         for name, vendor, product in (("1-1", "f182", "0003"), ("1-2", "046d", "c626")):
@@ -288,3 +287,26 @@ def test_find_lists_what_is_plugged_in_without_a_service(tmp_path, monkeypatch):
         (found,) = Leap.find()
         assert (found.identity, found.transport) == ("f182:0003", "usb")
         assert "start the tracking service" in found.obstacle
+
+
+def test_messages_of_a_leap_service():
+    tapped = []
+    leap, stop = Leap(), threading.Event()
+
+    class Connection:
+        heard_s = 1e12
+
+        def receive(self, _timeout_s):
+            stop.set()
+            return [b'{"version": 6}']
+
+        def send(self, text):
+            pass
+
+    leap.tap, leap._connection = (lambda *said: tapped.append(said)), Connection()
+    leap._serve(stop)
+    assert tapped == [(b'{"version": 6}', False, "")]
+
+
+def test_its_endpoint_is_the_services():
+    assert Leap().endpoints() == (Endpoint("tcp", "127.0.0.1", 6437),)

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import pytest
 
-from cardan.drivers.leap import LeapCore, LeapOptions
-from cardan.drivers.leap.core import STALE_AFTER_S
-from cardan.protocols.leap import DeviceEvent, decode_service
 from cardan.sim_peers.base import parse_script
-from cardan.sim_peers.leap import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService
 from cardan.sim_peers.scripted import play
 from cardan.types import DeviceLink, DeviceState, Quaternion, Vector3
-from tests.drivers.leap_frames import PERIOD_S, PLUGGED, engaged, hand
+from cardan_leap.driver import LeapCore, LeapOptions
+from cardan_leap.driver.core import STALE_AFTER_S
+from cardan_leap.peer import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService
+from cardan_leap.protocol import DeviceEvent, decode_service
+from leap_frames import PERIOD_S, PLUGGED, engaged, hand
 
 pytestmark = pytest.mark.matrix
 

@@ -7,15 +7,6 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.protocols.leap import (
-    direction_and_normal,
-    hand_orientation,
-    pitch_yaw_roll,
-    position_from_leap,
-    position_to_leap,
-    vector_from_leap,
-    vector_to_leap,
-)
 from cardan.spatial import (
     dot,
     from_rotation_vector,
@@ -26,6 +17,15 @@ from cardan.spatial import (
     scale,
 )
 from cardan.types import IDENTITY, Quaternion, Vector3
+from cardan_leap.protocol import (
+    direction_and_normal,
+    hand_orientation,
+    pitch_yaw_roll,
+    position_from_leap,
+    position_to_leap,
+    vector_from_leap,
+    vector_to_leap,
+)
 
 FLAT = (Vector3(0.0, 0.0, -1.0), Vector3(0.0, -1.0, 0.0))
 vectors = st.builds(Vector3, *[st.floats(-1000.0, 1000.0)] * 3)

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 
 from cardan.errors import ScriptError
-from cardan.protocols.leap import TrackingFrame, decode_service
 from cardan.sim_peers.base import parse_script
-from cardan.sim_peers.leap import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService
 from cardan.sim_peers.scripted import play
+from cardan_leap.peer import SCRIPT_VERBS, SCRIPTS, ScriptedHands, SimulatedLeapService
+from cardan_leap.protocol import TrackingFrame, decode_service
 
 pytestmark = pytest.mark.matrix
 

@@ -12,13 +12,13 @@ import time
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.drivers.leap import Leap, LeapOptions, core
-from cardan.drivers.leap.connection import connect
-from cardan.drivers.leap.lag import Lag
-from cardan.protocols.leap import TrackingFrame
-from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
 from cardan.types import DeviceLink
-from tests.drivers.leap_frames import PERIOD_S, PLUGGED, engaged, hand
+from cardan_leap.driver import Leap, LeapOptions, core
+from cardan_leap.driver.connection import connect
+from cardan_leap.driver.lag import Lag
+from cardan_leap.peer import LeapPeer, LeapPeerOptions
+from cardan_leap.protocol import TrackingFrame
+from leap_frames import PERIOD_S, PLUGGED, engaged, hand
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix

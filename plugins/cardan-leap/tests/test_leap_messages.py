@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.protocols.leap import (
+from cardan.types import Vector3
+from cardan_leap.protocol import (
     ClientOptions,
     DeviceEvent,
     Hand,
@@ -26,7 +27,6 @@ from cardan.protocols.leap import (
     path_of,
     version_of,
 )
-from cardan.types import Vector3
 
 VERSION = '{"serviceVersion":"2.3.1+33747","version":6}'
 DEVICE = (
@@ -260,7 +260,7 @@ def test_encoding_refuses_what_json_has_not():
         encode_json({"x": float("nan")})
 
 
-PAGE = Path(__file__).parents[2] / "docs" / "protocols" / "leap-websocket.md"
+PAGE = Path(__file__).parents[3] / "docs" / "protocols" / "leap-websocket.md"
 WORKED = re.findall(r"^\| `(.+?)` \| `(.+)` \|$", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
 
 

@@ -8,8 +8,8 @@ from itertools import pairwise
 import pytest
 
 from cardan.errors import ScriptError
-from cardan.protocols.leap import DeviceEvent, Malformed, TrackingFrame, Version, decode_service
-from cardan.sim_peers.leap import FAULTS, SimulatedLeapService
+from cardan_leap.peer import FAULTS, SimulatedLeapService
+from cardan_leap.protocol import DeviceEvent, Malformed, TrackingFrame, Version, decode_service
 
 BACKGROUND = '{"background":true}'
 FOCUSED = '{"focused":true}'

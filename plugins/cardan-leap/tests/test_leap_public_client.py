@@ -7,8 +7,8 @@ import subprocess
 
 import pytest
 
-from cardan.protocols.leap import ClientOptions
-from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
+from cardan_leap.peer import LeapPeer, LeapPeerOptions
+from cardan_leap.protocol import ClientOptions
 from tests.npm import installed
 from tests.serving import in_a_thread
 

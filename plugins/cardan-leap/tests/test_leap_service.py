@@ -11,10 +11,10 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from cardan.drivers.leap.connection import Connection, ServiceClosedError
 from cardan.errors import AddressError, ConfigurationError, ScriptError
-from cardan.sim_peers.leap import LeapPeer, LeapPeerOptions
-from cardan.sim_peers.leap.websocket import MAX_CLIENTS
+from cardan_leap.driver.connection import Connection, ServiceClosedError
+from cardan_leap.peer import LeapPeer, LeapPeerOptions
+from cardan_leap.peer.websocket import MAX_CLIENTS
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix

@@ -7,9 +7,9 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.drivers.leap.smoothing import MAX_TURN_RAD_S, PoseFilter
 from cardan.spatial import from_rotation_vector, norm, rotation_between, subtract
 from cardan.types import IDENTITY, IDENTITY_POSE, Pose, Vector3
+from cardan_leap.driver.smoothing import MAX_TURN_RAD_S, PoseFilter
 
 vectors = st.builds(Vector3, *[st.floats(-1.0, 1.0)] * 3)
 poses = st.builds(

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from cardan.conform.conduct import Act, Pilot, Script, Wait, ask, mark, open_, send
 from cardan.conform.requirements import Level
 from cardan.conform.timeline import Event, Kind
-from cardan.protocols.leap import ClientOptions, TrackingFrame, decode_service, encode_options
+from cardan_leap.protocol import ClientOptions, TrackingFrame, decode_service, encode_options
 
 CHANNEL = "v6"
 LISTEN_S = 0.5

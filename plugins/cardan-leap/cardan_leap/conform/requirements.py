@@ -6,9 +6,9 @@ import math
 from collections.abc import Iterable
 from itertools import pairwise
 
-from cardan.conform.leap.seen import LeapSeen
 from cardan.conform.requirements import Requirements, Verdict, failed, not_seen, passed
-from cardan.protocols.leap import (
+from cardan_leap.conform.seen import LeapSeen
+from cardan_leap.protocol import (
     DeviceEvent,
     Hand,
     Ignored,

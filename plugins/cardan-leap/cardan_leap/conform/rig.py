@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cardan.conform.conduct import Act, Conduct
-from cardan.conform.leap.pilot import CHANNEL
 from cardan.conform.timeline import Kind
-from cardan.sim_peers.leap import SimulatedLeapService
+from cardan_leap.conform.pilot import CHANNEL
+from cardan_leap.peer import SimulatedLeapService
 
 LONGEST_S = 300.0
 """Of a simulated run; a script that waits for what never comes ends before."""

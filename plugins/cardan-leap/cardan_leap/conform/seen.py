@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.conform.timeline import Kind, Phase, Timeline
-from cardan.protocols.leap import ServiceMessage, TrackingFrame, decode_service
+from cardan_leap.protocol import ServiceMessage, TrackingFrame, decode_service
 
 
 class Said(NamedTuple):

@@ -7,16 +7,16 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from cardan.conform.conduct import Conduct
-from cardan.conform.leap.pilot import LeapPilot
-from cardan.conform.leap.requirements import requires
-from cardan.conform.leap.rig import LeapRig
-from cardan.conform.leap.seen import LeapSeen
-from cardan.conform.leap.wire import Service
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event, Kind, Timeline
 from cardan.conform.wires import Wires, host_and_port
-from cardan.protocols.leap import PORT
+from cardan_leap.conform.pilot import LeapPilot
+from cardan_leap.conform.requirements import requires
+from cardan_leap.conform.rig import LeapRig
+from cardan_leap.conform.seen import LeapSeen
+from cardan_leap.conform.wire import Service
+from cardan_leap.protocol import PORT
 
 _SERIAL = re.compile(rb'("id"\s*:\s*")([^"]*)(")')
 

@@ -7,8 +7,8 @@ import time
 from collections.abc import Iterator
 
 from cardan.conform.wires import CONNECT_S, Wire, Wires
-from cardan.drivers.leap.connection import Connection
 from cardan.errors import AddressError
+from cardan_leap.driver.connection import Connection
 
 
 class _WebSocket(Wire):

@@ -14,7 +14,7 @@ from websockets.protocol import State
 from websockets.uri import WebSocketURI
 
 from cardan.errors import DeviceAccessError, DeviceNotFoundError
-from cardan.protocols.leap import (
+from cardan_leap.protocol import (
     UNSUPPORTED_VERSION_CLOSE,
     ServiceMessage,
     Version,

@@ -19,10 +19,11 @@ from types import MappingProxyType
 from typing import ClassVar
 
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.leap.lag import Lag
-from cardan.drivers.leap.options import LeapOptions
-from cardan.drivers.leap.tracking import COUNTERS as TRACKING_COUNTERS, HandTracker
-from cardan.protocols.leap import (
+from cardan.types import NEVER_S, DeviceLink, Pose
+from cardan_leap.driver.lag import Lag
+from cardan_leap.driver.options import LeapOptions
+from cardan_leap.driver.tracking import COUNTERS as TRACKING_COUNTERS, HandTracker
+from cardan_leap.protocol import (
     SKELETON_SINCE,
     DeviceEvent,
     Malformed,
@@ -30,7 +31,6 @@ from cardan.protocols.leap import (
     TrackingFrame,
     Version,
 )
-from cardan.types import NEVER_S, DeviceLink, Pose
 
 BUTTONS = ("hand", "clutch", "grab", "pinch")
 """What the driver reports as buttons: a hand is followed, it holds the clutch, it is a fist, it

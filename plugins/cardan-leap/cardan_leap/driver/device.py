@@ -10,13 +10,14 @@ from typing import Any
 
 from cardan.drivers.access import usb_devices
 from cardan.drivers.base import Endpoint, FoundDevice
-from cardan.drivers.leap.connection import Connection, connect
-from cardan.drivers.leap.core import BUTTONS, LeapCore
-from cardan.drivers.leap.options import LeapOptions
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DriverError
-from cardan.protocols.leap import (
+from cardan.types import DeviceCapabilities
+from cardan_leap.driver.connection import Connection, connect
+from cardan_leap.driver.core import BUTTONS, LeapCore
+from cardan_leap.driver.options import LeapOptions
+from cardan_leap.protocol import (
     FOCUS_SINCE,
     HEARTBEAT_PERIOD_S,
     HEARTBEAT_VERSIONS,
@@ -26,7 +27,6 @@ from cardan.protocols.leap import (
     decode_service,
     encode_options,
 )
-from cardan.types import DeviceCapabilities
 
 OPEN_TIMEOUT_S = 1.5
 """From the first packet to the service's version."""

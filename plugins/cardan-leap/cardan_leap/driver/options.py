@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from cardan.common import bounds
 from cardan.common.options import Options
-from cardan.protocols.leap import PORT
+from cardan_leap.protocol import PORT
 
 HIGHEST_VERSION = 7
 """Some bridges of newer tracking software offer one more version of the same frames."""

@@ -7,11 +7,11 @@ from collections import Counter
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from cardan.drivers.leap.options import LeapOptions
-from cardan.drivers.leap.smoothing import PoseFilter
-from cardan.protocols.leap import Hand, TrackingFrame, hand_orientation, position_from_leap
 from cardan.spatial import norm, rotation_between, subtract
 from cardan.types import IDENTITY_POSE, ZERO3, Pose
+from cardan_leap.driver.options import LeapOptions
+from cardan_leap.driver.smoothing import PoseFilter
+from cardan_leap.protocol import Hand, TrackingFrame, hand_orientation, position_from_leap
 
 LOST_AFTER_S = 0.1
 """A hand without a usable measurement for longer than this is lost."""

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from cardan.protocols.leap import SKELETON_SINCE
+from cardan_leap.protocol import SKELETON_SINCE
 
 Triple = tuple[float, float, float]
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from cardan.sim_peers.command import PeerCommand
-from cardan.sim_peers.leap.faults import FAULTS
-from cardan.sim_peers.leap.hand import SCRIPT_VERBS, SCRIPTS
-from cardan.sim_peers.leap.service import LeapPeer, LeapPeerOptions
+from cardan_leap.peer.faults import FAULTS
+from cardan_leap.peer.hand import SCRIPT_VERBS, SCRIPTS
+from cardan_leap.peer.service import LeapPeer, LeapPeerOptions
 
 
 class Leap(PeerCommand[LeapPeerOptions]):

@@ -13,7 +13,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
-from cardan.protocols.leap import (
+from cardan.sim_peers.base import check_faults
+from cardan_leap.peer.anatomy import Anatomy, HandPosture, Triple, as_version, frame_document
+from cardan_leap.peer.faults import ABSURD_MM, FAULTS, RESTART_S, STALL_EVERY_S
+from cardan_leap.protocol import (
     DEVICE_EVENT_SINCE,
     FOCUS_SINCE,
     HEARTBEAT_PERIOD_S,
@@ -29,9 +32,6 @@ from cardan.protocols.leap import (
     encode_json,
     encode_version,
 )
-from cardan.sim_peers.base import check_faults
-from cardan.sim_peers.leap.anatomy import Anatomy, HandPosture, Triple, as_version, frame_document
-from cardan.sim_peers.leap.faults import ABSURD_MM, FAULTS, RESTART_S, STALL_EVERY_S
 
 DEFAULT_RATE_HZ = 110.0
 DEFAULT_JITTER = 0.1

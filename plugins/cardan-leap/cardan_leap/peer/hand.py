@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from cardan.protocols.leap import HANDS
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.leap.core import SimulatedLeapService
-from cardan.sim_peers.leap.faults import RESTART_S
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, setting
 from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
+from cardan_leap.peer.core import SimulatedLeapService
+from cardan_leap.peer.faults import RESTART_S
+from cardan_leap.protocol import HANDS
 
 SHORTEST_SWING_S = 0.01
 """The shortest period of a swing."""

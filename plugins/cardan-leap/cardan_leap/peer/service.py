@@ -7,18 +7,18 @@ from typing import Annotated
 
 from cardan.common import bounds
 from cardan.common.bounds import Range
-from cardan.protocols.leap import PORT
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.command import option
 from cardan.sim_peers.hand_peer import HandOptions, HandPeer
-from cardan.sim_peers.leap.core import (
+from cardan_leap.peer.core import (
     DEFAULT_JITTER,
     DEFAULT_RATE_HZ,
     Message,
     SimulatedLeapService,
 )
-from cardan.sim_peers.leap.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHands
-from cardan.sim_peers.leap.websocket import LeapWebSocket
+from cardan_leap.peer.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHands
+from cardan_leap.peer.websocket import LeapWebSocket
+from cardan_leap.protocol import PORT
 
 RATE_HZ = Range(1.0, 1000.0, "Hz", "no tracker is faster")
 JITTER = Range(0.0, 0.9, "", "a frame comes before the next one")

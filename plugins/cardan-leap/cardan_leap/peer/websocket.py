@@ -14,10 +14,10 @@ from websockets.protocol import State
 from websockets.server import ServerProtocol
 
 from cardan.errors import AddressError
-from cardan.protocols.leap import HEARTBEAT_VERSIONS, ClientOptions, version_of
 from cardan.sim_peers.carriers.base import Carrier, Shell
 from cardan.sim_peers.carriers.server import Server, StreamClient, bound_to
-from cardan.sim_peers.leap.core import Message, SimulatedLeapService
+from cardan_leap.peer.core import Message, SimulatedLeapService
+from cardan_leap.protocol import HEARTBEAT_VERSIONS, ClientOptions, version_of
 
 MAX_CLIENTS = 16
 MAX_REQUEST_BYTES = 1 << 16

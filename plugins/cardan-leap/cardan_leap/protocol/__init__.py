@@ -1,6 +1,6 @@
 """The WebSocket protocol of the Leap Motion tracking service: JSON, versions 1 to 6."""
 
-from cardan.protocols.leap.geometry import (
+from cardan_leap.protocol.geometry import (
     direction_and_normal as direction_and_normal,
     hand_orientation as hand_orientation,
     pitch_yaw_roll as pitch_yaw_roll,
@@ -9,7 +9,7 @@ from cardan.protocols.leap.geometry import (
     vector_from_leap as vector_from_leap,
     vector_to_leap as vector_to_leap,
 )
-from cardan.protocols.leap.messages import (
+from cardan_leap.protocol.messages import (
     DEVICE_EVENT_SINCE as DEVICE_EVENT_SINCE,
     FOCUS_SINCE as FOCUS_SINCE,
     HANDS as HANDS,
