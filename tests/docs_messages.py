@@ -208,7 +208,7 @@ PAGES = {
             ),
             Part(
                 "Robot learning",
-                ("learning",),
+                ("learning", "cardan-learning/cardan_learning"),
                 "[LeRobot](../lerobot.md)",
             ),
             Part(

@@ -30,8 +30,6 @@ from cardan.learning.features import (
     pose_of,
     six_of,
 )
-from cardan.learning.goal import Approach
-from cardan.learning.hand import turns_with_tool
 from cardan.spatial import (
     add,
     conjugate,
@@ -42,6 +40,8 @@ from cardan.spatial import (
     to_rotation_vector,
 )
 from cardan.types import IDENTITY, Frame, Pose, Quaternion, Vector3
+from cardan_learning.goal import Approach
+from cardan_learning.hand import turns_with_tool
 
 SILENCE_S = 0.3
 """A stream that is silent for so long while the arm moves is braked: ten frames of 30 a second."""

@@ -29,9 +29,9 @@ from cardan.gateway.session.assembly import (
 )
 from cardan.gateway.session.config import LimitsTable, SessionConfig, parse_config
 from cardan.learning.features import ActionKind, action_kind, reference_of
-from cardan.learning.hand import HAND_ACTIONS, EventButtons, HandActions
 from cardan.robots import load_arm
 from cardan.types import IDENTITY_POSE, Vector3
+from cardan_learning.hand import HAND_ACTIONS, EventButtons, HandActions
 
 Table = Mapping[str, Any]
 

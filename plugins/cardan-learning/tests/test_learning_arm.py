@@ -7,40 +7,14 @@ import numpy as np
 import pytest
 
 from cardan.errors import CommandError, MotionRefusedError
-from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.hand.mapping import MappingOptions
-from cardan.learning.arm import ArmActions
 from cardan.learning.features import ActionKind, pose_of
-from cardan.learning.goal import Approach
 from cardan.spatial import norm, rotation_between
 from cardan.types import Frame, RobotLink
+from cardan_learning.arm import ArmActions
+from cardan_learning.goal import Approach
 from tests.gateway.arm.arms import DT_S, World
-
-FRAME = 8
-"""Cycles of the robot between two actions: 31 of them a second."""
-
-
-class Ticked(CartesianArm):
-    """The verbs of a world, whose loop runs only between actions."""
-
-    def __init__(self, world):
-        self.world = world
-
-    def open(self):
-        raise NotImplementedError
-
-    def close(self):
-        raise NotImplementedError
-
-    def _ask(self, verb, value=None, *, source="", sequence=None):
-        verbs = self.world.verbs
-        if verb in ("twist", "pose"):
-            return verbs.stream(verb, value, owner="learning")
-        if verb == "set_parameters":
-            return verbs.set_parameters(value, source="learning")
-        arguments = () if value is None else (value,)
-        named = {"source": "learning"} if verb == "act" else {}
-        return getattr(verbs, verb)(*arguments, **named)
+from tests.gateway.arm.ticked import FRAME, Ticked
 
 
 class Driven:

@@ -9,7 +9,6 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.hand.mapping import GripperOptions, MappingOptions, Mode, Orientation
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.learning.features import ActionKind
-from cardan.learning.hand import EventButtons, HandActions, turns_with_tool
 from cardan.types import (
     IDENTITY,
     ButtonEvent,
@@ -19,6 +18,7 @@ from cardan.types import (
     Pose,
     Vector3,
 )
+from cardan_learning.hand import EventButtons, HandActions, turns_with_tool
 
 DT_S = 1 / 30
 REST = (0.0,) * 6

@@ -5,7 +5,7 @@ import pytest
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.errors import ConfigurationError
 from cardan.learning.features import ActionKind
-from cardan.learning.setup import make_arm, make_hand
+from cardan_learning.setup import make_arm, make_hand
 
 SESSION = """
 [device]
