@@ -116,5 +116,5 @@ def test_a_model_has_the_name_that_is_given():
 
 
 def test_a_model_that_nobody_knows_is_refused():
-    with pytest.raises(OptionError, match=r"model: 'x' is not allowed; it must be one of .*pro"):
+    with pytest.raises(OptionError, match=r"model: 'x' is not allowed; it must be empty or one of .*pro"):
         SpnavServerOptions(model="x")
