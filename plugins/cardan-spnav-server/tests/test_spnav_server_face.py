@@ -116,5 +116,6 @@ def test_a_model_has_the_name_that_is_given():
 
 
 def test_a_model_that_nobody_knows_is_refused():
-    with pytest.raises(OptionError, match=r"model: 'x' is not allowed; it must be empty or one of .*pro"):
+    words = r"model: 'x' is not allowed; it must be empty or one of .*pro"
+    with pytest.raises(OptionError, match=words):
         SpnavServerOptions(model="x")
