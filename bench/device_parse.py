@@ -18,14 +18,14 @@ from typing import NamedTuple
 
 from bench.figures import median_costs
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.leap import LeapCore, LeapOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
 from cardan.protocols.connexion import encode_motion, find_model
-from cardan.protocols.leap import decode_service
 from cardan.protocols.spnav import encode_motion as encode_spnav_motion
-from cardan.sim_peers.leap import SimulatedLeapService
 from cardan.types import DeviceLink, DeviceState
+from cardan_leap.driver import LeapCore, LeapOptions
+from cardan_leap.peer import SimulatedLeapService
+from cardan_leap.protocol import decode_service
 from cardan_serial_mice.driver.session import SerialSession, device_model
 from cardan_serial_mice.protocol import (
     SpaceballMotion,

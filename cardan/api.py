@@ -65,7 +65,6 @@ if TYPE_CHECKING:
     from cardan.drivers.abb_egm import AbbEgm as AbbEgm
     from cardan.drivers.gamepad import Gamepad as Gamepad
     from cardan.drivers.keyboard import Keyboard as Keyboard
-    from cardan.drivers.leap import Leap as Leap
     from cardan.drivers.motoros import Motoros as Motoros
     from cardan.drivers.omni import Omni as Omni
     from cardan.drivers.phone import Phone as Phone
@@ -87,8 +86,6 @@ def open_device(
 ) -> SpaceMouse: ...
 @overload
 def open_device(driver: Literal["spnav"], /, options: Any = None, **keywords: Any) -> Spnav: ...
-@overload
-def open_device(driver: Literal["leap"], /, options: Any = None, **keywords: Any) -> Leap: ...
 @overload
 def open_device(driver: Literal["gamepad"], /, options: Any = None, **keywords: Any) -> Gamepad: ...
 @overload

@@ -120,7 +120,7 @@ PAGES = {
             ),
             _driver("spacenavd", "spnav", "spnav.md", "cardan-spnav-server/cardan_spnav_server"),
             _driver("Wii Remote", "cardan-wiimote/cardan_wiimote/driver", "wiimote.md"),
-            _driver("Leap Motion", "leap", "leap.md"),
+            _driver("Leap Motion", "cardan-leap/cardan_leap/driver", "leap.md"),
             _driver("Gamepads", "gamepad", "gamepad.md", "drivers/evdev"),
             _driver("Keyboards", "keyboard", "keyboard.md"),
             _driver("JR3 force-torque sensor", "cardan-jr3/cardan_jr3/driver", "jr3.md"),
@@ -208,7 +208,7 @@ PAGES = {
             ),
             Part(
                 "Robot learning",
-                ("learning",),
+                ("learning", "cardan-learning/cardan_learning"),
                 "[LeRobot](../lerobot.md)",
             ),
             Part(
@@ -244,7 +244,12 @@ PAGES = {
         (
             Part(
                 "Simulated peers",
-                ("sim_peers", "cardan-jr3/cardan_jr3/peer", "cardan-wiimote/cardan_wiimote/peer"),
+                (
+                    "sim_peers",
+                    "cardan-jr3/cardan_jr3/peer",
+                    "cardan-leap/cardan_leap/peer",
+                    "cardan-wiimote/cardan_wiimote/peer",
+                ),
                 "`cardan sim NAME --help`; [simulated peers](../simulated-peers.md)",
             ),
             Part(
@@ -257,6 +262,7 @@ PAGES = {
                 (
                     "conform",
                     "cardan-jr3/cardan_jr3/conform",
+                    "cardan-leap/cardan_leap/conform",
                     "cardan-serial-mice/cardan_serial_mice/conform",
                     "cardan-spnav-server/cardan_spnav_server/conform",
                     "cardan-wiimote/cardan_wiimote/conform",
@@ -269,6 +275,7 @@ PAGES = {
                     "protocols",
                     "cardan-foxglove/cardan_foxglove/protocol.py",
                     "cardan-jr3/cardan_jr3/protocol",
+                    "cardan-leap/cardan_leap/protocol",
                     "cardan-wiimote/cardan_wiimote/protocol",
                 ),
                 "what was to be encoded or decoded breaks the protocol: its page says the bytes",

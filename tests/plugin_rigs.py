@@ -7,4 +7,5 @@ PLUGINS = Path(__file__).parents[1] / "plugins"
 sys.path.extend(str(folder) for folder in sorted(PLUGINS.glob("cardan-*/tests")))
 
 import jr3_rig as jr3_rig  # noqa: E402
+import leap_frames as leap_frames  # noqa: E402
 import wiimote_bench as wiimote_bench  # noqa: E402

@@ -153,11 +153,11 @@ def test_without_scapy_its_requirement_says_what_to_install():
 
 def test_suites_of_other_packages_are_there_and_broken_ones_are_named(output, monkeypatch):
     points = [
-        EntryPoint("another", "cardan.conform.leap.suite:Leap", registry.ENTRY_POINT_GROUP),
+        EntryPoint("another", "cardan.conform.egm.suite:Egm", registry.ENTRY_POINT_GROUP),
         EntryPoint("broken", "nowhere:Suite", registry.ENTRY_POINT_GROUP),
     ]
     monkeypatch.setattr(registry.FINDER, "_installed", lambda: points)
-    assert registry.load("another").name == "leap"
+    assert registry.load("another").name == "egm"
     assert set(registry.names()) == {*registry.BUILT_IN, "another", "broken"}
     assert run("--list") == 0
     out = output()

@@ -46,8 +46,6 @@ PRESSED_N = 0.4
 SCRIPTS = {
     "gamepad-ur5-simulated.toml": "short",
     "keyboard-ur5-simulated.toml": "short",
-    "leap-gofa-simulated.toml": "short",
-    "leap-ur5-simulated.toml": "short",
     "spacemouse-ur5-simulated.toml": "strokes",
     "spnav-ur5-simulated.toml": "strokes",
 }
@@ -93,15 +91,9 @@ def commands(text):
     return found[: next(at for at, words in enumerate(found) if "run examples/" in words)]
 
 
-def ports_of_its_own(text):
-    """`text` with free ports instead of the usual ones."""
-    for port in set(re.findall(r"\b(?:6437|6510)\b", text)) | {"6437"}:
-        free = free_ports()
-        text = text.replace(port, str(free))
-        leap = f'driver = "leap"\nport = {free}'
-        if port == "6437":
-            text = text.replace('driver = "leap"', leap)
-    return text
+def port_of_its_own(text):
+    """`text` with a free port instead of EGM's usual one."""
+    return text.replace("6510", str(free_ports()))
 
 
 def supervised(name, shown, **more):
@@ -129,7 +121,7 @@ def run(tmp_path, monkeypatch):
     last, in this order."""
 
     def run(name, words=()):
-        text = ports_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
+        text = port_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
         monkeypatch.chdir(tmp_path)
         (tmp_path / name).write_text(text, encoding="utf-8")
         (tmp_path / "strokes").write_text(STROKES, encoding="utf-8")
@@ -161,7 +153,7 @@ def test_the_example_runs(run, name):
 
 @pytest.mark.parametrize("name", sorted(FELT))
 def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
-    text = ports_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
+    text = port_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
     monkeypatch.chdir(tmp_path)
     (tmp_path / name).write_text(text, encoding="utf-8")
     (tmp_path / "examples").symlink_to(EXAMPLES)

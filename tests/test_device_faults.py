@@ -14,13 +14,11 @@ import pytest
 
 from cardan.drivers.spnav import SpnavCore, SpnavOptions, core as spnav
 from cardan.protocols.connexion import model_by_key
-from cardan.protocols.leap import decode_service
 from cardan.protocols.spnav import encode_button, encode_motion
 from cardan.types import DeviceLink, Vector3
 from tests.drivers import (
     evdev_bench,
     handheld_rig,
-    leap_frames,
     omni_rig,
     ros2_node_rig,
 )
@@ -191,52 +189,6 @@ class Spnav(Intercepted):
         self.core.on_opened(self.now_s)
 
 
-class LeapRig:
-    """A service with one hand in view, or none."""
-
-    def __init__(self):
-        self.rig = leap_frames.engaged("grab")
-        self.core = self.rig.core
-        self.grab = 1.0
-
-    @property
-    def now_s(self):
-        return self.rig.now_s
-
-    def run(self, seconds):
-        self.rig.frames(seconds, leap_frames.hand(grab_strength=self.grab))
-
-
-class Leap(Intercepted):
-    name = "Leap Motion"
-    method = "on_message"
-    step_s = leap_frames.PERIOD_S
-
-    def make(self):
-        return LeapRig()
-
-    def passed(self, report, now_s):
-        if not self.fault:
-            self.good_s = now_s
-            return report
-        if self.fault == "short":
-            return decode_service(b'{"id":7,"timestamp":1000,"hands":[{"id":1,"palmPo')
-        if self.fault == "garbled":
-            return decode_service(self._rng.randbytes(200))
-        return None
-
-    def deflect(self):
-        self.rig.grab = 1.0
-        self.rig.run(0.3)
-
-    def let_go(self):
-        self.rig.grab = 0.0
-        self.rig.run(0.3)
-
-    def replug(self):
-        self.core.on_opened(self.now_s)
-
-
 class Gamepad(Subject):
     name = "gamepad"
     step_s = 0.008
@@ -390,7 +342,6 @@ class XrPage(PhonePage):
 SUBJECTS = (
     SpaceMouse,
     Spnav,
-    Leap,
     Omni,
     Gamepad,
     Keyboard,

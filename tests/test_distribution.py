@@ -202,7 +202,6 @@ def test_every_driver_is_imported_without_an_arms_model(light: Installation) -> 
         ("abb-gofa", "--to", "127.0.0.1:{port}"),
         ("gamepad", "--events", "gamepad.sock"),
         ("keyboard", "--events", "keyboard.sock"),
-        ("leap", "--port", "0"),
         ("motoman-gp8", "--base-port", "{port}"),
         ("omni", "--", sys.executable, "-c", "print('READY')"),
         ("spacemouse", "--hid", "spacemouse.sock"),

@@ -219,7 +219,7 @@ def plugins_entry_points():
     root = Path(__file__).parents[1]
     for file in (root / "studies/pyproject.toml", *root.glob("plugins/cardan-*/pyproject.toml")):
         project = tomllib.loads(file.read_text(encoding="utf-8"))["project"]
-        for group, points in project["entry-points"].items():
+        for group, points in project.get("entry-points", {}).items():
             for name in points:
                 yield words[group], name, str(file.parent.relative_to(root))
 

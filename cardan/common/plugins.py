@@ -19,6 +19,7 @@ from cardan.errors import CardanError, ConfigurationError, ExtraMissingError
 T = TypeVar("T")
 
 _JR3 = "plugins/cardan-jr3"
+_LEAP = "plugins/cardan-leap"
 _SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spnav-server"
 _WIIMOTE = "plugins/cardan-wiimote"
 IN_SOURCE_TREE = {
@@ -29,6 +30,7 @@ IN_SOURCE_TREE = {
     },
     "driver": {
         "jr3_can": _JR3,
+        "leap": _LEAP,
         "spacemouse_serial": _SERIAL_MICE,
         "wiimote": _WIIMOTE,
     },
@@ -39,12 +41,14 @@ IN_SOURCE_TREE = {
     },
     "protocol": {
         "jr3": _JR3,
+        "leap": _LEAP,
         **dict.fromkeys(("magellan", "spaceball", "spaceorb"), _SERIAL_MICE),
         "spnav": _SPNAV_SERVER,
         "wiimote": _WIIMOTE,
     },
     "simulated peer": {
         "jr3": _JR3,
+        "leap": _LEAP,
         "spacemouse-serial": _SERIAL_MICE,
         "wiimote": _WIIMOTE,
     },

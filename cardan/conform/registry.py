@@ -18,7 +18,6 @@ BUILT_IN = {
     "joint-stream": "cardan.conform.joint_stream.suite:JointStream",
     "joint-stream-driver": "cardan.conform.joint_stream_driver.suite:JointStreamDriver",
     "joint-trajectory": "cardan.conform.joint_trajectory.suite:JointTrajectory",
-    "leap": "cardan.conform.leap.suite:Leap",
     "motoros": "cardan.conform.motoros.suite:Motoros",
     "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriver",
     "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",

@@ -1,4 +1,4 @@
-"""Wires to a real target, for `cardan.conform.live`: sockets, device files, serial lines."""
+"""Wires to a real target, for `cardan.conform.live`: sockets, device files."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 from cardan.common.sockets import ask_for_stamps, opened, waiting, waiting_stamped
-from cardan.drivers.serial_port import SerialPort
 from cardan.errors import AddressError, ConfigurationError, DeviceAccessError
 
 LARGEST_READ = 65535
@@ -185,42 +184,6 @@ class FileWire(Wire):
             os.close(self._descriptor)
 
 
-class _Serial(Wire):
-    """A serial line."""
-
-    def __init__(self, port: SerialPort) -> None:
-        self._port = port
-
-    def fileno(self) -> int:
-        return self._port.fileno()
-
-    def read(self) -> Iterator[tuple[bytes, str]]:
-        try:
-            data = self._port.read(wait=False)
-        except OSError:
-            self.ended = True
-            return
-        if data:
-            yield data, ""
-
-    def write(self, data: bytes) -> None:
-        with contextlib.suppress(OSError):
-            self._port.write(data)
-
-    def close(self) -> None:
-        self._port.close()
-
-
-class SerialLine(Wires):
-    """A serial port; opening it powers the device."""
-
-    def __init__(self, path: str, baud: int, stop_bits: int = 1) -> None:
-        self._path, self._baud, self._stop_bits = path, baud, stop_bits
-
-    def open(self, channel: str) -> Wire:
-        return _Serial(SerialPort(self._path, self._baud, stop_bits=self._stop_bits))
-
-
 class Listen(Wires):
     """One UDP port of ours, for a client that sends to it."""
 
@@ -254,23 +217,6 @@ class TcpPorts(Wires):
             found.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         except (OSError, UnicodeError) as error:
             raise AddressError(f"cannot connect to {host}:{port}: {error}") from None
-        return StreamWire(found)
-
-
-class UnixStream(Wires):
-    """A Unix stream socket at a path; each channel is a connection of its own."""
-
-    def __init__(self, path: str) -> None:
-        self._path = path
-
-    def open(self, channel: str) -> Wire:
-        found = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            found.settimeout(CONNECT_S)
-            found.connect(self._path)
-        except (OSError, ValueError) as error:
-            found.close()
-            raise AddressError(f"cannot connect to {self._path}: {error}") from None
         return StreamWire(found)
 
 

@@ -19,7 +19,6 @@ ENTRY_POINT_GROUP = "cardan.drivers"
 BUILT_IN = {
     "spacemouse": "cardan.drivers.spacemouse:SpaceMouse",
     "spnav": "cardan.drivers.spnav:Spnav",
-    "leap": "cardan.drivers.leap:Leap",
     "gamepad": "cardan.drivers.gamepad:Gamepad",
     "keyboard": "cardan.drivers.keyboard:Keyboard",
     "omni": "cardan.drivers.omni:Omni",

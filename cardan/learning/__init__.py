@@ -1,4 +1,1 @@
-"""Hands and arms as programs for robot learning have them: flat dictionaries of names and numbers.
-
-Nothing here needs LeRobot; the distributions in plugins/ are its classes on top of these.
-"""
+"""What programs for robot learning call what an arm tells and is told."""

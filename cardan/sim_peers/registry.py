@@ -15,7 +15,6 @@ BUILT_IN = {
     "arm": "cardan.sim_peers.arm.command:Arm",
     "gamepad": "cardan.sim_peers.evdev.command:Gamepad",
     "keyboard": "cardan.sim_peers.evdev.command:Keyboard",
-    "leap": "cardan.sim_peers.leap.command:Leap",
     "motoman-gp8": "cardan.sim_peers.motoros_controller.command:MotomanGp8",
     "omni": "cardan.sim_peers.omni.command:Omni",
     "phone": "cardan.sim_peers.handheld.command:PhonePage",

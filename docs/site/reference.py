@@ -53,7 +53,6 @@ PROTOCOLS = (
     "handheld",
     "hdapi",
     "joint_stream",
-    "leap",
     "rosbridge",
     "simple_message",
     "spnav",

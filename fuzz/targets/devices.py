@@ -12,14 +12,12 @@ from cardan.drivers.core import DeviceCore
 from cardan.drivers.evdev.nodes import Snapshot
 from cardan.drivers.gamepad import GamepadCore, GamepadOptions
 from cardan.drivers.keyboard import KeyboardCore, KeyboardOptions
-from cardan.drivers.leap import LeapCore, LeapOptions
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
 from cardan.protocols import (
     connexion,
     evdev,
     handheld,
-    leap,
     spnav,
     uevent,
 )
@@ -30,6 +28,8 @@ from cardan.types import DeviceLink, DeviceState
 from cardan_jr3 import protocol as jr3_can
 from cardan_jr3.driver import Jr3Core, Jr3Options
 from cardan_jr3.driver.core import ZERO_LOST_REASON
+from cardan_leap import protocol as leap
+from cardan_leap.driver import LeapCore, LeapOptions
 from cardan_serial_mice import protocol as cs
 from cardan_serial_mice.driver.session import SerialSession
 from cardan_serial_mice.protocol import models as serial_models
@@ -46,8 +46,8 @@ from fuzz.targets.common import (
     text_of,
 )
 from tests.dissect import worked
-from tests.drivers import evdev_bench, leap_frames
-from tests.plugin_rigs import jr3_rig, wiimote_bench
+from tests.drivers import evdev_bench
+from tests.plugin_rigs import jr3_rig, leap_frames, wiimote_bench
 
 _HANDHELD = Path(__file__).parents[2] / "tests/protocols/handheld_vectors.json"
 

@@ -14,8 +14,6 @@ from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.carriers import uhid, usbip
 from cardan.sim_peers.egm_controller import EgmController, scripts as egm_scripts
 from cardan.sim_peers.evdev import MODELS as EVDEV_MODELS, SimulatedInput, hand as evdev_hand
-from cardan.sim_peers.leap import hand as leap_hand
-from cardan.sim_peers.leap.core import SimulatedLeapService
 from cardan.sim_peers.motoros_controller import (
     CONNECTIONS,
     MotorosController,
@@ -28,6 +26,8 @@ from cardan.sim_peers.spacemouse import SimulatedSpaceMouse, hand as mouse_hand
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 from cardan_jr3.peer import SimulatedJr3, hand as jr3_hand, socketcand
 from cardan_jr3.protocol import TEO_SENSORS
+from cardan_leap.peer import hand as leap_hand
+from cardan_leap.peer.core import SimulatedLeapService
 from cardan_serial_mice.peer.core import simulated_serial_puck
 from cardan_serial_mice.protocol import models
 from cardan_spnav_server.core import SpnavServerCore

@@ -180,10 +180,10 @@ def test_what_does_not_serve_is_told(capsys):
 
 @pytest.mark.matrix
 def test_what_a_demo_launches_serves_what_its_configuration_has():
-    with simulated_hardware(choose_demo("leap-ur5"), 1.0) as (config, through):
-        assert config.device is not None
-        port = config.device.options["port"]
-        assert port != 6437
+    with simulated_hardware(choose_demo("gp8"), 1.0) as (config, through):
+        assert config.robot is not None
+        port = config.robot.options["state_port"]
+        assert port != 50241
         with contextlib.closing(socket.create_connection(("127.0.0.1", port), 5.0)):
             assert through == ()
 

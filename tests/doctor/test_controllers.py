@@ -17,7 +17,6 @@ from cardan.doctor.controllers import (
 from cardan.doctor.files import read_files
 from cardan.drivers.abb_egm import AbbEgm
 from cardan.drivers.base import Endpoint
-from cardan.drivers.leap import Leap
 from cardan.drivers.motoros import Motoros
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.ur_rtde import UrRtde
@@ -32,7 +31,6 @@ def test_what_drivers_use():
     egm = AbbEgm(listen_host="127.0.0.1", listen_port=6599, controller_host="127.0.0.2")
     assert egm.endpoints() == (Endpoint("udp", "127.0.0.1", 6599, True, "127.0.0.2"),)
     assert Motoros(host="127.0.0.3").endpoints() == (Endpoint("tcp", "127.0.0.3", 50241),)
-    assert Leap().endpoints() == (Endpoint("tcp", "127.0.0.1", 6437),)
     assert SimArm().endpoints() == ()
 
 

@@ -7,7 +7,6 @@ import pytest
 
 from cardan.drivers.abb_egm import AbbEgm
 from cardan.drivers.gamepad import Gamepad
-from cardan.drivers.leap import Leap
 from cardan.drivers.motoros import Motoros
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.spacemouse import SpaceMouse
@@ -132,21 +131,3 @@ def test_bytes_of_spacenavd(tap):
         theirs.send(bytes(32))
         navigator._exchange(ours, 1.0)
     assert tap == [(bytes(32), False, "")]
-
-
-def test_messages_of_a_leap_service(tap):
-    leap, stop = Leap(), threading.Event()
-
-    class Connection:
-        heard_s = 1e12
-
-        def receive(self, _timeout_s):
-            stop.set()
-            return [b'{"version": 6}']
-
-        def send(self, text):
-            pass
-
-    leap.tap, leap._connection = tap, Connection()
-    leap._serve(stop)
-    assert tap == [(b'{"version": 6}', False, "")]

@@ -16,7 +16,7 @@ from cardan.types import (
     RobotLink,
 )
 from tests.gateway.arm.arms import World
-from tests.learning.test_arm import FRAME, Ticked
+from tests.gateway.arm.ticked import FRAME, Ticked
 from tests.lerobot import interface
 from tests.lerobot.conftest import FOLDERS
 
@@ -148,7 +148,7 @@ def test_the_name_is_the_modules_as_discovery_wants_it(folder):
     assert project["name"].startswith(interface.PREFIXES)
     assert (folder / folder.name / "__init__.py").is_file()
     needs = {each.partition("[")[0].partition(">")[0] for each in project["dependencies"]}
-    assert needs == {"cardan", "lerobot"}
+    assert needs == {"cardan", "cardan-learning", "lerobot"}
 
 
 def test_cardan_itself_needs_no_lerobot():

@@ -1,8 +1,5 @@
 """The protocol of spacenavd's socket, both versions and both sides."""
 
-from cardan.protocols.spnav.buttons import (
-    button_number as button_number,
-)
 from cardan.protocols.spnav.codes import (
     DEFAULT_SOCKET as DEFAULT_SOCKET,
     DEVICE_TYPES as DEVICE_TYPES,

@@ -9,7 +9,8 @@ from typing import NamedTuple, Protocol, runtime_checkable
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.drivers.spnav.core import usual_full_scales
-from cardan.protocols.spnav import UNKNOWN_DEVICE, button_number
+from cardan.protocols.spnav import UNKNOWN_DEVICE
+from cardan_spnav_server.buttons import button_number
 
 DEFAULT_NAME = "Cardan"
 """Name of a device whose model is unknown."""

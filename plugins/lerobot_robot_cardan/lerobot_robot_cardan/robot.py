@@ -10,9 +10,9 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 
 from cardan.errors import MotionLoopError, MotionRefusedError
 from cardan.gateway.arm.interface import CartesianArm
-from cardan.learning.arm import ArmActions
 from cardan.learning.features import action_names, observation_names
-from cardan.learning.setup import make_arm
+from cardan_learning.arm import ArmActions
+from cardan_learning.setup import make_arm
 from lerobot_robot_cardan.config_cardan import CardanRobotConfig
 
 logger = logging.getLogger(__name__)

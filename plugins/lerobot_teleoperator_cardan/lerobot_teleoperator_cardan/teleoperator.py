@@ -9,9 +9,9 @@ from lerobot.teleoperators.utils import TeleopEvents
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 from cardan.learning.features import action_names
-from cardan.learning.hand import EventButtons
-from cardan.learning.setup import make_hand
 from cardan.types import DeviceFeedback
+from cardan_learning.hand import EventButtons
+from cardan_learning.setup import make_hand
 from lerobot_teleoperator_cardan.config_cardan import CardanTeleopConfig
 
 logger = logging.getLogger(__name__)

@@ -9,13 +9,14 @@ from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
-from cardan.conform.wires import UnixStream, Wires
+from cardan.conform.wires import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_spnav_server.conform.faults import FAULTS
 from cardan_spnav_server.conform.pilot import SpnavPilot
 from cardan_spnav_server.conform.requirements import requires
 from cardan_spnav_server.conform.rig import SpnavRig
 from cardan_spnav_server.conform.seen import SpnavSeen
+from cardan_spnav_server.conform.wire import UnixStream
 
 
 class SpnavDaemon(Suite[SpnavSeen]):

@@ -9,12 +9,13 @@ from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
-from cardan.conform.wires import SerialLine, Wires
+from cardan.conform.wires import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_serial_mice.conform.magellan.pilot import MagellanPilot
 from cardan_serial_mice.conform.magellan.requirements import requires
 from cardan_serial_mice.conform.magellan.seen import MagellanSeen, MagellanTongue
 from cardan_serial_mice.conform.puck.rig import PuckRig
+from cardan_serial_mice.conform.wire import SerialLine
 from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.protocol.magellan import BAUD
 

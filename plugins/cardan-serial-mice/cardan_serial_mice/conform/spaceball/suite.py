@@ -9,12 +9,13 @@ from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
-from cardan.conform.wires import SerialLine, Wires
+from cardan.conform.wires import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_serial_mice.conform.puck.rig import PuckRig
 from cardan_serial_mice.conform.spaceball.pilot import SpaceballPilot
 from cardan_serial_mice.conform.spaceball.requirements import requires
 from cardan_serial_mice.conform.spaceball.tongue import BallSeen, BallTongue
+from cardan_serial_mice.conform.wire import SerialLine
 from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.protocol.spaceball import BAUD
 

@@ -9,12 +9,13 @@ from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
-from cardan.conform.wires import SerialLine, Wires
+from cardan.conform.wires import Wires
 from cardan.sim_peers.base import FaultSwitch
 from cardan_serial_mice.conform.puck.rig import PuckRig
 from cardan_serial_mice.conform.spaceorb.pilot import SpaceOrbPilot
 from cardan_serial_mice.conform.spaceorb.requirements import requires
 from cardan_serial_mice.conform.spaceorb.tongue import OrbSeen, OrbTongue
+from cardan_serial_mice.conform.wire import SerialLine
 from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.protocol.spaceorb import BAUD
 

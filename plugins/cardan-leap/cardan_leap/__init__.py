@@ -1,0 +1,1 @@
+"""The Leap Motion Controller, for Cardan."""

@@ -1,0 +1,64 @@
+"""The suite of a Leap Motion tracking service."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import ClassVar
+
+from cardan.conform.conduct import Conduct
+from cardan.conform.requirements import Level
+from cardan.conform.suite import Suite, Transport
+from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.conform.wires import Wires, host_and_port
+from cardan_leap.conform.pilot import LeapPilot
+from cardan_leap.conform.requirements import requires
+from cardan_leap.conform.rig import LeapRig
+from cardan_leap.conform.seen import LeapSeen
+from cardan_leap.conform.wire import Service
+from cardan_leap.protocol import PORT
+
+_SERIAL = re.compile(rb'("id"\s*:\s*")([^"]*)(")')
+
+
+class Leap(Suite[LeapSeen]):
+    """A tracking service of the Leap Motion Controller, in version 6 of its protocol."""
+
+    name = "leap"
+    judges = "the service"
+    speaks = "JSON over WebSocket, about 110 frames a second"
+    target = "HOST[:PORT] of the service, 6437"
+    peer = "leap"
+    requirements = requires.all()
+    transport = Transport("other")
+    seconds = 1.5
+    # While a hand is in view; with the focus; for longer than silence may last.
+    tried_with: ClassVar[Mapping[str, float]] = {
+        "unplug": 2.0,
+        "replug": 2.5,
+        "pause": 2.0,
+        "stall": 3.0,
+        "restart": 2.0,
+        "lost-focus": 4.0,
+        "count-anew": 2.0,
+        "new-ids": 1.0,
+    }
+
+    def see(self, timeline: Timeline) -> LeapSeen:
+        return LeapSeen(timeline)
+
+    def pilot(self, level: Level, seconds: float) -> LeapPilot:
+        return LeapPilot(level, seconds)
+
+    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+        LeapRig(conduct, faults, seed).run()
+
+    def wires(self, target: str) -> Wires:
+        return Service(*host_and_port(target, "--target", PORT))
+
+    def redacted(self, event: Event) -> Event:
+        """Device events have the tracker's serial number for an id."""
+        if event.kind is not Kind.DATA or b'"event"' not in event.data:
+            return event
+        hidden = _SERIAL.sub(lambda m: m[1] + b"X" * len(m[2]) + m[3], event.data)
+        return event._replace(data=hidden)

@@ -1,0 +1,18 @@
+"""The tracking service as ``cardan sim leap`` has it."""
+
+from __future__ import annotations
+
+from cardan.sim_peers.command import PeerCommand
+from cardan_leap.peer.faults import FAULTS
+from cardan_leap.peer.hand import SCRIPT_VERBS, SCRIPTS
+from cardan_leap.peer.service import LeapPeer, LeapPeerOptions
+
+
+class Leap(PeerCommand[LeapPeerOptions]):
+    """A Leap Motion tracking service and the hands it sees (JSON over WebSocket)."""
+
+    Options, Peer = LeapPeerOptions, LeapPeer
+    page = "simulated-devices.md"
+    speaks = "[JSON over WebSocket](protocols/leap-websocket.md), 110 frames a second"
+    epilog = "Prints READY and its address once it listens."
+    faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

@@ -1,0 +1,210 @@
+"""A hand or an arm of a session's file, or of a driver's name and its options."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from cardan.common.options import Options
+from cardan.common.places import in_file
+from cardan.common.tables import keys_of, read_table, read_toml, resolved
+from cardan.drivers.base import OperatorDevice
+from cardan.drivers.registry import DriverTable
+from cardan.errors import ConfigurationError, OptionError
+from cardan.gateway.arm.interface import CartesianArm
+from cardan.gateway.arm.supervision import Watchdogs
+from cardan.gateway.force.tables import NoForceTable
+from cardan.gateway.hand.mapping import GripperOptions, MappingOptions
+from cardan.gateway.session.assembly import (
+    check_mode,
+    check_parts,
+    has_output,
+    make_driver,
+    make_robot,
+    why_no_verbs,
+)
+from cardan.gateway.session.config import LimitsTable, SessionConfig, parse_config
+from cardan.learning.features import ActionKind, action_kind, reference_of
+from cardan.robots import load_arm
+from cardan.types import IDENTITY_POSE, Vector3
+from cardan_learning.hand import HAND_ACTIONS, EventButtons, HandActions
+
+Table = Mapping[str, Any]
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandConfig(Options):
+    """What an operator device as a source of actions reads of a session's file."""
+
+    device: DriverTable
+    mapping: MappingOptions = field(default_factory=MappingOptions)
+    gripper: GripperOptions = field(default_factory=GripperOptions)
+    limits: LimitsTable = field(default_factory=LimitsTable)
+    watchdogs: Watchdogs = field(default_factory=Watchdogs)
+
+
+class Hand(NamedTuple):
+    """An operator device that is not open yet, and its actions."""
+
+    device: OperatorDevice
+    actions: HandActions
+
+
+def make_hand(
+    *,
+    session: str = "",
+    driver: str = "",
+    options: Table | None = None,
+    mapping: Table | None = None,
+    gripper: Table | None = None,
+    action: str = "delta",
+    buttons: EventButtons | None = None,
+) -> Hand:
+    """The device of `session`, a session's file, or of `driver` with its `options`; `mapping` and
+    `gripper` are tables as such a file has them, in place of its own. Raises ConfigurationError."""
+    with _in_file(session):
+        tables = _tables(session, driver, {"device": options}, HandConfig)
+        config = read_table(HandConfig, {**tables, **_given(mapping=mapping, gripper=gripper)})
+        device = make_driver(config.device, "device")
+        assert isinstance(device, OperatorDevice)
+        check_mode(config.mapping, device)
+    kind = action_kind(action, HAND_ACTIONS)
+    age_s = config.watchdogs.device_age_s
+    return Hand(
+        device,
+        HandActions(kind, config.mapping, config.gripper, config.limits, age_s, buttons),
+    )
+
+
+class Arm(NamedTuple):
+    """An arm that is not open yet."""
+
+    make: Callable[[], CartesianArm]
+    """Makes it, to be opened."""
+    joints: tuple[str, ...]
+    """Their names, in kinematic order."""
+    kind: ActionKind
+    mapping: MappingOptions
+    gripper: bool
+    """Whether it has one."""
+    reference: Vector3
+    """Of its rotation vectors: :func:`~cardan.learning.features.reference_of`."""
+
+
+def make_arm(
+    *,
+    session: str = "",
+    driver: str = "",
+    options: Table | None = None,
+    model: str = "",
+    mapping: Table | None = None,
+    gripper: Table | None = None,
+    limits: Table | None = None,
+    address: str = "",
+    network_gripper: bool = False,
+    action: str = "delta",
+) -> Arm:
+    """The arm of `session`, a session's file, or of `driver` with its `options` and the `model` of
+    its arm; or the one that a session shows on the network at `address`, whose `model` is named.
+
+    `mapping`, `gripper` and `limits` are tables as a session's file has them, in place of its own;
+    the file's operator device, and what it feels, are left out. Raises ConfigurationError.
+    """
+    kind = action_kind(action, tuple(ActionKind))
+    if address:
+        if session or driver:
+            raise ConfigurationError("address", "give it alone, or a session, or a driver")
+        if not model:
+            raise OptionError("model", model, "the model of the arm at `address`, for its joints")
+        if limits or gripper or options:
+            raise ConfigurationError("address", "the arm's own session has its limits and gripper")
+        named = load_arm(model)
+        return Arm(
+            lambda: _remote(address),
+            named.joint_names,
+            kind,
+            read_table(MappingOptions, mapping or {}, "mapping"),
+            network_gripper,
+            reference_of(named, IDENTITY_POSE),
+        )
+    with _in_file(session):
+        config = _arm_config(
+            _tables(session, driver, {"robot": options}, SessionConfig),
+            model,
+            _given(mapping=mapping, gripper=gripper, limits=limits),
+        )
+    assert config.arm is not None
+    loaded = load_arm(config.arm.model)
+    return Arm(
+        lambda: _session(config),
+        loaded.joint_names,
+        kind,
+        config.mapping,
+        has_output(config.gripper, make_robot(config).capabilities),
+        reference_of(loaded, config.arm.tool()),
+    )
+
+
+def _arm_config(tables: dict[str, Any], model: str, given: dict[str, Table]) -> SessionConfig:
+    """That of an arm without operator: its parts are checked."""
+    if model:
+        tables["arm"] = {**tables.get("arm", {}), "model": model}
+    config = dataclasses.replace(
+        parse_config({**tables, **given}, from_file=True),
+        device=None,
+        filters=(),
+        force=NoForceTable(),
+        fixtures=(),
+    )
+    if why := why_no_verbs(config):
+        raise ConfigurationError("arm", why)
+    check_parts(config)
+    return config
+
+
+def _in_file(session: str) -> AbstractContextManager[None]:
+    """Errors of keys say where they stand in the session's file; without one nowhere."""
+    return in_file(Path(session)) if session else nullcontext()
+
+
+def _tables(
+    session: str, driver: str, options: Mapping[str, Table | None], kind: type
+) -> dict[str, Any]:
+    """The tables of a file, or of one driver; `options`: which table is the driver's, and what else
+    is in it."""
+    ((key, given),) = options.items()
+    if bool(session) is bool(driver):
+        raise ConfigurationError(
+            "session", "give either the file of a session, or a driver with its options"
+        )
+    if session:
+        if given:
+            raise ConfigurationError("options", "a session's file has those of its driver")
+        path, keys = Path(session), keys_of(kind)
+        tables = {name: table for name, table in read_toml(path).items() if name in keys}
+        return dict(resolved(kind, tables, path))
+    return {key: {"driver": driver, **(given or {})}}
+
+
+def _given(**tables: Table | None) -> dict[str, Table]:
+    return {name: table for name, table in tables.items() if table}
+
+
+def _session(config: SessionConfig) -> CartesianArm:
+    from cardan.gateway.session.remote import RemoteArm
+
+    return RemoteArm(config, source=SOURCE)
+
+
+def _remote(address: str) -> CartesianArm:
+    from cardan.gateway.bus.remote import RemoteCartesianDevice
+
+    return RemoteCartesianDevice(address, source=SOURCE)
+
+
+SOURCE = "learning"
+"""Name of the programs' source in the arm's authority."""

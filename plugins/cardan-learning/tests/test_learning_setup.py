@@ -1,0 +1,115 @@
+"""Hands and arms of a session's file or of a driver; what is wrong is said before they open."""
+
+import pytest
+
+from cardan.drivers.spacemouse import SpaceMouse
+from cardan.errors import ConfigurationError
+from cardan.learning.features import ActionKind
+from cardan_learning.setup import make_arm, make_hand
+
+SESSION = """
+[device]
+driver = "spacemouse"
+
+[robot]
+driver = "sim_arm"
+robot = "ur5"
+
+[arm]
+model = "ur5"
+
+[mapping]
+deadman = "left"
+linear_speed_m_s = 0.05
+
+[gripper]
+toggle = "right"
+
+"""
+
+
+@pytest.fixture
+def session(tmp_path):
+    path = tmp_path / "session.toml"
+    path.write_text(SESSION)
+    return str(path)
+
+
+def test_both_of_a_sessions_file(session):
+    hand = make_hand(session=session)
+    assert isinstance(hand.device, SpaceMouse)
+    assert hand.actions.kind is ActionKind.DELTA
+    arm = make_arm(session=session, action="target")
+    assert arm.joints[0] == "shoulder_pan_joint"
+    assert (len(arm.joints), arm.kind) == (6, ActionKind.TARGET)
+    assert arm.mapping.linear_speed_m_s == 0.05
+    assert not arm.gripper  # a simulated arm has no outputs
+    assert arm.make().config.device is None
+
+
+def test_the_hand_reads_no_more_of_the_file_than_its_own(session, tmp_path):
+    path = tmp_path / "other.toml"
+    path.write_text('[device]\ndriver = "spacemouse"\n[robot]\ndriver = "nobody_has_it"\n')
+    assert isinstance(make_hand(session=str(path)).device, SpaceMouse)
+
+
+def test_both_of_drivers():
+    hand = make_hand(
+        driver="spacemouse",
+        options={"curve": 0.5},
+        mapping={"deadman": "left"},
+        gripper={"toggle": "right"},
+        action="target",
+    )
+    assert hand.device.options.curve == 0.5
+    arm = make_arm(
+        driver="abb_egm",
+        options={"listen_port": 6510},
+        model="gofa_crb15000_5",
+        mapping={"linear_speed_m_s": 0.2},
+        limits={"linear_speed_m_s": 0.2},
+    )
+    assert arm.gripper
+    assert arm.mapping.linear_speed_m_s == 0.2
+    assert arm.make().config.limits.linear_speed_m_s == 0.2
+
+
+def test_an_arm_on_the_network(monkeypatch):
+    arm = make_arm(address="tcp/127.0.0.1:7447/cell/arm", model="ur5", network_gripper=True)
+    assert (len(arm.joints), arm.gripper) == (6, True)
+    made = arm.make()
+    assert made.address == "tcp/127.0.0.1:7447/cell/arm"
+
+
+HAND, ARM = make_hand, make_arm
+
+
+@pytest.mark.parametrize(
+    ("make", "given", "why"),
+    [
+        (HAND, {}, "give either the file of a session, or a driver"),
+        (HAND, {"session": "a.toml", "driver": "spacemouse"}, "give either"),
+        (HAND, {"session": "none.toml"}, "cannot read none.toml"),
+        (HAND, {"driver": "spacemouze"}, "there is no driver 'spacemouze'"),
+        (HAND, {"driver": "spacemouse", "options": {"dead_zon": 1}}, "dead_zon"),
+        (HAND, {"driver": "spacemouse", "mapping": {"deadmen": "left"}}, "mapping.deadmen"),
+        (HAND, {"driver": "spacemouse", "action": "pose"}, "one of delta, target"),
+        (HAND, {"driver": "sim_arm"}, "is not an operator device"),
+        (HAND, {"driver": "leap"}, "mapping.mode"),
+        (ARM, {"driver": "sim_arm"}, "arm"),
+        (ARM, {"driver": "spacemouse", "model": "ur5"}, "is not a robot"),
+        (ARM, {"driver": "sim_arm", "model": "teo_soft_neck"}, "rigid links|soft"),
+        (ARM, {"driver": "sim_arm", "model": "ur5", "action": "joints"}, "delta, target, pose"),
+        (ARM, {"address": "/arm"}, "model"),
+        (ARM, {"address": "/arm", "model": "ur5", "driver": "sim_arm"}, "give it alone"),
+        (ARM, {"address": "/arm", "model": "ur5", "limits": {"leash_m": 0.1}}, "own session"),
+    ],
+)
+def test_what_is_wrong_is_said_before_anything_is_opened(make, given, why):
+    with pytest.raises(ConfigurationError, match=why):
+        make(**given)
+
+
+def test_options_beside_a_file_are_refused(session):
+    with pytest.raises(ConfigurationError, match="a session's file has those of its driver"):
+        make_hand(session=session, options={"curve": 0.5})

@@ -1,0 +1,29 @@
+"""An arm as a program has it that asks a few dozen times a second, in virtual time."""
+
+from cardan.gateway.arm.interface import CartesianArm
+
+FRAME = 8
+"""Cycles of the robot between two actions: 31 of them a second."""
+
+
+class Ticked(CartesianArm):
+    """The verbs of a world, whose loop runs only between actions."""
+
+    def __init__(self, world):
+        self.world = world
+
+    def open(self):
+        raise NotImplementedError
+
+    def close(self):
+        raise NotImplementedError
+
+    def _ask(self, verb, value=None, *, source="", sequence=None):
+        verbs = self.world.verbs
+        if verb in ("twist", "pose"):
+            return verbs.stream(verb, value, owner="learning")
+        if verb == "set_parameters":
+            return verbs.set_parameters(value, source="learning")
+        arguments = () if value is None else (value,)
+        named = {"source": "learning"} if verb == "act" else {}
+        return getattr(verbs, verb)(*arguments, **named)
