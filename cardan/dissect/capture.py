@@ -26,6 +26,8 @@ MAX_TIME_NS = 2**63
 BLOCK_OVERHEAD_BYTES = 12
 """Type and both lengths of a pcapng block."""
 
+ENDS_INSIDE = "truncated: the file ends inside a packet"
+
 PCAP_MAGICS = {
     b"\xd4\xc3\xb2\xa1": ("<", 1000),
     b"\xa1\xb2\xc3\xd4": (">", 1000),
@@ -174,7 +176,7 @@ class Capture:
             raise self._damaged(f"damaged: a length of {size} bytes")
         data = read_up_to(stream, size)
         if len(data) < size:
-            raise self._damaged("truncated: the file ends inside a packet")
+            raise self._damaged(ENDS_INSIDE)
         return data
 
     def _captured(
@@ -193,9 +195,11 @@ class Capture:
 
     def _pcap(self, stream: BinaryIO, order: str, unit_ns: int) -> Iterator[CapturedPacket]:
         link_type = struct.unpack(f"{order}16xI", self._exactly(stream, 20))[0] & 0xFFFF
-        while first := stream.read(1):
-            header = first + self._exactly(stream, 15)
-            seconds, units, size, wire_bytes = struct.unpack(f"{order}4I", header)
+        head = struct.Struct(f"{order}4I")
+        while first := read_up_to(stream, head.size):
+            if len(first) < head.size:
+                raise self._damaged(ENDS_INSIDE)
+            seconds, units, size, wire_bytes = head.unpack(first)
             data = self._exactly(stream, size)
             time_ns = seconds * 10**9 + units * unit_ns
             yield self._captured(time_ns, link_type, order, data, wire_bytes)

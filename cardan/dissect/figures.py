@@ -59,6 +59,8 @@ class Sequence:
         self._seen: OrderedDict[int, int] = OrderedDict()  # seqno -> hash of its datagram
         self._missing: deque[int] = deque(maxlen=REMEMBERED)
         self._steps: Counter[int] = Counter()
+        self.step = 1
+        """The usual step; some older Python clients count by two."""
         self._recovered = 0
 
     def add(self, seqno: int, datagram: bytes) -> str:
@@ -92,6 +94,8 @@ class Sequence:
         step = (seqno - self._last + half) % MODULUS - half
         if 0 < step < RESTART_JUMP:
             self._steps[step] += 1
+            if step != self.step:
+                self.step = self._steps.most_common(1)[0][0]
             for skipped in range(max(1, step - REMEMBERED), step):
                 self._missing.append((self._last + skipped) % MODULUS)
             return "next" if step == self.step else "gap"
@@ -100,11 +104,6 @@ class Sequence:
         if step == 0:
             return "repeated"
         return "late" if step < 0 and seqno in self._missing else "restart"
-
-    @property
-    def step(self) -> int:
-        """The usual step; some older Python clients count by two."""
-        return self._steps.most_common(1)[0][0] if self._steps else 1
 
     @property
     def lost(self) -> int:

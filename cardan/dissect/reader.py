@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import enum
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 from cardan.dissect import network
 from cardan.dissect.capture import CapturedPacket
-from cardan.dissect.network import Segment
+from cardan.dissect.network import Endpoint, Segment
 from cardan.errors import ConfigurationError
 
 CUT = "cut by the capture"
@@ -152,9 +153,13 @@ class DatagramDissector(Dissector):
 
 def ends(segment: Segment, decoded: Decoded) -> tuple[str, Decoded, bytes, str]:
     """The parts of a `Message` after its packet, of a datagram."""
-    where = f"{segment.source} > {segment.destination}"
-    other_way = f"{segment.destination} > {segment.source}"
-    return where, decoded, segment.payload, other_way
+    source, destination = segment.source, segment.destination
+    return _way(source, destination), decoded, segment.payload, _way(destination, source)
+
+
+@functools.lru_cache(maxsize=1024)
+def _way(source: Endpoint, destination: Endpoint) -> str:
+    return f"{source} > {destination}"
 
 
 def describe(decoded: Decoded) -> str:

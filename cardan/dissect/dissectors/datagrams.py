@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
-from cardan.dissect.network import Segment
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, TypeAlias
+
+from cardan.dissect.network import Endpoint, Segment
 from cardan.dissect.ports import EGM_PORTS, JOINT_STREAM_PORT
 from cardan.dissect.reader import DatagramDissector, Decoded, Numbers
 from cardan.protocols import egm, joint_stream
+
+MOST_KNOWN = 1024
+"""Outlines of EGM that are kept."""
+
+_Decode: TypeAlias = Callable[
+    [bytes], egm.EgmRobot | egm.EgmSensor | egm.EgmSensorPathCorr | egm.Malformed
+]
 
 
 class Egm(DatagramDissector):
@@ -24,24 +34,65 @@ class Egm(DatagramDissector):
         ),
     )
 
+    def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
+        super().__init__(numbers)
+        self._known: dict[tuple[Endpoint, Endpoint, int], _Known | None] = {}
+        """By sender, receiver and length; None where it is too unusual to learn."""
+
     def decode(self, segment: Segment) -> Decoded | None:
+        data = segment.payload
+        key = segment.source, segment.destination, len(data)
+        known = self._known.get(key)
+        if known is not None:
+            header = known.outline.header(data)
+            if header is not None:
+                return _decoded(_Unread(data, known.decode), known.title, *header)
         ports = self.numbers["egm_ports"]
         to_pc, from_pc = segment.destination.port in ports, segment.source.port in ports
         if not to_pc and not from_pc:
             return None
-        value: egm.EgmRobot | egm.EgmSensor | egm.EgmSensorPathCorr | egm.Malformed
-        value, title = egm.decode_robot(segment.payload), "EgmRobot"
+        decode: _Decode = egm.decode_robot if to_pc else egm.decode_from_pc
+        value = decode(data)
         # The controller's local port may be one of the ports, too.
-        if not to_pc or (from_pc and isinstance(value, egm.Malformed)):
-            value, title = egm.decode_from_pc(segment.payload), "EGM from the PC"
+        if to_pc and from_pc and isinstance(value, egm.Malformed):
+            decode = egm.decode_from_pc
+            value = decode(data)
         if isinstance(value, egm.Malformed):
+            title = "EgmRobot" if decode is egm.decode_robot else "EGM from the PC"
             return Decoded(None, title, f"{value.fault.value}: {value.detail}")
+        title = type(value).__name__
+        if known is not None or key not in self._known:
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            outline = egm.outline(data, value)
+            self._known[key] = outline and _Known(outline, title, decode)
         if value.header is None:
             return Decoded(value)
-        seqno, tm_ms = value.header.seqno, value.header.tm_ms or None
-        if isinstance(value, egm.EgmRobot):
-            return Decoded(value, sequence=seqno, asks=tm_ms)
-        return Decoded(value, sequence=seqno, answers=tm_ms)
+        return _decoded(value, title, value.header.seqno, value.header.tm_ms)
+
+
+def _decoded(value: Any, title: str, seqno: int | None, tm_ms: int | None) -> Decoded:
+    if title == "EgmRobot":
+        return Decoded(value, title, sequence=seqno, asks=tm_ms or None)
+    return Decoded(value, title, sequence=seqno, answers=tm_ms or None)
+
+
+class _Known(NamedTuple):
+    """What datagrams are that have the outline."""
+
+    outline: egm.Outline
+    title: str
+    decode: _Decode
+
+
+class _Unread:
+    """A message whose values are decoded when they are shown."""
+
+    def __init__(self, data: bytes, decode: _Decode) -> None:
+        self._data, self._decode = data, decode
+
+    def _asdict(self) -> dict[str, Any]:
+        return self._decode(self._data)._asdict()
 
 
 class JointStream(DatagramDissector):
