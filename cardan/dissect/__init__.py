@@ -217,11 +217,11 @@ class _Capture:
         decoded = found.decoded
         title = decoded.title or type(decoded.value).__name__
         key = dissector, found.where
-        if key not in self._figures and len(self._figures) >= MOST_FIGURES:
-            key = dissector, "others"
         figures = self._figures.get(key)
         if figures is None:
-            figures = self._figures[key] = Figures()
+            if len(self._figures) >= MOST_FIGURES:
+                key = dissector, "others"
+            figures = self._figures.setdefault(key, Figures())
         remarks = figures.add(found, title, self._figures.get((dissector, found.other_way)))
         if decoded.fault:
             self._malformed[dissector.name] += 1

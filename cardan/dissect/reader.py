@@ -141,14 +141,14 @@ class DatagramDissector(Dissector):
 
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
         if not isinstance(network, Segment) or network.protocol != "UDP":
-            return
+            return ()
         decoded = self.decode(network)
         if decoded is None:
-            return
+            return ()
         if network.cut:
             decoded = Decoded(None, decoded.title, CUT)
         self.packets += 1
-        yield Message(packet, *ends(network, decoded))
+        return (Message(packet, *ends(network, decoded)),)
 
 
 def ends(segment: Segment, decoded: Decoded) -> tuple[str, Decoded, bytes, str]:
