@@ -110,13 +110,14 @@ def dissect_file(
             parsed = network.parse(packet)
             if capture.is_copy(packet, parsed):
                 continue
-            capture.others[str(parsed)] += 1
+            label = str(parsed)
+            capture.others[label] += 1
             for dissector in capture.offered(packet.link_type):
                 before = dissector.packets
                 show(dissector.feed(packet, parsed), dissector)
                 if dissector.packets > before:
                     # It can take earlier packets too, once it knows what they are.
-                    capture.others[str(parsed)] -= dissector.packets - before
+                    capture.others[label] -= dissector.packets - before
                     break
             if len(capture.others) > MOST_OTHERS:
                 capture.fold()

@@ -195,11 +195,11 @@ class Capture:
 
     def _pcap(self, stream: BinaryIO, order: str, unit_ns: int) -> Iterator[CapturedPacket]:
         link_type = struct.unpack(f"{order}16xI", self._exactly(stream, 20))[0] & 0xFFFF
-        head = struct.Struct(f"{order}4I")
-        while first := read_up_to(stream, head.size):
-            if len(first) < head.size:
+        unpack = struct.Struct(f"{order}4I").unpack
+        while head := read_up_to(stream, 16):
+            if len(head) < 16:
                 raise self._damaged(ENDS_INSIDE)
-            seconds, units, size, wire_bytes = head.unpack(first)
+            seconds, units, size, wire_bytes = unpack(head)
             data = self._exactly(stream, size)
             time_ns = seconds * 10**9 + units * unit_ns
             yield self._captured(time_ns, link_type, order, data, wire_bytes)

@@ -33,10 +33,10 @@ LINK_NAMES = {
 }
 SKIPPED_IPV6_HEADERS = (0, 43, 60)  # hop-by-hop, routing, destination options
 IPV6_FRAGMENT = 44
-_USUAL = struct.Struct("!12xHBxH2xHxB2x12sH2x")
+_USUAL_BYTES = 42
+_usual = struct.Struct("!12xHBxH2xHxB2x12sH2x").unpack_from
 """The heads of UDP in IPv4 without options on Ethernet: type, version, total length, fragment,
 protocol, addresses and ports, length."""
-_USUAL_KIND = ETHERTYPE_IPV4, 0x45, UDP
 
 
 class Endpoint(NamedTuple):
@@ -85,16 +85,20 @@ def _ports(protocol: str, one: int, other: int) -> str:
 def parse(packet: CapturedPacket) -> Segment | str:
     """The segment in a packet; of a packet without one its name ("ARP", "USB", "CAN"...)."""
     data = packet.data
-    if packet.link_type == ETHERNET and len(data) >= _USUAL.size:
-        ethertype, version, total, fragment, protocol, ends, size = _USUAL.unpack_from(data)
+    if packet.link_type == ETHERNET and len(data) >= _USUAL_BYTES:
+        ethertype, version, total, fragment, protocol, ends, size = _usual(data)
         if (
-            (ethertype, version, protocol) == _USUAL_KIND
+            protocol == UDP
+            and ethertype == ETHERTYPE_IPV4
+            and version == 0x45
             and not fragment & 0x3FFF
-            and total >= _USUAL.size - 14
+            and total >= 28
         ):
-            payload = data[_USUAL.size : 14 + min(total, 20 + size)]
-            cut = len(payload) != size - 8 or packet.cut
-            return Segment("UDP", *_ends(ends), payload, cut)
+            end = 34 + size
+            payload = data[_USUAL_BYTES : end if end <= 14 + total else 14 + total]
+            source, destination = _ends(ends)
+            cut = len(payload) != size - 8 or packet.wire_bytes > len(data)
+            return Segment("UDP", source, destination, payload, cut)
     try:
         found = _link(packet)
     except (struct.error, IndexError):

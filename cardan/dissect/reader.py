@@ -23,7 +23,8 @@ class Decoded(NamedTuple):
     """What a codec made of the bytes of a message."""
 
     value: Any
-    """A named tuple, or names and values; None where the bytes are malformed."""
+    """A named tuple, or names and values; None where the bytes are malformed. A function that gives
+    it is called when it is shown; then there must be a title."""
     title: str = ""
     """What the message is called; empty: as the value's class."""
     fault: str = ""
@@ -164,7 +165,7 @@ def _way(source: Endpoint, destination: Endpoint) -> str:
 
 def describe(decoded: Decoded) -> str:
     """Title and values, one after the other; what is absent is left out."""
-    value = decoded.value
+    value = decoded.value() if callable(decoded.value) else decoded.value
     title = decoded.title or type(value).__name__
     fields = value if isinstance(value, Mapping) else value._asdict()
     shown = [_named(name, each) for name, each in fields.items() if each is not None]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 from cardan.dissect.network import Endpoint, Segment
@@ -46,7 +47,7 @@ class Egm(DatagramDissector):
         if known is not None:
             header = known.outline.header(data)
             if header is not None:
-                return _decoded(_Unread(data, known.decode), known.title, *header)
+                return _decoded(partial(known.decode, data), known.title, *header)
         ports = self.numbers["egm_ports"]
         to_pc, from_pc = segment.destination.port in ports, segment.source.port in ports
         if not to_pc and not from_pc:
@@ -73,8 +74,8 @@ class Egm(DatagramDissector):
 
 def _decoded(value: Any, title: str, seqno: int | None, tm_ms: int | None) -> Decoded:
     if title == "EgmRobot":
-        return Decoded(value, title, sequence=seqno, asks=tm_ms or None)
-    return Decoded(value, title, sequence=seqno, answers=tm_ms or None)
+        return Decoded(value, title, "", seqno, tm_ms or None)
+    return Decoded(value, title, "", seqno, None, tm_ms or None)
 
 
 class _Known(NamedTuple):
@@ -83,16 +84,6 @@ class _Known(NamedTuple):
     outline: egm.Outline
     title: str
     decode: _Decode
-
-
-class _Unread:
-    """A message whose values are decoded when they are shown."""
-
-    def __init__(self, data: bytes, decode: _Decode) -> None:
-        self._data, self._decode = data, decode
-
-    def _asdict(self) -> dict[str, Any]:
-        return self._decode(self._data)._asdict()
 
 
 class JointStream(DatagramDissector):
