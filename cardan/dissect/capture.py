@@ -191,7 +191,8 @@ class Capture:
         if not 0 <= time_ns < MAX_TIME_NS:
             raise self._damaged("damaged: a time stamp out of range")
         self._count += 1
-        return CapturedPacket(self._count, time_ns, link_type, order, data, wire_bytes, interface)
+        fields = self._count, time_ns, link_type, order, data, wire_bytes, interface
+        return tuple.__new__(CapturedPacket, fields)
 
     def _pcap(self, stream: BinaryIO, order: str, unit_ns: int) -> Iterator[CapturedPacket]:
         link_type = struct.unpack(f"{order}16xI", self._exactly(stream, 20))[0] & 0xFFFF

@@ -90,10 +90,11 @@ class Sequence:
 
     def _ahead(self, last: int, step: int) -> str:
         self._steps[step] += 1
+        if step > 1:
+            for skipped in range(max(1, step - REMEMBERED), step):
+                self._missing.append((last + skipped) % MODULUS)
         if step != self.step:
             self.step = self._steps.most_common(1)[0][0]
-        for skipped in range(max(1, step - REMEMBERED), step) if step > 1 else ():
-            self._missing.append((last + skipped) % MODULUS)
         return "next" if step == self.step else "gap"
 
     def _odd(self, seqno: int, step: int, content: int) -> str:

@@ -33,6 +33,7 @@ LINK_NAMES = {
 }
 SKIPPED_IPV6_HEADERS = (0, 43, 60)  # hop-by-hop, routing, destination options
 IPV6_FRAGMENT = 44
+_new = tuple.__new__
 _USUAL_BYTES = 42
 _usual = struct.Struct("!12xHBxH2xHxB2x12sH2x").unpack_from
 """The heads of UDP in IPv4 without options on Ethernet: type, version, total length, fragment,
@@ -98,7 +99,7 @@ def parse(packet: CapturedPacket) -> Segment | str:
             payload = data[_USUAL_BYTES : end if end <= 14 + total else 14 + total]
             source, destination = _ends(ends)
             cut = len(payload) != size - 8 or packet.wire_bytes > len(data)
-            return Segment("UDP", source, destination, payload, cut)
+            return _new(Segment, ("UDP", source, destination, payload, cut, 0, 0, 0))
     try:
         found = _link(packet)
     except (struct.error, IndexError):

@@ -154,13 +154,13 @@ class DatagramDissector(Dissector):
 
 def ends(segment: Segment, decoded: Decoded) -> tuple[str, Decoded, bytes, str]:
     """The parts of a `Message` after its packet, of a datagram."""
-    source, destination = segment.source, segment.destination
-    return _way(source, destination), decoded, segment.payload, _way(destination, source)
+    where, other_way = _ways(segment.source, segment.destination)
+    return where, decoded, segment.payload, other_way
 
 
 @functools.lru_cache(maxsize=1024)
-def _way(source: Endpoint, destination: Endpoint) -> str:
-    return f"{source} > {destination}"
+def _ways(source: Endpoint, destination: Endpoint) -> tuple[str, str]:
+    return f"{source} > {destination}", f"{destination} > {source}"
 
 
 def describe(decoded: Decoded) -> str:

@@ -11,6 +11,8 @@ from cardan.dissect.ports import EGM_PORTS, JOINT_STREAM_PORT
 from cardan.dissect.reader import DatagramDissector, Decoded, Numbers
 from cardan.protocols import egm, joint_stream
 
+_new = tuple.__new__
+
 MOST_KNOWN = 1024
 """Outlines of EGM that are kept."""
 
@@ -73,9 +75,9 @@ class Egm(DatagramDissector):
 
 
 def _decoded(value: Any, title: str, seqno: int | None, tm_ms: int | None) -> Decoded:
-    if title == "EgmRobot":
-        return Decoded(value, title, "", seqno, tm_ms or None)
-    return Decoded(value, title, "", seqno, None, tm_ms or None)
+    tm_ms = tm_ms or None
+    asks, answers = (tm_ms, None) if title == "EgmRobot" else (None, tm_ms)
+    return _new(Decoded, (value, title, "", seqno, asks, answers, ()))
 
 
 class _Known(NamedTuple):
