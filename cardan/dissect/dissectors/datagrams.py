@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import Any, NamedTuple, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from cardan.dissect.network import Endpoint, Segment
 from cardan.dissect.ports import EGM_PORTS, JOINT_STREAM_PORT
@@ -46,10 +46,14 @@ class Egm(DatagramDissector):
         data = segment.payload
         key = segment.source, segment.destination, len(data)
         known = self._known.get(key)
-        if known is not None:
+        if known is not None and not segment.cut:
             header = known.outline.header(data)
             if header is not None:
-                return _decoded(partial(known.decode, data), known.title, *header)
+                seqno, tm_ms = header
+                tm_ms = tm_ms or None
+                asks, answers = (tm_ms, None) if known.title == "EgmRobot" else (None, tm_ms)
+                later = partial(known.decode, data)
+                return _new(Decoded, (later, known.title, "", seqno, asks, answers, ()))
         ports = self.numbers["egm_ports"]
         to_pc, from_pc = segment.destination.port in ports, segment.source.port in ports
         if not to_pc and not from_pc:
@@ -63,21 +67,17 @@ class Egm(DatagramDissector):
         if isinstance(value, egm.Malformed):
             title = "EgmRobot" if decode is egm.decode_robot else "EGM from the PC"
             return Decoded(None, title, f"{value.fault.value}: {value.detail}")
-        title = type(value).__name__
         if known is not None or key not in self._known:
             if len(self._known) >= MOST_KNOWN:
                 self._known.clear()
             outline = egm.outline(data, value)
-            self._known[key] = outline and _Known(outline, title, decode)
+            self._known[key] = outline and _Known(outline, type(value).__name__, decode)
         if value.header is None:
             return Decoded(value)
-        return _decoded(value, title, value.header.seqno, value.header.tm_ms)
-
-
-def _decoded(value: Any, title: str, seqno: int | None, tm_ms: int | None) -> Decoded:
-    tm_ms = tm_ms or None
-    asks, answers = (tm_ms, None) if title == "EgmRobot" else (None, tm_ms)
-    return _new(Decoded, (value, title, "", seqno, asks, answers, ()))
+        seqno, tm_ms = value.header.seqno, value.header.tm_ms or None
+        if isinstance(value, egm.EgmRobot):
+            return Decoded(value, sequence=seqno, asks=tm_ms)
+        return Decoded(value, sequence=seqno, answers=tm_ms)
 
 
 class _Known(NamedTuple):

@@ -199,9 +199,7 @@ def leaves(data: bytes, message: Any) -> Iterator[Leaf]:
     return _walk(data, 0, len(data), message, ())
 
 
-def _walk(
-    data: bytes, at: int, end: int, message: Any, path: tuple[int, ...]
-) -> Iterator[Leaf]:
+def _walk(data: bytes, at: int, end: int, message: Any, path: tuple[int, ...]) -> Iterator[Leaf]:
     while at < end:
         tag = data[at]
         at += 1
