@@ -30,7 +30,7 @@ def said(egm, data, to_pc):
     return title, decoded.fault, numbers, "" if decoded.fault else describe(decoded)
 
 
-@settings(max_examples=examples(300), derandomize=True)
+@settings(max_examples=examples(100), derandomize=True)
 @given(st.data())
 def test_what_is_like_one_before_is_read_as_alone(data):
     to_pc = data.draw(st.booleans())
