@@ -1,4 +1,4 @@
-"""Cost of a message of EGM in a capture: figures alone and with lines, against decoding it, in turns.
+"""Cost of a message of EGM in a capture: figures alone, with lines, and decoding it, in turns.
 
 The capture is of a session at 250 Hz: a six-axis controller's datagrams and a PC's answers.
 """
