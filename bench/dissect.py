@@ -9,6 +9,7 @@ import io
 import struct
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from bench.egm_codec import EULER, JOINTS, SEQNO, TIME_US, TM_MS, robot
@@ -56,7 +57,7 @@ def main() -> None:
                 decode_robot(sent)
                 decode_from_pc(answer)
 
-        calls = {
+        calls: dict[str, Callable[[], object]] = {
             "decoders alone": decode,
             "cardan dissect --summary": lambda: dissect_file(path, io.StringIO(), summary=True),
             "cardan dissect": lambda: dissect_file(path, io.StringIO()),

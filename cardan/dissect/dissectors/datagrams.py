@@ -49,9 +49,8 @@ class Egm(DatagramDissector):
         if known is not None and not segment.cut:
             header = known.outline.header(data)
             if header is not None:
-                seqno, tm_ms = header
-                tm_ms = tm_ms or None
-                asks, answers = (tm_ms, None) if known.title == "EgmRobot" else (None, tm_ms)
+                seqno, clock = header[0], header[1] or None
+                asks, answers = (clock, None) if known.title == "EgmRobot" else (None, clock)
                 later = partial(known.decode, data)
                 return _new(Decoded, (later, known.title, "", seqno, asks, answers, ()))
         ports = self.numbers["egm_ports"]
@@ -74,10 +73,10 @@ class Egm(DatagramDissector):
             self._known[key] = outline and _Known(outline, type(value).__name__, decode)
         if value.header is None:
             return Decoded(value)
-        seqno, tm_ms = value.header.seqno, value.header.tm_ms or None
+        number, tm_ms = value.header.seqno, value.header.tm_ms or None
         if isinstance(value, egm.EgmRobot):
-            return Decoded(value, sequence=seqno, asks=tm_ms)
-        return Decoded(value, sequence=seqno, answers=tm_ms)
+            return Decoded(value, sequence=number, asks=tm_ms)
+        return Decoded(value, sequence=number, answers=tm_ms)
 
 
 class _Known(NamedTuple):

@@ -56,7 +56,7 @@ def outline(data: bytes, value: EgmRobot | EgmSensor | EgmSensorPathCorr) -> Out
         message = schema.Sensor if isinstance(value, EgmSensor) else schema.SensorPathCorr
     mask = bytearray(b"\xff" * len(data))
     exponents = 0
-    places = {_TM: slice(0)}
+    places: dict[tuple[int, ...], slice] = {_TM: slice(0)}
     try:
         for path, at, size, is_double in leaves(data, message.DESCRIPTOR):
             if is_double:
