@@ -33,6 +33,9 @@ from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion, Vector3
 _END_CAP_TOLERANCE_M = 1e-4
 """A sphere that sticks out of a cylinder's rounded end by less is the end of that capsule."""
 
+_HOME_TOLERANCE = 1e-3
+"""rad or m: by how much the file's home may be outside its limits, which are rounded elsewhere."""
+
 
 class _Link(NamedTuple):
     """Where a link is: the body that it is part of, and its frame in that body's."""
@@ -108,6 +111,7 @@ def build_arm(
     own_shapes, owners = _own_shapes(chain, links, file.collision)
     owners = [*(shape.name for shape in shapes), *owners]
     shapes += own_shapes
+    home = _home(joints, file.home_deg, tree)
     arm = ArmModel(
         name=tree.robot.get("name", ""),
         joints=tuple(joints),
@@ -116,7 +120,7 @@ def build_arm(
         inertias=tuple(_inertia(each) for each in list(model.inertias)[1:]),
         shapes=tuple(shapes),
         ignored_pairs=_pairs(links, shapes, file.collision),
-        home=_home(joints, file.home_deg),
+        home=home,
         task=file.task,
         urdf=urdf,
         counterbalanced_joints=_counterbalanced(joints, file.counterbalance),
@@ -127,7 +131,7 @@ def build_arm(
     )
     if disabled is None:
         arm = arm._replace(touching_shapes=touching_shapes(arm))
-    return arm if file.home_deg is not None else arm._replace(home=bent_home(arm))
+    return arm if home else arm._replace(home=bent_home(arm))
 
 
 def _reduced(
@@ -233,10 +237,21 @@ def _counterbalanced(joints: list[ArmJoint], last: str) -> int:
     return names.index(last) + 1
 
 
-def _home(joints: list[ArmJoint], given: tuple[float, ...] | None) -> tuple[float, ...]:
+def published_home(joints: Sequence[ArmJoint], tree: Tree) -> tuple[float, ...]:
+    """The file's own, to which limits may be rounded; empty where it has none within them."""
+    there, home = tree.home(), []
+    for joint in joints:
+        value = there.get(joint.name, math.nan)
+        home.append(max(joint.lower, min(joint.upper, value)))
+        if not abs(home[-1] - value) <= _HOME_TOLERANCE:
+            return ()
+    return tuple(home)
+
+
+def _home(joints: list[ArmJoint], given: tuple[float, ...] | None, tree: Tree) -> tuple[float, ...]:
     """Empty where none is given: all of the arm is needed to choose one."""
     if given is None:
-        return ()
+        return published_home(joints, tree)
     home = _each("home_deg", given, joints)
     for joint, value in zip(joints, home, strict=True):
         if not joint.lower <= value <= joint.upper:

@@ -119,6 +119,16 @@ class Tree(NamedTuple):
             link = found[-1].parent
         return found[::-1]
 
+    def home(self) -> dict[str, float]:
+        """Joints by name, rad or m, of a <group_state> "home": an SRDF's element, here out of an
+        MJCF's keyframe. Empty where there is none. Raises ConfigurationError."""
+        found = {}
+        for state in self.robot.iterfind("group_state"):
+            for joint in state.iterfind("joint") if state.get("name") == "home" else ():
+                with about("home"):
+                    found[joint.get("name", "")] = _bounded(joint, "value", "0")
+        return found
+
     def ends(self) -> list[str]:
         """The links that nothing hangs on."""
         parents = {joint.parent for joint in self.joints.values()}
@@ -209,8 +219,9 @@ def _wrong(message: str) -> ConfigurationError:
     return ConfigurationError("", message)
 
 
-def _parsed(text: str, kind: str = "URDF") -> ET.Element:
-    """Prefixes need no declaration, as for urdfdom, so they are part of the names here."""
+def parse_xml(text: str, kind: str, root: str) -> ET.Element:
+    """The element `root` of a description of this kind. Prefixes need no declaration, as for
+    urdfdom, so they are part of the names here. Raises ConfigurationError."""
     of = f"the arm's {kind}"
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     depth = 0
@@ -240,9 +251,14 @@ def _parsed(text: str, kind: str = "URDF") -> ET.Element:
         parser.Parse(text, True)
     except (expat.ExpatError, UnicodeError) as error:
         raise _wrong(f"{of} is not XML: {error}") from None
-    robot = builder.close()
-    if robot.tag != "robot":
-        raise _wrong(f"{of} is a <{robot.tag}>, not a <robot>")
+    element = builder.close()
+    if element.tag != root:
+        raise _wrong(f"{of} is a <{element.tag}>, not a <{root}>")
+    return element
+
+
+def _parsed(text: str, kind: str = "URDF") -> ET.Element:
+    robot, of = parse_xml(text, kind, "robot"), f"the arm's {kind}"
     if (version := _version(robot)) not in _VERSIONS:
         raise _wrong(f"{of} is of version {version!r}; allowed: {', '.join(_VERSIONS)}")
     return robot
@@ -341,12 +357,12 @@ def _attribute(element: ET.Element | None, name: str, default: str | None = None
     if text is None:
         raise ValueError(f"no {name}")
     try:
-        return _number(text)
+        return to_number(text)
     except ValueError:
         raise ValueError(f"{name} {text!r} is not a number") from None
 
 
-def _number(text: str) -> float:
+def to_number(text: str) -> float:
     """Raises ValueError, also for digits that only Python groups by "_"."""
     return float(text if "_" not in text else "")
 
@@ -361,7 +377,7 @@ def _bounded(element: ET.Element, name: str, default: str) -> float:
 def _numbers(element: ET.Element, attribute: str, of: str, count: int = 3) -> list[float]:
     text = element.get(attribute, "")
     try:
-        numbers = [_number(word) for word in text.split()]
+        numbers = [to_number(word) for word in text.split()]
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(abs(each) <= LARGEST_NUMBER for each in numbers):
