@@ -56,7 +56,8 @@ _ORIENTATIONS = ("euler", "axisangle", "xyaxes", "zaxis", "quat")
 _FLOOR_M = (20.0, 20.0, 1.0)
 """A plane, which has no end in MuJoCo, is the upper side of a box."""
 _WATER_KG_M3 = 1000.0
-_UNCOUPLED = "0 1 0 0 0"
+_ALIKE = "0 1 0 0 0"
+"""Of an equality between joints: one goes as far as the other."""
 
 _Attributes: TypeAlias = ChainMap[str, str]
 
@@ -113,9 +114,18 @@ def _numbers(words: str, attributes: Mapping[str, str], name: str, default: str)
     return found
 
 
-def _sizes(words: str, attributes: Mapping[str, str], count: int) -> list[float]:
+def _overlaid(texts: Iterable[str]) -> str:
+    """Numbers of which each text gives the first ones, the first text before the others."""
+    found: list[str] = []
+    for text in texts:
+        found += text.split()[len(found) :]
+    return " ".join(found)
+
+
+def _sizes(words: str, attributes: _Attributes, count: int) -> list[float]:
     """The first `count` of a geom's, which may have more."""
-    text = " ".join(attributes.get("size", "").split()[:count])
+    text = _overlaid(each.get("size", "") for each in attributes.maps)
+    text = " ".join(text.split()[:count])
     found = _numbers(words, {"size": text}, "size", "0 " * count)
     if not all(each > 0.0 for each in found):
         raise _wrong(f"size of {words}: {text!r} is no length")
@@ -315,7 +325,8 @@ class _Translation:
         for site in items:
             if site.tag == "site" and site.name:
                 self._body_of_site[site.name] = name
-                frame = self._free_name(site.name, self._links)
+                taken = site.name in self._links
+                frame = self._free_name(site.name + "_site" * taken, self._links)
                 self._put_joint(frame, "fixed", name, frame, self._pose(site))
                 ET.SubElement(self.robot, "link", name=frame)
         for body in items:
@@ -618,7 +629,8 @@ class _Translation:
 
     def _couple(self, element: ET.Element, words: str) -> None:
         name, leader = element.get("joint1", ""), element.get("joint2", "")
-        offset, factor, *rest = _numbers(words, element.attrib, "polycoef", _UNCOUPLED)
+        coefficients = _overlaid([element.get("polycoef", ""), _ALIKE])
+        offset, factor, *rest = _numbers(words, {"polycoef": coefficients}, "polycoef", _ALIKE)
         if leader not in self._refs or name not in self._refs or any(rest):
             self._bind([name], words)
             return
