@@ -54,6 +54,7 @@ def chain_of(tree: Tree, file: ArmFile) -> Chain:
         moving = _chosen(moving, file)
     if not moving:
         _refuse_loose(path)
+        _refuse_followers(tree, path, moving)
         if file.base:
             raise ConfigurationError("base", f"no joint moves between {file.base!r} and {tcp!r}")
         raise ConfigurationError("", "the arm's URDF has no moving joint")
@@ -65,16 +66,7 @@ def chain_of(tree: Tree, file: ArmFile) -> Chain:
         )
     first = path.index(moving[0])
     _refuse_loose(path[first:])
-    for joint in path[first:]:
-        leader = tree.leader(joint.name)[0]
-        if leader.mimic is not None:
-            raise ConfigurationError("", f"joint {joint.name!r} mimics one that is not there")
-        if joint.mimic is not None and leader in moving:
-            raise ConfigurationError(
-                "joints",
-                f"joint {joint.name!r} mimics {leader.name!r}: leave that one out, and both are "
-                "held",
-            )
+    _refuse_followers(tree, path[first:], moving)
     welded = all(joint.kind == "fixed" for joint in path[:first])
     return Chain(
         file.base or (tree.root if welded else moving[0].parent),
@@ -117,6 +109,22 @@ def _refuse_loose(path: list[TreeJoint]) -> None:
     for joint in path:
         if joint.kind in LOOSE:
             raise joint.refused()
+
+
+def _refuse_followers(tree: Tree, path: list[TreeJoint], moving: list[TreeJoint]) -> None:
+    for joint in path:
+        leader = tree.leader(joint.name)[0]
+        if leader.mimic is not None:
+            followed = leader.mimic.get("joint", "")
+            raise ConfigurationError(
+                "", f"joint {joint.name!r} mimics {followed!r}, which is no joint to follow"
+            )
+        if joint.mimic is not None and leader in moving:
+            raise ConfigurationError(
+                "joints",
+                f"joint {joint.name!r} mimics {leader.name!r}: leave that one out, and both are "
+                "held",
+            )
 
 
 def _held(tree: Tree, moving: list[TreeJoint], file: ArmFile) -> dict[str, float]:

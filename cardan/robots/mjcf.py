@@ -327,7 +327,7 @@ class _Translation:
                 self._body_of_site[site.name] = name
                 taken = site.name in self._links
                 frame = self._free_name(site.name + "_site" * taken, self._links)
-                self._put_joint(frame, "fixed", name, frame, self._pose(site))
+                self._put_fixed(name, frame, self._pose(site))
                 ET.SubElement(self.robot, "link", name=frame)
         for body in items:
             if body.tag == "body":
@@ -353,13 +353,15 @@ class _Translation:
             passed.append(self._put_moving(joint, outer, inner, compose(here, anchor)))
             outer, here = inner, Pose(scale(anchor.position, -1.0), anchor.orientation)
         if outer != name:
-            self._put_joint(f"{name}_fixed", "fixed", outer, name, here)
+            self._put_fixed(outer, name, here)
         self._above[name] = (parent, passed)
         self._fill(ET.SubElement(self.robot, "link", name=name), name, items)
 
+    def _put_fixed(self, outer: str, inner: str, at: Pose) -> None:
+        name = self._free_name(f"{inner}_fixed", self._joint_names)
+        self._put_joint(name, "fixed", outer, inner, at)
+
     def _put_joint(self, name: str, kind: str, outer: str, inner: str, at: Pose) -> ET.Element:
-        if kind == "fixed":
-            name = self._free_name(name, self._joint_names)
         joint = ET.SubElement(self.robot, "joint", name=name, type=kind)
         ET.SubElement(joint, "parent", link=outer)
         ET.SubElement(joint, "child", link=inner)

@@ -18,7 +18,7 @@ from cardan.common.extras import missing_extra
 from cardan.common.files import MODEL_BYTES
 from cardan.common.shortage import shortage
 from cardan.common.tables import read_text
-from cardan.errors import ConfigurationError
+from cardan.errors import ConfigurationError, about
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.mesh_files import find_package, package_folders
 from cardan.robots.mjcf import urdf_of
@@ -58,7 +58,10 @@ def read_description(path: Path, file: ArmFile) -> str:
     if not is_xacro(path):
         if file.xacro:
             raise ConfigurationError("xacro", f"{path} takes no arguments: it is no .xacro")
-        return urdf_of(text) if path.suffix.lower() == MJCF else text
+        if path.suffix.lower() != MJCF:
+            return text
+        with about(path):
+            return urdf_of(text)
     arguments = _Arguments(dict(file.xacro))
     text = _expanded(path, arguments, file)
     for name in file.xacro:
