@@ -589,11 +589,12 @@ class _Translation:
             if limit is None:
                 continue
             words = f"{element.tag} {element.get('name', '')!r}"
-            gear = _numbers(words, {"gear": attributes.get("gear", "1").split()[0]}, "gear", "1")
+            gear = _overlaid([*(each.get("gear", "") for each in attributes.maps), "1"]).split()[0]
+            (factor,) = _numbers(words, {"gear": gear}, "gear", "1")
             for key in ("force", "ctrl") if element.tag == "motor" else ("force",):
                 low, high = _numbers(words, attributes, f"{key}range", "0 0")
                 if _is_true(words, attributes, f"{key}limited", (low, high) != (0.0, 0.0)):
-                    _lower_effort(limit, min(-low, high) * abs(gear[0]))
+                    _lower_effort(limit, min(-low, high) * abs(factor))
 
     def _sections(self, tag: str) -> Iterable[ET.Element]:
         return (element for each in self._model.iterfind(tag) for element in each)

@@ -367,7 +367,7 @@ def test_joints_that_are_coupled_otherwise_are_held_and_none_of_an_arm(loaded, c
 
 def test_an_arm_whose_hand_is_welded_to_the_world_has_no_joints(loaded):
     welded = '<equality><weld name="held" body1="b"/></equality>'
-    with pytest.raises(ConfigurationError, match="joint 'j' mimics .*'held'"):
+    with pytest.raises(ConfigurationError, match=r"joint 'j' mimics .*'held'"):
         loaded(mjcf(more=welded))
 
 
