@@ -233,7 +233,7 @@ def _added(tree: Tree, file: ArmFile, at: Path, path: Path, published: Published
     file = read_table(ArmFile, parse_toml(text, path))
     meshes = meshes_of(tree, file, at)
     arm = build_arm(tree, file, meshes)
-    has_home = bool(published_home(arm.joints, tree))
+    has_home = bool(published_home(arm.joints, chain.tree))
     origin = "" if published is None else published.origin
     text = _text(arm, head, chain.base, lines, bool(proposals), task, origin, has_home)
     covers = tuple(_covers(file, list(meshes.values())))

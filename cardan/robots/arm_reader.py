@@ -26,8 +26,9 @@ from cardan.robots.arm_model import (
 )
 from cardan.robots.fit_cache import fit_mesh
 from cardan.robots.mesh_files import FoundMesh
+from cardan.robots.telescope import swept
 from cardan.robots.urdf import LOOSE, Limits, Place, Tree, arm_form, normal_form
-from cardan.spatial import compose, norm, scale, subtract, transform
+from cardan.spatial import compose, norm, rotate, scale, subtract, transform
 from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion, Vector3
 
 _END_CAP_TOLERANCE_M = 1e-4
@@ -67,6 +68,7 @@ def build_arm(
     wrong in the URDF.
     """
     chain = chain_of(tree, file)
+    tree = chain.tree
     limits = limits_of(chain.joints, file)
     # Pinocchio has not placed them yet.
     joints = [
@@ -111,6 +113,7 @@ def build_arm(
     own_shapes, owners = _own_shapes(chain, links, file.collision)
     owners = [*(shape.name for shape in shapes), *owners]
     shapes += own_shapes
+    shapes = _swept_shapes(shapes, owners, chain, joints)
     home = _home(joints, file.home_deg, tree)
     arm = ArmModel(
         name=tree.robot.get("name", ""),
@@ -321,6 +324,23 @@ def _shapes(
         for name, shapes in by_link.items()
         for shape in _without_end_caps(shapes)
     ]
+
+
+def _swept_shapes(
+    shapes: Sequence[BodyShape], owners: Sequence[str], chain: Chain, joints: Sequence[ArmJoint]
+) -> list[BodyShape]:
+    """`owners` are the links of the shapes."""
+    found = []
+    for each, owner in zip(shapes, owners, strict=True):
+        shape = each.shape
+        if sweep := chain.sweeps.get(owner):
+            number = [joint.name for joint in joints].index(sweep.joint)
+            joint, direction = joints[number], joints[number].axis
+            if each.body == number:  # What carries the joint.
+                direction = rotate(joint.placement.orientation, direction)
+            shape = swept(shape, direction, sweep)
+        found.append(each._replace(shape=shape))
+    return found
 
 
 def _solid_links(tree: Tree, links: _Links) -> tuple[str, ...]:

@@ -22,9 +22,9 @@ from cardan.robots.urdf import LARGEST_NUMBER, parse_xml, to_number
 from cardan.spatial import (
     add,
     compose,
-    conjugate,
     cross,
     dot,
+    from_axes,
     from_rotation_vector,
     multiply,
     norm,
@@ -298,7 +298,7 @@ class _Translation:
             x_axis = _direction(words, Vector3(*values[:3]))
             second = Vector3(*values[3:])
             y_axis = _direction(words, subtract(second, scale(x_axis, dot(x_axis, second))))
-            return _from_axes(x_axis, y_axis)
+            return from_axes(x_axis, y_axis)
         if "zaxis" in given:
             return _turned_z(_direction(words, Vector3(*_numbers(words, given, "zaxis", "0 0 0"))))
         try:
@@ -677,15 +677,6 @@ class _Translation:
                 if width == 1:
                     ET.SubElement(state, "joint", name=name, value=_text(values[at]))
                 at += width
-
-
-def _from_axes(x: Vector3, y: Vector3) -> Quaternion:
-    """The rotation that has these columns: first x is turned to its place, then y about it."""
-    angle = math.atan2(norm(cross(_X, x)), x.x)
-    axis = cross(_X, x) if norm(cross(_X, x)) > 1e-10 else _Z
-    first = from_rotation_vector(scale(axis, angle / norm(axis)))
-    there = rotate(conjugate(first), y)
-    return multiply(first, from_rotation_vector(scale(_X, math.atan2(there.z, there.y))))
 
 
 def _lower_effort(limit: ET.Element, effort: float) -> None:

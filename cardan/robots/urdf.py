@@ -17,7 +17,8 @@ from xml.parsers import expat
 from cardan.common.options import suggestion
 from cardan.errors import ConfigurationError, about
 from cardan.robots.arm_model import TIME_TO_FULL_SPEED_S, JointKind
-from cardan.types import JointLimits, Vector3
+from cardan.spatial import from_euler_zyx, normalized
+from cardan.types import IDENTITY, JointLimits, Quaternion, Vector3
 
 LARGEST_NUMBER = 1e6
 """No length, angle, speed or mass of an arm is larger: a mistake, and products would overflow."""
@@ -84,6 +85,28 @@ class TreeJoint(NamedTuple):
     def moves(self) -> bool:
         """Whether it has one direction of its own."""
         return self.kind in MOVING and self.mimic is None
+
+    def axis(self) -> Vector3:
+        """A unit vector in its own frame. Raises ConfigurationError."""
+        axis = self.element.find("axis")
+        if axis is None or axis.get("xyz") is None:
+            return Vector3(1.0, 0.0, 0.0)
+        numbers = _numbers(axis, "xyz", f"the axis of {self.name!r}")
+        length = math.hypot(*numbers)
+        if length < 1e-6:
+            raise _wrong(f"the axis of joint {self.name!r} has no direction")
+        return Vector3(*(each / length for each in numbers))
+
+    def orientation(self) -> Quaternion:
+        """Of its frame in its parent's. Raises ConfigurationError."""
+        origin, of = self.element.find("origin"), f"the origin of joint {self.name!r}"
+        if origin is not None and origin.get("quat_xyzw") is not None:
+            x, y, z, w = _numbers(origin, "quat_xyzw", of, 4)
+            with about(of):
+                return normalized(Quaternion(w, x, y, z))
+        if origin is None or origin.get("rpy") is None:
+            return IDENTITY
+        return from_euler_zyx(*_numbers(origin, "rpy", of))
 
     def refused(self) -> ConfigurationError:
         """What is raised where it stands and none of its kind may."""
@@ -505,7 +528,7 @@ def normal_form(
         ET.SubElement(made, "child", link=numbers[joint.child])
         _put_origin(made, joint.element, f"joint {joint.name!r}", old)
         if one_direction:
-            _put_axis(made, joint)
+            ET.SubElement(made, "axis", xyz=_text(*joint.axis()))
             ET.SubElement(made, "limit", lower="-1", upper="1", velocity="1", effort="1")
     return ET.tostring(robot, encoding="unicode")
 
@@ -563,17 +586,6 @@ def _put_limits(joint: ET.Element, limits: Limits) -> None:
     if math.isfinite(limits.lower):
         limit.set("lower", _text(limits.lower))
         limit.set("upper", _text(limits.upper))
-
-
-def _put_axis(made: ET.Element, joint: TreeJoint) -> None:
-    axis = joint.element.find("axis")
-    if axis is None or axis.get("xyz") is None:
-        return
-    numbers = _numbers(axis, "xyz", f"the axis of {joint.name!r}")
-    length = math.hypot(*numbers)
-    if length < 1e-6:
-        raise _wrong(f"the axis of joint {joint.name!r} has no direction")
-    ET.SubElement(made, "axis", xyz=_text(*(each / length for each in numbers)))
 
 
 def _put_origin(made: ET.Element, element: ET.Element, of: str, old: bool) -> None:
