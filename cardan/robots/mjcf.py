@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 from cardan.errors import ConfigurationError
-from cardan.robots.urdf import LARGEST_NUMBER, parse_xml, to_number
+from cardan.robots.urdf import LARGEST_NUMBER, MOST_LINKS, parse_xml, to_number
 from cardan.spatial import (
     add,
     compose,
@@ -182,6 +182,9 @@ class _Translation:
                     f"the arm's MJCF has <{element.tag}>, which is not expanded here: let MuJoCo "
                     "do it, by mj_saveLastXML"
                 )
+        for tag in ("body", "joint", "site"):
+            if (count := sum(1 for _ in model.iter(tag))) > MOST_LINKS:
+                raise _wrong(f"{count} {tag} elements are more than {MOST_LINKS}")
         self._model = model
         self.robot = ET.Element("robot", name=model.get("model", ""), version="1.1")
         self._compiler: _Attributes = ChainMap(
@@ -307,10 +310,12 @@ class _Translation:
             raise _wrong(f"quat of {words} has no direction") from None
 
     def _free_name(self, wanted: str, taken: set[str]) -> str:
-        while wanted in taken:
-            wanted += "_"
-        taken.add(wanted)
-        return wanted
+        name, number = wanted, 1
+        while name in taken:
+            number += 1
+            name = f"{wanted}_{number}"
+        taken.add(name)
+        return name
 
     # -----------------------------------------------------------------------------------------
     # Links and joints

@@ -462,7 +462,7 @@ def test_speeds_are_asked_for(loaded):
         (mjcf('<site name="s" quat="0 0 0 0"/>'), "quat of site 's' has no direction"),
         (mjcf('<site name="s" quat="1 0 0 0" euler="0 0 0"/>'), "site 's' has euler and quat"),
         (mjcf('<body name="a"/>'), "every link has a name of its own"),
-        (mjcf("<body/>" * 1000), "links are more than 1000"),
+        (mjcf("<body/>" * 1000), "1002 body elements are more than 1000"),
     ],
 )
 def test_what_cannot_be_translated_is_one_error_soon(loaded, text, words):

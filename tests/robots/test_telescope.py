@@ -97,6 +97,7 @@ def test_it_is_one_slide_that_is_as_long_as_all(loaded):
         assert np.abs(tip.homogeneous - ours.forward(q).homogeneous).max() < 1e-9
 
 
+@pytest.mark.parametrize("last", [2.0, 0.5], ids=["with the base", "with the end"])
 @pytest.mark.parametrize(
     "shape",
     [
@@ -105,13 +106,14 @@ def test_it_is_one_slide_that_is_as_long_as_all(loaded):
         '<capsule radius="0.05" length="0.3"/>',
     ],
 )
-def test_bodies_between_are_where_they_truly_are_and_more(loaded, shape):
+def test_bodies_between_are_where_they_truly_are_and_more(loaded, shape, last, monkeypatch):
+    monkeypatch.setitem(FACTORS, "s3", last)
     text = arm(shape=shape).replace('<robot name="r">', '<robot name="r" version="1.1">')
     model, (theirs, positions) = loaded(text), whole()
     ours, data = ArmKinematics(model), theirs.createData()
     bare = {each.name: each.shape for each in parse_urdf(alone(shape)).shapes}["l"]
     rng = np.random.default_rng(2)
-    for q in rng.uniform((-3, 0.01, 0), (3, 0.36, 0.2), (20, 3)):
+    for q in rng.uniform((-3, 0.01, 0), (3, model.upper[1], 0.2), (20, 3)):
         pin.framesForwardKinematics(theirs, data, positions(*q))
         mine = ours.model.createData()
         pin.forwardKinematics(ours.model, mine, q)
