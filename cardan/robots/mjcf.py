@@ -616,7 +616,7 @@ class _Translation:
                 bound |= {element.get("tendon1"), element.get("tendon2")}
             elif element.tag in ("connect", "weld"):
                 ends = [
-                    self._body_of_site.get(element.get(f"site{n}", ""))
+                    self._body_of_site.get(element.get(f"site{n}", ""), "")
                     or element.get(f"body{n}", _WORLD)
                     for n in (1, 2)
                 ]
