@@ -31,7 +31,7 @@ from cardan.drivers.ur_rtde.words import (
     REDUCED,
     again,
     mode_words,
-    other_generation,
+    other_arm,
     safety_words,
 )
 from cardan.protocols.ur.dashboard import UNLOCK_PROTECTIVE_STOP, LineReader, refusal, request
@@ -115,6 +115,8 @@ class UrSession:
         self._sent: deque[tuple[int, float]] = deque(maxlen=256)
         self._lines = LineReader()
         self._packages = PackageReader()
+        self._model = ""
+        """What the controller calls its arm, where a start has asked it."""
         self._unlocks = self._ended = False
         self._at_start = options.enable == "at-start"
         self._told_packages = 0
@@ -214,6 +216,7 @@ class UrSession:
         """A connection stands."""
         self._links[channel].opened(now_s)
         if channel == "rtde":
+            self._model = ""
             self.feed.connected(now_s)
             self._flush()
         elif channel == "dashboard":
@@ -317,6 +320,7 @@ class UrSession:
         while (line := self._lines.take()) is not None:
             if self._starting is not None:
                 self._starting.replied(line)
+                self._model = self._starting.model
             elif self._unlocks and not line.startswith("Connected"):
                 self.end_reason = refusal(UNLOCK_PROTECTIVE_STOP, line)
                 self._drop("dashboard", "not needed", now_s)
@@ -684,7 +688,9 @@ class UrSession:
         if self._live(now_s) and self.feed.values["safety_mode"] == SafetyMode.REDUCED:
             found.append(REDUCED)
         version = self.feed.version
-        if version is not None and (wrong := other_generation(self.options.robot, version.major)):
+        if version is not None and (
+            wrong := other_arm(self.options.robot, version.major, self._model)
+        ):
             found.append(wrong)
         for why, count in self.feed.ignored.most_common():
             last = f" ({self.feed.last_implausible})" if why == IMPLAUSIBLE else ""

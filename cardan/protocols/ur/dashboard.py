@@ -20,6 +20,7 @@ BRAKE_RELEASE: Final = "brake release"
 UNLOCK_PROTECTIVE_STOP: Final = "unlock protective stop"
 CLOSE_SAFETY_POPUP: Final = "close safety popup"
 REMOTE_CONTROL: Final = "is in remote control"
+ROBOT_MODEL: Final = "get robot model"
 STOP: Final = "stop"
 QUIT: Final = "quit"
 

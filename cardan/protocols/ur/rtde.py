@@ -24,6 +24,8 @@ LARGEST: Final = 0xFFFF
 _HEADER = struct.Struct(">HB")
 _WORD = struct.Struct(">H")
 _VERSION_REPLY = struct.Struct(">4I")
+_LONGEST_TEXT: Final = _HEADER.size + 2 * 256 + 1
+"""Bytes of a packet with a message, the longest that may come before the version is agreed on."""
 _FREQUENCY = struct.Struct(">d")
 
 
@@ -190,10 +192,12 @@ class PacketReader:
 
     @property
     def foreign(self) -> bool:
-        """Whether what comes next is no packet of any known type: another protocol's, where
-        nothing of RTDE came before."""
-        pending = self._pending
-        return len(pending) >= _HEADER.size and pending[2] not in _KINDS
+        """Whether what comes next is no answer to the version: another protocol's, where nothing
+        of RTDE came before. Text is, by its size, whatever letter stands for the type."""
+        if len(self._pending) < _HEADER.size:
+            return False
+        size, kind = _HEADER.unpack_from(self._pending)
+        return kind not in _KINDS or size > _LONGEST_TEXT
 
     def feed(self, data: bytes) -> None:
         """Add what came."""
