@@ -277,6 +277,31 @@ def check_numbers(
         raise CommandError(refused)
 
 
+def check_joints(
+    who: str, command: RobotCommand, kinds: Collection[CommandKind], joints: int
+) -> None:
+    """Raise CommandError for a command that is not of `kinds`, not for as many joints, or has
+    numbers that no robot can take."""
+    if type(command) is JointCommand:
+        # The usual case, by sums, which a NaN does not pass.
+        positions, speeds, axes, kind = command
+        if (
+            kind in kinds
+            and not axes
+            and len(positions) == joints
+            and sum(map(abs, positions)) <= _POSITIONS
+            and (
+                speeds is None or (len(speeds) == joints and sum(map(abs, speeds)) <= _SPEEDS)
+            )
+        ):
+            return
+    for name, values, allowed in joint_values(who, command, kinds):
+        check_numbers(name, values, allowed, joints)
+
+
+_POSITIONS, _SPEEDS = JOINT_POSITION.highest, JOINT_VELOCITY.highest
+
+
 def joint_values(
     who: str, command: RobotCommand, kinds: Collection[CommandKind]
 ) -> Sequence[tuple[str, tuple[float, ...], Range]]:

@@ -41,8 +41,8 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
     def send(self, command: RobotCommand) -> None:
         """Answer the state last yielded; without effect where that takes no command."""
         session = self._require_open()
-        session.check(command)
         if session.owes_answer and session.late(self._now_s()):
+            session.check(command)
             # The arm has moved on since the state that this command was computed from.
             self._wait(session, 0.0)
         super().send(command)

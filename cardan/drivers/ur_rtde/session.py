@@ -11,17 +11,16 @@ import math
 import random
 from collections import deque
 from collections.abc import Callable
-from typing import Any, Final, Literal
+from typing import Final, Literal
 
 from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.robot_core import (
     WAKE_S as REPORT_S,
     check_command,
-    check_numbers,
-    joint_values,
+    check_joints,
 )
 from cardan.drivers.tcp_robot import Connection
-from cardan.drivers.ur_rtde.feed import IMPLAUSIBLE, RtdeFeed
+from cardan.drivers.ur_rtde.feed import IMPLAUSIBLE, Package, RtdeFeed
 from cardan.drivers.ur_rtde.motion import Motion, nobody
 from cardan.drivers.ur_rtde.options import JOINTS, UrRtdeOptions
 from cardan.drivers.ur_rtde.program import Report, program
@@ -80,6 +79,10 @@ class Phase(enum.Enum):
     """The program runs, and commands act."""
     BRAKING = "braking"
     """A ramp, and then the program's end."""
+
+
+def _check(command: RobotCommand) -> None:
+    check_joints("the UR driver", command, KINDS, JOINTS)
 
 
 def _drawn_token() -> int:
@@ -141,7 +144,7 @@ class UrSession:
         """What can be commanded; the period is the controller's once it is known."""
         return RobotCapabilities(
             commands=KINDS,
-            period_s=1.0 / self.feed.rate_hz,
+            period_s=self.feed.period_s,
             joints=JOINTS,
             limits=self.limits,
             lag_s=self.options.lag_s,
@@ -166,12 +169,8 @@ class UrSession:
 
     @property
     def slider(self) -> float:
-        """How fast the controller's time passes: its speed slider, and its own scaling."""
-        values = self.feed.values
-        scale = values["target_speed_fraction"]
-        # The controller's own scaling is 0 while no program runs.
-        own = values["speed_scaling"]
-        return float(scale * own if 0.0 < own < 1.0 else scale)
+        """How fast the controller's time passes."""
+        return self.feed.values.slider
 
     @property
     def hold_reason(self) -> str:
@@ -179,8 +178,8 @@ class UrSession:
         if self.phase is Phase.DOWN:
             return self._silence()
         values = self.feed.values
-        if values["safety_mode"] not in MOVES_IN:
-            return safety_words(values["safety_mode"])
+        if values.safety_mode not in MOVES_IN:
+            return safety_words(values.safety_mode)
         if fault := self.feed.clock.fault:
             return again(fault)
         if self.phase is Phase.STARTING and self._starting is not None:
@@ -193,9 +192,9 @@ class UrSession:
             return ""
         if self.end_reason:
             return self.end_reason
-        if values["robot_mode"] != RobotMode.RUNNING:
+        if values.robot_mode != RobotMode.RUNNING:
             return f"{mode_words(values['robot_mode'])}; not enabled"
-        if values["safety_mode"] == SafetyMode.REDUCED:
+        if values.safety_mode == SafetyMode.REDUCED:
             return f"not enabled; {REDUCED}"
         return "not enabled"
 
@@ -307,7 +306,7 @@ class UrSession:
         fresh = feed.packages - before
         if fresh:
             self.superseded += fresh - 1
-            period_s = 1.0 / feed.rate_hz
+            period_s = feed.period_s
             if fresh == 1 and now_s - before_s < _JITTERED * period_s:
                 self.jitter.add(abs(now_s - before_s - period_s))
             self._look(now_s)
@@ -365,41 +364,41 @@ class UrSession:
         elif self.phase in (Phase.MOVING, Phase.BRAKING):
             self._watch(values, now_s)
 
-    def _watch(self, values: dict[str, Any], now_s: float) -> None:
+    def _watch(self, values: Package, now_s: float) -> None:
         """Look whether the program still runs and obeys."""
         motion = self._motion
         assert motion is not None
         why = ""
-        if values["safety_mode"] not in MOVES_IN:
-            why = safety_words(values["safety_mode"])
-        elif values["robot_mode"] != RobotMode.RUNNING:
+        if values.safety_mode not in MOVES_IN:
+            why = safety_words(values.safety_mode)
+        elif values.robot_mode != RobotMode.RUNNING:
             why = f"{mode_words(values['robot_mode'])}: motion has ended"
-        elif values["token"] != self._token:
+        elif values.token != self._token:
             why = "another program has the registers"
-        elif values["report"] != Report.FOLLOWS:
-            why = ENDS.get(values["report"], "the program at the controller has ended")
-        elif values["runtime_state"] in (RuntimeState.PAUSING, RuntimeState.PAUSED):
+        elif values.report != Report.FOLLOWS:
+            why = ENDS.get(values.report, "the program at the controller has ended")
+        elif values.runtime_state in (RuntimeState.PAUSING, RuntimeState.PAUSED):
             why = "the program was paused at the controller: stop it there"
-        elif values["runtime_state"] != RuntimeState.PLAYING:
+        elif values.runtime_state != RuntimeState.PLAYING:
             why = "the program was stopped at the controller"
         elif self._stuck(values, motion):
             why = "the program at the controller does not answer: another has taken its place"
         else:
             why = self._astray(values, now_s)
-        while self._sent and self._sent[0][0] <= values["beat"]:
+        while self._sent and self._sent[0][0] <= values.beat:
             beat, sent_s = self._sent.popleft()
-            if beat == values["beat"]:
+            if beat == values.beat:
                 self.command_latency.add(now_s - sent_s)
         if why:
             self._end("" if self.phase is Phase.BRAKING and self._ended else again(why))
         elif self.phase is Phase.BRAKING:
             self._brake(motion, now_s)
 
-    def _astray(self, values: dict[str, Any], now_s: float) -> str:
+    def _astray(self, values: Package, now_s: float) -> str:
         """Which joint has been too far from its target for too long, in words; empty: none."""
         farthest = 0.0
         joint = 0
-        for n, (q, target) in enumerate(zip(values["actual_q"], values["target_q"], strict=True)):
+        for n, (q, target) in enumerate(zip(values.actual_q, values.target_q, strict=True)):
             if abs(q - target) > farthest:
                 farthest, joint = abs(q - target), n
         if farthest <= self.options.following_error_rad:
@@ -411,13 +410,13 @@ class UrSession:
             "is measured wrongly"
         )
 
-    def _stuck(self, values: dict[str, Any], motion: Motion) -> bool:
+    def _stuck(self, values: Package, motion: Motion) -> bool:
         """Whether commands were sent and none was obeyed for a while."""
         beat, at_s = self._answered
         timestamp = self.feed.clock.time_s
         slow = self.slider < SLOWEST_SHARE
-        if values["beat"] != beat or values["beat"] == motion.beat or slow or timestamp < at_s:
-            self._answered = (values["beat"], timestamp)
+        if values.beat != beat or values.beat == motion.beat or slow or timestamp < at_s:
+            self._answered = (values.beat, timestamp)
             return False
         return bool(timestamp - at_s > ANSWER_S / min(self.slider, 1.0))
 
@@ -486,11 +485,11 @@ class UrSession:
         starting, values = self._starting, self.feed.values
         if starting is None or self.phase is not Phase.STARTING:
             return
-        if starting.uploaded and values["token"] == starting.token:
+        if starting.uploaded and values.token == starting.token:
             self._started(values, now_s)
             return
         asked = ""
-        modes = values["robot_mode"], values["safety_mode"], values["runtime_state"]
+        modes = values.robot_mode, values.safety_mode, values.runtime_state
         if self._links["dashboard"].up:
             asked = starting.asks(*modes, now_s)
         elif now_s >= starting.deadline_s:
@@ -504,14 +503,14 @@ class UrSession:
             text = program(self.options, starting.token, 1.0 / self.feed.control_rate_hz)
             self._out.append(("primary", text.encode()))
 
-    def _started(self, values: dict[str, Any], now_s: float) -> None:
-        if values["report"] != Report.FOLLOWS:
+    def _started(self, values: Package, now_s: float) -> None:
+        if values.report != Report.FOLLOWS:
             return
         self.starts += 1
         self.sessions += 1
         self._motion = Motion(self.options, self._token, self._beat)
-        self._motion.begin(values["target_q"])
-        self._answered = (values["beat"], self.feed.clock.time_s)
+        self._motion.begin(values.target_q)
+        self._answered = (values.beat, self.feed.clock.time_s)
         self._starting = None
         self._followed_s = now_s
         self.phase = Phase.MOVING
@@ -592,13 +591,13 @@ class UrSession:
         time_s = feed.clock.time_s
         before_s, self._before_s = self._before_s, time_s
         hold_reason = self.hold_reason
-        period_s = 1.0 / feed.rate_hz if before_s is None else time_s - before_s
+        period_s = feed.period_s if before_s is None else time_s - before_s
         state = self._state(now_s, RobotLink.LIVE, period_s, hold_reason)
         if self.phase is Phase.MOVING and self._motion is not None:
             self.owes_answer = True
             if not self._acts or hold_reason:
                 # Whatever was asked for while nothing could move is void.
-                self._motion.begin(feed.values["target_q"])
+                self._motion.begin(feed.values.target_q)
             if not self._acts and not hold_reason:
                 self.sessions += 1
                 state = state._replace(session=self.sessions)
@@ -616,11 +615,11 @@ class UrSession:
             session=self.sessions,
             sequence=self.feed.packages,
             period_s=period_s,
-            joints=values.get("actual_q", ()),
+            joints=values.actual_q,
             external_axes=(),
             pose=None,
             hold_reason=hold_reason,
-            velocities=values.get("actual_qd", ()),
+            velocities=values.actual_qd,
         )
 
     def command(self, command: RobotCommand, now_s: float) -> None:
@@ -641,7 +640,7 @@ class UrSession:
 
     def _send(self, command: RobotCommand, motion: Motion, now_s: float) -> None:
         scale = max(min(self.slider, 1.0), SLOWEST_SHARE)
-        values = motion.command(command, self.feed.clock.time_s, 1.0 / self.feed.rate_hz, scale)
+        values = motion.command(command, self.feed.clock.time_s, self.feed.period_s, scale)
         if values is not None:
             self._beat = motion.beat
             self.commands += 1
@@ -654,11 +653,7 @@ class UrSession:
 
         Commands beyond the limits are limited, not refused.
         """
-        check_command("the UR driver", command, self._check)
-
-    def _check(self, command: RobotCommand) -> None:
-        for name, values, allowed in joint_values("the UR driver", command, KINDS):
-            check_numbers(name, values, allowed, JOINTS)
+        check_command("the UR driver", command, _check)
 
     # -- diagnosis --------------------------------------------------------------------------------
 
@@ -685,7 +680,7 @@ class UrSession:
                 f"the speed slider is at {100.0 * self.slider:.0f} %: the arm's highest speeds are "
                 "so much lower, and it lags behind so much more"
             )
-        if self._live(now_s) and self.feed.values["safety_mode"] == SafetyMode.REDUCED:
+        if self._live(now_s) and self.feed.values.safety_mode == SafetyMode.REDUCED:
             found.append(REDUCED)
         version = self.feed.version
         if version is not None and (
@@ -709,7 +704,7 @@ class UrSession:
         """Live figures."""
         latency = self.command_latency
         return {
-            "period_s": 1.0 / self.feed.rate_hz,
+            "period_s": self.feed.period_s,
             "period_jitter_p99_s": self.jitter.percentile(99.0),
             "lost": float(self.feed.skipped),
             "sessions": float(self.sessions),

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from operator import itemgetter
 from typing import Any, Final, NamedTuple
@@ -22,6 +22,7 @@ LARGEST: Final = 0xFFFF
 """Bytes of a packet; its size has 16 bits."""
 
 _HEADER = struct.Struct(">HB")
+_DATA_HEAD = struct.Struct(">HBB")
 _WORD = struct.Struct(">H")
 _VERSION_REPLY = struct.Struct(">4I")
 _LONGEST_TEXT: Final = _HEADER.size + 2 * 256 + 1
@@ -298,6 +299,8 @@ _CODES: Mapping[str, tuple[str, int]] = {
 """Types of variables: what `struct` calls the numbers, and how many there are."""
 
 TYPES: Final = frozenset(_CODES)
+VALUES_FROM: Final = _HEADER.size + 1
+"""Where the values of a data package begin."""
 
 
 class Recipe:
@@ -315,7 +318,10 @@ class Recipe:
             places.append(at if count == 1 else slice(at, at + count))
             at += count
         # With one place itemgetter would give the value itself.
-        self._parted = itemgetter(*places, slice(0, 0)) if places else tuple
+        self._parted: Callable[[tuple[Any, ...]], tuple[Any, ...]] = (
+            itemgetter(*places) if len(places) > 1 else lambda flat: tuple(flat[p] for p in places)
+        )
+        self._head = _DATA_HEAD.pack(self._packet.size, _DATA, number)
 
     @property
     def size(self) -> int:
@@ -326,7 +332,17 @@ class Recipe:
         """The values by name, vectors as tuples; None where they have the wrong size."""
         if len(values) != self._struct.size:
             return None
-        return dict(zip(self.names, self._parted(self._struct.unpack(values)), strict=False))
+        return dict(zip(self.names, self.values(values), strict=True))
+
+    def values(self, data: bytes, offset: int = 0) -> tuple[Any, ...]:
+        """The values in their order, vectors as tuples, from `offset` on; struct.error where they
+        have not all come."""
+        return self._parted(self._struct.unpack_from(data, offset))
+
+    def alone(self, data: bytes) -> bool:
+        """Whether `data` is one whole data package of this recipe; its values are from
+        `VALUES_FROM` on."""
+        return len(data) == self._packet.size and data.startswith(self._head)
 
     def pack(self, values: Sequence[Any]) -> bytes:
         """A data package of the values in the order of `names`. Raises struct.error for a value
