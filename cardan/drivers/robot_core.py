@@ -290,9 +290,7 @@ def check_joints(
             and not axes
             and len(positions) == joints
             and sum(map(abs, positions)) <= _POSITIONS
-            and (
-                speeds is None or (len(speeds) == joints and sum(map(abs, speeds)) <= _SPEEDS)
-            )
+            and (speeds is None or (len(speeds) == joints and sum(map(abs, speeds)) <= _SPEEDS))
         ):
             return
     for name, values, allowed in joint_values(who, command, kinds):

@@ -152,6 +152,8 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
         super().__init__(options, **keywords)
         self._session = self._make_session()
         self._links: dict[ChannelT, Link] = {}
+        self._behind = False
+        """A connection has not taken everything yet."""
         self._address = ""
         self._tasks: deque[TaskT] = deque()
 
@@ -217,8 +219,13 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
         """Wait until something comes or is due, and take what came."""
         links = self._links
         timeout_s = min(max(session.next_s - _monotonic(), 0.0), longest_s)
-        reads = [link.socket for link in links.values() if not link.connecting]
-        writes = [link.socket for link in links.values() if link.connecting or link.backlog]
+        reads: list[socket.socket] = []
+        writes: list[socket.socket] = []
+        for link in links.values():
+            if not link.connecting:
+                reads.append(link.socket)
+            if link.connecting or link.backlog:
+                writes.append(link.socket)
         try:
             readable, writable, _ = select.select(reads, writes, [], timeout_s)
         except (OSError, ValueError):  # a socket was closed, or its number is too high
@@ -298,9 +305,8 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
         """Send what is to be sent: each message by a send of its own, as MotoROS needs it."""
         for channel in session.closing():
             self._cut(channel)
-        for channel, link in tuple(self._links.items()):
-            if link.backlog and not link.connecting:
-                self._push(session, channel, link)
+        if self._behind:
+            self._catch_up(session)
         for channel, data in session.outgoing():
             to = self._links.get(channel)
             if to is None:
@@ -317,9 +323,19 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
                 except OSError as error:
                     self._lost(session, channel, error.strerror or str(error))
                     continue
+                if sent == len(data):
+                    continue
                 to.backlog += data[sent:]
+            self._behind = True
             if len(to.backlog) > _BACKLOG_BYTES:
                 self._lost(session, channel, "the controller takes nothing any more")
+
+    def _catch_up(self, session: TcpSessionT) -> None:
+        """Send more of what a connection did not take at once."""
+        for channel, link in tuple(self._links.items()):
+            if link.backlog and not link.connecting:
+                self._push(session, channel, link)
+        self._behind = any(link.backlog for link in self._links.values())
 
     def _push(self, session: TcpSessionT, channel: ChannelT, link: Link) -> None:
         try:

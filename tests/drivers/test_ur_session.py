@@ -481,6 +481,7 @@ def test_a_state_of_before_is_not_answered_after_a_new_start():
 def test_a_jump_in_the_registers_ends_the_program():
     rig = turning()
     registers = rig.controller.registers
+    rig.stall(0.001)  # what is underway arrives
     rig.alive = False
     token, beat = registers.input_int[24:26]
     registers.input_int[24:27] = [token, beat + 1, Order.FOLLOW]
