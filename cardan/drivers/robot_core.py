@@ -185,8 +185,15 @@ def check_command(who: str, command: RobotCommand, check: Callable[[RobotCommand
     """`check(command)`; parts that are not what their annotations say are a CommandError, too."""
     try:
         check(command)
-    except (TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise CommandError(f"{who} cannot take {shown(command)}: {error}") from None
+    except _NOT_SUCH as error:
+        raise _cannot(who, command, error) from None
+
+
+_NOT_SUCH = (TypeError, ValueError, AttributeError, OverflowError)
+
+
+def _cannot(who: str, command: RobotCommand, error: Exception) -> CommandError:
+    return CommandError(f"{who} cannot take {shown(command)}: {error}")
 
 
 def outside(name: str, values: Sequence[float], allowed: Range) -> str:
@@ -282,6 +289,15 @@ def check_joints(
 ) -> None:
     """Raise CommandError for a command that is not of `kinds`, not for as many joints, or has
     numbers that no robot can take."""
+    try:
+        _check_joints(who, command, kinds, joints)
+    except _NOT_SUCH as error:
+        raise _cannot(who, command, error) from None
+
+
+def _check_joints(
+    who: str, command: RobotCommand, kinds: Collection[CommandKind], joints: int
+) -> None:
     if type(command) is JointCommand:
         # The usual case, by sums, which a NaN does not pass.
         positions, speeds, axes, kind = command

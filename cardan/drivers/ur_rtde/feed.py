@@ -88,8 +88,8 @@ def _implausible(values: Package) -> str:
     """Which numbers of a package no robot measures, in words; empty where all may be."""
     # The usual case by sums, which a NaN does not pass.
     if (
-        sum(map(abs, values.actual_q + values.target_q)) <= _POSITIONS
-        and sum(map(abs, values.actual_qd + values.target_qd)) <= _SPEEDS
+        sum(map(abs, values.actual_q + values.target_q + values.actual_qd + values.target_qd))
+        <= _USUAL
         and abs(values.speed_scaling) + abs(values.target_speed_fraction) <= _SCALES
         and abs(values.timestamp) <= _TIMES_S
     ):
@@ -105,7 +105,7 @@ def _implausible(values: Package) -> str:
     )
 
 
-_POSITIONS, _SPEEDS = JOINT_POSITION.highest, JOINT_VELOCITY.highest
+_USUAL = min(JOINT_POSITION.highest, JOINT_VELOCITY.highest)
 _SCALES, _TIMES_S = _SCALE.highest, _TIME_S.highest
 
 
