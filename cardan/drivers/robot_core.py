@@ -299,14 +299,14 @@ def _check_joints(
     who: str, command: RobotCommand, kinds: Collection[CommandKind], joints: int
 ) -> None:
     if type(command) is JointCommand:
-        # The usual case, by sums, which a NaN does not pass.
+        # The usual case, by their length, which a NaN does not pass.
         positions, speeds, axes, kind = command
         if (
             kind in kinds
             and not axes
             and len(positions) == joints
-            and sum(map(abs, positions)) <= _POSITIONS
-            and (speeds is None or (len(speeds) == joints and sum(map(abs, speeds)) <= _SPEEDS))
+            and math.hypot(*positions) <= _POSITIONS
+            and (speeds is None or (len(speeds) == joints and math.hypot(*speeds) <= _SPEEDS))
         ):
             return
     for name, values, allowed in joint_values(who, command, kinds):

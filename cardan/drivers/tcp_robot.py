@@ -198,12 +198,15 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
             while self._loop == loop:
                 self._turn(session, _monotonic())
                 state = session.due_state(_monotonic())
-                if state is None:
-                    self._wait(session, _LONGEST_WAIT_S)
-                    continue
-                yield state
-                if session.owes_answer and self._loop == loop:
-                    self.send(HoldCommand())
+                if state is not None:
+                    yield state
+                    if self._loop != loop:
+                        return
+                    if session.owes_answer:
+                        self.send(HoldCommand())
+                    if self._tasks:
+                        continue
+                self._wait(session, _LONGEST_WAIT_S)
 
     def _turn(self, session: TcpSessionT, now_s: float) -> None:
         """Do what is due."""
@@ -216,7 +219,8 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
         self._flush(session)
 
     def _wait(self, session: TcpSessionT, longest_s: float) -> None:
-        """Wait until something comes or is due, and take what came."""
+        """Wait until something comes or is due, and take what came; what answers it is sent with
+        what is due."""
         links = self._links
         timeout_s = min(max(session.next_s - _monotonic(), 0.0), longest_s)
         reads: list[socket.socket] = []
@@ -237,7 +241,6 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
                     self._finish_connecting(session, channel, link, now_s)
             elif link.socket in readable:
                 self._receive(session, channel, link)
-        self._flush(session)
 
     def send(self, command: RobotCommand) -> None:
         """Answer the state last yielded; without effect where that takes no command."""
@@ -257,6 +260,7 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
             self._flush(session)
             if not session.left:
                 self._wait(session, min(left_s, _LONGEST_WAIT_S))
+        self._flush(session)
 
     # -- sockets ----------------------------------------------------------------------------------
 

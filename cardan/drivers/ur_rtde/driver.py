@@ -45,7 +45,8 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
             session.check(command)
             # The arm has moved on since the state that this command was computed from.
             self._wait(session, 0.0)
-        super().send(command)
+        session.command(command, self._now_s())
+        self._flush(session)
 
     def enable(self) -> None:
         """Switch power on, release the brakes and start the program. Done by the loop; the states'

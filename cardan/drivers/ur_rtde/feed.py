@@ -86,9 +86,9 @@ IMPLAUSIBLE: Final = "implausible"
 
 def _implausible(values: Package) -> str:
     """Which numbers of a package no robot measures, in words; empty where all may be."""
-    # The usual case by sums, which a NaN does not pass.
+    # The usual case by their length, which a NaN does not pass.
     if (
-        sum(map(abs, values.actual_q + values.target_q + values.actual_qd + values.target_qd))
+        math.hypot(*values.actual_q, *values.target_q, *values.actual_qd, *values.target_qd)
         <= _USUAL
         and abs(values.speed_scaling) + abs(values.target_speed_fraction) <= _SCALES
         and abs(values.timestamp) <= _TIMES_S
@@ -152,7 +152,8 @@ class RtdeFeed:
         self._reader = PacketReader()
         self._outputs: Recipe | None = None
         self._inputs: Recipe | None = None
-        self._deadline_s = math.inf
+        self.next_s = math.inf
+        """When `advance` is to be called."""
         self._timestamp = math.nan
         self.clock.begin()
         self.out.clear()
@@ -168,11 +169,6 @@ class RtdeFeed:
         self.period_s = 1.0 / self.rate_hz
         """Between two of them."""
 
-    @property
-    def next_s(self) -> float:
-        """When `advance` is to be called."""
-        return self._deadline_s
-
     def connected(self, now_s: float) -> None:
         """The connection stands."""
         self._disconnect()
@@ -184,7 +180,7 @@ class RtdeFeed:
 
     def advance(self, now_s: float) -> None:
         """Look whether an answer is overdue."""
-        if now_s >= self._deadline_s:
+        if now_s >= self.next_s:
             self.failure = f"it did not answer within {self.options.request_timeout_s:g} s"
 
     def received(self, data: bytes, now_s: float) -> None:
@@ -212,7 +208,7 @@ class RtdeFeed:
 
     def _ask(self, request: bytes, now_s: float) -> None:
         self.out.append(request)
-        self._deadline_s = now_s + self.options.request_timeout_s
+        self.next_s = now_s + self.options.request_timeout_s
 
     def _take(self, kind: int, payload: bytes, now_s: float) -> None:
         self.answered = True
@@ -244,7 +240,7 @@ class RtdeFeed:
             else:
                 self.failure = "it has no RTDE of version 2: PolyScope 3.2 and later have"
         elif reply.kind is PacketType.START:
-            self._deadline_s = math.inf
+            self.next_s = math.inf
             self.streaming = reply.accepted
             self.clock.period_s = self.period_s
             if not reply.accepted:
@@ -312,9 +308,9 @@ class RtdeFeed:
             self.ignored[IMPLAUSIBLE] += 1
             self.last_implausible = wrong
             return
-        if not math.isnan(self._timestamp):
-            missed = round((timestamp - self._timestamp) * self.rate_hz) - 1
-            self.skipped += max(missed, 0)
+        periods = (timestamp - self._timestamp) * self.rate_hz
+        if periods >= 1.5:
+            self.skipped += round(periods) - 1
         self._timestamp = timestamp
         self.clock.passed(timestamp, now_s)
         self.values = values

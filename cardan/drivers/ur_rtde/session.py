@@ -114,7 +114,6 @@ class UrSession:
         """From a command until the state that shows that the program obeyed it."""
         self._draw = draw
         self._links: dict[Channel, Connection] = {name: Connection() for name in CHANNELS}
-        self._all_links = tuple(self._links.values())
         self._blind_s, self._astray_rad = options.state_timeout_s, options.following_error_rad
         self._out: deque[tuple[Channel, bytes]] = deque()
         self._closing: list[Channel] = []
@@ -403,13 +402,18 @@ class UrSession:
 
     def _astray(self, values: Package, now_s: float) -> str:
         """Which joint has been too far from its target for too long, in words; empty: none."""
-        farthest = max(map(abs, map(sub, values.actual_q, values.target_q)))
-        if farthest <= self._astray_rad:
+        most = self._astray_rad
+        # No joint is farther off than all of them together.
+        if math.dist(values.actual_q, values.target_q) <= most:
+            self._followed_s = now_s
+            return ""
+        apart = [*map(abs, map(sub, values.actual_q, values.target_q))]
+        farthest = max(apart)
+        if farthest <= most:
             self._followed_s = now_s
             return ""
         if now_s - self._followed_s <= FOLLOWING_S:
             return ""
-        apart = [*map(abs, map(sub, values.actual_q, values.target_q))]
         return (
             f"joint {apart.index(farthest) + 1} is {farthest:.2f} rad from its target: something "
             "holds it, or it is measured wrongly"
@@ -545,10 +549,12 @@ class UrSession:
         found = min(self.feed.next_s, self._said_s + WAKE_S)
         if self._said_link is RobotLink.LIVE:
             found = min(found, self.feed.heard_s + self._blind_s)
+        if self._motion is not None:
+            return found
         if self._starting is not None:
             found = min(found, self._starting.deadline_s)
         counted_s = self._counted_s
-        for link in self._all_links:
+        for link in self._links.values():
             if found > link.retry_s > counted_s and not link.up:
                 found = link.retry_s
         return found
