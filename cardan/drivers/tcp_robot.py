@@ -222,7 +222,9 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
         """Wait until something comes or is due, and take what came; what answers it is sent with
         what is due."""
         links = self._links
-        timeout_s = min(max(session.next_s - _monotonic(), 0.0), longest_s)
+        timeout_s = session.next_s - _monotonic()
+        if not 0.0 <= timeout_s <= longest_s:
+            timeout_s = min(max(timeout_s, 0.0), longest_s)
         reads: list[socket.socket] = []
         writes: list[socket.socket] = []
         for link in links.values():

@@ -546,9 +546,10 @@ class UrSession:
     @property
     def next_s(self) -> float:
         """When `advance` and `due_state` are to be called at the latest."""
-        found = min(self.feed.next_s, self._said_s + WAKE_S)
-        if self._said_link is RobotLink.LIVE:
-            found = min(found, self.feed.heard_s + self._blind_s)
+        feed = self.feed
+        found = min(feed.next_s, self._said_s + WAKE_S)
+        if self._said_link is RobotLink.LIVE and feed.heard_s + self._blind_s < found:
+            found = feed.heard_s + self._blind_s
         if self._motion is not None:
             return found
         if self._starting is not None:
@@ -670,7 +671,9 @@ class UrSession:
 
     def _send(self, command: RobotCommand, motion: Motion, now_s: float) -> None:
         feed = self.feed
-        scale = max(min(feed.values.slider, 1.0), SLOWEST_SHARE)
+        scale = feed.values.slider
+        if not SLOWEST_SHARE <= scale <= 1.0:
+            scale = max(min(scale, 1.0), SLOWEST_SHARE)
         values = motion.command(command, feed.clock.time_s, feed.period_s, scale)
         if values is not None:
             self._beat = beat = motion.beat

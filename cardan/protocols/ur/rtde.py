@@ -12,7 +12,7 @@ from __future__ import annotations
 import enum
 import struct
 from collections.abc import Callable, Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from operator import itemgetter
 from typing import Any, Final, NamedTuple
 
@@ -321,6 +321,7 @@ class Recipe:
         self._parted: Callable[[tuple[Any, ...]], tuple[Any, ...]] = (
             itemgetter(*places) if len(places) > 1 else lambda flat: tuple(flat[p] for p in places)
         )
+        self._pack = partial(self._packet.pack, self._packet.size, _DATA, number)
         self._head = _DATA_HEAD.pack(self._packet.size, _DATA, number)
 
     @property
@@ -355,7 +356,7 @@ class Recipe:
                     flat.append(value)
                 else:
                     flat.extend(value)
-        return self._packet.pack(self._packet.size, _DATA, self.number, *flat)
+        return self._pack(*flat)
 
 
 @lru_cache(maxsize=64)
