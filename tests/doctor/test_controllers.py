@@ -21,17 +21,25 @@ from cardan.drivers.leap import Leap
 from cardan.drivers.motoros import Motoros
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.ur_rtde import UrRtde
+from cardan.protocols.ur.dashboard import GREETING
+from cardan.protocols.ur.rtde import PacketType, reply_accepted, text
 from tests.doctor.told import told
 
 EGM = Endpoint("udp", "192.168.125.99", 6510, True, "192.168.125.1")
 STATE = Endpoint("tcp", "192.168.255.1", 50241)
-RTDE = UrRtde().endpoints()[0]
+RTDE, DASHBOARD = UrRtde().endpoints()
+VERSION = reply_accepted(PacketType.PROTOCOL_VERSION, True)
+(MOTOROS,) = Motoros().endpoints()
+STATUS = (40).to_bytes(4, "little")
 
 
 def test_what_drivers_use():
     egm = AbbEgm(listen_host="127.0.0.1", listen_port=6599, controller_host="127.0.0.2")
-    assert egm.endpoints() == (Endpoint("udp", "127.0.0.1", 6599, True, "127.0.0.2"),)
-    assert Motoros(host="127.0.0.3").endpoints() == (Endpoint("tcp", "127.0.0.3", 50241),)
+    (listens,) = egm.endpoints()
+    assert listens[:5] == ("udp", "127.0.0.1", 6599, True, "127.0.0.2")
+    (state,) = Motoros(host="127.0.0.3").endpoints()
+    assert state[:4] == ("tcp", "127.0.0.3", 50241, False)
+    assert egm.endpoints() == (listens,)  # two users of one are looked at once
     assert Leap().endpoints() == (Endpoint("tcp", "127.0.0.1", 6437),)
     assert SimArm().endpoints() == ()
 
@@ -47,7 +55,15 @@ def test_what_drivers_use():
         (EGM, Heard(error=errno.EADDRNOTAVAIL), "failure", "listen-address"),
         (EGM, Heard(error=errno.EACCES), "failure", "listen-address"),
         (STATE, Heard(("192.168.255.1",)), "good", "reached"),
-        (RTDE, Heard(("192.168.255.1",), RTDE.answer), "good", "reached"),
+        (EGM, Heard(said=b"GET / HTTP/1.1"), "failure", "other-server"),
+        (MOTOROS, Heard(("192.168.255.1",), b"SSH-2.0-OpenSSH"), "failure", "other-server"),
+        (MOTOROS, Heard(("192.168.255.1",)), "failure", "other-server"),
+        (MOTOROS, Heard(("192.168.255.1",), STATUS), "good", "reached"),
+        (DASHBOARD, Heard(("192.168.255.1",), GREETING.encode()), "good", "reached"),
+        (DASHBOARD, Heard(("192.168.255.1",), GREETING[:9].encode()), "failure", "other-server"),
+        (RTDE, Heard(("192.168.255.1",), VERSION), "good", "reached"),
+        (RTDE, Heard(("192.168.255.1",), text("hello", "", 3) + VERSION), "good", "reached"),
+        (RTDE, Heard(("192.168.255.1",), b"RTSP/1.0 400"), "failure", "other-server"),
         (RTDE, Heard(("192.168.255.1",), b"HTTP/1.1 400"), "failure", "other-server"),
         (RTDE, Heard(("192.168.255.1",)), "failure", "other-server"),
         (STATE, Heard(error=errno.ECONNREFUSED), "failure", "not-reached"),
@@ -135,12 +151,29 @@ def test_a_server_is_connected_to_and_told_nothing():
 
 
 @pytest.mark.matrix
-def test_the_check(tmp_path):
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        (STATUS, ("good", "reached")),
+        (b"SSH-2.0-OpenSSH_9.6\r\n", ("failure", "other-server")),
+        (b"", ("failure", "other-server")),
+    ],
+)
+def test_the_check(tmp_path, said, expected):
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
+
+        def serve():
+            client, _ = server.accept()
+            with client:
+                client.sendall(said)
+
+        serving = threading.Thread(target=serve)
+        serving.start()
         file = tmp_path / "gp8.toml"
         file.write_text(f'[robot]\ndriver = "motoros"\nstate_port = {port}\n[arm]\nmodel = "gp8"\n')
         layout, wrong = read_files([file])
         assert not wrong
         found = list(Controllers.look(Subject((file,), layout)))
-    assert told(Controllers, found) == [("good", "reached")]
+        serving.join()
+    assert told(Controllers, found) == [expected]

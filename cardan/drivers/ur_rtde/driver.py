@@ -7,8 +7,8 @@ from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.drivers.tcp_robot import TcpRobot
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.session import CHANNELS, Channel, Task, UrSession
-from cardan.protocols.ur.dashboard import GREETING
-from cardan.protocols.ur.rtde import PacketType, ask_version, reply_accepted
+from cardan.protocols.ur.dashboard import greets
+from cardan.protocols.ur.rtde import ask_version, speaks_rtde
 from cardan.types import RobotCommand
 
 
@@ -78,9 +78,9 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
                 options.host,
                 options.rtde_port,
                 request=ask_version(),
-                answer=reply_accepted(PacketType.PROTOCOL_VERSION, True),
+                speaks=speaks_rtde,
             ),
-            Endpoint("tcp", options.host, options.dashboard_port, answer=GREETING.encode()),
+            Endpoint("tcp", options.host, options.dashboard_port, speaks=greets),
         )
 
     def metrics(self) -> dict[str, float]:

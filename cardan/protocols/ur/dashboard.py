@@ -50,6 +50,12 @@ def refusal(line: str, reply: str) -> str:
     return "" if reply.lower().startswith(GRANTED[line].lower()) else reply
 
 
+def greets(said: bytes) -> bool | None:
+    """Whether a server's first words are a dashboard's; None: more is needed."""
+    greeting = GREETING.encode()
+    return None if said != greeting and greeting.startswith(said) else said.startswith(greeting)
+
+
 class LineReader:
     """Cuts a TCP stream into lines."""
 

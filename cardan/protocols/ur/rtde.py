@@ -220,6 +220,19 @@ class PacketReader:
         return kind, payload
 
 
+def speaks_rtde(said: bytes) -> bool | None:
+    """Whether a server's first words, to the question for the version, are RTDE; None: more is
+    needed."""
+    reader = PacketReader()
+    reader.feed(said)
+    if reader.foreign:
+        return False
+    found = reader.take()
+    if found is None:
+        return False if reader.failure else None
+    return not isinstance(read_reply(*found), Malformed)
+
+
 Reply = Accepted | ControllerVersion | Text | SetupReply | Data
 Asked = Request | Text | Setup | Data
 
