@@ -117,6 +117,26 @@ def test_a_controller_that_sends_is_heard_and_not_answered():
 
 
 @pytest.mark.matrix
+def test_datagrams_of_another_protocol_are_no_controller():
+    (endpoint,) = AbbEgm(listen_host="127.0.0.1", listen_port=free_port()).endpoints()
+    stop = threading.Event()
+    with udp() as other:
+
+        def send():
+            while not stop.wait(0.01):
+                other.sendto(b"GET / HTTP/1.1", ("127.0.0.1", endpoint.port))
+
+        sending = threading.Thread(target=send)
+        sending.start()
+        try:
+            heard = listen([endpoint], 2.0)
+        finally:
+            stop.set()
+            sending.join()
+    assert heard == {endpoint: Heard(said=b"GET / HTTP/1.1")}
+
+
+@pytest.mark.matrix
 def test_silence_and_ports_that_cannot_be_had():
     with udp() as other:
         port = other.getsockname()[1]

@@ -118,7 +118,7 @@ class StateFeed:
         if reader.failure and not self.failure:
             self._ignore(reader.failure)
             self.failure = f"the state port sent {reader.failure}"
-            if self._wire is None:
+            if reader.byte_order is None:
                 self.failure += ": it does not speak MotoROS; is state_port the controller's?"
 
     def _choose(self, frame: bytes) -> Wire | None:
