@@ -1,6 +1,5 @@
 """Keeps what can be made again in the user's cache folder, by a key of what it is made of."""
 
-
 from __future__ import annotations
 
 import hashlib

@@ -49,6 +49,20 @@ class Surface(NamedTuple):
             np.concatenate([np.empty((0, 3), dtype=np.int64), *shifted]),
         )
 
+    def packed(self) -> bytes:
+        """As a browser draws it: the number of corners, of which none is there twice, and that of
+        triangles (uint32); the corners' coordinates (float32); each triangle's corners (uint32).
+        All little-endian. Raises ValueError for a corner farther away than a float32 can be."""
+        with np.errstate(all="ignore"):
+            corners = np.ascontiguousarray(self.points, dtype="<f4") + np.float32(0.0)  # No -0.0.
+        if not np.isfinite(corners).all():
+            _refuse("has a corner that is not finite")
+        rows = corners.view(np.dtype((np.void, 12))).reshape(-1)
+        _, first, which = np.unique(rows, return_index=True, return_inverse=True)
+        triangles = which.reshape(-1)[self.triangles].astype("<u4")
+        counts = np.array([len(first), len(triangles)], dtype="<u4")
+        return counts.tobytes() + corners[first].tobytes() + triangles.tobytes()
+
 
 def points_in(data: bytes, path: Path, scale: Vector3 = UNSCALED) -> Points:
     """Corners of the faces of the mesh at `path` with these bytes, as `surface_in` has them. Raises

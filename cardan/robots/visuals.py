@@ -1,9 +1,6 @@
 """What an arm looks like: the visual meshes of its description, for programs that draw it.
 
-A mesh is read once and kept in the user's cache folder by its content. What is kept is what a
-browser draws without reading further: after the number of corners and that of triangles (uint32)
-the corners' coordinates (float32, m, before the URDF's scale) and each triangle's corners (uint32),
-all little-endian.
+A mesh is read once and kept in the user's cache folder by its content, as `Surface.packed` has it.
 """
 
 from __future__ import annotations
@@ -12,12 +9,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from cardan.common.arm_libraries import np
 from cardan.common.kept import content_key, keep_bytes, kept_bytes
-from cardan.errors import ConfigurationError, shown
+from cardan.errors import ConfigurationError, about, shown
 from cardan.robots.arm_loader import ArmTexts, arm_names, located
 from cardan.robots.mesh_files import find_mesh, package_folders, read_mesh
-from cardan.robots.meshes import Surface, surface_in
 from cardan.robots.urdf import Tree, read_tree
 
 KIND: Final = "visuals"
@@ -101,7 +96,12 @@ def _keep(uri: str, urdf: Path, folders: Sequence[Path]) -> tuple[str, int]:
     key = content_key((METHOD, path.suffix.lower(), data))
     drawn = kept_bytes(KIND, key)
     if drawn is None:
-        drawn = _drawn(surface_in(data, path))
+        # An extra: who only shows what is kept needs none.
+        from cardan.robots.meshes import surface_in
+
+        surface = surface_in(data, path)
+        with about(f"mesh {path}"):
+            drawn = surface.packed()
         if len(drawn) > MOST_BYTES:
             drawn = b""  # Kept, too: it is not read again.
         if not keep_bytes(KIND, key, drawn):
@@ -111,13 +111,3 @@ def _keep(uri: str, urdf: Path, folders: Sequence[Path]) -> tuple[str, int]:
             "", f"mesh {path} takes more than {MOST_BYTES >> 20} MiB: give it fewer triangles"
         )
     return key, len(drawn)
-
-
-def _drawn(surface: Surface) -> bytes:
-    points, triangles = surface
-    corners = np.ascontiguousarray(points, dtype="<f4") + np.float32(0.0)  # Without signs of zero.
-    rows = corners.view(np.dtype((np.void, 12))).reshape(-1)
-    _, first, which = np.unique(rows, return_index=True, return_inverse=True)
-    triangles = which.reshape(-1)[triangles]
-    counts = np.array([len(first), len(triangles)], dtype="<u4")
-    return counts.tobytes() + corners[first].tobytes() + triangles.astype("<u4").tobytes()
