@@ -1,5 +1,5 @@
-"""The files of the page, as tools/console has built them, meshes of arms, and what a browser is told
-with each."""
+"""The files of the page, as tools/console has built them, meshes of arms, and what a browser is
+told with each."""
 
 from __future__ import annotations
 
