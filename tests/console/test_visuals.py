@@ -9,6 +9,7 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
+from cardan.robots import load_arm
 from tests.console.hand import RELOADED
 from tests.console.served_arm import served_arm
 
@@ -38,6 +39,7 @@ def address(built, tmp_path_factory):
     (folder / "own.urdf").write_text(text)
     with pytest.MonkeyPatch.context() as monkeypatch:
         monkeypatch.setenv("CACHE_DIRECTORY", str(folder / "cache"))
+        load_arm(str(folder / "own.urdf"))  # Kept: the session is there at once.
         with served_arm(folder, built, model=str(folder / "own.urdf")) as (_, address):
             yield address
 
