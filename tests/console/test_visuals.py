@@ -48,6 +48,7 @@ def test_links_are_shown_as_they_look_and_by_their_bodies_where_that_is_not_know
     with browser.open(address) as page:
         page.until(RELOADED)
         page.until(f"{LOOKS} === '2'")
+        page.click("#tab-setup")
         page.until(TOLD.format("1 of 2 visual meshes are not shown, bodies stand in for them"))
         asked = "performance.getEntriesByType('resource').map(each => new URL(each.name).pathname)"
         (mesh,) = [each for each in page.value(asked) if each.startswith("/visuals/")]
