@@ -40,8 +40,10 @@ export class Figure {
     }
   }
 
-  /** Where a link's bodies are meshes, show what the session keeps apart in their place. */
-  standIn(shapes: Surroundings["shapes"]): void {
+  /** Where a link's bodies are meshes, show what the session keeps apart in their place; whether there
+   * is more to be seen than before. */
+  standIn(shapes: Surroundings["shapes"]): boolean {
+    const before = this.standIns.length;
     for (const each of this.standIns) each.removeFromParent();
     for (const shown of this.links.values()) {
       shown.bodies = shown.bodies.filter((each) => !this.standIns.includes(each));
@@ -58,6 +60,7 @@ export class Figure {
       shown?.bodies.push(mesh);
       this.standIns.push(mesh);
     }
+    return this.standIns.length > before;
   }
 
   /** Show links as they look where `looks`, else all by their bodies; how many are as they look. */

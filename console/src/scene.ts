@@ -191,7 +191,9 @@ export class Scene {
   async dress(arm: Arm): Promise<void> {
     const { figures } = this;
     if (!arm.surroundings) return;
-    for (const each of figures) each.standIn(arm.surroundings.shapes);
+    for (const each of figures) {
+      if (each.standIn(arm.surroundings.shapes)) this.measures = false;
+    }
     this.showLooks();
     // One after the other: what moves the arm comes first.
     for (const [file, key] of Object.entries(arm.surroundings.visuals ?? {})) {
