@@ -61,7 +61,7 @@ class Surface(NamedTuple):
         _, first, which = np.unique(rows, return_index=True, return_inverse=True)
         triangles = which.reshape(-1)[self.triangles].astype("<u4")
         counts = np.array([len(first), len(triangles)], dtype="<u4")
-        return counts.tobytes() + corners[first].tobytes() + triangles.tobytes()
+        return b"".join(each.tobytes() for each in (counts, corners[first], triangles))
 
 
 def points_in(data: bytes, path: Path, scale: Vector3 = UNSCALED) -> Points:
@@ -168,10 +168,10 @@ def _obj(data: bytes) -> Surface:
         if line[:1] == [b"v"]:
             known += 1
         elif line[:1] == [b"f"]:
-            corners = [int(corner.partition(b"/")[0]) for corner in line[1:]]
+            face = [int(corner.partition(b"/")[0]) for corner in line[1:]]
             # A negative index counts back from the corners so far.
-            used += [each if each > 0 else known + 1 + each if each else 0 for each in corners]
-            counts.append(len(corners))
+            used += [each if each > 0 else known + 1 + each if each else 0 for each in face]
+            counts.append(len(face))
     indices = np.array(used, dtype=np.int64)
     if len(indices) and not 1 <= indices.min() <= indices.max() <= len(points):
         _refuse(f"is cut off or damaged: a face has a corner that is none of its {len(points)}")
