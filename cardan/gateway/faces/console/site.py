@@ -33,6 +33,9 @@ SECURITY: Final = (
 VISUALS: Final = "/visuals/"
 """Before the key of a mesh, as an arm's session tells it."""
 
+FOR_EVER: Final = ("Cache-Control", "private, max-age=31536000, immutable")
+"""A mesh of another content has another key."""
+
 _KEY: Final = re.compile(r"[0-9a-f]{64}")
 """No path: nothing but what a session of this user has kept is found by it."""
 
@@ -98,5 +101,4 @@ def visual(key: str) -> Answer | None:
     data = kept_visual(key) if _KEY.fullmatch(key) else None
     if data is None:
         return None
-    headers = (*SECURITY, ("Cache-Control", "private, max-age=31536000, immutable"))
-    return Answer("application/octet-stream", data, headers=headers)
+    return Answer("application/octet-stream", data, headers=(*SECURITY, FOR_EVER))
