@@ -475,7 +475,7 @@ def _acceleration(limit: ET.Element) -> float:
 
 
 class Mesh(NamedTuple):
-    """A collision shape that a file has."""
+    """A shape that a file has."""
 
     uri: str
     scale: Vector3
