@@ -85,7 +85,7 @@ def still_arm(folder: Path) -> Iterator[Face]:
     endpoint = free_endpoint()
     path = folder / "session.toml"
     text = ARM_SESSION.format(endpoint=endpoint)
-    path.write_text(text.replace("[robot]", "[robot]\nperiod_s = 0.02"))
+    path.write_text(text.replace("period_s = 0.008", "period_s = 0.02"))
     command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "3000"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
         try:
