@@ -35,15 +35,15 @@ class Kinematics:
     def __init__(
         self, links: Sequence[DhLink], low: Sequence[float], high: Sequence[float]
     ) -> None:
-        self._links, self._low, self._high = links, low, high
+        self.links, self._low, self._high = links, low, high
 
     def forward(self, q: Sequence[float], tcp: Frame = IDENTITY_POSE) -> Frame:
         """Where the TCP is; `tcp` is given in the flange's frame."""
-        return compose(forward(q, self._links).pose, tcp)
+        return compose(forward(q, self.links).pose, tcp)
 
     def jacobian(self, q: Sequence[float], tcp: Frame) -> list[tuple[float, ...]]:
         """The TCP's Jacobian in the base frame, a column a joint: m over rad."""
-        frames = forward(q, self._links)
+        frames = forward(q, self.links)
         return jacobian(frames._replace(pose=compose(frames.pose, tcp)))
 
     def speed(self, q: Sequence[float], qd: Sequence[float], tcp: Frame) -> tuple[float, ...]:
@@ -83,7 +83,7 @@ class Kinematics:
         along it give joints 1, 5 and 6, and what is left is a triangle in a plane.
         """
         (_, d1, *_), (_, _, a2, *_), (_, _, a3, *_), (_, d4, *_), (_, d5, *_), (_, d6, *_) = (
-            self._links
+            self.links
         )
         px, py, pz = flange.position
         nx, ny, nz = rotate(flange.orientation, _X)
@@ -113,7 +113,5 @@ class Kinematics:
                     continue
                 elbow = math.acos(min(max(c3, -1.0), 1.0))
                 for q3 in (elbow, -elbow):
-                    q2 = math.atan2(y, x) - math.atan2(
-                        a3 * math.sin(q3), a2 + a3 * math.cos(q3)
-                    )
+                    q2 = math.atan2(y, x) - math.atan2(a3 * math.sin(q3), a2 + a3 * math.cos(q3))
                     yield q1, q2, q3, q234 - q2 - q3, q5, q6

@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from cardan.sim_peers.kinematics import AXES
+from cardan.sim_peers.kinematics import AXES, Differential, forward
 from cardan.sim_peers.ur_controller.actions import (
     Action,
     Move,
@@ -82,6 +82,9 @@ _TOO_FAST: Final = 1.05
 _ROUNDING: Final = 1e-9
 
 
+_IN_TOOL_SPACE: Final = (MoveL, MoveC, SpeedL)
+
+
 class ControlMode(enum.IntEnum):
     """How the arm is controlled; the primary interface has the numbers."""
 
@@ -115,6 +118,13 @@ class _Run:
     released_at: float
     """The length at which the program goes on."""
     waypoint: Pose
+    released: bool = False
+    """The program has gone on, or may."""
+
+    @property
+    def done(self) -> bool:
+        """At its waypoint, at rest."""
+        return self.course.done
 
 
 @dataclass(eq=False)
@@ -168,6 +178,8 @@ class Motion:
         self._run: _Run | None = None
         self._tail: _Tail | None = None
         self._skipped: Move | None = None
+        self._apart = False
+        """Force mode has moved the arm off what the program asks for."""
         self._rate = 1.0
         """Of a move's time while it is held."""
         self._twist: list[float] | None = None
@@ -219,6 +231,16 @@ class Motion:
         """Where the move leads that is on its way; without one, where the TCP is."""
         return self.target_tcp_pose() if self._run is None else self._run.waypoint
 
+    def in_range(self, q: Sequence[float]) -> bool:
+        """Whether all joints are."""
+        return all(
+            low <= each <= high for low, each, high in zip(self._low, q, self._high, strict=True)
+        )
+
+    def is_singular(self, threshold: float) -> bool:
+        """Whether the smallest singular value of the arm's Jacobian is below `threshold`."""
+        return Differential(forward(self.actual_q, self.kinematics.links)).is_singular(threshold)
+
     def tcp_force(self) -> Pose:
         """The force on the tool (N, N·m) about the flange, base frame, since it was zeroed."""
         force = self._felt()
@@ -262,15 +284,17 @@ class Motion:
 
     def begin_force(self, asked: Compliance) -> None:
         """Enter force mode."""
-        if self.force.asked is None and self._run is None:
-            self._q, self._twist = list(self.target_q), None
         self.force.begin(asked)
 
+    def set_tcp(self, tcp: Frame) -> None:
+        """Where the TCP is in the flange's frame."""
+        self.tcp = tcp
+        self._twist = self._line = None
+
     def end_force(self) -> None:
-        """Leave force mode: the arm is where it is."""
+        """Leave force mode: what it has moved the arm by stays until a move begins anew."""
+        self._apart = self._apart or self.force.asked is not None
         self.force.end()
-        if self._run is None:
-            self._absorb()
 
     def end_modes(self) -> None:
         """A program has ended, and its modes with it."""
@@ -284,11 +308,8 @@ class Motion:
 
     def _drop(self) -> None:
         self._run = self._tail = None
+        self._twist = self._line = None
         self._rate = 1.0
-
-    def _absorb(self) -> None:
-        self._q, self._qd = list(self.target_q), list(self.target_qd)
-        self._twist = None
 
     # -- frames -----------------------------------------------------------------------------------
 
@@ -304,15 +325,10 @@ class Motion:
         return None if left_s <= _ROUNDING else action._replace(left_s=left_s)
 
     def _released(self, action: Move) -> bool:
-        if action is self._skipped:
-            self._skipped = None
-            return True
         run = self._run
-        if run is None or run.action is not action:
-            return False
-        if self._tail is not None or run.course.s < run.released_at - _ROUNDING:
-            return False
-        return run.released_at < run.path.length or run.course.done
+        return action is self._skipped or (
+            run is not None and run.action is action and run.released
+        )
 
     def _at_speed(self, action: SpeedJ | SpeedL) -> bool:
         if isinstance(action, SpeedJ):
@@ -335,29 +351,309 @@ class Motion:
         why = ""
         try:
             q = self._asked(action, dt_s)
-            self._check_speeds(self._q, q, dt_s)
-            target = q if self.force.asked is None and not self._apart else self._bent(q, dt_s)
-            self._check_speeds(self.target_q, target, dt_s)
+            self._check_speeds(self._q, q, dt_s, isinstance(action, _IN_TOOL_SPACE))
+            target = q
+            if self.force.asked is not None or self._apart:
+                target = self._bent(q, dt_s)
+                self._check_speeds(self.target_q, target, dt_s, True)
         except _StopError as error:
             why = str(error)
             self._drop()
-            self._twist = None
             self.force.end()
-            self._absorb()
-            q = target = self._braked(_STOP_RAD_S2 * dt_s, dt_s)
+            self._q, self._qd = list(self.target_q), list(self.target_qd)
+            q = target = self._braked(dt_s)
         for joint, each in enumerate(target):
             if not self._low[joint] <= each <= self._high[joint]:
                 why = why or f"joint {joint + 1} is at the end of its range"
                 target = [*target[:joint], self.target_q[joint], *target[joint + 1 :]]
-                q = target
                 self._drop()
-                self._twist = None
+        if why:
+            q = target
         speeds = [(a - b) / dt_s for a, b in zip(target, self.target_q, strict=True)]
         self._qd = [(a - b) / dt_s for a, b in zip(q, self._q, strict=True)]
-        self._q = list(q)
         self.target_qdd = [(a - b) / dt_s for a, b in zip(speeds, self.target_qd, strict=True)]
-        self.target_q, self.target_qd = list(target), speeds
+        self._q, self.target_q, self.target_qd = list(q), list(target), speeds
         self._rest_s = 0.0 if self.moving else self._rest_s + dt_s
-        self._settle()
+        self._meet()
         self._follow(dt_s)
         return self._touch() or why
+
+    def _check_speeds(
+        self, before: Sequence[float], after: Sequence[float], dt_s: float, tool_space: bool
+    ) -> None:
+        words = "too fast for the joints, as near a singularity: " if tool_space else ""
+        for number, (a, b, most) in enumerate(zip(after, before, self._speed, strict=True)):
+            if abs(a - b) > _TOO_FAST * most * dt_s:
+                raise _StopError(
+                    f"{words}joint {number + 1} was asked for {(a - b) / dt_s:.2f} rad/s, "
+                    f"beyond {most:.2f}"
+                )
+
+    def _meet(self) -> None:
+        """Let the program's motion go on from where force mode has brought the arm."""
+        if self._run is not None and not (self._run.done and self._tail is None):
+            return
+        if self.force.asked is not None or self._apart:
+            self._q, self._line = list(self.target_q), None
+            self._apart = False
+
+    def _follow(self, dt_s: float) -> None:
+        share = dt_s / (_ARM_LAG_S + dt_s)
+        for joint, goal in enumerate(self.target_q):
+            change = share * (goal - self.actual_q[joint])
+            self.actual_q[joint] += change
+            self.actual_qd[joint] = change / dt_s
+        self._past.append(tuple(self.actual_q))
+
+    def _touch(self) -> str:
+        pushed = self._pushed()
+        self._contact_frames = self._contact_frames + 1 if pushed else 0
+        was_hard, self._hard = self._hard, pushed > HARDEST_N
+        if self._hard and not was_hard:
+            return f"the arm touches something with {pushed:.0f} N, beyond {HARDEST_N:.0f} N"
+        return ""
+
+    # -- what a program asks for ------------------------------------------------------------------
+
+    def _asked(self, action: Action | None, dt_s: float) -> list[float]:
+        """The joints at the end of the frame."""
+        if isinstance(action, MoveJ | MoveL | MoveC):
+            self._twist = self._line = None
+            return self._moved(action, dt_s)
+        if action is None or isinstance(action, Wait):
+            self._twist = self._line = None
+            if self._run is not None:
+                return self._along(self._run, dt_s, held=not self._run.released)
+            return self._braked(dt_s)
+        self._run = self._tail = None
+        self._rate = 1.0
+        if isinstance(action, SpeedL):
+            scaled = self.scale * dt_s
+            aims = [self.scale * v for v in action.xd]
+            return self._lined(aims, action.a * scaled, action.a_rot * scaled, dt_s)
+        if isinstance(action, StopL):
+            try:
+                rest = [0.0] * AXES
+                return self._lined(rest, action.a * dt_s, action.a_rot * dt_s, dt_s)
+            except _StopError:
+                return self._braked(dt_s)
+        self._twist = self._line = None
+        if isinstance(action, ServoJ):
+            share = -math.expm1(-dt_s * self.scale / action.lookahead_s)
+            return [q + (goal - q) * share for goal, q in zip(action.q, self._q, strict=True)]
+        if isinstance(action, SpeedJ):
+            aims = [self.scale * v for v in action.qd]
+            return self._toward(aims, action.acceleration * self.scale * dt_s, dt_s)
+        return self._toward([0.0] * AXES, action.deceleration * dt_s, dt_s)
+
+    def _braked(self, dt_s: float) -> list[float]:
+        return self._toward([0.0] * AXES, _STOP_RAD_S2 * dt_s, dt_s)
+
+    def _toward(self, speeds: Sequence[float], change: float, dt_s: float) -> list[float]:
+        """Change the speeds by at most `change`, all in the same share of time."""
+        apart = [aim - v for aim, v in zip(speeds, self._qd, strict=True)]
+        largest = max(map(abs, apart))
+        share = 1.0 if largest <= change else change / largest
+        return [
+            q + (v + share * each) * dt_s
+            for q, v, each in zip(self._q, self._qd, apart, strict=True)
+        ]
+
+    def _lined(
+        self, aims: Sequence[float], change: float, turning: float, dt_s: float
+    ) -> list[float]:
+        """Change the TCP's speed by at most so much, m/s and rad/s."""
+        now = self._twist or list(self.kinematics.speed(self._q, self._qd, self.tcp))
+        twist: list[float] = []
+        for first, most in ((0, change), (3, turning)):
+            part = Vector3(*now[first : first + 3])
+            apart = subtract(Vector3(*aims[first : first + 3]), part)
+            length = norm(apart)
+            twist += add(part, scale(apart, 1.0 if length <= most else most / length))
+        here = self._line or self.kinematics.forward(self._q, self.tcp)
+        if not any(twist):
+            self._twist, self._line = twist, here
+            return list(self._q)
+        way, turn = Vector3(*twist[:3]), Vector3(*twist[3:])
+        return self._held_on(_displaced(here, scale(way, dt_s), scale(turn, dt_s)), twist)
+
+    def _held_on(self, there: Frame, twist: list[float]) -> list[float]:
+        q = self.kinematics.inverse(there, self._q, self.tcp)
+        if q is None:
+            raise _StopError("the arm does not reach as far as the program asks")
+        self._twist, self._line = twist, there
+        return q
+
+    def _bent(self, q: Sequence[float], dt_s: float) -> list[float]:
+        """The joints that force mode makes of the program's."""
+        before, after = (self.kinematics.forward(each, self.tcp) for each in (self._q, q))
+        way = subtract(after.position, before.position)
+        turn = rotation_between(before.orientation, after.orientation)
+        here = self.kinematics.forward(self.target_q, self.tcp)
+        if self.force.asked is not None:
+            touches = self._plane is not None and self._pushed() > 0.0
+            stiffness = self._plane.stiffness_n_m if self._plane is not None and touches else 0.0
+            way, turn = self.force.motion(
+                self.force.asked, here, (way, turn), self._felt(), stiffness, dt_s
+            )
+        if not any(way) and not any(turn):
+            return list(self.target_q)
+        found = self.kinematics.inverse(_displaced(here, way, turn), self.target_q, self.tcp)
+        if found is None:
+            raise _StopError("the arm does not reach as far as force mode wants")
+        return found
+
+    # -- moves ------------------------------------------------------------------------------------
+
+    def _moved(self, action: Move, dt_s: float) -> list[float]:
+        run = self._run
+        if run is not None and (run.action is action or action is self._skipped):
+            return self._along(run, dt_s)
+        self._skipped = None
+        if run is not None and not run.released:
+            self._drop()
+            run = None
+        if run is None and any(abs(v) > _AT_REST for v in self._qd):
+            return self._braked(dt_s)
+        begun = self._begun(action, run, dt_s)
+        return self._along(begun, dt_s)
+
+    def _along(self, run: _Run, dt_s: float, held: bool = False) -> list[float]:
+        """One frame along the path; one that is held comes to rest on it."""
+        if run.done and self._tail is None:
+            run.released = True
+            return list(self._q)
+        if held:
+            fastest = max(map(abs, self._qd))
+            less = _STOP_RAD_S2 * dt_s / fastest if fastest > _AT_REST else 1.0
+            self._rate = max(self._rate * (1.0 - less), 0.0)
+        else:
+            self._rate = min(self._rate + _SLIDER_PER_S * dt_s, 1.0)
+        passed_s = dt_s * self.scale * self._rate
+        run.course.advance(passed_s)
+        tail = self._tail
+        if tail is not None:
+            tail.course.advance(passed_s)
+        q = self._place(run, tail)
+        if q is None:
+            raise _StopError("the arm does not reach a point of the path")
+        if tail is not None and tail.course.done:
+            self._tail = None
+        if self._tail is None:
+            run.released = run.done or run.course.s >= run.released_at - _ROUNDING
+        return q
+
+    def _place(self, run: _Run, tail: _Tail | None) -> list[float] | None:
+        kinematics, path, s = self.kinematics, run.path, run.course.s
+        if tail is None:
+            return joints_on(kinematics, path, s, self._q, run.tcp)
+        before, left = tail.run, tail.course.s
+        if (
+            not isinstance(path, JointPath)
+            and not isinstance(before.path, JointPath)
+            and run.tcp == before.tcp
+        ):
+            first, second, corner = before.path.at(left), path.at(s), path.start
+            there = Frame(
+                add(first.position, subtract(second.position, corner.position)),
+                normalized(
+                    multiply(
+                        multiply(first.orientation, conjugate(corner.orientation)),
+                        second.orientation,
+                    )
+                ),
+            )
+            return kinematics.inverse(there, self._q, run.tcp)
+        one = joints_on(kinematics, before.path, left, self._q, before.tcp)
+        two = joints_on(kinematics, path, s, self._q, run.tcp)
+        if one is None or two is None:
+            return None
+        return [a + b - c for a, b, c in zip(one, two, tail.joints, strict=True)]
+
+    def _begun(self, action: Move, before: _Run | None, dt_s: float) -> _Run:
+        """The move's run from now on, or the one before, with which it is skipped."""
+        tcp = self.tcp
+        start_q: list[float] | None = list(self._q)
+        if before is not None:
+            start_q = joints_on(
+                self.kinematics, before.path, before.path.length, self._q, before.tcp
+            )
+        if start_q is None:
+            raise _StopError("the arm does not reach a point of the path")
+        start = self.kinematics.forward(start_q, tcp)
+        path = _path(action, start_q, start)
+        length = path.length
+        goal = tcp_on(self.kinematics, path, length, tcp)
+        reached = isinstance(path, JointPath) or self.kinematics.inverse(goal, start_q, tcp)
+        if not reached:
+            raise _StopError("the pose that a move leads to is out of the arm's reach")
+        way = norm(subtract(goal.position, start.position))
+        moving = before is not None and not before.done
+        if before is not None and moving and action.r > 0.0 and before.action.r + action.r > way:
+            self._say("Overlapping Blends: a move is skipped")
+            self._skipped = action
+            return before
+        a, most = self._limits(action, path)
+        within = 0.0
+        if action.r > 0.0 and way > _ROUNDING:
+            within = length_within(self.kinematics, path, action.r, tcp)
+        # So slow that two moves that share a corner stay within its acceleration, whatever the
+        # angle and up to two frames late.
+        entry = math.sqrt((a * dt_s) ** 2 + a * within) - a * dt_s
+        self._tail = None
+        pieces: list[tuple[float, float]] = []
+        v, free = 0.0, length - within
+        if before is not None and moving and before.course.v > _AT_REST:
+            left, now = before.path.length - before.course.s, before.course.v
+            takes_s = 2.0 * left / now
+            same = isinstance(path, JointPath) is isinstance(before.path, JointPath)
+            spare = max(a - now / takes_s, 0.0) if same else 0.5 * a
+            slows = a * takes_s
+            v = min(
+                most,
+                spare * takes_s,
+                2.0 * free / takes_s,
+                0.5 * (math.sqrt(slows * slows + 4.0 * (2.0 * a * free + entry * entry)) - slows),
+            )
+            tail = Course(before.course.s, now, before.path.length, [(takes_s, -now / takes_s)])
+            self._tail = _Tail(before, tail, start_q)
+            pieces.append((takes_s, v / takes_s))
+            free -= 0.5 * v * takes_s
+        part, at_blend = ramp(free, v, entry, most, a)
+        pieces += part
+        pieces += ramp(within, at_blend, 0.0, at_blend or most, a)[0]
+        self._rate = 1.0
+        self._run = _Run(
+            action, path, Course(0.0, 0.0, length, pieces), tcp, length - within, pose_of(goal)
+        )
+        if not within:
+            self._run.released_at = math.inf
+        return self._run
+
+    def _limits(self, action: Move, path: JointPath | ToolPath) -> tuple[float, float]:
+        """Acceleration and highest speed along a path."""
+        if not isinstance(action, MoveC) and action.t > 0.0:
+            v = path.length / (0.75 * action.t)
+            return max(v / (0.25 * action.t), _AT_REST), max(v, _AT_REST)
+        most = action.v
+        if isinstance(path, JointPath):
+            for change, limit in zip(path.change, self._speed, strict=True):
+                if abs(change) > _ROUNDING:
+                    most = min(most, limit * path.length / abs(change))
+        else:
+            most = min(most, math.sqrt(action.a * path.radius))
+        return action.a, most
+
+
+def _path(action: Move, start_q: Sequence[float], start: Frame) -> JointPath | ToolPath:
+    if isinstance(action, MoveJ):
+        return JointPath(start_q, action.q)
+    if isinstance(action, MoveL):
+        return LinePath(start, action.goal)
+    return arc_or_line(start, action.via, action.goal, action.fixed)
+
+
+def _displaced(frame: Frame, way: Vector3, turn: Vector3) -> Frame:
+    """A frame moved and turned in the base frame."""
+    orientation = normalized(multiply(from_rotation_vector(turn), frame.orientation))
+    return Frame(add(frame.position, way), orientation)

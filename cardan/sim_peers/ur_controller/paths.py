@@ -79,9 +79,7 @@ class ArcPath:
         square = dot(normal, normal)
         offset = scale(
             cross(
-                subtract(
-                    scale(to_goal, dot(to_via, to_via)), scale(to_via, dot(to_goal, to_goal))
-                ),
+                subtract(scale(to_goal, dot(to_via, to_via)), scale(to_via, dot(to_goal, to_goal))),
                 normal,
             ),
             0.5 / square,
