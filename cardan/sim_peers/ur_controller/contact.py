@@ -55,20 +55,29 @@ class ForceMode:
         self.damping = DAMPING
         self.gain = 1.0
         self.asked: Compliance | None = None
+        self._last: Compliance | None = None
         self._speeds = [0.0] * AXES
+
+    @property
+    def moves(self) -> bool:
+        """Whether the TCP goes along a compliant axis."""
+        return any(self._speeds)
 
     def begin(self, asked: Compliance) -> None:
         """Enter force mode, or change what it is given."""
-        self.asked = asked
+        self.asked = self._last = asked
 
     def end(self) -> None:
-        """Leave it."""
+        """Leave it: the axes that were compliant come to rest."""
         self.asked = None
+
+    def halt(self) -> None:
+        """Leave it at once."""
+        self.asked = self._last = None
         self._speeds = [0.0] * AXES
 
     def motion(
         self,
-        asked: Compliance,
         at: Frame,
         change: tuple[Vector3, Vector3],
         felt: Vector3,
@@ -80,6 +89,9 @@ class ForceMode:
 
         `felt` is the force on the tool, and the stiffness that of what it touches; 0: nothing.
         """
+        asked = self._last
+        if asked is None:
+            return change
         axes = _axes(asked, at, change[0])
         moved = [Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, 0.0)]
         for number in range(AXES):
@@ -100,7 +112,9 @@ class ForceMode:
         self, number: int, missing: float, stiffness_n_m: float, most: float, dt_s: float
     ) -> None:
         now = self._speeds[number]
-        if stiffness_n_m > 1.0:
+        if self.asked is None:
+            wanted = 0.0
+        elif stiffness_n_m > 1.0:
             wanted = self.gain * missing / (stiffness_n_m * _SETTLES_S)
         elif abs(missing) > 1e-9:
             wanted = math.copysign(most, missing)

@@ -297,19 +297,22 @@ class Motion:
         self.force.end()
 
     def end_modes(self) -> None:
-        """A program has ended, and its modes with it."""
+        """A program has come to its end, and its modes with it."""
         self.end_force()
         self.freedrive = False
 
     def halt(self) -> None:
         """What was on its way is over: the arm brakes."""
+        self.freedrive = False
         self._drop()
-        self.end_modes()
 
     def _drop(self) -> None:
         self._run = self._tail = None
         self._twist = self._line = None
         self._rate = 1.0
+        self._apart = False
+        self.force.halt()
+        self._q, self._qd = list(self.target_q), list(self.target_qd)
 
     # -- frames -----------------------------------------------------------------------------------
 
@@ -359,8 +362,6 @@ class Motion:
         except _StopError as error:
             why = str(error)
             self._drop()
-            self.force.end()
-            self._q, self._qd = list(self.target_q), list(self.target_qd)
             q = target = self._braked(dt_s)
         for joint, each in enumerate(target):
             if not self._low[joint] <= each <= self._high[joint]:
@@ -395,7 +396,7 @@ class Motion:
             return
         if self.force.asked is not None or self._apart:
             self._q, self._line = list(self.target_q), None
-            self._apart = False
+            self._apart = self._apart and self.force.moves
 
     def _follow(self, dt_s: float) -> None:
         share = dt_s / (_ARM_LAG_S + dt_s)
@@ -490,12 +491,9 @@ class Motion:
         way = subtract(after.position, before.position)
         turn = rotation_between(before.orientation, after.orientation)
         here = self.kinematics.forward(self.target_q, self.tcp)
-        if self.force.asked is not None:
-            touches = self._plane is not None and self._pushed() > 0.0
-            stiffness = self._plane.stiffness_n_m if self._plane is not None and touches else 0.0
-            way, turn = self.force.motion(
-                self.force.asked, here, (way, turn), self._felt(), stiffness, dt_s
-            )
+        touched = self._plane if self._pushed() > 0.0 else None
+        stiffness = 0.0 if touched is None else touched.stiffness_n_m
+        way, turn = self.force.motion(here, (way, turn), self._felt(), stiffness, dt_s)
         if not any(way) and not any(turn):
             return list(self.target_q)
         found = self.kinematics.inverse(_displaced(here, way, turn), self.target_q, self.tcp)
@@ -511,11 +509,11 @@ class Motion:
             return self._along(run, dt_s)
         self._skipped = None
         if run is not None and not run.released:
-            self._drop()
-            run = None
+            self._run = self._tail = run = None
         if run is None and any(abs(v) > _AT_REST for v in self._qd):
             return self._braked(dt_s)
-        begun = self._begun(action, run, dt_s)
+        before = None if run is None or run.done else run
+        begun = self._begun(action, before, dt_s)
         return self._along(begun, dt_s)
 
     def _along(self, run: _Run, dt_s: float, held: bool = False) -> list[float]:
@@ -588,8 +586,7 @@ class Motion:
         if not reached:
             raise _StopError("the pose that a move leads to is out of the arm's reach")
         way = norm(subtract(goal.position, start.position))
-        moving = before is not None and not before.done
-        if before is not None and moving and action.r > 0.0 and before.action.r + action.r > way:
+        if before is not None and action.r > 0.0 and before.action.r + action.r > way:
             self._say("Overlapping Blends: a move is skipped")
             self._skipped = action
             return before
@@ -603,7 +600,7 @@ class Motion:
         self._tail = None
         pieces: list[tuple[float, float]] = []
         v, free = 0.0, length - within
-        if before is not None and moving and before.course.v > _AT_REST:
+        if before is not None and before.course.v > _AT_REST:
             left, now = before.path.length - before.course.s, before.course.v
             takes_s = 2.0 * left / now
             same = isinstance(path, JointPath) is isinstance(before.path, JointPath)
