@@ -513,6 +513,10 @@ class Motion:
         if run is None and any(abs(v) > _AT_REST for v in self._qd):
             return self._braked(dt_s)
         before = None if run is None or run.done else run
+        if before is None and self._apart and self.force.asked is None:
+            if self.force.moves:
+                return list(self._q)
+            self._q, self._apart = list(self.target_q), False
         begun = self._begun(action, before, dt_s)
         return self._along(begun, dt_s)
 
