@@ -258,8 +258,11 @@ def test_movec_stays_on_its_circle(mode):
     centre = start + np.array([0.0, 0.1, 0.0])
     begin = frame_of(arm.motion.target_tcp_pose())
     took_s = arm.do("movec", arm.pose(0.1, 0.1), arm.pose(0.0, 0.2), 1.2, 0.25, 0, mode)
-    # Half of a circle; and so slow that it holds the circle with the acceleration.
-    assert took_s == pytest.approx(trapezoid(0.1 * math.pi, 0.25, 1.2), abs=0.002)
+    along = 1.2 * math.sqrt(0.5)
+    assert took_s == pytest.approx(trapezoid(0.1 * math.pi, 0.25, along), abs=0.002)
+    speeds, accelerations = arm.tool()
+    assert speeds.max() <= 0.25 + CLOSE
+    assert accelerations.max() <= 1.2 + CLOSE
     assert np.linalg.norm(arm.tips - centre, axis=1) == pytest.approx(0.1, abs=1e-6)
     assert arm.tips[:, 2] == pytest.approx(start[2], abs=1e-9)
     assert arm.tips[:, 0].max() == pytest.approx(start[0] + 0.1, abs=1e-4)
@@ -283,6 +286,9 @@ def test_the_waypoint_is_known_while_the_arm_is_on_its_way():
     action = arm.call("movel", goal)
     arm.frame(action)
     assert arm.call("get_target_waypoint") == pytest.approx(goal)
+    while arm.motion.left_of(action, arm.dt_s):
+        arm.frame(action)
+    assert arm.call("get_target_waypoint") == arm.call("get_target_tcp_pose")
 
 
 # -- blends ----------------------------------------------------------------------------------------
@@ -601,7 +607,8 @@ def test_force_mode_that_is_left_during_a_move_does_not_leap():
     arm = table(below_m=0.01)
     arm.call("force_mode", *DOWN, [0, 0, -15.0, 0, 0, 0], 2, LIMITS)
     arm.wait(0.5)
-    action = arm.call("movel", arm.pose(y=0.2, z=0.05))
+    goal = arm.pose(y=0.2, z=0.05)
+    action = arm.call("movel", goal)
     for number in range(1000):
         if number == 200:
             arm.call("end_force_mode")
@@ -612,7 +619,7 @@ def test_force_mode_that_is_left_during_a_move_does_not_leap():
             arm.frame(Wait(1.0))
     assert action is None
     assert np.abs(np.diff(arm.qd, axis=0)).max() < 0.1
-    assert arm.motion.target_tcp_pose()[1] == pytest.approx(arm.call("get_target_waypoint")[1])
+    assert arm.motion.target_tcp_pose()[1] == pytest.approx(goal[1])
 
 
 def test_damping_makes_an_axis_coast():

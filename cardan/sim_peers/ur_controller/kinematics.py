@@ -60,21 +60,20 @@ class Kinematics:
         """The joints nearest to `near` that have the TCP at `goal`; None: there are none."""
         best, least = None, math.inf
         for solution in self._solutions(compose(goal, inverse(tcp)), near[5]):
-            q = [self._turned(j, angle, near[j]) for j, angle in enumerate(solution)]
-            if not all(map(math.isfinite, q)):
-                continue
-            apart = math.fsum(abs(angle - each) for angle, each in zip(q, near, strict=True))
-            if apart < least:
+            q, apart = [], 0.0
+            for angle, at, low, high in zip(solution, near, self._low, self._high, strict=True):
+                turned = angle + _TURN * round((at - angle) / _TURN)
+                if not low <= turned <= high:
+                    turned += _TURN if turned < low else -_TURN
+                    if not low <= turned <= high:
+                        break
+                apart += abs(turned - at)
+                if apart >= least:
+                    break
+                q.append(turned)
+            else:
                 best, least = q, apart
         return best
-
-    def _turned(self, joint: int, angle: float, near: float) -> float:
-        """The same angle in the turn nearest to `near`; NaN: the joint's range has none."""
-        angle += _TURN * round((near - angle) / _TURN)
-        for each in (angle, angle - _TURN, angle + _TURN):
-            if self._low[joint] <= each <= self._high[joint]:
-                return each
-        return math.nan
 
     def _solutions(self, flange: Frame, last_q: float) -> Iterator[tuple[float, ...]]:
         """All there are, up to whole turns: two shoulders, two wrists, two elbows.
@@ -94,24 +93,25 @@ class Kinematics:
         if not reach >= abs(d4):
             return
         towards, aside = math.atan2(wy, wx), math.asin(d4 / reach)
+        sin, cos, atan2 = math.sin, math.cos, math.atan2
         for q1 in (towards + aside, towards + math.pi - aside):
-            s1, c1 = math.sin(q1), math.cos(q1)
+            s1, c1 = sin(q1), cos(q1)
             n, o, a = nx * s1 - ny * c1, ox * s1 - oy * c1, ax * s1 - ay * c1
             s5 = math.hypot(n, o)
             for sign in (1.0, -1.0):
-                q5 = math.atan2(sign * s5, a)
-                q6 = last_q if s5 < _SINGULAR else math.atan2(-sign * o, sign * n)
-                s6, c6 = math.sin(q6), math.cos(q6)
+                q5 = atan2(sign * s5, a)
+                q6 = last_q if s5 < _SINGULAR else atan2(-sign * o, sign * n)
+                s6, c6 = sin(q6), cos(q6)
                 # The direction of joint 5, and the centre of the wrist, in the plane.
                 ux, uy, uz = -s6 * nx - c6 * ox, -s6 * ny - c6 * oy, -s6 * nz - c6 * oz
                 across = c1 * ux + s1 * uy
                 x = c1 * (wx - d5 * ux) + s1 * (wy - d5 * uy)
                 y = pz - d6 * az - d5 * uz - d1
-                q234 = math.atan2(across, -uz)
+                q234 = atan2(across, -uz)
                 c3 = (x * x + y * y - a2 * a2 - a3 * a3) / (2.0 * a2 * a3)
                 if not abs(c3) <= 1.0 + _ROUNDING:
                     continue
                 elbow = math.acos(min(max(c3, -1.0), 1.0))
                 for q3 in (elbow, -elbow):
-                    q2 = math.atan2(y, x) - math.atan2(a3 * math.sin(q3), a2 + a3 * math.cos(q3))
+                    q2 = atan2(y, x) - atan2(a3 * sin(q3), a2 + a3 * cos(q3))
                     yield q1, q2, q3, q234 - q2 - q3, q5, q6

@@ -229,7 +229,8 @@ class Motion:
 
     def waypoint(self) -> Pose:
         """Where the move leads that is on its way; without one, where the TCP is."""
-        return self.target_tcp_pose() if self._run is None else self._run.waypoint
+        run = self._run
+        return self.target_tcp_pose() if run is None or run.done else run.waypoint
 
     def in_range(self, q: Sequence[float]) -> bool:
         """Whether all joints are."""
@@ -641,8 +642,10 @@ class Motion:
             for change, limit in zip(path.change, self._speed, strict=True):
                 if abs(change) > _ROUNDING:
                     most = min(most, limit * path.length / abs(change))
-        else:
-            most = min(most, math.sqrt(action.a * path.radius))
+        elif math.isfinite(path.radius):
+            # Along the path and across it: what both come to is the acceleration asked for.
+            a = action.a * math.sqrt(0.5)
+            return a, min(most, math.sqrt(a * path.radius))
         return action.a, most
 
 
