@@ -13,6 +13,7 @@ from cardan.sim_peers.ur_controller import UrController, UrControllerOptions
 from cardan.sim_peers.ur_controller.actions import Wait
 from cardan.sim_peers.ur_controller.kinematics import frame_of, pose_of
 from cardan.sim_peers.ur_controller.motion import ControlMode
+from cardan.sim_peers.ur_controller.telemetry import Telemetry
 from cardan.sim_peers.ur_controller.values import Pose
 from cardan.spatial import compose, inverse, norm, rotation_between, subtract
 
@@ -448,6 +449,60 @@ def test_a_pause_rests_on_the_path_and_goes_on():
     assert same(arm.motion.target_tcp_pose(), goal)
     assert arm.tips[:, 0] == pytest.approx(start[0], abs=1e-9)
     assert arm.tips[:, 2] == pytest.approx(start[2], abs=1e-9)
+
+
+def test_a_pause_within_a_blend_rests_there_and_goes_on_to_the_next_move():
+    arm = Arm()
+    first, second = arm.pose(y=0.2), arm.pose(y=0.2, z=0.2)
+    arm.do("movel", first, r=0.08)
+    arm.motion.paused = True
+    for _ in range(200):
+        arm.frame(None)
+    assert not arm.motion.moving
+    assert not same(arm.motion.target_tcp_pose(), first, 0.01)
+    arm.motion.paused = False
+    arm.do("movel", second)
+    assert same(arm.motion.target_tcp_pose(), second)
+    # From the pause on, whose braking is the controller's.
+    speeds = np.diff(arm.tips[-1000:], axis=0) / arm.dt_s
+    assert np.linalg.norm(np.diff(speeds, axis=0), axis=1).max() <= 1.2 * arm.dt_s * 1.9
+
+
+def test_what_is_left_of_a_blend_ends_with_a_stop():
+    controller = UrController(UrControllerOptions(running=True))
+    controller.upload("def test():\n  movel([0.6, -1.5, 1.5, -1.5, -1.5, 0], r=0.05)\nend\n")
+    now_s = 0.0
+    while not controller.motion.moving or controller.has_program:
+        now_s += controller.period_s
+        controller.advance(now_s)
+        assert now_s < 10.0
+    at = list(controller.motion.target_q)
+    controller.emergency_stop()
+    for _ in range(500):
+        now_s += controller.period_s
+        controller.advance(now_s)
+    assert not controller.motion.moving
+    assert controller.motion.target_q[0] < 0.58
+    assert controller.motion.target_q == pytest.approx(at, abs=0.02)
+
+
+def test_telemetry_follows_the_motion():
+    controller = UrController(UrControllerOptions(running=True))
+    telemetry = Telemetry(controller)
+    controller.functions["set_tcp"].do(Pose((0.0, 0.0, 0.1, 0.0, 0.0, 0.0)), "")
+    controller.functions["set_payload"].do(1.25, [0.0, 0.0, 0.05])
+    action = controller.functions["movej"].do([1.0, *HOME[1:]], 1.4, 1.05, 0, 0)
+    poses = []
+    for _ in range(100):
+        controller.motion.step(action, 0.002, 1.0)
+        poses.append(telemetry.value("target_TCP_pose")[:3])
+    assert telemetry.value("target_qdd")[0] == pytest.approx(1.4)
+    assert telemetry.value("tcp_offset") == (0.0, 0.0, 0.1, 0.0, 0.0, 0.0)
+    assert telemetry.value("payload") == 1.25
+    assert telemetry.value("payload_cog") == (0.0, 0.0, 0.05)
+    moved = (np.array(poses[-1]) - poses[-2]) / 0.002
+    assert telemetry.value("target_TCP_speed")[:3] == pytest.approx(moved, abs=2e-3)
+    assert telemetry.value("actual_TCP_speed")[5] == pytest.approx(0.28, abs=0.02)
 
 
 def test_a_move_begins_at_rest_where_none_has_a_blend():

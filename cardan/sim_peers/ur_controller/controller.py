@@ -129,6 +129,7 @@ class UrController:
             self.runtime = RuntimeState.PLAYING
             self._key("PROGRAM_XXX_STARTED", self.program_name)
         action = self._acting()
+        self.motion.paused = self.runtime is RuntimeState.PAUSED
         stopped = self.motion.step(action, self.period_s, self.slider)
         if action is not None:
             self._action = self.motion.left_of(action, self.period_s)
@@ -256,6 +257,7 @@ class UrController:
         """Power goes off, and the brakes hold."""
         if self.has_program:
             self._end_program("power off")
+        self.motion.halt()
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
         self._note("power off")
 
@@ -282,7 +284,8 @@ class UrController:
         """A guard was opened: the arm stops, the program is paused."""
         if self.safety in MOVES_IN:
             self.safety = SafetyMode.SAFEGUARD_STOP
-            self.pause()
+            if not self.pause():
+                self.motion.halt()
             self._note("safeguard stop")
 
     def safeguard_reset(self) -> None:
@@ -313,6 +316,7 @@ class UrController:
     def _stop(self, mode: SafetyMode, why: str) -> None:
         if self.has_program:
             self._end_program(mode.name)
+        self.motion.halt()
         self.safety = mode
         self._stopped_s = self.time_s
         self._note(f"{mode.name}: {why}")

@@ -162,6 +162,8 @@ class Motion:
         self.payload = Payload()
         self.gravity: tuple[float, ...] = GRAVITY
         self.freedrive = False
+        self.paused = False
+        """The program is: the arm rests on its path."""
         self.force = ForceMode()
         self.scale = math.nan
         """How fast a program's motion is, as a share; it follows the slider."""
@@ -425,7 +427,7 @@ class Motion:
         if action is None or isinstance(action, Wait):
             self._twist = self._line = None
             if self._run is not None:
-                return self._along(self._run, dt_s, held=not self._run.released)
+                return self._along(self._run, dt_s, held=self.paused or not self._run.released)
             return self._braked(dt_s)
         self._run = self._tail = None
         self._rate = 1.0
@@ -624,7 +626,8 @@ class Motion:
         part, at_blend = ramp(free, v, entry, most, a)
         pieces += part
         pieces += ramp(within, at_blend, 0.0, at_blend or most, a)[0]
-        self._rate = 1.0
+        if before is None:
+            self._rate = 1.0
         self._run = _Run(
             action, path, Course(0.0, 0.0, length, pieces), tcp, length - within, pose_of(goal)
         )
