@@ -461,11 +461,13 @@ def test_a_pause_within_a_blend_rests_there_and_goes_on_to_the_next_move():
     assert not arm.motion.moving
     assert not same(arm.motion.target_tcp_pose(), first, 0.01)
     arm.motion.paused = False
+    resumed = len(arm.frames)
     arm.do("movel", second)
     assert same(arm.motion.target_tcp_pose(), second)
-    # From the pause on, whose braking is the controller's.
-    speeds = np.diff(arm.tips[-1000:], axis=0) / arm.dt_s
-    assert np.linalg.norm(np.diff(speeds, axis=0), axis=1).max() <= 1.2 * arm.dt_s * 1.9
+    speeds = np.diff(arm.tips[resumed - 2 :], axis=0) / arm.dt_s
+    # The speed comes back within 0.25 s, beside what the blend itself asks for.
+    most = 1.2 + 0.25 * 4.0
+    assert np.linalg.norm(np.diff(speeds, axis=0), axis=1).max() <= most * arm.dt_s
 
 
 def test_what_is_left_of_a_blend_ends_with_a_stop():
