@@ -845,7 +845,7 @@ def test_odd_arguments_are_errors_of_the_program():
     made = random.Random(11)
     arm = table()
     names = sorted(set(arm.controller.functions) - {"sync", "sleep", "textmsg"})
-    for number in range(4000):
+    for number in range(2000):
         name = made.choice(names)
         function = arm.controller.functions[name]
         given = {

@@ -165,8 +165,9 @@ class Motion:
         self.paused = False
         """The program is: the arm rests on its path."""
         self.force = ForceMode()
-        self.scale = math.nan
+        self.scale = 1.0
         """How fast a program's motion is, as a share; it follows the slider."""
+        self._fresh = True
         self._speed, self._low, self._high = speed, low, high
         self._plane, self._say = plane, say
         self._zero = Vector3(0.0, 0.0, 0.0)
@@ -350,8 +351,8 @@ class Motion:
 
         None brakes. Gives why the safety system has to stop the arm; empty: it has not.
         """
-        if math.isnan(self.scale):
-            self.scale = scale
+        if self._fresh:
+            self.scale, self._fresh = scale, False
         most = _SLIDER_PER_S * dt_s
         self.scale += min(max(scale - self.scale, -most), most)
         why = ""
