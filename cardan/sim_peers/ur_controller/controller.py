@@ -18,13 +18,8 @@ from cardan.protocols.ur.primary import exception_message, key_message, text_mes
 from cardan.protocols.ur.script import Refused, parse
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.ur_controller.functions import Registers, functions
-from cardan.sim_peers.ur_controller.interpreter import (
-    Action,
-    Interpreter,
-    ProgramError,
-    SpeedJ,
-    StopJ,
-)
+from cardan.sim_peers.ur_controller.language import Action, ProgramError
+from cardan.sim_peers.ur_controller.machine import Machine
 from cardan.sim_peers.ur_controller.options import UrControllerOptions
 from cardan.sim_peers.ur_controller.servo import Servo
 
@@ -66,9 +61,8 @@ class UrController:
         """What the primary interface has to say next; the sender removes them."""
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
         """(time_s, what happened), the newest of them."""
-        self._program: Interpreter | None = None
-        self._action: Action | None = None
-        self._waiting: tuple[float, Interpreter] | None = None
+        self._program: Machine | None = None
+        self._waiting: tuple[float, Machine] | None = None
         """A program, and when it begins."""
         self._mode_at: tuple[float, RobotMode] | None = None
         self._stopped_s = -math.inf
@@ -111,7 +105,6 @@ class UrController:
             self._note(f"robot mode {self.mode.name}")
         if self._waiting is not None and now_s >= self._waiting[0]:
             self._program, self._waiting = self._waiting[1], None
-            self._action = None
             self.program_name = self._program.name
             self.runtime = RuntimeState.PLAYING
             self._key("PROGRAM_XXX_STARTED", self.program_name)
@@ -121,30 +114,21 @@ class UrController:
 
     def _acting(self) -> Action | None:
         """What the program does in this frame; None: nothing moves the arm."""
-        if self._program is None or self.runtime is not RuntimeState.PLAYING:
+        program = self._program
+        if program is None or self.runtime is not RuntimeState.PLAYING:
             return None
-        if self._action is None:
-            try:
-                self._action = self._program.go_on()
-            except ProgramError as error:
-                self._exception(error.line, error.reason)
-                self._end_program(f"runtime exception in line {error.line}: {error.reason}")
-                return None
-            if self._action is None:
-                self._end_program("its end")
-                return None
-        action = self._action
-        self._action = self._left_of(action)
+        try:
+            action = program.step(self._left_of)
+        except ProgramError as error:
+            self._exception(error.line, error.reason)
+            self._end_program(f"runtime exception in line {error.line}: {error.reason}")
+            return None
+        if program.ended:
+            self._end_program("its end")
         return action
 
     def _left_of(self, action: Action) -> Action | None:
-        """What of an action is left after this frame."""
-        if isinstance(action, StopJ):
-            return action if self.servo.moving else None
-        if isinstance(action, SpeedJ) and action.left_s == 0.0:
-            return None if self.servo.at_speed(action.qd, self.slider) else action
-        left_s = action.left_s - self.period_s * self.slider
-        return None if left_s <= 1e-9 else action._replace(left_s=left_s)
+        return self.servo.left_of(action, self.period_s, self.slider)
 
     # -- programs ---------------------------------------------------------------------------------
 
@@ -160,14 +144,30 @@ class UrController:
             self._exception(program.line, program.reason)
             self._note(f"a program is refused, line {program.line}: {program.reason}")
             return
+        try:
+            machine = Machine(program, self.functions, self.period_s)
+        except ProgramError as error:
+            self._exception(error.line, error.reason)
+            return
+        if program.secondary:
+            self._run_beside(machine)
+            return
         if self._program is not None:
             self._end_program("another program")
         if self.options.faults.get("no-script", 0.0):
             self._note("fault: the program is never begun")
             return
-        interpreter = Interpreter(program, self.functions)
-        self._waiting = (self.time_s + self.options.program_start_s, interpreter)
+        self._waiting = (self.time_s + self.options.program_start_s, machine)
         self._note(f"program {program.name}")
+
+    def _run_beside(self, machine: Machine) -> None:
+        """A secondary program: all of it in this frame, and the other one goes on."""
+        try:
+            machine.run_at_once()
+        except ProgramError as error:
+            self._exception(error.line, error.reason)
+            self._note(f"secondary program {machine.name}, line {error.line}: {error.reason}")
+        machine.close()
 
     def _why_no_program(self) -> str:
         if not self.remote:
@@ -210,7 +210,9 @@ class UrController:
 
     def _end_program(self, why: str) -> None:
         name = self.program_name
-        self._program = self._action = self._waiting = None
+        if self._program is not None:
+            self._program.close()
+        self._program = self._waiting = None
         self.runtime = RuntimeState.STOPPED
         self._key("PROGRAM_XXX_STOPPED", name)
         self._note(f"program {name} has ended: {why}")

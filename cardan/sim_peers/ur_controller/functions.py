@@ -8,7 +8,8 @@ from typing import Any, Final
 
 from cardan.common.bounds import Range
 from cardan.protocols.ur.variables import REGISTERS
-from cardan.sim_peers.ur_controller.interpreter import Function, ServoJ, SpeedJ, StopJ, Wait
+from cardan.sim_peers.ur_controller.language import Function, Wait
+from cardan.sim_peers.ur_controller.servo import ServoJ, SpeedJ, StopJ
 
 LOOKAHEAD_S: Final = Range(0.03, 0.2, "s", "the script manual allows no other")
 GAIN: Final = Range(100, 2000, "", "the script manual allows no other")

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, NamedTuple
 
-from cardan.sim_peers.ur_controller.interpreter import Action, ServoJ, SpeedJ, StopJ
+from cardan.sim_peers.ur_controller.language import Action
 
 _ARM_LAG_S: Final = 0.008
 _STOP_RAD_S2: Final = 15.0
@@ -19,6 +19,28 @@ _STOP_RAD_S2: Final = 15.0
 _AT_REST: Final = 1e-9
 _TOO_FAST: Final = 1.05
 """Of a joint's highest speed: here the safety system stops the arm."""
+
+
+class ServoJ(NamedTuple):
+    """Servo to joints (rad) for a time."""
+
+    q: tuple[float, ...]
+    left_s: float
+    lookahead_s: float
+
+
+class SpeedJ(NamedTuple):
+    """Reach joint speeds (rad/s) at an acceleration, for a time; 0: until they are reached."""
+
+    qd: tuple[float, ...]
+    acceleration: float
+    left_s: float
+
+
+class StopJ(NamedTuple):
+    """Slow down to rest."""
+
+    deceleration: float
 
 
 class Servo:
@@ -47,6 +69,16 @@ class Servo:
         return all(
             abs(v - scale * aim) <= _AT_REST for v, aim in zip(self.target_qd, speeds, strict=True)
         )
+
+    def left_of(self, action: Action, dt_s: float, scale: float) -> Action | None:
+        """What of an action is left after a frame."""
+        if isinstance(action, StopJ):
+            return action if self.moving else None
+        if isinstance(action, SpeedJ) and action.left_s == 0.0:
+            return None if self.at_speed(action.qd, scale) else action
+        assert isinstance(action, (ServoJ, SpeedJ))
+        left_s = action.left_s - dt_s * scale
+        return None if left_s <= 1e-9 else action._replace(left_s=left_s)
 
     def step(self, action: Action | None, dt_s: float, scale: float) -> str:
         """One frame of `dt_s`, with the program's time running `scale` times as fast as real time.
