@@ -10,18 +10,31 @@ stops, how long the brakes take) is chosen here, and said to be in docs/simulate
 from __future__ import annotations
 
 import math
+import random
 from collections import deque
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from cardan.protocols.ur.dashboard import UNLOCK_AFTER_S
 from cardan.protocols.ur.primary import exception_message, key_message, text_message
 from cardan.protocols.ur.script import Refused, parse
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
-from cardan.sim_peers.ur_controller.functions import Registers, functions
-from cardan.sim_peers.ur_controller.language import Action, ProgramError
+from cardan.sim_peers.ur_controller.functions import functions
+from cardan.sim_peers.ur_controller.io import Registers, RobotIo
+from cardan.sim_peers.ur_controller.io_functions import (
+    io_functions,
+    message_functions,
+    register_functions,
+)
+from cardan.sim_peers.ur_controller.language import Action, Function, ProgramError, Wait
 from cardan.sim_peers.ur_controller.machine import Machine
+from cardan.sim_peers.ur_controller.math_functions import math_functions
 from cardan.sim_peers.ur_controller.options import UrControllerOptions
+from cardan.sim_peers.ur_controller.popups import Popup, Popups
 from cardan.sim_peers.ur_controller.servo import Servo
+from cardan.sim_peers.ur_controller.socket_functions import socket_functions
+from cardan.sim_peers.ur_controller.sockets import ProgramSockets
+from cardan.sim_peers.ur_controller.watchdogs import Watchdogs
 
 LONGEST_STALL_S: Final = 0.5
 """Frames that a slow computer owes beyond that are left out."""
@@ -42,13 +55,22 @@ class UrController:
             options.start or arm.home, arm.velocity, (-JOINT_RANGE,) * count, (JOINT_RANGE,) * count
         )
         self.registers = Registers()
-        self.functions = functions(
-            self.registers,
-            self.period_s,
-            lambda: self.servo.actual_q,
-            lambda: self.servo.target_q,
-            self._said,
-        )
+        self.io = RobotIo()
+        self.popups = Popups(self._popped)
+        self.watchdogs = Watchdogs()
+        self.sockets = ProgramSockets(options.allowed_hosts, self._note)
+        self.functions: Mapping[str, Function] = {
+            **math_functions(random.Random(options.seed)),
+            **register_functions(self.registers),
+            **io_functions(self.io),
+            **message_functions(
+                self._said, self.popups, self.watchdogs, self.period_s, lambda: self.time_s
+            ),
+            **socket_functions(self.sockets),
+            **functions(lambda: self.servo.actual_q, lambda: self.servo.target_q),
+            "protective_stop": self._order(lambda: self.protective_stop("the program")),
+            "powerdown": self._order(self.power_off),
+        }
         self.mode = RobotMode.RUNNING if options.running else RobotMode.POWER_OFF
         self.safety = SafetyMode.NORMAL
         self.runtime = RuntimeState.STOPPED
@@ -62,6 +84,7 @@ class UrController:
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
         """(time_s, what happened), the newest of them."""
         self._program: Machine | None = None
+        self._ordered: Callable[[], None] | None = None
         self._waiting: tuple[float, Machine] | None = None
         """A program, and when it begins."""
         self._mode_at: tuple[float, RobotMode] | None = None
@@ -108,9 +131,23 @@ class UrController:
             self.program_name = self._program.name
             self.runtime = RuntimeState.PLAYING
             self._key("PROGRAM_XXX_STARTED", self.program_name)
+        self._look_at_watchdogs()
         stopped = self.servo.step(self._acting(), self.period_s, self.slider)
         if stopped:
             self.protective_stop(stopped)
+
+    def _look_at_watchdogs(self) -> None:
+        if self.runtime is not RuntimeState.PLAYING:
+            return
+        expired = self.watchdogs.expired(self.time_s)
+        if expired is None:
+            return
+        name, action = expired
+        self._note(f"RTDE watchdog: {name} was not written in time: {action}")
+        if action == "pause":
+            self.pause()
+        elif action == "stop":
+            self._end_program("RTDE watchdog")
 
     def _acting(self) -> Action | None:
         """What the program does in this frame; None: nothing moves the arm."""
@@ -123,9 +160,22 @@ class UrController:
             self._exception(error.line, error.reason)
             self._end_program(f"runtime exception in line {error.line}: {error.reason}")
             return None
+        ordered, self._ordered = self._ordered, None
+        if ordered is not None:
+            ordered()
+            return None
         if program.ended:
             self._end_program("its end")
         return action
+
+    def _order(self, act: Callable[[], None]) -> Function:
+        """A function that ends its own program, which it does after the program's frame."""
+
+        def order() -> Action:
+            self._ordered = act
+            return Wait(self.period_s)
+
+        return Function((), {}, order, takes_time=True)
 
     def _left_of(self, action: Action) -> Action | None:
         return self.servo.left_of(action, self.period_s, self.slider)
@@ -213,12 +263,18 @@ class UrController:
         if self._program is not None:
             self._program.close()
         self._program = self._waiting = None
+        self.watchdogs.clear()
+        self.sockets.close_all()
+        self.popups.close()
         self.runtime = RuntimeState.STOPPED
         self._key("PROGRAM_XXX_STOPPED", name)
         self._note(f"program {name} has ended: {why}")
 
     def _said(self, text: str) -> None:
         self.messages.append(text_message(self.time_s, text))
+
+    def _popped(self, popup: Popup) -> None:
+        self._note(f"popup {popup.title}: {popup.text}")
 
     def _key(self, title: str, text: str) -> None:
         self.messages.append(key_message(self.time_s, title, text))
@@ -299,6 +355,7 @@ class UrController:
             self._end_program("restart")
         fresh = Registers()
         vars(self.registers).update(vars(fresh))
+        vars(self.io).update(vars(RobotIo()))
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
         self.frames, self._start_s = 0, self._now_s
         self._note("restart")

@@ -1,14 +1,13 @@
-"""The URScript functions that the simulated controller has."""
+"""URScript's functions that move the arm."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Final
 
 from cardan.common.bounds import Range
-from cardan.protocols.ur.variables import REGISTERS
-from cardan.sim_peers.ur_controller.language import Function, Wait
+from cardan.sim_peers.ur_controller.arguments import number
+from cardan.sim_peers.ur_controller.language import Function
 from cardan.sim_peers.ur_controller.servo import ServoJ, SpeedJ, StopJ
 
 LOOKAHEAD_S: Final = Range(0.03, 0.2, "s", "the script manual allows no other")
@@ -17,32 +16,11 @@ GAIN: Final = Range(100, 2000, "", "the script manual allows no other")
 _JOINTS: Final = 6
 
 
-class Registers:
-    """The registers between RTDE and programs."""
-
-    def __init__(self) -> None:
-        self.input_int = [0] * REGISTERS
-        self.input_double = [0.0] * REGISTERS
-        self.output_int = [0] * REGISTERS
-        self.output_double = [0.0] * REGISTERS
-
-
 def functions(
-    registers: Registers,
-    period_s: float,
     actual_q: Callable[[], Sequence[float]],
     target_q: Callable[[], Sequence[float]],
-    say: Callable[[str], None],
 ) -> Mapping[str, Function]:
-    """By name. `say` takes what a program prints."""
-
-    def write_int(address: Any, value: Any) -> None:
-        if isinstance(value, bool) or not isinstance(value, int):
-            raise ValueError(f"{value!r} is not a whole number")
-        registers.output_int[_address(address)] = ((value + 2**31) % 2**32) - 2**31
-
-    def write_float(address: Any, value: Any) -> None:
-        registers.output_double[_address(address)] = _number("value", value)
+    """By name."""
 
     def servoj(q: Any, a: Any, v: Any, t: Any, lookahead_time: Any, gain: Any) -> ServoJ:
         for name, value, allowed in (
@@ -56,23 +34,9 @@ def functions(
     def speedj(qd: Any, a: Any, t: Any) -> SpeedJ:
         return SpeedJ(_joints("qd", qd), _above_zero("a", a), _time(t))
 
-    def printed(*values: Any) -> None:
-        say("".join(str(value) for value in values if value != ""))
-
     return {
-        "read_input_integer_register": Function(
-            ("address",), {}, lambda address: registers.input_int[_address(address)]
-        ),
-        "read_input_float_register": Function(
-            ("address",), {}, lambda address: registers.input_double[_address(address)]
-        ),
-        "write_output_integer_register": Function(("address", "value"), {}, write_int),
-        "write_output_float_register": Function(("address", "value"), {}, write_float),
         "get_actual_joint_positions": Function((), {}, lambda: list(actual_q())),
         "get_target_joint_positions": Function((), {}, lambda: list(target_q())),
-        "get_steptime": Function((), {}, lambda: period_s),
-        "norm": Function(("a",), {}, _norm),
-        "textmsg": Function(("s1", "s2"), {"s2": ""}, printed),
         "servoj": Function(
             ("q", "a", "v", "t", "lookahead_time", "gain"),
             {"a": 0, "v": 0, "t": 0.002, "lookahead_time": 0.1, "gain": 300},
@@ -81,31 +45,17 @@ def functions(
         ),
         "speedj": Function(("qd", "a", "t"), {"t": 0.0}, speedj, takes_time=True),
         "stopj": Function(("a",), {}, lambda a: StopJ(_above_zero("a", a)), takes_time=True),
-        "sleep": Function(("t",), {}, lambda t: Wait(_time(t)), takes_time=True),
-        "sync": Function((), {}, lambda: Wait(period_s), takes_time=True),
     }
 
 
-def _address(value: Any) -> int:
-    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < REGISTERS:
-        raise ValueError(f"there is no register {value!r}; there are 0 to {REGISTERS - 1}")
-    return value
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-        raise ValueError(f"{name} is {value!r}, which is no number")
-    return float(value)
-
-
 def _time(value: Any) -> float:
-    if _number("t", value) < 0.0:
+    if number("t", value) < 0.0:
         raise ValueError(f"t is {value!r}, which is below 0")
     return float(value)
 
 
 def _above_zero(name: str, value: Any) -> float:
-    if _number(name, value) <= 0.0:
+    if number(name, value) <= 0.0:
         raise ValueError(f"{name} is {value!r}, which is not above 0")
     return float(value)
 
@@ -113,10 +63,4 @@ def _above_zero(name: str, value: Any) -> float:
 def _joints(name: str, value: Any) -> tuple[float, ...]:
     if not isinstance(value, list) or len(value) != _JOINTS:
         raise ValueError(f"{name} is {value!r}, which is not {_JOINTS} joints")
-    return tuple(_number(name, each) for each in value)
-
-
-def _norm(value: Any) -> float:
-    if isinstance(value, list):
-        return math.hypot(*(_number("a", each) for each in value))
-    return abs(_number("a", value))
+    return tuple(number(name, each) for each in value)

@@ -48,8 +48,8 @@ class Pending(NamedTuple):
     poll: Callable[[], Any]
     """What is there; None: not yet."""
     most_s: float = math.inf
-    otherwise: Any = None
-    """The value, when nothing came in that time."""
+    otherwise: Callable[[], Any] = lambda: None
+    """The value, when nothing came in that time: in the next frame at the earliest."""
 
 
 class Joined(NamedTuple):

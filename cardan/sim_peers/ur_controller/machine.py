@@ -194,7 +194,7 @@ class Machine:
             return True
         if self.frame < thread.until:
             return False
-        thread.value = wait.otherwise
+        thread.value = wait.otherwise()
         return True
 
     def _resume(self, thread: Thread) -> None:
@@ -225,7 +225,7 @@ class Machine:
             raise ProgramError(self.line, TOO_MUCH_BEHIND)
         elif isinstance(action, Pending):
             thread.wait = action
-            thread.until = self.frame + action.most_s / self._period_s - 1e-6
+            thread.until = self.frame + max(1.0, action.most_s / self._period_s - 1e-6)
         elif isinstance(action, Wait):
             thread.acted = self.frame
             thread.until = self.frame + max(1.0, action.left_s / self._period_s - 1e-6)

@@ -119,6 +119,13 @@ class _Parser:
         self._at += 1
         return token.text
 
+    def _member(self) -> str:
+        """A member's name, which may be a word of the language: `time().sec`."""
+        if self._next.kind == "word":
+            self._at += 1
+            return self._tokens[self._at - 1].text
+        return self._name()
+
     def _skip_lines(self) -> None:
         while self._next.kind == "newline":
             self._at += 1
@@ -199,7 +206,7 @@ class _Parser:
                 if len(path) == LONGEST_CHAIN:
                     raise WrongError(line, f"more than {LONGEST_CHAIN} elements and members")
                 if self._taken("."):
-                    path.append(self._name())
+                    path.append(self._member())
                 else:
                     self._expect("[")
                     path.append(self._indices())
@@ -321,7 +328,7 @@ class _Parser:
                 found = Element(found, self._indices(), line)
             else:
                 self._expect(".")
-                found = Member(found, self._name(), line)
+                found = Member(found, self._member(), line)
         return found
 
     def _indices(self) -> tuple[Expression, ...]:
