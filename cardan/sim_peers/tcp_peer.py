@@ -124,10 +124,10 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
                         self._send(key.data, b"")
                     if events & _READ:
                         self._read(key.data)
-                elif isinstance(key.data, str):
-                    self._accept(key.data)
-                else:  # of what a peer has beside its ports
+                elif callable(key.data):  # of what a peer has beside its ports
                     key.data(events)
+                else:
+                    self._accept(key.data)
                 self._flush()
             self._report()
         self._served()

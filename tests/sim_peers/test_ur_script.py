@@ -573,3 +573,145 @@ def test_nan_does_not_get_into_the_arm():
     assert "exception" in world.events
     assert all(map(math.isfinite, world.controller.servo.target_q))
     assert number
+
+
+# -- programs as their users' clients upload them --------------------------------------------------
+
+FOLLOWS = """
+def follows():
+  UNSET = -1
+  IDLE = 0
+  RUNNING = 1
+  SCALE = 1000000
+  global goal = get_target_joint_positions()
+  global state = UNSET
+  global mode = 0
+  global idle_count = 0
+  mover = 0
+  def within_limits(from_q, to_q, time):
+    local at = 0
+    while at < 6:
+      local speed = norm(to_q[at] - from_q[at]) / time
+      if speed > 20.0:
+        return False
+      end
+      at = at + 1
+    end
+    return True
+  end
+  def put(q):
+    state = RUNNING
+    if within_limits(goal, q, get_steptime()):
+      goal = q
+    end
+  end
+  thread servos():
+    now = IDLE
+    while mode == 1:
+      enter_critical
+      q = goal
+      idle = False
+      if (state == IDLE):
+        idle = True
+      end
+      now = state
+      if state > UNSET:
+        state = IDLE
+      end
+      if idle:
+        idle_count = idle_count + 1
+        q = goal + 0.0 * goal
+        servoj(q, t=get_steptime(), lookahead_time=0.03, gain=2000)
+      elif now == RUNNING:
+        servoj(q, t=get_steptime(), lookahead_time=0.03, gain=2000)
+      else:
+        sync()
+      end
+      exit_critical
+    end
+    stopj(4.0)
+  end
+  while not socket_open("127.0.0.1", 50002, "reverse"):
+    sleep(0.2)
+  end
+  timeout = 0.0
+  while mode > -2:
+    enter_critical
+    got = socket_read_binary_integer(8, "reverse", timeout)
+    if got[0] > 0:
+      timeout = got[1] / 1000.0
+      if mode != got[8]:
+        mode = got[8]
+        join mover
+        if mode == 1:
+          goal = get_target_joint_positions()
+          mover = run servos()
+        end
+      end
+      if mode == 1:
+        put([got[2] / SCALE, got[3] / SCALE, got[4] / SCALE, got[5] / SCALE, got[6] / SCALE,
+          got[7] / SCALE])
+      end
+    else:
+      textmsg("no command came")
+      mode = -2
+      kill mover
+      stopj(4.0)
+      halt
+    end
+    exit_critical
+  end
+  textmsg("ended")
+end
+"""
+
+
+def follower():
+    world = World(FOLLOWS, 1)
+    (opening,) = world.controller.sockets.openings()
+    world.controller.sockets.opened(opening.number)
+    world.run(1)
+    return world, opening.number
+
+
+def command(world, number, mode, joints, timeout_ms=100):
+    values = [timeout_ms, *(round(q * 1e6) for q in joints), mode]
+    data = b"".join(value.to_bytes(4, "big", signed=True) for value in values)
+    world.controller.sockets.data(number, data)
+
+
+def test_a_program_that_follows_its_socket_in_a_thread_of_its_own():
+    world, number = follower()
+    start = list(world.controller.servo.target_q)
+    for step in range(250):
+        joints = [start[0] + 0.001 * step, *start[1:]]
+        command(world, number, 1, joints)
+        world.run(1)
+    assert world.controller.servo.target_qd[0] == pytest.approx(0.5, rel=0.05)
+    command(world, number, -2, start)
+    world.run(300)
+    assert world.said == ["ended"]
+    assert not world.controller.servo.moving
+
+
+def test_it_stops_when_its_socket_falls_silent():
+    world, number = follower()
+    start = list(world.controller.servo.target_q)
+    command(world, number, 1, start)
+    world.run(48)
+    assert world.said == []
+    world.run(20)
+    assert world.said == ["no command came"]
+    assert not world.controller.has_program
+
+
+def test_a_frame_of_it_costs_a_small_part_of_the_frame():
+    world, number = follower()
+    start = list(world.controller.servo.target_q)
+    frames = []
+    for step in range(500):
+        command(world, number, 1, [start[0] + 0.001 * step, *start[1:]])
+        before = time.perf_counter()
+        world.run(1)
+        frames.append(time.perf_counter() - before)
+    assert sorted(frames)[len(frames) // 2] < 0.5 * world.controller.period_s

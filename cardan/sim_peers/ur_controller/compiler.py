@@ -14,7 +14,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
-from cardan.protocols.ur.script import tree
+from cardan.protocols.ur.script import LARGEST_WHOLE, tree
 from cardan.sim_peers.ur_controller import operators
 from cardan.sim_peers.ur_controller.language import (
     CALL_STEPS,
@@ -40,6 +40,9 @@ _CONTINUE: Final = "continue"
 _RETURN: Final = "return"
 _RESULT: Final = 0
 """Where among its variables a function keeps what it gives."""
+_QUICK: Final = frozenset("+-*/")
+_PLAIN: Final = (float, int)
+"""Of numbers; a truth is of another class."""
 _WRONG: Final = (ValueError, TypeError, IndexError, KeyError, ArithmeticError)
 
 
@@ -582,15 +585,27 @@ class Compiler:
         if left.takes_time or right.takes_time:
             return _together([left, right], worked)
         left_do, right_do = left.do, right.do
+        if sign in operators.ORDERS:
+            order = operators.ORDERS[sign]
+
+            def compare(own: _Locals) -> Any:
+                a, b = left_do(own), right_do(own)
+                if a.__class__ in _PLAIN and b.__class__ in _PLAIN:
+                    return order(a, b)
+                return worked(own, (a, b))
+
+            return _Code(compare)
+        if sign not in _QUICK:
+            return _Code(lambda own: worked(own, (left_do(own), right_do(own))))
+        quick, adds = operators.NUMBERS[sign], sign != "/"
 
         def run(own: _Locals) -> Any:
-            try:
-                result = work(left_do(own), right_do(own))
-            except _WRONG as error:
-                raise ProgramError(line, str(error)) from None
-            if result.__class__ is list:
-                budget[0] -= len(result) * (len(result[0]) if _rows(result) else 1)
-            return result
+            a, b = left_do(own), right_do(own)
+            if a.__class__ in _PLAIN and b.__class__ in _PLAIN and (b or adds):
+                result = quick(a, b)
+                if result.__class__ is float or -LARGEST_WHOLE <= result <= LARGEST_WHOLE:
+                    return result
+            return worked(own, (a, b))
 
         return _Code(run)
 
@@ -649,8 +664,11 @@ class Compiler:
         of_do, at_do = of.do, at[0].do
 
         def run(own: _Locals) -> Any:
+            value, index = of_do(own), at_do(own)
+            if value.__class__ is list and index.__class__ is int and 0 <= index < len(value):
+                return value[index]
             try:
-                return operators.element(of_do(own), at_do(own))
+                return operators.element(value, index)
             except _WRONG as error:
                 raise ProgramError(line, str(error)) from None
 

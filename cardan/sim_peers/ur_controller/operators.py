@@ -87,14 +87,14 @@ def _modulo(left: Any, right: Any) -> Any:
     return int(found) if isinstance(left, int) and isinstance(right, int) else found
 
 
-_NUMBERS: Final[Mapping[str, Operator]] = {
+NUMBERS: Final[Mapping[str, Operator]] = {
     "+": operator.add,
     "-": operator.sub,
     "*": operator.mul,
     "/": operator.truediv,
     "%": _modulo,
 }
-_ORDERS: Final[Mapping[str, Operator]] = {
+ORDERS: Final[Mapping[str, Operator]] = {
     "<": operator.lt,
     "<=": operator.le,
     ">": operator.gt,
@@ -102,23 +102,17 @@ _ORDERS: Final[Mapping[str, Operator]] = {
 }
 
 
-def _whole_in_32_bits(value: Any) -> Any:
-    if type(value) is int and not -LARGEST_WHOLE - 1 <= value <= LARGEST_WHOLE:
-        raise ValueError("a whole number has more than 32 bits")
-    return value
-
-
 def _arithmetic(sign: str, do: Operator) -> Operator:
     def numbers(left: Any, right: Any) -> Any:
-        for each in (left, right):
-            if not is_number(each):
-                raise ValueError(f"{text(each)!r} is not a number")
-        return _whole_in_32_bits(do(left, right))
+        if not (is_number(left) and is_number(right)):
+            raise ValueError(f"{text(right if is_number(left) else left)!r} is not a number")
+        found = do(left, right)
+        if found.__class__ is int and not -LARGEST_WHOLE - 1 <= found <= LARGEST_WHOLE:
+            raise ValueError("a whole number has more than 32 bits")
+        return found
 
     def worked(left: Any, right: Any) -> Any:
-        kinds = type(left), type(right)
-        if kinds == (float, float):
-            return do(left, right)
+        kinds = left.__class__, right.__class__
         if list not in kinds and Pose not in kinds:
             return numbers(left, right)
         rows, columns = _is_matrix(left), _is_matrix(right)
@@ -183,8 +177,8 @@ def _equal(left: Any, right: Any) -> bool:
 
 
 OPERATORS: Final[Mapping[str, Operator]] = {
-    **{sign: _arithmetic(sign, do) for sign, do in _NUMBERS.items()},
-    **{sign: _ordered(do) for sign, do in _ORDERS.items()},
+    **{sign: _arithmetic(sign, do) for sign, do in NUMBERS.items()},
+    **{sign: _ordered(do) for sign, do in ORDERS.items()},
     "==": _equal,
     "!=": lambda left, right: not _equal(left, right),
 }
@@ -221,15 +215,15 @@ def with_element(of: Any, path: Sequence[Any], value: Any) -> Any:
             raise ValueError(f"there is no member {step}")
         return struct({**of, step: with_element(of[step], rest, value) if rest else value})
     at = _index(of, step)
-    inner = with_element(of[at], rest, value) if rest else value
+    inner: Any = with_element(of[at], rest, value) if rest else value
     if isinstance(of, Pose):
         return pose((*of[:at], inner, *of[at + 1 :]))
     if isinstance(of, str):
         raise ValueError("a text has no elements that change")
     if isinstance(inner, (list, Struct)):
-        listed([inner])
-        if not _is_matrix(of) or (inner and isinstance(inner[0], list)):
+        if not _is_matrix(of):
             raise ValueError("an element of a list is no list")
+        listed([inner])
     changed = list(of)
     changed[at] = inner
     return changed

@@ -13,4 +13,5 @@ class Pose(tuple[float, ...]):
 
 def is_number(value: Any) -> bool:
     """A whole number or one with a fraction; a truth is none."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    kind = value.__class__
+    return kind is float or kind is int
