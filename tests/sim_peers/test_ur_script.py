@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
+import socket
 import time
 
 import pytest
@@ -13,6 +15,7 @@ from cardan.sim_peers.ur_controller import UrController, UrControllerOptions
 from cardan.sim_peers.ur_controller.language import TOO_MUCH_BEHIND, TOO_MUCH_TIME, TWO_THREADS
 from cardan.sim_peers.ur_controller.machine import Machine
 from cardan.sim_peers.ur_controller.operators import text
+from cardan.sim_peers.ur_controller.tcp import UrControllerPeer
 from cardan.sim_peers.ur_controller.values import Pose
 
 
@@ -715,3 +718,47 @@ def test_a_frame_of_it_costs_a_small_part_of_the_frame():
         world.run(1)
         frames.append(time.perf_counter() - before)
     assert sorted(frames)[len(frames) // 2] < 0.5 * world.controller.period_s
+
+
+def test_a_socket_that_is_really_opened():
+    listener = socket.create_server(("127.0.0.1", 0))
+    closed = socket.create_server(("127.0.0.1", 0))
+    ports = [each.getsockname()[1] for each in (listener, closed)]
+    closed.close()
+    peer = UrControllerPeer(
+        UrControllerOptions(
+            running=True, program_start_s=0.0, rtde_port=0, primary_port=0, dashboard_port=0
+        )
+    )
+    with listener, contextlib.closing(peer):
+        peer.open()
+        peer.controller.upload(
+            lines(
+                f"""
+write_output_boolean_register(0, socket_open("127.0.0.1", {ports[1]}, "no"))
+if socket_open("127.0.0.1", {ports[0]}, "yes"):
+  socket_send_line("hello", "yes")
+  found = socket_read_binary_integer(1, "yes")
+  write_output_integer_register(0, found[1])
+  socket_send_string("bye", "yes")
+  socket_close("yes")
+end
+write_output_integer_register(1, 1)"""
+            )
+        )
+        listener.settimeout(5.0)
+        peer.step(time.monotonic() + 0.1)
+        client, _ = listener.accept()
+        with client:
+            client.settimeout(5.0)
+            peer.step(time.monotonic() + 0.05)
+            assert client.recv(100) == b"hello\n"
+            client.sendall(b"\0\0\0\7")
+            until_s = time.monotonic() + 5.0
+            while not peer.controller.registers.output_int[1] and time.monotonic() < until_s:
+                peer.step(time.monotonic() + 0.02)
+            peer.step(time.monotonic() + 0.02)
+            assert peer.controller.registers.output_int[:2] == [7, 1]
+            assert not peer.controller.registers.output_bit[0]
+            assert client.recv(100) == b"bye"
+            assert client.recv(100) == b""

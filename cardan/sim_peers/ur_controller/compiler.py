@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 from cardan.protocols.ur.script import LARGEST_WHOLE, tree
 from cardan.sim_peers.ur_controller import operators
@@ -26,11 +26,9 @@ from cardan.sim_peers.ur_controller.language import (
     Joined,
     ProgramError,
     Running,
+    Runtime,
 )
 from cardan.sim_peers.ur_controller.values import Pose
-
-if TYPE_CHECKING:
-    from cardan.sim_peers.ur_controller.machine import Machine
 
 _Locals: TypeAlias = "list[Any]"
 _Do: TypeAlias = "Callable[[_Locals], Any]"
@@ -95,7 +93,7 @@ class Compiler:
     """Of one program, for one machine."""
 
     def __init__(
-        self, program: tree.Program, functions: Mapping[str, Function], machine: Machine
+        self, program: tree.Program, functions: Mapping[str, Function], machine: Runtime
     ) -> None:
         self._functions = functions
         self._machine = machine
@@ -578,8 +576,9 @@ class Compiler:
                 result = work(*values)
             except _WRONG as error:
                 raise ProgramError(line, str(error)) from None
-            if isinstance(result, list):
-                budget[0] -= len(result) * (len(result[0]) if _rows(result) else 1)
+            for each in (result, values[0]):
+                if each.__class__ is list:
+                    budget[0] -= _elements(each)
             return result
 
         if left.takes_time or right.takes_time:
@@ -719,8 +718,9 @@ class Compiler:
                 result = do(*values)
             except _WRONG as error:
                 raise ProgramError(line, f"{name}(): {error}") from None
-            if isinstance(result, list):
-                budget[0] -= len(result)
+            for each in (result, *values):
+                if each.__class__ is list:
+                    budget[0] -= _elements(each)
             return result
 
         if function.takes_time:
@@ -867,8 +867,11 @@ def _count(found: Any) -> int:
     return sum(1 for _ in _nodes(found))
 
 
-def _rows(result: list[Any]) -> bool:
-    return bool(result) and isinstance(result[0], list)
+def _elements(found: list[Any]) -> int:
+    """Of a list or a matrix."""
+    if found and found[0].__class__ is list:
+        return sum(len(each) if each.__class__ is list else 1 for each in found)
+    return len(found)
 
 
 def _constant(value: Any) -> _Code:

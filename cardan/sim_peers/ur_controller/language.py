@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Mapping
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, Protocol
 
 CALL_STEPS: Final = 20
 """Of computing that a call of a function counts as."""
@@ -81,3 +81,27 @@ class _Unset:
 
 UNSET: Final = _Unset()
 """What a variable has before it gets a value."""
+
+
+class Runtime(Protocol):
+    """What a program needs of the machine that runs it."""
+
+    steps: list[int]
+    """Left in this frame."""
+    stack: list[list[Any]]
+    """The variables of the functions that the thread which runs is in."""
+    line: int
+    """Of the call that takes time."""
+    globals: list[Any]
+
+    def start(self, name: str, frame: list[Any], body: Callable[[list[Any]], Any]) -> int:
+        """A thread's handle. Raises ValueError."""
+        ...
+
+    def kill(self, handle: Any) -> None:
+        """End a thread, if there is one with this handle."""
+        ...
+
+    def lives(self, handle: Any) -> bool:
+        """Whether a thread has not ended."""
+        ...

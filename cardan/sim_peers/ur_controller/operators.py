@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from cardan.protocols.ur.script import LARGEST_WHOLE
@@ -43,7 +43,11 @@ def struct(members: Mapping[str, Any]) -> Struct:
 
 def listed(items: list[Any]) -> list[Any]:
     """A list of these. Raises ValueError where it is no list of the language."""
+    count = 0
     for each in items:
+        count += len(each) if isinstance(each, list) else 1
+        if count > LONGEST_LIST:
+            raise ValueError(f"a list has more than {LONGEST_LIST} elements")
         if isinstance(each, list):
             if any(isinstance(inner, (list, Struct)) for inner in each):
                 raise ValueError("a matrix has two dimensions")
@@ -61,7 +65,7 @@ def pose(items: Sequence[Any]) -> Pose:
 
 
 def text(value: Any) -> str:
-    """As `textmsg` and `to_str` write it, at most as long as a text may be and a little."""
+    """As `textmsg` and `to_str` write it; what is longer than a text may be is cut."""
     return _written(value)[: LONGEST_TEXT + 1]
 
 
@@ -71,12 +75,23 @@ def _written(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:g}"
     if isinstance(value, Pose):
-        return "p[" + ", ".join(map(_written, value)) + "]"
+        return "p[" + _joined(map(_written, value)) + "]"
     if isinstance(value, list):
-        return "[" + ", ".join(map(_written, value[:LONGEST_TEXT])) + "]"
+        return "[" + _joined(map(_written, value)) + "]"
     if isinstance(value, Struct):
-        return "struct(" + ", ".join(f"{k}={_written(v)}" for k, v in value.items()) + ")"
+        return "struct(" + _joined(f"{k}={_written(v)}" for k, v in value.items()) + ")"
     return str(value)
+
+
+def _joined(parts: Iterable[str]) -> str:
+    """With commas, as far as a text may go."""
+    found, size = [], 0
+    for each in parts:
+        found.append(each)
+        size += len(each) + 2
+        if size > LONGEST_TEXT:
+            break
+    return ", ".join(found)
 
 
 # -- arithmetic ------------------------------------------------------------------------------------
@@ -220,13 +235,13 @@ def with_element(of: Any, path: Sequence[Any], value: Any) -> Any:
         return pose((*of[:at], inner, *of[at + 1 :]))
     if isinstance(of, str):
         raise ValueError("a text has no elements that change")
-    if isinstance(inner, (list, Struct)):
-        if not _is_matrix(of):
-            raise ValueError("an element of a list is no list")
-        listed([inner])
     changed = list(of)
     changed[at] = inner
-    return changed
+    if not isinstance(inner, (list, Struct)):
+        return changed
+    if not _is_matrix(of):
+        raise ValueError("an element of a list is no list")
+    return listed(changed)
 
 
 def _index(of: Any, at: Any) -> int:
