@@ -1,5 +1,4 @@
-"""The dashboard's lines, the primary interface's packages, and the part of URScript that is
-read."""
+"""The dashboard's lines, the primary interface's packages, and URScript's trees."""
 
 from __future__ import annotations
 

@@ -19,6 +19,7 @@ from cardan.sim_peers.ur_controller import operators
 from cardan.sim_peers.ur_controller.language import (
     CALL_STEPS,
     DEEPEST_CALLS,
+    ELEMENT_STEPS,
     TOO_MUCH_TIME,
     UNSET,
     Function,
@@ -228,6 +229,11 @@ class Compiler:
             return None
 
         return run
+
+    def _spend(self, line: int, steps: int) -> None:
+        self._steps[0] -= steps
+        if self._steps[0] < 0:
+            raise ProgramError(line, TOO_MUCH_TIME)
 
     def _statement(self, found: tree.Statement, scope: _Scope) -> _Code:
         if isinstance(found, tree.Assign):
@@ -563,7 +569,7 @@ class Compiler:
         return _Code(run)
 
     def _binary(self, found: tree.Binary, scope: _Scope) -> _Code:
-        sign, line, budget = found.operator, found.line, self._steps
+        sign, line, spend = found.operator, found.line, self._spend
         if sign in ("and", "or"):
             return self._both(found, scope)
         left, right = self._expression(found.left, scope), self._expression(found.right, scope)
@@ -572,14 +578,12 @@ class Compiler:
         work = operators.OPERATORS["!=" if sign == "xor" else sign]
 
         def worked(own: _Locals, values: Sequence[Any]) -> Any:
+            if any(each.__class__ is list for each in values):
+                spend(line, operators.work_of(*values) * ELEMENT_STEPS)
             try:
-                result = work(*values)
+                return work(*values)
             except _WRONG as error:
                 raise ProgramError(line, str(error)) from None
-            for each in (result, values[0]):
-                if each.__class__ is list:
-                    budget[0] -= _elements(each)
-            return result
 
         if left.takes_time or right.takes_time:
             return _together([left, right], worked)
@@ -708,19 +712,17 @@ class Compiler:
 
     def _call_function(self, call: tree.Call, function: Function, codes: list[_Code]) -> _Code:
         name, line, do = call.name, call.line, function.do
-        budget, machine = self._steps, self._machine
+        spend, machine = self._spend, self._machine
 
         def called(values: Sequence[Any]) -> Any:
-            budget[0] -= CALL_STEPS
-            if budget[0] < 0:
-                raise ProgramError(line, TOO_MUCH_TIME)
+            spend(line, CALL_STEPS)
             try:
                 result = do(*values)
             except _WRONG as error:
                 raise ProgramError(line, f"{name}(): {error}") from None
             for each in (result, *values):
                 if each.__class__ is list:
-                    budget[0] -= _elements(each)
+                    spend(line, operators.elements(each))
             return result
 
         if function.takes_time:
@@ -865,13 +867,6 @@ def _weight(found: tree.Statement) -> int:
 
 def _count(found: Any) -> int:
     return sum(1 for _ in _nodes(found))
-
-
-def _elements(found: list[Any]) -> int:
-    """Of a list or a matrix."""
-    if found and found[0].__class__ is list:
-        return sum(len(each) if each.__class__ is list else 1 for each in found)
-    return len(found)
 
 
 def _constant(value: Any) -> _Code:

@@ -6,8 +6,10 @@ import math
 from collections.abc import Callable, Generator, Mapping
 from typing import Any, Final, NamedTuple, Protocol
 
-CALL_STEPS: Final = 20
+CALL_STEPS: Final = 40
 """Of computing that a call of a function counts as."""
+ELEMENT_STEPS: Final = 4
+"""That an operator counts as for each element of its lists."""
 DEEPEST_CALLS: Final = 50
 
 TOO_MUCH_TIME: Final = (

@@ -150,12 +150,22 @@ def _is_matrix(value: Any) -> bool:
     return isinstance(value, list) and bool(value) and isinstance(value[0], list)
 
 
-_MOST_PRODUCTS: Final = 10_000
+def elements(found: list[Any]) -> int:
+    """Of a list or a matrix."""
+    if _is_matrix(found):
+        return sum(len(each) if isinstance(each, list) else 1 for each in found)
+    return len(found)
+
+
+def work_of(left: Any, right: Any) -> int:
+    """How much an operator has to do with lists."""
+    ours = elements(left) if isinstance(left, list) else 1
+    if _is_matrix(left) and _is_matrix(right):
+        return ours * len(right[0])
+    return max(ours, elements(right) if isinstance(right, list) else 1)
 
 
 def _product(left: list[Any], right: list[Any]) -> list[Any]:
-    if len(left) * len(right) * len(right[0]) > _MOST_PRODUCTS:
-        raise ValueError("the matrices are too large")
     if any(len(row) != len(right[0]) for row in right if isinstance(row, list)):
         raise ValueError("the rows of a matrix have several lengths")
     columns = [[row[n] for row in right] for n in range(len(right[0]))]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final, Literal as OneOf, cast
 
 from cardan.protocols.ur.script.lexer import (
@@ -43,12 +42,21 @@ from cardan.protocols.ur.script.tree import (
 DEEPEST: Final = 50
 """Levels of brackets and blocks."""
 LONGEST_CHAIN: Final = 100
-"""Operators of one kind, one after the other."""
+"""Operators one after the other, without brackets."""
 _UNNAMED: Final = "unnamed"
 """A command that came without a program."""
 _POSE: Final = 6
 _NEW_STATEMENT: Final = tuple(WORDS - {"and", "not", "or", "xor", "True", "False", "def", "sec"})
-_COMPARISONS: Final = ("==", "!=", "<", "<=", ">", ">=")
+_NOT: Final = 4
+_LEVELS: Final = {
+    "or": 1,
+    "xor": 2,
+    "and": 3,
+    **dict.fromkeys(("==", "!=", "<", "<=", ">", ">="), 5),
+    **dict.fromkeys(("+", "-"), 6),
+    **dict.fromkeys(("*", "/", "%"), 7),
+}
+"""How closely operators bind; `not`: 4."""
 
 
 def parse(text: str) -> Program | Refused:
@@ -274,40 +282,36 @@ class _Parser:
         if token.kind not in ("newline", "end") and not self._is(*_NEW_STATEMENT):
             raise WrongError(token.line, f"the line should end before {token.text!r}")
 
-    # -- expressions, the loosest operator first --
+    # -- expressions --
 
     def _expression(self) -> Expression:
         self._deeper(1)
-        found = self._binary(("or",), self._either)
+        found = self._operators(1)
         self._deeper(-1)
         return found
 
-    def _either(self) -> Expression:
-        return self._binary(("xor",), lambda: self._binary(("and",), self._negated))
-
-    def _negated(self) -> Expression:
+    def _operators(self, least: int) -> Expression:
+        """Values, with operators between them that bind at least so closely."""
         self._skip_lines()
-        line = self._next.line
-        if self._taken("not"):
+        token = self._next
+        if token.text == "not" and token.kind == "word" and least <= _NOT:
+            self._at += 1
             self._deeper(1)
-            found = Unary("not", self._negated(), line)
+            found: Expression = Unary("not", self._operators(_NOT), token.line)
             self._deeper(-1)
-            return found
-        return self._binary(_COMPARISONS, self._sum)
-
-    def _sum(self) -> Expression:
-        return self._binary(("+", "-"), lambda: self._binary(("*", "/", "%"), self._signed))
-
-    def _binary(self, signs: tuple[str, ...], operand: Callable[[], Expression]) -> Expression:
-        found, count = operand(), 0
-        while self._is(*signs):
+        else:
+            found = self._signed()
+        count = 0
+        while True:
             sign = self._next
+            level = _LEVELS.get(sign.text, 0) if sign.kind in ("sign", "word") else 0
+            if level < least:
+                return found
             self._at += 1
             count += 1
             if count > LONGEST_CHAIN:
                 raise WrongError(sign.line, f"more than {LONGEST_CHAIN} operators in a row")
-            found = Binary(sign.text, found, operand(), sign.line)
-        return found
+            found = Binary(sign.text, found, self._operators(level + 1), sign.line)
 
     def _signed(self) -> Expression:
         self._skip_lines()
