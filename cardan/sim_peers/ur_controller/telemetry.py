@@ -35,22 +35,12 @@ _SAFETY_BITS: Final[Mapping[SafetyMode, SafetyBit]] = {
 }
 
 
-class Inputs:
-    """What clients have written, beside the registers that programs read."""
-
-    def __init__(self) -> None:
-        self.digital_outputs = 0
-        """Standard in bits 0 to 7, configurable in 8 to 15, tool in 16 and 17."""
-        self.analog_outputs = [0.0, 0.0]
-        self.bits = [False] * 128
-
-
 class Telemetry:
     """Values of variables, and writing them."""
 
     def __init__(self, controller: UrController) -> None:
         self._controller = controller
-        self.inputs = Inputs()
+        self.inputs = controller.io
         self._made: dict[str, Callable[[], Any]] = self._makers()
 
     def value(self, name: str) -> Any:
@@ -65,20 +55,19 @@ class Telemetry:
         return _NOTHING.get(OUTPUTS[name], 0)
 
     def _register(self, way: str, kind: str, number: int) -> Any:
-        if kind == "bit":
-            return self.inputs.bits[number] if way == "input" else False
         return getattr(self._controller.registers, f"{way}_{kind}")[number]
 
     def write(self, values: Mapping[str, Any]) -> None:
         """What a client's data package brought."""
         registers = self._controller.registers
+        self._controller.watchdogs.fed(values, self._controller.time_s)
         for name, value in values.items():
             if name.startswith("input_int_register_"):
                 registers.input_int[int(name[19:])] = value
             elif name.startswith("input_double_register_"):
                 registers.input_double[int(name[22:])] = value
             elif name.startswith("input_bit_register_"):
-                self.inputs.bits[int(name[19:])] = value
+                registers.input_bit[int(name[19:])] = value
         if values.get("speed_slider_mask", 0) & 1:
             self._controller.slider = min(max(values.get("speed_slider_fraction", 1.0), 0.0), 1.0)
         for kind, shift in (("standard", 0), ("configurable", 8), ("tool", 16)):
@@ -118,6 +107,7 @@ class Telemetry:
             "joint_mode": self._joint_modes,
             "speed_scaling": lambda: 1.0 if controller.runtime is RuntimeState.PLAYING else 0.0,
             "target_speed_fraction": lambda: controller.slider,
+            "actual_digital_input_bits": lambda: inputs.digital_inputs,
             "actual_digital_output_bits": lambda: inputs.digital_outputs,
             "standard_analog_output0": lambda: inputs.analog_outputs[0],
             "standard_analog_output1": lambda: inputs.analog_outputs[1],
