@@ -21,7 +21,7 @@ from cardan.sim_peers.kinematics import UR_LINKS
 from cardan.sim_peers.ur_controller.actions import Action
 from cardan.sim_peers.ur_controller.contact import Plane
 from cardan.sim_peers.ur_controller.functions import Registers, functions
-from cardan.sim_peers.ur_controller.interpreter import Interpreter, ProgramError
+from cardan.sim_peers.ur_controller.interpreter import Function, Interpreter, ProgramError
 from cardan.sim_peers.ur_controller.kinematics import Kinematics
 from cardan.sim_peers.ur_controller.motion import Motion
 from cardan.sim_peers.ur_controller.motion_functions import motion_functions
@@ -61,11 +61,9 @@ class UrController:
         self.functions = {
             **functions(self.registers, self.period_s, self._said),
             **pose_functions(),
-            **motion_functions(
-                self.motion,
-                self.power_off,
-                lambda: self.protective_stop("the program asked for it"),
-            ),
+            **motion_functions(self.motion),
+            "powerdown": Function((), {}, self.power_off),
+            "protective_stop": Function((), {}, lambda: self.protective_stop("the program")),
         }
         self.mode = RobotMode.RUNNING if options.running else RobotMode.POWER_OFF
         self.safety = SafetyMode.NORMAL

@@ -40,18 +40,14 @@ _ACTIVE: Final = "active_tcp"
 _CURRENT: Final = "current_joint_positions"
 
 
-def motion_functions(
-    motion: Motion, power_down: Callable[[], None], stop: Callable[[], None]
-) -> Mapping[str, Function]:
-    """By name. `power_down` and `stop` (the protective one) are the controller's."""
+def motion_functions(motion: Motion) -> Mapping[str, Function]:
+    """By name."""
     return {
         **_moves(motion),
         **_modes(motion),
         **_state(motion),
         **_kinematics(motion),
         **_settings(motion),
-        "powerdown": Function((), {}, power_down),
-        "protective_stop": Function((), {}, stop),
     }
 
 
