@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from cardan.protocols.ur.states import (
@@ -14,9 +14,7 @@ from cardan.protocols.ur.states import (
     StatusBit,
 )
 from cardan.protocols.ur.variables import OUTPUTS
-from cardan.sim_peers.kinematics import UR_LINKS, forward
 from cardan.sim_peers.ur_controller.controller import UrController
-from cardan.spatial import to_rotation_vector
 
 _NOTHING: Final[Mapping[str, Any]] = {
     "VECTOR6D": (0.0,) * 6,
@@ -37,23 +35,12 @@ _SAFETY_BITS: Final[Mapping[SafetyMode, SafetyBit]] = {
 }
 
 
-class Inputs:
-    """What clients have written, beside the registers that programs read."""
-
-    def __init__(self) -> None:
-        self.digital_outputs = 0
-        """Standard in bits 0 to 7, configurable in 8 to 15, tool in 16 and 17."""
-        self.analog_outputs = [0.0, 0.0]
-        self.bits = [False] * 128
-
-
 class Telemetry:
     """Values of variables, and writing them."""
 
     def __init__(self, controller: UrController) -> None:
         self._controller = controller
-        self.inputs = Inputs()
-        self._links = UR_LINKS[controller.options.robot]
+        self.inputs = controller.io
         self._made: dict[str, Callable[[], Any]] = self._makers()
 
     def value(self, name: str) -> Any:
@@ -68,20 +55,19 @@ class Telemetry:
         return _NOTHING.get(OUTPUTS[name], 0)
 
     def _register(self, way: str, kind: str, number: int) -> Any:
-        if kind == "bit":
-            return self.inputs.bits[number] if way == "input" else False
         return getattr(self._controller.registers, f"{way}_{kind}")[number]
 
     def write(self, values: Mapping[str, Any]) -> None:
         """What a client's data package brought."""
         registers = self._controller.registers
+        self._controller.watchdogs.fed(values, self._controller.time_s)
         for name, value in values.items():
             if name.startswith("input_int_register_"):
                 registers.input_int[int(name[19:])] = value
             elif name.startswith("input_double_register_"):
                 registers.input_double[int(name[22:])] = value
             elif name.startswith("input_bit_register_"):
-                self.inputs.bits[int(name[19:])] = value
+                registers.input_bit[int(name[19:])] = value
         if values.get("speed_slider_mask", 0) & 1:
             self._controller.slider = min(max(values.get("speed_slider_fraction", 1.0), 0.0), 1.0)
         for kind, shift in (("standard", 0), ("configurable", 8), ("tool", 16)):
@@ -95,15 +81,23 @@ class Telemetry:
                 self.inputs.analog_outputs[number] = values[f"standard_analog_output_{number}"]
 
     def _makers(self) -> dict[str, Callable[[], Any]]:
-        controller, servo, inputs = self._controller, self._controller.servo, self.inputs
+        controller, motion, inputs = self._controller, self._controller.motion, self.inputs
         return {
             "timestamp": lambda: controller.time_s,
-            "target_q": lambda: servo.target_q,
-            "target_qd": lambda: servo.target_qd,
-            "actual_q": lambda: servo.actual_q,
-            "actual_qd": lambda: servo.actual_qd,
-            "actual_TCP_pose": lambda: self._tcp_pose(servo.actual_q),
-            "target_TCP_pose": lambda: self._tcp_pose(servo.target_q),
+            "target_q": lambda: motion.target_q,
+            "target_qd": lambda: motion.target_qd,
+            "actual_q": lambda: motion.actual_q,
+            "actual_qd": lambda: motion.actual_qd,
+            "target_qdd": lambda: motion.target_qdd,
+            "actual_TCP_pose": motion.actual_tcp_pose,
+            "target_TCP_pose": motion.target_tcp_pose,
+            "actual_TCP_speed": motion.actual_tcp_speed,
+            "target_TCP_speed": motion.target_tcp_speed,
+            "actual_TCP_force": motion.tcp_force,
+            "tcp_offset": lambda: motion.tcp_offset,
+            "payload": lambda: motion.payload.mass,
+            "payload_cog": lambda: motion.payload.cog,
+            "payload_inertia": lambda: motion.payload.inertia,
             "robot_mode": lambda: controller.mode,
             "safety_mode": lambda: controller.safety,
             "safety_status": lambda: controller.safety,
@@ -113,17 +107,13 @@ class Telemetry:
             "joint_mode": self._joint_modes,
             "speed_scaling": lambda: 1.0 if controller.runtime is RuntimeState.PLAYING else 0.0,
             "target_speed_fraction": lambda: controller.slider,
+            "actual_digital_input_bits": lambda: inputs.digital_inputs,
             "actual_digital_output_bits": lambda: inputs.digital_outputs,
             "standard_analog_output0": lambda: inputs.analog_outputs[0],
             "standard_analog_output1": lambda: inputs.analog_outputs[1],
             "actual_main_voltage": lambda: 48.0,
             "actual_robot_voltage": lambda: 48.0 if controller.mode >= RobotMode.POWER_ON else 0.0,
         }
-
-    def _tcp_pose(self, joints: Sequence[float]) -> tuple[float, ...]:
-        """x y z in m and the rotation vector in rad, of tool0 in the controller's base."""
-        pose = forward(joints, self._links).pose
-        return (*pose.position, *to_rotation_vector(pose.orientation))
 
     def _status_bits(self) -> int:
         controller = self._controller
@@ -143,4 +133,4 @@ class Telemetry:
 
     def _joint_modes(self) -> tuple[int, ...]:
         running = self._controller.mode is RobotMode.RUNNING
-        return (_JOINT_RUNNING if running else _JOINT_OFF,) * len(self._controller.servo.target_q)
+        return (_JOINT_RUNNING if running else _JOINT_OFF,) * len(self._controller.motion.target_q)
