@@ -163,3 +163,27 @@ def test_what_is_not_understood_is_named(text, line, reason):
 @given(st.text(alphabet='def end()while:if x=[1,]+-*not\n"#.p', max_size=80))
 def test_no_text_raises(text):
     parse("def a():\n" + text)
+
+
+def test_lines_as_programs_in_use_break_them():
+    found = parse(
+        """def a():
+    global first = # what it is for
+0    global second = 1
+    def f(p, factor):
+      p[0] = p[0] * factor
+      return (p[0] + p[1] < 1e-3)
+    end
+    x = p[0, 0, 0,
+      0, 0, 0]
+    if first == 1 or
+      second == 2:
+      pass
+    end
+    t = run f([1, 2], factor = 2)
+end
+"""
+    )
+    assert isinstance(found, Program), found
+    assert [(each.name, each.line) for each in found.block[:2]] == [("first", 2), ("second", 3)]
+    assert [type(each).__name__ for each in found.block[2:]] == ["Define", "Assign", "If", "Assign"]
