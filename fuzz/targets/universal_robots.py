@@ -171,7 +171,7 @@ def _script(data: bytes) -> object:
         controller.sockets.outgoing()
         controller.sockets.closings()
     controller.upload("sec beside():\n  set_digital_out(0, True)\nend\n")
-    all_finite(controller.servo.target_q)
+    all_finite(controller.motion.target_q)
     all_finite(controller.registers.output_double)
     return isinstance(found, Program), controller.runtime, controller.safety
 
@@ -260,7 +260,7 @@ def _controller(packets: Packets) -> object:
     servers = UrServers(controller, options)
     clients = Clients(servers, 0.002)
     clients.feed(packets)
-    all_finite(controller.servo.target_q)
+    all_finite(controller.motion.target_q)
     now_s = clients.now_s + 0.002
     fresh = servers.accepted("rtde", now_s)
     assert fresh is not None

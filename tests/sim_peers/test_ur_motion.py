@@ -182,6 +182,7 @@ def test_functions_of_poses():
     a, b = Pose((0.1, 0.2, 0.3, 0.4, -0.5, 0.6)), Pose((-0.3, 0.1, 0.2, 0.0, 0.7, -0.2))
     both = arm.call("pose_trans", a, b)
     assert arm.call("pose_trans", arm.call("pose_inv", a), both) == pytest.approx(b)
+    assert arm.call("inv", a) == arm.call("pose_inv", a)
     assert arm.call("pose_add", arm.call("pose_sub", a, b), b) == pytest.approx(a)
     assert arm.call("point_dist", a, b) == pytest.approx(math.sqrt(0.16 + 0.01 + 0.01))
     assert arm.call("pose_dist", a, a) == pytest.approx(0.0, abs=1e-12)

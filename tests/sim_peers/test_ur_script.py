@@ -574,7 +574,7 @@ def test_nan_does_not_get_into_the_arm():
     )
     world.run(20)
     assert "exception" in world.events
-    assert all(map(math.isfinite, world.controller.servo.target_q))
+    assert all(map(math.isfinite, world.controller.motion.target_q))
     assert number
 
 
@@ -685,21 +685,21 @@ def command(world, number, mode, joints, timeout_ms=100):
 
 def test_a_program_that_follows_its_socket_in_a_thread_of_its_own():
     world, number = follower()
-    start = list(world.controller.servo.target_q)
+    start = list(world.controller.motion.target_q)
     for step in range(250):
         joints = [start[0] + 0.001 * step, *start[1:]]
         command(world, number, 1, joints)
         world.run(1)
-    assert world.controller.servo.target_qd[0] == pytest.approx(0.5, rel=0.05)
+    assert world.controller.motion.target_qd[0] == pytest.approx(0.5, rel=0.05)
     command(world, number, -2, start)
     world.run(300)
     assert world.said == ["ended"]
-    assert not world.controller.servo.moving
+    assert not world.controller.motion.moving
 
 
 def test_it_stops_when_its_socket_falls_silent():
     world, number = follower()
-    start = list(world.controller.servo.target_q)
+    start = list(world.controller.motion.target_q)
     command(world, number, 1, start)
     world.run(48)
     assert world.said == []
@@ -710,7 +710,7 @@ def test_it_stops_when_its_socket_falls_silent():
 
 def test_a_frame_of_it_costs_a_small_part_of_the_frame():
     world, number = follower()
-    start = list(world.controller.servo.target_q)
+    start = list(world.controller.motion.target_q)
     frames = []
     for step in range(500):
         command(world, number, 1, [start[0] + 0.001 * step, *start[1:]])

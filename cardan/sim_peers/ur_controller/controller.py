@@ -60,7 +60,7 @@ class UrController:
         plane = None
         if options.contact_z_m is not None:
             plane = Plane(options.contact_z_m, options.contact_stiffness_n_m)
-        self.motion = self.servo = Motion(
+        self.motion = Motion(
             Kinematics(UR_LINKS[options.robot], low, high),
             options.start or arm.home,
             arm.velocity,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from cardan.protocols.ur.variables import INPUTS, REGISTERS
-from cardan.sim_peers.ur_controller.arguments import number, truth, whole, words
+from cardan.sim_peers.ur_controller.checks import number, truth, whole, words
 from cardan.sim_peers.ur_controller.io import BITS, FLAGS, PLACES, Registers, RobotIo
 from cardan.sim_peers.ur_controller.language import Action, Function, Pending, Wait
 from cardan.sim_peers.ur_controller.operators import struct, text

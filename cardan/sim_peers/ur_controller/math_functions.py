@@ -10,7 +10,7 @@ import random
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from cardan.sim_peers.ur_controller.arguments import number, numbers, truth, whole, words
+from cardan.sim_peers.ur_controller.checks import number, numbers, truth, whole, words
 from cardan.sim_peers.ur_controller.language import Function
 from cardan.sim_peers.ur_controller.operators import LONGEST_TEXT, text
 from cardan.sim_peers.ur_controller.values import Pose, is_number
@@ -51,7 +51,6 @@ def math_functions(chance: random.Random) -> Mapping[str, Function]:
         "get_list_length": Function(("v",), {}, _length),
         "size": Function(("v",), {}, _size),
         "transpose": Function(("m",), {}, _transpose),
-        "inv": Function(("m",), {}, _inverse),
         "binary_list_to_integer": Function(("l",), {}, _to_integer),
         "integer_to_binary_list": Function(("x",), {}, _to_binary),
         "str_at": Function(("src", "index"), {}, _str_at),
@@ -107,7 +106,7 @@ def _transpose(value: Any) -> list[list[Any]]:
     return [list(column) for column in zip(*value, strict=True)]
 
 
-def _inverse(value: Any) -> list[list[float]]:
+def inverse_matrix(value: Any) -> list[list[float]]:
     """Of a square matrix, by Gauss and Jordan."""
     rows = _matrix(value)
     count = len(rows)

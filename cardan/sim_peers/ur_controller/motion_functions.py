@@ -22,6 +22,7 @@ from cardan.sim_peers.ur_controller.contact import Compliance
 from cardan.sim_peers.ur_controller.kinematics import frame_of, pose_of
 from cardan.sim_peers.ur_controller.language import Function
 from cardan.sim_peers.ur_controller.motion import Motion, Payload
+from cardan.sim_peers.ur_controller.operators import text
 from cardan.sim_peers.ur_controller.values import Pose
 from cardan.spatial import norm
 from cardan.types import Pose as Frame, Vector3
@@ -98,7 +99,7 @@ def _moves(motion: Motion) -> Mapping[str, Function]:
             ("gain", gain, GAIN),
         ):
             if value not in allowed:
-                raise ValueError(f"{name} {value!r} is not {allowed}")
+                raise ValueError(f"{name} {text(value)} is not {allowed}")
         return ServoJ(checks.joints("q", q), checks.time(t), float(lookahead_time))
 
     def speedj(qd: Any, a: Any, t: Any) -> SpeedJ:
@@ -143,7 +144,7 @@ def _moves(motion: Motion) -> Mapping[str, Function]:
 
 def _profile(a: Any, v: Any, t: Any) -> tuple[float, float, float]:
     if checks.time(t) > 0.0:
-        return checks.number("a", a), checks.number("v", v), float(t)
+        return checks.moderate("a", a), checks.moderate("v", v), float(t)
     return checks.above_zero("a", a), checks.above_zero("v", v), 0.0
 
 
@@ -159,10 +160,7 @@ def _modes(motion: Motion) -> Mapping[str, Function]:
         motion.begin_force(
             Compliance(
                 checks.frame("task_frame", frame),
-                tuple(
-                    checks.whole("selection_vector", each, 0, 1) == 1
-                    for each in checks.vector("selection_vector", selection)
-                ),
+                checks.switches("selection_vector", selection),
                 checks.vector("wrench", wrench),
                 checks.whole("type", kind, 1, 3),
                 tuple(map(abs, checks.vector("limits", limits))),
@@ -176,8 +174,7 @@ def _modes(motion: Motion) -> Mapping[str, Function]:
         motion.force.gain = _within("scaling", value, 2.0)
 
     def freedrive(free_axes: Any, feature: Any) -> None:
-        for each in checks.vector("freeAxes", free_axes):
-            checks.whole("freeAxes", each, 0, 1)
+        checks.switches("freeAxes", free_axes)
         if feature not in ("base", "tool"):
             checks.pose("feature", feature)
         motion.freedrive = True
@@ -219,7 +216,7 @@ def _modes(motion: Motion) -> Mapping[str, Function]:
 
 def _within(name: str, value: Any, most: float) -> float:
     if not checks.not_below_zero(name, value) <= most:
-        raise ValueError(f"{name} is {value!r}, which is not 0 to {most:g}")
+        raise ValueError(f"{name} is {text(value)}, which is not 0 to {most:g}")
     return float(value)
 
 
@@ -332,8 +329,7 @@ def _solved(motion: Motion, goal: Frame, near: Any, tcp: Frame) -> list[float]:
 
 def _settings(motion: Motion) -> Mapping[str, Function]:
     def set_tcp(pose: Any, tcp_name: Any) -> None:
-        if not isinstance(tcp_name, str):
-            raise ValueError(f"tcp_name is {tcp_name!r}, which is no text")
+        checks.words("tcp_name", tcp_name)
         motion.set_tcp(frame_of(checks.pose("pose", pose)))
 
     def carry(mass: Any, cog: tuple[float, ...], inertia: tuple[float, ...]) -> None:
@@ -355,7 +351,7 @@ def _settings(motion: Motion) -> Mapping[str, Function]:
         moments = checks.vector("inertia", inertia)
         if max(map(abs, moments)) > INERTIA_KG_M2 or min(moments[:3]) < 0.0:
             raise ValueError(
-                f"inertia is {inertia!r}, which is beyond {INERTIA_KG_M2:.0f} kg m2, or below 0"
+                f"inertia is {text(inertia)}, which is beyond {INERTIA_KG_M2:.0f} kg m2, or below 0"
             )
         carry(m, checks.vector("cog", cog, 3), moments)
 

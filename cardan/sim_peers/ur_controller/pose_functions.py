@@ -9,6 +9,7 @@ from typing import Any
 from cardan.sim_peers.ur_controller import checks
 from cardan.sim_peers.ur_controller.kinematics import frame_of, pose_of
 from cardan.sim_peers.ur_controller.language import Function
+from cardan.sim_peers.ur_controller.math_functions import inverse_matrix
 from cardan.sim_peers.ur_controller.values import Pose
 from cardan.spatial import (
     add,
@@ -36,6 +37,7 @@ def pose_functions() -> Mapping[str, Function]:
     return {
         "pose_trans": Function(("p_from", "p_from_to"), {}, _trans),
         "pose_inv": Function(("p_from",), {}, _inv),
+        "inv": Function(("m",), {}, _inv_of_any),
         "pose_add": Function(two, {}, _add),
         "pose_sub": Function(("p_to", "p_from"), {}, _sub),
         "pose_dist": Function(("p_from", "p_to"), {}, _dist),
@@ -53,6 +55,10 @@ def _trans(outer: Any, inner: Any) -> Pose:
 
 def _inv(pose: Any) -> Pose:
     return pose_of(inverse(checks.frame("p_from", pose)))
+
+
+def _inv_of_any(value: Any) -> Pose | list[list[float]]:
+    return _inv(value) if isinstance(value, Pose) else inverse_matrix(value)
 
 
 def _add(first: Any, second: Any) -> Pose:
@@ -80,7 +86,7 @@ def _dist(start: Any, to: Any) -> float:
 
 def _interpolated(start: Any, to: Any, alpha: Any) -> Pose:
     a, b = checks.frame("p_from", start), checks.frame("p_to", to)
-    share = checks.number("alpha", alpha)
+    share = checks.moderate("alpha", alpha)
     turn = from_rotation_vector(scale(rotation_between(a.orientation, b.orientation), share))
     way = scale(subtract(b.position, a.position), share)
     return pose_of(Frame(add(a.position, way), multiply(turn, a.orientation)))

@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
-from cardan.sim_peers.ur_controller.arguments import number, truth, whole, words
+from cardan.sim_peers.ur_controller.checks import number, truth, whole, words
 from cardan.sim_peers.ur_controller.language import Action, Function, Pending
 from cardan.sim_peers.ur_controller.operators import LONGEST_TEXT, text
 from cardan.sim_peers.ur_controller.sockets import ProgramSocket, ProgramSockets
