@@ -145,7 +145,7 @@ def test_the_slider_makes_a_program_slower():
         ("  write_output_integer_register(1, 0.5)", "0.5 is not a whole number"),
         ("  x = read_input_integer_register(48)", "there is no register 48"),
         ("  break", "outside of `while`"),
-        ("  thread a():", "`thread` is not supported"),
+        ("  thread a():\n  end", "`thread` is not supported"),
     ],
 )
 def test_a_program_that_cannot_go_on_says_why(body, words):

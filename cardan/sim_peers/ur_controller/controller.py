@@ -14,7 +14,13 @@ from collections import deque
 from typing import Final
 
 from cardan.protocols.ur.dashboard import UNLOCK_AFTER_S
-from cardan.protocols.ur.primary import exception_message, key_message, text_message
+from cardan.protocols.ur.primary import (
+    ReportLevel,
+    error_message,
+    exception_message,
+    key_message,
+    text_message,
+)
 from cardan.protocols.ur.script import Refused, parse
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.ur_controller.functions import Registers, functions
@@ -32,6 +38,8 @@ LONGEST_STALL_S: Final = 0.5
 """Frames that a slow computer owes beyond that are left out."""
 JOINT_RANGE: Final = math.radians(363.0)
 """Of every joint, by the safety system; the arm's file keeps the elbow to half of that."""
+STOP_CODE: Final = 204
+"""The error of every protective stop: of UR's, that a path failed its check."""
 _KEPT_EVENTS = 10_000
 
 
@@ -148,8 +156,9 @@ class UrController:
 
     # -- programs ---------------------------------------------------------------------------------
 
-    def upload(self, text: str) -> None:
-        """A program came over the primary interface: it takes the place of the one that runs."""
+    def upload(self, text: str, name: str = "") -> None:
+        """A program has come: it takes the place of the one that runs. `name`: what it is called,
+        if not as its text says."""
         why = self._why_no_program()
         if why:
             self._said(why)
@@ -166,8 +175,9 @@ class UrController:
             self._note("fault: the program is never begun")
             return
         interpreter = Interpreter(program, self.functions)
+        interpreter.name = name or interpreter.name
         self._waiting = (self.time_s + self.options.program_start_s, interpreter)
-        self._note(f"program {program.name}")
+        self._note(f"program {interpreter.name}")
 
     def _why_no_program(self) -> str:
         if not self.remote:
@@ -306,6 +316,10 @@ class UrController:
             self._end_program(mode.name)
         self.safety = mode
         self._stopped_s = self.time_s
+        if mode is SafetyMode.PROTECTIVE_STOP:
+            self.messages.append(
+                error_message(self.time_s, STOP_CODE, 0, ReportLevel.VIOLATION, why)
+            )
         self._note(f"{mode.name}: {why}")
 
     def _note(self, text: str) -> None:

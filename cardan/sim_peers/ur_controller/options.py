@@ -10,7 +10,8 @@ from cardan.common import bounds
 from cardan.common.bounds import Range
 from cardan.common.options import Options, require_each
 from cardan.protocols.ur.dashboard import DASHBOARD_PORT
-from cardan.protocols.ur.primary import PRIMARY_PORT
+from cardan.protocols.ur.primary import PRIMARY_PORT, READ_ONLY, SECONDARY_PORT
+from cardan.protocols.ur.realtime import REALTIME_PORT
 from cardan.protocols.ur.rtde import RTDE_PORT, ControllerVersion
 from cardan.robots import ArmModel, load_arm
 from cardan.sim_peers.base import check_faults
@@ -38,8 +39,23 @@ class UrControllerOptions(Options):
     primary_port: Annotated[int, bounds.ANY_PORT] = option(
         PRIMARY_PORT, "The primary interface, which takes programs.", metavar="PORT"
     )
+    secondary_port: Annotated[int, bounds.ANY_PORT] | None = option(
+        None,
+        "The secondary interface. Default: 30002 where the primary one is at 30001, else any.",
+        metavar="PORT",
+    )
+    realtime_port: Annotated[int, bounds.ANY_PORT] | None = option(
+        None,
+        "The real-time interface. Default: 30003 where the primary one is at 30001, else any.",
+        metavar="PORT",
+    )
     dashboard_port: Annotated[int, bounds.ANY_PORT] = option(
         DASHBOARD_PORT, "The dashboard server.", metavar="PORT"
+    )
+    programs: str = option(
+        "",
+        "Programs that the dashboard loads: NAME.script, and NAME.urp with it.",
+        metavar="FOLDER",
     )
     running: bool = option(False, "Power is on and the brakes are released from the start.")
     remote: bool = option(True, "An e-Series in local control: it takes no programs.", name="local")
@@ -69,11 +85,29 @@ class UrControllerOptions(Options):
 
     @property
     def ports(self) -> dict[str, int]:
-        """By what is served there."""
+        """By what is served there; 0: any free one. What only sends is 10 above what it is the same
+        as, where that is at its published port."""
+        published = self.primary_port == PRIMARY_PORT
+        secondary, realtime = (
+            (port if published else 0) if given is None else given
+            for given, port in (
+                (self.secondary_port, SECONDARY_PORT),
+                (self.realtime_port, REALTIME_PORT),
+            )
+        )
+        sent = (
+            ("primary", self.primary_port, PRIMARY_PORT),
+            ("secondary", secondary, SECONDARY_PORT),
+            ("realtime", realtime, REALTIME_PORT),
+        )
         return {
             "rtde": self.rtde_port,
-            "primary": self.primary_port,
             "dashboard": self.dashboard_port,
+            **{kind: port for kind, port, _ in sent},
+            **{
+                f"{kind}-read": port + READ_ONLY if port == usual else 0
+                for kind, port, usual in sent
+            },
         }
 
     @property
