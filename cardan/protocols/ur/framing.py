@@ -61,7 +61,7 @@ class ScriptReader:
         *lines, rest = self._pending.split(b"\n")
         self._pending = bytearray(rest)
         for line in lines:
-            self._line(line)
+            self._line(bytes(line))
         if self._size + len(self._pending) > self._largest:
             self.failure = f"a program of more than {self._largest} bytes"
 

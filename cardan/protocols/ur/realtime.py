@@ -20,7 +20,7 @@ class Field(NamedTuple):
 
     variable: str
     """Of RTDE; empty: nothing that is published."""
-    count: int
+    width: int
     since: tuple[tuple[int, int], ...] = ((3, 2), (5, 0))
     """The first version of each major one that has it."""
 
@@ -81,7 +81,7 @@ class RealtimeForm:
             for field in FIELDS
             if any(since[0] == version[0] and since <= version for since in field.since)
         )
-        self._struct = struct.Struct(f">i{sum(field.count for field in self.fields)}d")
+        self._struct = struct.Struct(f">i{sum(field.width for field in self.fields)}d")
 
     @property
     def size(self) -> int:
@@ -91,10 +91,10 @@ class RealtimeForm:
     def pack(self, value: Callable[[str], Any]) -> bytes:
         """A packet; `value` gives a variable of RTDE."""
         numbers: list[float] = []
-        for name, count, _ in self.fields:
+        for name, width, _ in self.fields:
             if not name:
-                numbers += [0.0] * count
-            elif count == 1:
+                numbers += [0.0] * width
+            elif width == 1:
                 numbers.append(value(name))
             else:
                 numbers += value(name)
