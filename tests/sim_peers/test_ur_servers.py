@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import pytest
 
+from cardan.errors import OptionError
 from cardan.protocols.ur import robot_state
 from cardan.protocols.ur.framing import UNFINISHED_S
 from cardan.protocols.ur.primary import (
@@ -415,6 +416,41 @@ def test_every_answer(robot, version, own):
     board = world.join("dashboard")
     for request, answer in [*COMMON, *own]:
         assert world.ask(board, request) == answer.format(version=version), request
+
+
+@pytest.mark.parametrize(
+    ("robot", "software", "knows", "lacks"),
+    [
+        ("ur5e", "5.0", "version", "is in remote control"),
+        ("ur5e", "5.3.1", "restart safety", "safetystatus"),
+        ("ur5e", "5.7.0.4", "get operational mode", "saveLog"),
+        ("ur5", "3.2", "getUserRole", "restart safety"),
+        ("ur5", "3.12", "get serial number", "generate flight report"),
+    ],
+)
+def test_an_older_version_knows_less(robot, software, knows, lacks):
+    world = World(robot=robot, software=software)
+    board = world.join("dashboard")
+    assert "could not understand" not in world.ask(board, knows)
+    assert world.ask(board, lacks) == f"could not understand: '{lacks}'"
+    assert software in world.ask(board, "PolyscopeVersion")
+
+
+@pytest.mark.parametrize(("software", "size"), [("3.4", 46), ("3.5", 47)])
+def test_the_modes_are_a_byte_longer_from_3_5_on(software, size):
+    world = World(robot="ur5", software=software)
+    number = world.join("secondary")
+    world.run(0.15)
+    assert struct.unpack_from(">i", packages(world, number)[-1].content) == (size,)
+
+
+@pytest.mark.parametrize(
+    ("robot", "software"),
+    [("ur5e", "3.15"), ("ur5", "5.0"), ("ur5", "3.16"), ("ur5e", "5"), ("ur5e", "5.x")],
+)
+def test_a_version_that_the_robot_never_had(robot, software):
+    with pytest.raises(OptionError, match="software"):
+        UrControllerOptions(robot=robot, software=software)
 
 
 def test_help_of_a_cb3_names_what_it_understands():

@@ -34,7 +34,7 @@ _LABEL = struct.Struct(">i")
 _REQUEST = struct.Struct(">II")
 _MODE = struct.Struct(">iBQ7?BBddd")
 _RESERVED = bytes(1)
-"""After the modes, since 3.5."""
+"""After the modes, from 3.5 on."""
 
 ROBOT_STATE: Final = 16
 ROBOT_MESSAGE: Final = 20
@@ -240,10 +240,13 @@ class ModeData(NamedTuple):
     speed_scaling: float = 1.0
 
 
-def state_package(time_s: float, data: ModeData, parts: bytes = b"") -> bytes:
+def state_package(
+    time_s: float, data: ModeData, parts: bytes = b"", before_3_5: bool = False
+) -> bytes:
     """A robot state: the modes, then `parts`, its other sub-packages."""
+    reserved = b"" if before_3_5 else _RESERVED
     content = _MODE.pack(
-        _MODE.size + len(_RESERVED),
+        _MODE.size + len(reserved),
         _ROBOT_MODE_DATA,
         round(1e6 * time_s),
         True,
@@ -259,7 +262,7 @@ def state_package(time_s: float, data: ModeData, parts: bytes = b"") -> bytes:
         data.speed_scaling,
         1.0,
     )
-    return package(ROBOT_STATE, content + _RESERVED + parts)
+    return package(ROBOT_STATE, content + reserved + parts)
 
 
 def read_mode(found: Package) -> ModeData | None:

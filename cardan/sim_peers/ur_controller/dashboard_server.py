@@ -32,16 +32,26 @@ _REMOTE_ONLY = frozenset(
     )
 )
 """An e-Series in local control refuses these."""
-_E_SERIES_ONLY = frozenset(
-    (
-        dashboard.REMOTE_CONTROL,
-        "version",
-        "set operational mode",
-        "get operational mode",
-        "clear operational mode",
-    )
-)
-_CB3_ONLY = frozenset(("setuserrole", "getuserrole", "help"))
+_Version = tuple[int, int]
+_SINCE: Mapping[str, tuple[_Version | None, _Version | None]] = {
+    "clear operational mode": (None, (5, 0)),
+    "generate flight report": ((3, 13), (5, 8)),
+    "generate support file": ((3, 13), (5, 8)),
+    "get operational mode": (None, (5, 6)),
+    "get robot model": ((3, 12), (5, 6)),
+    "get serial number": ((3, 12), (5, 6)),
+    "getuserrole": ((3, 1), None),
+    "help": ((3, 1), None),
+    dashboard.REMOTE_CONTROL: (None, (5, 6)),
+    "restart safety": ((3, 7), (5, 1)),
+    dashboard.SAFETY_STATUS: ((3, 11), (5, 4)),
+    "savelog": ((3, 13), (5, 8)),
+    "set operational mode": (None, (5, 0)),
+    "setuserrole": ((3, 1), None),
+    "version": (None, (5, 0)),
+}
+"""Since when a CB3 and an e-Series know a request; None: never. All else they always did."""
+_ALWAYS: Mapping[bool, _Version] = {False: (3, 0), True: (5, 0)}
 
 
 class Dashboard:
@@ -80,9 +90,14 @@ class Dashboard:
         return f"could not understand: '{request}'"
 
     def _known(self, table: Mapping[str, V]) -> dict[str, V]:
-        """What of it this series has."""
-        lacks = _CB3_ONLY if self._e_series else _E_SERIES_ONLY
-        return {words: made for words, made in table.items() if words not in lacks}
+        """What of it this version has."""
+        version, always = self._controller.options.version[:2], _ALWAYS[self._e_series]
+        found = {}
+        for words, made in table.items():
+            since = _SINCE.get(words, (always, always))[self._e_series]
+            if since is not None and version >= since:
+                found[words] = made
+        return found
 
     def _beginning(self, words: str) -> str:
         """The request that takes an argument, and has one here."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
@@ -20,6 +21,7 @@ from cardan.sim_peers.ur_controller.faults import FAULTS
 
 TAKES_S = Range(0.0, 60.0, "s", "no controller takes longer")
 
+_VERSION = re.compile(r"\d{1,2}\.\d{1,2}(\.\d{1,7}){0,2}", re.ASCII)
 _Takes = Annotated[float, TAKES_S]
 
 
@@ -29,6 +31,11 @@ class UrControllerOptions(Options):
 
     robot: Literal["ur5e", "ur5"] = option(
         "ur5e", "ur5e: an e-Series, 500 Hz; ur5: a CB3, 125 Hz, without remote control."
+    )
+    software: str = option(
+        "",
+        "The version of its software. Default: 5.12, of a CB3 3.15.",
+        metavar="VERSION",
     )
     host: Annotated[str, bounds.LISTEN_HOST] = option(
         "127.0.0.1", "The address it listens on.", metavar="HOST"
@@ -79,6 +86,7 @@ class UrControllerOptions(Options):
         require_each(
             self,
             ("rtde_port", len(set(ports)) == len(ports), "another one than the others"),
+            ("software", self._has_software, "5.0 to 5.99, of a CB3 3.2 to 3.15, as 5.9.4"),
             ("start", inside, f"{len(arm.joints)} joints inside their ranges"),
         )
         check_faults(self.faults, FAULTS)
@@ -128,4 +136,15 @@ class UrControllerOptions(Options):
     @property
     def version(self) -> ControllerVersion:
         """Of the software it has."""
-        return ControllerVersion(5, 12, 0, 0) if self.e_series else ControllerVersion(3, 15, 0, 0)
+        words = self.software or ("5.12" if self.e_series else "3.15")
+        numbers = [int(word) for word in words.split(".")]
+        return ControllerVersion(*numbers, *[0] * (4 - len(numbers)))
+
+    @property
+    def _has_software(self) -> bool:
+        """Whether there is such a version for the robot."""
+        if _VERSION.fullmatch(self.software) is None:
+            return not self.software
+        if self.e_series:
+            return self.version.major == 5
+        return (3, 2) <= self.version[:2] <= (3, 15)

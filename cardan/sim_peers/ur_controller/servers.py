@@ -258,8 +258,12 @@ class UrServers(TcpServers[PortKind, _Connection]):
         if not there:
             return
         values = self._state_values
+        options = self.options
         data = state_package(
-            self.controller.time_s, values.modes(), parts(values, self.options.e_series)
+            self.controller.time_s,
+            values.modes(),
+            parts(values, options.e_series),
+            before_3_5=options.version < (3, 5),
         )
         for each in there:
             self._put(each, data)
