@@ -31,9 +31,9 @@ from cardan.sim_peers.ur_controller.telemetry import Telemetry
 PortKind = Literal[
     "rtde",
     "primary",
+    "dashboard",
     "secondary",
     "realtime",
-    "dashboard",
     "primary-read",
     "secondary-read",
     "realtime-read",
