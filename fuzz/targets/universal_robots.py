@@ -74,8 +74,8 @@ def _primary(data: bytes) -> object:
 def _parts() -> bytes:
     """The sub-packages of a robot state."""
     controller = UrController()
-    telemetry = Telemetry(controller)
-    return robot_state.parts(StateValues(controller, telemetry, Pendant(controller, print)), True)
+    telemetry, pendant = Telemetry(controller), Pendant(controller, print, ())
+    return robot_state.parts(StateValues(controller, telemetry, pendant), True)
 
 
 def _primary_streams() -> Iterator[bytes]:
@@ -132,7 +132,7 @@ def _answers(data: bytes) -> object:
     said: list[str] = []
     for robot in ("ur5e", "ur5"):
         controller = UrController(UrControllerOptions(robot=robot, running=True))  # type: ignore[arg-type]
-        board = Dashboard(controller, Pendant(controller, said.append))
+        board = Dashboard(controller, Pendant(controller, said.append, ()))
         for line in text_of(data).split("\n")[:20]:
             answer = board.answer(line)
             assert answer

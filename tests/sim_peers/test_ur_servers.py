@@ -336,8 +336,10 @@ def test_a_program_that_is_refused_is_not_played(folder):
 def test_what_is_saved(folder):
     world = World(programs=str(folder))
     board = world.join("dashboard")
+    world.ask(board, "power off"), world.ask(board, "addToLog Now look")
     assert world.ask(board, "saveLog") == "Log saved to disk"
-    assert (folder / "log_history.txt").is_file()
+    log = (folder / "log_history.txt").read_text()
+    assert log == "0.000 power off\n0.000 dashboard: connection 1\n0.000 Now look\n"
     assert world.ask(board, "generate support file sub") == (
         "Completed successfully: ur_20000000000.zip"
     )

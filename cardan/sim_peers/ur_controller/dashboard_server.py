@@ -66,7 +66,7 @@ class Dashboard:
                 "load installation": pendant.load_installation,
                 "load": pendant.load,
                 "popup": self._popup,
-                "addtolog": lambda text: "Added log message",
+                "addtolog": self._add_to_log,
                 "setuserrole": self._set_role,
                 "set operational mode": self._set_mode,
                 "generate flight report": pendant.flight_report,
@@ -144,11 +144,15 @@ class Dashboard:
         return "Restarting safety"
 
     def _popup(self, text: str) -> str:
-        self._pendant.popup = text
+        self._pendant.note(f"popup: {text}")
         return "showing popup"
 
+    def _add_to_log(self, text: str) -> str:
+        self._pendant.note(text)
+        return "Added log message"
+
     def _close_popup(self) -> str:
-        self._pendant.popup = ""
+        self._pendant.note("the popup is closed")
         return "closing popup"
 
     def _set_role(self, role: str) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import heapq
 import zipfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from operator import itemgetter
 from pathlib import Path, PurePosixPath
 from typing import Final
 
@@ -25,15 +27,19 @@ _ON_A_ROBOT: Final = (PurePosixPath("/ursim/programs"), PurePosixPath("/programs
 class Pendant:
     """Programs in a folder, and what a person has set."""
 
-    def __init__(self, controller: UrController, note: Callable[[str], None]) -> None:
-        """`note` takes what a person may want to know."""
-        self._controller, self._note = controller, note
+    def __init__(
+        self,
+        controller: UrController,
+        note: Callable[[str], None],
+        histories: Sequence[Iterable[tuple[float, str]]],
+    ) -> None:
+        """`note` takes what a person may want to know; the log is put together of `histories`."""
+        self._controller, self.note = controller, note
+        self._histories = histories
         folder = controller.options.programs
         self._folder = Path(folder).resolve() if folder else None
         self.loaded = ""
         """The program, as it was asked for."""
-        self.popup = ""
-        """The text that is shown over all else."""
         self.user_role = "PROGRAMMER"
         self.operational_mode = "NONE"
         """NONE: nobody controls it by the dashboard."""
@@ -55,7 +61,7 @@ class Pendant:
         if not 0 < len(data) <= LARGEST or self._controller.has_program:
             return f"Error while loading program: {name}"
         self.loaded, self._text = name, data.decode("utf-8", "replace")
-        self._note(f"loaded {name}")
+        self.note(f"loaded {name}")
         return f"Loading program: {name}"
 
     def play(self) -> bool:
@@ -82,7 +88,7 @@ class Pendant:
             return f"File not found: {name}"
         if self._controller.has_program:
             return f"Failed to load installation: {name}"
-        self._note(f"loaded {name}")
+        self.note(f"loaded {name}")
         return f"Loading installation: {name}"
 
     def _inside(self, name: str) -> Path | None:
@@ -117,7 +123,7 @@ class Pendant:
         if kind not in ("", *REPORTS):
             return f"Error: there is no flight report {kind!r}"
         self._reports += 1
-        self._note(f"flight report {self._reports}: {kind or REPORTS[-1]}")
+        self.note(f"flight report {self._reports}: {kind or REPORTS[-1]}")
         return f"Flight Report generated with id: {self._reports}"
 
     def support_file(self, name: str) -> str:
@@ -133,4 +139,5 @@ class Pendant:
         return f"Completed successfully: {SUPPORT_FILE}"
 
     def _log(self) -> str:
-        return "".join(f"{time_s:.3f} {text}\n" for time_s, text in self._controller.events)
+        lines = heapq.merge(*self._histories, key=itemgetter(0))
+        return "".join(f"{time_s:.3f} {text}\n" for time_s, text in lines)

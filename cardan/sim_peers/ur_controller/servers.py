@@ -73,7 +73,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
         self.controller = controller
         self.options = options
         self.telemetry = Telemetry(controller)
-        self.pendant = Pendant(controller, self._note)
+        self.pendant = Pendant(controller, self._note, self.histories)
         self._dashboard = Dashboard(controller, self.pendant)
         self._state_values = StateValues(controller, self.telemetry, self.pendant)
         self._realtime = RealtimeForm(options.version[:2])
