@@ -20,6 +20,7 @@ from cardan.protocols.ur.primary import (
     read_message,
     read_mode,
 )
+from cardan.protocols.ur.rtde import PacketType, ask_outputs, ask_version, packet
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.ur_controller import UrControllerOptions, UrControllerPeer
 from cardan.sim_peers.ur_controller.servers import CLIENTS, PORT_KINDS
@@ -521,15 +522,43 @@ def test_where_the_ports_are():
 
 
 @pytest.mark.real
-def test_a_client_that_does_not_read_is_let_go_of():
+def test_a_client_that_does_not_read_misses_packets_and_holds_nobody_up():
     options = UrControllerOptions(rtde_port=0, primary_port=0, dashboard_port=0, running=True)
     with UrControllerPeer(options) as peer, socket.socket() as idle, socket.socket() as busy:
         idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         for each in (idle, busy):
             each.settimeout(5.0)
             each.connect(("127.0.0.1", peer.port("realtime")))
-        end_s = time.monotonic() + 20.0
-        while not any("does not read" in text for _, text in peer.servers.events):
-            assert len(busy.recv(65536)) > 0
+        read, end_s = 0, time.monotonic() + 20.0
+        while read < 1220 * 500:
+            read += len(busy.recv(65536))
             assert time.monotonic() < end_s
-        assert len(busy.recv(65536)) > 0
+        idle.sendall(b"def a():\n  sync()\nend\n")
+        stamps, data = [], b""
+        while len(stamps) < 2 or stamps[-1] - stamps[-2] < 0.01:
+            data += idle.recv(65536)
+            while len(data) >= 1220:
+                size, time_s = struct.unpack_from(">id", data)
+                assert size == 1220
+                stamps.append(time_s)
+                data = data[size:]
+            assert time.monotonic() < end_s
+        while "program a" not in [text for _, text in tuple(peer.controller.events)]:
+            assert len(idle.recv(65536)) > 0
+            assert time.monotonic() < end_s
+        assert not any("does not read" in text for _, text in tuple(peer.servers.events))
+
+
+@pytest.mark.real
+def test_a_client_of_rtde_that_does_not_read_is_let_go_of():
+    options = UrControllerOptions(rtde_port=0, primary_port=0, dashboard_port=0, running=True)
+    names = [f"output_double_register_{n}" for n in range(48)]
+    setup = ask_version() + ask_outputs(500.0, names) + packet(PacketType.START)
+    with UrControllerPeer(options) as peer, socket.socket() as idle:
+        idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        idle.connect(("127.0.0.1", peer.port("rtde")))
+        idle.sendall(setup)
+        end_s = time.monotonic() + 20.0
+        while not any("does not read" in text for _, text in tuple(peer.servers.events)):
+            assert time.monotonic() < end_s
+            time.sleep(0.02)

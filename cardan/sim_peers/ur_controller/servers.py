@@ -66,6 +66,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
     """The servers of a `UrController`."""
 
     kinds = PORT_KINDS
+    leaves_out = _STATES | _REALTIME  # ur_rtde sends its script to 30003 and never reads there.
     state_period_s = STATE_PERIOD_S
 
     def __init__(self, controller: UrController, options: UrControllerOptions) -> None:
