@@ -527,9 +527,9 @@ def test_a_client_that_does_not_read_misses_packets_and_holds_nobody_up():
     with UrControllerPeer(options) as peer, socket.socket() as idle, socket.socket() as busy:
         idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         for each in (idle, busy):
-            each.settimeout(5.0)
+            each.settimeout(30.0)
             each.connect(("127.0.0.1", peer.port("realtime")))
-        read, end_s = 0, time.monotonic() + 20.0
+        read, end_s = 0, time.monotonic() + 60.0
         while read < 1220 * 500:
             read += len(busy.recv(65536))
             assert time.monotonic() < end_s
@@ -558,7 +558,7 @@ def test_a_client_of_rtde_that_does_not_read_is_let_go_of():
         idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         idle.connect(("127.0.0.1", peer.port("rtde")))
         idle.sendall(setup)
-        end_s = time.monotonic() + 20.0
+        end_s = time.monotonic() + 60.0
         while not any("does not read" in text for _, text in tuple(peer.servers.events)):
             assert time.monotonic() < end_s
             time.sleep(0.02)
