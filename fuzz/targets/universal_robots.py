@@ -1,4 +1,4 @@
-"""Universal Robots: RTDE, the primary interface, the dashboard, URScript, the session, the
+"""Universal Robots: RTDE, the client interfaces, the dashboard, URScript, the session, the
 simulated controller."""
 
 from __future__ import annotations
@@ -10,10 +10,15 @@ from typing import Any
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.program import program
 from cardan.drivers.ur_rtde.session import CHANNELS, Phase, UrSession
-from cardan.protocols.ur import dashboard, primary, rtde
-from cardan.protocols.ur.script import Program, parse
-from cardan.protocols.ur.states import RobotMode
+from cardan.protocols.ur import dashboard, primary, robot_state, rtde
+from cardan.protocols.ur.framing import ScriptReader
+from cardan.protocols.ur.script import LARGEST, Program, parse
+from cardan.protocols.ur.states import RobotMode, SafetyMode
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
+from cardan.sim_peers.ur_controller.dashboard_server import Dashboard
+from cardan.sim_peers.ur_controller.pendant import Pendant
+from cardan.sim_peers.ur_controller.state_values import StateValues
+from cardan.sim_peers.ur_controller.telemetry import Telemetry
 from cardan.types import HoldCommand, RobotLink
 from fuzz.target import Form, Packets, Target
 from fuzz.targets.common import Clients, all_finite, joined_streams, kinds, text_of
@@ -57,6 +62,7 @@ def _primary_feed() -> Callable[[bytes], Iterable[Any]]:
         while (found := reader.take()) is not None:
             yield primary.read_message(found)
             yield primary.read_mode(found)
+            yield robot_state.sub_packages(found)
 
     return feed
 
@@ -65,9 +71,21 @@ def _primary(data: bytes) -> object:
     return kinds(joined_streams(_primary_feed, data))
 
 
+def _parts() -> bytes:
+    """The sub-packages of a robot state."""
+    controller = UrController()
+    telemetry, pendant = Telemetry(controller), Pendant(controller, print, ())
+    return robot_state.parts(StateValues(controller, telemetry, pendant), True)
+
+
 def _primary_streams() -> Iterator[bytes]:
     modes = primary.ModeData(True, False, False, True, False, RobotMode.RUNNING, 1.0)
-    yield primary.version_message(0.0, (5, 12, 0, 0)) + primary.state_package(0.1, modes)
+    state = primary.state_package(0.1, modes, _parts())
+    yield primary.version_message(0.0, (5, 12, 0, 0)) + state
+    yield primary.popup_message(1.0, 1, "a", "b") + primary.label_message(1.0, 2, "c")
+    yield primary.safety_message(1.0, SafetyMode.NORMAL) + primary.error_message(
+        1.0, 204, 0, primary.ReportLevel.VIOLATION, "d"
+    )
     yield primary.key_message(1.0, "PROGRAM_XXX_STARTED", "a") + primary.text_message(1.0, "b")
     yield primary.exception_message(2.0, 3, "c")
 
@@ -86,6 +104,40 @@ def _dashboard_feed() -> Callable[[bytes], Iterable[Any]]:
 def _dashboard(data: bytes) -> object:
     lines = joined_streams(_dashboard_feed, data)
     return tuple(dashboard.refusal(dashboard.POWER_ON, line) == "" for line in lines[:3])
+
+
+def _framing_feed() -> Callable[[bytes], Iterable[Any]]:
+    reader = ScriptReader(LARGEST)
+
+    def feed(data: bytes) -> Iterator[Any]:
+        reader.feed(data)
+        while (found := reader.take()) is not None:
+            yield found
+
+    return feed
+
+
+def _framing(data: bytes) -> object:
+    """Programs and lines are the same in whatever pieces they come."""
+    return len(joined_streams(_framing_feed, data))
+
+
+def _framings() -> Iterator[bytes]:
+    yield b'textmsg("one")\npower on\n# two\ndef a():\n  if True: sync() end\nend\nmovej([0])\n'
+    yield _LIVELY.encode()
+
+
+def _answers(data: bytes) -> object:
+    """Each line has an answer of one line."""
+    said: list[str] = []
+    for robot in ("ur5e", "ur5"):
+        controller = UrController(UrControllerOptions(robot=robot, running=True))  # type: ignore[arg-type]
+        board = Dashboard(controller, Pendant(controller, said.append, ()))
+        for line in text_of(data).split("\n")[:20]:
+            answer = board.answer(line)
+            assert answer
+            dashboard.request(answer)
+    return len(said), controller.mode
 
 
 _LIVELY = """def lively():
@@ -263,7 +315,9 @@ def _controller(packets: Packets) -> object:
     all_finite(controller.motion.target_q)
     now_s = clients.now_s + 0.002
     fresh = servers.accepted("rtde", now_s)
-    assert fresh is not None
+    if fresh is None:
+        assert any("shut down" in text for _, text in servers.events)
+        return None
     servers.data(fresh, rtde.ask_version(), now_s)
     assert rtde.reply_accepted(rtde.PacketType.PROTOCOL_VERSION, True) in clients.heard()
     return controller.mode, controller.safety, controller.runtime
@@ -280,6 +334,10 @@ def _controller_packets() -> Iterator[Packets]:
         b"\0" + write,
         b"\2power off\nrobotmode\n",
         b"\2power on\nunlock protective stop\nquit\n",
+        b"\3stopj(2)\n# a\npower off\n",
+        b"\4def a():\n  sync()\n",
+        b"\5\n",
+        b"\2shutdown\n",
         b"\0" + rtde.packet(rtde.PacketType.PAUSE),
     )
 
@@ -293,6 +351,13 @@ TARGETS = (
         _dashboard,
         lambda: (b"Connected: Universal Robots Dashboard Server\nPowering on\ntrue\n",),
     ),
+    Target(
+        "ur.answers",
+        Form.TEXT,
+        _answers,
+        lambda: (b"load a.urp\nset operational mode manual\nsetUserRole none\nsaveLog\nhelp\n",),
+    ),
+    Target("ur.framing", Form.TEXT, _framing, _framings),
     Target("ur.script", Form.TEXT, _script, _scripts, slow_s=0.3),
     Target("ur_rtde.session", Form.PACKETS, _session, _session_packets, slow_s=0.3),
     Target("ur_controller", Form.PACKETS, _controller, _controller_packets, slow_s=0.3),

@@ -21,6 +21,7 @@ UNLOCK_PROTECTIVE_STOP: Final = "unlock protective stop"
 CLOSE_SAFETY_POPUP: Final = "close safety popup"
 REMOTE_CONTROL: Final = "is in remote control"
 STOP: Final = "stop"
+SHUTDOWN: Final = "shutdown"
 QUIT: Final = "quit"
 
 UNLOCK_AFTER_S: Final = 5.0
@@ -33,6 +34,7 @@ GRANTED: Final[Mapping[str, str]] = {
     UNLOCK_PROTECTIVE_STOP: "Protective stop releasing",
     CLOSE_SAFETY_POPUP: "closing safety popup",
     STOP: "Stopped",
+    SHUTDOWN: "Shutting down",
 }
 """How the reply to a request begins that was granted."""
 

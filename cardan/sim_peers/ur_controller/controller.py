@@ -16,7 +16,14 @@ from collections.abc import Callable, Mapping
 from typing import Final
 
 from cardan.protocols.ur.dashboard import UNLOCK_AFTER_S
-from cardan.protocols.ur.primary import exception_message, key_message, text_message
+from cardan.protocols.ur.primary import (
+    ReportLevel,
+    error_message,
+    exception_message,
+    key_message,
+    popup_message,
+    text_message,
+)
 from cardan.protocols.ur.script import Refused, parse
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.kinematics import UR_LINKS
@@ -44,6 +51,8 @@ LONGEST_STALL_S: Final = 0.5
 """Frames that a slow computer owes beyond that are left out."""
 JOINT_RANGE: Final = math.radians(363.0)
 """Of every joint, by the safety system; the arm's file keeps the elbow to half of that."""
+STOP_CODE: Final = 204
+"""The error of every protective stop: of UR's, that a path failed its check."""
 _KEPT_EVENTS = 10_000
 _ITS_END = "its end"
 
@@ -200,8 +209,9 @@ class UrController:
 
     # -- programs ---------------------------------------------------------------------------------
 
-    def upload(self, text: str) -> None:
-        """A program came over the primary interface: it takes the place of the one that runs."""
+    def upload(self, text: str, name: str = "") -> None:
+        """A program has come: it takes the place of the one that runs. `name`: what it is called,
+        if not as its text says."""
         why = self._why_no_program()
         if why:
             self._said(why)
@@ -225,8 +235,9 @@ class UrController:
         if self.options.faults.get("no-script", 0.0):
             self._note("fault: the program is never begun")
             return
+        machine.name = name or machine.name
         self._waiting = (self.time_s + self.options.program_start_s, machine)
-        self._note(f"program {program.name}")
+        self._note(f"program {machine.name}")
 
     def _run_beside(self, machine: Machine) -> None:
         """A secondary program: all of it in this frame, and the other one goes on."""
@@ -296,6 +307,7 @@ class UrController:
         self.messages.append(text_message(self.time_s, text))
 
     def _popped(self, popup: Popup) -> None:
+        self.messages.append(popup_message(self.time_s, *popup))
         self._note(f"popup {popup.title}: {popup.text}")
 
     def _key(self, title: str, text: str) -> None:
@@ -390,6 +402,10 @@ class UrController:
         self.motion.halt()
         self.safety = mode
         self._stopped_s = self.time_s
+        if mode is SafetyMode.PROTECTIVE_STOP:
+            self.messages.append(
+                error_message(self.time_s, STOP_CODE, 0, ReportLevel.VIOLATION, why)
+            )
         self._note(f"{mode.name}: {why}")
 
     def _note(self, text: str) -> None:

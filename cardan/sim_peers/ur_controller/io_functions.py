@@ -157,9 +157,9 @@ def message_functions(
     """By name. `say` takes what a program prints."""
 
     def popup(s: Any, title: Any, warning: Any, error: Any, blocking: Any) -> Action | None:
-        kind = (truth("warning", warning), truth("error", error))
+        kind = (truth("warning", warning), truth("error", error), truth("blocking", blocking))
         number_of_it = popups.show(text(s), words("title", title), *kind)
-        if not truth("blocking", blocking):
+        if not blocking:
             return None
         return Pending(lambda: True if popups.closed(number_of_it) else None)
 

@@ -9,10 +9,12 @@ from typing import NamedTuple
 class Popup(NamedTuple):
     """One that is shown."""
 
-    text: str
+    number: int
     title: str
+    text: str
     warning: bool
     error: bool
+    blocking: bool
 
 
 class Popups:
@@ -24,10 +26,10 @@ class Popups:
         self._closed = 0
         self.shown: Popup | None = None
 
-    def show(self, text: str, title: str, warning: bool, error: bool) -> int:
+    def show(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> int:
         """Its number."""
         self._count += 1
-        self.shown = Popup(text, title, warning, error)
+        self.shown = Popup(self._count, title, text, warning, error, blocking)
         self._tell(self.shown)
         return self._count
 

@@ -10,7 +10,7 @@ from cardan.sim_peers.ur_controller.servers import PortKind, UrServers
 
 
 class UrControllerPeer(TcpPeer[PortKind]):
-    """Serves a `UrController`: RTDE, the primary interface and the dashboard; and opens the sockets
+    """Serves a `UrController`: RTDE, the client interfaces and the dashboard; and opens the sockets
     of programs."""
 
     servers: UrServers
