@@ -102,14 +102,16 @@ def _moves(motion: Motion) -> Mapping[str, Function]:
                 raise ValueError(f"{name} {text(value)} is not {allowed}")
         return ServoJ(checks.joints("q", q), checks.time(t), float(lookahead_time))
 
-    def speedj(qd: Any, a: Any, t: Any) -> SpeedJ:
+    def speedj(qd: Any, a: Any, t: Any, t_min: Any) -> SpeedJ:
         ready()
-        return SpeedJ(checks.joints("qd", qd), checks.above_zero("a", a), checks.time(t))
+        time_s = checks.time(t) or checks.time(t_min)
+        return SpeedJ(checks.joints("qd", qd), checks.above_zero("a", a), time_s)
 
-    def speedl(xd: Any, a: Any, t: Any, a_rot: Any) -> SpeedL:
+    def speedl(xd: Any, a: Any, t: Any, a_rot: Any, t_min: Any) -> SpeedL:
         ready()
         speeds = checks.vector("xd", xd)
-        return SpeedL(speeds, checks.above_zero("a", a), _turning(a, a_rot), checks.time(t))
+        time_s = checks.time(t) or checks.time(t_min)
+        return SpeedL(speeds, checks.above_zero("a", a), _turning(a, a_rot), time_s)
 
     def stopl(a: Any, a_rot: Any) -> StopL:
         return StopL(checks.above_zero("a", a), _turning(a, a_rot))
@@ -135,8 +137,14 @@ def _moves(motion: Motion) -> Mapping[str, Function]:
             servoj,
             True,
         ),
-        "speedj": Function(("qd", "a", "t"), {"t": 0.0}, speedj, True),
-        "speedl": Function(("xd", "a", "t", "aRot"), {"t": 0.0, "aRot": _AS_A}, speedl, True),
+        # Manuals up to 3.2 call the time `t_min`, and programs in use still do.
+        "speedj": Function(("qd", "a", "t", "t_min"), {"t": 0.0, "t_min": 0.0}, speedj, True),
+        "speedl": Function(
+            ("xd", "a", "t", "aRot", "t_min"),
+            {"t": 0.0, "aRot": _AS_A, "t_min": 0.0},
+            speedl,
+            True,
+        ),
         "stopj": Function(("a",), {}, lambda a: StopJ(checks.above_zero("a", a)), True),
         "stopl": Function(("a", "aRot"), {"aRot": _AS_A}, stopl, True),
     }

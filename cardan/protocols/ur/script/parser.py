@@ -84,7 +84,7 @@ class _Parser:
                 self._expect(sign)
             made = Program(name, self._ended_block(), secondary)
         else:
-            made = Program(_UNNAMED, self._statement())
+            made = Program(_UNNAMED, tuple(map(_put_out, self._statement())))
         self._skip_lines()
         token = self._next
         if token.kind != "end":
@@ -424,6 +424,17 @@ class _Parser:
                 values.append(self._expression())
             if not self._goes_on(")"):
                 return Call(name, tuple(values), tuple(named), line)
+
+
+def _put_out(found: Statement) -> Statement:
+    """`digital_out[n] = b` as a command of its own: older than `set_digital_out`, and still sent."""
+    if not isinstance(found, Assign) or found.name != "digital_out" or len(found.path) != 1:
+        return found
+    index = found.path[0]
+    if isinstance(index, str) or len(index) != 1:
+        return found
+    call = Call("set_digital_out", (index[0], found.value), (), found.line)
+    return Do(call, found.line)
 
 
 def _number(token: Token) -> Literal:
