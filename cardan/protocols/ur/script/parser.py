@@ -427,7 +427,7 @@ class _Parser:
 
 
 def _put_out(found: Statement) -> Statement:
-    """`digital_out[n] = b` as a command of its own: older than `set_digital_out`, and still sent."""
+    """`digital_out[n] = b`, a command of its own: older than `set_digital_out`, and still sent."""
     if not isinstance(found, Assign) or found.name != "digital_out" or len(found.path) != 1:
         return found
     index = found.path[0]
