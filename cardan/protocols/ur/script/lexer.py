@@ -74,17 +74,23 @@ class WrongError(Exception):
 
 def tokens(text: str) -> list[Token]:
     """The words of a program, without comments and what is between them. Raises WrongError."""
-    found, at, line = [], 0, 1
-    while at < len(text):
-        match = _TOKEN.match(text, at)
-        if match is None:
-            raise WrongError(line, f"{text[at]!r} is not understood")
-        kind, word = str(match.lastgroup), match.group()
+    found: list[Token] = []
+    make, keep = tuple.__new__, found.append
+    at, line = 0, 1
+    for match in _TOKEN.finditer(text):
+        if match.start() != at:
+            break
         at = match.end()
+        kind = match.lastgroup
+        if kind == "space":
+            continue
         if kind == "newline":
-            found.append(Token("newline", "the end of the line", line))
+            keep(make(Token, ("newline", "the end of the line", line)))
             line += 1
-        elif kind != "space":
-            found.append(Token("word" if word in WORDS else kind, word, line))
+            continue
+        word = match.group()
+        keep(make(Token, ("word" if kind == "name" and word in WORDS else kind, word, line)))
+    if at < len(text):
+        raise WrongError(line, f"{text[at]!r} is not understood")
     found.append(Token("end", "the end of the program", line))
     return found

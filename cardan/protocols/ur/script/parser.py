@@ -98,11 +98,12 @@ class _Parser:
         return self._tokens[self._at]
 
     def _is(self, *texts: str) -> bool:
-        token = self._next
-        return token.text in texts and token.kind in ("word", "sign")
+        kind, text, _ = self._tokens[self._at]
+        return text in texts and kind in ("word", "sign")
 
     def _taken(self, text: str) -> bool:
-        if not self._is(text):
+        kind, found, _ = self._tokens[self._at]
+        if found != text or kind not in ("word", "sign"):
             return False
         self._at += 1
         return True
@@ -135,12 +136,13 @@ class _Parser:
         return self._name()
 
     def _skip_lines(self) -> None:
-        while self._next.kind == "newline":
+        tokens = self._tokens
+        while tokens[self._at][0] == "newline":
             self._at += 1
 
     def _deeper(self, by: int) -> None:
         self._depth += by
-        if self._depth > DEEPEST:
+        if by > 0 and self._depth > DEEPEST:
             raise WrongError(self._next.line, f"more than {DEEPEST} levels")
 
     # -- statements --
