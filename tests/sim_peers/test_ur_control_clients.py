@@ -37,7 +37,8 @@ class Arm:
 
     def __init__(self, address):
         self.address = address
-        self.receive = rtde_receive.RTDEReceiveInterface(address)
+        # At 125 Hz a busy computer reads as fast as it is sent.
+        self.receive = rtde_receive.RTDEReceiveInterface(address, 125.0)
         self.control = rtde_control.RTDEControlInterface(address)
 
     def close(self):
