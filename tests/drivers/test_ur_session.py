@@ -132,12 +132,13 @@ def test_another_program_is_not_stopped():
 
 def test_a_program_that_the_controller_does_not_understand_is_named(monkeypatch):
     monkeypatch.setattr(
-        "cardan.drivers.ur_rtde.session.program", lambda *a: "def cardan():\n  movej([0])\nend\n"
+        "cardan.drivers.ur_rtde.session.program",
+        lambda *a: "def cardan():\n  optimovej([0])\nend\n",
     )
     rig = Rig().run(0.5)
     rig.session.ask("enable", rig.now_s)
     rig.run(1.0)
-    assert "line 2: movej() is not supported" in rig.states[-1].hold_reason
+    assert "line 2: optimovej() is not supported" in rig.states[-1].hold_reason
 
 
 def test_text_of_a_urcap_during_a_start_is_none_of_its_failures():

@@ -130,7 +130,8 @@ def test_the_slider_makes_a_program_slower():
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ("  movej([0])", "line 2: movej() is not supported"),
+        ("  optimovej([0])", "line 2: optimovej() is not supported"),
+        ("  movej([0])", "line 2: movej(): q is [0], which is not 6 joints"),
         ("  while True:\n    n = 1\n  end", "without letting time pass"),
         ("  x = y", "y has no value"),
         ("  x = [1]\n  x[3] = 2", "a list of 1 has no element 3"),

@@ -17,22 +17,23 @@ from cardan.protocols.ur.dashboard import UNLOCK_AFTER_S
 from cardan.protocols.ur.primary import exception_message, key_message, text_message
 from cardan.protocols.ur.script import Refused, parse
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
+from cardan.sim_peers.kinematics import UR_LINKS
+from cardan.sim_peers.ur_controller.actions import Action
+from cardan.sim_peers.ur_controller.contact import Plane
 from cardan.sim_peers.ur_controller.functions import Registers, functions
-from cardan.sim_peers.ur_controller.interpreter import (
-    Action,
-    Interpreter,
-    ProgramError,
-    SpeedJ,
-    StopJ,
-)
+from cardan.sim_peers.ur_controller.interpreter import Interpreter, ProgramError
+from cardan.sim_peers.ur_controller.kinematics import Kinematics
+from cardan.sim_peers.ur_controller.motion import Motion
+from cardan.sim_peers.ur_controller.motion_functions import motion_functions
 from cardan.sim_peers.ur_controller.options import UrControllerOptions
-from cardan.sim_peers.ur_controller.servo import Servo
+from cardan.sim_peers.ur_controller.pose_functions import pose_functions
 
 LONGEST_STALL_S: Final = 0.5
 """Frames that a slow computer owes beyond that are left out."""
 JOINT_RANGE: Final = math.radians(363.0)
 """Of every joint, by the safety system; the arm's file keeps the elbow to half of that."""
 _KEPT_EVENTS = 10_000
+_ITS_END = "its end"
 
 
 class UrController:
@@ -43,17 +44,29 @@ class UrController:
         arm = options.arm
         self.period_s = 1.0 / options.rate_hz
         count = len(arm.joints)
-        self.servo = Servo(
-            options.start or arm.home, arm.velocity, (-JOINT_RANGE,) * count, (JOINT_RANGE,) * count
+        low, high = (-JOINT_RANGE,) * count, (JOINT_RANGE,) * count
+        plane = None
+        if options.contact_z_m is not None:
+            plane = Plane(options.contact_z_m, options.contact_stiffness_n_m)
+        self.motion = self.servo = Motion(
+            Kinematics(UR_LINKS[options.robot], low, high),
+            options.start or arm.home,
+            arm.velocity,
+            low,
+            high,
+            plane=plane,
+            say=self._said,
         )
         self.registers = Registers()
-        self.functions = functions(
-            self.registers,
-            self.period_s,
-            lambda: self.servo.actual_q,
-            lambda: self.servo.target_q,
-            self._said,
-        )
+        self.functions = {
+            **functions(self.registers, self.period_s, self._said),
+            **pose_functions(),
+            **motion_functions(
+                self.motion,
+                self.power_off,
+                lambda: self.protective_stop("the program asked for it"),
+            ),
+        }
         self.mode = RobotMode.RUNNING if options.running else RobotMode.POWER_OFF
         self.safety = SafetyMode.NORMAL
         self.runtime = RuntimeState.STOPPED
@@ -115,7 +128,11 @@ class UrController:
             self.program_name = self._program.name
             self.runtime = RuntimeState.PLAYING
             self._key("PROGRAM_XXX_STARTED", self.program_name)
-        stopped = self.servo.step(self._acting(), self.period_s, self.slider)
+        action = self._acting()
+        self.motion.paused = self.runtime is RuntimeState.PAUSED
+        stopped = self.motion.step(action, self.period_s, self.slider)
+        if action is not None:
+            self._action = self.motion.left_of(action, self.period_s)
         if stopped:
             self.protective_stop(stopped)
 
@@ -131,20 +148,9 @@ class UrController:
                 self._end_program(f"runtime exception in line {error.line}: {error.reason}")
                 return None
             if self._action is None:
-                self._end_program("its end")
+                self._end_program(_ITS_END)
                 return None
-        action = self._action
-        self._action = self._left_of(action)
-        return action
-
-    def _left_of(self, action: Action) -> Action | None:
-        """What of an action is left after this frame."""
-        if isinstance(action, StopJ):
-            return action if self.servo.moving else None
-        if isinstance(action, SpeedJ) and action.left_s == 0.0:
-            return None if self.servo.at_speed(action.qd, self.slider) else action
-        left_s = action.left_s - self.period_s * self.slider
-        return None if left_s <= 1e-9 else action._replace(left_s=left_s)
+        return self._action
 
     # -- programs ---------------------------------------------------------------------------------
 
@@ -210,6 +216,10 @@ class UrController:
 
     def _end_program(self, why: str) -> None:
         name = self.program_name
+        if why == _ITS_END:
+            self.motion.end_modes()
+        else:
+            self.motion.halt()
         self._program = self._action = self._waiting = None
         self.runtime = RuntimeState.STOPPED
         self._key("PROGRAM_XXX_STOPPED", name)
@@ -247,6 +257,7 @@ class UrController:
         """Power goes off, and the brakes hold."""
         if self.has_program:
             self._end_program("power off")
+        self.motion.halt()
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
         self._note("power off")
 
@@ -273,7 +284,8 @@ class UrController:
         """A guard was opened: the arm stops, the program is paused."""
         if self.safety in MOVES_IN:
             self.safety = SafetyMode.SAFEGUARD_STOP
-            self.pause()
+            if not self.pause():
+                self.motion.halt()
             self._note("safeguard stop")
 
     def safeguard_reset(self) -> None:
@@ -304,6 +316,7 @@ class UrController:
     def _stop(self, mode: SafetyMode, why: str) -> None:
         if self.has_program:
             self._end_program(mode.name)
+        self.motion.halt()
         self.safety = mode
         self._stopped_s = self.time_s
         self._note(f"{mode.name}: {why}")

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Callable, Mapping
+from typing import Any
 
-from cardan.common.bounds import Range
 from cardan.protocols.ur.variables import REGISTERS
-from cardan.sim_peers.ur_controller.interpreter import Function, ServoJ, SpeedJ, StopJ, Wait
-
-LOOKAHEAD_S: Final = Range(0.03, 0.2, "s", "the script manual allows no other")
-GAIN: Final = Range(100, 2000, "", "the script manual allows no other")
-
-_JOINTS: Final = 6
+from cardan.sim_peers.ur_controller.actions import Wait
+from cardan.sim_peers.ur_controller.interpreter import Function
 
 
 class Registers:
@@ -27,11 +22,7 @@ class Registers:
 
 
 def functions(
-    registers: Registers,
-    period_s: float,
-    actual_q: Callable[[], Sequence[float]],
-    target_q: Callable[[], Sequence[float]],
-    say: Callable[[str], None],
+    registers: Registers, period_s: float, say: Callable[[str], None]
 ) -> Mapping[str, Function]:
     """By name. `say` takes what a program prints."""
 
@@ -42,18 +33,6 @@ def functions(
 
     def write_float(address: Any, value: Any) -> None:
         registers.output_double[_address(address)] = _number("value", value)
-
-    def servoj(q: Any, a: Any, v: Any, t: Any, lookahead_time: Any, gain: Any) -> ServoJ:
-        for name, value, allowed in (
-            ("lookahead_time", lookahead_time, LOOKAHEAD_S),
-            ("gain", gain, GAIN),
-        ):
-            if value not in allowed:
-                raise ValueError(f"{name} {value!r} is not {allowed}")
-        return ServoJ(_joints("q", q), _time(t), float(lookahead_time))
-
-    def speedj(qd: Any, a: Any, t: Any) -> SpeedJ:
-        return SpeedJ(_joints("qd", qd), _above_zero("a", a), _time(t))
 
     def printed(*values: Any) -> None:
         say("".join(str(value) for value in values if value != ""))
@@ -67,19 +46,9 @@ def functions(
         ),
         "write_output_integer_register": Function(("address", "value"), {}, write_int),
         "write_output_float_register": Function(("address", "value"), {}, write_float),
-        "get_actual_joint_positions": Function((), {}, lambda: list(actual_q())),
-        "get_target_joint_positions": Function((), {}, lambda: list(target_q())),
         "get_steptime": Function((), {}, lambda: period_s),
         "norm": Function(("a",), {}, _norm),
         "textmsg": Function(("s1", "s2"), {"s2": ""}, printed),
-        "servoj": Function(
-            ("q", "a", "v", "t", "lookahead_time", "gain"),
-            {"a": 0, "v": 0, "t": 0.002, "lookahead_time": 0.1, "gain": 300},
-            servoj,
-            takes_time=True,
-        ),
-        "speedj": Function(("qd", "a", "t"), {"t": 0.0}, speedj, takes_time=True),
-        "stopj": Function(("a",), {}, lambda a: StopJ(_above_zero("a", a)), takes_time=True),
         "sleep": Function(("t",), {}, lambda t: Wait(_time(t)), takes_time=True),
         "sync": Function((), {}, lambda: Wait(period_s), takes_time=True),
     }
@@ -101,18 +70,6 @@ def _time(value: Any) -> float:
     if _number("t", value) < 0.0:
         raise ValueError(f"t is {value!r}, which is below 0")
     return float(value)
-
-
-def _above_zero(name: str, value: Any) -> float:
-    if _number(name, value) <= 0.0:
-        raise ValueError(f"{name} is {value!r}, which is not above 0")
-    return float(value)
-
-
-def _joints(name: str, value: Any) -> tuple[float, ...]:
-    if not isinstance(value, list) or len(value) != _JOINTS:
-        raise ValueError(f"{name} is {value!r}, which is not {_JOINTS} joints")
-    return tuple(_number(name, each) for each in value)
 
 
 def _norm(value: Any) -> float:

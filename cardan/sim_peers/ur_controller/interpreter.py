@@ -12,6 +12,7 @@ from collections.abc import Callable, Generator, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from cardan.protocols.ur import script as ur
+from cardan.sim_peers.ur_controller.actions import Action
 
 MOST_STATEMENTS: Final = 5_000
 """In one frame; a controller whose program takes more time loses its schedule."""
@@ -23,37 +24,6 @@ class ProgramError(Exception):
     def __init__(self, line: int, reason: str) -> None:
         super().__init__(f"line {line}: {reason}")
         self.line, self.reason = line, reason
-
-
-class ServoJ(NamedTuple):
-    """Servo to joints (rad) for a time."""
-
-    q: tuple[float, ...]
-    left_s: float
-    lookahead_s: float
-
-
-class SpeedJ(NamedTuple):
-    """Reach joint speeds (rad/s) at an acceleration, for a time; 0: until they are reached."""
-
-    qd: tuple[float, ...]
-    acceleration: float
-    left_s: float
-
-
-class StopJ(NamedTuple):
-    """Slow down to rest."""
-
-    deceleration: float
-
-
-class Wait(NamedTuple):
-    """Do nothing for a time."""
-
-    left_s: float
-
-
-Action = ServoJ | SpeedJ | StopJ | Wait
 
 
 class Function(NamedTuple):

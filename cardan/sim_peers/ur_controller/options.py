@@ -43,6 +43,12 @@ class UrControllerOptions(Options):
     )
     running: bool = option(False, "Power is on and the brakes are released from the start.")
     remote: bool = option(True, "An e-Series in local control: it takes no programs.", name="local")
+    contact_z_m: Annotated[float, bounds.NEAR_M] | None = option(
+        None, "Height in its base of a plane that the TCP touches; none: nothing is touched."
+    )
+    contact_stiffness_n_m: Annotated[float, bounds.ENVIRONMENT_STIFFNESS_N_M] = option(
+        20_000.0, "Of that plane.", name="contact-stiffness", metavar="N/M"
+    )
     start: tuple[float, ...] | None = None
     """Joints at the start, rad; None: the arm's home."""
     boot_s: _Takes = 1.0

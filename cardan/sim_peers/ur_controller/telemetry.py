@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from cardan.protocols.ur.states import (
@@ -14,9 +14,7 @@ from cardan.protocols.ur.states import (
     StatusBit,
 )
 from cardan.protocols.ur.variables import OUTPUTS
-from cardan.sim_peers.kinematics import UR_LINKS, forward
 from cardan.sim_peers.ur_controller.controller import UrController
-from cardan.spatial import to_rotation_vector
 
 _NOTHING: Final[Mapping[str, Any]] = {
     "VECTOR6D": (0.0,) * 6,
@@ -53,7 +51,6 @@ class Telemetry:
     def __init__(self, controller: UrController) -> None:
         self._controller = controller
         self.inputs = Inputs()
-        self._links = UR_LINKS[controller.options.robot]
         self._made: dict[str, Callable[[], Any]] = self._makers()
 
     def value(self, name: str) -> Any:
@@ -95,15 +92,23 @@ class Telemetry:
                 self.inputs.analog_outputs[number] = values[f"standard_analog_output_{number}"]
 
     def _makers(self) -> dict[str, Callable[[], Any]]:
-        controller, servo, inputs = self._controller, self._controller.servo, self.inputs
+        controller, motion, inputs = self._controller, self._controller.motion, self.inputs
         return {
             "timestamp": lambda: controller.time_s,
-            "target_q": lambda: servo.target_q,
-            "target_qd": lambda: servo.target_qd,
-            "actual_q": lambda: servo.actual_q,
-            "actual_qd": lambda: servo.actual_qd,
-            "actual_TCP_pose": lambda: self._tcp_pose(servo.actual_q),
-            "target_TCP_pose": lambda: self._tcp_pose(servo.target_q),
+            "target_q": lambda: motion.target_q,
+            "target_qd": lambda: motion.target_qd,
+            "actual_q": lambda: motion.actual_q,
+            "actual_qd": lambda: motion.actual_qd,
+            "target_qdd": lambda: motion.target_qdd,
+            "actual_TCP_pose": motion.actual_tcp_pose,
+            "target_TCP_pose": motion.target_tcp_pose,
+            "actual_TCP_speed": motion.actual_tcp_speed,
+            "target_TCP_speed": motion.target_tcp_speed,
+            "actual_TCP_force": motion.tcp_force,
+            "tcp_offset": lambda: motion.tcp_offset,
+            "payload": lambda: motion.payload.mass,
+            "payload_cog": lambda: motion.payload.cog,
+            "payload_inertia": lambda: motion.payload.inertia,
             "robot_mode": lambda: controller.mode,
             "safety_mode": lambda: controller.safety,
             "safety_status": lambda: controller.safety,
@@ -119,11 +124,6 @@ class Telemetry:
             "actual_main_voltage": lambda: 48.0,
             "actual_robot_voltage": lambda: 48.0 if controller.mode >= RobotMode.POWER_ON else 0.0,
         }
-
-    def _tcp_pose(self, joints: Sequence[float]) -> tuple[float, ...]:
-        """x y z in m and the rotation vector in rad, of tool0 in the controller's base."""
-        pose = forward(joints, self._links).pose
-        return (*pose.position, *to_rotation_vector(pose.orientation))
 
     def _status_bits(self) -> int:
         controller = self._controller
@@ -143,4 +143,4 @@ class Telemetry:
 
     def _joint_modes(self) -> tuple[int, ...]:
         running = self._controller.mode is RobotMode.RUNNING
-        return (_JOINT_RUNNING if running else _JOINT_OFF,) * len(self._controller.servo.target_q)
+        return (_JOINT_RUNNING if running else _JOINT_OFF,) * len(self._controller.motion.target_q)
