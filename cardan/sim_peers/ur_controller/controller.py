@@ -18,10 +18,11 @@ from cardan.protocols.ur.primary import exception_message, key_message, text_mes
 from cardan.protocols.ur.script import Refused, parse
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.kinematics import UR_LINKS
-from cardan.sim_peers.ur_controller.actions import Action
+from cardan.sim_peers.ur_controller.actions import Action, Wait
 from cardan.sim_peers.ur_controller.contact import Plane
-from cardan.sim_peers.ur_controller.functions import Registers, functions
+from cardan.sim_peers.ur_controller.functions import functions
 from cardan.sim_peers.ur_controller.interpreter import Interpreter, ProgramError
+from cardan.sim_peers.ur_controller.io import Registers, RobotIo
 from cardan.sim_peers.ur_controller.kinematics import Kinematics
 from cardan.sim_peers.ur_controller.motion import Motion
 from cardan.sim_peers.ur_controller.motion_functions import motion_functions
@@ -58,6 +59,7 @@ class UrController:
             say=self._said,
         )
         self.registers = Registers()
+        self.io = RobotIo()
         self.functions = {
             **functions(self.registers, self.period_s, self._said),
             **pose_functions(),
@@ -214,6 +216,13 @@ class UrController:
         """A program runs, is paused, or begins."""
         return self._program is not None or self._waiting is not None
 
+    @property
+    def script_line(self) -> int:
+        """Of the program's statement that has the arm now; 0: none has."""
+        if self._program is None or self._action is None or isinstance(self._action, Wait):
+            return 0
+        return self._program.line
+
     def _end_program(self, why: str) -> None:
         name = self.program_name
         if why == _ITS_END:
@@ -309,6 +318,7 @@ class UrController:
             self._end_program("restart")
         fresh = Registers()
         vars(self.registers).update(vars(fresh))
+        vars(self.io).update(vars(RobotIo()))
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
         self.frames, self._start_s = 0, self._now_s
         self._note("restart")

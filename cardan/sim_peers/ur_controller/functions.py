@@ -9,16 +9,7 @@ from typing import Any
 from cardan.protocols.ur.variables import REGISTERS
 from cardan.sim_peers.ur_controller.actions import Wait
 from cardan.sim_peers.ur_controller.interpreter import Function
-
-
-class Registers:
-    """The registers between RTDE and programs."""
-
-    def __init__(self) -> None:
-        self.input_int = [0] * REGISTERS
-        self.input_double = [0.0] * REGISTERS
-        self.output_int = [0] * REGISTERS
-        self.output_double = [0.0] * REGISTERS
+from cardan.sim_peers.ur_controller.io import Registers
 
 
 def functions(

@@ -69,6 +69,8 @@ class Interpreter:
         self.name = program.name
         self.variables: dict[str, Any] = {}
         self._functions = functions
+        self.line = 0
+        """Of the statement that lets time pass."""
         self._statements = 0
         self._run = self._whole(program.block)
 
@@ -97,6 +99,7 @@ class Interpreter:
             elif isinstance(statement, ur.Do):
                 action = self._called(statement.call, True)
                 if isinstance(action, Action):
+                    self.line = statement.line
                     yield action
             elif isinstance(statement, ur.If):
                 yield from self._if(statement)
