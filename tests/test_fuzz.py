@@ -81,7 +81,9 @@ def _imported() -> set[str]:
 def test_every_protocol_has_a_target():
     imported = _imported()
     protocols = {
-        path.stem for path in (PACKAGE / "protocols").iterdir() if path.stem != "__pycache__"
+        path.stem
+        for path in (PACKAGE / "protocols").iterdir()
+        if path.suffix == ".py" or (path / "__init__.py").exists()
     } - {"__init__"}
     without = {
         name

@@ -116,13 +116,14 @@ def dissect_file(
             parsed = network.parse(packet)
             if capture.is_copy(packet, parsed):
                 continue
-            capture.others[str(parsed)] += 1
+            label = str(parsed)
+            capture.others[label] += 1
             for dissector in capture.offered(packet.link_type):
                 before = dissector.packets
                 show(dissector.feed(packet, parsed), dissector)
                 if dissector.packets > before:
                     # It can take earlier packets too, once it knows what they are.
-                    capture.others[str(parsed)] -= dissector.packets - before
+                    capture.others[label] -= dissector.packets - before
                     break
             else:
                 if isinstance(parsed, Segment):
@@ -227,11 +228,11 @@ class _Capture:
         decoded = found.decoded
         title = decoded.title or type(decoded.value).__name__
         key = dissector, found.where
-        if key not in self._figures and len(self._figures) >= MOST_FIGURES:
-            key = dissector, "others"
         figures = self._figures.get(key)
         if figures is None:
-            figures = self._figures[key] = Figures()
+            if len(self._figures) >= MOST_FIGURES:
+                key = dissector, "others"
+            figures = self._figures.setdefault(key, Figures())
         remarks = figures.add(found, title, self._figures.get((dissector, found.other_way)))
         if decoded.fault:
             self._malformed[dissector.name] += 1

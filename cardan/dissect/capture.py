@@ -28,6 +28,8 @@ MAX_TIME_NS = 2**63
 BLOCK_OVERHEAD_BYTES = 12
 """Type and both lengths of a pcapng block."""
 
+ENDS_INSIDE = "truncated: the file ends inside a packet"
+
 PCAP_MAGICS = {
     b"\xd4\xc3\xb2\xa1": ("<", 1000),
     b"\xa1\xb2\xc3\xd4": (">", 1000),
@@ -213,7 +215,7 @@ class Capture:
             raise self._damaged(f"damaged: a length of {size} bytes")
         data = read_up_to(stream, size)
         if len(data) < size:
-            raise self._damaged("truncated: the file ends inside a packet")
+            raise self._damaged(ENDS_INSIDE)
         return data
 
     def _captured(
@@ -228,7 +230,8 @@ class Capture:
         if not 0 <= time_ns < MAX_TIME_NS:
             raise self._damaged("damaged: a time stamp out of range")
         self._count += 1
-        return CapturedPacket(self._count, time_ns, link_type, order, data, wire_bytes, interface)
+        fields = self._count, time_ns, link_type, order, data, wire_bytes, interface
+        return tuple.__new__(CapturedPacket, fields)
 
     def _can_log(self, frames: Iterator[can_log.Logged]) -> Iterator[CapturedPacket]:
         try:
@@ -239,9 +242,11 @@ class Capture:
 
     def _pcap(self, stream: BinaryIO, order: str, unit_ns: int) -> Iterator[CapturedPacket]:
         link_type = struct.unpack(f"{order}16xI", self._exactly(stream, 20))[0] & 0xFFFF
-        while first := stream.read(1):
-            header = first + self._exactly(stream, 15)
-            seconds, units, size, wire_bytes = struct.unpack(f"{order}4I", header)
+        unpack = struct.Struct(f"{order}4I").unpack
+        while head := read_up_to(stream, 16):
+            if len(head) < 16:
+                raise self._damaged(ENDS_INSIDE)
+            seconds, units, size, wire_bytes = unpack(head)
             data = self._exactly(stream, size)
             time_ns = seconds * 10**9 + units * unit_ns
             yield self._captured(time_ns, link_type, order, data, wire_bytes)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter, OrderedDict, deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 from cardan.common.histogram import LatencyHistogram
 from cardan.dissect.reader import Message
 
 MODULUS = 2**32
+HALF = MODULUS // 2
 RESTART_JUMP = 2**16
 """A number this far ahead is of another session, not loss: over four minutes at 250 Hz."""
 REMEMBERED = 1024
@@ -17,6 +18,7 @@ PENDING = 256
 """Messages that an answer is looked for among: one second at 250 Hz."""
 MOST_TEXTS = 64
 """Different texts that are counted each; what comes after them is counted together."""
+OTHERS = "others"
 
 
 class Intervals:
@@ -35,8 +37,10 @@ class Intervals:
         interval = time_ns - last
         self._count += 1
         self._sum_ns += interval
-        self._max_ns = max(self._max_ns, interval)
-        self._min_ns = interval if self._min_ns is None else min(self._min_ns, interval)
+        if interval > self._max_ns:
+            self._max_ns = interval
+        if self._min_ns is None or interval < self._min_ns:
+            self._min_ns = interval
 
     def pause(self) -> None:
         """The next interval is not one."""
@@ -59,52 +63,57 @@ class Sequence:
         self._seen: OrderedDict[int, int] = OrderedDict()  # seqno -> hash of its datagram
         self._missing: deque[int] = deque(maxlen=REMEMBERED)
         self._steps: Counter[int] = Counter()
+        self.step = 1
+        """The usual step; some older Python clients count by two."""
         self._recovered = 0
 
     def add(self, seqno: int, datagram: bytes) -> str:
         """One more datagram: "first", "next", "gap", "duplicate", "repeated" (the seqno, with
         other content), "late" or "restart"."""
         content = hash(datagram)
-        verdict = self._judge(seqno, content)
-        if verdict == "restart":
-            self.restarts += 1
-            self._seen.clear()
-            self._missing.clear()
-        elif verdict == "duplicate":
+        last = self._last
+        if last is None:
+            self._last, verdict = seqno, "first"
+        else:
+            step = seqno - last
+            if not 0 < step < RESTART_JUMP:
+                step = (step + HALF) % MODULUS - HALF
+            if 0 < step < RESTART_JUMP:
+                self._last, verdict = seqno, self._ahead(last, step)
+            else:
+                verdict = self._odd(seqno, step, content)
+        seen = self._seen
+        seen[seqno] = content
+        if len(seen) > REMEMBERED:
+            seen.popitem(last=False)
+        return verdict
+
+    def _ahead(self, last: int, step: int) -> str:
+        self._steps[step] += 1
+        if step > 1:
+            for skipped in range(max(1, step - REMEMBERED), step):
+                self._missing.append((last + skipped) % MODULUS)
+        if step != self.step:
+            self.step = self._steps.most_common(1)[0][0]
+        return "next" if step == self.step else "gap"
+
+    def _odd(self, seqno: int, step: int, content: int) -> str:
+        if self._seen.get(seqno) == content:
             self.duplicates += 1
-        elif verdict == "repeated":
+            return "duplicate"
+        if step == 0:
             self.repeated += 1
-        elif verdict == "late":
+            return "repeated"
+        if step < 0 and seqno in self._missing:
             self.late += 1
             self._recovered += 1
             self._missing.remove(seqno)
-        if verdict in ("first", "next", "gap", "restart"):
-            self._last = seqno
-        self._seen[seqno] = content
-        if len(self._seen) > REMEMBERED:
-            self._seen.popitem(last=False)
-        return verdict
-
-    def _judge(self, seqno: int, content: int) -> str:
-        if self._last is None:
-            return "first"
-        half = MODULUS // 2
-        step = (seqno - self._last + half) % MODULUS - half
-        if 0 < step < RESTART_JUMP:
-            self._steps[step] += 1
-            for skipped in range(max(1, step - REMEMBERED), step):
-                self._missing.append((self._last + skipped) % MODULUS)
-            return "next" if step == self.step else "gap"
-        if self._seen.get(seqno) == content:
-            return "duplicate"
-        if step == 0:
-            return "repeated"
-        return "late" if step < 0 and seqno in self._missing else "restart"
-
-    @property
-    def step(self) -> int:
-        """The usual step; some older Python clients count by two."""
-        return self._steps.most_common(1)[0][0] if self._steps else 1
+            return "late"
+        self.restarts += 1
+        self._seen.clear()
+        self._missing.clear()
+        self._last = seqno
+        return "restart"
 
     @property
     def lost(self) -> int:
@@ -130,11 +139,23 @@ def tally(counter: Counter[str]) -> str:
     return ", ".join(f"{text} x{count}" for text, count in counter.most_common())
 
 
-def count(counter: Counter[str], text: str) -> str:
-    """One more of `text`, or of others: a damaged capture has a new text in every message."""
-    counted = text if text in counter or len(counter) < MOST_TEXTS else "others"
-    counter[counted] += 1
-    return counted
+def bounded(counted: Mapping[str, object], text: str) -> str:
+    """`text`, or others: a damaged capture has a new text in every message."""
+    return text if text in counted or len(counted) < MOST_TEXTS else OTHERS
+
+
+def count(counter: Counter[str], text: str) -> None:
+    """One more of `text`, or of others."""
+    counter[bounded(counter, text)] += 1
+
+
+class _Kind:
+    """Messages of one title."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.intervals = Intervals()
+        self.sequence: Sequence | None = None
 
 
 class Figures:
@@ -142,57 +163,60 @@ class Figures:
 
     def __init__(self) -> None:
         self._messages = 0
-        self._kinds: Counter[str] = Counter()
-        self._intervals: dict[str, Intervals] = {}
+        self._kinds: dict[str, _Kind] = {}
         self._malformed: Counter[str] = Counter()
         self._remarks: Counter[str] = Counter()
-        self._sequences: dict[str, Sequence] = {}
         self._answers = LatencyHistogram()
-        self._asked_ns: dict[int | None, int] = {}
-        """When messages came that were not answered yet; None: the newest of them."""
+        self._asked_ns: dict[int, int] = {}
+        """When messages came that were not answered yet."""
+        self._newest_ns: int | None = None
+        """When the newest of them came."""
 
     def add(self, message: Message, title: str, other_way: Figures | None) -> tuple[str, ...]:
         """One more; what is to be said of it."""
-        decoded, time_ns = message.decoded, message.packet.time_ns
+        time_ns = message.packet.time_ns
+        _, _, fault, seqno, asks, answers, remarks = message.decoded
         self._messages += 1
-        if decoded.fault:
-            count(self._malformed, decoded.fault.partition(":")[0])
+        if fault:
+            count(self._malformed, fault.partition(":")[0])
             return ()
-        kind = count(self._kinds, title)
-        for remark in decoded.remarks:
+        kind = self._kinds.get(title)
+        if kind is None:
+            title = bounded(self._kinds, title)
+            kind = self._kinds.setdefault(title, _Kind())
+        kind.count += 1
+        for remark in remarks:
             count(self._remarks, remark)
         verdict = ""
-        if decoded.sequence is not None:
-            sequence = self._sequences.get(kind)
-            if sequence is None:
-                sequence = self._sequences[kind] = Sequence()
-            verdict = sequence.add(decoded.sequence, message.data)
-        if kind == title:
-            intervals = self._intervals.get(title)
-            if intervals is None:
-                intervals = self._intervals[title] = Intervals()
-            if verdict == "restart":
-                intervals.pause()
-            if verdict not in ("duplicate", "repeated", "late"):
-                intervals.add(time_ns)
+        if seqno is not None:
+            if kind.sequence is None:
+                kind.sequence = Sequence()
+            verdict = kind.sequence.add(seqno, message.data)
+        if verdict == "restart":
+            kind.intervals.pause()
+        if verdict not in ("duplicate", "repeated", "late"):
+            kind.intervals.add(time_ns)
         if verdict != "duplicate":
-            self._asked_ns.pop(None, None)
-            if decoded.asks is not None:
-                self._asked_ns[decoded.asks] = time_ns
-            self._asked_ns[None] = time_ns
-            if len(self._asked_ns) > PENDING:
-                del self._asked_ns[next(iter(self._asked_ns))]
+            if asks is not None:
+                self._asked_ns[asks] = time_ns
+                if len(self._asked_ns) >= PENDING:
+                    del self._asked_ns[next(iter(self._asked_ns))]
+            self._newest_ns = time_ns
         if other_way is not None:
-            asked_ns = other_way._asked_ns.pop(decoded.answers, None)
+            if answers is not None:
+                asked_ns = other_way._asked_ns.pop(answers, None)
+            else:
+                asked_ns, other_way._newest_ns = other_way._newest_ns, None
             if asked_ns is not None:
                 self._answers.add((time_ns - asked_ns) / 1e9)
         return () if verdict in ("", "first", "next") else (f"SEQUENCE {verdict.upper()}",)
 
     def __iter__(self) -> Iterator[str]:
         yield f"  {self._messages} messages"
-        for kind, number in self._kinds.most_common():
-            sequence = f", {self._sequences[kind]}" if kind in self._sequences else ""
-            yield f"  {kind} x{number}{self._intervals.get(kind, '')}{sequence}"
+        for title, kind in sorted(self._kinds.items(), key=lambda each: -each[1].count):
+            intervals = kind.intervals if title != OTHERS else ""
+            sequence = f", {kind.sequence}" if kind.sequence is not None else ""
+            yield f"  {title} x{kind.count}{intervals}{sequence}"
         for label, counter in (("malformed", self._malformed), ("remarks", self._remarks)):
             if counter:
                 yield f"  {label}: {tally(counter)}"

@@ -22,6 +22,7 @@ LINUX_CAN = 0x000C
 LINUX_NAMES = {0x0001: "IEEE 802.3", 0x0004: "IEEE 802.2", LINUX_CAN: "CAN", 0x000D: "CAN FD"}
 """What Linux has in place of an Ethernet type in captures of any interface."""
 SLL_BYTES, SLL2_BYTES = 16, 20
+_COOKED_BYTES = {LINUX_SLL: SLL_BYTES, LINUX_SLL2: SLL2_BYTES}
 PROTOCOL_NAMES = {ICMP: "ICMP", IGMP: "IGMP", ICMP6: "ICMPv6"}
 LINK_NAMES = {
     **dict.fromkeys((189, 220, 249), "USB"),
@@ -31,6 +32,11 @@ LINK_NAMES = {
 }
 SKIPPED_IPV6_HEADERS = (0, 43, 60)  # hop-by-hop, routing, destination options
 IPV6_FRAGMENT = 44
+_new = tuple.__new__
+_USUAL_BYTES = 42
+_usual = struct.Struct("!12xHBxH2xHxB2x12sH2x").unpack_from
+"""The heads of UDP in IPv4 without options on Ethernet: type, version, total length, fragment,
+protocol, addresses and ports, length."""
 
 
 class Endpoint(NamedTuple):
@@ -61,8 +67,7 @@ class Segment(NamedTuple):
     """Bytes of the payload, its last ones, that the capture lacks; 0 where that is not known."""
 
     def __str__(self) -> str:
-        low, high = sorted((self.source.port, self.destination.port))
-        return f"{self.protocol} {low}/{high}"
+        return _ports(self.protocol, self.source.port, self.destination.port)
 
     def ends(self, direction: Direction) -> tuple[Endpoint, Endpoint]:
         """The device's end and the client's, of a segment that goes this way."""
@@ -71,8 +76,29 @@ class Segment(NamedTuple):
         return self.destination, self.source
 
 
+@functools.lru_cache(maxsize=1024)
+def _ports(protocol: str, one: int, other: int) -> str:
+    low, high = sorted((one, other))
+    return f"{protocol} {low}/{high}"
+
+
 def parse(packet: CapturedPacket) -> Segment | str:
     """The segment in a packet; of a packet without one its name ("ARP", "USB", "CAN"...)."""
+    data = packet.data
+    if packet.link_type == ETHERNET and len(data) >= _USUAL_BYTES:
+        ethertype, version, total, fragment, protocol, ends, size = _usual(data)
+        if (
+            protocol == UDP
+            and ethertype == ETHERTYPE_IPV4
+            and version == 0x45
+            and not fragment & 0x3FFF
+            and total >= 28
+        ):
+            end = 34 + size
+            payload = data[_USUAL_BYTES : end if end <= 14 + total else 14 + total]
+            source, destination = _ends(ends)
+            cut = len(payload) != size - 8 or packet.wire_bytes > len(data)
+            return _new(Segment, ("UDP", source, destination, payload, cut, 0, 0, 0))
     try:
         found = _link(packet)
     except (struct.error, IndexError):
@@ -85,7 +111,7 @@ def parse(packet: CapturedPacket) -> Segment | str:
 def unwrapped(packet: CapturedPacket) -> CapturedPacket:
     """A frame of CAN out of a capture of any interface of Linux, as it is in one of CAN alone; any
     other packet as it is."""
-    head_bytes = {LINUX_SLL: SLL_BYTES, LINUX_SLL2: SLL2_BYTES}.get(packet.link_type)
+    head_bytes = _COOKED_BYTES.get(packet.link_type)
     if head_bytes is None or len(packet.data) < head_bytes:
         return packet
     at = 14 if packet.link_type == LINUX_SLL else 0
@@ -102,6 +128,12 @@ def interface(packet: CapturedPacket) -> int | None:
         (index,) = struct.unpack_from("!I", packet.data, 4)
         return int(index)
     return packet.interface
+
+
+@functools.lru_cache(maxsize=1024)
+def _ends(data: bytes) -> tuple[Endpoint, Endpoint]:
+    source, destination, source_port, destination_port = struct.unpack("!4s4sHH", data)
+    return Endpoint(_host(source), source_port), Endpoint(_host(destination), destination_port)
 
 
 def _link(packet: CapturedPacket) -> Segment | str:

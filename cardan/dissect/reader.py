@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import functools
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
@@ -22,7 +23,8 @@ class Decoded(NamedTuple):
     """What a codec made of the bytes of a message."""
 
     value: Any
-    """A named tuple, or names and values; None where the bytes are malformed."""
+    """A named tuple, or names and values; None where the bytes are malformed. A function that gives
+    it is called when it is shown; then there must be a title."""
     title: str = ""
     """What the message is called; empty: as the value's class."""
     fault: str = ""
@@ -146,26 +148,35 @@ class DatagramDissector(Dissector):
 
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
         if not isinstance(network, Segment) or network.protocol != "UDP":
-            return
+            return ()
         decoded = self.decode(network)
         if decoded is None:
-            return
+            return ()
         if network.cut:
             decoded = Decoded(None, decoded.title, CUT)
         self.packets += 1
-        yield Message(packet, *ends(network, decoded))
+        return (Message(packet, *ends(network, decoded)),)
 
 
 def ends(segment: Segment, decoded: Decoded) -> tuple[str, Decoded, bytes, str]:
     """The parts of a `Message` after its packet, of a datagram."""
-    where = f"{segment.source} > {segment.destination}"
-    other_way = f"{segment.destination} > {segment.source}"
+    where, other_way = _ways(segment.source, segment.destination)
     return where, decoded, segment.payload, other_way
+
+
+@functools.lru_cache(maxsize=1024)
+def _ways(source: Endpoint, destination: Endpoint) -> tuple[str, str]:
+    return f"{source} > {destination}", f"{destination} > {source}"
+
+
+def value_of(decoded: Decoded) -> Any:
+    """The values of a message, decoded now where they were not before."""
+    return decoded.value() if callable(decoded.value) else decoded.value
 
 
 def describe(decoded: Decoded) -> str:
     """Title and values, one after the other; what is absent is left out."""
-    value = decoded.value
+    value = value_of(decoded)
     title = decoded.title or type(value).__name__
     fields = value if isinstance(value, Mapping) else value._asdict()
     shown = [_named(name, each) for name, each in fields.items() if each is not None]

@@ -124,6 +124,8 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
                         self._send(key.data, b"")
                     if events & _READ:
                         self._read(key.data)
+                elif callable(key.data):  # of what a peer has beside its ports
+                    key.data(events)
                 else:
                     self._accept(key.data)
                 self._flush()

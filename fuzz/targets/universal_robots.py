@@ -109,6 +109,52 @@ end
 """
 
 
+_WIDE = """def wide():
+  global count = 0
+  global found = [0, 0]
+  def power(base, exponent=2):
+    local left = exponent
+    if left == 0:
+      return 1
+    end
+    return base * power(base, left - 1)
+  end
+  thread reads(most):
+    while count < most:
+      enter_critical
+      found = socket_read_binary_integer(1, "s", 0.01)
+      text = socket_read_string("s", prefix="<", suffix=">", timeout=0.01)
+      floats = socket_read_ascii_float(2, "s", 0.01)
+      exit_critical
+      count = count + 1
+    end
+  end
+  opened = socket_open("127.0.0.1", 50001, "s")
+  socket_send_line(str_cat("a", p[1, 2, 3, 4, 5, 6]), "s")
+  handle = run reads(power(2))
+  m = [[1, 2], [3, 4]]
+  m[0, 1] = 5 % 3
+  s = struct(x=m * [1, 2], y="abc")
+  s.x[0] = s.x[1] / 2
+  switch s.y:
+    case "abc":
+      textmsg(to_str(s.x), integer_to_binary_list(5))
+    default:
+      halt
+  end
+  rtde_set_watchdog("input_int_register_0", 100, "pause")
+  set_digital_out(0, True xor False)
+  popup("p", blocking=False)
+  speedj([0.1, 0, 0, 0, 0, 0], 2.0, 0.01)
+  join handle
+  kill handle
+  socket_close("s")
+  stopj(4)
+end
+"""
+_READS = b"\0\0\0\7<text>(1.5, -2)"
+
+
 def _script(data: bytes) -> object:
     """What a program does for a while; whatever it is, the controller takes the next one."""
     found = parse(text_of(data))
@@ -119,6 +165,12 @@ def _script(data: bytes) -> object:
     for _ in range(20):
         now_s += controller.period_s
         controller.advance(now_s)
+        for opening in controller.sockets.openings():
+            controller.sockets.opened(opening.number)
+            controller.sockets.data(opening.number, _READS)
+        controller.sockets.outgoing()
+        controller.sockets.closings()
+    controller.upload("sec beside():\n  set_digital_out(0, True)\nend\n")
     all_finite(controller.servo.target_q)
     all_finite(controller.registers.output_double)
     return isinstance(found, Program), controller.runtime, controller.safety
@@ -126,6 +178,7 @@ def _script(data: bytes) -> object:
 
 def _scripts() -> Iterator[bytes]:
     yield _LIVELY.encode()
+    yield _WIDE.encode()
     yield program(UrRtdeOptions(), 77, 0.002).encode()
 
 

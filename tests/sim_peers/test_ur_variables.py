@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import struct
 
@@ -153,7 +154,7 @@ def test_speeds_and_accelerations_are_those_of_the_poses(kind):
     assert speeds[1:, :3] == pytest.approx(np.diff(poses[:, :3], axis=0) / dt, abs=6e-3)
     turns = [
         rotation_between(frame_of(a).orientation, frame_of(b).orientation)
-        for a, b in zip(poses, poses[1:], strict=False)
+        for a, b in itertools.pairwise(poses)
     ]
     assert speeds[1:, 3:] == pytest.approx(np.array(turns) / dt, abs=6e-3)
     moving = slice(1, 250)
@@ -207,7 +208,7 @@ def test_gravity_in_the_tools_axes_and_a_payload_at_the_sensor():
     world.run(0.01)
     assert world.value("ft_raw_wrench") == pytest.approx((0.0, 0.0, 2.0 * UP, 0, 0, 0), abs=1e-6)
     more = np.array(world.value("actual_current_as_torque")) - before
-    x, y, *_ = world.value("actual_TCP_pose")
+    x, *_ = world.value("actual_TCP_pose")
     assert abs(more[1]) == pytest.approx(2.0 * UP * abs(x), rel=1e-6)
     assert world.value("actual_TCP_force") == pytest.approx((0.0,) * 6)
 

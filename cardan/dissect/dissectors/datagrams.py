@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import NamedTuple, TypeAlias
 
 from cardan.dissect.network import Endpoint, Segment
 from cardan.dissect.ports import EGM_PORTS, JOINT_STREAM_PORT
-from cardan.dissect.reader import DatagramDissector, Decoded, Message, Numbers
+from cardan.dissect.reader import DatagramDissector, Decoded, Message, Numbers, value_of
 from cardan.protocols import egm, joint_stream
 
 ROBOT_TYPES = (egm.MessageType.DATA,)
 PC_TYPES = (egm.MessageType.CORRECTION, egm.MessageType.PATH_CORRECTION)
+
+_new = tuple.__new__
+
+MOST_KNOWN = 1024
+"""Outlines of EGM that are kept."""
+
+_Decode: TypeAlias = Callable[
+    [bytes], egm.EgmRobot | egm.EgmSensor | egm.EgmSensorPathCorr | egm.Malformed
+]
 
 
 class Egm(DatagramDissector):
@@ -29,28 +40,50 @@ class Egm(DatagramDissector):
         ),
     )
 
+    def __init__(self, numbers: Mapping[str, frozenset[int]]) -> None:
+        super().__init__(numbers)
+        self._known: dict[tuple[Endpoint, Endpoint, int], _Known | None] = {}
+        """By sender, receiver and length; None where it is too unusual to learn."""
+
     def decode(self, segment: Segment) -> Decoded | None:
+        data = segment.payload
+        key = segment.source, segment.destination, len(data)
+        known = self._known.get(key)
+        if known is not None and not segment.cut:
+            header = known.outline.header(data)
+            if header is not None:
+                seqno, clock = header[0], header[1] or None
+                asks, answers = (clock, None) if known.title == "EgmRobot" else (None, clock)
+                later = partial(known.decode, data)
+                return _new(Decoded, (later, known.title, "", seqno, asks, answers, ()))
         ports = self.numbers["egm_ports"]
         to_pc, from_pc = segment.destination.port in ports, segment.source.port in ports
         if not to_pc and not from_pc:
             return None
-        value: egm.EgmRobot | egm.EgmSensor | egm.EgmSensorPathCorr | egm.Malformed
-        value, title = egm.decode_robot(segment.payload), "EgmRobot"
+        decode: _Decode = egm.decode_robot if to_pc else egm.decode_from_pc
+        value = decode(data)
         # The controller's local port may be one of the ports, too.
-        if not to_pc or (from_pc and isinstance(value, egm.Malformed)):
-            value, title = egm.decode_from_pc(segment.payload), "EGM from the PC"
+        if to_pc and from_pc and isinstance(value, egm.Malformed):
+            decode = egm.decode_from_pc
+            value = decode(data)
         if isinstance(value, egm.Malformed):
+            title = "EgmRobot" if decode is egm.decode_robot else "EGM from the PC"
             return Decoded(None, title, f"{value.fault.value}: {value.detail}")
+        if known is not None or key not in self._known:
+            if len(self._known) >= MOST_KNOWN:
+                self._known.clear()
+            outline = egm.outline(data, value)
+            self._known[key] = outline and _Known(outline, type(value).__name__, decode)
         if value.header is None:
             return Decoded(value)
-        seqno, tm_ms = value.header.seqno, value.header.tm_ms or None
+        number, tm_ms = value.header.seqno, value.header.tm_ms or None
         if isinstance(value, egm.EgmRobot):
-            return Decoded(value, sequence=seqno, asks=tm_ms)
-        return Decoded(value, sequence=seqno, answers=tm_ms)
+            return Decoded(value, sequence=number, asks=tm_ms)
+        return Decoded(value, sequence=number, answers=tm_ms)
 
     def recognised(self, messages: Sequence[Message], end: Endpoint, other: Endpoint) -> str:
         for message in messages:
-            value = message.decoded.value
+            value = value_of(message.decoded)
             header = value.header
             if header is None or None in (header.seqno, header.tm_ms):
                 return ""
@@ -62,6 +95,14 @@ class Egm(DatagramDissector):
             if robots and (value.feed_back is None or value.feed_back.joints is None):
                 return ""
         return f"the robot at {other}"
+
+
+class _Known(NamedTuple):
+    """What datagrams are that have the outline."""
+
+    outline: egm.Outline
+    title: str
+    decode: _Decode
 
 
 class JointStream(DatagramDissector):

@@ -36,6 +36,10 @@ from cardan.protocols.egm.messages import (
     MotorState as MotorState,
     RapidState as RapidState,
 )
+from cardan.protocols.egm.outline import (
+    Outline as Outline,
+    outline as outline,
+)
 from cardan.protocols.egm.reader import (
     FeedbackReader as FeedbackReader,
 )

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 from cardan.protocols.egm import schema
@@ -65,14 +66,14 @@ class FeedbackReader:
                 seqno, tm, j1, j2, j3, j4, j5, j6, x, y, z, u0, u1, u2, u3, sec, usec = found[:17]
                 later = found[17:]
                 if sec != self._sec_bytes:
-                    self._sec_us = 1_000_000 * _number(sec)
+                    self._sec_us = 1_000_000 * number(sec)
                     self._sec_bytes = sec
                 if _isfinite(sum(found[2:15]) + sum(later)):
                     return _new(
                         EgmFeedback,
                         (
-                            _number(seqno) & 0xFFFFFFFF,
-                            _number(tm) & 0xFFFFFFFF,
+                            number(seqno) & 0xFFFFFFFF,
+                            number(tm) & 0xFFFFFFFF,
                             (
                                 j1 * RAD_PER_DEG,
                                 j2 * RAD_PER_DEG,
@@ -84,7 +85,7 @@ class FeedbackReader:
                             _new(Vector3, (x / MM_PER_M, y / MM_PER_M, z / MM_PER_M)),
                             _new(Quaternion, (u0, u1, u2, u3)),
                             (),
-                            self._sec_us + _number(usec),
+                            self._sec_us + number(usec),
                             states,
                             later[:forces],
                             later[forces] if has_rate else None,
@@ -106,7 +107,7 @@ class FeedbackReader:
         self._layouts[len(data)] = _learned(data, feedback)
 
 
-def _number(varint: bytes) -> int:
+def number(varint: bytes) -> int:
     """The value of a varint of at most five bytes."""
     n = _from_bytes(varint, "little")
     return (
@@ -134,84 +135,92 @@ _RATE = (10,)
 _READ = {*_REQUIRED, _FORCE, _RATE}
 _CONSTANT = {(1, 3), (4, 1), (5, 1), (8, 1)}
 """mtype and the three states."""
-_UNREADABLE = {(2, 3)}
+_UNREADABLE = (2, 3, 1)
 """feedBack's external axes."""
 
 _VARINT, _DOUBLE, _MESSAGE = 0, 1, 2
 """Protobuf's wire types."""
 
 
-class _UnusualError(Exception):
+class UnusualError(Exception):
     """A layout that is legal, and too unusual to learn."""
 
 
 def _learned(data: bytes, feedback: EgmFeedback) -> Layout | None:
     """The layout of `data`, which protobuf read as `feedback`; None where it is unusual."""
     mask = bytearray(b"\xff" * len(data))
-    read: list[tuple[tuple[int, ...], int, int]] = []
+    read: list[Leaf] = []
     try:
-        _walk(data, 0, len(data), schema.Robot.DESCRIPTOR, (), mask, read)
-    except (_UnusualError, IndexError):
+        for leaf in leaves(data, schema.Robot.DESCRIPTOR):
+            path, at, size, is_double = leaf
+            if path == _UNREADABLE:
+                return None
+            if is_double:
+                mask[at : at + size] = bytes(size)
+            elif path not in _CONSTANT:
+                mask[at : at + size] = b"\x80" * size
+            if path in _READ:
+                read.append(leaf)
+    except (UnusualError, IndexError):
         return None
-    paths = [path for path, _, _ in read]
+    paths = [leaf.path for leaf in read]
     count = len(_REQUIRED)
     has_rate = paths[-1:] == [_RATE]
     forces = paths[count : len(paths) - has_rate]
     if paths[:count] != _REQUIRED or forces != [_FORCE] * len(feedback.force):
         return None
     form, end = "<", 0
-    for path, at, size in read:
-        form += f"{at - end}x" + ("d" if path in _DOUBLES else f"{size}s")
+    for _, at, size, is_double in read:
+        form += f"{at - end}x" + ("d" if is_double else f"{size}s")
         end = at + size
     values = struct.Struct(f"{form}{len(data) - end}x")
     ones = _from_bytes(mask, "little")
     fixed = _from_bytes(data, "little") & ones
-    places = tuple((at, size) for _, at, size in read)
+    places = tuple((leaf.at, leaf.size) for leaf in read)
     return Layout(ones, fixed, values, feedback.states, len(forces), has_rate, places)
 
 
-_DOUBLES = _READ - {(1, 1), (1, 2), (2, 4, 1), (2, 4, 2)}
+class Leaf(NamedTuple):
+    """A number in a datagram."""
+
+    path: tuple[int, ...]
+    """Field numbers, from the outermost message on."""
+    at: int
+    size: int
+    is_double: bool
+    """Otherwise it is a varint."""
 
 
-def _walk(
-    data: bytes,
-    at: int,
-    end: int,
-    message: Any,
-    path: tuple[int, ...],
-    mask: bytearray,
-    read: list[tuple[tuple[int, ...], int, int]],
-) -> None:
-    """Note what may differ in `message` (a descriptor) from `at` to `end`, and what is to be read.
+def leaves(data: bytes, message: Any) -> Iterator[Leaf]:
+    """The numbers in `data`, which protobuf has read as a `message` (a descriptor), as they come.
 
-    Unknown fields, and known ones of another type, are unusual.
+    Unknown fields, and known ones of another type, are unusual: UnusualError.
     """
+    return _walk(data, 0, len(data), message, ())
+
+
+def _walk(data: bytes, at: int, end: int, message: Any, path: tuple[int, ...]) -> Iterator[Leaf]:
     while at < end:
         tag = data[at]
         at += 1
         field = message.fields_by_number.get(tag >> 3)
         if tag >= 0x80 or field is None:
-            raise _UnusualError
+            raise UnusualError
         here = (*path, tag >> 3)
         wire = tag & 7
         start = at
-        if here in _UNREADABLE:
-            raise _UnusualError
         if wire == _MESSAGE and field.message_type is not None:
             at = _after_varint(data, at)
-            start, at = at, at + _number(data[start:at])
-            _walk(data, start, at, field.message_type, here, mask, read)
+            start, at = at, at + number(data[start:at])
+            yield from _walk(data, start, at, field.message_type, here)
         elif wire == _DOUBLE and field.type == field.TYPE_DOUBLE:
             at += 8
-            mask[start:at] = bytes(8)
+            yield Leaf(here, start, 8, True)
         elif wire == _VARINT and field.message_type is None and field.type != field.TYPE_DOUBLE:
             at = _after_varint(data, at)
-            if here not in _CONSTANT:
-                mask[start:at] = b"\x80" * (at - start)
+            yield Leaf(here, start, at - start, False)
         else:
-            raise _UnusualError
-        if here in _READ:
-            read.append((here, start, at - start))
+            raise UnusualError
 
 
 def _after_varint(data: bytes, at: int) -> int:
@@ -220,5 +229,5 @@ def _after_varint(data: bytes, at: int) -> int:
     while data[end] >= 0x80:
         end += 1
     if end - at >= _VARINT_MAX:
-        raise _UnusualError
+        raise UnusualError
     return end + 1

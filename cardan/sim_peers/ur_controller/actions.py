@@ -4,13 +4,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from cardan.sim_peers.ur_controller.language import Action as Action, Wait as Wait
 from cardan.types import Pose as Frame
-
-
-class Wait(NamedTuple):
-    """Do nothing for a time."""
-
-    left_s: float
 
 
 class MoveJ(NamedTuple):
@@ -88,4 +83,3 @@ class StopL(NamedTuple):
 
 
 Move = MoveJ | MoveL | MoveC
-Action = Wait | MoveJ | MoveL | MoveC | ServoJ | SpeedJ | SpeedL | StopJ | StopL

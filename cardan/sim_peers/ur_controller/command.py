@@ -14,8 +14,7 @@ class Ur(PeerCommand[UrControllerOptions]):
     Options, Peer = UrControllerOptions, UrControllerPeer
     page = "simulated-peers.md"
     speaks = (
-        "[RTDE, primary interface with a part of URScript, dashboard](protocols/ur.md) on three "
-        "TCP ports"
+        "[RTDE, primary interface with URScript, dashboard](protocols/ur.md) on three TCP ports"
     )
     epilog = "Prints READY and the address of RTDE once it serves."
     faults = FAULTS

@@ -10,7 +10,9 @@ stops, how long the brakes take) is chosen here, and said to be in docs/simulate
 from __future__ import annotations
 
 import math
+import random
 from collections import deque
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from cardan.protocols.ur.dashboard import UNLOCK_AFTER_S
@@ -18,16 +20,25 @@ from cardan.protocols.ur.primary import exception_message, key_message, text_mes
 from cardan.protocols.ur.script import Refused, parse
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.kinematics import UR_LINKS
-from cardan.sim_peers.ur_controller.actions import Action, Wait
 from cardan.sim_peers.ur_controller.contact import Plane
-from cardan.sim_peers.ur_controller.functions import functions
-from cardan.sim_peers.ur_controller.interpreter import Interpreter, ProgramError
 from cardan.sim_peers.ur_controller.io import Registers, RobotIo
+from cardan.sim_peers.ur_controller.io_functions import (
+    io_functions,
+    message_functions,
+    register_functions,
+)
 from cardan.sim_peers.ur_controller.kinematics import Kinematics
+from cardan.sim_peers.ur_controller.language import Action, Function, ProgramError, Wait
+from cardan.sim_peers.ur_controller.machine import Machine
+from cardan.sim_peers.ur_controller.math_functions import math_functions
 from cardan.sim_peers.ur_controller.motion import Motion
 from cardan.sim_peers.ur_controller.motion_functions import motion_functions
 from cardan.sim_peers.ur_controller.options import UrControllerOptions
+from cardan.sim_peers.ur_controller.popups import Popup, Popups
 from cardan.sim_peers.ur_controller.pose_functions import pose_functions
+from cardan.sim_peers.ur_controller.socket_functions import socket_functions
+from cardan.sim_peers.ur_controller.sockets import ProgramSockets
+from cardan.sim_peers.ur_controller.watchdogs import Watchdogs
 
 LONGEST_STALL_S: Final = 0.5
 """Frames that a slow computer owes beyond that are left out."""
@@ -60,14 +71,21 @@ class UrController:
         )
         self.registers = Registers()
         self.io = RobotIo()
-        self.functions = {
-            **functions(self.registers, self.period_s, self._said),
-            **pose_functions(),
-            **motion_functions(
-                self.motion,
-                self.power_off,
-                lambda: self.protective_stop("the program asked for it"),
+        self.popups = Popups(self._popped)
+        self.watchdogs = Watchdogs()
+        self.sockets = ProgramSockets(options.allowed_hosts, self._note)
+        self.functions: Mapping[str, Function] = {
+            **math_functions(random.Random(options.seed)),
+            **register_functions(self.registers),
+            **io_functions(self.io),
+            **message_functions(
+                self._said, self.popups, self.watchdogs, self.period_s, lambda: self.time_s
             ),
+            **socket_functions(self.sockets),
+            **pose_functions(),
+            **motion_functions(self.motion),
+            "protective_stop": self._order(lambda: self.protective_stop("the program")),
+            "powerdown": self._order(self.power_off),
         }
         self.mode = RobotMode.RUNNING if options.running else RobotMode.POWER_OFF
         self.safety = SafetyMode.NORMAL
@@ -81,9 +99,9 @@ class UrController:
         """What the primary interface has to say next; the sender removes them."""
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
         """(time_s, what happened), the newest of them."""
-        self._program: Interpreter | None = None
-        self._action: Action | None = None
-        self._waiting: tuple[float, Interpreter] | None = None
+        self._program: Machine | None = None
+        self._ordered: Callable[[], None] | None = None
+        self._waiting: tuple[float, Machine] | None = None
         """A program, and when it begins."""
         self._mode_at: tuple[float, RobotMode] | None = None
         self._stopped_s = -math.inf
@@ -126,33 +144,59 @@ class UrController:
             self._note(f"robot mode {self.mode.name}")
         if self._waiting is not None and now_s >= self._waiting[0]:
             self._program, self._waiting = self._waiting[1], None
-            self._action = None
             self.program_name = self._program.name
             self.runtime = RuntimeState.PLAYING
             self._key("PROGRAM_XXX_STARTED", self.program_name)
+        self._look_at_watchdogs()
         action = self._acting()
         self.motion.paused = self.runtime is RuntimeState.PAUSED
         stopped = self.motion.step(action, self.period_s, self.slider)
-        if action is not None:
-            self._action = self.motion.left_of(action, self.period_s)
         if stopped:
             self.protective_stop(stopped)
 
+    def _look_at_watchdogs(self) -> None:
+        if self.runtime is not RuntimeState.PLAYING:
+            return
+        expired = self.watchdogs.expired(self.time_s)
+        if expired is None:
+            return
+        name, action = expired
+        self._note(f"RTDE watchdog: {name} was not written in time: {action}")
+        if action == "pause":
+            self.pause()
+        elif action == "stop":
+            self._end_program("RTDE watchdog")
+
     def _acting(self) -> Action | None:
         """What the program does in this frame; None: nothing moves the arm."""
-        if self._program is None or self.runtime is not RuntimeState.PLAYING:
+        program = self._program
+        if program is None or self.runtime is not RuntimeState.PLAYING:
             return None
-        if self._action is None:
-            try:
-                self._action = self._program.go_on()
-            except ProgramError as error:
-                self._exception(error.line, error.reason)
-                self._end_program(f"runtime exception in line {error.line}: {error.reason}")
-                return None
-            if self._action is None:
-                self._end_program(_ITS_END)
-                return None
-        return self._action
+        try:
+            action = program.step(self._left_of)
+        except ProgramError as error:
+            self._exception(error.line, error.reason)
+            self._end_program(f"runtime exception in line {error.line}: {error.reason}")
+            return None
+        ordered, self._ordered = self._ordered, None
+        if ordered is not None:
+            ordered()
+            return None
+        if program.ended:
+            self._end_program(_ITS_END)
+        return action
+
+    def _order(self, act: Callable[[], None]) -> Function:
+        """A function that ends its own program, which it does after the program's frame."""
+
+        def order() -> Action:
+            self._ordered = act
+            return Wait(self.period_s)
+
+        return Function((), {}, order, takes_time=True)
+
+    def _left_of(self, action: Action) -> Action | None:
+        return self.motion.left_of(action, self.period_s)
 
     # -- programs ---------------------------------------------------------------------------------
 
@@ -168,14 +212,30 @@ class UrController:
             self._exception(program.line, program.reason)
             self._note(f"a program is refused, line {program.line}: {program.reason}")
             return
+        try:
+            machine = Machine(program, self.functions, self.period_s)
+        except ProgramError as error:
+            self._exception(error.line, error.reason)
+            return
+        if program.secondary:
+            self._run_beside(machine)
+            return
         if self._program is not None:
             self._end_program("another program")
         if self.options.faults.get("no-script", 0.0):
             self._note("fault: the program is never begun")
             return
-        interpreter = Interpreter(program, self.functions)
-        self._waiting = (self.time_s + self.options.program_start_s, interpreter)
+        self._waiting = (self.time_s + self.options.program_start_s, machine)
         self._note(f"program {program.name}")
+
+    def _run_beside(self, machine: Machine) -> None:
+        """A secondary program: all of it in this frame, and the other one goes on."""
+        try:
+            machine.run_at_once()
+        except ProgramError as error:
+            self._exception(error.line, error.reason)
+            self._note(f"secondary program {machine.name}, line {error.line}: {error.reason}")
+        machine.close()
 
     def _why_no_program(self) -> str:
         if not self.remote:
@@ -219,9 +279,7 @@ class UrController:
     @property
     def script_line(self) -> int:
         """Of the program's statement that has the arm now; 0: none has."""
-        if self._program is None or self._action is None or isinstance(self._action, Wait):
-            return 0
-        return self._program.line
+        return 0 if self._program is None else self._program.mover_line
 
     def _end_program(self, why: str) -> None:
         name = self.program_name
@@ -229,13 +287,21 @@ class UrController:
             self.motion.end_modes()
         else:
             self.motion.halt()
-        self._program = self._action = self._waiting = None
+        if self._program is not None:
+            self._program.close()
+        self._program = self._waiting = None
+        self.watchdogs.clear()
+        self.sockets.close_all()
+        self.popups.close()
         self.runtime = RuntimeState.STOPPED
         self._key("PROGRAM_XXX_STOPPED", name)
         self._note(f"program {name} has ended: {why}")
 
     def _said(self, text: str) -> None:
         self.messages.append(text_message(self.time_s, text))
+
+    def _popped(self, popup: Popup) -> None:
+        self._note(f"popup {popup.title}: {popup.text}")
 
     def _key(self, title: str, text: str) -> None:
         self.messages.append(key_message(self.time_s, title, text))

@@ -64,6 +64,7 @@ def _done(controller: UrController, words: str) -> str:
     elif words == "play":
         return "Starting program" if controller.resume() else "Failed to execute: play"
     elif words == "close popup":
+        controller.popups.close()
         return "closing popup"
     return dashboard.GRANTED.get(words, "")
 

@@ -337,6 +337,7 @@ class Motion:
             return action if self.moving else None
         if isinstance(action, SpeedJ | SpeedL) and action.left_s == 0.0:
             return None if self._at_speed(action) else action
+        assert isinstance(action, ServoJ | SpeedJ | SpeedL)
         left_s = action.left_s - dt_s * self.scale
         return None if left_s <= _ROUNDING else action._replace(left_s=left_s)
 
@@ -461,6 +462,7 @@ class Motion:
         if isinstance(action, SpeedJ):
             aims = [self.scale * v for v in action.qd]
             return self._toward(aims, action.acceleration * self.scale * dt_s, dt_s)
+        assert isinstance(action, StopJ)
         return self._toward([0.0] * AXES, action.deceleration * dt_s, dt_s)
 
     def _braked(self, dt_s: float) -> list[float]:

@@ -19,8 +19,8 @@ from cardan.sim_peers.ur_controller.actions import (
     StopL,
 )
 from cardan.sim_peers.ur_controller.contact import Compliance
-from cardan.sim_peers.ur_controller.interpreter import Function
 from cardan.sim_peers.ur_controller.kinematics import frame_of, pose_of
+from cardan.sim_peers.ur_controller.language import Function
 from cardan.sim_peers.ur_controller.motion import Motion, Payload
 from cardan.sim_peers.ur_controller.values import Pose
 from cardan.spatial import norm
@@ -40,18 +40,14 @@ _ACTIVE: Final = "active_tcp"
 _CURRENT: Final = "current_joint_positions"
 
 
-def motion_functions(
-    motion: Motion, power_down: Callable[[], None], stop: Callable[[], None]
-) -> Mapping[str, Function]:
-    """By name. `power_down` and `stop` (the protective one) are the controller's."""
+def motion_functions(motion: Motion) -> Mapping[str, Function]:
+    """By name."""
     return {
         **_moves(motion),
         **_modes(motion),
         **_state(motion),
         **_kinematics(motion),
         **_settings(motion),
-        "powerdown": Function((), {}, power_down),
-        "protective_stop": Function((), {}, stop),
     }
 
 

@@ -41,6 +41,11 @@ class UrControllerOptions(Options):
     dashboard_port: Annotated[int, bounds.ANY_PORT] = option(
         DASHBOARD_PORT, "The dashboard server.", metavar="PORT"
     )
+    allow_connect: str = option(
+        "",
+        "Hosts, with commas, that programs may open sockets to beside this computer.",
+        metavar="HOST",
+    )
     running: bool = option(False, "Power is on and the brakes are released from the start.")
     remote: bool = option(True, "An e-Series in local control: it takes no programs.", name="local")
     contact_z_m: Annotated[float, bounds.NEAR_M] | None = option(
@@ -81,6 +86,11 @@ class UrControllerOptions(Options):
             "primary": self.primary_port,
             "dashboard": self.dashboard_port,
         }
+
+    @property
+    def allowed_hosts(self) -> frozenset[str]:
+        """`allow_connect`, one by one."""
+        return frozenset(filter(None, map(str.strip, self.allow_connect.split(","))))
 
     @property
     def arm(self) -> ArmModel:

@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from cardan.sim_peers.ur_controller import checks
-from cardan.sim_peers.ur_controller.interpreter import Function
 from cardan.sim_peers.ur_controller.kinematics import frame_of, pose_of
+from cardan.sim_peers.ur_controller.language import Function
 from cardan.sim_peers.ur_controller.values import Pose
 from cardan.spatial import (
     add,

@@ -139,6 +139,7 @@ class Telemetry:
 
     def write(self, values: Mapping[str, Any]) -> None:
         """What a client's data package brought."""
+        self._controller.watchdogs.fed(values, self._controller.time_s)
         others = False
         for name, value in values.items():
             setter = self._setters.get(name)

@@ -1,4 +1,4 @@
-"""Values of URScript that Python does not have by itself."""
+"""Values of URScript that Python does not have, and what is a number."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from typing import Any
 
 
 class Pose(tuple[float, ...]):
-    """`p[x, y, z, rx, ry, rz]`: a position in m and a rotation vector in rad."""
+    """x, y, z (m) and the rotation vector rx, ry, rz (rad)."""
 
     __slots__ = ()
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is a number of URScript; True and False are none."""
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    """A whole number or one with a fraction; a truth is none."""
+    kind = value.__class__
+    return kind is float or kind is int

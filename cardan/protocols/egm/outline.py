@@ -1,0 +1,76 @@
+"""Tells that a datagram is as sound as one before, which a capture's figures need of most of them.
+
+What a decoder says of a datagram depends on its tags, lengths and widths of numbers, on its type,
+and on whether its doubles are finite. So one that has these from another that was decoded would be
+decoded as well. Whatever differs goes the long way.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cardan.protocols.egm import schema
+from cardan.protocols.egm.messages import EgmRobot, EgmSensor, EgmSensorPathCorr
+from cardan.protocols.egm.reader import UnusualError, leaves, number
+
+_SEQNO, _TM, _MTYPE = (1, 1), (1, 2), (1, 3)
+"""Field numbers in all three messages."""
+
+_EXPONENT = 0x7FF0_0000_0000_0000
+"""The exponent's bits in a double."""
+
+_from_bytes = int.from_bytes
+
+
+class Outline(NamedTuple):
+    """What datagrams of a certain length have in common, each as a number, little-endian."""
+
+    mask: int
+    """What must be the same: ones."""
+    fixed: int
+    exponents: int
+    """Those of the doubles."""
+    lowest: int
+    """Added to an exponent of ones, which infinity and NaN have, it carries into the sign."""
+    signs: int
+    seqno: slice
+    tm: slice
+
+    def header(self, data: bytes) -> tuple[int, int] | None:
+        """Sequence number and clock (ms; 0 where absent) of a datagram that is as sound as the one
+        learned; None for another."""
+        mask, fixed, exponents, lowest, signs, seqno, tm = self
+        n = _from_bytes(data, "little")
+        if n & mask != fixed or (n & exponents) + lowest & signs:
+            return None
+        return number(data[seqno]) & 0xFFFFFFFF, number(data[tm]) & 0xFFFFFFFF
+
+
+def outline(data: bytes, value: EgmRobot | EgmSensor | EgmSensorPathCorr) -> Outline | None:
+    """The outline of `data`, which was decoded to `value`; None where it is too unusual to learn or
+    has no sequence number."""
+    if isinstance(value, EgmRobot):
+        force = value.measured_force
+        message = schema.RobotRW6 if force is not None and force.fc_active is None else schema.Robot
+    else:
+        message = schema.Sensor if isinstance(value, EgmSensor) else schema.SensorPathCorr
+    mask = bytearray(b"\xff" * len(data))
+    exponents = 0
+    places: dict[tuple[int, ...], slice] = {_TM: slice(0)}
+    try:
+        for path, at, size, is_double in leaves(data, message.DESCRIPTOR):
+            if is_double:
+                mask[at : at + size] = bytes(size)
+                exponents |= _EXPONENT << 8 * at
+            elif path != _MTYPE:
+                mask[at : at + size] = b"\x80" * size
+            places[path] = slice(at, at + size)
+    except (UnusualError, IndexError):
+        return None
+    if _SEQNO not in places:
+        return None
+    ones = _from_bytes(mask, "little")
+    lowest = exponents & ~(exponents << 1)
+    signs = lowest << 11
+    fixed = _from_bytes(data, "little") & ones
+    return Outline(ones, fixed, exponents, lowest, signs, places[_SEQNO], places[_TM])
