@@ -283,6 +283,8 @@ def test_what_clients_write_is_told():
     assert value("target_speed_fraction") == 0.5
     write({"speed_slider_mask": 0, "speed_slider_fraction": 0.7})
     assert value("target_speed_fraction") == 0.5
+    write({"speed_slider_mask": 1, "speed_slider_fraction": math.nan})
+    assert value("target_speed_fraction") == 0.5
     write({"standard_digital_output_mask": 0b11, "standard_digital_output": 0b10})
     write({"configurable_digital_output_mask": 0xFF, "configurable_digital_output": 0x81})
     write({"tool_digital_output_mask": 1, "tool_digital_output": 3})

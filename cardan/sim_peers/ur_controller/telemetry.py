@@ -154,8 +154,8 @@ class Telemetry:
         """Inputs keep what was written last, so a mask may have come in another package."""
         written, io = self._written.get, self._io
         if _any_of(values, "speed_slider") and written("speed_slider_mask", 0) & 1:
-            fraction = written("speed_slider_fraction", self._controller.slider)
-            self._controller.slider = min(max(fraction, 0.0), 1.0)
+            fraction = written("speed_slider_fraction")
+            self._controller.slider = _share(fraction, self._controller.slider)
         for kind, shift in (("standard", 0), ("configurable", 8), ("tool", 16)):
             if _any_of(values, f"{kind}_digital_output"):
                 mask = written(f"{kind}_digital_output_mask", 0) << shift
@@ -165,9 +165,9 @@ class Telemetry:
             mask = written("standard_analog_output_mask", 0)
             domains = written("standard_analog_output_type", 0)
             for number in range(len(io.analog_outputs)):
-                ratio = written(f"standard_analog_output_{number}")
-                if mask >> number & 1 and ratio is not None:
-                    io.analog_outputs[number] = min(max(ratio, 0.0), 1.0)
+                if mask >> number & 1:
+                    ratio = written(f"standard_analog_output_{number}")
+                    io.analog_outputs[number] = _share(ratio, io.analog_outputs[number])
                     io.analog_output_domains[number] = domains >> number & 1
 
     def _register_setters(self) -> dict[str, Callable[[Any], None]]:
@@ -399,7 +399,7 @@ class Telemetry:
     def _robot_current(self, currents: Sequence[float]) -> float:
         if self._controller.mode < RobotMode.POWER_ON:
             return 0.0
-        power_w = math.fsum(
+        power_w = sum(
             max(torque * speed, 0.0) + _WINDING_OHM * current * current
             for torque, speed, current in zip(
                 self._actual_torques(), self._motion.actual_qd, currents, strict=True
@@ -454,6 +454,11 @@ def _speed(place: _Place, qd: Sequence[float]) -> tuple[float, ...]:
 
 def _constant(value: Any) -> Source:
     return lambda: value
+
+
+def _share(value: float | None, now: float) -> float:
+    """From 0 to 1; what it is now where none was written, or what is no number."""
+    return now if value is None or math.isnan(value) else min(max(value, 0.0), 1.0)
 
 
 def _any_of(values: Mapping[str, Any], beginning: str) -> bool:
