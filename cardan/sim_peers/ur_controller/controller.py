@@ -382,8 +382,8 @@ class UrController:
         """Its power supply was gone for a moment: all registers are lost, and the robot is off."""
         if self.has_program:
             self._end_program("restart")
-        fresh = Registers()
-        vars(self.registers).update(vars(fresh))
+        for name, values in vars(Registers()).items():
+            getattr(self.registers, name)[:] = values
         vars(self.io).update(vars(RobotIo()))
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
         self.frames, self._start_s = 0, self._now_s

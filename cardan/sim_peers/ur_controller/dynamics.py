@@ -48,11 +48,14 @@ class Effort(NamedTuple):
 
     def at(self, place: Sequence[float]) -> Triple:
         """The acceleration of a point that goes with the flange, likewise."""
-        x, y, z = (
-            own + sum(a * b for a, b in zip(row, place, strict=True))
-            for own, row in zip(self.acceleration, self.carried, strict=True)
+        x, y, z = place
+        fx, fy, fz = self.acceleration
+        (kxx, kxy, kxz), (kyx, kyy, kyz), (kzx, kzy, kzz) = self.carried
+        return (
+            fx + kxx * x + kxy * y + kxz * z,
+            fy + kyx * x + kyy * y + kyz * z,
+            fz + kzx * x + kzy * y + kzz * z,
         )
-        return x, y, z
 
 
 class _Body(NamedTuple):

@@ -256,6 +256,8 @@ class Motion:
     def tcp_force(self) -> Pose:
         """The force on the tool (N, N·m) about the flange, base frame, since it was zeroed."""
         force = self._felt()
+        if not any(force):
+            return Pose((0.0,) * AXES)
         tip = self.kinematics.forward(self.actual_q, self.tcp).position
         flange = self.kinematics.forward(self.actual_q).position
         return Pose((*force, *cross(subtract(tip, flange), force)))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 from cardan.protocols.ur.states import (
@@ -173,9 +174,6 @@ class Telemetry:
     def _register_setters(self) -> dict[str, Callable[[Any], None]]:
         registers = self._controller.registers
 
-        def one(kind: str, number: int) -> Callable[[Any], None]:
-            return lambda value: getattr(registers, kind).__setitem__(number, value)
-
         def bits(first: int) -> Callable[[Any], None]:
             def put(value: int) -> None:
                 registers.input_bit[first : first + 32] = [
@@ -186,7 +184,9 @@ class Telemetry:
 
         return {
             **{
-                f"input_{kind}_register_{number}": one(f"input_{kind}", number)
+                f"input_{kind}_register_{number}": partial(
+                    getattr(registers, f"input_{kind}").__setitem__, number
+                )
                 for kind, numbers in _NUMBERS.items()
                 for number in numbers
             },
@@ -303,19 +303,17 @@ class Telemetry:
     def _of_registers(self) -> dict[str, Source]:
         registers = self._controller.registers
 
-        def one(kind: str, number: int) -> Source:
-            return lambda: getattr(registers, kind)[number]
+        def bits(values: list[bool], first: int) -> Source:
+            return lambda: _bits(values[first : first + 32])
 
-        def bits(kind: str, first: int) -> Source:
-            return lambda: _bits(getattr(registers, kind)[first : first + 32])
-
-        found = {}
+        found: dict[str, Source] = {}
         for way in ("input", "output"):
             for kind, numbers in _NUMBERS.items():
+                value = getattr(registers, f"{way}_{kind}").__getitem__
                 for number in numbers:
-                    found[f"{way}_{kind}_register_{number}"] = one(f"{way}_{kind}", number)
+                    found[f"{way}_{kind}_register_{number}"] = partial(value, number)
             for name, first in _groups(way):
-                found[name] = bits(f"{way}_bit", first)
+                found[name] = bits(getattr(registers, f"{way}_bit"), first)
         return found
 
     # -- the controller ---------------------------------------------------------------------------
