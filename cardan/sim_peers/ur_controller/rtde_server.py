@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Final, NamedTuple
+from typing import Final
 
 from cardan.protocols.ur.rtde import (
     IN_USE,
@@ -27,17 +27,9 @@ from cardan.protocols.ur.rtde import (
     text,
 )
 from cardan.sim_peers.ur_controller.controller import UrController
-from cardan.sim_peers.ur_controller.telemetry import Source, Telemetry
+from cardan.sim_peers.ur_controller.telemetry import Telemetry
 
 MOST_RECIPES: Final = 255
-
-
-class _Output(NamedTuple):
-    """A recipe, what gives its values, and how many frames lie between two packages."""
-
-    recipe: Recipe
-    sources: list[Source]
-    every: int
 
 
 class Claims:
@@ -79,7 +71,8 @@ class RtdeClient:
         self._version = 0
         """Of the protocol; 0: none is agreed on."""
         self._started = False
-        self._outputs: list[_Output] = []
+        self._outputs: list[tuple[Recipe, int]] = []
+        """With each, how many frames lie between two packages."""
         self._inputs: dict[int, Recipe] = {}
         self.failure = ""
         """Why the connection is to be closed; empty: it is not."""
@@ -99,9 +92,10 @@ class RtdeClient:
         """The data packages of a frame."""
         if not self._started:
             return []
+        value = self._telemetry.value
         return [
-            recipe.pack([value() for value in sources])
-            for recipe, sources, every in self._outputs
+            recipe.pack([value(name) for name in recipe.names])
+            for recipe, every in self._outputs
             if frame % every == 0
         ]
 
@@ -165,8 +159,7 @@ class RtdeClient:
                 self._tell(f"{asked_hz:g} Hz is not 1 to {rate_hz:g} Hz", TextLevel.ERROR)
                 return SetupReply(asked.kind, 0, types)
             recipe = Recipe(None if self._version == 1 else number, asked.names, types)
-            sources = [self._telemetry.source(name) for name in asked.names]
-            self._outputs.append(_Output(recipe, sources, math.floor(rate_hz / asked_hz + 1e-9)))
+            self._outputs.append((recipe, math.floor(rate_hz / asked_hz + 1e-9)))
         else:
             self._claims.take(asked.names, self)
             self._inputs[number] = Recipe(number, asked.names, types)

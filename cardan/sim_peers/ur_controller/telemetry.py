@@ -128,10 +128,6 @@ class Telemetry:
         """The inputs that are no registers, as they were last."""
         self._setters = self._register_setters()
 
-    def source(self, name: str) -> Source:
-        """What gives a variable of `outputs` its value now."""
-        return self._sources[name]
-
     def value(self, name: str) -> Any:
         """Of a variable in `outputs` now; zero for what this robot does not have."""
         return self._sources[name]()
