@@ -14,6 +14,7 @@ from cardan.protocols.ur import dashboard, primary, robot_state, rtde
 from cardan.protocols.ur.framing import ScriptReader
 from cardan.protocols.ur.script import LARGEST, Program, parse
 from cardan.protocols.ur.states import RobotMode, SafetyMode
+from cardan.protocols.ur.variables import INPUTS, OUTPUTS
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 from cardan.sim_peers.ur_controller.dashboard_server import Dashboard
 from cardan.sim_peers.ur_controller.pendant import Pendant
@@ -26,6 +27,18 @@ from tests.drivers.ur_rig import Rig
 
 _NAMES = ("timestamp", "actual_q")
 _TYPES = ("DOUBLE", "VECTOR6D")
+_TOLD = tuple(name for name in OUTPUTS if "_register_" not in name)
+"""What a controller computes."""
+_WRITTEN = (
+    "standard_digital_output_mask",
+    "standard_digital_output",
+    "standard_analog_output_mask",
+    "standard_analog_output_type",
+    "standard_analog_output_0",
+    "input_bit_registers32_to_63",
+    "input_bit_register_64",
+    "external_force_torque",
+)
 
 
 def _rtde_feed() -> Callable[[bytes], Iterable[Any]]:
@@ -35,7 +48,8 @@ def _rtde_feed() -> Callable[[bytes], Iterable[Any]]:
         reader.feed(data)
         while (found := reader.take()) is not None:
             yield rtde.read_reply(*found)
-            yield rtde.read_request(*found)
+            for version in rtde.VERSIONS:
+                yield rtde.read_request(*found, version)
 
     return feed
 
@@ -52,6 +66,9 @@ def _rtde_streams() -> Iterator[bytes]:
         rtde.SetupReply(rtde.PacketType.OUTPUTS, 1, _TYPES)
     )
     yield rtde.Recipe(1, _NAMES, _TYPES).pack([1.0, (0.0,) * 6])
+    yield rtde.ask_version(1) + rtde.packet(rtde.PacketType.OUTPUTS, ",".join(_NAMES).encode())
+    yield rtde.packet(rtde.PacketType.TEXT, b"\2words of version 1")
+    yield rtde.ask_outputs(12.5, _TOLD)
 
 
 def _primary_feed() -> Callable[[bytes], Iterable[Any]]:
@@ -339,6 +356,19 @@ def _controller_packets() -> Iterator[Packets]:
         b"\5\n",
         b"\2shutdown\n",
         b"\0" + rtde.packet(rtde.PacketType.PAUSE),
+    )
+    written = rtde.Recipe(1, _WRITTEN, [INPUTS[name] for name in _WRITTEN])
+    yield (
+        b"\0" + rtde.ask_version() + rtde.ask_outputs(500.0, _TOLD) + rtde.ask_inputs(_WRITTEN),
+        b"\0" + rtde.packet(rtde.PacketType.START),
+        b"\1" + _LIVELY.encode(),
+        b"\0" + written.pack([1, 1, 3, 2, 0.5, 1 << 31, True, (1.0,) * 6]),
+    )
+    yield (
+        b"\0" + rtde.ask_version(1),
+        b"\0" + rtde.packet(rtde.PacketType.OUTPUTS, ",".join(_TOLD).encode()),
+        b"\0" + rtde.packet(rtde.PacketType.START),
+        b"\1" + _LIVELY.encode(),
     )
 
 

@@ -1,8 +1,9 @@
-"""Real-Time Data Exchange (RTDE), protocol version 2: packets on TCP port 30004.
+"""Real-Time Data Exchange (RTDE): packets on TCP port 30004.
 
 A packet is its size (uint16, with this header), its type (uint8) and a payload, all big-endian. The
 client agrees on the version, sets up recipes (names of variables; the controller answers with their
-types and a number), and starts; then a data package is a recipe's number and its values.
+types and a number), and starts; then a data package is a recipe's number and its values. This is
+protocol version 2; in version 1 outputs have neither a frequency nor a number.
 
 Source: UR's RTDE guide (public).
 """
@@ -18,6 +19,8 @@ from typing import Any, Final, NamedTuple
 
 RTDE_PORT: Final = 30004
 VERSION: Final = 2
+VERSIONS: Final = (1, 2)
+"""Of the protocol."""
 LARGEST: Final = 0xFFFF
 """Bytes of a packet; its size has 16 bits."""
 
@@ -146,9 +149,11 @@ def ask_inputs(names: Sequence[str]) -> bytes:
     return packet(PacketType.INPUTS, ",".join(names).encode())
 
 
-def text(message: str, source: str, level: TextLevel) -> bytes:
-    """A text message; text and source are cut to 255 bytes."""
+def text(message: str, source: str, level: TextLevel, version: int = VERSION) -> bytes:
+    """A text message; text and source are cut to 255 bytes, and in version 1 there is no source."""
     said, by = message.encode()[:255], source.encode()[:255]
+    if version == 1:
+        return packet(PacketType.TEXT, bytes([level]) + said)
     return packet(
         PacketType.TEXT, bytes([len(said)]) + said + bytes([len(by)]) + by + bytes([level])
     )
@@ -167,9 +172,11 @@ def reply_version(version: ControllerVersion) -> bytes:
     return packet(PacketType.CONTROLLER_VERSION, _VERSION_REPLY.pack(*version))
 
 
-def reply_setup(reply: SetupReply) -> bytes:
+def reply_setup(reply: SetupReply, version: int = VERSION) -> bytes:
     """The answer to a setup."""
-    return packet(reply.kind, bytes([reply.recipe]) + ",".join(reply.types).encode())
+    types = ",".join(reply.types).encode()
+    numbered = version != 1 or reply.kind is PacketType.INPUTS
+    return packet(reply.kind, bytes([reply.recipe]) + types if numbered else types)
 
 
 # -- reading ---------------------------------------------------------------------------------------
@@ -238,8 +245,8 @@ def read_reply(kind: int, payload: bytes) -> Reply | Malformed:
     return _text(kind, payload)
 
 
-def read_request(kind: int, payload: bytes) -> Asked | Malformed:
-    """What a client sent."""
+def read_request(kind: int, payload: bytes, version: int = VERSION) -> Asked | Malformed:
+    """What a client sent that speaks that version."""
     if kind == PacketType.DATA:
         return Data(payload[0], payload[1:]) if payload else Malformed("a data package of 0 bytes")
     if kind == PacketType.PROTOCOL_VERSION:
@@ -251,10 +258,14 @@ def read_request(kind: int, payload: bytes) -> Asked | Malformed:
     if kind == PacketType.INPUTS:
         return Setup(PacketType.INPUTS, _names(payload))
     if kind == PacketType.OUTPUTS:
+        if version == 1:
+            return Setup(PacketType.OUTPUTS, _names(payload))
         if len(payload) < _FREQUENCY.size:
             return Malformed(f"a setup of {len(payload)} bytes has no frequency")
         (frequency,) = _FREQUENCY.unpack_from(payload)
         return Setup(PacketType.OUTPUTS, _names(payload[_FREQUENCY.size :]), frequency)
+    if version == 1 and kind == PacketType.TEXT and payload:
+        return Text(payload[1:].decode("utf-8", "replace"), "", payload[0])
     return _text(kind, payload)
 
 
@@ -299,12 +310,16 @@ TYPES: Final = frozenset(_CODES)
 class Recipe:
     """Variables in their order, and how their values are packed."""
 
-    def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:
-        """ValueError where a type is none of `TYPES`, or one is missing."""
+    def __init__(self, number: int | None, names: Sequence[str], types: Sequence[str]) -> None:
+        """`number` None: its data packages have none, as a controller's in version 1. ValueError
+        where a type is none of `TYPES`, or one is missing."""
         self.number = number
         self.names = tuple(names)
         self.types = tuple(types)
-        self._struct, self._packet, self._counts = _layout(self.names, self.types)
+        self._struct, self._packet, self._counts = _layout(
+            self.names, self.types, number is not None
+        )
+        self._head = (self._packet.size, _DATA, *(() if number is None else (number,)))
         self._scalar = all(count == 1 for count in self._counts)
         places, at = [], 0
         for count in self._counts:
@@ -335,12 +350,12 @@ class Recipe:
                     flat.append(value)
                 else:
                     flat.extend(value)
-        return self._packet.pack(self._packet.size, _DATA, self.number, *flat)
+        return self._packet.pack(*self._head, *flat)
 
 
 @lru_cache(maxsize=64)
 def _layout(
-    names: tuple[str, ...], types: tuple[str, ...]
+    names: tuple[str, ...], types: tuple[str, ...], numbered: bool
 ) -> tuple[struct.Struct, struct.Struct, tuple[int, ...]]:
     if len(names) != len(types):
         raise ValueError(f"{len(types)} types for {len(names)} variables")
@@ -351,7 +366,7 @@ def _layout(
         code, count = _CODES[kind]
         layout += code * count
         counts.append(count)
-    whole = struct.Struct(f"{_HEADER.format}B{layout}")
+    whole = struct.Struct(f"{_HEADER.format}{'B' if numbered else ''}{layout}")
     if whole.size > LARGEST:
         raise ValueError(f"{whole.size} bytes: an RTDE packet has at most {LARGEST}")
     return struct.Struct(f">{layout}"), whole, tuple(counts)

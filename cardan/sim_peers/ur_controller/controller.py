@@ -287,6 +287,11 @@ class UrController:
         """A program runs, is paused, or begins."""
         return self._program is not None or self._waiting is not None
 
+    @property
+    def script_line(self) -> int:
+        """Of the program's statement that has the arm now; 0: none has."""
+        return 0 if self._program is None else self._program.mover_line
+
     def _end_program(self, why: str) -> None:
         name = self.program_name
         if why == _ITS_END:
@@ -389,8 +394,8 @@ class UrController:
         """Its power supply was gone for a moment: all registers are lost, and the robot is off."""
         if self.has_program:
             self._end_program("restart")
-        fresh = Registers()
-        vars(self.registers).update(vars(fresh))
+        for name, values in vars(Registers()).items():
+            getattr(self.registers, name)[:] = values
         vars(self.io).update(vars(RobotIo()))
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
         self.frames, self._start_s = 0, self._now_s

@@ -96,6 +96,11 @@ class Machine:
         return self._threads[0].line if self._threads else 0
 
     @property
+    def mover_line(self) -> int:
+        """Of the thread that moves the arm in this frame; 0: none does."""
+        return 0 if self._mover is None else self._mover.line
+
+    @property
     def variables(self) -> dict[str, Any]:
         """The global ones that have a value."""
         return {name: self.globals[n] for name, n in self.names.items() if self.has(n)}

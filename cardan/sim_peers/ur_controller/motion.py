@@ -157,6 +157,9 @@ class Motion:
         self.target_qdd = [0.0] * AXES
         self.actual_q = list(start)
         self.actual_qd = [0.0] * AXES
+        self.actual_qdd = [0.0] * AXES
+        self.steps = 0
+        """Frames so far."""
         self.tcp = IDENTITY_POSE
         """In the flange's frame."""
         self.payload = Payload()
@@ -196,6 +199,11 @@ class Motion:
     def moving(self) -> bool:
         """Whether the target moves."""
         return any(abs(v) > _AT_REST for v in self.target_qd)
+
+    @property
+    def resuming(self) -> bool:
+        """Whether a move speeds up again that was held on its path."""
+        return self._run is not None and not self.paused and self._rate < 1.0
 
     @property
     def steady(self) -> bool:
@@ -248,6 +256,8 @@ class Motion:
     def tcp_force(self) -> Pose:
         """The force on the tool (N, N·m) about the flange, base frame, since it was zeroed."""
         force = self._felt()
+        if not any(force):
+            return Pose((0.0,) * AXES)
         tip = self.kinematics.forward(self.actual_q, self.tcp).position
         flange = self.kinematics.forward(self.actual_q).position
         return Pose((*force, *cross(subtract(tip, flange), force)))
@@ -255,15 +265,15 @@ class Motion:
     def joint_torques(self) -> list[float]:
         """What the contact has the joints hold, N·m."""
         columns = self.kinematics.jacobian(self.actual_q, self.tcp)
-        return [column[2] * self._pushed() for column in columns]
+        return [column[2] * self.pushed() for column in columns]
 
     def zero_force(self) -> None:
         """What the sensor feels now is none."""
-        self._zero = Vector3(0.0, 0.0, self._pushed())
+        self._zero = Vector3(0.0, 0.0, self.pushed())
 
     def touched(self, direction: Sequence[float]) -> int:
         """Frames since a contact began that is against `direction`; 0: there is none."""
-        if self._pushed() < TOUCHED_N or (any(direction[:3]) and direction[2] >= 0.0):
+        if self.pushed() < TOUCHED_N or (any(direction[:3]) and direction[2] >= 0.0):
             return 0
         return self._contact_frames
 
@@ -276,13 +286,14 @@ class Motion:
         """How many there are for `position_before`."""
         return len(self._past)
 
-    def _pushed(self) -> float:
+    def pushed(self) -> float:
+        """How hard what the TCP touches pushes it up, N."""
         if self._plane is None:
             return 0.0
         return self._plane.force(self.kinematics.forward(self.actual_q, self.tcp).position)
 
     def _felt(self) -> Vector3:
-        return subtract(Vector3(0.0, 0.0, self._pushed()), self._zero)
+        return subtract(Vector3(0.0, 0.0, self.pushed()), self._zero)
 
     # -- orders that take no time -----------------------------------------------------------------
 
@@ -404,15 +415,18 @@ class Motion:
             self._apart = self._apart and self.force.moves
 
     def _follow(self, dt_s: float) -> None:
+        self.steps += 1
         share = dt_s / (_ARM_LAG_S + dt_s)
         for joint, goal in enumerate(self.target_q):
             change = share * (goal - self.actual_q[joint])
             self.actual_q[joint] += change
-            self.actual_qd[joint] = change / dt_s
+            speed = change / dt_s
+            self.actual_qdd[joint] = (speed - self.actual_qd[joint]) / dt_s
+            self.actual_qd[joint] = speed
         self._past.append(tuple(self.actual_q))
 
     def _touch(self) -> str:
-        pushed = self._pushed()
+        pushed = self.pushed()
         self._contact_frames = self._contact_frames + 1 if pushed else 0
         was_hard, self._hard = self._hard, pushed > HARDEST_N
         if self._hard and not was_hard:
@@ -497,7 +511,7 @@ class Motion:
         way = subtract(after.position, before.position)
         turn = rotation_between(before.orientation, after.orientation)
         here = self.kinematics.forward(self.target_q, self.tcp)
-        touched = self._plane if self._pushed() > 0.0 else None
+        touched = self._plane if self.pushed() > 0.0 else None
         stiffness = 0.0 if touched is None else touched.stiffness_n_m
         way, turn = self.force.motion(here, (way, turn), self._felt(), stiffness, dt_s)
         if not any(way) and not any(turn):
