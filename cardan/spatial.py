@@ -123,6 +123,18 @@ def to_rotation_vector(q: Quaternion) -> Vector3:
     return Vector3(x * factor, y * factor, z * factor)
 
 
+def from_axes(x: Vector3, y: Vector3) -> Quaternion:
+    """The rotation that turns the axes x and y to these unit vectors at a right angle."""
+    axis = cross(Vector3(1.0, 0.0, 0.0), x)
+    sine = norm(axis)
+    if sine < 1e-10:
+        axis, sine = Vector3(0.0, 0.0, 1.0), 1.0
+    angle = math.atan2(math.hypot(x[1], x[2]), x[0])
+    first = from_rotation_vector(scale(axis, angle / sine))
+    there = rotate(conjugate(first), y)
+    return multiply(first, from_rotation_vector(Vector3(math.atan2(there[2], there[1]), 0.0, 0.0)))
+
+
 def rotation_between(a: Quaternion, b: Quaternion) -> Vector3:
     """The rotation vector, in the outer frame, that turns `a` into `b` the short way, rad."""
     return to_rotation_vector(multiply(b, conjugate(a)))

@@ -220,7 +220,7 @@ def test_a_file_that_is_to_be_written_ends_in_toml(here, capsys, output, more):
 
 def test_what_is_no_description_is_said_before_what_is_in_the_way(here, capsys):
     Path("mine.toml").write_text("mine", encoding="utf-8")
-    with pytest.raises(ConfigurationError, match=r"^FILE: mine\.toml must be a \.urdf or \.xacro"):
+    with pytest.raises(ConfigurationError, match=r"^FILE: mine\.toml must be a \.urdf, \.xacro or"):
         cardan(capsys, "robots", "add", "mine.toml")
 
 
@@ -260,7 +260,7 @@ def test_names_add_no_lines_to_the_file(here):
         (("vendor.urdf", "--tcp", "hook"), "--tcp: there is no link 'hook'"),
         (("vendor.urdf", "--tcp", "tool0", "--base", "hook"), "--base: there is no link 'hook'"),
         (("nothing.urdf",), "cannot read nothing.urdf"),
-        (("vendor.xml",), "FILE: vendor.xml must be a .urdf or .xacro"),
+        (("vendor.sdf",), "FILE: vendor.sdf must be a .urdf, .xacro or .xml (MJCF)"),
         (
             ("vendor.urdf", "--tcp", "tool0", "--limit", "velocity_deg_s.hook=1"),
             "--limit: velocity_deg_s.hook: the arm has no moving joint 'hook'",

@@ -36,8 +36,8 @@ def add(
         str,
         typer.Argument(
             metavar="FILE|TOPIC",
-            help="A robot's URDF or .xacro: a path, or PACKAGE:FILE in an installed package; with "
-            "--from-topic the topic, by default /robot_description.",
+            help="A robot's URDF, .xacro or MJCF (.xml): a path, or PACKAGE:FILE in an installed "
+            "package; with --from-topic the topic, by default /robot_description.",
             show_default=False,
         ),
     ] = "",
@@ -207,7 +207,7 @@ def show(
         str,
         typer.Argument(
             metavar="NAME|FILE",
-            help="One of Cardan's arms, or the .toml, .urdf or .xacro of one's own.",
+            help="One of Cardan's arms, or the .toml, .urdf, .xacro or .xml of one's own.",
             autocompletion=completion.robots,
         ),
     ],

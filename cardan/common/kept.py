@@ -1,8 +1,7 @@
-"""Keeps text that can be made again in the user's cache folder, by a key of what it is made of."""
+"""Keeps what can be made again in the user's cache folder, by a key of what it is made of."""
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import os
 import tempfile
@@ -23,27 +22,42 @@ def content_key(parts: Iterable[str | bytes]) -> str:
 
 def kept_text(kind: str, key: str) -> str | None:
     """What `keep_text` has kept; None where there is nothing, or it is damaged."""
+    data = kept_bytes(kind, key)
+    return None if data is None else data.decode("utf-8", "surrogatepass")
+
+
+def kept_bytes(kind: str, key: str) -> bytes | None:
+    """What `keep_bytes` has kept, likewise."""
     try:
-        text = files.read_text(_path(kind, key), files.MODEL_BYTES)
+        with files.open_file(_path(kind, key)) as file:
+            whole = files.read_up_to(file, files.MODEL_BYTES)
     except (OSError, ValueError):
         return None
-    check, _, text = text.partition("\n")
-    return text if check == content_key((key, text)) else None
+    check, _, data = whole.partition(b"\n")
+    return data if check == content_key((key, data)).encode() else None
 
 
 def keep_text(kind: str, key: str, text: str) -> None:
     """Where the user has a folder that can be written to; elsewhere it is made again."""
-    with contextlib.suppress(OSError, ValueError):
+    keep_bytes(kind, key, text.encode("utf-8", "surrogatepass"))
+
+
+def keep_bytes(kind: str, key: str, data: bytes) -> bool:
+    """Likewise; whether it is kept."""
+    try:
         path = _path(kind, key)
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, made = tempfile.mkstemp(dir=path.parent)
         try:
-            with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as file:
-                file.write(f"{content_key((key, text))}\n{text}")
+            with os.fdopen(handle, "wb") as file:
+                file.write(content_key((key, data)).encode() + b"\n" + data)
             os.replace(made, path)
         except BaseException:
             os.unlink(made)
             raise
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def _path(kind: str, key: str) -> Path:

@@ -116,20 +116,21 @@ def dissect_file(
             parsed = network.parse(packet)
             if capture.is_copy(packet, parsed):
                 continue
-            label = str(parsed)
-            capture.others[label] += 1
             for dissector in capture.offered(packet.link_type):
                 before = dissector.packets
                 show(dissector.feed(packet, parsed), dissector)
-                if dissector.packets > before:
-                    # It can take earlier packets too, once it knows what they are.
-                    capture.others[label] -= dissector.packets - before
+                taken = dissector.packets - before
+                if taken:
+                    if taken > 1:
+                        # Earlier packets too, as it knows now what they are.
+                        capture.others[str(parsed)] -= taken - 1
                     break
             else:
+                capture.others[str(parsed)] += 1
                 if isinstance(parsed, Segment):
                     capture.hints.add(packet, parsed)
-            if len(capture.others) > MOST_OTHERS:
-                capture.fold()
+                if len(capture.others) > MOST_OTHERS:
+                    capture.fold()
     except CaptureError as error:
         if not capture.packets:
             raise

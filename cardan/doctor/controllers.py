@@ -34,13 +34,14 @@ class Heard(NamedTuple):
     sources: tuple[str, ...] = ()
     """The computers that sent something."""
     said: bytes = b""
-    """A server's first words, where it has to say any."""
+    """A server's first words, where it has to say any; a datagram of another protocol."""
     error: int = 0
     """Why it could not be tried, or failed: an errno; 0: it was."""
 
 
 def listen(endpoints: Iterable[Endpoint], seconds: float = LISTEN_S) -> dict[Endpoint, Heard]:
     """Who sends to these UDP ports within `seconds`, or until all are heard; nobody is answered."""
+    other: dict[Endpoint, bytes] = {}
     heard: dict[Endpoint, set[str]] = {}
     failed: dict[Endpoint, Heard] = {}
     with selectors.DefaultSelector() as selector:
@@ -58,13 +59,22 @@ def listen(endpoints: Iterable[Endpoint], seconds: float = LISTEN_S) -> dict[End
         while not all(heard.values()) and (left_s := end_s - time.monotonic()) > 0.0:
             for key, _ in selector.select(left_s):
                 try:
-                    _, source = key.fileobj.recvfrom(_DATAGRAM_BYTES)  # type: ignore[union-attr]
+                    data, source = key.fileobj.recvfrom(_DATAGRAM_BYTES)  # type: ignore[union-attr]
                 except OSError:
                     continue
-                heard[key.data].add(str(source[0]))
+                if key.data.speaks is None or key.data.speaks(data):
+                    heard[key.data].add(str(source[0]))
+                else:
+                    other.setdefault(key.data, data)
         for key in list(selector.get_map().values()):
             key.fileobj.close()  # type: ignore[union-attr]
-    return {**{each: Heard(tuple(sorted(found))) for each, found in heard.items()}, **failed}
+    return {
+        **{
+            each: Heard(tuple(sorted(found)), b"" if found else other.get(each, b""))
+            for each, found in heard.items()
+        },
+        **failed,
+    }
 
 
 def _number(error: OSError) -> str:
@@ -86,12 +96,14 @@ def connect(endpoint: Endpoint, seconds: float = CONNECT_S) -> Heard:
 
 
 def _first_words(sock: socket.socket, endpoint: Endpoint, seconds: float) -> bytes:
-    said = b""
+    said, speaks = b"", endpoint.speaks
+    if speaks is None:
+        return said
     end_s = time.monotonic() + seconds
     with contextlib.suppress(OSError):
         if endpoint.request:
             sock.sendall(endpoint.request)
-        while endpoint.answer.startswith(said) and len(said) < len(endpoint.answer):
+        while speaks(said) is None:
             sock.settimeout(max(end_s - time.monotonic(), 0.001))
             more = sock.recv(_DATAGRAM_BYTES)
             if not more:
@@ -129,6 +141,13 @@ def _judge_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
             why,
             "set listen_port to one above 1023, and the controller's to the same",
         )
+    if heard.said:
+        return failure(
+            "other-server",
+            f"what comes to {where} of {who} is of another protocol: {shown(heard.said[:40])}",
+            "the session cannot begin",
+            f"find out who sends it: sudo tcpdump -ni any udp port {endpoint.port}",
+        )
     if not heard.sources:
         return caution(
             "not-heard",
@@ -151,7 +170,7 @@ def _judge_listening(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
 def _judge_server(endpoint: Endpoint, who: str, heard: Heard) -> Finding:
     where = f"{endpoint.host}, TCP port {endpoint.port},"
     if not heard.error:
-        if heard.said.startswith(endpoint.answer):
+        if endpoint.speaks is None or endpoint.speaks(heard.said):
             return good("reached", f"{where} of {who} answers")
         words = f"says {shown(heard.said[:40])}" if heard.said else "says nothing"
         return failure(

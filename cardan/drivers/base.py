@@ -54,8 +54,9 @@ class Endpoint(NamedTuple):
     """The only computer that it listens to; None: any."""
     request: bytes = b""
     """What a server is asked that answers only then."""
-    answer: bytes = b""
-    """What a server's first words begin with; empty: none are waited for."""
+    speaks: Callable[[bytes], bool | None] | None = None
+    """Whether a datagram, or a server's first words, are of the protocol; it says None where more
+    is needed. Without it they are not waited for, and not judged."""
 
 
 class Driver(Openable):

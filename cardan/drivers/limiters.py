@@ -107,6 +107,7 @@ class JointLimiter:
         previous = self._target
         self._target = target
         positions = self.reference
+        speeds, accelerations = self._speed, self._acceleration
         desired = []
         for i in self._axes:
             goal = target[i]
@@ -115,18 +116,18 @@ class JointLimiter:
                 forward = (goal - previous[i]) / dt_s
             elif velocities is not None:
                 forward = velocities[i]
-            speed = self._speed[i]
+            speed = speeds[i]
             if forward > speed:
                 forward = speed
             elif forward < -speed:
                 forward = -speed
             behind = goal - positions[i] - forward * dt_s
             if behind > _TINY:
-                a = self._acceleration[i]
+                a = accelerations[i]
                 gain = a * dt_s
                 forward += _sqrt(gain * gain + 2.0 * a * behind) - gain
             elif behind < -_TINY:
-                a = self._acceleration[i]
+                a = accelerations[i]
                 gain = a * dt_s
                 forward -= _sqrt(gain * gain - 2.0 * a * behind) - gain
             desired.append(forward)
@@ -146,20 +147,23 @@ class JointLimiter:
     def _advance(self, desired: Sequence[float], dt_s: float) -> None:
         positions = self.reference
         velocities = self.velocity
+        speeds, accelerations = self._speed, self._acceleration
+        inner_lower, inner_upper = self._inner_lower, self._inner_upper
         for i in self._axes:
             position = positions[i]
             before = velocities[i]
-            a = self._acceleration[i]
-            speed = self._speed[i]
-            highest = before + a * dt_s
+            a = accelerations[i]
+            speed = speeds[i]
+            gain = a * dt_s
+            highest = before + gain
             if highest > speed:
                 highest = speed
-            lowest = before - a * dt_s
+            lowest = before - gain
             if lowest < -speed:
                 lowest = -speed
-            if position > self._inner_upper[i]:
+            if position > inner_upper[i]:
                 highest = min(highest, stopping_speed(self._upper[i] - position, a, dt_s))
-            if position < self._inner_lower[i]:
+            if position < inner_lower[i]:
                 lowest = max(lowest, -stopping_speed(position - self._lower[i], a, dt_s))
             velocity = desired[i]
             if velocity < lowest:

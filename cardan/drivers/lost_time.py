@@ -72,12 +72,18 @@ def believed_s(step_s: float, due_s: float, waited_s: float, credit_s: float) ->
     kept back come faster, and use up `credit_s`, which is what this computer has counted and the
     controller has not. cardan/drivers/abb_egm/kernel/take.c has the same.
     """
-    return max(min(step_s, max(due_s, waited_s + SLACK_S), credit_s + waited_s), 0.0)
+    found_s, slack_s, credit_s = step_s, waited_s + SLACK_S, credit_s + waited_s
+    if found_s > due_s and found_s > slack_s:
+        found_s = max(due_s, slack_s)
+    if found_s > credit_s:
+        found_s = credit_s
+    return found_s if found_s > 0.0 else 0.0
 
 
 def credit_left_s(credit_s: float, waited_s: float, found_s: float) -> float:
     """The credit for the next state; before the first it is SLACK_S."""
-    return min(credit_s + waited_s - found_s, PAUSE_S)
+    left_s = credit_s + waited_s - found_s
+    return left_s if left_s < PAUSE_S else PAUSE_S
 
 
 class ClockWatch:

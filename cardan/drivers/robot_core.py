@@ -185,8 +185,15 @@ def check_command(who: str, command: RobotCommand, check: Callable[[RobotCommand
     """`check(command)`; parts that are not what their annotations say are a CommandError, too."""
     try:
         check(command)
-    except (TypeError, ValueError, AttributeError, OverflowError) as error:
-        raise CommandError(f"{who} cannot take {shown(command)}: {error}") from None
+    except _NOT_SUCH as error:
+        raise _cannot(who, command, error) from None
+
+
+_NOT_SUCH = (TypeError, ValueError, AttributeError, OverflowError)
+
+
+def _cannot(who: str, command: RobotCommand, error: Exception) -> CommandError:
+    return CommandError(f"{who} cannot take {shown(command)}: {error}")
 
 
 def outside(name: str, values: Sequence[float], allowed: Range) -> str:
@@ -275,6 +282,38 @@ def check_numbers(
     check_count(name, values, count, what)
     if refused := outside(name, values, allowed):
         raise CommandError(refused)
+
+
+def check_joints(
+    who: str, command: RobotCommand, kinds: Collection[CommandKind], joints: int
+) -> None:
+    """Raise CommandError for a command that is not of `kinds`, not for as many joints, or has
+    numbers that no robot can take."""
+    try:
+        _check_joints(who, command, kinds, joints)
+    except _NOT_SUCH as error:
+        raise _cannot(who, command, error) from None
+
+
+def _check_joints(
+    who: str, command: RobotCommand, kinds: Collection[CommandKind], joints: int
+) -> None:
+    if type(command) is JointCommand:
+        # The usual case, by their length, which a NaN does not pass.
+        positions, speeds, axes, kind = command
+        if (
+            kind in kinds
+            and not axes
+            and len(positions) == joints
+            and math.hypot(*positions) <= _POSITIONS
+            and (speeds is None or (len(speeds) == joints and math.hypot(*speeds) <= _SPEEDS))
+        ):
+            return
+    for name, values, allowed in joint_values(who, command, kinds):
+        check_numbers(name, values, allowed, joints)
+
+
+_POSITIONS, _SPEEDS = JOINT_POSITION.highest, JOINT_VELOCITY.highest
 
 
 def joint_values(

@@ -152,6 +152,8 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
         super().__init__(options, **keywords)
         self._session = self._make_session()
         self._links: dict[ChannelT, Link] = {}
+        self._behind = False
+        """A connection has not taken everything yet."""
         self._address = ""
         self._tasks: deque[TaskT] = deque()
 
@@ -196,12 +198,15 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
             while self._loop == loop:
                 self._turn(session, _monotonic())
                 state = session.due_state(_monotonic())
-                if state is None:
-                    self._wait(session, _LONGEST_WAIT_S)
-                    continue
-                yield state
-                if session.owes_answer and self._loop == loop:
-                    self.send(HoldCommand())
+                if state is not None:
+                    yield state
+                    if self._loop != loop:
+                        return
+                    if session.owes_answer:
+                        self.send(HoldCommand())
+                    if self._tasks:
+                        continue
+                self._wait(session, _LONGEST_WAIT_S)
 
     def _turn(self, session: TcpSessionT, now_s: float) -> None:
         """Do what is due."""
@@ -214,11 +219,19 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
         self._flush(session)
 
     def _wait(self, session: TcpSessionT, longest_s: float) -> None:
-        """Wait until something comes or is due, and take what came."""
+        """Wait until something comes or is due, and take what came; what answers it is sent with
+        what is due."""
         links = self._links
-        timeout_s = min(max(session.next_s - _monotonic(), 0.0), longest_s)
-        reads = [link.socket for link in links.values() if not link.connecting]
-        writes = [link.socket for link in links.values() if link.connecting or link.backlog]
+        timeout_s = session.next_s - _monotonic()
+        if not 0.0 <= timeout_s <= longest_s:
+            timeout_s = min(max(timeout_s, 0.0), longest_s)
+        reads: list[socket.socket] = []
+        writes: list[socket.socket] = []
+        for link in links.values():
+            if not link.connecting:
+                reads.append(link.socket)
+            if link.connecting or link.backlog:
+                writes.append(link.socket)
         try:
             readable, writable, _ = select.select(reads, writes, [], timeout_s)
         except (OSError, ValueError):  # a socket was closed, or its number is too high
@@ -230,7 +243,6 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
                     self._finish_connecting(session, channel, link, now_s)
             elif link.socket in readable:
                 self._receive(session, channel, link)
-        self._flush(session)
 
     def send(self, command: RobotCommand) -> None:
         """Answer the state last yielded; without effect where that takes no command."""
@@ -250,6 +262,7 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
             self._flush(session)
             if not session.left:
                 self._wait(session, min(left_s, _LONGEST_WAIT_S))
+        self._flush(session)
 
     # -- sockets ----------------------------------------------------------------------------------
 
@@ -298,9 +311,8 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
         """Send what is to be sent: each message by a send of its own, as MotoROS needs it."""
         for channel in session.closing():
             self._cut(channel)
-        for channel, link in tuple(self._links.items()):
-            if link.backlog and not link.connecting:
-                self._push(session, channel, link)
+        if self._behind:
+            self._catch_up(session)
         for channel, data in session.outgoing():
             to = self._links.get(channel)
             if to is None:
@@ -317,9 +329,19 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
                 except OSError as error:
                     self._lost(session, channel, error.strerror or str(error))
                     continue
+                if sent == len(data):
+                    continue
                 to.backlog += data[sent:]
+            self._behind = True
             if len(to.backlog) > _BACKLOG_BYTES:
                 self._lost(session, channel, "the controller takes nothing any more")
+
+    def _catch_up(self, session: TcpSessionT) -> None:
+        """Send more of what a connection did not take at once."""
+        for channel, link in tuple(self._links.items()):
+            if link.backlog and not link.connecting:
+                self._push(session, channel, link)
+        self._behind = any(link.backlog for link in self._links.values())
 
     def _push(self, session: TcpSessionT, channel: ChannelT, link: Link) -> None:
         try:

@@ -21,12 +21,12 @@ from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_limits import LIMIT_KEYS, Proposal, limit_lines, limited_by, proposals_for
 from cardan.robots.arm_loader import located
-from cardan.robots.arm_reader import build_arm
+from cardan.robots.arm_reader import build_arm, published_home
 from cardan.robots.fit_cache import fit_mesh
 from cardan.robots.fitting import Fit
 from cardan.robots.mesh_files import FoundMesh, meshes_of
 from cardan.robots.urdf import Tree, read_tree
-from cardan.robots.xacro_file import is_xacro, read_description
+from cardan.robots.xacro_file import DESCRIPTIONS, is_xacro, read_description
 
 FEW_JOINTS_TASK = (1.0, 1.0, 1.0, 0.05, 0.05, 0.05)
 """Weights of an arm that has too few joints for all six directions: as ASIBOT's."""
@@ -59,6 +59,8 @@ class Added(NamedTuple):
     covered: tuple[Covered, ...]
     kept: tuple[Path, Published] | None = None
     """A URDF that becomes a file, and which."""
+    has_home: bool = False
+    """Whether that is the description's own."""
     given: tuple[str, ...] = ()
     """Joints of which the caller gave limits."""
 
@@ -91,7 +93,7 @@ class Added(NamedTuple):
                     "position counts, and the orientation as far as it can be had; [task] says so",
                 )
             )
-        found.append(("home", f"{arm.home_words()}; {_bent_words(arm)}"))
+        found.append(("home", f"{arm.home_words()}; {_home_words(arm, self.has_home)}"))
         found.append(("bodies", f"{len(arm.shapes)} shapes"))
         found += [
             (
@@ -134,8 +136,8 @@ def _described_at(urdf: str) -> Path:
             f'by model = "{urdf}" in [arm]',
         )
     at = located(urdf, Path())
-    if at.suffix.lower() != ".urdf" and not is_xacro(at):
-        raise ConfigurationError("FILE", f"{urdf} must be a .urdf or .xacro")
+    if at.suffix.lower() not in DESCRIPTIONS:
+        raise ConfigurationError("FILE", f"{urdf} must be a .urdf, .xacro or .xml (MJCF)")
     return at
 
 
@@ -240,11 +242,12 @@ def _added(tree: Tree, file: ArmFile, at: Path, path: Path, published: Published
     file = read_table(ArmFile, parse_toml(text, path))
     meshes = meshes_of(tree, file, at)
     arm = build_arm(tree, file, meshes)
+    has_home = bool(published_home(arm.joints, chain.tree))
     origin = "" if published is None else published.origin
-    text = _text(arm, head, chain.base, lines, bool(proposals), task, origin)
+    text = _text(arm, head, chain.base, lines, bool(proposals), task, origin, has_home)
     covers = tuple(_covers(file, list(meshes.values())))
     kept = None if published is None else (at, published)
-    return Added(path, text, arm, tuple(proposals), covers, kept, given)
+    return Added(path, text, arm, tuple(proposals), covers, kept, has_home, given)
 
 
 def _covers(file: ArmFile, meshes: Sequence[FoundMesh]) -> list[Covered]:
@@ -279,6 +282,7 @@ def _text(
     proposed: bool,
     task: Sequence[str],
     origin: str,
+    has_home: bool,
 ) -> str:
     """The TOML. What is from the URDF stands in one line each: names add none."""
     lines = [
@@ -292,7 +296,7 @@ def _text(
         lines.append(f"# base = {printable(repr(base))}: found, the link whose frame is the arm's")
     lines += [
         "",
-        f"# {printable(_bent_words(arm))}",
+        f"# {printable(_home_words(arm, has_home))}",
         f"home_deg = [{', '.join(f'{value:.10g}' for value in arm.home_deg)}]",
         "# acceleration_deg_s2 = 300 # default: as the URDF has it, else full speed in 0.2 s",
     ]
@@ -325,9 +329,10 @@ def _text(
     return "\n".join((*lines, ""))
 
 
-def _bent_words(arm: ArmModel) -> str:
+def _home_words(arm: ArmModel, published: bool) -> str:
     value = ArmKinematics(arm).smallest_singular_value(np.array(arm.home), arm.task.weights)
-    return f"chosen, of 1,000 postures: bent, its smallest singular value is {value:.3f}"
+    whose = "the file's own" if published else "chosen, of 1,000 postures: bent"
+    return f"{whose}, its smallest singular value is {value:.3f}"
 
 
 def session_text(arm_file: str) -> str:

@@ -11,7 +11,9 @@ from cardan.errors import ConfigurationError
 from cardan.robots.arm_chain import MOST_JOINTS
 from cardan.robots.urdf import Tree
 
-TOOL_NAME = re.compile(r"(^|[^a-z])(tool0?|tcp|ee|eef|end_effector|gripper|grasp\w*)([^a-z]|$)")
+TOOL_NAME = re.compile(
+    r"(^|[^a-z])(tool0?|tcp|ee|eef|end_effector|attachment(_site)?|gripper|grasp\w*)([^a-z]|$)"
+)
 """What makers call the frame of a tool."""
 
 MOST_SHOWN = 12

@@ -10,6 +10,7 @@ from cardan.common.options import suggestion
 from cardan.errors import ConfigurationError
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_model import JointKind
+from cardan.robots.telescope import Sweep, is_telescope, telescoped
 from cardan.robots.urdf import LOOSE, MOVING, Tree, TreeJoint
 
 MOST_JOINTS = 9
@@ -25,6 +26,10 @@ class Chain(NamedTuple):
     """Those that move, in kinematic order."""
     held: dict[str, float]
     """Where all others of one direction are, rad or m."""
+    tree: Tree
+    """The one that it is in: its telescopes are one joint each."""
+    sweeps: dict[str, Sweep]
+    """Links within these."""
 
 
 def unit_of(kind: str) -> float:
@@ -54,6 +59,7 @@ def chain_of(tree: Tree, file: ArmFile) -> Chain:
         moving = _chosen(moving, file)
     if not moving:
         _refuse_loose(path)
+        _refuse_lost(tree, path)
         if file.base:
             raise ConfigurationError("base", f"no joint moves between {file.base!r} and {tcp!r}")
         raise ConfigurationError("", "the arm's URDF has no moving joint")
@@ -65,22 +71,19 @@ def chain_of(tree: Tree, file: ArmFile) -> Chain:
         )
     first = path.index(moving[0])
     _refuse_loose(path[first:])
-    for joint in path[first:]:
-        leader = tree.leader(joint.name)[0]
-        if leader.mimic is not None:
-            raise ConfigurationError("", f"joint {joint.name!r} mimics one that is not there")
-        if joint.mimic is not None and leader in moving:
-            raise ConfigurationError(
-                "joints",
-                f"joint {joint.name!r} mimics {leader.name!r}: leave that one out, and both are "
-                "held",
-            )
+    _refuse_lost(tree, path[first:])
+    if (leader := _leader_of_telescope(tree, path, moving)) is not None:
+        joined, sweeps = telescoped(tree, path, leader)
+        chain = chain_of(joined, file)
+        return chain._replace(sweeps={**sweeps, **chain.sweeps})
     welded = all(joint.kind == "fixed" for joint in path[:first])
     return Chain(
         file.base or (tree.root if welded else moving[0].parent),
         tcp,
         tuple(moving),
         _held(tree, moving, file),
+        tree,
+        {},
     )
 
 
@@ -117,6 +120,35 @@ def _refuse_loose(path: list[TreeJoint]) -> None:
     for joint in path:
         if joint.kind in LOOSE:
             raise joint.refused()
+
+
+def _refuse_lost(tree: Tree, path: list[TreeJoint]) -> None:
+    for joint in path:
+        leader = tree.leader(joint.name)[0]
+        if leader.mimic is not None:
+            followed = leader.mimic.get("joint", "")
+            raise ConfigurationError(
+                "", f"joint {joint.name!r} mimics {followed!r}, which is no joint to follow"
+            )
+
+
+def _leader_of_telescope(
+    tree: Tree, path: list[TreeJoint], moving: list[TreeJoint]
+) -> TreeJoint | None:
+    """The first of the arm's joints that others follow. Raises ConfigurationError where they are
+    no telescope."""
+    for joint in path:
+        leader = tree.leader(joint.name)[0]
+        if joint.mimic is None or leader not in moving:
+            continue
+        if not is_telescope(tree, path, leader):
+            raise ConfigurationError(
+                "joints",
+                f"joint {joint.name!r} mimics {leader.name!r}: leave that one out, and both are "
+                "held",
+            )
+        return leader
+    return None
 
 
 def _held(tree: Tree, moving: list[TreeJoint], file: ArmFile) -> dict[str, float]:

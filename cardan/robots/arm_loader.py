@@ -25,7 +25,7 @@ from cardan.robots.arm_model import ArmModel
 from cardan.robots.arm_table import from_table, keep_arm, kept_arm
 from cardan.robots.mesh_files import meshes_of, read_mesh
 from cardan.robots.urdf import disabled_pairs, read_tree
-from cardan.robots.xacro_file import read_description
+from cardan.robots.xacro_file import DESCRIPTIONS, read_description
 
 FOLDER = Path(str(resources.files("cardan").joinpath("robots")))
 
@@ -117,7 +117,8 @@ def arm_names() -> tuple[str, ...]:
 
 @cache
 def load_arm(name_or_file: str, key: str = "") -> ArmModel:
-    """One of our arms by name, or one from a ``.toml``, ``.urdf`` or ``.xacro`` file.
+    """One of our arms by name, or one from a ``.toml``, ``.urdf``, ``.xacro`` or ``.xml``
+    (MJCF) file.
 
     The file is given as a path, or as ``PACKAGE:FILE`` where an installed package brings it.
 
@@ -130,12 +131,12 @@ def load_arm(name_or_file: str, key: str = "") -> ArmModel:
             return load_arm(name_or_file)
     if name_or_file in arm_names():
         return _ours(name_or_file)
-    if not name_or_file.lower().endswith((".toml", ".urdf", ".xacro")):
+    if not name_or_file.lower().endswith((".toml", *DESCRIPTIONS)):
         raise ConfigurationError(
             "",
             f"there is no arm {name_or_file!r}; allowed: {', '.join(arm_names())}, "
-            "the path of a .toml, .urdf or .xacro file, or PACKAGE:FILE for one in a package"
-            + suggestion(name_or_file, arm_names()),
+            "the path of a .toml, .urdf, .xacro or .xml (MJCF) file, or PACKAGE:FILE for one in a "
+            "package" + suggestion(name_or_file, arm_names()),
         )
     texts = ArmTexts(located(name_or_file, Path()))
     parts = texts.parts()

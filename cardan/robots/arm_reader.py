@@ -26,12 +26,16 @@ from cardan.robots.arm_model import (
 )
 from cardan.robots.fit_cache import fit_mesh
 from cardan.robots.mesh_files import FoundMesh
+from cardan.robots.telescope import swept
 from cardan.robots.urdf import LOOSE, Limits, Place, Tree, arm_form, normal_form
-from cardan.spatial import compose, norm, scale, subtract, transform
+from cardan.spatial import compose, norm, rotate, scale, subtract, transform
 from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion, Vector3
 
 _END_CAP_TOLERANCE_M = 1e-4
 """A sphere that sticks out of a cylinder's rounded end by less is the end of that capsule."""
+
+_HOME_TOLERANCE = 1e-3
+"""rad or m: by how much the file's home may be outside its limits, which are rounded elsewhere."""
 
 
 class _Link(NamedTuple):
@@ -64,6 +68,7 @@ def build_arm(
     wrong in the URDF.
     """
     chain = chain_of(tree, file)
+    tree = chain.tree
     limits = limits_of(chain.joints, file)
     # Pinocchio has not placed them yet.
     joints = [
@@ -108,6 +113,8 @@ def build_arm(
     own_shapes, owners = _own_shapes(chain, links, file.collision)
     owners = [*(shape.name for shape in shapes), *owners]
     shapes += own_shapes
+    shapes = _swept_shapes(shapes, owners, chain, joints)
+    home = _home(joints, file.home_deg, tree)
     arm = ArmModel(
         name=tree.robot.get("name", ""),
         joints=tuple(joints),
@@ -116,7 +123,7 @@ def build_arm(
         inertias=tuple(_inertia(each) for each in list(model.inertias)[1:]),
         shapes=tuple(shapes),
         ignored_pairs=_pairs(links, shapes, file.collision),
-        home=_home(joints, file.home_deg),
+        home=home,
         task=file.task,
         urdf=urdf,
         counterbalanced_joints=_counterbalanced(joints, file.counterbalance),
@@ -127,7 +134,7 @@ def build_arm(
     )
     if disabled is None:
         arm = arm._replace(touching_shapes=touching_shapes(arm))
-    return arm if file.home_deg is not None else arm._replace(home=bent_home(arm))
+    return arm if home else arm._replace(home=bent_home(arm))
 
 
 def _reduced(
@@ -233,10 +240,21 @@ def _counterbalanced(joints: list[ArmJoint], last: str) -> int:
     return names.index(last) + 1
 
 
-def _home(joints: list[ArmJoint], given: tuple[float, ...] | None) -> tuple[float, ...]:
+def published_home(joints: Sequence[ArmJoint], tree: Tree) -> tuple[float, ...]:
+    """The file's own, to which limits may be rounded; empty where it has none within them."""
+    there, home = tree.home(), []
+    for joint in joints:
+        value = there.get(joint.name, math.nan)
+        home.append(max(joint.lower, min(joint.upper, value)))
+        if not abs(home[-1] - value) <= _HOME_TOLERANCE:
+            return ()
+    return tuple(home)
+
+
+def _home(joints: list[ArmJoint], given: tuple[float, ...] | None, tree: Tree) -> tuple[float, ...]:
     """Empty where none is given: all of the arm is needed to choose one."""
     if given is None:
-        return ()
+        return published_home(joints, tree)
     home = _each("home_deg", given, joints)
     for joint, value in zip(joints, home, strict=True):
         if not joint.lower <= value <= joint.upper:
@@ -306,6 +324,23 @@ def _shapes(
         for name, shapes in by_link.items()
         for shape in _without_end_caps(shapes)
     ]
+
+
+def _swept_shapes(
+    shapes: Sequence[BodyShape], owners: Sequence[str], chain: Chain, joints: Sequence[ArmJoint]
+) -> list[BodyShape]:
+    """`owners` are the links of the shapes."""
+    found = []
+    for each, owner in zip(shapes, owners, strict=True):
+        shape = each.shape
+        if sweep := chain.sweeps.get(owner):
+            number = [joint.name for joint in joints].index(sweep.joint)
+            joint, direction = joints[number], joints[number].axis
+            if each.body == number:  # What carries the joint.
+                direction = rotate(joint.placement.orientation, direction)
+            shape = swept(shape, direction, sweep)
+        found.append(each._replace(shape=shape))
+    return found
 
 
 def _solid_links(tree: Tree, links: _Links) -> tuple[str, ...]:

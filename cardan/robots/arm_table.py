@@ -27,6 +27,7 @@ _SOURCES = (
     "arm_reader.py",
     "fitting.py",
     "meshes.py",
+    "telescope.py",
     "urdf.py",
 )
 """What makes a model out of files: others make others."""

@@ -17,7 +17,8 @@ from xml.parsers import expat
 from cardan.common.options import suggestion
 from cardan.errors import ConfigurationError, about
 from cardan.robots.arm_model import TIME_TO_FULL_SPEED_S, JointKind
-from cardan.types import JointLimits, Vector3
+from cardan.spatial import from_euler_zyx, normalized
+from cardan.types import IDENTITY, JointLimits, Quaternion, Vector3
 
 LARGEST_NUMBER = 1e6
 """No length, angle, speed or mass of an arm is larger: a mistake, and products would overflow."""
@@ -85,6 +86,28 @@ class TreeJoint(NamedTuple):
         """Whether it has one direction of its own."""
         return self.kind in MOVING and self.mimic is None
 
+    def axis(self) -> Vector3:
+        """A unit vector in its own frame. Raises ConfigurationError."""
+        axis = self.element.find("axis")
+        if axis is None or axis.get("xyz") is None:
+            return Vector3(1.0, 0.0, 0.0)
+        numbers = _numbers(axis, "xyz", f"the axis of {self.name!r}")
+        length = math.hypot(*numbers)
+        if length < 1e-6:
+            raise _wrong(f"the axis of joint {self.name!r} has no direction")
+        return Vector3(*(each / length for each in numbers))
+
+    def orientation(self) -> Quaternion:
+        """Of its frame in its parent's. Raises ConfigurationError."""
+        origin, of = self.element.find("origin"), f"the origin of joint {self.name!r}"
+        if origin is not None and origin.get("quat_xyzw") is not None:
+            x, y, z, w = _numbers(origin, "quat_xyzw", of, 4)
+            with about(of):
+                return normalized(Quaternion(w, x, y, z))
+        if origin is None or origin.get("rpy") is None:
+            return IDENTITY
+        return from_euler_zyx(*_numbers(origin, "rpy", of))
+
     def refused(self) -> ConfigurationError:
         """What is raised where it stands and none of its kind may."""
         return _wrong(f"joint {self.name!r} is {self.kind!r}; allowed: fixed, {', '.join(MOVING)}")
@@ -118,6 +141,16 @@ class Tree(NamedTuple):
             found.append(self.above[link])
             link = found[-1].parent
         return found[::-1]
+
+    def home(self) -> dict[str, float]:
+        """Joints by name, rad or m, of a <group_state> "home": an SRDF's element, here out of an
+        MJCF's keyframe. Empty where there is none. Raises ConfigurationError."""
+        found = {}
+        for state in self.robot.iterfind("group_state"):
+            for joint in state.iterfind("joint") if state.get("name") == "home" else ():
+                with about("home"):
+                    found[joint.get("name", "")] = _bounded(joint, "value", "0")
+        return found
 
     def ends(self) -> list[str]:
         """The links that nothing hangs on."""
@@ -209,8 +242,9 @@ def _wrong(message: str) -> ConfigurationError:
     return ConfigurationError("", message)
 
 
-def _parsed(text: str, kind: str = "URDF") -> ET.Element:
-    """Prefixes need no declaration, as for urdfdom, so they are part of the names here."""
+def parse_xml(text: str, kind: str, root: str) -> ET.Element:
+    """The element `root` of a description of this kind. Prefixes need no declaration, as for
+    urdfdom, so they are part of the names here. Raises ConfigurationError."""
     of = f"the arm's {kind}"
     builder, parser = ET.TreeBuilder(), expat.ParserCreate()
     depth = 0
@@ -240,9 +274,14 @@ def _parsed(text: str, kind: str = "URDF") -> ET.Element:
         parser.Parse(text, True)
     except (expat.ExpatError, UnicodeError) as error:
         raise _wrong(f"{of} is not XML: {error}") from None
-    robot = builder.close()
-    if robot.tag != "robot":
-        raise _wrong(f"{of} is a <{robot.tag}>, not a <robot>")
+    element = builder.close()
+    if element.tag != root:
+        raise _wrong(f"{of} is a <{element.tag}>, not a <{root}>")
+    return element
+
+
+def _parsed(text: str, kind: str = "URDF") -> ET.Element:
+    robot, of = parse_xml(text, kind, "robot"), f"the arm's {kind}"
     if (version := _version(robot)) not in _VERSIONS:
         raise _wrong(f"{of} is of version {version!r}; allowed: {', '.join(_VERSIONS)}")
     return robot
@@ -341,12 +380,12 @@ def _attribute(element: ET.Element | None, name: str, default: str | None = None
     if text is None:
         raise ValueError(f"no {name}")
     try:
-        return _number(text)
+        return to_number(text)
     except ValueError:
         raise ValueError(f"{name} {text!r} is not a number") from None
 
 
-def _number(text: str) -> float:
+def to_number(text: str) -> float:
     """Raises ValueError, also for digits that only Python groups by "_"."""
     return float(text if "_" not in text else "")
 
@@ -361,7 +400,7 @@ def _bounded(element: ET.Element, name: str, default: str) -> float:
 def _numbers(element: ET.Element, attribute: str, of: str, count: int = 3) -> list[float]:
     text = element.get(attribute, "")
     try:
-        numbers = [_number(word) for word in text.split()]
+        numbers = [to_number(word) for word in text.split()]
     except ValueError:
         numbers = []
     if len(numbers) != count or not all(abs(each) <= LARGEST_NUMBER for each in numbers):
@@ -436,7 +475,7 @@ def _acceleration(limit: ET.Element) -> float:
 
 
 class Mesh(NamedTuple):
-    """A collision shape that a file has."""
+    """A shape that a file has."""
 
     uri: str
     scale: Vector3
@@ -489,7 +528,7 @@ def normal_form(
         ET.SubElement(made, "child", link=numbers[joint.child])
         _put_origin(made, joint.element, f"joint {joint.name!r}", old)
         if one_direction:
-            _put_axis(made, joint)
+            ET.SubElement(made, "axis", xyz=_text(*joint.axis()))
             ET.SubElement(made, "limit", lower="-1", upper="1", velocity="1", effort="1")
     return ET.tostring(robot, encoding="unicode")
 
@@ -547,17 +586,6 @@ def _put_limits(joint: ET.Element, limits: Limits) -> None:
     if math.isfinite(limits.lower):
         limit.set("lower", _text(limits.lower))
         limit.set("upper", _text(limits.upper))
-
-
-def _put_axis(made: ET.Element, joint: TreeJoint) -> None:
-    axis = joint.element.find("axis")
-    if axis is None or axis.get("xyz") is None:
-        return
-    numbers = _numbers(axis, "xyz", f"the axis of {joint.name!r}")
-    length = math.hypot(*numbers)
-    if length < 1e-6:
-        raise _wrong(f"the axis of joint {joint.name!r} has no direction")
-    ET.SubElement(made, "axis", xyz=_text(*(each / length for each in numbers)))
 
 
 def _put_origin(made: ET.Element, element: ET.Element, of: str, old: bool) -> None:

@@ -1,4 +1,5 @@
-"""Reads the description of an arm: URDF as it stands, or what a ``.xacro`` expands to.
+"""Reads the description of an arm: URDF as it stands, what a ``.xacro`` expands to, or what says
+the same as a ``.xml`` of MuJoCo.
 
 xacro evaluates the Python expressions of a file, and reads whatever files it names: a description
 is a program then.
@@ -17,10 +18,14 @@ from cardan.common.extras import missing_extra
 from cardan.common.files import MODEL_BYTES
 from cardan.common.shortage import shortage
 from cardan.common.tables import read_text
-from cardan.errors import ConfigurationError
+from cardan.errors import ConfigurationError, about
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.mesh_files import find_package, package_folders
+from cardan.robots.mjcf import urdf_of
 
+MJCF = ".xml"
+DESCRIPTIONS = (".urdf", ".xacro", MJCF)
+"""How the names of files end that `read_description` reads."""
 _ROS_PACKAGES = "ament_index_python.packages"
 """The module of ROS 2 that xacro asks where a package is."""
 
@@ -53,7 +58,10 @@ def read_description(path: Path, file: ArmFile) -> str:
     if not is_xacro(path):
         if file.xacro:
             raise ConfigurationError("xacro", f"{path} takes no arguments: it is no .xacro")
-        return text
+        if path.suffix.lower() != MJCF:
+            return text
+        with about(path):
+            return urdf_of(text)
     arguments = _Arguments(dict(file.xacro))
     text = _expanded(path, arguments, file)
     for name in file.xacro:

@@ -308,6 +308,10 @@ const WORDS = {
   shown_axes: ["Axes of the base", "Ejes de la base"],
   shown_workspace: ["Limits of the workspace", "Límites del espacio de trabajo"],
   shown_obstacles: ["Obstacles", "Obstáculos"],
+  shown_visuals: [
+    "The arm as it looks, not its collision shapes",
+    "El brazo como se ve, no sus formas de colisión",
+  ],
   shown_capsules: [
     "Collision shapes, with the distance that is kept",
     "Formas de colisión, con la distancia que se guarda",

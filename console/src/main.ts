@@ -230,7 +230,8 @@ async function makeScene(): Promise<void> {
   await Promise.all([drawn(), Promise.race([armChosen, later(NO_ARM_MS)])]);
   try {
     const { Scene } = await import("./scene.ts");
-    const made = new Scene(picture, t("picture3d"));
+    const { Meshes } = await import("./visuals.ts");
+    const made = new Scene(picture, t("picture3d"), new Meshes(token));
     made.onDrag = (pose) => goal?.setPose(pose);
     made.beforeDraw = () => {
       const shown = replay.open ? replay.arm : arm;
@@ -342,7 +343,11 @@ replay.onArm = () => {
   hand.stop();
   if (!recorded) return;
   let loaded = false;
-  recorded.onDescription = () => scene?.load(recorded.description);
+  recorded.onDescription = () => {
+    scene?.load(recorded.description);
+    void scene?.dress(recorded);
+  };
+  recorded.onSurroundings = () => void scene?.dress(recorded);
   recorded.onState = () => {
     scene?.news(recorded);
     if (loaded || !recorded.joints) return;

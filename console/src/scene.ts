@@ -1,12 +1,14 @@
 import * as THREE from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { TransformControls } from "three/examples/jsm/controls/TransformControls.js";
-import URDFLoader, { type URDFRobot } from "urdf-loader";
+import type { URDFRobot } from "urdf-loader";
 import type { Arm } from "./arm.ts";
+import { Figure } from "./figure.ts";
 import { t } from "./i18n.ts";
 import type { Part } from "./settings.ts";
 import { type Pose, type Vec3, norm, subtract } from "./spatial.ts";
 import { Around, nearness, warning } from "./surroundings.ts";
+import type { Colour, Meshes } from "./visuals.ts";
 
 const TRAIL_POINTS = 1200;
 /** A point of the trail each so many metres. */
@@ -65,8 +67,11 @@ export class Scene {
   private trailCount = 0;
   private robot: URDFRobot | null = null;
   private ghost: URDFRobot | null = null;
-  private readonly linkMaterials = new Map<string, THREE.MeshLambertMaterial>();
-  private readonly ghostMaterial = translucent(COLOURS.ghost);
+  /** Of the robot and the ghost. */
+  private figures: Figure[] = [];
+  private readonly meshes: Meshes;
+  private readonly linkMaterials = new Map<string, THREE.MeshLambertMaterial[]>();
+  private readonly ghostMaterials = { round: translucent(COLOURS.ghost), flat: translucent(COLOURS.ghost) };
   private readonly slow: boolean;
   private readonly label: string;
   private drawnMs = -Infinity;
@@ -82,10 +87,14 @@ export class Scene {
   private readonly place: HTMLElement;
   private hasGhost = false;
   private reach = 1;
+  /** Whether the reach is that of the robot. */
+  private measures = false;
 
   /** Raises where the browser has no WebGL. */
-  constructor(place: HTMLElement, label: string) {
+  constructor(place: HTMLElement, label: string, meshes: Meshes) {
     this.place = place;
+    this.meshes = meshes;
+    this.ghostMaterials.flat.flatShading = true;
     this.slow = drawsBySoftware();
     this.renderer = new THREE.WebGLRenderer({ antialias: !this.slow, alpha: true });
     // Shaders are three's own; asking whether they are right waits for the compiler.
@@ -155,7 +164,8 @@ export class Scene {
   /** Show no robot, and nothing around it. */
   empty(): void {
     for (const old of [this.robot, this.ghost]) old?.removeFromParent();
-    [this.robot, this.ghost] = [null, null];
+    [this.robot, this.ghost, this.figures] = [null, null, []];
+    this.meshes.clear();
     this.linkMaterials.clear();
     this.around.clear();
     this.clearTrail();
@@ -164,28 +174,72 @@ export class Scene {
   /** Show the robot of an arm's description; the movable joints' names in its order. */
   load(description: string): void {
     this.empty();
-    this.robot = parse(description);
-    this.ghost = parse(description);
-    let index = 0;
-    for (const [name, link] of Object.entries(this.robot.links)) {
-      const colour = index++ % 2 ? COLOURS.odd : COLOURS.even;
-      const material = new THREE.MeshLambertMaterial({ color: colour });
-      material.userData["colour"] = new THREE.Color(colour);
-      this.linkMaterials.set(name, material);
-      for (const child of link.children) if ("isURDFCollider" in child) paint(child, material);
-    }
-    paint(this.ghost, this.ghostMaterial);
+    this.figures = [
+      new Figure(description, (link, colour, flat) => this.material(link, colour, flat)),
+      new Figure(description, (_link, _colour, flat) => this.ghostMaterials[flat ? "flat" : "round"]),
+    ];
+    const [robot, ghost] = this.figures.map((each) => each.robot) as [URDFRobot, URDFRobot];
+    [this.robot, this.ghost] = [robot, ghost];
     this.ghost.visible = false;
     this.hasGoal = this.hasGhost = false;
     this.scene.add(this.robot, this.ghost);
+    this.warm = this.measures = false;
+    this.showLooks();
+  }
+
+  /** Show an arm as it looks, as far as its session knows that, once its robot is loaded. */
+  async dress(arm: Arm): Promise<void> {
+    const { figures } = this;
+    if (!arm.surroundings) return;
+    for (const each of figures) {
+      if (each.standIn(arm.surroundings.shapes)) this.measures = false;
+    }
+    this.showLooks();
+    // One after the other: what moves the arm comes first.
+    for (const [file, key] of Object.entries(arm.surroundings.visuals ?? {})) {
+      const geometry = await this.meshes.get(key);
+      if (this.figures !== figures) return;
+      if (geometry) for (const each of figures) each.give(file, geometry);
+      this.showLooks();
+    }
+  }
+
+  private showLooks(): void {
+    const counts = this.figures.map((each) => each.show(this.shows("visuals")));
+    this.place.dataset["looks"] = String(counts[0] ?? 0);
+    if (!this.measures && this.measure()) this.look("iso");
     this.warm = false;
-    this.measure();
-    this.look("iso");
+    this.redraw();
+  }
+
+  /** Of something of a link of the robot. */
+  private material(link: string, colour: Colour | null, flat: boolean): THREE.Material {
+    const materials = this.linkMaterials.get(link) ?? [];
+    if (!materials.length) this.linkMaterials.set(link, materials);
+    const name = JSON.stringify([colour, flat]);
+    const known = materials.find((each) => each.name === name);
+    if (known) return known;
+    const number = [...this.linkMaterials.keys()].indexOf(link);
+    const own = new THREE.Color(number % 2 ? COLOURS.odd : COLOURS.even);
+    if (colour) own.setRGB(...colour.rgb, THREE.SRGBColorSpace);
+    const { alpha } = colour ?? { alpha: 1 };
+    const material = new THREE.MeshLambertMaterial({
+      name,
+      color: own,
+      flatShading: flat,
+      side: flat ? THREE.DoubleSide : THREE.FrontSide,
+      transparent: alpha < 1,
+      opacity: alpha,
+    });
+    material.userData["colour"] = own;
+    materials.push(material);
+    return material;
   }
 
   /** Show what is around an arm, once its robot is loaded. */
   surround(arm: Arm): void {
     if (!arm.surroundings) return;
+    void this.dress(arm);
     this.around.load(arm.surroundings, this.robot, this.reach);
     this.around.showShells(this.shows("capsules"));
     const names = arm.surroundings.obstacles.map((each) => each.name).join(", ");
@@ -206,7 +260,7 @@ export class Scene {
     this.around.obstacles.visible = this.shows("obstacles");
     this.around.showShells(this.shows("capsules"));
     if (this.ghost) this.ghost.visible = this.hasGhost && this.shows("ghost");
-    this.redraw();
+    this.showLooks();
   }
 
   private shows(part: Part): boolean {
@@ -236,7 +290,9 @@ export class Scene {
     this.hasGhost = pose !== null && joints !== null;
     this.ghost.visible = this.hasGhost && this.shows("ghost");
     if (joints) setJoints(this.ghost, names, joints);
-    this.ghostMaterial.color.setHex(reachable ? COLOURS.ghost : COLOURS.unreachable);
+    for (const each of Object.values(this.ghostMaterials)) {
+      each.color.setHex(reachable ? COLOURS.ghost : COLOURS.unreachable);
+    }
     if (pose && !this.dragging) place(this.handle, pose);
     this.redraw();
   }
@@ -346,10 +402,15 @@ export class Scene {
     for (const each of hidden) if (each) each.visible = false;
   }
 
-  private measure(): void {
-    if (!this.robot) return;
-    const size = new THREE.Box3().setFromObject(this.robot).getSize(new THREE.Vector3());
+  /** Whether there is anything of a robot to measure. */
+  private measure(): boolean {
+    if (!this.robot) return false;
+    const box = new THREE.Box3().setFromObject(this.robot);
+    if (box.isEmpty()) return false;
+    const size = box.getSize(new THREE.Vector3());
     this.reach = Math.max(0.4, Math.min(4, Math.max(size.x, size.y, size.z) / 0.9));
+    this.measures = true;
+    return true;
   }
 
   private extendTrail(position: Vec3): void {
@@ -383,9 +444,11 @@ export class Scene {
     const clearance = arm.snapshot?.clearance_m ?? null;
     const pair = arm.snapshot?.nearest_pair ?? [];
     const near = nearness(clearance, pair, arm.surroundings);
-    for (const [name, material] of this.linkMaterials) {
-      material.color.copy(material.userData["colour"] as THREE.Color);
-      if (near > 0 && pair.includes(name)) material.color.lerp(warning(near), 0.35 + 0.45 * near);
+    for (const [name, materials] of this.linkMaterials) {
+      for (const material of materials) {
+        material.color.copy(material.userData["colour"] as THREE.Color);
+        if (near > 0 && pair.includes(name)) material.color.lerp(warning(near), 0.35 + 0.45 * near);
+      }
     }
     this.around.colour(near, pair, Boolean(arm.snapshot?.at_workspace_limit));
   }
@@ -418,28 +481,12 @@ function same(a: number, b: number | undefined): boolean {
   return b !== undefined && Math.abs(a - b) < 1e-5;
 }
 
-/** Capsules of the collision model are what these descriptions have for a body; their meshes, where
- * one has some, are not on the bus. */
-function parse(description: string): URDFRobot {
-  const loader = new URDFLoader();
-  loader.parseVisual = false;
-  loader.parseCollision = true;
-  loader.loadMeshCb = (_path, _manager, _material, done) => done(new THREE.Group());
-  return loader.parse(description);
-}
-
 function setJoints(robot: URDFRobot, names: readonly string[], values: readonly number[]): void {
   names.forEach((name, index) => {
     const joint = robot.joints[name];
     if (!joint) return;
     joint.ignoreLimits = true;
     joint.setJointValue(values[index] ?? 0);
-  });
-}
-
-function paint(object: THREE.Object3D, material: THREE.Material): void {
-  object.traverse((each) => {
-    if (each instanceof THREE.Mesh) each.material = material;
   });
 }
 

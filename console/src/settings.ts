@@ -11,6 +11,7 @@ export const PARTS = [
   "axes",
   "workspace",
   "obstacles",
+  "visuals",
   "capsules",
 ] as const;
 export type Part = (typeof PARTS)[number];

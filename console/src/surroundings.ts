@@ -21,6 +21,10 @@ export type Surroundings = {
   shapes: (Solid & { joint: string })[];
   /** How many links have no body, and which; empty or absent: all have one. */
   links_without_body?: string;
+  /** The keys of visual meshes, by what the description calls them. */
+  visuals?: Record<string, string>;
+  /** Which of them are not there; empty or absent: none. */
+  visuals_left_out?: string;
   /** The distance that is kept to obstacles; null: collisions are not avoided. */
   obstacle_m: number | null;
   own_body_m: number | null;
@@ -148,7 +152,7 @@ export class Around {
 }
 
 /** A mesh of it, larger by `more` on all sides; planes are as wide as `wide`. */
-function solid(of: Solid, more: number, wide: number): THREE.Mesh | null {
+export function solid(of: Solid, more: number, wide: number): THREE.Mesh | null {
   if (of.capsule) {
     const { start, end, radius_m } = of.capsule;
     const [from, to] = [new THREE.Vector3(...start), new THREE.Vector3(...end)];

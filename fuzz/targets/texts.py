@@ -35,6 +35,8 @@ from cardan.protocols.rosbridge.session import Session
 from cardan.robots import limits_in, parse_urdf
 from cardan.robots.arm_file import ArmFile
 from cardan.robots.arm_loader import FOLDER
+from cardan.robots.mjcf import urdf_of
+from cardan.robots.urdf import normal_form, read_tree
 from cardan.types import Vector3
 from cardan_foxglove import protocol as foxglove
 from fuzz.target import Form, Packets, Target
@@ -477,6 +479,26 @@ def _urdf(data: bytes) -> object:
     return len(model.joints)
 
 
+def _mjcfs() -> Iterator[bytes]:
+    yield b"""<mujoco><compiler angle="radian" meshdir="m"/><default><joint range="-1 2"/>
+      <default class="c"><geom type="capsule" size="0.1 0.2"/></default></default>
+      <asset><mesh name="m" file="m.stl"/></asset><worldbody><geom type="plane" size="1 1 1"/>
+      <body name="a" euler="0 0 1" childclass="c"><joint name="j" ref="0.1"/>
+      <geom fromto="0 0 0 0 0 1"/><frame zaxis="0 1 1"><body name="b" pos="0 0 1">
+      <joint name="k" type="slide" pos="0 0.1 0"/><geom type="mesh" mesh="m"/>
+      <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><site name="tip" xyaxes="0 1 0 1 0 1"/>
+      </body></frame></body></worldbody><actuator><motor joint="j" ctrlrange="-1 1"/></actuator>
+      <equality><joint joint1="k" joint2="j"/><connect body1="b"/></equality>
+      <tendon><fixed name="t" range="0 1"><joint joint="j"/></fixed></tendon>
+      <keyframe><key name="home" qpos="0 1"/></keyframe></mujoco>"""
+
+
+def _mjcf(data: bytes) -> object:
+    tree = read_tree(urdf_of(text_of(data)))
+    normal_form(tree, ())
+    return len(tree.joints) + len(tree.home())
+
+
 def _arm_files() -> Iterator[bytes]:
     for path in sorted(FOLDER.glob("*.toml"))[:3]:
         yield path.read_bytes()
@@ -600,6 +622,7 @@ TARGETS = (
     Target("foxglove", Form.JSON, _foxglove, _foxgloves),
     Target("config.session", Form.TEXT, _config, _configs, raises=(CardanError,), slow_s=0.2),
     Target("config.urdf", Form.TEXT, _urdf, _urdfs, raises=(ConfigurationError,), slow_s=0.5),
+    Target("config.mjcf", Form.TEXT, _mjcf, _mjcfs, raises=(ConfigurationError,), slow_s=0.5),
     Target("config.arm", Form.TEXT, _arm_file, _arm_files, raises=(ConfigurationError,)),
     Target(
         "config.domain",

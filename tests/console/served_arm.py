@@ -27,11 +27,15 @@ that draws without a graphics card on a busy computer."""
 
 
 @contextlib.contextmanager
-def served_arm(folder: Path, site: Site, more: str = "") -> Iterator[tuple[BusNetwork, str]]:
-    """The bus of a running session, with `more` in its file, and the address of the page."""
+def served_arm(
+    folder: Path, site: Site, more: str = "", model: str = "ur5"
+) -> Iterator[tuple[BusNetwork, str]]:
+    """The bus of a running session, with `more` in its file and this model of the arm, and the
+    address of the page."""
     endpoint = free_endpoint()
     path = folder / "session.toml"
-    path.write_text(ARM_SESSION.format(endpoint=endpoint) + more)
+    text = ARM_SESSION.format(endpoint=endpoint).replace('model = "ur5"', f'model = "{model}"')
+    path.write_text(text + more)
     command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "600"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
         try:

@@ -100,11 +100,12 @@ def wanted(page, label, value):
 def test_the_picture_has_what_is_around_the_arm_and_each_part_is_switched_off(page):
     assert "table, floor" in page.value(LABEL)
     boxes = "[...document.querySelectorAll('.check input')]"
-    assert page.value(f"{boxes}.map(each => each.checked)") == [True] * 8 + [False]
+    assert page.value(f"{boxes}.map(each => each.checked)") == [True] * 9 + [False]
     page.value(f"{boxes}.forEach(each => each.click())")
     kept = "JSON.parse(localStorage.getItem('cardan-console')).hides"
     assert page.value(kept) == [
-        *("ghost", "tcp", "commanded", "trail", "force", "axes", "workspace", "obstacles")
+        *("ghost", "tcp", "commanded", "trail", "force", "axes", "workspace", "obstacles"),
+        "visuals",
     ]
     page.value(f"{boxes}.forEach(each => each.click())")
     assert page.value(kept) == ["capsules"]

@@ -20,17 +20,25 @@ from cardan.drivers.base import Endpoint
 from cardan.drivers.motoros import Motoros
 from cardan.drivers.sim_arm import SimArm
 from cardan.drivers.ur_rtde import UrRtde
+from cardan.protocols.ur.dashboard import GREETING
+from cardan.protocols.ur.rtde import PacketType, reply_accepted, text
 from tests.doctor.told import told
 
 EGM = Endpoint("udp", "192.168.125.99", 6510, True, "192.168.125.1")
 STATE = Endpoint("tcp", "192.168.255.1", 50241)
-RTDE = UrRtde().endpoints()[0]
+RTDE, DASHBOARD = UrRtde().endpoints()
+VERSION = reply_accepted(PacketType.PROTOCOL_VERSION, True)
+(MOTOROS,) = Motoros().endpoints()
+STATUS = (40).to_bytes(4, "little")
 
 
 def test_what_drivers_use():
     egm = AbbEgm(listen_host="127.0.0.1", listen_port=6599, controller_host="127.0.0.2")
-    assert egm.endpoints() == (Endpoint("udp", "127.0.0.1", 6599, True, "127.0.0.2"),)
-    assert Motoros(host="127.0.0.3").endpoints() == (Endpoint("tcp", "127.0.0.3", 50241),)
+    (listens,) = egm.endpoints()
+    assert listens[:5] == ("udp", "127.0.0.1", 6599, True, "127.0.0.2")
+    (state,) = Motoros(host="127.0.0.3").endpoints()
+    assert state[:4] == ("tcp", "127.0.0.3", 50241, False)
+    assert egm.endpoints() == (listens,)  # two users of one are looked at once
     assert SimArm().endpoints() == ()
 
 
@@ -45,7 +53,15 @@ def test_what_drivers_use():
         (EGM, Heard(error=errno.EADDRNOTAVAIL), "failure", "listen-address"),
         (EGM, Heard(error=errno.EACCES), "failure", "listen-address"),
         (STATE, Heard(("192.168.255.1",)), "good", "reached"),
-        (RTDE, Heard(("192.168.255.1",), RTDE.answer), "good", "reached"),
+        (EGM, Heard(said=b"GET / HTTP/1.1"), "failure", "other-server"),
+        (MOTOROS, Heard(("192.168.255.1",), b"SSH-2.0-OpenSSH"), "failure", "other-server"),
+        (MOTOROS, Heard(("192.168.255.1",)), "failure", "other-server"),
+        (MOTOROS, Heard(("192.168.255.1",), STATUS), "good", "reached"),
+        (DASHBOARD, Heard(("192.168.255.1",), GREETING.encode()), "good", "reached"),
+        (DASHBOARD, Heard(("192.168.255.1",), GREETING[:9].encode()), "failure", "other-server"),
+        (RTDE, Heard(("192.168.255.1",), VERSION), "good", "reached"),
+        (RTDE, Heard(("192.168.255.1",), text("hello", "", 3) + VERSION), "good", "reached"),
+        (RTDE, Heard(("192.168.255.1",), b"RTSP/1.0 400"), "failure", "other-server"),
         (RTDE, Heard(("192.168.255.1",), b"HTTP/1.1 400"), "failure", "other-server"),
         (RTDE, Heard(("192.168.255.1",)), "failure", "other-server"),
         (STATE, Heard(error=errno.ECONNREFUSED), "failure", "not-reached"),
@@ -99,6 +115,26 @@ def test_a_controller_that_sends_is_heard_and_not_answered():
 
 
 @pytest.mark.matrix
+def test_datagrams_of_another_protocol_are_no_controller():
+    (endpoint,) = AbbEgm(listen_host="127.0.0.1", listen_port=free_port()).endpoints()
+    stop = threading.Event()
+    with udp() as other:
+
+        def send():
+            while not stop.wait(0.01):
+                other.sendto(b"GET / HTTP/1.1", ("127.0.0.1", endpoint.port))
+
+        sending = threading.Thread(target=send)
+        sending.start()
+        try:
+            heard = listen([endpoint], 2.0)
+        finally:
+            stop.set()
+            sending.join()
+    assert heard == {endpoint: Heard(said=b"GET / HTTP/1.1")}
+
+
+@pytest.mark.matrix
 def test_silence_and_ports_that_cannot_be_had():
     with udp() as other:
         port = other.getsockname()[1]
@@ -133,12 +169,29 @@ def test_a_server_is_connected_to_and_told_nothing():
 
 
 @pytest.mark.matrix
-def test_the_check(tmp_path):
+@pytest.mark.parametrize(
+    ("said", "expected"),
+    [
+        (STATUS, ("good", "reached")),
+        (b"SSH-2.0-OpenSSH_9.6\r\n", ("failure", "other-server")),
+        (b"", ("failure", "other-server")),
+    ],
+)
+def test_the_check(tmp_path, said, expected):
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
+
+        def serve():
+            client, _ = server.accept()
+            with client:
+                client.sendall(said)
+
+        serving = threading.Thread(target=serve)
+        serving.start()
         file = tmp_path / "gp8.toml"
         file.write_text(f'[robot]\ndriver = "motoros"\nstate_port = {port}\n[arm]\nmodel = "gp8"\n')
         layout, wrong = read_files([file])
         assert not wrong
         found = list(Controllers.look(Subject((file,), layout)))
-    assert told(Controllers, found) == [("good", "reached")]
+        serving.join()
+    assert told(Controllers, found) == [expected]

@@ -662,6 +662,12 @@ def test_options_that_cannot_be_are_named(options, key):
 # -- bad bytes ------------------------------------------------------------------------------------
 
 
+def test_another_protocol_at_the_state_port_is_said():
+    feed = StateFeed(MotorosOptions())
+    feed.received(b"SSH-2.0-OpenSSH_9.6\r\n", 1.0)
+    assert "it does not speak MotoROS; is state_port the controller's?" in feed.failure
+
+
 def test_a_feedback_that_no_robot_measures_is_ignored():
     feed = StateFeed(MotorosOptions(trust_velocity=True))
 

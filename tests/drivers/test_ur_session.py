@@ -7,6 +7,7 @@ import pytest
 
 from cardan.drivers.ur_rtde import Phase, UrRtdeOptions
 from cardan.drivers.ur_rtde.program import FIRST_WAIT_S, Order, program
+from cardan.drivers.ur_rtde.session import UrSession
 from cardan.errors import CommandError, OptionError
 from cardan.protocols.ur.primary import text_message
 from cardan.protocols.ur.script import Program, parse
@@ -481,6 +482,7 @@ def test_a_state_of_before_is_not_answered_after_a_new_start():
 def test_a_jump_in_the_registers_ends_the_program():
     rig = turning()
     registers = rig.controller.registers
+    rig.stall(0.001)  # what is underway arrives
     rig.alive = False
     token, beat = registers.input_int[24:26]
     registers.input_int[24:27] = [token, beat + 1, Order.FOLLOW]
@@ -653,6 +655,49 @@ def test_an_arm_of_another_generation_is_said(robot, peer, words):
     rig = Rig({"robot": robot, "rate_hz": 125.0}, robot=peer).run(0.5)
     said = [each for each in rig.session.diagnosis(rig.now_s) if "set robot" in each]
     assert [words in each for each in said] == [True] * bool(words)
+
+
+def test_an_arm_of_another_size_is_said_once_the_controller_has_told():
+    rig = Rig()
+    received = rig.session.received
+    rig.session.received = lambda channel, data, now_s: received(
+        channel, data.replace(b"UR5\n", b"UR10\n"), now_s
+    )
+    rig.ready()
+    (said,) = rig.session.diagnosis(rig.now_s)
+    assert said.startswith("the controller's arm is a UR10, and is driven as ur5e")
+
+
+FOREIGN = {
+    "HTTP": b"HTTP/1.1 400 Bad Request\r\n\r\n",
+    "RTSP": b"RTSP/1.0 400 Bad Request\r\n\r\n",
+    "SSH": b"SSH-2.0-OpenSSH_9.6\r\n",
+    "TLS": bytes.fromhex("15030300020246"),
+    "dashboard": b"Connected: Universal Robots Dashboard Server\n",
+    "primary interface": bytes.fromhex("0000003714ffffffffffffffff"),
+}
+
+
+@pytest.mark.parametrize("protocol", FOREIGN)
+def test_another_protocol_at_the_port_is_said_and_not_tried_for_ever(protocol):
+    session = UrSession(UrRtdeOptions())
+    session.connected("rtde", 1.0)
+    session.received("rtde", FOREIGN[protocol], 1.1)
+    assert session.closing() == ["rtde"]
+    assert "RTDE; it says" in session.hold_reason
+    assert "is rtde_port the controller's (30004)?" in session.hold_reason
+    assert not session.wants("rtde", 1e6)
+    session.ask("enable", 2.0)
+    assert session.wants("rtde", 2.0)
+
+
+def test_a_server_that_closes_without_a_word_is_said_to_be_another():
+    session = UrSession(UrRtdeOptions())
+    for count in (1, 2, 3):
+        assert "does not seem to speak RTDE" not in session.hold_reason
+        session.connected("rtde", float(count))
+        session.disconnected("rtde", "the controller closed it", float(count))
+    assert "3 times without an answer: it does not seem to speak RTDE" in session.hold_reason
 
 
 def test_an_arm_that_is_off_its_target_for_good_ends_motion():

@@ -469,8 +469,8 @@ def test_limits_of_a_joint_that_is_there_twice_are_not_chosen():
     ("leader", "words"),
     [
         ("j", "joints: joint 'k' mimics 'j': leave that one out, and both are held"),
-        ("k", "joint 'k' mimics one that is not there"),
-        ("l", "joint 'k' mimics one that is not there"),
+        ("k", "joint 'k' mimics 'k', which is no joint to follow"),
+        ("l", "joint 'k' mimics 'l', which is no joint to follow"),
     ],
 )
 def test_a_joint_that_mimics_another_of_the_arm_is_refused(leader, words):

@@ -14,7 +14,7 @@ from cardan.common import files
 from cardan.errors import ConfigurationError
 from cardan.robots import mesh_files, meshes
 from cardan.robots.mesh_files import read_mesh
-from cardan.robots.meshes import UNSCALED, points_in
+from cardan.robots.meshes import UNSCALED, points_in, surface_in
 from cardan.types import Vector3
 
 
@@ -103,6 +103,51 @@ def test_every_format(mesh, kind):
     assert distinct(points) == distinct(PLACED)
 
 
+def turned(faces):
+    """Each by its corners, the lowest first, in the order in which they go round."""
+    found = []
+    for face in faces:
+        corners = [tuple(map(float, np.round(corner, 9))) for corner in face]
+        first = corners.index(min(corners))
+        found.append(tuple(corners[first:] + corners[:first]))
+    return sorted(found)
+
+
+def faces_of(path):
+    surface = surface_in(read_mesh(path), path)
+    return turned(surface.points[surface.triangles])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_format_has_its_faces(mesh, kind):
+    found = faces_of(mesh(KINDS[kind], f"body.{kind}"))
+    assert found == turned(CORNERS[list(face)] for face in FACES)
+
+
+_SQUARE = {
+    "polylist": "<vcount>4 3</vcount><p>0 0 1 0 2 0 3 0 0 0 2 0 3 0</p>",
+    "polygons": "<p>0 0 1 0 2 0 3 0</p><ph><p>0 0 2 0 3 0</p><h>1 0 2 0 3 0</h></ph>",
+    "trifans": "<p>0 0 1 0 2 0 3 0</p><p>0 0 2 0 3 0</p>",
+    "tristrips": "<p>1 0 2 0 0 0 3 0</p><p>3 0 0 0 2 0</p>",
+}
+
+
+@pytest.mark.parametrize("kind", _SQUARE)
+def test_faces_of_a_collada_file_by_every_element(mesh, kind):
+    before, _, rest = dae().decode().partition("<p>")
+    _, _, after = rest.partition("</triangles>")
+    text = f"{before}{_SQUARE[kind]}</{kind}>{after}".replace("<triangles", f"<{kind}")
+    found = faces_of(mesh(text.encode(), "body.dae"))
+    assert found == turned(CORNERS[list(face)] for face in ((0, 1, 2), (0, 2, 3), (0, 2, 3)))
+
+
+def test_an_obj_counts_back_from_where_it_is(mesh):
+    lines = ["v {} {} {}".format(*corner) for corner in CORNERS]
+    text = "\n".join([*lines[:3], "f -3 -2 -1", lines[3], "f -1 1 2", "f 1 2", ""])
+    found = faces_of(mesh(text.encode(), "body.obj"))
+    assert found == turned(CORNERS[list(face)] for face in ((0, 1, 2), (3, 0, 1)))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_format_as_assimp_has_it(mesh, kind):
     path = mesh(KINDS[kind], f"body.{kind}")
@@ -169,6 +214,7 @@ BAD = {
     "an OBJ cut off": (obj().replace(b"v 0.0 0.0 3.0", b"v 0.0", 1), "obj", "three numbers"),
     "an OBJ with a face of nothing": (obj().replace(b"f 1//1", b"f 7//1", 1), "obj", "none of its"),
     "an OBJ with corner 0": (obj().replace(b"f 1//1", b"f 0//1", 1), "obj", "none of its"),
+    "an OBJ that counts back too far": (b"v 0 0 0\nf -1 -2 1\nv 0 0 0\n", "obj", "none of its 2"),
     "an OBJ without faces": (b"v 0 0 0\n", "obj", "no faces"),
     "DAE cut off": (dae()[:-9], "dae", "no XML"),
     "other XML": (b"<robot/>", "dae", "begins with <robot>"),
@@ -182,6 +228,11 @@ BAD = {
     "a unit of nothing": (dae('<unit meter="0"/>'), "dae", "unit of 0.0 m"),
     "a unit in words": (dae('<unit meter="inch"/>'), "dae", "inch"),
     "a face of nothing": (dae().replace(b"<p>0 0", b"<p>8 0"), "dae", "none of its 5"),
+    "a vcount of other corners": (
+        dae().replace(b"triangles", b"polylist").replace(b"<p>", b"<vcount>3 4</vcount><p>"),
+        "dae",
+        "that of its 12 corners",
+    ),
     "half a corner": (dae().replace(b"<p>0 0", b"<p>0"), "dae", "23 indices, 2 for each"),
     "an offset beyond all": (dae().replace(b'offset="1"', b'offset="99999999"'), "dae", "indices"),
     "an offset before all": (dae().replace(b'offset="0"', b'offset="-1"'), "dae", "indices"),

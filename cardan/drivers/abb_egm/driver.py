@@ -18,7 +18,13 @@ from cardan.drivers.base import Endpoint
 from cardan.drivers.robot_core import WAKE_S, LoopingRobot
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DriverError
-from cardan.protocols.egm import MAX_DATAGRAM_BYTES, EgmRapidData, EgmRobot
+from cardan.protocols.egm import (
+    MAX_DATAGRAM_BYTES,
+    EgmRapidData,
+    EgmRobot,
+    Malformed,
+    decode_robot,
+)
 from cardan.types import NEVER_S, RobotCommand, RobotState
 
 _RECEIVE_BYTES = MAX_DATAGRAM_BYTES + 1
@@ -34,6 +40,10 @@ _BRAKE_S = 1.0
 """Longest time that a braking ramp is waited for; sensible limits need less."""
 
 _monotonic = time.monotonic
+
+
+def _speaks_egm(data: bytes) -> bool:
+    return not isinstance(decode_robot(data), Malformed)
 
 
 class AbbEgm(LoopingRobot[EgmSession]):
@@ -317,7 +327,16 @@ class AbbEgm(LoopingRobot[EgmSession]):
     def endpoints(self) -> tuple[Endpoint, ...]:
         """The UDP port, to which the controller sends first."""
         own = self.options
-        return (Endpoint("udp", own.listen_host, own.listen_port, True, own.controller_host),)
+        return (
+            Endpoint(
+                "udp",
+                own.listen_host,
+                own.listen_port,
+                True,
+                own.controller_host,
+                speaks=_speaks_egm,
+            ),
+        )
 
     def metrics(self) -> dict[str, float]:
         return self._session.metrics()

@@ -15,7 +15,7 @@ from cardan.drivers.motoros.session import MotorosSession
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.drivers.tcp_robot import TcpRobot
 from cardan.errors import CardanError, NotOpenError
-from cardan.protocols.simple_message import ByteOrder
+from cardan.protocols.simple_message import ByteOrder, speaks_simple_message
 
 
 class Motoros(TcpRobot[MotorosSession, Channel, Task]):
@@ -129,7 +129,8 @@ class Motoros(TcpRobot[MotorosSession, Channel, Task]):
 
     def endpoints(self) -> tuple[Endpoint, ...]:
         """The state port, which serves several clients; the motion port serves one."""
-        return (Endpoint("tcp", self.options.host, self.options.state_port),)
+        options = self.options
+        return (Endpoint("tcp", options.host, options.state_port, speaks=speaks_simple_message),)
 
     def metrics(self) -> dict[str, float]:
         return self._session.metrics(self._now_s())

@@ -118,6 +118,8 @@ class StateFeed:
         if reader.failure and not self.failure:
             self._ignore(reader.failure)
             self.failure = f"the state port sent {reader.failure}"
+            if reader.byte_order is None:
+                self.failure += ": it does not speak MotoROS; is state_port the controller's?"
 
     def _choose(self, frame: bytes) -> Wire | None:
         found = detect_wire(frame)

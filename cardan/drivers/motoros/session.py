@@ -18,7 +18,7 @@ from cardan.drivers.motoros.motion_control import MotionControl, Phase, Task
 from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.session_words import findings, no_motion_connection, silence
-from cardan.drivers.robot_core import check_command, check_numbers, counts, joint_values
+from cardan.drivers.robot_core import check_joints, counts
 from cardan.drivers.tcp_robot import Connection
 from cardan.protocols.simple_message import (
     LONGEST_PREFIX_OF_MOTOROS,
@@ -369,11 +369,7 @@ class MotorosSession:
 
         Commands beyond the limits are limited, not refused.
         """
-        check_command("MotoROS", command, self._check)
-
-    def _check(self, command: RobotCommand) -> None:
-        for name, values, allowed in joint_values("MotoROS", command, KINDS):
-            check_numbers(name, values, allowed, self.feed.joints)
+        check_joints("MotoROS", command, KINDS, self.feed.joints)
 
     # -- diagnosis --------------------------------------------------------------------------------
 

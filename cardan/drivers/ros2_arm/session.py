@@ -16,7 +16,7 @@ from cardan.bus.node import Received
 from cardan.drivers.datagram_robot import DatagramSession
 from cardan.drivers.limiters import JointLimiter
 from cardan.drivers.lost_time import SIMULATED_TIME, AgreedTime, LostTime
-from cardan.drivers.robot_core import check_command, check_numbers, joint_values
+from cardan.drivers.robot_core import check_joints
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
 from cardan.protocols.ros2.cdr import Malformed, Message, Template, codec_of
 from cardan.protocols.ros2.messages import default_message
@@ -374,12 +374,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
     # -- commands -------------------------------------------------------------------------------
 
     def check(self, command: RobotCommand) -> None:
-        check_command("the ROS 2 arm", command, self._check)
-
-    def _check(self, command: RobotCommand) -> None:
-        kinds = self.capabilities.commands
-        for name, values, allowed in joint_values("the ROS 2 arm", command, kinds):
-            check_numbers(name, values, allowed, self._count)
+        check_joints("the ROS 2 arm", command, self.capabilities.commands, self._count)
 
     @property
     def moving(self) -> bool:

@@ -7,8 +7,8 @@ from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.drivers.tcp_robot import TcpRobot
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.session import CHANNELS, Channel, Task, UrSession
-from cardan.protocols.ur.dashboard import GREETING
-from cardan.protocols.ur.rtde import PacketType, ask_version, reply_accepted
+from cardan.protocols.ur.dashboard import greets
+from cardan.protocols.ur.rtde import ask_version, speaks_rtde
 from cardan.types import RobotCommand
 
 
@@ -41,11 +41,12 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
     def send(self, command: RobotCommand) -> None:
         """Answer the state last yielded; without effect where that takes no command."""
         session = self._require_open()
-        session.check(command)
         if session.owes_answer and session.late(self._now_s()):
+            session.check(command)
             # The arm has moved on since the state that this command was computed from.
             self._wait(session, 0.0)
-        super().send(command)
+        session.command(command, self._now_s())
+        self._flush(session)
 
     def enable(self) -> None:
         """Switch power on, release the brakes and start the program. Done by the loop; the states'
@@ -77,9 +78,9 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
                 options.host,
                 options.rtde_port,
                 request=ask_version(),
-                answer=reply_accepted(PacketType.PROTOCOL_VERSION, True),
+                speaks=speaks_rtde,
             ),
-            Endpoint("tcp", options.host, options.dashboard_port, answer=GREETING.encode()),
+            Endpoint("tcp", options.host, options.dashboard_port, speaks=greets),
         )
 
     def metrics(self) -> dict[str, float]:

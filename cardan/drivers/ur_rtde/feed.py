@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY, Range
 from cardan.drivers.lost_time import SIMULATED_TIME, AgreedTime
@@ -16,6 +16,7 @@ from cardan.errors import shown
 from cardan.protocols.ur.rtde import (
     IN_USE,
     NOT_FOUND,
+    VALUES_FROM,
     Accepted,
     ControllerVersion,
     Data,
@@ -32,6 +33,7 @@ from cardan.protocols.ur.rtde import (
     packet,
     read_reply,
 )
+from cardan.protocols.ur.states import RobotMode, RuntimeState
 from cardan.protocols.ur.variables import OUTPUTS
 from cardan.types import NEVER_S
 
@@ -42,45 +44,69 @@ _SCALE: Final = Range(-10.0, 10.0, "", "no controller's time passes so fast")
 _CB3_MAJOR: Final = 3
 """PolyScope 3 is a CB3; 5 and later are e-Series and what came after."""
 
-STATES: Final = (
-    "timestamp",
-    "target_q",
-    "target_qd",
-    "actual_q",
-    "actual_qd",
-    "robot_mode",
-    "safety_mode",
-    "runtime_state",
-    "speed_scaling",
-    "target_speed_fraction",
+
+class Package(NamedTuple):
+    """The values of a data package: variables of these names, and the program's three registers."""
+
+    timestamp: float
+    target_q: tuple[float, ...]
+    target_qd: tuple[float, ...]
+    actual_q: tuple[float, ...]
+    actual_qd: tuple[float, ...]
+    robot_mode: int
+    safety_mode: int
+    runtime_state: int
+    speed_scaling: float
+    target_speed_fraction: float
+    token: int
+    report: int
+    beat: int
+
+    @property
+    def slider(self) -> float:
+        """How fast the controller's time passes: its speed slider, and its own scaling."""
+        own, scale = self.speed_scaling, self.target_speed_fraction
+        # The controller's own scaling is 0 while no program runs.
+        return scale * own if 0.0 < own < 1.0 else scale
+
+
+STATES: Final = Package._fields[:-3]
+
+NOTHING: Final = Package(
+    math.nan, (), (), (), (), RobotMode.NO_CONTROLLER, 0, RuntimeState.STOPPED, 0.0, 0.0, 0, 0, 0
 )
+"""Before the first package."""
+
+_new = tuple.__new__
+"""Makes a named tuple in half the time of its constructor."""
 
 IMPLAUSIBLE: Final = "implausible"
 """The reason of packages whose numbers no robot measures."""
 
 
-def _implausible(values: dict[str, Any]) -> str:
+def _implausible(values: Package) -> str:
     """Which numbers of a package no robot measures, in words; empty where all may be."""
-    # The usual case by sums, which a NaN does not pass.
-    positions = values["actual_q"] + values["target_q"]
-    speeds = values["actual_qd"] + values["target_qd"]
-    scales = abs(values["speed_scaling"]) + abs(values["target_speed_fraction"])
+    # The usual case by their length, which a NaN does not pass.
     if (
-        sum(map(abs, positions)) <= JOINT_POSITION.highest
-        and sum(map(abs, speeds)) <= JOINT_VELOCITY.highest
-        and scales <= _SCALE.highest
-        and abs(values["timestamp"]) <= _TIME_S.highest
+        math.hypot(*values.actual_q, *values.target_q, *values.actual_qd, *values.target_qd)
+        <= _USUAL
+        and abs(values.speed_scaling) + abs(values.target_speed_fraction) <= _SCALES
+        and abs(values.timestamp) <= _TIMES_S
     ):
         return ""
     return (
-        outside("timestamp", (values["timestamp"],), _TIME_S)
-        or outside("actual_q", values["actual_q"], JOINT_POSITION)
-        or outside("target_q", values["target_q"], JOINT_POSITION)
-        or outside("actual_qd", values["actual_qd"], JOINT_VELOCITY)
-        or outside("target_qd", values["target_qd"], JOINT_VELOCITY)
-        or outside("speed_scaling", (values["speed_scaling"],), _SCALE)
-        or outside("target_speed_fraction", (values["target_speed_fraction"],), _SCALE)
+        outside("timestamp", (values.timestamp,), _TIME_S)
+        or outside("actual_q", values.actual_q, JOINT_POSITION)
+        or outside("target_q", values.target_q, JOINT_POSITION)
+        or outside("actual_qd", values.actual_qd, JOINT_VELOCITY)
+        or outside("target_qd", values.target_qd, JOINT_VELOCITY)
+        or outside("speed_scaling", (values.speed_scaling,), _SCALE)
+        or outside("target_speed_fraction", (values.target_speed_fraction,), _SCALE)
     )
+
+
+_USUAL = min(JOINT_POSITION.highest, JOINT_VELOCITY.highest)
+_SCALES, _TIMES_S = _SCALE.highest, _TIME_S.highest
 
 
 def control_rate_hz(version: ControllerVersion | None) -> float:
@@ -97,13 +123,14 @@ class RtdeFeed:
         self.ignored: Counter[str] = Counter()
         """Packets without effect, by reason."""
         self.version: ControllerVersion | None = None
+        self._take_rate()
         self.packages = 0
         """Data packages that were taken."""
         self.heard_s = NEVER_S
-        self.values: dict[str, Any] = {}
-        """Of the newest package, by the names of `STATES`, and "token", "report" and "beat"."""
+        self.values = NOTHING
+        """Of the newest package."""
         self.clock = AgreedTime(
-            1.0 / self.rate_hz, option=SIMULATED_TIME, simulated=options.simulated_time
+            self.period_s, option=SIMULATED_TIME, simulated=options.simulated_time
         )
         """Time between packages, by the controller's clock and ours."""
         self.skipped = 0
@@ -125,7 +152,8 @@ class RtdeFeed:
         self._reader = PacketReader()
         self._outputs: Recipe | None = None
         self._inputs: Recipe | None = None
-        self._deadline_s = math.inf
+        self.next_s = math.inf
+        """When `advance` is to be called."""
         self._timestamp = math.nan
         self.clock.begin()
         self.out.clear()
@@ -135,15 +163,11 @@ class RtdeFeed:
         """Of the controller's control loop; before it is known an e-Series' is taken."""
         return control_rate_hz(self.version)
 
-    @property
-    def rate_hz(self) -> float:
+    def _take_rate(self) -> None:
+        self.rate_hz = min(self.options.rate_hz, self.control_rate_hz)
         """Of states and commands."""
-        return min(self.options.rate_hz, self.control_rate_hz)
-
-    @property
-    def next_s(self) -> float:
-        """When `advance` is to be called."""
-        return self._deadline_s
+        self.period_s = 1.0 / self.rate_hz
+        """Between two of them."""
 
     def connected(self, now_s: float) -> None:
         """The connection stands."""
@@ -156,12 +180,15 @@ class RtdeFeed:
 
     def advance(self, now_s: float) -> None:
         """Look whether an answer is overdue."""
-        if now_s >= self._deadline_s:
+        if now_s >= self.next_s:
             self.failure = f"it did not answer within {self.options.request_timeout_s:g} s"
 
     def received(self, data: bytes, now_s: float) -> None:
         """Take what TCP delivered."""
-        reader = self._reader
+        reader, recipe = self._reader, self._outputs
+        if recipe is not None and recipe.alone(data) and not (reader.pending_bytes or self.failure):
+            self._take_values(recipe.values(data, VALUES_FROM), now_s)
+            return
         reader.feed(data)
         while not self.failure and (found := reader.take()) is not None:
             self._take(*found, now_s)
@@ -181,7 +208,7 @@ class RtdeFeed:
 
     def _ask(self, request: bytes, now_s: float) -> None:
         self.out.append(request)
-        self._deadline_s = now_s + self.options.request_timeout_s
+        self.next_s = now_s + self.options.request_timeout_s
 
     def _take(self, kind: int, payload: bytes, now_s: float) -> None:
         self.answered = True
@@ -197,6 +224,7 @@ class RtdeFeed:
             self._take_accepted(reply, now_s)
         elif isinstance(reply, ControllerVersion):
             self.version = reply
+            self._take_rate()
             self._ask(ask_outputs(self.rate_hz, (*STATES, *self._reports)), now_s)
         else:
             self._take_setup(reply, now_s)
@@ -212,9 +240,9 @@ class RtdeFeed:
             else:
                 self.failure = "it has no RTDE of version 2: PolyScope 3.2 and later have"
         elif reply.kind is PacketType.START:
-            self._deadline_s = math.inf
+            self.next_s = math.inf
             self.streaming = reply.accepted
-            self.clock.period_s = 1.0 / self.rate_hz
+            self.clock.period_s = self.period_s
             if not reply.accepted:
                 self.failure = f"it does not begin to send states{self._told}"
 
@@ -226,8 +254,7 @@ class RtdeFeed:
             self.failure = self._refused(names, reply.types)
             return
         try:
-            called = (*STATES, "token", "report", "beat") if outputs else names
-            recipe = Recipe(reply.recipe, called, reply.types)
+            recipe = Recipe(reply.recipe, names, reply.types)
         except ValueError:
             self.failure = self._refused(names, reply.types)
             return
@@ -269,18 +296,21 @@ class RtdeFeed:
         if recipe is None or data.recipe != recipe.number:
             self.ignored["a data package that was not asked for"] += 1
             return
-        values = recipe.unpack(data.values)
-        if values is None:
+        if len(data.values) != recipe.size:
             self.ignored[f"a data package of {len(data.values)} bytes, not {recipe.size}"] += 1
             return
-        timestamp = values["timestamp"]
+        self._take_values(recipe.values(data.values), now_s)
+
+    def _take_values(self, found: tuple[Any, ...], now_s: float) -> None:
+        values = _new(Package, found)
+        timestamp = values.timestamp
         if wrong := _implausible(values):
             self.ignored[IMPLAUSIBLE] += 1
             self.last_implausible = wrong
             return
-        if not math.isnan(self._timestamp):
-            missed = round((timestamp - self._timestamp) * self.rate_hz) - 1
-            self.skipped += max(missed, 0)
+        periods = (timestamp - self._timestamp) * self.rate_hz
+        if periods >= 1.5:
+            self.skipped += round(periods) - 1
         self._timestamp = timestamp
         self.clock.passed(timestamp, now_s)
         self.values = values

@@ -27,6 +27,8 @@ class Starting:
         self.uploads = False
         """The program is to be sent now."""
         self.uploaded = False
+        self.model = ""
+        """What the controller calls its arm; empty: not known."""
         self._options = options
         self._began_s = now_s
         self._remote: bool | None = None
@@ -40,6 +42,8 @@ class Starting:
         request = ""
         if self._remote is None:
             request = dashboard.REMOTE_CONTROL
+        elif dashboard.ROBOT_MODEL not in self._done:
+            request = dashboard.ROBOT_MODEL
         elif mode in _MODE_FOR:
             request = _MODE_FOR[RobotMode(mode)]
             self.wish = mode_words(mode)
@@ -85,6 +89,8 @@ class Starting:
                     "the robot is in local control: choose remote control at the pendant's top "
                     "right, and enable again"
                 )
+        elif request == dashboard.ROBOT_MODEL:
+            self.model = line
         elif refused := dashboard.refusal(request, line):
             self.failure = f"`{request}` was refused: {refused}"
 

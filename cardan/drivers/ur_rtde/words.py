@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Final
 
@@ -81,9 +82,18 @@ _CB3: Final = frozenset({"ur3", "ur5", "ur10"})
 _CB3_MAJOR: Final = 3
 
 
-def other_generation(robot: str, major: int) -> str:
-    """Why a controller of this software cannot have this arm, in words; empty: it can, or the arm
-    is none that is known by its name."""
+_NUMBER: Final = re.compile(r"ur(\d+)", re.ASCII | re.IGNORECASE)
+
+
+def other_arm(robot: str, major: int, model: str) -> str:
+    """Why a controller of this software, which calls its arm `model` (empty: not known), cannot
+    have this arm, in words; empty: it can, or the arm is none that is known by its name."""
+    ours, theirs = _NUMBER.match(robot), _NUMBER.match(model)
+    if ours is not None and theirs is not None and ours[1] != theirs[1]:
+        return (
+            f"the controller's arm is a UR{theirs[1]}, and is driven as {robot}: poses and limits "
+            f"are wrong; set robot to the model of a UR{theirs[1]}"
+        )
     if major <= _CB3_MAJOR and robot.removesuffix("e") in _CB3 and robot.endswith("e"):
         return (
             f"the controller is a CB3 (PolyScope {major}), and {robot} is an e-Series arm: poses "

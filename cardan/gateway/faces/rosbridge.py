@@ -58,14 +58,16 @@ class RosbridgeServer:
         self._numbers = ClientNumbers()
         self._mailbox: Mailbox | None = None
 
-    def _make_front(self, page: Page | None = None) -> Front:
-        """Its front; `page`: answers GET, to everybody."""
+    def _make_front(self, page: Page | None = None, private: str = "") -> Front:
+        """Its front; `page`: answers GET, to everybody, but to clients alone where the path begins
+        with `private`."""
         return Front(
             self.options,
             self.counts,
             self._run,
             page=page,
             public=True,
+            private=private,
             max_frame_bytes=self.options.max_frame_bytes,
             compress=self.options.compress,
         )

@@ -377,17 +377,19 @@ class Front:
         *,
         page: Page | None = None,
         public: bool = False,
+        private: str = "",
         max_frame_bytes: int = 1,
         compress: bool = False,
     ) -> None:
         """`run(connection, peer, role)`: serve a client until it leaves. `subprotocols`: those of
         which a client must ask for one; none: it need not. `page`: answers GET; clients of a server
         that has pages, too, are at SOCKET_PATH, and no path is a token. `public`: pages are for
-        everybody, as nothing secret is in them. Raises ConfigurationError."""
+        everybody, as nothing secret is in them, but for those whose path begins with `private`
+        (empty: none does). Raises ConfigurationError."""
         self.options, self.counts = options, counts
         self.clients = 0
         """How many are connected."""
-        self._run, self._page, self._public = run, page, public
+        self._run, self._page, self._public, self._private = run, page, public, private
         self._max_frame_bytes, self._compress = max_frame_bytes, compress
         self._subprotocols = [Subprotocol(each) for each in subprotocols]
         self._door = Door(options.tokens(), options.hosts, options.origins)
@@ -510,7 +512,9 @@ class Front:
             headers.get_all("Authorization"),
         )
         is_page = self._page is not None and not (self._run and parts.path == SOCKET_PATH)
-        found = self._door.check(caller, time.monotonic(), public=is_page and self._public)
+        private = bool(self._private) and parts.path.startswith(self._private)
+        public = is_page and self._public and not private
+        found = self._door.check(caller, time.monotonic(), public=public)
         is_full = self.clients >= self.options.max_clients and not is_page
         if is_full and not isinstance(found, Denied):
             found = Denied(HTTPStatus.SERVICE_UNAVAILABLE, "there are too many clients")

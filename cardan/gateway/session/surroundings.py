@@ -25,18 +25,21 @@ def surroundings(config: SessionConfig, rigid: bool) -> str:
     likewise, in the frame that is fixed to the link after ``joint``; "" is the base.
     ``obstacle_m`` and ``own_body_m``: the distances that are kept to obstacles and between the
     arm's own bodies; null where collisions are not avoided. ``links_without_body``: how many, and
-    which, in words; "" where all have one. ``home``: joints to begin from, null
-    where none are known.
+    which, in words; "" where all have one. ``visuals``: by the name that the arm's description has
+    for a visual mesh, the key by which the console has it; ``visuals_left_out``: those that it has
+    not, in words. ``home``: joints to begin from, null where none are known.
     """
     table = config.arm
     avoids = table is not None and table.collisions and rigid
     shapes: list[dict[str, Any]] = []
     home = reach_m = None
-    bare = ""
+    bare = left_out = ""
+    visuals: dict[str, str] = {}
     if table is not None and rigid:
         # Sessions without an arm's model run without its libraries.
         from cardan.gateway.kinematics.arm import ArmKinematics
         from cardan.gateway.kinematics.reach import tcp_range_m
+        from cardan.robots.visuals import keep_visuals
 
         model = load_arm(table.model)
         joints = ("", *model.joint_names)
@@ -45,6 +48,8 @@ def surroundings(config: SessionConfig, rigid: bool) -> str:
             for each in model.shapes
         ]
         home, bare = list(model.home), model.links_without_body()
+        kept = keep_visuals(table.model)
+        visuals, left_out = kept.keys, kept.in_words()
         reach_m = tcp_range_m(ArmKinematics(model, table.tool()))
     return json.dumps(
         {
@@ -53,6 +58,8 @@ def surroundings(config: SessionConfig, rigid: bool) -> str:
             "obstacles": [{"name": each.name, **_obstacle(each)} for each in config.obstacles],
             "shapes": shapes,
             "links_without_body": bare,
+            "visuals": visuals,
+            "visuals_left_out": left_out,
             "obstacle_m": table.safety_distance_m if table is not None and avoids else None,
             "own_body_m": ServoOptions.self_distance_m if avoids else None,
             "home": home,

@@ -34,6 +34,7 @@ from cardan.protocols.simple_message.framing import (
     ByteOrder as ByteOrder,
     FrameReader as FrameReader,
     detect_byte_order as detect_byte_order,
+    speaks_simple_message as speaks_simple_message,
 )
 from cardan.protocols.simple_message.messages import (
     DH_LINKS as DH_LINKS,

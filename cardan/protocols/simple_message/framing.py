@@ -39,6 +39,11 @@ def detect_byte_order(data: bytes | bytearray) -> ByteOrder | None:
     return None
 
 
+def speaks_simple_message(said: bytes) -> bool | None:
+    """Whether a server's first words are simple message; None: more is needed."""
+    return None if len(said) < PREFIX_BYTES else detect_byte_order(said) is not None
+
+
 class FrameReader:
     """Collects bytes as they come from TCP and gives whole messages, each with its prefix.
 

@@ -20,6 +20,7 @@ BRAKE_RELEASE: Final = "brake release"
 UNLOCK_PROTECTIVE_STOP: Final = "unlock protective stop"
 CLOSE_SAFETY_POPUP: Final = "close safety popup"
 REMOTE_CONTROL: Final = "is in remote control"
+ROBOT_MODEL: Final = "get robot model"
 STOP: Final = "stop"
 SHUTDOWN: Final = "shutdown"
 QUIT: Final = "quit"
@@ -49,6 +50,12 @@ def request(line: str) -> bytes:
 def refusal(line: str, reply: str) -> str:
     """What the server said in place of doing what `line` asked for; empty: it does it."""
     return "" if reply.lower().startswith(GRANTED[line].lower()) else reply
+
+
+def greets(said: bytes) -> bool | None:
+    """Whether a server's first words are a dashboard's; None: more is needed."""
+    greeting = GREETING.encode()
+    return None if said != greeting and greeting.startswith(said) else said.startswith(greeting)
 
 
 class LineReader:

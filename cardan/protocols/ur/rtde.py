@@ -12,8 +12,8 @@ from __future__ import annotations
 
 import enum
 import struct
-from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, partial
 from operator import itemgetter
 from typing import Any, Final, NamedTuple
 
@@ -25,8 +25,11 @@ LARGEST: Final = 0xFFFF
 """Bytes of a packet; its size has 16 bits."""
 
 _HEADER = struct.Struct(">HB")
+_DATA_HEAD = struct.Struct(">HBB")
 _WORD = struct.Struct(">H")
 _VERSION_REPLY = struct.Struct(">4I")
+_LONGEST_TEXT: Final = _HEADER.size + 2 * 256 + 1
+"""Bytes of a packet with a message, the longest that may come before the version is agreed on."""
 _FREQUENCY = struct.Struct(">d")
 
 
@@ -197,10 +200,12 @@ class PacketReader:
 
     @property
     def foreign(self) -> bool:
-        """Whether what comes next is no packet of any known type: another protocol's, where
-        nothing of RTDE came before."""
-        pending = self._pending
-        return len(pending) >= _HEADER.size and pending[2] not in _KINDS
+        """Whether what comes next is no answer to the version: another protocol's, where nothing
+        of RTDE came before. Text is, by its size, whatever letter stands for the type."""
+        if len(self._pending) < _HEADER.size:
+            return False
+        size, kind = _HEADER.unpack_from(self._pending)
+        return kind not in _KINDS or size > _LONGEST_TEXT
 
     def feed(self, data: bytes) -> None:
         """Add what came."""
@@ -220,6 +225,19 @@ class PacketReader:
         payload = bytes(pending[_HEADER.size : size])
         del pending[:size]
         return kind, payload
+
+
+def speaks_rtde(said: bytes) -> bool | None:
+    """Whether a server's first words, to the question for the version, are RTDE; None: more is
+    needed."""
+    reader = PacketReader()
+    reader.feed(said)
+    if reader.foreign:
+        return False
+    found = reader.take()
+    if found is None:
+        return False if reader.failure else None
+    return not isinstance(read_reply(*found), Malformed)
 
 
 Reply = Accepted | ControllerVersion | Text | SetupReply | Data
@@ -305,6 +323,8 @@ _CODES: Mapping[str, tuple[str, int]] = {
 """Types of variables: what `struct` calls the numbers, and how many there are."""
 
 TYPES: Final = frozenset(_CODES)
+VALUES_FROM: Final = _HEADER.size + 1
+"""Where the values of a data package begin."""
 
 
 class Recipe:
@@ -319,14 +339,18 @@ class Recipe:
         self._struct, self._packet, self._counts = _layout(
             self.names, self.types, number is not None
         )
-        self._head = (self._packet.size, _DATA, *(() if number is None else (number,)))
         self._scalar = all(count == 1 for count in self._counts)
         places, at = [], 0
         for count in self._counts:
             places.append(at if count == 1 else slice(at, at + count))
             at += count
         # With one place itemgetter would give the value itself.
-        self._parted = itemgetter(*places, slice(0, 0)) if places else tuple
+        self._parted: Callable[[tuple[Any, ...]], tuple[Any, ...]] = (
+            itemgetter(*places) if len(places) > 1 else lambda flat: tuple(flat[p] for p in places)
+        )
+        head = (self._packet.size, _DATA, *(() if number is None else (number,)))
+        self._pack = partial(self._packet.pack, *head)
+        self._head = (_HEADER if number is None else _DATA_HEAD).pack(*head)
 
     @property
     def size(self) -> int:
@@ -337,7 +361,17 @@ class Recipe:
         """The values by name, vectors as tuples; None where they have the wrong size."""
         if len(values) != self._struct.size:
             return None
-        return dict(zip(self.names, self._parted(self._struct.unpack(values)), strict=False))
+        return dict(zip(self.names, self.values(values), strict=True))
+
+    def values(self, data: bytes, offset: int = 0) -> tuple[Any, ...]:
+        """The values in their order, vectors as tuples, from `offset` on; struct.error where they
+        have not all come."""
+        return self._parted(self._struct.unpack_from(data, offset))
+
+    def alone(self, data: bytes) -> bool:
+        """Whether `data` is one whole data package of this recipe, which has a number; its
+        values are from `VALUES_FROM` on."""
+        return len(data) == self._packet.size and data.startswith(self._head)
 
     def pack(self, values: Sequence[Any]) -> bytes:
         """A data package of the values in the order of `names`. Raises struct.error for a value
@@ -350,7 +384,7 @@ class Recipe:
                     flat.append(value)
                 else:
                     flat.extend(value)
-        return self._packet.pack(*self._head, *flat)
+        return self._pack(*flat)
 
 
 @lru_cache(maxsize=64)

@@ -109,8 +109,9 @@ export class SetupPanel {
 
   /** What is told of a robot that may be ready keeps nothing from moving: it is not the reason line's. */
   private showTold(): void {
-    const bodies = this.arm?.surroundings?.links_without_body ?? "";
-    const told = [bodies, ...(this.arm?.snapshot?.diagnosis ?? [])].filter(Boolean);
+    const around = this.arm?.surroundings;
+    const parts = [around?.links_without_body ?? "", around?.visuals_left_out ?? ""];
+    const told = [...parts, ...(this.arm?.snapshot?.diagnosis ?? [])].filter(Boolean);
     this.toldCard.hidden = told.length === 0;
     setText(this.told, told.join("\n"));
   }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import datetime
 import logging
 import sys
@@ -32,7 +33,7 @@ from cardan.gateway.faces.console.client import Operator
 from cardan.gateway.faces.console.demos import Demos
 from cardan.gateway.faces.console.holding import LONGEST_S
 from cardan.gateway.faces.console.records import records_of
-from cardan.gateway.faces.console.site import Site
+from cardan.gateway.faces.console.site import VISUALS, Site, visual
 from cardan.gateway.faces.rosbridge import RosbridgeOptions, RosbridgeServer
 from cardan.gateway.faces.rosbridge_client import Client
 from cardan.gateway.faces.tokens import Role
@@ -105,8 +106,8 @@ class ConsoleServer(RosbridgeServer):
         self._records = records_of(options.records, bus_words(reachable(bus or BusOptions())))
         super().__init__(network, options)
 
-    def _make_front(self, page: Page | None = None) -> Front:
-        return super()._make_front(page or self._answer)
+    def _make_front(self, page: Page | None = None, private: str = VISUALS) -> Front:
+        return super()._make_front(page or self._answer, private)
 
     async def _serve(
         self, client: Client, connection: FrontConnection, network: Network, role: Role
@@ -139,6 +140,8 @@ class ConsoleServer(RosbridgeServer):
         await super().__aexit__(*exception)
 
     async def _answer(self, path: str, headers: Headers) -> Answer | None:
+        if path.startswith(VISUALS):
+            return await asyncio.to_thread(visual, path.removeprefix(VISUALS))
         accepts = ", ".join(headers.get_all("Accept-Encoding"))
         return self._site.answer(path, accepts, ", ".join(headers.get_all("If-None-Match")))
 

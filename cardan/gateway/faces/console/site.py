@@ -1,8 +1,10 @@
-"""The files of the page, as tools/console has built them, and what a browser is told with each."""
+"""The files of the page, as tools/console has built them, meshes of arms, and what a browser is
+told with each."""
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from http import HTTPStatus
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Final, NamedTuple
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.faces.web import Answer
+from cardan.robots.visuals import kept_visual
 
 FOLDER: Final = Path(__file__).with_name("page")
 
@@ -26,6 +29,15 @@ SECURITY: Final = (
     ("X-Content-Type-Options", "nosniff"),
 )
 """Nothing from elsewhere is loaded, nothing is sent elsewhere, and no other page may show it."""
+
+VISUALS: Final = "/visuals/"
+"""Before the key of a mesh, as an arm's session tells it."""
+
+FOR_EVER: Final = ("Cache-Control", "private, max-age=31536000, immutable")
+"""A mesh of another content has another key."""
+
+_KEY: Final = re.compile(r"[0-9a-f]{64}")
+"""No path: nothing but what a session of this user has kept is found by it."""
 
 ENCODINGS: Final = (("br", ".br"), ("gzip", ".gz"))
 """By preference. Browsers offer br by TLS and on their own computer."""
@@ -82,3 +94,11 @@ class Site:
         if encoding:
             headers.append(("Content-Encoding", encoding))
         return Answer(asset.content_type, asset.data[encoding], headers=tuple(headers))
+
+
+def visual(key: str) -> Answer | None:
+    """What to answer to GET of the mesh that is kept by a key; None: there is none."""
+    data = kept_visual(key) if _KEY.fullmatch(key) else None
+    if data is None:
+        return None
+    return Answer("application/octet-stream", data, headers=(*SECURITY, FOR_EVER))

@@ -1,0 +1,113 @@
+"""What an arm looks like: the visual meshes of its description, for programs that draw it.
+
+A mesh is read once and kept in the user's cache folder by its content, as `Surface.packed` has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Final, NamedTuple
+
+from cardan.common.kept import content_key, keep_bytes, kept_bytes
+from cardan.errors import ConfigurationError, about, shown
+from cardan.robots.arm_loader import ArmTexts, arm_names, located
+from cardan.robots.mesh_files import find_mesh, package_folders, read_mesh
+from cardan.robots.urdf import Tree, read_tree
+
+KIND: Final = "visuals"
+METHOD: Final = "1"
+"""Another where the same mesh is written otherwise."""
+
+MOST_BYTES: Final = 2 * 2**20
+"""Of a mesh: 100,000 triangles, more than a small computer draws well."""
+MOST_BYTES_OF_ARM: Final = 16 * 2**20
+
+
+class Visuals(NamedTuple):
+    """Of an arm."""
+
+    keys: dict[str, str]
+    """Of each mesh, by what the URDF calls it, the key that it is kept by."""
+    left_out: tuple[str, ...] = ()
+    """Which meshes are not shown, and why."""
+
+    def in_words(self) -> str:
+        """What is not shown; empty: nothing."""
+        if not self.left_out:
+            return ""
+        count = len(self.keys) + len(self.left_out)
+        return "; ".join(
+            (
+                f"{len(self.left_out)} of {count} visual meshes are not shown, "
+                "bodies stand in for them",
+                *self.left_out,
+            )
+        )
+
+
+def keep_visuals(name_or_file: str) -> Visuals:
+    """Keep the visual meshes of an arm, as `load_arm` takes it, for `kept_visual`.
+
+    One that is missing, damaged or too large is left out. Raises ConfigurationError as `load_arm`.
+    """
+    if name_or_file in arm_names():  # Ours have none.
+        return Visuals({})
+    texts = ArmTexts(located(name_or_file, Path()))
+    folders = package_folders(texts.file, texts.urdf_path)
+    keys: dict[str, str] = {}
+    left_out: list[str] = []
+    sizes: dict[str, int] = {}
+    for uri in _visual_meshes(read_tree(texts.urdf)):
+        try:
+            key, size = _keep(uri, texts.urdf_path, folders)
+            if sum((sizes | {key: size}).values()) > MOST_BYTES_OF_ARM:
+                raise ConfigurationError(
+                    "",
+                    f"mesh {shown(uri)} is beyond the {MOST_BYTES_OF_ARM >> 20} MiB of an arm",
+                )
+        except ConfigurationError as error:
+            left_out.append(str(error))
+        else:
+            keys[uri], sizes[key] = key, size
+    return Visuals(keys, tuple(left_out))
+
+
+def kept_visual(key: str) -> bytes | None:
+    """The mesh that is kept by a key; None: there is none."""
+    return kept_bytes(KIND, key) or None
+
+
+def _visual_meshes(tree: Tree) -> list[str]:
+    """Each once."""
+    found: dict[str, None] = {}
+    for link in tree.links.values():
+        for mesh in link.iterfind("visual/geometry/mesh"):
+            found[mesh.get("filename", "")] = None
+    return list(found)
+
+
+def _keep(uri: str, urdf: Path, folders: Sequence[Path]) -> tuple[str, int]:
+    """The key of a mesh, and how many bytes of it are kept."""
+    path, missing = find_mesh(uri, urdf, folders)
+    if path is None:
+        raise ConfigurationError("", missing)
+    data = read_mesh(path)
+    key = content_key((METHOD, path.suffix.lower(), data))
+    drawn = kept_bytes(KIND, key)
+    if drawn is None:
+        # An extra: who only shows what is kept needs none.
+        from cardan.robots.meshes import surface_in
+
+        surface = surface_in(data, path)
+        with about(f"mesh {path}"):
+            drawn = surface.packed()
+        if len(drawn) > MOST_BYTES:
+            drawn = b""  # Kept, too: it is not read again.
+        if not keep_bytes(KIND, key, drawn):
+            raise ConfigurationError("", f"mesh {path}: no cache folder can be written to")
+    if not drawn:
+        raise ConfigurationError(
+            "", f"mesh {path} takes more than {MOST_BYTES >> 20} MiB: give it fewer triangles"
+        )
+    return key, len(drawn)
