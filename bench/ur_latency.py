@@ -20,14 +20,17 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Final
 
 from bench.egm_latency import MOVE, TOUCH
 from bench.figures import Figures
 from cardan.drivers.ur_rtde.program import Order
 from cardan.gateway.session.launched import launched
 from cardan.protocols.ur.rtde import Recipe
-from cardan.sim_peers.ur_controller import PORT_KINDS, UrController, UrControllerOptions, UrServers
+from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 
+PORT_KINDS: Final = ("rtde", "primary", "dashboard")
+"""That the driver connects to."""
 CYCLES = 5000
 WARM_UP = 500
 PERIOD_S = 0.002

@@ -216,6 +216,14 @@ class Differential:
         return [sum(map(mul, column, solved)) for column in self._columns]
 
 
+def manipulability(frames: Frames) -> float:
+    """The square root of det(J·Jᵀ), m and rad together; 0 where the arm is singular."""
+    rows = list(zip(*jacobian(frames), strict=True))
+    gram = [[sum(map(mul, row, other)) for other in rows[: i + 1]] for i, row in enumerate(rows)]
+    lower = _cholesky(gram, 0.0)
+    return 0.0 if lower is None else math.prod(row[-1] for row in lower)
+
+
 def pose_error(target: Pose, actual: Pose) -> tuple[float, float, float, float, float, float]:
     """From `actual` to `target`: translation (m) over rotation vector (rad), base frame."""
     tx, ty, tz = target.position

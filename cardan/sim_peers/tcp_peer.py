@@ -19,7 +19,7 @@ from cardan.sim_peers.tcp_servers import KindT, TcpServers
 _READ_BYTES = 4096
 _BACKLOG_BYTES = 64 * 1024
 """Most bytes kept here, beside the kernel's buffer, for a client that does not read; with more its
-connection is dropped."""
+connection is dropped, or what is more is left out."""
 _WAITING_CLIENTS = 8
 _RESET = struct.pack("ii", 1, 0)
 _READ, _WRITE = selectors.EVENT_READ, selectors.EVENT_WRITE
@@ -124,6 +124,8 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
                         self._send(key.data, b"")
                     if events & _READ:
                         self._read(key.data)
+                elif callable(key.data):  # of what a peer has beside its ports
+                    key.data(events)
                 else:
                     self._accept(key.data)
                 self._flush()
@@ -189,7 +191,8 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
         if link.number not in self._links:
             return
         backlog = link.backlog
-        backlog += data
+        if len(backlog) + len(data) <= _BACKLOG_BYTES or link.kind not in self.servers.leaves_out:
+            backlog += data
         try:
             while backlog:
                 del backlog[: link.connection.send(backlog)]

@@ -58,6 +58,9 @@ class TcpServers(ABC, Generic[KindT, ConnectionT]):
     """The ports, in the order in which they are opened; the first takes commands."""
     never_read: ClassVar[frozenset[str]] = frozenset()
     """Of `kinds`: nothing is ever taken from these connections."""
+    leaves_out: ClassVar[frozenset[str]] = frozenset()
+    """Of `kinds`: a client that does not read is not sent what it has no room for; one of another
+    port is let go of."""
     state_period_s: float
     """Of what is published."""
 

@@ -1,4 +1,4 @@
-"""Universal Robots: RTDE, the primary interface, the dashboard, URScript, the session, the
+"""Universal Robots: RTDE, the client interfaces, the dashboard, URScript, the session, the
 simulated controller."""
 
 from __future__ import annotations
@@ -10,10 +10,16 @@ from typing import Any
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.program import program
 from cardan.drivers.ur_rtde.session import CHANNELS, Phase, UrSession
-from cardan.protocols.ur import dashboard, primary, rtde
-from cardan.protocols.ur.script import Program, parse
-from cardan.protocols.ur.states import RobotMode
+from cardan.protocols.ur import dashboard, primary, robot_state, rtde
+from cardan.protocols.ur.framing import ScriptReader
+from cardan.protocols.ur.script import LARGEST, Program, parse
+from cardan.protocols.ur.states import RobotMode, SafetyMode
+from cardan.protocols.ur.variables import INPUTS, OUTPUTS
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
+from cardan.sim_peers.ur_controller.dashboard_server import Dashboard
+from cardan.sim_peers.ur_controller.pendant import Pendant
+from cardan.sim_peers.ur_controller.state_values import StateValues
+from cardan.sim_peers.ur_controller.telemetry import Telemetry
 from cardan.types import HoldCommand, RobotLink
 from fuzz.target import Form, Packets, Target
 from fuzz.targets.common import Clients, all_finite, joined_streams, kinds, text_of
@@ -21,6 +27,18 @@ from tests.drivers.ur_rig import Rig
 
 _NAMES = ("timestamp", "actual_q")
 _TYPES = ("DOUBLE", "VECTOR6D")
+_TOLD = tuple(name for name in OUTPUTS if "_register_" not in name)
+"""What a controller computes."""
+_WRITTEN = (
+    "standard_digital_output_mask",
+    "standard_digital_output",
+    "standard_analog_output_mask",
+    "standard_analog_output_type",
+    "standard_analog_output_0",
+    "input_bit_registers32_to_63",
+    "input_bit_register_64",
+    "external_force_torque",
+)
 
 
 def _rtde_feed() -> Callable[[bytes], Iterable[Any]]:
@@ -30,7 +48,8 @@ def _rtde_feed() -> Callable[[bytes], Iterable[Any]]:
         reader.feed(data)
         while (found := reader.take()) is not None:
             yield rtde.read_reply(*found)
-            yield rtde.read_request(*found)
+            for version in rtde.VERSIONS:
+                yield rtde.read_request(*found, version)
 
     return feed
 
@@ -47,6 +66,9 @@ def _rtde_streams() -> Iterator[bytes]:
         rtde.SetupReply(rtde.PacketType.OUTPUTS, 1, _TYPES)
     )
     yield rtde.Recipe(1, _NAMES, _TYPES).pack([1.0, (0.0,) * 6])
+    yield rtde.ask_version(1) + rtde.packet(rtde.PacketType.OUTPUTS, ",".join(_NAMES).encode())
+    yield rtde.packet(rtde.PacketType.TEXT, b"\2words of version 1")
+    yield rtde.ask_outputs(12.5, _TOLD)
 
 
 def _primary_feed() -> Callable[[bytes], Iterable[Any]]:
@@ -57,6 +79,7 @@ def _primary_feed() -> Callable[[bytes], Iterable[Any]]:
         while (found := reader.take()) is not None:
             yield primary.read_message(found)
             yield primary.read_mode(found)
+            yield robot_state.sub_packages(found)
 
     return feed
 
@@ -65,9 +88,21 @@ def _primary(data: bytes) -> object:
     return kinds(joined_streams(_primary_feed, data))
 
 
+def _parts() -> bytes:
+    """The sub-packages of a robot state."""
+    controller = UrController()
+    telemetry, pendant = Telemetry(controller), Pendant(controller, print, ())
+    return robot_state.parts(StateValues(controller, telemetry, pendant), True)
+
+
 def _primary_streams() -> Iterator[bytes]:
     modes = primary.ModeData(True, False, False, True, False, RobotMode.RUNNING, 1.0)
-    yield primary.version_message(0.0, (5, 12, 0, 0)) + primary.state_package(0.1, modes)
+    state = primary.state_package(0.1, modes, _parts())
+    yield primary.version_message(0.0, (5, 12, 0, 0)) + state
+    yield primary.popup_message(1.0, 1, "a", "b") + primary.label_message(1.0, 2, "c")
+    yield primary.safety_message(1.0, SafetyMode.NORMAL) + primary.error_message(
+        1.0, 204, 0, primary.ReportLevel.VIOLATION, "d"
+    )
     yield primary.key_message(1.0, "PROGRAM_XXX_STARTED", "a") + primary.text_message(1.0, "b")
     yield primary.exception_message(2.0, 3, "c")
 
@@ -86,6 +121,40 @@ def _dashboard_feed() -> Callable[[bytes], Iterable[Any]]:
 def _dashboard(data: bytes) -> object:
     lines = joined_streams(_dashboard_feed, data)
     return tuple(dashboard.refusal(dashboard.POWER_ON, line) == "" for line in lines[:3])
+
+
+def _framing_feed() -> Callable[[bytes], Iterable[Any]]:
+    reader = ScriptReader(LARGEST)
+
+    def feed(data: bytes) -> Iterator[Any]:
+        reader.feed(data)
+        while (found := reader.take()) is not None:
+            yield found
+
+    return feed
+
+
+def _framing(data: bytes) -> object:
+    """Programs and lines are the same in whatever pieces they come."""
+    return len(joined_streams(_framing_feed, data))
+
+
+def _framings() -> Iterator[bytes]:
+    yield b'textmsg("one")\npower on\n# two\ndef a():\n  if True: sync() end\nend\nmovej([0])\n'
+    yield _LIVELY.encode()
+
+
+def _answers(data: bytes) -> object:
+    """Each line has an answer of one line."""
+    said: list[str] = []
+    for robot in ("ur5e", "ur5"):
+        controller = UrController(UrControllerOptions(robot=robot, running=True))  # type: ignore[arg-type]
+        board = Dashboard(controller, Pendant(controller, said.append, ()))
+        for line in text_of(data).split("\n")[:20]:
+            answer = board.answer(line)
+            assert answer
+            dashboard.request(answer)
+    return len(said), controller.mode
 
 
 _LIVELY = """def lively():
@@ -109,6 +178,52 @@ end
 """
 
 
+_WIDE = """def wide():
+  global count = 0
+  global found = [0, 0]
+  def power(base, exponent=2):
+    local left = exponent
+    if left == 0:
+      return 1
+    end
+    return base * power(base, left - 1)
+  end
+  thread reads(most):
+    while count < most:
+      enter_critical
+      found = socket_read_binary_integer(1, "s", 0.01)
+      text = socket_read_string("s", prefix="<", suffix=">", timeout=0.01)
+      floats = socket_read_ascii_float(2, "s", 0.01)
+      exit_critical
+      count = count + 1
+    end
+  end
+  opened = socket_open("127.0.0.1", 50001, "s")
+  socket_send_line(str_cat("a", p[1, 2, 3, 4, 5, 6]), "s")
+  handle = run reads(power(2))
+  m = [[1, 2], [3, 4]]
+  m[0, 1] = 5 % 3
+  s = struct(x=m * [1, 2], y="abc")
+  s.x[0] = s.x[1] / 2
+  switch s.y:
+    case "abc":
+      textmsg(to_str(s.x), integer_to_binary_list(5))
+    default:
+      halt
+  end
+  rtde_set_watchdog("input_int_register_0", 100, "pause")
+  set_digital_out(0, True xor False)
+  popup("p", blocking=False)
+  speedj([0.1, 0, 0, 0, 0, 0], 2.0, 0.01)
+  join handle
+  kill handle
+  socket_close("s")
+  stopj(4)
+end
+"""
+_READS = b"\0\0\0\7<text>(1.5, -2)"
+
+
 def _script(data: bytes) -> object:
     """What a program does for a while; whatever it is, the controller takes the next one."""
     found = parse(text_of(data))
@@ -119,13 +234,20 @@ def _script(data: bytes) -> object:
     for _ in range(20):
         now_s += controller.period_s
         controller.advance(now_s)
-    all_finite(controller.servo.target_q)
+        for opening in controller.sockets.openings():
+            controller.sockets.opened(opening.number)
+            controller.sockets.data(opening.number, _READS)
+        controller.sockets.outgoing()
+        controller.sockets.closings()
+    controller.upload("sec beside():\n  set_digital_out(0, True)\nend\n")
+    all_finite(controller.motion.target_q)
     all_finite(controller.registers.output_double)
     return isinstance(found, Program), controller.runtime, controller.safety
 
 
 def _scripts() -> Iterator[bytes]:
     yield _LIVELY.encode()
+    yield _WIDE.encode()
     yield program(UrRtdeOptions(), 77, 0.002).encode()
 
 
@@ -207,10 +329,12 @@ def _controller(packets: Packets) -> object:
     servers = UrServers(controller, options)
     clients = Clients(servers, 0.002)
     clients.feed(packets)
-    all_finite(controller.servo.target_q)
+    all_finite(controller.motion.target_q)
     now_s = clients.now_s + 0.002
     fresh = servers.accepted("rtde", now_s)
-    assert fresh is not None
+    if fresh is None:
+        assert any("shut down" in text for _, text in servers.events)
+        return None
     servers.data(fresh, rtde.ask_version(), now_s)
     assert rtde.reply_accepted(rtde.PacketType.PROTOCOL_VERSION, True) in clients.heard()
     return controller.mode, controller.safety, controller.runtime
@@ -227,7 +351,24 @@ def _controller_packets() -> Iterator[Packets]:
         b"\0" + write,
         b"\2power off\nrobotmode\n",
         b"\2power on\nunlock protective stop\nquit\n",
+        b"\3stopj(2)\n# a\npower off\n",
+        b"\4def a():\n  sync()\n",
+        b"\5\n",
+        b"\2shutdown\n",
         b"\0" + rtde.packet(rtde.PacketType.PAUSE),
+    )
+    written = rtde.Recipe(1, _WRITTEN, [INPUTS[name] for name in _WRITTEN])
+    yield (
+        b"\0" + rtde.ask_version() + rtde.ask_outputs(500.0, _TOLD) + rtde.ask_inputs(_WRITTEN),
+        b"\0" + rtde.packet(rtde.PacketType.START),
+        b"\1" + _LIVELY.encode(),
+        b"\0" + written.pack([1, 1, 3, 2, 0.5, 1 << 31, True, (1.0,) * 6]),
+    )
+    yield (
+        b"\0" + rtde.ask_version(1),
+        b"\0" + rtde.packet(rtde.PacketType.OUTPUTS, ",".join(_TOLD).encode()),
+        b"\0" + rtde.packet(rtde.PacketType.START),
+        b"\1" + _LIVELY.encode(),
     )
 
 
@@ -240,6 +381,13 @@ TARGETS = (
         _dashboard,
         lambda: (b"Connected: Universal Robots Dashboard Server\nPowering on\ntrue\n",),
     ),
+    Target(
+        "ur.answers",
+        Form.TEXT,
+        _answers,
+        lambda: (b"load a.urp\nset operational mode manual\nsetUserRole none\nsaveLog\nhelp\n",),
+    ),
+    Target("ur.framing", Form.TEXT, _framing, _framings),
     Target("ur.script", Form.TEXT, _script, _scripts, slow_s=0.3),
     Target("ur_rtde.session", Form.PACKETS, _session, _session_packets, slow_s=0.3),
     Target("ur_controller", Form.PACKETS, _controller, _controller_packets, slow_s=0.3),

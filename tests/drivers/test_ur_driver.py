@@ -40,7 +40,7 @@ def driver_of(peer, **options):
 @pytest.mark.parametrize("robot", ["ur5e", "ur5"])
 def test_it_starts_moves_and_leaves(robot):
     with any_ports(robot=robot, boot_s=0.1, release_s=0.1) as peer:
-        home = tuple(peer.controller.servo.target_q)
+        home = tuple(peer.controller.motion.target_q)
         with driver_of(peer, enable="at-start") as driver:
             began = False
             for state in driver.cycles():
@@ -59,8 +59,8 @@ def test_it_starts_moves_and_leaves(robot):
             assert driver.metrics()["commands"] > 10.0
             assert driver.protocol_errors() == {"implausible": 0, "malformed": 0}
         until(lambda: not peer.controller.has_program, "the program's end")
-        until(lambda: not peer.controller.servo.moving, "the arm's rest")
-        assert peer.controller.servo.target_q[1:] == pytest.approx(home[1:], abs=1e-6)
+        until(lambda: not peer.controller.motion.moving, "the arm's rest")
+        assert peer.controller.motion.target_q[1:] == pytest.approx(home[1:], abs=1e-6)
 
 
 class LyingProxy:
@@ -134,7 +134,7 @@ def test_a_proxy_whose_time_stamps_lie_makes_nothing_faster(clock):
                 continue
             # The arm's own clock has frames of 2 ms, however late this computer is.
             controller = peer.controller
-            now = (controller.frames, controller.servo.actual_q[0])
+            now = (controller.frames, controller.motion.actual_q[0])
             if state.stamp_s - began_s > 1.0:
                 proxy.lies.set()
                 if before is None:

@@ -49,7 +49,7 @@ def speeds(rig, since_s=0.0):
 
 
 def place(rig):
-    return rig.controller.servo.target_q[0]
+    return rig.controller.motion.target_q[0]
 
 
 def events(rig):
@@ -62,7 +62,7 @@ def events(rig):
 @pytest.mark.parametrize("robot", ["ur5e", "ur5"])
 def test_a_robot_without_power_is_started_and_nothing_moves(robot):
     rig = Rig(robot=robot, running=False)
-    before = tuple(rig.controller.servo.target_q)
+    before = tuple(rig.controller.motion.target_q)
     rig.ready()
     assert rig.session.phase is Phase.MOVING
     assert {row[1] for row in rig.trace} == {before}
@@ -133,12 +133,13 @@ def test_another_program_is_not_stopped():
 
 def test_a_program_that_the_controller_does_not_understand_is_named(monkeypatch):
     monkeypatch.setattr(
-        "cardan.drivers.ur_rtde.session.program", lambda *a: "def cardan():\n  movej([0])\nend\n"
+        "cardan.drivers.ur_rtde.session.program",
+        lambda *a: "def cardan():\n  optimovej([0])\nend\n",
     )
     rig = Rig().run(0.5)
     rig.session.ask("enable", rig.now_s)
     rig.run(1.0)
-    assert "line 2: movej() is not supported" in rig.states[-1].hold_reason
+    assert "line 2: optimovej() is not supported" in rig.states[-1].hold_reason
 
 
 def test_text_of_a_urcap_during_a_start_is_none_of_its_failures():
@@ -219,7 +220,7 @@ def test_a_place_is_reached_within_the_limits(registers):
         lambda state: JointCommand(goal),
     ).ready()
     rig.run(3.0)
-    assert rig.controller.servo.actual_q == pytest.approx(goal, abs=1e-4)
+    assert rig.controller.motion.actual_q == pytest.approx(goal, abs=1e-4)
     path = np.array([q for _, q, _ in rig.trace])
     rates = np.diff(path, axis=0) / rig.controller.period_s
     assert np.abs(rates).max() <= max(rig.options.limits.velocity) * 1.001
@@ -235,7 +236,7 @@ def test_a_goal_outside_of_the_ranges_stays_inside():
     rig = Rig(answer=lambda state: JointCommand((0.0, -1.57, 9.0, -1.57, -1.57, 0.0))).ready()
     rig.run(3.0)
     assert rig.session.phase is Phase.MOVING
-    assert rig.controller.servo.target_q[2] == pytest.approx(rig.options.limits.upper[2], abs=1e-3)
+    assert rig.controller.motion.target_q[2] == pytest.approx(rig.options.limits.upper[2], abs=1e-3)
 
 
 def test_a_hold_brakes_and_stays():
@@ -597,7 +598,7 @@ def test_a_silent_controller_is_lost():
 
 def test_numbers_that_no_robot_measures_are_no_state():
     rig = turning()
-    rig.controller.servo.actual_q[0] = float("nan")
+    rig.controller.motion.actual_q[0] = float("nan")
     rig.run(0.5)
     assert rig.session.protocol_errors()["implausible"] > 0
     assert rig.states[-1].link is RobotLink.LOST

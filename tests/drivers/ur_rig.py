@@ -51,8 +51,8 @@ class Rig(TcpRig):
         servers.advance(now_s)
         if self.controller.frames != self._frames:
             self._frames = self.controller.frames
-            servo = self.controller.servo
-            self.trace.append((now_s, tuple(servo.target_q), tuple(servo.actual_q)))
+            motion = self.controller.motion
+            self.trace.append((now_s, tuple(motion.target_q), tuple(motion.actual_q)))
         self._carry_from_controller()
         self._deliver()
         if not self.alive:

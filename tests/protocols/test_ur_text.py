@@ -1,5 +1,4 @@
-"""The dashboard's lines, the primary interface's packages, and the part of URScript that is
-read."""
+"""The dashboard's lines, the primary interface's packages, and URScript's trees."""
 
 from __future__ import annotations
 
@@ -7,7 +6,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.protocols.ur import dashboard, primary
-from cardan.protocols.ur.script import DEEPEST, LARGEST, Assign, Program, Refused, parse
+from cardan.protocols.ur.script import DEEPEST, LARGEST, Program, Refused, parse, tree
 from cardan.protocols.ur.states import RobotMode
 from tests.examples import examples
 
@@ -126,18 +125,21 @@ def test_a_program():
     assert found.name == "move"
     assert [type(each).__name__ for each in found.block] == ["Assign", "Assign", "While", "Leave"]
     first = found.block[0]
-    assert isinstance(first, Assign)
+    assert isinstance(first, tree.Assign)
     assert first.line == 4
 
 
 @pytest.mark.parametrize(
     ("text", "line", "reason"),
     [
-        ("x = 1", 1, "`def` is expected"),
+        ("x = 1\ny = 2", 2, "comes after the end"),
         ("def a():\n  x = 1\n", 3, "`end` is missing"),
-        ("def a():\n  thread t():\n  end\nend", 2, "`thread` is not supported"),
-        ("def a():\n  x = p[0,0,0,0,0,0]\nend", 2, "poses `p[...]` are not supported"),
-        ("def a():\n  def b():\n  end\nend", 2, "a function inside the program"),
+        ("def a():\n  x = p[0,0,0]\nend", 2, "a pose has 6 numbers, not 3"),
+        ("def a():\n  def b(c, c):\n  end\nend", 2, "two parameters c"),
+        ("def a():\n  def b(c=1, d):\n  end\nend", 2, "d needs a default"),
+        ("def a():\n  x = m[1, 2, 3]\nend", 2, "3 indices; 1 or 2 are possible"),
+        ("def a():\n  for x in y:\n  end\nend", 2, "`=` is expected"),
+        ("def a():\n x = 1" + "+1" * 101 + "\nend", 2, "operators in a row"),
         ("def a():\n  x = 1 2\nend", 2, "the line should end"),
         ("def a():\n  x = (1\nend", 2, "`)` is expected"),
         ("def a():\n  f(a=1, 2)\nend", 2, "without a name"),
@@ -161,3 +163,27 @@ def test_what_is_not_understood_is_named(text, line, reason):
 @given(st.text(alphabet='def end()while:if x=[1,]+-*not\n"#.p', max_size=80))
 def test_no_text_raises(text):
     parse("def a():\n" + text)
+
+
+def test_lines_as_programs_in_use_break_them():
+    found = parse(
+        """def a():
+    global first = # what it is for
+0    global second = 1
+    def f(p, factor):
+      p[0] = p[0] * factor
+      return (p[0] + p[1] < 1e-3)
+    end
+    x = p[0, 0, 0,
+      0, 0, 0]
+    if first == 1 or
+      second == 2:
+      pass
+    end
+    t = run f([1, 2], factor = 2)
+end
+"""
+    )
+    assert isinstance(found, Program), found
+    assert [(each.name, each.line) for each in found.block[:2]] == [("first", 2), ("second", 3)]
+    assert [type(each).__name__ for each in found.block[2:]] == ["Define", "Assign", "If", "Assign"]

@@ -47,7 +47,7 @@ class World:
         while self.now_s < end_s - 1e-9:
             self.now_s = min(max(self.servers.next_s, self.now_s + 1e-6), end_s)
             self.servers.advance(self.now_s)
-            self.path.append(tuple(self.controller.servo.target_q))
+            self.path.append(tuple(self.controller.motion.target_q))
             self.carry()
         return self
 
@@ -100,7 +100,7 @@ def test_a_program_really_moves_the_arm_and_takes_its_time():
     world.run(0.02)
     assert world.controller.registers.output_int[1] == 100
     world.run(0.6)
-    assert world.controller.servo.target_q[0] == pytest.approx(0.1, abs=1e-6)
+    assert world.controller.motion.target_q[0] == pytest.approx(0.1, abs=1e-6)
     assert world.controller.runtime is RuntimeState.STOPPED
     steps = np.diff([q[0] for q in world.path]) / 0.002
     assert steps.max() == pytest.approx(0.5, rel=0.01)
@@ -109,10 +109,10 @@ def test_a_program_really_moves_the_arm_and_takes_its_time():
 def test_speedj_and_stopj():
     world = World().upload("  speedj([0.4, 0, 0, 0, 0, 0.2], 2.0, 0.5)\n  stopj(4.0)")
     world.run(0.05 + 0.49)
-    assert world.controller.servo.target_qd == pytest.approx([0.4, 0, 0, 0, 0, 0.2])
+    assert world.controller.motion.target_qd == pytest.approx([0.4, 0, 0, 0, 0, 0.2])
     world.run(0.3)
-    assert not world.controller.servo.moving
-    assert world.controller.servo.target_q[0] == pytest.approx(
+    assert not world.controller.motion.moving
+    assert world.controller.motion.target_q[0] == pytest.approx(
         0.5 * 0.2 * 0.4 + 0.3 * 0.4 + 0.4**2 / (2 * 4.0), abs=2e-3
     )
 
@@ -120,8 +120,8 @@ def test_speedj_and_stopj():
 def test_the_slider_makes_a_program_slower():
     body = "  speedj([0.4, 0, 0, 0, 0, 0], 8.0, 0.5)"
     fast, slow = World().upload(body), World(faults={"slider": 0.5}).upload(body)
-    assert fast.run(0.2).controller.servo.target_qd[0] == pytest.approx(0.4)
-    assert slow.run(0.2).controller.servo.target_qd[0] == pytest.approx(0.2)
+    assert fast.run(0.2).controller.motion.target_qd[0] == pytest.approx(0.4)
+    assert slow.run(0.2).controller.motion.target_qd[0] == pytest.approx(0.2)
     fast.run(0.5), slow.run(0.5)
     assert not fast.controller.has_program
     assert slow.controller.has_program
@@ -130,13 +130,14 @@ def test_the_slider_makes_a_program_slower():
 @pytest.mark.parametrize(
     ("body", "words"),
     [
-        ("  movej([0])", "line 2: movej() is not supported"),
-        ("  while True:\n    n = 1\n  end", "without letting time pass"),
+        ("  optimovej([0])", "line 2: optimovej() is not supported"),
+        ("  movej([0])", "line 2: movej(): q is [0], which is not 6 joints"),
+        ("  while True:\n    n = 1\n  end", "used too much time without instructing the robot"),
         ("  x = y", "y has no value"),
         ("  x = [1]\n  x[3] = 2", "a list of 1 has no element 3"),
         ("  x = 1 / 0", "division by zero"),
         ("  x = 2000000000 + 2000000000", "more than 32 bits"),
-        ("  if 1:\n    sync()\n  end", "1 is neither True nor False"),
+        ("  if [1]:\n    sync()\n  end", "'[1]' is neither True nor False"),
         ("  servoj([0, 0])", "servoj(): q is [0, 0], which is not 6 joints"),
         ("  servoj(get_target_joint_positions(), gain=1)", "gain 1 is not 100 to 2000"),
         ("  servoj(get_target_joint_positions(), speed=1)", "has no argument speed"),
@@ -145,7 +146,7 @@ def test_the_slider_makes_a_program_slower():
         ("  write_output_integer_register(1, 0.5)", "0.5 is not a whole number"),
         ("  x = read_input_integer_register(48)", "there is no register 48"),
         ("  break", "outside of `while`"),
-        ("  thread a():", "`thread` is not supported"),
+        ("  run a()", "there is no thread a"),
     ],
 )
 def test_a_program_that_cannot_go_on_says_why(body, words):
@@ -167,7 +168,7 @@ def test_a_command_that_is_too_fast_is_a_protective_stop():
     world = World().upload("  servoj([3.0, -1.5, 1.5, -1.5, -1.5, 0.0], 0, 0, 0.002, 0.03, 300)")
     world.run(0.2)
     assert world.controller.safety is SafetyMode.PROTECTIVE_STOP
-    assert world.controller.servo.target_q[0] == 0.0
+    assert world.controller.motion.target_q[0] == 0.0
 
 
 def test_the_end_of_a_range_is_a_protective_stop():
@@ -231,7 +232,7 @@ def test_a_protective_stop_can_be_unlocked_after_five_seconds():
     world.upload("  while True:\n    speedj([0.5, 0, 0, 0, 0, 0], 5.0, 0.1)\n  end").run(1.0)
     assert world.controller.safety is SafetyMode.PROTECTIVE_STOP
     assert not world.controller.has_program
-    assert not world.controller.servo.moving
+    assert not world.controller.motion.moving
     board = world.join("dashboard")
     assert "until 5s after" in world.ask(board, "unlock protective stop")
     world.run(5.0)
@@ -364,10 +365,10 @@ def test_a_connection_that_is_cut_and_one_that_is_reset():
 def test_a_controller_that_stood_still_does_not_make_up_for_it():
     world = World().upload("  while True:\n    speedj([0.5, 0, 0, 0, 0, 0], 5.0, 0.1)\n  end")
     world.run(0.5)
-    at = world.controller.servo.target_q[0]
+    at = world.controller.motion.target_q[0]
     world.now_s += 30.0
     world.servers.advance(world.now_s)
-    assert world.controller.servo.target_q[0] - at < 0.5 * 0.6
+    assert world.controller.motion.target_q[0] - at < 0.5 * 0.6
 
 
 # -- kinematics ------------------------------------------------------------------------------------

@@ -65,7 +65,7 @@ def test_it_reads_writes_and_asks(host):
         assert write.setAnalogOutputVoltage(0, 0.25)
         until(lambda: receive.getTargetSpeedFraction() == 0.5, "the slider")
         until(lambda: receive.getActualDigitalOutputBits() == 8, "the output")
-        until(lambda: receive.getStandardAnalogOutput0() == 0.25, "the analog output")
+        until(lambda: receive.getStandardAnalogOutput0() == 2.5, "the analog output, V")
         write.disconnect()
 
         board = dashboard_client.DashboardClient(address)

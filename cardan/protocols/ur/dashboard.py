@@ -22,6 +22,7 @@ CLOSE_SAFETY_POPUP: Final = "close safety popup"
 REMOTE_CONTROL: Final = "is in remote control"
 ROBOT_MODEL: Final = "get robot model"
 STOP: Final = "stop"
+SHUTDOWN: Final = "shutdown"
 QUIT: Final = "quit"
 
 UNLOCK_AFTER_S: Final = 5.0
@@ -34,6 +35,7 @@ GRANTED: Final[Mapping[str, str]] = {
     UNLOCK_PROTECTIVE_STOP: "Protective stop releasing",
     CLOSE_SAFETY_POPUP: "closing safety popup",
     STOP: "Stopped",
+    SHUTDOWN: "Shutting down",
 }
 """How the reply to a request begins that was granted."""
 

@@ -1,9 +1,9 @@
 """The primary interface, TCP port 30001: programs in, states and messages out.
 
 A program is sent as text; what the controller sends is packages: size (int32, with itself), type
-(uint8) and content, big-endian. Of its messages (type 20) these are read: what runs, what a program
-says, and why it ended. Its robot state (type 16) is left to RTDE, but for what a simulated
-controller sends of it.
+(uint8) and content, big-endian: messages (type 20) and robot states (type 16), of which the modes
+are here and the rest is in `robot_state`. The secondary interface, TCP port 30002, is the same
+without the messages, but for the version.
 
 Source: UR's client interface tables (public).
 """
@@ -14,9 +14,12 @@ import enum
 import struct
 from typing import Final, NamedTuple
 
-from cardan.protocols.ur.states import RobotMode
+from cardan.protocols.ur.states import RobotMode, SafetyMode
 
 PRIMARY_PORT: Final = 30001
+SECONDARY_PORT: Final = 30002
+READ_ONLY: Final = 10
+"""So much higher is the port of an interface that takes nothing."""
 LARGEST: Final = 1 << 20
 """No package of a controller is longer."""
 
@@ -24,7 +27,14 @@ _HEADER = struct.Struct(">iB")
 _MESSAGE = struct.Struct(">QbB")
 _VERSION = struct.Struct(">BBii")
 _PLACE = struct.Struct(">ii")
+_COMM = struct.Struct(">iiiII")
+_SAFETY = struct.Struct(">iiBII")
+_POPUP = struct.Struct(">II???B")
+_LABEL = struct.Struct(">i")
+_REQUEST = struct.Struct(">II")
 _MODE = struct.Struct(">iBQ7?BBddd")
+_RESERVED = bytes(1)
+"""After the modes, from 3.5 on."""
 
 ROBOT_STATE: Final = 16
 ROBOT_MESSAGE: Final = 20
@@ -35,9 +45,24 @@ class MessageKind(enum.IntEnum):
     """The kind of a robot message."""
 
     TEXT = 0
+    LABEL = 1
+    POPUP = 2
     VERSION = 3
+    SAFETY_MODE = 5
+    ERROR_CODE = 6
     KEY = 7
+    REQUEST_VALUE = 9
     RUNTIME_EXCEPTION = 10
+
+
+class ReportLevel(enum.IntEnum):
+    """How bad an error code is."""
+
+    DEBUG = 0
+    INFO = 1
+    WARNING = 2
+    VIOLATION = 3
+    FAULT = 4
 
 
 class RobotMessage(NamedTuple):
@@ -48,7 +73,9 @@ class RobotMessage(NamedTuple):
     line: int = 0
     """Where in the program a runtime exception is, counted from 1."""
     title: str = ""
-    """Of a key message."""
+    """Of a key message, or of a popup."""
+    code: int = 0
+    """Of an error or of a safety mode message, the number of a label or of a popup."""
 
 
 class Package(NamedTuple):
@@ -96,6 +123,15 @@ class PackageReader:
         return Package(kind, content)
 
 
+_CODED = {
+    MessageKind.LABEL: _LABEL,
+    MessageKind.SAFETY_MODE: _SAFETY,
+    MessageKind.ERROR_CODE: _COMM,
+    MessageKind.REQUEST_VALUE: _REQUEST,
+}
+"""They begin with their code."""
+
+
 def read_message(found: Package) -> RobotMessage | None:
     """The message in a package; None where it is another package, or cut."""
     if found.kind != ROBOT_MESSAGE or len(found.content) < _MESSAGE.size:
@@ -111,6 +147,13 @@ def read_message(found: Package) -> RobotMessage | None:
         return RobotMessage(kind, _text(titled[size:]), title=_text(titled[:size]))
     if kind == MessageKind.VERSION and rest:
         return RobotMessage(kind, _text(rest[1 : 1 + rest[0]]))
+    if kind == MessageKind.POPUP and len(rest) >= _POPUP.size:
+        number, _, _, _, _, size = _POPUP.unpack_from(rest)
+        titled = rest[_POPUP.size :]
+        return RobotMessage(kind, _text(titled[size:]), 0, _text(titled[:size]), number)
+    for each, form in _CODED.items():
+        if kind == each and len(rest) >= form.size:
+            return RobotMessage(kind, _text(rest[form.size :]), code=form.unpack_from(rest)[0])
     return RobotMessage(kind, _text(rest) if kind == MessageKind.TEXT else "")
 
 
@@ -123,11 +166,14 @@ def _message(time_s: float, kind: MessageKind, content: bytes) -> bytes:
     return package(ROBOT_MESSAGE, _MESSAGE.pack(round(1e6 * time_s), -2, kind) + content)
 
 
-def version_message(time_s: float, version: tuple[int, int, int, int]) -> bytes:
+def version_message(
+    time_s: float, version: tuple[int, int, int, int], built: str = "01-01-2022, 00:00:00"
+) -> bytes:
     """What a controller says first. `time_s` since it was switched on."""
     name = b"URControl"
     numbers = _VERSION.pack(version[0], version[1], version[2], version[3])
-    return _message(time_s, MessageKind.VERSION, bytes([len(name)]) + name + numbers)
+    content = bytes([len(name)]) + name + numbers + built.encode()
+    return _message(time_s, MessageKind.VERSION, content)
 
 
 def text_message(time_s: float, text: str) -> bytes:
@@ -148,6 +194,39 @@ def exception_message(time_s: float, line: int, text: str) -> bytes:
     return _message(time_s, MessageKind.RUNTIME_EXCEPTION, content)
 
 
+def label_message(time_s: float, number: int, text: str) -> bytes:
+    """Where in its program a controller is: the label `$ number "text"`."""
+    return _message(time_s, MessageKind.LABEL, _LABEL.pack(number) + text.encode())
+
+
+def popup_message(
+    time_s: float,
+    number: int,
+    title: str,
+    text: str,
+    warning: bool = False,
+    error: bool = False,
+    blocking: bool = False,
+) -> bytes:
+    """What the pendant shows over all else."""
+    titled = title.encode()[:255]
+    head = _POPUP.pack(number, 0, warning, error, blocking, len(titled))
+    return _message(time_s, MessageKind.POPUP, head + titled + text.encode())
+
+
+def safety_message(time_s: float, mode: SafetyMode) -> bytes:
+    """The safety mode has changed."""
+    return _message(time_s, MessageKind.SAFETY_MODE, _SAFETY.pack(0, 0, mode, 0, 0))
+
+
+def error_message(
+    time_s: float, code: int, argument: int, level: ReportLevel, text: str = ""
+) -> bytes:
+    """An error: C`code`A`argument` of UR's list of them."""
+    content = _COMM.pack(code, argument, level, 0, 0) + text.encode()
+    return _message(time_s, MessageKind.ERROR_CODE, content)
+
+
 class ModeData(NamedTuple):
     """What the robot state says of modes."""
 
@@ -158,12 +237,16 @@ class ModeData(NamedTuple):
     program_paused: bool
     robot_mode: RobotMode
     speed_fraction: float
+    speed_scaling: float = 1.0
 
 
-def state_package(time_s: float, data: ModeData) -> bytes:
-    """A robot state with the modes alone."""
+def state_package(
+    time_s: float, data: ModeData, parts: bytes = b"", before_3_5: bool = False
+) -> bytes:
+    """A robot state: the modes, then `parts`, its other sub-packages."""
+    reserved = b"" if before_3_5 else _RESERVED
     content = _MODE.pack(
-        _MODE.size,
+        _MODE.size + len(reserved),
         _ROBOT_MODE_DATA,
         round(1e6 * time_s),
         True,
@@ -176,10 +259,10 @@ def state_package(time_s: float, data: ModeData) -> bytes:
         max(int(data.robot_mode), 0),
         0,
         data.speed_fraction,
-        data.speed_fraction,
+        data.speed_scaling,
         1.0,
     )
-    return package(ROBOT_STATE, content)
+    return package(ROBOT_STATE, content + reserved + parts)
 
 
 def read_mode(found: Package) -> ModeData | None:
@@ -191,4 +274,4 @@ def read_mode(found: Package) -> ModeData | None:
         return None
     power_on, emergency, protective, running, paused = values[5:10]
     mode = RobotMode(values[10])
-    return ModeData(power_on, emergency, protective, running, paused, mode, values[12])
+    return ModeData(power_on, emergency, protective, running, paused, mode, values[12], values[13])

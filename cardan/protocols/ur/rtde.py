@@ -1,8 +1,9 @@
-"""Real-Time Data Exchange (RTDE), protocol version 2: packets on TCP port 30004.
+"""Real-Time Data Exchange (RTDE): packets on TCP port 30004.
 
 A packet is its size (uint16, with this header), its type (uint8) and a payload, all big-endian. The
 client agrees on the version, sets up recipes (names of variables; the controller answers with their
-types and a number), and starts; then a data package is a recipe's number and its values.
+types and a number), and starts; then a data package is a recipe's number and its values. This is
+protocol version 2; in version 1 outputs have neither a frequency nor a number.
 
 Source: UR's RTDE guide (public).
 """
@@ -18,6 +19,8 @@ from typing import Any, Final, NamedTuple
 
 RTDE_PORT: Final = 30004
 VERSION: Final = 2
+VERSIONS: Final = (1, 2)
+"""Of the protocol."""
 LARGEST: Final = 0xFFFF
 """Bytes of a packet; its size has 16 bits."""
 
@@ -149,9 +152,11 @@ def ask_inputs(names: Sequence[str]) -> bytes:
     return packet(PacketType.INPUTS, ",".join(names).encode())
 
 
-def text(message: str, source: str, level: TextLevel) -> bytes:
-    """A text message; text and source are cut to 255 bytes."""
+def text(message: str, source: str, level: TextLevel, version: int = VERSION) -> bytes:
+    """A text message; text and source are cut to 255 bytes, and in version 1 there is no source."""
     said, by = message.encode()[:255], source.encode()[:255]
+    if version == 1:
+        return packet(PacketType.TEXT, bytes([level]) + said)
     return packet(
         PacketType.TEXT, bytes([len(said)]) + said + bytes([len(by)]) + by + bytes([level])
     )
@@ -170,9 +175,11 @@ def reply_version(version: ControllerVersion) -> bytes:
     return packet(PacketType.CONTROLLER_VERSION, _VERSION_REPLY.pack(*version))
 
 
-def reply_setup(reply: SetupReply) -> bytes:
+def reply_setup(reply: SetupReply, version: int = VERSION) -> bytes:
     """The answer to a setup."""
-    return packet(reply.kind, bytes([reply.recipe]) + ",".join(reply.types).encode())
+    types = ",".join(reply.types).encode()
+    numbered = version != 1 or reply.kind is PacketType.INPUTS
+    return packet(reply.kind, bytes([reply.recipe]) + types if numbered else types)
 
 
 # -- reading ---------------------------------------------------------------------------------------
@@ -256,8 +263,8 @@ def read_reply(kind: int, payload: bytes) -> Reply | Malformed:
     return _text(kind, payload)
 
 
-def read_request(kind: int, payload: bytes) -> Asked | Malformed:
-    """What a client sent."""
+def read_request(kind: int, payload: bytes, version: int = VERSION) -> Asked | Malformed:
+    """What a client sent that speaks that version."""
     if kind == PacketType.DATA:
         return Data(payload[0], payload[1:]) if payload else Malformed("a data package of 0 bytes")
     if kind == PacketType.PROTOCOL_VERSION:
@@ -269,10 +276,14 @@ def read_request(kind: int, payload: bytes) -> Asked | Malformed:
     if kind == PacketType.INPUTS:
         return Setup(PacketType.INPUTS, _names(payload))
     if kind == PacketType.OUTPUTS:
+        if version == 1:
+            return Setup(PacketType.OUTPUTS, _names(payload))
         if len(payload) < _FREQUENCY.size:
             return Malformed(f"a setup of {len(payload)} bytes has no frequency")
         (frequency,) = _FREQUENCY.unpack_from(payload)
         return Setup(PacketType.OUTPUTS, _names(payload[_FREQUENCY.size :]), frequency)
+    if version == 1 and kind == PacketType.TEXT and payload:
+        return Text(payload[1:].decode("utf-8", "replace"), "", payload[0])
     return _text(kind, payload)
 
 
@@ -319,12 +330,15 @@ VALUES_FROM: Final = _HEADER.size + 1
 class Recipe:
     """Variables in their order, and how their values are packed."""
 
-    def __init__(self, number: int, names: Sequence[str], types: Sequence[str]) -> None:
-        """ValueError where a type is none of `TYPES`, or one is missing."""
+    def __init__(self, number: int | None, names: Sequence[str], types: Sequence[str]) -> None:
+        """`number` None: its data packages have none, as a controller's in version 1. ValueError
+        where a type is none of `TYPES`, or one is missing."""
         self.number = number
         self.names = tuple(names)
         self.types = tuple(types)
-        self._struct, self._packet, self._counts = _layout(self.names, self.types)
+        self._struct, self._packet, self._counts = _layout(
+            self.names, self.types, number is not None
+        )
         self._scalar = all(count == 1 for count in self._counts)
         places, at = [], 0
         for count in self._counts:
@@ -334,8 +348,9 @@ class Recipe:
         self._parted: Callable[[tuple[Any, ...]], tuple[Any, ...]] = (
             itemgetter(*places) if len(places) > 1 else lambda flat: tuple(flat[p] for p in places)
         )
-        self._pack = partial(self._packet.pack, self._packet.size, _DATA, number)
-        self._head = _DATA_HEAD.pack(self._packet.size, _DATA, number)
+        head = (self._packet.size, _DATA, *(() if number is None else (number,)))
+        self._pack = partial(self._packet.pack, *head)
+        self._head = (_HEADER if number is None else _DATA_HEAD).pack(*head)
 
     @property
     def size(self) -> int:
@@ -354,8 +369,8 @@ class Recipe:
         return self._parted(self._struct.unpack_from(data, offset))
 
     def alone(self, data: bytes) -> bool:
-        """Whether `data` is one whole data package of this recipe; its values are from
-        `VALUES_FROM` on."""
+        """Whether `data` is one whole data package of this recipe, which has a number; its
+        values are from `VALUES_FROM` on."""
         return len(data) == self._packet.size and data.startswith(self._head)
 
     def pack(self, values: Sequence[Any]) -> bytes:
@@ -374,7 +389,7 @@ class Recipe:
 
 @lru_cache(maxsize=64)
 def _layout(
-    names: tuple[str, ...], types: tuple[str, ...]
+    names: tuple[str, ...], types: tuple[str, ...], numbered: bool
 ) -> tuple[struct.Struct, struct.Struct, tuple[int, ...]]:
     if len(names) != len(types):
         raise ValueError(f"{len(types)} types for {len(names)} variables")
@@ -385,7 +400,7 @@ def _layout(
         code, count = _CODES[kind]
         layout += code * count
         counts.append(count)
-    whole = struct.Struct(f"{_HEADER.format}B{layout}")
+    whole = struct.Struct(f"{_HEADER.format}{'B' if numbered else ''}{layout}")
     if whole.size > LARGEST:
         raise ValueError(f"{whole.size} bytes: an RTDE packet has at most {LARGEST}")
     return struct.Struct(f">{layout}"), whole, tuple(counts)

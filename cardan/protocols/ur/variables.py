@@ -1,127 +1,139 @@
-"""Variables that an RTDE recipe may name, with their types.
+"""Variables that an RTDE recipe may name, with their types, and since when a controller has them.
 
-Source: UR's RTDE guide, and the names that UR's public client library asks for.
+Source: UR's RTDE guide, and what UR's public client library says of names that the guide had later.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Final, NamedTuple
 
 REGISTERS: Final = 48
 """Integer and double registers of each direction; 0 to 23 are for fieldbuses and PLCs, too."""
 UPPER_REGISTERS: Final = 24
 """The first of those that only RTDE clients use."""
 BIT_REGISTERS: Final = 128
+UPPER_BIT_REGISTERS: Final = 64
+"""The first of those that have names of their own; the ones before come 32 at a time."""
 
-_DOUBLES = [
-    "timestamp",
-    "actual_execution_time",
-    "speed_scaling",
-    "target_speed_fraction",
-    "actual_momentum",
-    "actual_main_voltage",
-    "actual_robot_voltage",
-    "actual_robot_current",
-    "standard_analog_input0",
-    "standard_analog_input1",
-    "standard_analog_output0",
-    "standard_analog_output1",
-    "io_current",
-    "euromap67_24V_voltage",
-    "euromap67_24V_current",
-    "tool_analog_input0",
-    "tool_analog_input1",
-    "tool_output_current",
-    "tool_temperature",
-    "tcp_force_scalar",
-    "payload",
-    "actual_robot_energy_consumed",
-    "collision_detection_ratio",
-]
-_VECTORS = [
-    "target_q",
-    "target_qd",
-    "target_qdd",
-    "target_current",
-    "target_moment",
-    "actual_q",
-    "actual_qd",
-    "actual_current",
-    "actual_current_window",
-    "joint_control_output",
-    "actual_TCP_pose",
-    "actual_TCP_speed",
-    "actual_TCP_force",
-    "target_TCP_pose",
-    "target_TCP_speed",
-    "joint_temperatures",
-    "actual_joint_voltage",
-    "ft_raw_wrench",
-    "payload_inertia",
-    "tcp_offset",
-    "actual_current_as_torque",
-]
-_THREES = ["actual_tool_accelerometer", "elbow_position", "elbow_velocity", "payload_cog"]
-_UNSIGNED = [
-    "runtime_state",
-    "robot_status_bits",
-    "safety_status_bits",
-    "analog_io_types",
-    "euromap67_input_bits",
-    "euromap67_output_bits",
-    "tool_mode",
-    "tool_analog_input_types",
-    "output_bit_registers0_to_31",
-    "output_bit_registers32_to_63",
-    "input_bit_registers0_to_31",
-    "input_bit_registers32_to_63",
-]
-_SIGNED = ["robot_mode", "safety_mode", "safety_status", "tool_output_voltage"]
 
-OUTPUTS: Final[Mapping[str, str]] = {
-    **dict.fromkeys(_DOUBLES, "DOUBLE"),
-    **dict.fromkeys(_VECTORS, "VECTOR6D"),
-    **dict.fromkeys(_THREES, "VECTOR3D"),
-    **dict.fromkeys(_UNSIGNED, "UINT32"),
-    **dict.fromkeys(_SIGNED, "INT32"),
-    "joint_mode": "VECTOR6INT32",
-    "actual_digital_input_bits": "UINT64",
-    "actual_digital_output_bits": "UINT64",
-    "tool_output_mode": "UINT8",
-    "tool_digital_output0_mode": "UINT8",
-    "tool_digital_output1_mode": "UINT8",
-    **{
-        f"{way}_{kind}_register_{n}": type_name
-        for way in ("output", "input")
-        for kind, type_name, count in (
-            ("bit", "BOOL", BIT_REGISTERS),
-            ("int", "INT32", REGISTERS),
-            ("double", "DOUBLE", REGISTERS),
-        )
-        for n in range(count)
-    },
+class Variable(NamedTuple):
+    """What is known of a variable."""
+
+    type: str
+    cb3: tuple[int, int] | None = (3, 2)
+    """Since which version of a CB3's software, where the guide says it; None: no CB3 has it."""
+    e_series: tuple[int, int] = (5, 0)
+    """Since which of an e-Series' software, likewise."""
+
+    def since(self, major: int) -> tuple[int, int] | None:
+        """The version of that series that has it first: 3 is a CB3, all others have what an
+        e-Series has."""
+        return self.cb3 if major == 3 else self.e_series
+
+
+_ALWAYS: Final = Variable("")
+_ADDED: Final[Sequence[tuple[str, Variable]]] = (
+    ("elbow_position elbow_velocity", Variable("VECTOR3D", (3, 5))),
+    ("safety_status", Variable("INT32", (3, 10), (5, 4))),
+    ("payload", Variable("DOUBLE", (3, 11), (5, 5))),
+    ("payload_cog", Variable("VECTOR3D", (3, 11), (5, 5))),
+    ("tcp_offset", Variable("VECTOR6D", (3, 12), (5, 5))),
+    ("script_control_line", Variable("UINT32", (3, 14), (5, 9))),
+    ("payload_inertia", Variable("VECTOR6D", (3, 15), (5, 11))),
+    (
+        "tool_output_mode tool_digital_output0_mode tool_digital_output1_mode",
+        Variable("UINT8", None, (5, 2)),
+    ),
+    ("ft_raw_wrench", Variable("VECTOR6D", None, (5, 9))),
+    ("collision_detection_ratio", Variable("DOUBLE", None, (5, 15))),
+    ("time_scale_source", Variable("INT32", None, (5, 17))),
+    ("actual_current_as_torque", Variable("VECTOR6D", None, (5, 23))),
+    (
+        "actual_robot_energy_consumed actual_robot_braking_energy_dissipated",
+        Variable("DOUBLE", None, (5, 23)),
+    ),
+    (
+        "wrench_calc_from_currents actual_TCP_acceleration target_TCP_acceleration",
+        Variable("VECTOR6D", None, (5, 23)),
+    ),
+    ("target_execution_time", Variable("DOUBLE", None, (5, 23))),
+    (
+        "actual_configurable_digital_input_bits actual_configurable_digital_output_bits",
+        Variable("UINT64", None, (5, 23)),
+    ),
+    ("encoder0_raw encoder1_raw", Variable("INT32", None, (5, 23))),
+    ("target_gravity", Variable("VECTOR3D", None, (5, 26))),
+    ("target_base_acceleration target_base_wrench", Variable("VECTOR6D", None, (5, 26))),
+    ("control_step", Variable("UINT64", None, (5, 26))),
+)
+"""What was not always there. Of some the guide does not say since when: those are here with the
+version of the first public list that has them."""
+
+_FIRST: Final[Mapping[str, str]] = {
+    "DOUBLE": """timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum
+        actual_main_voltage actual_robot_voltage actual_robot_current standard_analog_input0
+        standard_analog_input1 standard_analog_output0 standard_analog_output1 io_current
+        euromap67_24V_voltage euromap67_24V_current tool_analog_input0 tool_analog_input1
+        tool_output_current tool_temperature tcp_force_scalar joint_position_deviation_ratio""",
+    "VECTOR6D": """target_q target_qd target_qdd target_current target_moment actual_q actual_qd
+        actual_current actual_current_window joint_control_output actual_TCP_pose actual_TCP_speed
+        actual_TCP_force target_TCP_pose target_TCP_speed joint_temperatures
+        actual_joint_voltage""",
+    "VECTOR3D": "actual_tool_accelerometer",
+    "VECTOR6INT32": "joint_mode",
+    "INT32": "robot_mode safety_mode tool_output_voltage",
+    "UINT32": """runtime_state robot_status_bits safety_status_bits analog_io_types
+        euromap67_input_bits euromap67_output_bits tool_mode tool_analog_input_types""",
+    "UINT64": "actual_digital_input_bits actual_digital_output_bits",
 }
-"""What a controller sends; a controller's own version may lack some, or have more."""
+"""What every controller with RTDE has, by type."""
 
-INPUTS: Final[Mapping[str, str]] = {
-    "speed_slider_mask": "UINT32",
-    "speed_slider_fraction": "DOUBLE",
-    "standard_digital_output_mask": "UINT8",
-    "configurable_digital_output_mask": "UINT8",
-    "standard_digital_output": "UINT8",
-    "configurable_digital_output": "UINT8",
-    "tool_digital_output_mask": "UINT8",
-    "tool_digital_output": "UINT8",
-    "standard_analog_output_mask": "UINT8",
-    "standard_analog_output_type": "UINT8",
-    "standard_analog_output_0": "DOUBLE",
-    "standard_analog_output_1": "DOUBLE",
-    "external_force_torque": "VECTOR6D",
-    "input_bit_registers0_to_31": "UINT32",
-    "input_bit_registers32_to_63": "UINT32",
-    **{f"input_bit_register_{n}": "BOOL" for n in range(64, BIT_REGISTERS)},
-    **{f"input_int_register_{n}": "INT32" for n in range(REGISTERS)},
-    **{f"input_double_register_{n}": "DOUBLE" for n in range(REGISTERS)},
+
+def _registers(way: str) -> Iterator[tuple[str, Variable]]:
+    lower, upper = _ALWAYS._replace(cb3=(3, 4)), _ALWAYS._replace(cb3=(3, 9), e_series=(5, 3))
+    for first in range(0, UPPER_BIT_REGISTERS, 32):
+        yield f"{way}_bit_registers{first}_to_{first + 31}", lower._replace(type="UINT32")
+    for number in range(UPPER_BIT_REGISTERS, BIT_REGISTERS):
+        yield f"{way}_bit_register_{number}", upper._replace(type="BOOL")
+    for kind, type_name in (("int", "INT32"), ("double", "DOUBLE")):
+        for number in range(REGISTERS):
+            since = lower if number < UPPER_REGISTERS else upper
+            yield f"{way}_{kind}_register_{number}", since._replace(type=type_name)
+
+
+OUTPUT_VARIABLES: Final[Mapping[str, Variable]] = {
+    **{name: Variable(kind) for kind, names in _FIRST.items() for name in names.split()},
+    **{name: found for names, found in _ADDED for name in names.split()},
+    **dict(_registers("output")),
+    **dict(_registers("input")),
 }
-"""What a client may write."""
+"""What a controller sends, by name."""
+
+INPUT_VARIABLES: Final[Mapping[str, Variable]] = {
+    "speed_slider_mask": Variable("UINT32"),
+    "speed_slider_fraction": Variable("DOUBLE"),
+    "standard_digital_output_mask": Variable("UINT8"),
+    "configurable_digital_output_mask": Variable("UINT8"),
+    "standard_digital_output": Variable("UINT8"),
+    "configurable_digital_output": Variable("UINT8"),
+    "tool_digital_output_mask": Variable("UINT8"),
+    "tool_digital_output": Variable("UINT8"),
+    "standard_analog_output_mask": Variable("UINT8"),
+    "standard_analog_output_type": Variable("UINT8"),
+    "standard_analog_output_0": Variable("DOUBLE"),
+    "standard_analog_output_1": Variable("DOUBLE"),
+    "external_force_torque": Variable("VECTOR6D"),
+    **dict(_registers("input")),
+}
+"""What a client may write, by name."""
+
+OUTPUTS: Final[Mapping[str, str]] = {name: found.type for name, found in OUTPUT_VARIABLES.items()}
+"""The types of what a controller sends; a controller's own version may lack some."""
+INPUTS: Final[Mapping[str, str]] = {name: found.type for name, found in INPUT_VARIABLES.items()}
+"""The types of what a client may write."""
+
+
+def of_series(variables: Mapping[str, Variable], major: int) -> dict[str, str]:
+    """The types of those that the series with that major version has, whatever its version."""
+    return {name: found.type for name, found in variables.items() if found.since(major) is not None}

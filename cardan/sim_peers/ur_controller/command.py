@@ -9,13 +9,13 @@ from cardan.sim_peers.ur_controller.tcp import UrControllerPeer
 
 
 class Ur(PeerCommand[UrControllerOptions]):
-    """A Universal Robots UR5e or UR5 (RTDE, primary interface and dashboard on three TCP ports)."""
+    """A Universal Robots UR5e or UR5 (RTDE, client interfaces and dashboard on TCP ports)."""
 
     Options, Peer = UrControllerOptions, UrControllerPeer
     page = "simulated-peers.md"
     speaks = (
-        "[RTDE, primary interface with a part of URScript, dashboard](protocols/ur.md) on three "
-        "TCP ports"
+        "[RTDE; primary, secondary and real-time interface with URScript; dashboard]"
+        "(protocols/ur.md) on TCP ports"
     )
     epilog = "Prints READY and the address of RTDE once it serves."
     faults = FAULTS

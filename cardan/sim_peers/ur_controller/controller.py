@@ -10,29 +10,51 @@ stops, how long the brakes take) is chosen here, and said to be in docs/simulate
 from __future__ import annotations
 
 import math
+import random
 from collections import deque
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from cardan.protocols.ur.dashboard import UNLOCK_AFTER_S
-from cardan.protocols.ur.primary import exception_message, key_message, text_message
+from cardan.protocols.ur.primary import (
+    ReportLevel,
+    error_message,
+    exception_message,
+    key_message,
+    popup_message,
+    text_message,
+)
 from cardan.protocols.ur.script import Refused, parse
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
-from cardan.sim_peers.ur_controller.functions import Registers, functions
-from cardan.sim_peers.ur_controller.interpreter import (
-    Action,
-    Interpreter,
-    ProgramError,
-    SpeedJ,
-    StopJ,
+from cardan.sim_peers.kinematics import UR_LINKS
+from cardan.sim_peers.ur_controller.contact import Plane
+from cardan.sim_peers.ur_controller.io import Registers, RobotIo
+from cardan.sim_peers.ur_controller.io_functions import (
+    io_functions,
+    message_functions,
+    register_functions,
 )
+from cardan.sim_peers.ur_controller.kinematics import Kinematics
+from cardan.sim_peers.ur_controller.language import Action, Function, ProgramError, Wait
+from cardan.sim_peers.ur_controller.machine import Machine
+from cardan.sim_peers.ur_controller.math_functions import math_functions
+from cardan.sim_peers.ur_controller.motion import Motion
+from cardan.sim_peers.ur_controller.motion_functions import motion_functions
 from cardan.sim_peers.ur_controller.options import UrControllerOptions
-from cardan.sim_peers.ur_controller.servo import Servo
+from cardan.sim_peers.ur_controller.popups import Popup, Popups
+from cardan.sim_peers.ur_controller.pose_functions import pose_functions
+from cardan.sim_peers.ur_controller.socket_functions import socket_functions
+from cardan.sim_peers.ur_controller.sockets import ProgramSockets
+from cardan.sim_peers.ur_controller.watchdogs import Watchdogs
 
 LONGEST_STALL_S: Final = 0.5
 """Frames that a slow computer owes beyond that are left out."""
 JOINT_RANGE: Final = math.radians(363.0)
 """Of every joint, by the safety system; the arm's file keeps the elbow to half of that."""
+STOP_CODE: Final = 204
+"""The error of every protective stop: of UR's, that a path failed its check."""
 _KEPT_EVENTS = 10_000
+_ITS_END = "its end"
 
 
 class UrController:
@@ -43,17 +65,37 @@ class UrController:
         arm = options.arm
         self.period_s = 1.0 / options.rate_hz
         count = len(arm.joints)
-        self.servo = Servo(
-            options.start or arm.home, arm.velocity, (-JOINT_RANGE,) * count, (JOINT_RANGE,) * count
+        low, high = (-JOINT_RANGE,) * count, (JOINT_RANGE,) * count
+        plane = None
+        if options.contact_z_m is not None:
+            plane = Plane(options.contact_z_m, options.contact_stiffness_n_m)
+        self.motion = Motion(
+            Kinematics(UR_LINKS[options.robot], low, high),
+            options.start or arm.home,
+            arm.velocity,
+            low,
+            high,
+            plane=plane,
+            say=self._said,
         )
         self.registers = Registers()
-        self.functions = functions(
-            self.registers,
-            self.period_s,
-            lambda: self.servo.actual_q,
-            lambda: self.servo.target_q,
-            self._said,
-        )
+        self.io = RobotIo()
+        self.popups = Popups(self._popped)
+        self.watchdogs = Watchdogs()
+        self.sockets = ProgramSockets(options.allowed_hosts, self._note)
+        self.functions: Mapping[str, Function] = {
+            **math_functions(random.Random(options.seed)),
+            **register_functions(self.registers),
+            **io_functions(self.io),
+            **message_functions(
+                self._said, self.popups, self.watchdogs, self.period_s, lambda: self.time_s
+            ),
+            **socket_functions(self.sockets),
+            **pose_functions(),
+            **motion_functions(self.motion),
+            "protective_stop": self._order(lambda: self.protective_stop("the program")),
+            "powerdown": self._order(self.power_off),
+        }
         self.mode = RobotMode.RUNNING if options.running else RobotMode.POWER_OFF
         self.safety = SafetyMode.NORMAL
         self.runtime = RuntimeState.STOPPED
@@ -66,9 +108,9 @@ class UrController:
         """What the primary interface has to say next; the sender removes them."""
         self.events: deque[tuple[float, str]] = deque(maxlen=_KEPT_EVENTS)
         """(time_s, what happened), the newest of them."""
-        self._program: Interpreter | None = None
-        self._action: Action | None = None
-        self._waiting: tuple[float, Interpreter] | None = None
+        self._program: Machine | None = None
+        self._ordered: Callable[[], None] | None = None
+        self._waiting: tuple[float, Machine] | None = None
         """A program, and when it begins."""
         self._mode_at: tuple[float, RobotMode] | None = None
         self._stopped_s = -math.inf
@@ -111,45 +153,65 @@ class UrController:
             self._note(f"robot mode {self.mode.name}")
         if self._waiting is not None and now_s >= self._waiting[0]:
             self._program, self._waiting = self._waiting[1], None
-            self._action = None
             self.program_name = self._program.name
             self.runtime = RuntimeState.PLAYING
             self._key("PROGRAM_XXX_STARTED", self.program_name)
-        stopped = self.servo.step(self._acting(), self.period_s, self.slider)
+        self._look_at_watchdogs()
+        action = self._acting()
+        self.motion.paused = self.runtime is RuntimeState.PAUSED
+        stopped = self.motion.step(action, self.period_s, self.slider)
         if stopped:
             self.protective_stop(stopped)
 
+    def _look_at_watchdogs(self) -> None:
+        if self.runtime is not RuntimeState.PLAYING:
+            return
+        expired = self.watchdogs.expired(self.time_s)
+        if expired is None:
+            return
+        name, action = expired
+        self._note(f"RTDE watchdog: {name} was not written in time: {action}")
+        if action == "pause":
+            self.pause()
+        elif action == "stop":
+            self._end_program("RTDE watchdog")
+
     def _acting(self) -> Action | None:
         """What the program does in this frame; None: nothing moves the arm."""
-        if self._program is None or self.runtime is not RuntimeState.PLAYING:
+        program = self._program
+        if program is None or self.runtime is not RuntimeState.PLAYING:
             return None
-        if self._action is None:
-            try:
-                self._action = self._program.go_on()
-            except ProgramError as error:
-                self._exception(error.line, error.reason)
-                self._end_program(f"runtime exception in line {error.line}: {error.reason}")
-                return None
-            if self._action is None:
-                self._end_program("its end")
-                return None
-        action = self._action
-        self._action = self._left_of(action)
+        try:
+            action = program.step(self._left_of)
+        except ProgramError as error:
+            self._exception(error.line, error.reason)
+            self._end_program(f"runtime exception in line {error.line}: {error.reason}")
+            return None
+        ordered, self._ordered = self._ordered, None
+        if ordered is not None:
+            ordered()
+            return None
+        if program.ended:
+            self._end_program(_ITS_END)
         return action
 
+    def _order(self, act: Callable[[], None]) -> Function:
+        """A function that ends its own program, which it does after the program's frame."""
+
+        def order() -> Action:
+            self._ordered = act
+            return Wait(self.period_s)
+
+        return Function((), {}, order, takes_time=True)
+
     def _left_of(self, action: Action) -> Action | None:
-        """What of an action is left after this frame."""
-        if isinstance(action, StopJ):
-            return action if self.servo.moving else None
-        if isinstance(action, SpeedJ) and action.left_s == 0.0:
-            return None if self.servo.at_speed(action.qd, self.slider) else action
-        left_s = action.left_s - self.period_s * self.slider
-        return None if left_s <= 1e-9 else action._replace(left_s=left_s)
+        return self.motion.left_of(action, self.period_s)
 
     # -- programs ---------------------------------------------------------------------------------
 
-    def upload(self, text: str) -> None:
-        """A program came over the primary interface: it takes the place of the one that runs."""
+    def upload(self, text: str, name: str = "") -> None:
+        """A program has come: it takes the place of the one that runs. `name`: what it is called,
+        if not as its text says."""
         why = self._why_no_program()
         if why:
             self._said(why)
@@ -160,14 +222,31 @@ class UrController:
             self._exception(program.line, program.reason)
             self._note(f"a program is refused, line {program.line}: {program.reason}")
             return
+        try:
+            machine = Machine(program, self.functions, self.period_s)
+        except ProgramError as error:
+            self._exception(error.line, error.reason)
+            return
+        if program.secondary:
+            self._run_beside(machine)
+            return
         if self._program is not None:
             self._end_program("another program")
         if self.options.faults.get("no-script", 0.0):
             self._note("fault: the program is never begun")
             return
-        interpreter = Interpreter(program, self.functions)
-        self._waiting = (self.time_s + self.options.program_start_s, interpreter)
-        self._note(f"program {program.name}")
+        machine.name = name or machine.name
+        self._waiting = (self.time_s + self.options.program_start_s, machine)
+        self._note(f"program {machine.name}")
+
+    def _run_beside(self, machine: Machine) -> None:
+        """A secondary program: all of it in this frame, and the other one goes on."""
+        try:
+            machine.run_at_once()
+        except ProgramError as error:
+            self._exception(error.line, error.reason)
+            self._note(f"secondary program {machine.name}, line {error.line}: {error.reason}")
+        machine.close()
 
     def _why_no_program(self) -> str:
         if not self.remote:
@@ -208,15 +287,33 @@ class UrController:
         """A program runs, is paused, or begins."""
         return self._program is not None or self._waiting is not None
 
+    @property
+    def script_line(self) -> int:
+        """Of the program's statement that has the arm now; 0: none has."""
+        return 0 if self._program is None else self._program.mover_line
+
     def _end_program(self, why: str) -> None:
         name = self.program_name
-        self._program = self._action = self._waiting = None
+        if why == _ITS_END:
+            self.motion.end_modes()
+        else:
+            self.motion.halt()
+        if self._program is not None:
+            self._program.close()
+        self._program = self._waiting = None
+        self.watchdogs.clear()
+        self.sockets.close_all()
+        self.popups.close()
         self.runtime = RuntimeState.STOPPED
         self._key("PROGRAM_XXX_STOPPED", name)
         self._note(f"program {name} has ended: {why}")
 
     def _said(self, text: str) -> None:
         self.messages.append(text_message(self.time_s, text))
+
+    def _popped(self, popup: Popup) -> None:
+        self.messages.append(popup_message(self.time_s, *popup))
+        self._note(f"popup {popup.title}: {popup.text}")
 
     def _key(self, title: str, text: str) -> None:
         self.messages.append(key_message(self.time_s, title, text))
@@ -247,6 +344,7 @@ class UrController:
         """Power goes off, and the brakes hold."""
         if self.has_program:
             self._end_program("power off")
+        self.motion.halt()
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
         self._note("power off")
 
@@ -273,7 +371,8 @@ class UrController:
         """A guard was opened: the arm stops, the program is paused."""
         if self.safety in MOVES_IN:
             self.safety = SafetyMode.SAFEGUARD_STOP
-            self.pause()
+            if not self.pause():
+                self.motion.halt()
             self._note("safeguard stop")
 
     def safeguard_reset(self) -> None:
@@ -295,8 +394,9 @@ class UrController:
         """Its power supply was gone for a moment: all registers are lost, and the robot is off."""
         if self.has_program:
             self._end_program("restart")
-        fresh = Registers()
-        vars(self.registers).update(vars(fresh))
+        for name, values in vars(Registers()).items():
+            getattr(self.registers, name)[:] = values
+        vars(self.io).update(vars(RobotIo()))
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
         self.frames, self._start_s = 0, self._now_s
         self._note("restart")
@@ -304,8 +404,13 @@ class UrController:
     def _stop(self, mode: SafetyMode, why: str) -> None:
         if self.has_program:
             self._end_program(mode.name)
+        self.motion.halt()
         self.safety = mode
         self._stopped_s = self.time_s
+        if mode is SafetyMode.PROTECTIVE_STOP:
+            self.messages.append(
+                error_message(self.time_s, STOP_CODE, 0, ReportLevel.VIOLATION, why)
+            )
         self._note(f"{mode.name}: {why}")
 
     def _note(self, text: str) -> None:

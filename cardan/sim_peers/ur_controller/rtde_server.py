@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final
 
 from cardan.protocols.ur.rtde import (
     IN_USE,
     NOT_FOUND,
-    VERSION,
+    VERSIONS,
     Data,
     Malformed,
     PacketReader,
@@ -25,7 +26,6 @@ from cardan.protocols.ur.rtde import (
     reply_version,
     text,
 )
-from cardan.protocols.ur.variables import INPUTS, OUTPUTS
 from cardan.sim_peers.ur_controller.controller import UrController
 from cardan.sim_peers.ur_controller.telemetry import Telemetry
 
@@ -68,7 +68,8 @@ class RtdeClient:
         self._controller, self._telemetry, self._claims = controller, telemetry, claims
         self._send, self._note = send, note
         self._reader = PacketReader()
-        self._agreed = False
+        self._version = 0
+        """Of the protocol; 0: none is agreed on."""
         self._started = False
         self._outputs: list[tuple[Recipe, int]] = []
         """With each, how many frames lie between two packages."""
@@ -101,13 +102,13 @@ class RtdeClient:
     # -- requests ---------------------------------------------------------------------------------
 
     def _take(self, kind: int, payload: bytes) -> None:
-        asked = read_request(kind, payload)
+        asked = read_request(kind, payload, self._version)
         if isinstance(asked, Malformed):
             self._tell(f"package {kind}: {asked.reason}", TextLevel.ERROR)
         elif isinstance(asked, Data):
             self._write(asked)
         elif isinstance(asked, Setup):
-            self._send(reply_setup(self._set_up(asked)))
+            self._send(reply_setup(self._set_up(asked), self._version))
         elif isinstance(asked, Request):
             self._answer(asked)
         else:
@@ -115,12 +116,12 @@ class RtdeClient:
 
     def _answer(self, asked: Request) -> None:
         if asked.kind is PacketType.PROTOCOL_VERSION:
-            self._agreed = asked.version == VERSION
-            self._send(reply_accepted(asked.kind, self._agreed))
+            self._version = asked.version if asked.version in VERSIONS else 0
+            self._send(reply_accepted(asked.kind, self._version > 0))
         elif asked.kind is PacketType.CONTROLLER_VERSION:
             self._send(reply_version(self._controller.options.version))
         elif asked.kind is PacketType.START:
-            self._started = self._agreed and bool(self._outputs)
+            self._started = bool(self._outputs)
             self._send(reply_accepted(asked.kind, self._started))
         else:
             self._started = False
@@ -128,11 +129,11 @@ class RtdeClient:
 
     def _set_up(self, asked: Setup) -> SetupReply:
         outputs = asked.kind is PacketType.OUTPUTS
-        known = OUTPUTS if outputs else INPUTS
+        known = self._telemetry.outputs if outputs else self._telemetry.writable
         types = tuple(known.get(name, NOT_FOUND) for name in asked.names)
         refused = SetupReply(asked.kind, 0, types)
-        if not self._agreed:
-            self._tell("protocol version 2 has to be agreed on first", TextLevel.ERROR)
+        if not self._version:
+            self._tell("protocol version 1 or version 2 has to be agreed on first", TextLevel.ERROR)
             return refused
         if not outputs:
             types = tuple(
@@ -151,16 +152,17 @@ class RtdeClient:
         number = len(self._outputs) + 1 if outputs else len(self._inputs) + 1
         if number > MOST_RECIPES:
             return refused
-        recipe = Recipe(number, asked.names, types)
         if outputs:
             rate_hz = self._controller.options.rate_hz
-            if not 1.0 <= asked.frequency_hz <= rate_hz:
-                self._tell(f"{asked.frequency_hz:g} Hz is not 1 to {rate_hz:g} Hz", TextLevel.ERROR)
+            asked_hz = rate_hz if self._version == 1 else asked.frequency_hz
+            if not 1.0 <= asked_hz <= rate_hz:
+                self._tell(f"{asked_hz:g} Hz is not 1 to {rate_hz:g} Hz", TextLevel.ERROR)
                 return SetupReply(asked.kind, 0, types)
-            self._outputs.append((recipe, round(rate_hz / asked.frequency_hz)))
+            recipe = Recipe(None if self._version == 1 else number, asked.names, types)
+            self._outputs.append((recipe, math.floor(rate_hz / asked_hz + 1e-9)))
         else:
             self._claims.take(asked.names, self)
-            self._inputs[number] = recipe
+            self._inputs[number] = Recipe(number, asked.names, types)
         return SetupReply(asked.kind, number, types)
 
     def _write(self, data: Data) -> None:
@@ -178,4 +180,4 @@ class RtdeClient:
         self._telemetry.write(values)
 
     def _tell(self, words: str, level: TextLevel) -> None:
-        self._send(text(words, "Controller", level))
+        self._send(text(words, "Controller", level, self._version))

@@ -1,4 +1,4 @@
-"""The servers of the simulated controller: RTDE, primary interface and dashboard.
+"""The servers of the simulated controller: RTDE, the client interfaces and the dashboard.
 
 Sans-I/O: bytes come in with the time, pieces to write go out; a shell has the sockets.
 """
@@ -8,28 +8,48 @@ from __future__ import annotations
 import random
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Final, Literal, get_args
 
 from cardan.protocols.ur import dashboard
-from cardan.protocols.ur.primary import ModeData, state_package, version_message
+from cardan.protocols.ur.framing import UNFINISHED_S, ScriptReader
+from cardan.protocols.ur.primary import safety_message, state_package, version_message
+from cardan.protocols.ur.realtime import RealtimeForm
+from cardan.protocols.ur.robot_state import parts
 from cardan.protocols.ur.rtde import packet
 from cardan.protocols.ur.script import LARGEST
-from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.base import TimedActs
 from cardan.sim_peers.tcp_servers import Act, Connection, TcpServers
+from cardan.sim_peers.ur_controller import scripts
 from cardan.sim_peers.ur_controller.controller import UrController
-from cardan.sim_peers.ur_controller.dashboard_server import answer
+from cardan.sim_peers.ur_controller.dashboard_server import Dashboard
 from cardan.sim_peers.ur_controller.options import UrControllerOptions
+from cardan.sim_peers.ur_controller.pendant import Pendant
 from cardan.sim_peers.ur_controller.rtde_server import Claims, RtdeClient
+from cardan.sim_peers.ur_controller.state_values import StateValues
 from cardan.sim_peers.ur_controller.telemetry import Telemetry
 
-PortKind = Literal["rtde", "primary", "dashboard"]
-PORT_KINDS: tuple[PortKind, ...] = ("rtde", "primary", "dashboard")
+PortKind = Literal[
+    "rtde",
+    "primary",
+    "dashboard",
+    "secondary",
+    "realtime",
+    "primary-read",
+    "secondary-read",
+    "realtime-read",
+]
+PORT_KINDS: tuple[PortKind, ...] = get_args(PortKind)
+
+_SCRIPTED: Final = frozenset(("primary", "secondary", "realtime"))
+"""These take scripts."""
+_PRIMARY: Final = frozenset(("primary", "primary-read"))
+_STATES: Final = _PRIMARY | {"secondary", "secondary-read"}
+_REALTIME: Final = frozenset(("realtime", "realtime-read"))
 
 CLIENTS: Final = 16
 """Each port serves at once."""
 STATE_PERIOD_S: Final = 0.1
-"""Of the primary interface."""
+"""Of the primary and the secondary interface."""
 _UNKNOWN_TYPE = 0x58
 _OTHER_PROGRAM = "def other():\n  while True:\n    sync()\n  end\nend\n"
 
@@ -38,13 +58,15 @@ _OTHER_PROGRAM = "def other():\n  while True:\n    sync()\n  end\nend\n"
 class _Connection(Connection[PortKind]):
     rtde: RtdeClient | None = None
     lines: dashboard.LineReader = field(default_factory=dashboard.LineReader)
-    program: bytearray = field(default_factory=bytearray)
+    scripts: ScriptReader = field(default_factory=lambda: ScriptReader(LARGEST))
+    heard_s: float = 0.0
 
 
 class UrServers(TcpServers[PortKind, _Connection]):
     """The servers of a `UrController`."""
 
     kinds = PORT_KINDS
+    leaves_out = _STATES | _REALTIME  # ur_rtde sends its script to 30003 and never reads there.
     state_period_s = STATE_PERIOD_S
 
     def __init__(self, controller: UrController, options: UrControllerOptions) -> None:
@@ -52,6 +74,12 @@ class UrServers(TcpServers[PortKind, _Connection]):
         self.controller = controller
         self.options = options
         self.telemetry = Telemetry(controller)
+        self.pendant = Pendant(controller, self._note, self.histories)
+        self._dashboard = Dashboard(controller, self.pendant)
+        self._state_values = StateValues(controller, self.telemetry, self.pendant)
+        self._realtime = RealtimeForm(options.version[:2])
+        self._told_safety = controller.safety
+        self._off = False
         self._claims = Claims(options.faults.get("in-use", 0.0) > 0.0)
 
     def behave(self, faults: Mapping[str, float]) -> None:
@@ -64,8 +92,13 @@ class UrServers(TcpServers[PortKind, _Connection]):
         yield self.controller.next_s
         if not self._silent:
             yield self._next_state_s
+        for each in self._connections.values():
+            if each.scripts.open:
+                yield each.heard_s + UNFINISHED_S
 
     def _refuses(self, kind: PortKind) -> str:
+        if self._off:
+            return "the controller is shut down"
         there = sum(each.kind == kind for each in self._connections.values())
         return f"{CLIENTS} are there" if there >= CLIENTS else ""
 
@@ -83,7 +116,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
             )
         elif connection.kind == "dashboard":
             self._put(connection, dashboard.request(dashboard.GREETING))
-        else:
+        elif connection.kind in _STATES:
             version = version_message(self.controller.time_s, self.options.version)
             self._put(connection, version)
 
@@ -93,10 +126,21 @@ class UrServers(TcpServers[PortKind, _Connection]):
             if connection.rtde.failure:
                 self._drop(connection, connection.rtde.failure)
         elif connection.kind == "dashboard":
-            self._dashboard(connection, data)
-        else:
-            self._primary(connection, data)
+            self._ask(connection, data)
+        elif connection.kind in _SCRIPTED:
+            connection.heard_s = self._now_s
+            connection.scripts.feed(data)
+            self._take_scripts(connection)
+            if connection.scripts.failure:
+                self._drop(connection, connection.scripts.failure)
         self._send_messages()
+
+    def eof(self, connection: int, now_s: float) -> None:
+        self._go(now_s)
+        found = self._connections.get(connection)
+        if found is not None and found.kind in _SCRIPTED and not self._silent:
+            self._end_scripts(found)
+        super().eof(connection, now_s)
 
     def _parted(self, connection: _Connection) -> None:
         if connection.rtde is not None:
@@ -110,6 +154,9 @@ class UrServers(TcpServers[PortKind, _Connection]):
             if not controller.advance(now_s):
                 break
             self._publish()
+        for each in self._connections.values():
+            if each.scripts.open and now_s >= each.heard_s + UNFINISHED_S - 1e-9:
+                self._end_scripts(each)
         if self._state_due():
             self._publish_state()
         self._send_messages()
@@ -155,28 +202,36 @@ class UrServers(TcpServers[PortKind, _Connection]):
 
     # -- what comes in ----------------------------------------------------------------------------
 
-    def _dashboard(self, connection: _Connection, data: bytes) -> None:
+    def _ask(self, connection: _Connection, data: bytes) -> None:
         lines = connection.lines
         lines.feed(data)
         while (line := lines.take()) is not None:
-            if line.strip().lower() == dashboard.QUIT:
+            words = line.strip().lower()
+            if words == dashboard.QUIT:
                 self._put(connection, dashboard.request("Disconnected"))
                 self._drop(connection, "quit")
                 return
-            self._put(connection, dashboard.request(answer(self.controller, line)))
+            said = self._dashboard.answer(line)
+            self._put(connection, dashboard.request(said))
+            if said == dashboard.GRANTED[dashboard.SHUTDOWN]:
+                self._shut_down()
+                return
         if lines.failure:
             self._drop(connection, lines.failure)
 
-    def _primary(self, connection: _Connection, data: bytes) -> None:
-        """A program is whole with the line `end` that closes it, which here is one that is not
-        indented."""
-        program = connection.program
-        program += data
-        if len(program) > LARGEST:
-            self._drop(connection, f"a program of more than {LARGEST} bytes")
-            return
-        while (whole := _whole_program(program)) is not None:
-            self.controller.upload(whole.decode("utf-8", "replace"))
+    def _shut_down(self) -> None:
+        self._off = True
+        for each in tuple(self._connections.values()):
+            self._drop(each, "the controller is shut down")
+
+    def _take_scripts(self, connection: _Connection) -> None:
+        while (text := connection.scripts.take()) is not None:
+            scripts.take(self.controller, text)
+
+    def _end_scripts(self, connection: _Connection) -> None:
+        """Nothing more comes of what has come."""
+        connection.scripts.end()
+        self._take_scripts(connection)
 
     # -- what goes out ----------------------------------------------------------------------------
 
@@ -184,7 +239,12 @@ class UrServers(TcpServers[PortKind, _Connection]):
         if self._silent:
             return
         frame = self.controller.frames
+        realtime: bytes | None = None
         for each in self._connections.values():
+            if each.kind in _REALTIME:
+                if realtime is None:
+                    realtime = self._realtime.pack(self.telemetry.value)
+                self._put(each, realtime)
             if each.rtde is None:
                 continue
             for data in each.rtde.packages(frame):
@@ -195,40 +255,30 @@ class UrServers(TcpServers[PortKind, _Connection]):
                 self._later(each, data)
 
     def _publish_state(self) -> None:
-        controller = self.controller
-        data = ModeData(
-            power_on=controller.mode >= RobotMode.POWER_ON,
-            emergency_stopped=controller.safety is SafetyMode.ROBOT_EMERGENCY_STOP,
-            protective_stopped=controller.safety is SafetyMode.PROTECTIVE_STOP,
-            program_running=controller.runtime is RuntimeState.PLAYING,
-            program_paused=controller.runtime is RuntimeState.PAUSED,
-            robot_mode=controller.mode,
-            speed_fraction=controller.slider,
+        there = [each for each in self._connections.values() if each.kind in _STATES]
+        if not there:
+            return
+        values = self._state_values
+        options = self.options
+        data = state_package(
+            self.controller.time_s,
+            values.modes(),
+            parts(values, options.e_series),
+            before_3_5=options.version < (3, 5),
         )
-        self._tell_primary(state_package(controller.time_s, data))
+        for each in there:
+            self._put(each, data)
 
     def _send_messages(self) -> None:
-        messages = self.controller.messages
-        for data in messages:
-            self._tell_primary(data)
-        messages.clear()
-
-    def _tell_primary(self, data: bytes) -> None:
+        controller = self.controller
+        if controller.safety is not self._told_safety:
+            self._told_safety = controller.safety
+            controller.messages.append(safety_message(controller.time_s, controller.safety))
         for each in self._connections.values():
-            if each.kind == "primary":
-                self._put(each, data)
-
-
-def _whole_program(data: bytearray) -> bytes | None:
-    """The first program that has all come; it is taken out."""
-    at = 0
-    while (end := data.find(b"\n", at)) >= 0:
-        if data[at:end].rstrip() == b"end":
-            found = bytes(data[: end + 1])
-            del data[: end + 1]
-            return found
-        at = end + 1
-    return None
+            if each.kind in _PRIMARY:
+                for data in controller.messages:
+                    self._put(each, data)
+        controller.messages.clear()
 
 
 def _junk(chance: random.Random) -> bytes:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Final
+from functools import partial
+from typing import Any, Final, Generic, NamedTuple, TypeVar
 
 from cardan.protocols.ur.states import (
     MOVES_IN,
@@ -13,10 +15,23 @@ from cardan.protocols.ur.states import (
     SafetyMode,
     StatusBit,
 )
-from cardan.protocols.ur.variables import OUTPUTS
-from cardan.sim_peers.kinematics import UR_LINKS, forward
+from cardan.protocols.ur.variables import (
+    BIT_REGISTERS,
+    INPUT_VARIABLES,
+    OUTPUT_VARIABLES,
+    REGISTERS,
+    UPPER_BIT_REGISTERS,
+    of_series,
+)
+from cardan.sim_peers.kinematics import Frames, forward, jacobian
 from cardan.sim_peers.ur_controller.controller import UrController
-from cardan.spatial import to_rotation_vector
+from cardan.sim_peers.ur_controller.dynamics import Dynamics, Effort, Load
+from cardan.sim_peers.ur_controller.kinematics import pose_of
+from cardan.sim_peers.ur_controller.motion import HARDEST_N, Motion
+from cardan.spatial import add, compose, conjugate, cross, rotate, scale, subtract
+from cardan.types import Pose as Frame, Vector3
+
+Source = Callable[[], Any]
 
 _NOTHING: Final[Mapping[str, Any]] = {
     "VECTOR6D": (0.0,) * 6,
@@ -25,8 +40,24 @@ _NOTHING: Final[Mapping[str, Any]] = {
     "DOUBLE": 0.0,
     "BOOL": False,
 }
-_JOINT_RUNNING: Final = 253
-_JOINT_OFF: Final = 239
+_RUNNING: Final = 253
+_IDLE: Final = 255
+_OFF: Final = 239
+"""Of joints, and of the tool."""
+
+_NEWTON_METRES_PER_A: Final = (10.5, 10.5, 10.5, 8.4, 8.4, 8.4)
+"""Of each joint, behind its gear."""
+_WINDING_OHM: Final = 0.5
+_IDLE_A: Final = 0.4
+_BUS_V: Final = 48.0
+_CURRENT_WINDOW_A: Final = (3.0, 3.0, 3.0, 1.5, 1.5, 1.5)
+_FARTHEST_RAD: Final = 0.2
+"""From the target: at `joint_position_deviation_ratio` 1."""
+_JOINT_DEGREES: Final = 28.0
+_TOOL_DEGREES: Final = 30.0
+_EXECUTION_MS: Final = 0.4
+_HIGHEST_V: Final = 10.0
+_LOWEST_MA, _RANGE_MA = 4.0, 16.0
 
 _SAFETY_BITS: Final[Mapping[SafetyMode, SafetyBit]] = {
     SafetyMode.NORMAL: SafetyBit.NORMAL,
@@ -36,94 +67,263 @@ _SAFETY_BITS: Final[Mapping[SafetyMode, SafetyBit]] = {
     SafetyMode.ROBOT_EMERGENCY_STOP: SafetyBit.ROBOT_EMERGENCY_STOP | SafetyBit.EMERGENCY_STOP,
 }
 
+Value = TypeVar("Value")
 
-class Inputs:
-    """What clients have written, beside the registers that programs read."""
 
-    def __init__(self) -> None:
-        self.digital_outputs = 0
-        """Standard in bits 0 to 7, configurable in 8 to 15, tool in 16 and 17."""
-        self.analog_outputs = [0.0, 0.0]
-        self.bits = [False] * 128
+class _Kept(Generic[Value]):
+    """What is computed at most once a frame, and only if somebody asks."""
+
+    def __init__(self, motion: Motion, compute: Callable[[], Value]) -> None:
+        self._motion, self._compute = motion, compute
+        self._of: tuple[int, Frame] | None = None
+        self._value: Value
+
+    def __call__(self) -> Value:
+        now = (self._motion.steps, self._motion.tcp)
+        if now != self._of:
+            self._of, self._value = now, self._compute()
+        return self._value
+
+
+class _Place(NamedTuple):
+    """The arm's frames, and its TCP."""
+
+    frames: Frames
+    tcp: Frame
 
 
 class Telemetry:
     """Values of variables, and writing them."""
 
     def __init__(self, controller: UrController) -> None:
-        self._controller = controller
-        self.inputs = Inputs()
-        self._links = UR_LINKS[controller.options.robot]
-        self._made: dict[str, Callable[[], Any]] = self._makers()
+        options = controller.options
+        self._controller, self._motion, self._io = controller, controller.motion, controller.io
+        self.outputs: Mapping[str, str] = of_series(OUTPUT_VARIABLES, options.version.major)
+        """The types of what it sends, by name."""
+        self.writable: Mapping[str, str] = of_series(INPUT_VARIABLES, options.version.major)
+        """The types of what clients may write."""
+        self._dynamics = Dynamics(options.arm)
+        motion = self._motion
+        self._actual = _Kept(motion, lambda: self._place(motion.actual_q))
+        self._target = _Kept(motion, lambda: self._place(motion.target_q))
+        self._actual_effort = _Kept(
+            motion, lambda: self._effort(motion.actual_q, motion.actual_qd, motion.actual_qdd)
+        )
+        self._target_effort = _Kept(
+            motion, lambda: self._effort(motion.target_q, motion.target_qd, motion.target_qdd)
+        )
+        self._actual_torques = _Kept(motion, self._measured_torques)
+        sources = {
+            **self._of_controller(),
+            **self._of_motion(),
+            **self._of_effort(),
+            **self._of_io(),
+            **self._of_registers(),
+        }
+        self._sources: dict[str, Source] = {
+            name: sources.get(name) or _constant(_NOTHING.get(kind, 0))
+            for name, kind in self.outputs.items()
+        }
+        self._written: dict[str, Any] = {}
+        """The inputs that are no registers, as they were last."""
+        self._setters = self._register_setters()
 
     def value(self, name: str) -> Any:
-        """Of a variable in `OUTPUTS`; zero for what this robot does not have."""
-        made = self._made.get(name)
-        if made is not None:
-            return made()
-        way, _, rest = name.partition("_")
-        kind, _, number = rest.partition("_register_")
-        if number.isdigit():
-            return self._register(way, kind, int(number))
-        return _NOTHING.get(OUTPUTS[name], 0)
+        """Of a variable in `outputs` now; zero for what this robot does not have."""
+        return self._sources[name]()
 
-    def _register(self, way: str, kind: str, number: int) -> Any:
-        if kind == "bit":
-            return self.inputs.bits[number] if way == "input" else False
-        return getattr(self._controller.registers, f"{way}_{kind}")[number]
+    # -- what clients write -----------------------------------------------------------------------
 
     def write(self, values: Mapping[str, Any]) -> None:
         """What a client's data package brought."""
-        registers = self._controller.registers
+        self._controller.watchdogs.fed(values, self._controller.time_s)
+        others = False
         for name, value in values.items():
-            if name.startswith("input_int_register_"):
-                registers.input_int[int(name[19:])] = value
-            elif name.startswith("input_double_register_"):
-                registers.input_double[int(name[22:])] = value
-            elif name.startswith("input_bit_register_"):
-                self.inputs.bits[int(name[19:])] = value
-        if values.get("speed_slider_mask", 0) & 1:
-            self._controller.slider = min(max(values.get("speed_slider_fraction", 1.0), 0.0), 1.0)
-        for kind, shift in (("standard", 0), ("configurable", 8), ("tool", 16)):
-            mask = values.get(f"{kind}_digital_output_mask", 0) << shift
-            wanted = values.get(f"{kind}_digital_output", 0) << shift
-            outputs = self.inputs.digital_outputs
-            self.inputs.digital_outputs = (outputs & ~mask) | (wanted & mask)
-        mask = values.get("standard_analog_output_mask", 0)
-        for number in (0, 1):
-            if mask >> number & 1:
-                self.inputs.analog_outputs[number] = values[f"standard_analog_output_{number}"]
+            setter = self._setters.get(name)
+            if setter is not None:
+                setter(value)
+            else:
+                self._written[name], others = value, True
+        if others:
+            self._apply(values)
 
-    def _makers(self) -> dict[str, Callable[[], Any]]:
-        controller, servo, inputs = self._controller, self._controller.servo, self.inputs
+    def _apply(self, values: Mapping[str, Any]) -> None:
+        """Inputs keep what was written last, so a mask may have come in another package."""
+        written, io = self._written.get, self._io
+        if _any_of(values, "speed_slider") and written("speed_slider_mask", 0) & 1:
+            fraction = written("speed_slider_fraction")
+            self._controller.slider = _share(fraction, self._controller.slider)
+        for kind, shift in (("standard", 0), ("configurable", 8), ("tool", 16)):
+            if _any_of(values, f"{kind}_digital_output"):
+                mask = written(f"{kind}_digital_output_mask", 0) << shift
+                wanted = written(f"{kind}_digital_output", 0) << shift
+                io.digital_outputs = (io.digital_outputs & ~mask) | (wanted & mask)
+        if _any_of(values, "standard_analog_output"):
+            mask = written("standard_analog_output_mask", 0)
+            domains = written("standard_analog_output_type", 0)
+            for number in range(len(io.analog_outputs)):
+                if mask >> number & 1:
+                    ratio = written(f"standard_analog_output_{number}")
+                    io.analog_outputs[number] = _share(ratio, io.analog_outputs[number])
+                    io.analog_output_domains[number] = domains >> number & 1
+
+    def _register_setters(self) -> dict[str, Callable[[Any], None]]:
+        registers = self._controller.registers
+
+        def bits(first: int) -> Callable[[Any], None]:
+            def put(value: int) -> None:
+                registers.input_bit[first : first + 32] = [
+                    bool(value >> number & 1) for number in range(32)
+                ]
+
+            return put
+
+        return {
+            **{
+                f"input_{kind}_register_{number}": partial(
+                    getattr(registers, f"input_{kind}").__setitem__, number
+                )
+                for kind, numbers in _NUMBERS.items()
+                for number in numbers
+            },
+            **{name: bits(first) for name, first in _groups("input")},
+        }
+
+    # -- what it tells ----------------------------------------------------------------------------
+
+    def _of_controller(self) -> dict[str, Source]:
+        controller, motion = self._controller, self._motion
+
+        def powered(value: float) -> Source:
+            return lambda: value if controller.mode >= RobotMode.POWER_ON else 0.0
+
+        playing = RuntimeState.PLAYING
         return {
             "timestamp": lambda: controller.time_s,
-            "target_q": lambda: servo.target_q,
-            "target_qd": lambda: servo.target_qd,
-            "actual_q": lambda: servo.actual_q,
-            "actual_qd": lambda: servo.actual_qd,
-            "actual_TCP_pose": lambda: self._tcp_pose(servo.actual_q),
-            "target_TCP_pose": lambda: self._tcp_pose(servo.target_q),
+            "control_step": lambda: controller.frames,
+            "actual_execution_time": _constant(_EXECUTION_MS),
+            "target_execution_time": _constant(controller.period_s * 1e3),
             "robot_mode": lambda: controller.mode,
             "safety_mode": lambda: controller.safety,
             "safety_status": lambda: controller.safety,
-            "runtime_state": lambda: controller.runtime,
+            "runtime_state": self._runtime,
             "robot_status_bits": self._status_bits,
             "safety_status_bits": self._safety_bits,
             "joint_mode": self._joint_modes,
-            "speed_scaling": lambda: 1.0 if controller.runtime is RuntimeState.PLAYING else 0.0,
+            "script_control_line": lambda: controller.script_line,
+            "speed_scaling": lambda: 1.0 if controller.runtime is playing else 0.0,
+            "time_scale_source": lambda: int(controller.runtime is playing),
             "target_speed_fraction": lambda: controller.slider,
-            "actual_digital_output_bits": lambda: inputs.digital_outputs,
-            "standard_analog_output0": lambda: inputs.analog_outputs[0],
-            "standard_analog_output1": lambda: inputs.analog_outputs[1],
-            "actual_main_voltage": lambda: 48.0,
-            "actual_robot_voltage": lambda: 48.0 if controller.mode >= RobotMode.POWER_ON else 0.0,
+            "actual_main_voltage": _constant(_BUS_V),
+            "actual_robot_voltage": powered(_BUS_V),
+            "actual_joint_voltage": lambda: (powered(_BUS_V)(),) * 6,
+            "joint_temperatures": _constant((_JOINT_DEGREES,) * 6),
+            "tool_temperature": _constant(_TOOL_DEGREES),
+            "tool_mode": lambda: _RUNNING if controller.mode >= RobotMode.POWER_ON else _IDLE,
+            "payload": lambda: motion.payload.mass,
+            "payload_cog": lambda: motion.payload.cog,
+            "payload_inertia": lambda: motion.payload.inertia,
+            "tcp_offset": lambda: motion.tcp_offset,
+            "target_gravity": lambda: motion.gravity,
         }
 
-    def _tcp_pose(self, joints: Sequence[float]) -> tuple[float, ...]:
-        """x y z in m and the rotation vector in rad, of tool0 in the controller's base."""
-        pose = forward(joints, self._links).pose
-        return (*pose.position, *to_rotation_vector(pose.orientation))
+    def _of_motion(self) -> dict[str, Source]:
+        motion, actual, target = self._motion, self._actual, self._target
+        return {
+            "target_q": lambda: motion.target_q,
+            "target_qd": lambda: motion.target_qd,
+            "target_qdd": lambda: motion.target_qdd,
+            "actual_q": lambda: motion.actual_q,
+            "actual_qd": lambda: motion.actual_qd,
+            "actual_TCP_pose": lambda: pose_of(actual().tcp),
+            "target_TCP_pose": lambda: pose_of(target().tcp),
+            "actual_TCP_speed": lambda: _speed(actual(), motion.actual_qd),
+            "target_TCP_speed": lambda: _speed(target(), motion.target_qd),
+            "actual_TCP_acceleration": lambda: self._acceleration(
+                actual().frames, self._actual_effort()
+            ),
+            "target_TCP_acceleration": lambda: self._acceleration(
+                target().frames, self._target_effort()
+            ),
+            "elbow_position": lambda: actual().frames.origins[2],
+            "elbow_velocity": self._elbow_velocity,
+            "actual_TCP_force": motion.tcp_force,
+            "wrench_calc_from_currents": motion.tcp_force,
+            "tcp_force_scalar": lambda: math.hypot(*motion.tcp_force()[:3]),
+            "ft_raw_wrench": self._raw_wrench,
+            "joint_position_deviation_ratio": self._deviation,
+            "collision_detection_ratio": lambda: motion.pushed() / HARDEST_N,
+        }
+
+    def _of_effort(self) -> dict[str, Source]:
+        torques = self._actual_torques
+        currents = _Kept(self._motion, lambda: _currents(torques()))
+        return {
+            "target_moment": self._target_torques,
+            "target_current": lambda: _currents(self._target_torques()),
+            "actual_current": currents,
+            "joint_control_output": currents,
+            "actual_current_as_torque": torques,
+            "actual_current_window": _constant(_CURRENT_WINDOW_A),
+            "actual_robot_current": lambda: self._robot_current(currents()),
+            "actual_momentum": lambda: self._actual_effort().momentum,
+            "actual_tool_accelerometer": lambda: self._actual_effort().acceleration,
+            "target_base_wrench": self._base_wrench,
+        }
+
+    def _of_io(self) -> dict[str, Source]:
+        io = self._io
+
+        def analog(kind: str, domain: str, number: int) -> Source:
+            return lambda: _signal(getattr(io, kind)[number], getattr(io, domain)[number])
+
+        return {
+            "actual_digital_input_bits": lambda: io.digital_inputs,
+            "actual_digital_output_bits": lambda: io.digital_outputs,
+            "actual_configurable_digital_input_bits": lambda: io.digital_inputs >> 8 & 0xFF,
+            "actual_configurable_digital_output_bits": lambda: io.digital_outputs >> 8 & 0xFF,
+            "analog_io_types": lambda: _bits((*io.analog_input_domains, *io.analog_output_domains)),
+            "tool_analog_input_types": lambda: _bits(io.tool_analog_input_domains),
+            "tool_output_voltage": lambda: io.tool_voltage,
+            **{
+                f"{name}{number}": analog(f"{kind}s", f"{kind}_domains", number)
+                for name, kind in (
+                    ("standard_analog_input", "analog_input"),
+                    ("standard_analog_output", "analog_output"),
+                    ("tool_analog_input", "tool_analog_input"),
+                )
+                for number in (0, 1)
+            },
+        }
+
+    def _of_registers(self) -> dict[str, Source]:
+        registers = self._controller.registers
+
+        def bits(values: list[bool], first: int) -> Source:
+            return lambda: _bits(values[first : first + 32])
+
+        found: dict[str, Source] = {}
+        for way in ("input", "output"):
+            for kind, numbers in _NUMBERS.items():
+                value = getattr(registers, f"{way}_{kind}").__getitem__
+                for number in numbers:
+                    found[f"{way}_{kind}_register_{number}"] = partial(value, number)
+            for name, first in _groups(way):
+                found[name] = bits(getattr(registers, f"{way}_bit"), first)
+        return found
+
+    # -- the controller ---------------------------------------------------------------------------
+
+    def _runtime(self) -> RuntimeState:
+        """Of the program; while the arm still brakes, or speeds up again, it is on its way."""
+        runtime, motion = self._controller.runtime, self._motion
+        if runtime is RuntimeState.STOPPED and motion.moving:
+            return RuntimeState.STOPPING
+        if runtime is RuntimeState.PAUSED and motion.moving:
+            return RuntimeState.PAUSING
+        if runtime is RuntimeState.PLAYING and motion.resuming:
+            return RuntimeState.RESUMING
+        return runtime
 
     def _status_bits(self) -> int:
         controller = self._controller
@@ -142,5 +342,131 @@ class Telemetry:
         return int(found)
 
     def _joint_modes(self) -> tuple[int, ...]:
-        running = self._controller.mode is RobotMode.RUNNING
-        return (_JOINT_RUNNING if running else _JOINT_OFF,) * len(self._controller.servo.target_q)
+        mode = self._controller.mode
+        if mode is RobotMode.RUNNING:
+            return (_RUNNING,) * 6
+        return (_IDLE if mode >= RobotMode.POWER_ON else _OFF,) * 6
+
+    # -- the arm ----------------------------------------------------------------------------------
+
+    def _place(self, q: Sequence[float]) -> _Place:
+        frames = forward(q, self._motion.kinematics.links)
+        return _Place(frames, compose(frames.pose, self._motion.tcp))
+
+    def _elbow_velocity(self) -> Vector3:
+        frames, speeds = self._actual().frames, self._motion.actual_qd
+        found = Vector3(0.0, 0.0, 0.0)
+        for axis, origin, speed in zip(frames.axes[:2], frames.origins, speeds, strict=False):
+            arm = subtract(Vector3(*frames.origins[2]), Vector3(*origin))
+            found = add(found, scale(cross(Vector3(*axis), arm), speed))
+        return found
+
+    def _deviation(self) -> float:
+        motion = self._motion
+        return (
+            max(abs(a - b) for a, b in zip(motion.target_q, motion.actual_q, strict=True))
+            / _FARTHEST_RAD
+        )
+
+    def _effort(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Effort:
+        x, y, z = self._motion.gravity
+        payload = self._motion.payload
+        # The model's base is turned by pi about z from the controller's.
+        load = Load(payload.mass, payload.cog, payload.inertia)
+        return self._dynamics.effort(q, qd, qdd, load, (-x, -y, z))
+
+    def _target_torques(self) -> tuple[float, ...]:
+        return self._driven(self._target_effort().torques)
+
+    def _measured_torques(self) -> tuple[float, ...]:
+        """What the joints exert: less of what something that the arm touches does for them."""
+        torques = self._actual_effort().torques
+        if self._motion.pushed():
+            held = self._motion.joint_torques()
+            torques = tuple(a - b for a, b in zip(torques, held, strict=True))
+        return self._driven(torques)
+
+    def _driven(self, torques: tuple[float, ...]) -> tuple[float, ...]:
+        """Nothing where the brakes hold."""
+        return torques if self._controller.mode is RobotMode.RUNNING else (0.0,) * 6
+
+    def _robot_current(self, currents: Sequence[float]) -> float:
+        if self._controller.mode < RobotMode.POWER_ON:
+            return 0.0
+        power_w = sum(
+            max(torque * speed, 0.0) + _WINDING_OHM * current * current
+            for torque, speed, current in zip(
+                self._actual_torques(), self._motion.actual_qd, currents, strict=True
+            )
+        )
+        return _IDLE_A + power_w / _BUS_V
+
+    def _base_wrench(self) -> tuple[float, ...]:
+        fx, fy, fz, tx, ty, tz = self._target_effort().base_wrench
+        return (-fx, -fy, fz, -tx, -ty, tz)
+
+    def _raw_wrench(self) -> tuple[float, ...]:
+        """What load and contact exert on the flange, in its axes."""
+        felt = rotate(
+            conjugate(self._actual().frames.pose.orientation),
+            Vector3(0.0, 0.0, self._motion.pushed()),
+        )
+        about = cross(self._motion.tcp.position, felt)
+        load = self._actual_effort().load_wrench
+        return tuple(a - b for a, b in zip((*felt, *about), load, strict=True))
+
+    def _acceleration(self, frames: Frames, effort: Effort) -> tuple[float, ...]:
+        turn = frames.pose.orientation
+        linear = rotate(turn, Vector3(*effort.at(self._motion.tcp.position)))
+        angular = rotate(turn, Vector3(*effort.turning))
+        return (*subtract(linear, Vector3(*self._motion.gravity)), *angular)
+
+
+_NUMBERS: Final[Mapping[str, range]] = {
+    "bit": range(UPPER_BIT_REGISTERS, BIT_REGISTERS),
+    "int": range(REGISTERS),
+    "double": range(REGISTERS),
+}
+"""Of the registers that have names of their own."""
+
+
+def _groups(way: str) -> list[tuple[str, int]]:
+    """The names of 32 bits each, and their first."""
+    return [
+        (f"{way}_bit_registers{first}_to_{first + 31}", first)
+        for first in range(0, UPPER_BIT_REGISTERS, 32)
+    ]
+
+
+def _speed(place: _Place, qd: Sequence[float]) -> tuple[float, ...]:
+    """Of the TCP, m/s over rad/s."""
+    columns = jacobian(place.frames._replace(pose=place.tcp))
+    return tuple(
+        sum(part * v for part, v in zip(row, qd, strict=True)) for row in zip(*columns, strict=True)
+    )
+
+
+def _constant(value: Any) -> Source:
+    return lambda: value
+
+
+def _share(value: float | None, now: float) -> float:
+    """From 0 to 1; what it is now where none was written, or what is no number."""
+    return now if value is None or math.isnan(value) else min(max(value, 0.0), 1.0)
+
+
+def _any_of(values: Mapping[str, Any], beginning: str) -> bool:
+    return any(name.startswith(beginning) for name in values)
+
+
+def _bits(values: Sequence[Any]) -> int:
+    return sum(1 << number for number, value in enumerate(values) if value)
+
+
+def _signal(fraction: float, domain: int) -> float:
+    """V, or mA."""
+    return _HIGHEST_V * fraction if domain else _LOWEST_MA + _RANGE_MA * fraction
+
+
+def _currents(torques: Sequence[float]) -> tuple[float, ...]:
+    return tuple(a / b for a, b in zip(torques, _NEWTON_METRES_PER_A, strict=True))

@@ -1,0 +1,96 @@
+"""Where a script begins and ends on a connection that carries one after the other.
+
+The interfaces that take scripts have no packets: a program is over with the `end` that closes its
+`def` (or `sec`), and a line outside of a program is a command of its own. Lines of comments before
+a program belong to it, so that its lines are counted from where its text begins.
+
+Source: UR's script manual (public).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Final
+
+OPENING: Final = frozenset(("def", "sec", "thread", "if", "while", "switch"))
+"""Words of blocks that `end` closes."""
+UNFINISHED_S: Final = 2.0
+"""A program of which nothing more has come for so long is taken as it is."""
+
+_WORD = re.compile(r"""\#.*|"[^"]*"?|'[^']*'|(?<![\w.])[A-Za-z_]\w*""")
+
+
+def depth_of(line: str) -> int:
+    """How many more blocks a line opens than it closes."""
+    depth = 0
+    for word in _WORD.findall(line):
+        if word in OPENING:
+            depth += 1
+        elif word == "end":
+            depth -= 1
+    return depth
+
+
+class ScriptReader:
+    """Cuts a TCP stream into programs and commands of one line."""
+
+    def __init__(self, largest: int) -> None:
+        """`largest`: bytes of a program."""
+        self._largest = largest
+        self._pending = bytearray()
+        """A line that has not all come."""
+        self._lines: list[str] = []
+        """Of what has not ended: comments, or a program."""
+        self._size = 0
+        """Of these."""
+        self._depth = 0
+        self._whole: list[str] = []
+        self.failure = ""
+        """Why nothing after this can be read; empty: all is well."""
+
+    @property
+    def open(self) -> bool:
+        """A program has begun and has not ended."""
+        return self._depth > 0
+
+    def feed(self, data: bytes) -> None:
+        """Add what came."""
+        if self.failure:
+            return
+        self._pending += data
+        *lines, rest = self._pending.split(b"\n")
+        self._pending = bytearray(rest)
+        for line in lines:
+            self._line(bytes(line))
+        if self._size + len(self._pending) > self._largest:
+            self.failure = f"a program of more than {self._largest} bytes"
+
+    def take(self) -> str | None:
+        """The next program or command; None: it has not all come."""
+        return self._whole.pop(0) if self._whole else None
+
+    def end(self) -> None:
+        """No more comes: what has come is all of it."""
+        if self._pending:
+            self._line(bytes(self._pending))
+            self._pending.clear()
+        if self.open:
+            self._done()
+        self._lines, self._size = [], 0
+
+    def _line(self, data: bytes) -> None:
+        line = data.rstrip(b"\r").decode("utf-8", "replace")
+        words = line.strip()
+        if not words and not self._lines:
+            return
+        self._lines.append(line)
+        self._size += len(data) + 1
+        if not self.open and (not words or words.startswith("#")):
+            return
+        self._depth = max(self._depth + depth_of(line), 0)
+        if not self.open:
+            self._done()
+
+    def _done(self) -> None:
+        self._whole.append("\n".join(self._lines) + "\n")
+        self._lines, self._size, self._depth = [], 0, 0

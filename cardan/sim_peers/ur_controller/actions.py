@@ -1,0 +1,85 @@
+"""What a program has the controller do while time passes."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cardan.sim_peers.ur_controller.language import Action as Action, Wait as Wait
+from cardan.types import Pose as Frame
+
+
+class MoveJ(NamedTuple):
+    """Move to joints (rad), all of them arriving together."""
+
+    q: tuple[float, ...]
+    a: float
+    """Of the joint that goes farthest, rad/s²."""
+    v: float
+    """Of the joint that goes farthest, rad/s."""
+    t: float
+    """How long it takes, whatever `a` and `v`; 0: as they have it."""
+    r: float
+    """How far before the end the next move begins, m."""
+
+
+class MoveL(NamedTuple):
+    """Move the TCP on a line to a pose."""
+
+    goal: Frame
+    a: float
+    v: float
+    t: float
+    r: float
+
+
+class MoveC(NamedTuple):
+    """Move the TCP on a circle through a point to a pose."""
+
+    via: Frame
+    goal: Frame
+    a: float
+    v: float
+    r: float
+    fixed: bool
+    """The tool turns with the circle's tangent, whatever orientation `goal` has."""
+
+
+class ServoJ(NamedTuple):
+    """Servo to joints (rad) for a time."""
+
+    q: tuple[float, ...]
+    left_s: float
+    lookahead_s: float
+
+
+class SpeedJ(NamedTuple):
+    """Reach joint speeds (rad/s) at an acceleration, for a time; 0: until they are reached."""
+
+    qd: tuple[float, ...]
+    acceleration: float
+    left_s: float
+
+
+class SpeedL(NamedTuple):
+    """Reach a TCP speed (m/s over rad/s, base frame), for a time; 0: until it is reached."""
+
+    xd: tuple[float, ...]
+    a: float
+    a_rot: float
+    left_s: float
+
+
+class StopJ(NamedTuple):
+    """Slow the joints down to rest."""
+
+    deceleration: float
+
+
+class StopL(NamedTuple):
+    """Slow the TCP down to rest, on its line."""
+
+    a: float
+    a_rot: float
+
+
+Move = MoveJ | MoveL | MoveC

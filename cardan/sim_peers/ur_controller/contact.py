@@ -1,0 +1,149 @@
+"""What the simulated arm touches, and how its force mode presses against it.
+
+The contact is kinematic: a horizontal plane with a stiffness, which the TCP enters; nothing pushes
+the arm off its path. Force mode is the controller's: a speed along each compliant axis that grows
+with what is missing of the wrench asked for.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Final, NamedTuple
+
+from cardan.sim_peers.kinematics import AXES
+from cardan.spatial import add, cross, dot, norm, rotate, scale, subtract
+from cardan.types import Pose as Frame, Vector3
+
+DAMPING: Final = 0.005
+_SETTLES_S: Final = 0.05
+"""Time constant of the force on a contact, at a gain scaling of 1."""
+_COASTS_S: Final = 0.01
+"""Time constant of what coasts without force, at a damping of 1."""
+_QUICKEST: Final = (5.0,) * 3 + (25.0,) * 3
+"""Accelerations of compliant axes, m/s² and rad/s²."""
+_UP: Final = Vector3(0.0, 0.0, 1.0)
+
+
+class Plane(NamedTuple):
+    """What the arm touches: all below `height_m` in the base frame."""
+
+    height_m: float
+    stiffness_n_m: float
+
+    def force(self, tip: Vector3) -> float:
+        """How hard it pushes the TCP up, N."""
+        return max(self.height_m - tip[2], 0.0) * self.stiffness_n_m
+
+
+class Compliance(NamedTuple):
+    """What `force_mode` was given."""
+
+    frame: Frame
+    free: tuple[bool, ...]
+    """Which axes are compliant."""
+    wrench: tuple[float, ...]
+    kind: int
+    """1 to 3: how `frame` is turned."""
+    limits: tuple[float, ...]
+
+
+class ForceMode:
+    """How fast the TCP goes along the compliant axes."""
+
+    def __init__(self) -> None:
+        self.damping = DAMPING
+        self.gain = 1.0
+        self.asked: Compliance | None = None
+        self._last: Compliance | None = None
+        self._speeds = [0.0] * AXES
+
+    @property
+    def moves(self) -> bool:
+        """Whether the TCP goes along a compliant axis."""
+        return any(self._speeds)
+
+    def begin(self, asked: Compliance) -> None:
+        """Enter force mode, or change what it is given."""
+        self.asked = self._last = asked
+
+    def end(self) -> None:
+        """Leave it: the axes that were compliant come to rest."""
+        self.asked = None
+
+    def halt(self) -> None:
+        """Leave it at once."""
+        self.asked = self._last = None
+        self._speeds = [0.0] * AXES
+
+    def motion(
+        self,
+        at: Frame,
+        change: tuple[Vector3, Vector3],
+        felt: Vector3,
+        stiffness_n_m: float,
+        dt_s: float,
+    ) -> tuple[Vector3, Vector3]:
+        """How the TCP goes in a frame (m, rad): the program's own `change` along the axes that are
+        not compliant, and what the force wants along those that are.
+
+        `felt` is the force on the tool, and the stiffness that of what it touches; 0: nothing.
+        """
+        asked = self._last
+        if asked is None:
+            return change
+        axes = _axes(asked, at, change[0])
+        moved = [Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, 0.0)]
+        for number in range(AXES):
+            part, axis = divmod(number, 3)
+            along = axes[axis]
+            if asked.free[number]:
+                missing = asked.wrench[number] + (0.0 if part else dot(felt, along))
+                against = 0.0 if part else stiffness_n_m * dot(along, _UP) ** 2
+                self._speed(number, missing, against, asked.limits[number], dt_s)
+                way = self._speeds[number] * dt_s
+            else:
+                self._speeds[number] = 0.0
+                way = dot(change[part], along)
+            moved[part] = add(moved[part], scale(along, way))
+        return moved[0], moved[1]
+
+    def _speed(
+        self, number: int, missing: float, stiffness_n_m: float, most: float, dt_s: float
+    ) -> None:
+        now = self._speeds[number]
+        if self.asked is None:
+            wanted = 0.0
+        elif stiffness_n_m > 1.0:
+            wanted = self.gain * missing / (stiffness_n_m * _SETTLES_S)
+        elif abs(missing) > 1e-9:
+            wanted = math.copysign(most, missing)
+        else:
+            wanted = now * math.exp(-dt_s * self.damping / _COASTS_S)
+        wanted = min(max(wanted, -most), most)
+        change = _QUICKEST[number] * dt_s
+        self._speeds[number] = now + min(max(wanted - now, -change), change)
+
+
+def _axes(asked: Compliance, at: Frame, change: Vector3) -> Sequence[Vector3]:
+    """The directions of the task frame's axes in the base frame."""
+    frame = asked.frame
+    x, y, z = (rotate(frame.orientation, Vector3(*each)) for each in _UNITS)
+    if asked.kind == 1:
+        back = subtract(frame.position, at.position)
+        if norm(back) > 1e-9:
+            y = scale(back, 1.0 / norm(back))
+            aside = cross(y, z)
+            if norm(aside) < 1e-6:
+                aside = cross(y, x)
+            x = scale(aside, 1.0 / norm(aside))
+            z = cross(x, y)
+    elif asked.kind == 3:
+        flat = subtract(change, scale(z, dot(change, z)))
+        if norm(flat) > 1e-9:
+            x = scale(flat, 1.0 / norm(flat))
+            y = cross(z, x)
+    return x, y, z
+
+
+_UNITS: Final = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

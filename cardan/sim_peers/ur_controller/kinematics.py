@@ -1,0 +1,117 @@
+"""Forward and inverse kinematics of a UR arm with a tool, in closed form."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from cardan.sim_peers.kinematics import AXES, DhLink, forward, jacobian
+from cardan.sim_peers.ur_controller.values import Pose
+from cardan.spatial import compose, from_rotation_vector, inverse, rotate, to_rotation_vector
+from cardan.types import IDENTITY_POSE, Pose as Frame, Vector3
+
+_TURN: Final = 2.0 * math.pi
+_SINGULAR: Final = 1e-9
+"""Sine of the second wrist joint: below, the first and the third turn about one axis."""
+_ROUNDING: Final = 1e-12
+_X, _Y, _Z = Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0)
+
+
+def frame_of(pose: Sequence[float]) -> Frame:
+    """Of six numbers as URScript has them."""
+    x, y, z, rx, ry, rz = pose
+    return Frame(Vector3(x, y, z), from_rotation_vector(Vector3(rx, ry, rz)))
+
+
+def pose_of(frame: Frame) -> Pose:
+    """As URScript has it."""
+    return Pose((*frame.position, *to_rotation_vector(frame.orientation)))
+
+
+class Kinematics:
+    """One arm, its joints within `low` and `high`, rad."""
+
+    def __init__(
+        self, links: Sequence[DhLink], low: Sequence[float], high: Sequence[float]
+    ) -> None:
+        self.links, self._low, self._high = links, low, high
+
+    def forward(self, q: Sequence[float], tcp: Frame = IDENTITY_POSE) -> Frame:
+        """Where the TCP is; `tcp` is given in the flange's frame."""
+        return compose(forward(q, self.links).pose, tcp)
+
+    def jacobian(self, q: Sequence[float], tcp: Frame) -> list[tuple[float, ...]]:
+        """The TCP's Jacobian in the base frame, a column a joint: m over rad."""
+        frames = forward(q, self.links)
+        return jacobian(frames._replace(pose=compose(frames.pose, tcp)))
+
+    def speed(self, q: Sequence[float], qd: Sequence[float], tcp: Frame) -> tuple[float, ...]:
+        """The TCP's speed in the base frame, m/s over rad/s."""
+        columns = self.jacobian(q, tcp)
+        return tuple(
+            math.fsum(column[row] * v for column, v in zip(columns, qd, strict=True))
+            for row in range(AXES)
+        )
+
+    def inverse(
+        self, goal: Frame, near: Sequence[float], tcp: Frame = IDENTITY_POSE
+    ) -> list[float] | None:
+        """The joints nearest to `near` that have the TCP at `goal`; None: there are none."""
+        best, least = None, math.inf
+        for solution in self._solutions(compose(goal, inverse(tcp)), near[5]):
+            q, apart = [], 0.0
+            for angle, at, low, high in zip(solution, near, self._low, self._high, strict=True):
+                turned = angle + _TURN * round((at - angle) / _TURN)
+                if not low <= turned <= high:
+                    turned += _TURN if turned < low else -_TURN
+                    if not low <= turned <= high:
+                        break
+                apart += abs(turned - at)
+                if apart >= least:
+                    break
+                q.append(turned)
+            else:
+                best, least = q, apart
+        return best
+
+    def _solutions(self, flange: Frame, last_q: float) -> Iterator[tuple[float, ...]]:
+        """All there are, up to whole turns: two shoulders, two wrists, two elbows.
+
+        Joints 2, 3 and 4 turn about one direction, which joint 1 alone sets: the flange's parts
+        along it give joints 1, 5 and 6, and what is left is a triangle in a plane.
+        """
+        (_, d1, *_), (_, _, a2, *_), (_, _, a3, *_), (_, d4, *_), (_, d5, *_), (_, d6, *_) = (
+            self.links
+        )
+        px, py, pz = flange.position
+        nx, ny, nz = rotate(flange.orientation, _X)
+        ox, oy, oz = rotate(flange.orientation, _Y)
+        ax, ay, az = rotate(flange.orientation, _Z)
+        wx, wy = px - d6 * ax, py - d6 * ay
+        reach = math.hypot(wx, wy)
+        if not reach >= abs(d4):
+            return
+        towards, aside = math.atan2(wy, wx), math.asin(d4 / reach)
+        sin, cos, atan2 = math.sin, math.cos, math.atan2
+        for q1 in (towards + aside, towards + math.pi - aside):
+            s1, c1 = sin(q1), cos(q1)
+            n, o, a = nx * s1 - ny * c1, ox * s1 - oy * c1, ax * s1 - ay * c1
+            s5 = math.hypot(n, o)
+            for sign in (1.0, -1.0):
+                q5 = atan2(sign * s5, a)
+                q6 = last_q if s5 < _SINGULAR else atan2(-sign * o, sign * n)
+                s6, c6 = sin(q6), cos(q6)
+                # The direction of joint 5, and the centre of the wrist, in the plane.
+                ux, uy, uz = -s6 * nx - c6 * ox, -s6 * ny - c6 * oy, -s6 * nz - c6 * oz
+                across = c1 * ux + s1 * uy
+                x = c1 * (wx - d5 * ux) + s1 * (wy - d5 * uy)
+                y = pz - d6 * az - d5 * uz - d1
+                q234 = atan2(across, -uz)
+                c3 = (x * x + y * y - a2 * a2 - a3 * a3) / (2.0 * a2 * a3)
+                if not abs(c3) <= 1.0 + _ROUNDING:
+                    continue
+                elbow = math.acos(min(max(c3, -1.0), 1.0))
+                for q3 in (elbow, -elbow):
+                    q2 = atan2(y, x) - atan2(a3 * sin(q3), a2 + a3 * cos(q3))
+                    yield q1, q2, q3, q234 - q2 - q3, q5, q6

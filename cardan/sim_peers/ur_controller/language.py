@@ -1,0 +1,109 @@
+"""What programs, the functions they call and the machine that runs them agree on."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Mapping
+from typing import Any, Final, NamedTuple, Protocol
+
+CALL_STEPS: Final = 40
+"""Of computing that a call of a function counts as."""
+ELEMENT_STEPS: Final = 4
+"""That an operator counts as for each element of its lists."""
+DEEPEST_CALLS: Final = 50
+
+TOO_MUCH_TIME: Final = (
+    "The program used too much time without instructing the robot what to do. Consider using a "
+    "Wait or sync() to split long program sequences that do not move the robot."
+)
+"""The controller's words, as its users report them."""
+TOO_MUCH_BEHIND: Final = "Runtime is too much behind"
+"""Of a secondary program that takes time."""
+TWO_THREADS: Final = "Another thread is already controlling the robot"
+
+
+class ProgramError(Exception):
+    """The program cannot go on."""
+
+    def __init__(self, line: int, reason: str) -> None:
+        super().__init__(f"line {line}: {reason}")
+        self.line, self.reason = line, reason
+
+
+class HaltError(Exception):
+    """The program ends here, with all of its threads."""
+
+
+class ThreadEndError(Exception):
+    """A thread has killed itself."""
+
+
+class Wait(NamedTuple):
+    """Do nothing for a time."""
+
+    left_s: float
+
+
+class Pending(NamedTuple):
+    """Wait until something is there, while the arm does what it does."""
+
+    poll: Callable[[], Any]
+    """What is there; None: not yet."""
+    most_s: float = math.inf
+    otherwise: Callable[[], Any] = lambda: None
+    """The value, when nothing came in that time: in the next frame at the earliest."""
+
+
+class Joined(NamedTuple):
+    """Wait until a thread has ended."""
+
+    handle: int
+
+
+Action = tuple[Any, ...]
+"""A NamedTuple that the motion knows, or one of the above."""
+Running = Generator[Action, Any, Any]
+
+
+class Function(NamedTuple):
+    """A function of the controller."""
+
+    parameters: tuple[str, ...]
+    defaults: Mapping[str, Any]
+    do: Callable[..., Any]
+    """Gives a value; a ValueError says why it cannot."""
+    takes_time: bool = False
+    """`do` may give an `Action`: the program goes on when that is done."""
+
+
+class _Unset:
+    def __repr__(self) -> str:
+        return "no value"
+
+
+UNSET: Final = _Unset()
+"""What a variable has before it gets a value."""
+
+
+class Runtime(Protocol):
+    """What a program needs of the machine that runs it."""
+
+    steps: list[int]
+    """Left in this frame."""
+    stack: list[list[Any]]
+    """The variables of the functions that the thread which runs is in."""
+    line: int
+    """Of the call that takes time."""
+    globals: list[Any]
+
+    def start(self, name: str, frame: list[Any], body: Callable[[list[Any]], Any]) -> int:
+        """A thread's handle. Raises ValueError."""
+        ...
+
+    def kill(self, handle: Any) -> None:
+        """End a thread, if there is one with this handle."""
+        ...
+
+    def lives(self, handle: Any) -> bool:
+        """Whether a thread has not ended."""
+        ...

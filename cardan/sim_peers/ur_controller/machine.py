@@ -1,0 +1,279 @@
+"""Runs a URScript program in the controller's own time: threads, waits, and what moves the arm.
+
+Statements take no time. A thread runs until it calls a function that does, waits for another
+thread, or ends; then the next one runs. What a frame leaves to do is one `Action` of one thread, or
+nothing. Threads only take turns where one of them waits, so that what is between `enter_critical`
+and `exit_critical` is never parted where it takes no time; where it does, others run, which is what
+programs in use need (the manual does not say).
+
+Source: UR's script manual, threads and secondary programs. How much of a frame computing may take
+is not published.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, Final
+
+from cardan.protocols.ur.script import Program
+from cardan.sim_peers.ur_controller.compiler import Compiler
+from cardan.sim_peers.ur_controller.language import (
+    TOO_MUCH_BEHIND,
+    TWO_THREADS,
+    UNSET,
+    Action,
+    Function,
+    HaltError,
+    Joined,
+    Pending,
+    ProgramError,
+    Running,
+    ThreadEndError,
+    Wait,
+)
+from cardan.sim_peers.ur_controller.operators import Struct
+
+MOST_STEPS: Final = 40_000
+"""Of computing in one frame: operators, names and the like; a call of a function is 40."""
+MOST_THREADS: Final = 100
+MOST_BYTES: Final = 4 * 1024 * 1024
+"""Of all values that a program keeps."""
+_MEASURED_EVERY: Final = 20
+"""Frames."""
+
+
+class Thread:
+    """One of a program."""
+
+    def __init__(self, handle: int, name: str) -> None:
+        self.handle, self.name = handle, name
+        self.running: Running | None = None
+        """None: it has ended."""
+        self.stack: list[list[Any]] = []
+        """Variables of the functions it is in."""
+        self.line = 1
+        self.acted = -1
+        """The newest frame that it used up."""
+        self.action: Action | None = None
+        """What it does with the arm in the next frame."""
+        self.wait: Joined | Pending | None = None
+        self.until = 0.0
+        """The frame with which it goes on, or the waiting ends."""
+        self.value: Any = None
+        """What it is waiting for."""
+
+
+class Machine:
+    """One run of a program."""
+
+    def __init__(
+        self, program: Program, functions: Mapping[str, Function], period_s: float
+    ) -> None:
+        self.name = program.name
+        self.secondary = program.secondary
+        self.frame = 0
+        self.ended = False
+        self.steps = [0]
+        """Left in this frame."""
+        self.stack: list[list[Any]] = []
+        """Of the thread that runs."""
+        self.line = 1
+        """Of the call that runs."""
+        self._period_s = period_s
+        self._threads: list[Thread] = []
+        self._started = 0
+        self._running: Thread | None = None
+        self._mover: Thread | None = None
+        self._action: Action | None = None
+        self._left_of: Callable[[Action], Action | None] = _nothing_left
+        self.globals: list[Any] = []
+        self.names, frame, body = Compiler(program, functions, self).compiled()
+        self.start(program.name, frame, body)
+
+    @property
+    def main_line(self) -> int:
+        """Of the main program."""
+        return self._threads[0].line if self._threads else 0
+
+    @property
+    def mover_line(self) -> int:
+        """Of the thread that moves the arm in this frame; 0: none does."""
+        return 0 if self._mover is None else self._mover.line
+
+    @property
+    def variables(self) -> dict[str, Any]:
+        """The global ones that have a value."""
+        return {name: self.globals[n] for name, n in self.names.items() if self.has(n)}
+
+    def has(self, number: int) -> bool:
+        """Whether a global variable has a value."""
+        return self.globals[number] is not UNSET
+
+    def step(self, left_of: Callable[[Action], Action | None]) -> Action | None:
+        """One frame: what moves the arm in it. `left_of` says what of an action is then left.
+
+        Raises ProgramError.
+        """
+        self.frame += 1
+        self.steps[0] = MOST_STEPS
+        self._left_of = left_of
+        self._mover = self._action = None
+        for each in self._threads:
+            if each.action is not None:
+                self._move(each, each.action)
+        while not self.ended and self._turn():
+            pass
+        if self.frame % _MEASURED_EVERY == 0 and self._size() > MOST_BYTES:
+            raise ProgramError(self.main_line, "the program keeps too many values")
+        return None if self.ended else self._action
+
+    def run_at_once(self) -> None:
+        """The whole of a program that may take no time. Raises ProgramError."""
+        self.step(_nothing_left)
+        if not self.ended:
+            raise ProgramError(self.main_line, TOO_MUCH_BEHIND)
+
+    def close(self) -> None:
+        """End all threads."""
+        self.ended = True
+        for each in self._threads:
+            self._end(each)
+        self._threads.clear()
+
+    # -- threads ----------------------------------------------------------------------------------
+
+    def start(self, name: str, frame: list[Any], body: Callable[[list[Any]], Any]) -> int:
+        """A thread's handle; it runs later in this frame. Raises ValueError."""
+        if self.secondary and self._started:
+            raise ValueError("a secondary program has no threads")
+        if len(self._threads) >= MOST_THREADS:
+            raise ValueError(f"there are {MOST_THREADS} threads already")
+        made = Thread(self._started, name)
+        self._started += 1
+        made.stack.append(frame)
+        made.running = body(frame)
+        self._threads.append(made)
+        return made.handle
+
+    def kill(self, handle: Any) -> None:
+        """End a thread; none has the handle 0."""
+        for each in self._threads[1:]:
+            if each.handle == handle:
+                if each is self._running:
+                    raise ThreadEndError
+                self._end(each)
+
+    def lives(self, handle: Any) -> bool:
+        """Whether a thread has not ended."""
+        return any(e.handle == handle and e.running is not None for e in self._threads[1:])
+
+    def _end(self, thread: Thread) -> None:
+        if thread.running is not None and thread is not self._running:
+            thread.running.close()
+        thread.running = thread.action = thread.wait = None
+        if self._mover is thread:
+            self._mover = self._action = None
+
+    def _turn(self) -> bool:
+        """Every thread that can go on does; whether there was one."""
+        there_was = False
+        for each in tuple(self._threads):
+            if each.running is not None and each.acted < self.frame and self._ready(each):
+                there_was = True
+                self._resume(each)
+                if self.ended:
+                    return True
+        if there_was:
+            main, *others = self._threads
+            self._threads = [main, *(each for each in others if each.running is not None)]
+        return there_was
+
+    def _ready(self, thread: Thread) -> bool:
+        wait = thread.wait
+        if wait is None:
+            return self.frame >= thread.until
+        if isinstance(wait, Joined):
+            return not self.lives(wait.handle)
+        thread.value = wait.poll()
+        if thread.value is not None:
+            return True
+        if self.frame < thread.until:
+            return False
+        thread.value = wait.otherwise()
+        return True
+
+    def _resume(self, thread: Thread) -> None:
+        running, value = thread.running, thread.value
+        assert running is not None
+        thread.wait = thread.value = None
+        self._running, self.stack, self.line = thread, thread.stack, thread.line
+        try:
+            action = running.send(value)
+        except (StopIteration, ThreadEndError):
+            self._running = None
+            self._end(thread)
+            if thread is self._threads[0]:
+                self.close()
+            return
+        except HaltError:
+            self._running = None
+            self.close()
+            return
+        except RecursionError:
+            raise ProgramError(self.line, "too many levels") from None
+        finally:
+            self._running = None
+        thread.line = self.line
+        if isinstance(action, Joined):
+            thread.wait = action
+        elif self.secondary:
+            raise ProgramError(self.line, TOO_MUCH_BEHIND)
+        elif isinstance(action, Pending):
+            thread.wait = action
+            thread.until = self.frame + max(1.0, action.most_s / self._period_s - 1e-6)
+        elif isinstance(action, Wait):
+            thread.acted = self.frame
+            thread.until = self.frame + max(1.0, action.left_s / self._period_s - 1e-6)
+        else:
+            self._move(thread, action)
+
+    def _move(self, thread: Thread, action: Action) -> None:
+        if self._mover is not None:
+            raise ProgramError(thread.line, TWO_THREADS)
+        thread.acted = self.frame
+        thread.action = self._left_of(action)
+        thread.until = self.frame + 1
+        self._mover, self._action = thread, action
+
+    # -- memory -----------------------------------------------------------------------------------
+
+    def _size(self) -> int:
+        """Bytes that all values take, about; more than `MOST_BYTES` are not counted on."""
+        total = 0
+        for values in self._kept():
+            for each in values:
+                total += _size(each)
+                if total > MOST_BYTES:
+                    return total
+        return total
+
+    def _kept(self) -> Iterator[list[Any]]:
+        yield self.globals
+        for each in self._threads:
+            yield from each.stack
+
+
+def _size(value: Any) -> int:
+    if isinstance(value, str):
+        return len(value)
+    if isinstance(value, Struct):
+        return 64 + sum(map(_size, value.values()))
+    if isinstance(value, list):
+        if value and isinstance(value[0], (list, str, tuple)):
+            return 64 + sum(map(_size, value))
+        return 64 + 32 * len(value)
+    return 8
+
+
+def _nothing_left(action: Action) -> None:
+    """Of an action in its only frame."""

@@ -1,0 +1,683 @@
+"""How the simulated arm moves: what a program asks for, frame by frame, and the arm behind it.
+
+UR publishes the speed profile of its moves (a trapezoid) and where a blend begins, and neither
+servoj's law nor the arm's. Here `servoj` moves the target towards the joints asked for with
+`lookahead_time` as its time constant, whatever the gain, which is what a ramp is behind by; and the
+arm follows its target with 8 ms.
+
+A move with a blend radius is done for its program once the TCP is that near to the waypoint. A move
+that comes then begins at once, and what is left of the first is added to it until it is over, each
+with half of the acceleration. Nothing has to be known ahead for that: until another comes, the
+first is on its way to rest at its waypoint.
+"""
+
+from __future__ import annotations
+
+import enum
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from cardan.sim_peers.kinematics import AXES, Differential, forward
+from cardan.sim_peers.ur_controller.actions import (
+    Action,
+    Move,
+    MoveC,
+    MoveJ,
+    MoveL,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+    StopJ,
+    StopL,
+    Wait,
+)
+from cardan.sim_peers.ur_controller.contact import Compliance, ForceMode, Plane
+from cardan.sim_peers.ur_controller.kinematics import Kinematics, pose_of
+from cardan.sim_peers.ur_controller.paths import (
+    Course,
+    JointPath,
+    LinePath,
+    ToolPath,
+    arc_or_line,
+    joints_on,
+    length_within,
+    ramp,
+    tcp_on,
+)
+from cardan.sim_peers.ur_controller.values import Pose
+from cardan.spatial import (
+    add,
+    conjugate,
+    cross,
+    from_rotation_vector,
+    multiply,
+    norm,
+    normalized,
+    rotation_between,
+    scale,
+    subtract,
+)
+from cardan.types import IDENTITY_POSE, Pose as Frame, Vector3
+
+KEPT_POSITIONS: Final = 1000
+"""Frames back to which `get_actual_joint_positions_history` knows the joints."""
+HARDEST_N: Final = 150.0
+"""Force of a contact at which the safety system stops the arm."""
+TOUCHED_N: Final = 5.0
+"""Force from which `tool_contact` sees a contact."""
+STEADY_S: Final = 0.5
+GRAVITY: Final = (0.0, 0.0, 9.82)
+
+_ARM_LAG_S: Final = 0.008
+_STOP_RAD_S2: Final = 15.0
+"""Of a stop that is not the program's."""
+_SLIDER_PER_S: Final = 4.0
+"""How fast the speed follows the slider, and comes back after a pause."""
+_AT_REST: Final = 1e-9
+_TOO_FAST: Final = 1.05
+"""Of a joint's highest speed: here the safety system stops the arm."""
+_ROUNDING: Final = 1e-9
+
+
+_IN_TOOL_SPACE: Final = (MoveL, MoveC, SpeedL)
+
+
+class ControlMode(enum.IntEnum):
+    """How the arm is controlled; the primary interface has the numbers."""
+
+    POSITION = 0
+    TEACH = 1
+    FORCE = 2
+    TORQUE = 3
+
+
+@dataclass
+class Payload:
+    """What the arm is told it carries, kg and m from the flange."""
+
+    mass: float = 0.0
+    cog: tuple[float, ...] = (0.0, 0.0, 0.0)
+    inertia: tuple[float, ...] = (0.0,) * 6
+
+
+class _StopError(Exception):
+    """Why the safety system has to stop the arm."""
+
+
+@dataclass(eq=False)
+class _Run:
+    """A move on its way."""
+
+    action: Move
+    path: JointPath | ToolPath
+    course: Course
+    tcp: Frame
+    released_at: float
+    """The length at which the program goes on."""
+    waypoint: Pose
+    released: bool = False
+    """The program has gone on, or may."""
+
+    @property
+    def done(self) -> bool:
+        """At its waypoint, at rest."""
+        return self.course.done
+
+
+@dataclass(eq=False)
+class _Tail:
+    """What is left of the move before."""
+
+    run: _Run
+    course: Course
+    joints: list[float]
+    """At its waypoint."""
+
+
+class Motion:
+    """The joints, commanded (`target_q`) and measured (`actual_q`), rad and rad/s."""
+
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        start: Sequence[float],
+        speed: Sequence[float],
+        low: Sequence[float],
+        high: Sequence[float],
+        *,
+        plane: Plane | None = None,
+        say: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self.kinematics = kinematics
+        self.target_q = list(start)
+        self.target_qd = [0.0] * AXES
+        self.target_qdd = [0.0] * AXES
+        self.actual_q = list(start)
+        self.actual_qd = [0.0] * AXES
+        self.actual_qdd = [0.0] * AXES
+        self.steps = 0
+        """Frames so far."""
+        self.tcp = IDENTITY_POSE
+        """In the flange's frame."""
+        self.payload = Payload()
+        self.gravity: tuple[float, ...] = GRAVITY
+        self.freedrive = False
+        self.paused = False
+        """The program is: the arm rests on its path."""
+        self.force = ForceMode()
+        self.scale = 1.0
+        """How fast a program's motion is, as a share; it follows the slider."""
+        self._fresh = True
+        self._speed, self._low, self._high = speed, low, high
+        self._plane, self._say = plane, say
+        self._zero = Vector3(0.0, 0.0, 0.0)
+        self._contact_frames = 0
+        self._hard = False
+        self._rest_s = 0.0
+        self._past: deque[tuple[float, ...]] = deque([tuple(start)], maxlen=KEPT_POSITIONS)
+        self._q = list(start)
+        """What the program's motion asks for; force mode adds to it."""
+        self._qd = [0.0] * AXES
+        self._run: _Run | None = None
+        self._tail: _Tail | None = None
+        self._skipped: Move | None = None
+        self._apart = False
+        """Force mode has moved the arm off what the program asks for."""
+        self._rate = 1.0
+        """Of a move's time while it is held."""
+        self._twist: list[float] | None = None
+        """The TCP's speed of a program that sets it."""
+        self._line: Frame | None = None
+        """Where that has brought the TCP."""
+
+    # -- what others ask --------------------------------------------------------------------------
+
+    @property
+    def moving(self) -> bool:
+        """Whether the target moves."""
+        return any(abs(v) > _AT_REST for v in self.target_qd)
+
+    @property
+    def resuming(self) -> bool:
+        """Whether a move speeds up again that was held on its path."""
+        return self._run is not None and not self.paused and self._rate < 1.0
+
+    @property
+    def steady(self) -> bool:
+        """Whether the target has been at rest for half a second."""
+        return self._rest_s >= STEADY_S - _ROUNDING
+
+    @property
+    def control_mode(self) -> ControlMode:
+        """How the arm is controlled now."""
+        if self.freedrive:
+            return ControlMode.TEACH
+        return ControlMode.POSITION if self.force.asked is None else ControlMode.FORCE
+
+    @property
+    def tcp_offset(self) -> Pose:
+        """The TCP in the flange's frame."""
+        return pose_of(self.tcp)
+
+    def target_tcp_pose(self) -> Pose:
+        """Of the commanded joints."""
+        return pose_of(self.kinematics.forward(self.target_q, self.tcp))
+
+    def actual_tcp_pose(self) -> Pose:
+        """Of the measured joints."""
+        return pose_of(self.kinematics.forward(self.actual_q, self.tcp))
+
+    def target_tcp_speed(self) -> Pose:
+        """Of the commanded joints, base frame, m/s over rad/s."""
+        return Pose(self.kinematics.speed(self.target_q, self.target_qd, self.tcp))
+
+    def actual_tcp_speed(self) -> Pose:
+        """Of the measured joints, base frame, m/s over rad/s."""
+        return Pose(self.kinematics.speed(self.actual_q, self.actual_qd, self.tcp))
+
+    def waypoint(self) -> Pose:
+        """Where the move leads that is on its way; without one, where the TCP is."""
+        run = self._run
+        return self.target_tcp_pose() if run is None or run.done else run.waypoint
+
+    def in_range(self, q: Sequence[float]) -> bool:
+        """Whether all joints are."""
+        return all(
+            low <= each <= high for low, each, high in zip(self._low, q, self._high, strict=True)
+        )
+
+    def is_singular(self, threshold: float) -> bool:
+        """Whether the smallest singular value of the arm's Jacobian is below `threshold`."""
+        return Differential(forward(self.actual_q, self.kinematics.links)).is_singular(threshold)
+
+    def tcp_force(self) -> Pose:
+        """The force on the tool (N, N·m) about the flange, base frame, since it was zeroed."""
+        force = self._felt()
+        if not any(force):
+            return Pose((0.0,) * AXES)
+        tip = self.kinematics.forward(self.actual_q, self.tcp).position
+        flange = self.kinematics.forward(self.actual_q).position
+        return Pose((*force, *cross(subtract(tip, flange), force)))
+
+    def joint_torques(self) -> list[float]:
+        """What the contact has the joints hold, N·m."""
+        columns = self.kinematics.jacobian(self.actual_q, self.tcp)
+        return [column[2] * self.pushed() for column in columns]
+
+    def zero_force(self) -> None:
+        """What the sensor feels now is none."""
+        self._zero = Vector3(0.0, 0.0, self.pushed())
+
+    def touched(self, direction: Sequence[float]) -> int:
+        """Frames since a contact began that is against `direction`; 0: there is none."""
+        if self.pushed() < TOUCHED_N or (any(direction[:3]) and direction[2] >= 0.0):
+            return 0
+        return self._contact_frames
+
+    def position_before(self, frames: int) -> list[float]:
+        """The measured joints so many frames ago."""
+        return list(self._past[-1 - frames])
+
+    @property
+    def positions_kept(self) -> int:
+        """How many there are for `position_before`."""
+        return len(self._past)
+
+    def pushed(self) -> float:
+        """How hard what the TCP touches pushes it up, N."""
+        if self._plane is None:
+            return 0.0
+        return self._plane.force(self.kinematics.forward(self.actual_q, self.tcp).position)
+
+    def _felt(self) -> Vector3:
+        return subtract(Vector3(0.0, 0.0, self.pushed()), self._zero)
+
+    # -- orders that take no time -----------------------------------------------------------------
+
+    def begin_force(self, asked: Compliance) -> None:
+        """Enter force mode."""
+        self.force.begin(asked)
+
+    def set_tcp(self, tcp: Frame) -> None:
+        """Where the TCP is in the flange's frame."""
+        self.tcp = tcp
+        self._twist = self._line = None
+
+    def end_force(self) -> None:
+        """Leave force mode: what it has moved the arm by stays until a move begins anew."""
+        self._apart = self._apart or self.force.asked is not None
+        self.force.end()
+
+    def end_modes(self) -> None:
+        """A program has come to its end, and its modes with it."""
+        self.end_force()
+        self.freedrive = False
+
+    def halt(self) -> None:
+        """What was on its way is over: the arm brakes."""
+        self.freedrive = False
+        self._drop()
+
+    def _drop(self) -> None:
+        self._run = self._tail = None
+        self._twist = self._line = None
+        self._rate = 1.0
+        self._apart = False
+        self.force.halt()
+        self._q, self._qd = list(self.target_q), list(self.target_qd)
+
+    # -- frames -----------------------------------------------------------------------------------
+
+    def left_of(self, action: Action, dt_s: float) -> Action | None:
+        """What of an action is left after the frame that was last."""
+        if isinstance(action, MoveJ | MoveL | MoveC):
+            return None if self._released(action) else action
+        if isinstance(action, StopJ | StopL):
+            return action if self.moving else None
+        if isinstance(action, SpeedJ | SpeedL) and action.left_s == 0.0:
+            return None if self._at_speed(action) else action
+        assert isinstance(action, ServoJ | SpeedJ | SpeedL)
+        left_s = action.left_s - dt_s * self.scale
+        return None if left_s <= _ROUNDING else action._replace(left_s=left_s)
+
+    def _released(self, action: Move) -> bool:
+        run = self._run
+        return action is self._skipped or (
+            run is not None and run.action is action and run.released
+        )
+
+    def _at_speed(self, action: SpeedJ | SpeedL) -> bool:
+        if isinstance(action, SpeedJ):
+            now, wanted = self._qd, action.qd
+        else:
+            now, wanted = self._twist or [math.inf] * AXES, action.xd
+        return all(
+            abs(v - self.scale * aim) <= _AT_REST for v, aim in zip(now, wanted, strict=True)
+        )
+
+    def step(self, action: Action | None, dt_s: float, scale: float) -> str:
+        """One frame of `dt_s`, with the program's time running `scale` times as fast as real time.
+
+        None brakes. Gives why the safety system has to stop the arm; empty: it has not.
+        """
+        if self._fresh:
+            self.scale, self._fresh = scale, False
+        most = _SLIDER_PER_S * dt_s
+        self.scale += min(max(scale - self.scale, -most), most)
+        why = ""
+        try:
+            q = self._asked(action, dt_s)
+            self._check_speeds(self._q, q, dt_s, isinstance(action, _IN_TOOL_SPACE))
+            target = q
+            if self.force.asked is not None or self._apart:
+                target = self._bent(q, dt_s)
+                self._check_speeds(self.target_q, target, dt_s, True)
+        except _StopError as error:
+            why = str(error)
+            self._drop()
+            q = target = self._braked(dt_s)
+        for joint, each in enumerate(target):
+            if not self._low[joint] <= each <= self._high[joint]:
+                why = why or f"joint {joint + 1} is at the end of its range"
+                target = [*target[:joint], self.target_q[joint], *target[joint + 1 :]]
+                self._drop()
+        if why:
+            q = target
+        speeds = [(a - b) / dt_s for a, b in zip(target, self.target_q, strict=True)]
+        self._qd = [(a - b) / dt_s for a, b in zip(q, self._q, strict=True)]
+        self.target_qdd = [(a - b) / dt_s for a, b in zip(speeds, self.target_qd, strict=True)]
+        self._q, self.target_q, self.target_qd = list(q), list(target), speeds
+        self._rest_s = 0.0 if self.moving else self._rest_s + dt_s
+        self._meet()
+        self._follow(dt_s)
+        return self._touch() or why
+
+    def _check_speeds(
+        self, before: Sequence[float], after: Sequence[float], dt_s: float, tool_space: bool
+    ) -> None:
+        words = "too fast for the joints, as near a singularity: " if tool_space else ""
+        for number, (a, b, most) in enumerate(zip(after, before, self._speed, strict=True)):
+            if abs(a - b) > _TOO_FAST * most * dt_s:
+                raise _StopError(
+                    f"{words}joint {number + 1} was asked for {(a - b) / dt_s:.2f} rad/s, "
+                    f"beyond {most:.2f}"
+                )
+
+    def _meet(self) -> None:
+        """Let the program's motion go on from where force mode has brought the arm."""
+        if self._run is not None and not (self._run.done and self._tail is None):
+            return
+        if self.force.asked is not None or self._apart:
+            self._q, self._line = list(self.target_q), None
+            self._apart = self._apart and self.force.moves
+
+    def _follow(self, dt_s: float) -> None:
+        self.steps += 1
+        share = dt_s / (_ARM_LAG_S + dt_s)
+        for joint, goal in enumerate(self.target_q):
+            change = share * (goal - self.actual_q[joint])
+            self.actual_q[joint] += change
+            speed = change / dt_s
+            self.actual_qdd[joint] = (speed - self.actual_qd[joint]) / dt_s
+            self.actual_qd[joint] = speed
+        self._past.append(tuple(self.actual_q))
+
+    def _touch(self) -> str:
+        pushed = self.pushed()
+        self._contact_frames = self._contact_frames + 1 if pushed else 0
+        was_hard, self._hard = self._hard, pushed > HARDEST_N
+        if self._hard and not was_hard:
+            return f"the arm touches something with {pushed:.0f} N, beyond {HARDEST_N:.0f} N"
+        return ""
+
+    # -- what a program asks for ------------------------------------------------------------------
+
+    def _asked(self, action: Action | None, dt_s: float) -> list[float]:
+        """The joints at the end of the frame."""
+        if isinstance(action, MoveJ | MoveL | MoveC):
+            self._twist = self._line = None
+            return self._moved(action, dt_s)
+        if action is None or isinstance(action, Wait):
+            self._twist = self._line = None
+            if self._run is not None:
+                return self._along(self._run, dt_s, held=self.paused or not self._run.released)
+            return self._braked(dt_s)
+        self._run = self._tail = None
+        self._rate = 1.0
+        if isinstance(action, SpeedL):
+            scaled = self.scale * dt_s
+            aims = [self.scale * v for v in action.xd]
+            return self._lined(aims, action.a * scaled, action.a_rot * scaled, dt_s)
+        if isinstance(action, StopL):
+            try:
+                rest = [0.0] * AXES
+                return self._lined(rest, action.a * dt_s, action.a_rot * dt_s, dt_s)
+            except _StopError:
+                return self._braked(dt_s)
+        self._twist = self._line = None
+        if isinstance(action, ServoJ):
+            share = -math.expm1(-dt_s * self.scale / action.lookahead_s)
+            return [q + (goal - q) * share for goal, q in zip(action.q, self._q, strict=True)]
+        if isinstance(action, SpeedJ):
+            aims = [self.scale * v for v in action.qd]
+            return self._toward(aims, action.acceleration * self.scale * dt_s, dt_s)
+        assert isinstance(action, StopJ)
+        return self._toward([0.0] * AXES, action.deceleration * dt_s, dt_s)
+
+    def _braked(self, dt_s: float) -> list[float]:
+        return self._toward([0.0] * AXES, _STOP_RAD_S2 * dt_s, dt_s)
+
+    def _toward(self, speeds: Sequence[float], change: float, dt_s: float) -> list[float]:
+        """Change the speeds by at most `change`, all in the same share of time."""
+        apart = [aim - v for aim, v in zip(speeds, self._qd, strict=True)]
+        largest = max(map(abs, apart))
+        share = 1.0 if largest <= change else change / largest
+        return [
+            q + (v + share * each) * dt_s
+            for q, v, each in zip(self._q, self._qd, apart, strict=True)
+        ]
+
+    def _lined(
+        self, aims: Sequence[float], change: float, turning: float, dt_s: float
+    ) -> list[float]:
+        """Change the TCP's speed by at most so much, m/s and rad/s."""
+        now = self._twist or list(self.kinematics.speed(self._q, self._qd, self.tcp))
+        twist: list[float] = []
+        for first, most in ((0, change), (3, turning)):
+            part = Vector3(*now[first : first + 3])
+            apart = subtract(Vector3(*aims[first : first + 3]), part)
+            length = norm(apart)
+            twist += add(part, scale(apart, 1.0 if length <= most else most / length))
+        here = self._line or self.kinematics.forward(self._q, self.tcp)
+        if not any(twist):
+            self._twist, self._line = twist, here
+            return list(self._q)
+        way, turn = Vector3(*twist[:3]), Vector3(*twist[3:])
+        return self._held_on(_displaced(here, scale(way, dt_s), scale(turn, dt_s)), twist)
+
+    def _held_on(self, there: Frame, twist: list[float]) -> list[float]:
+        q = self.kinematics.inverse(there, self._q, self.tcp)
+        if q is None:
+            raise _StopError("the arm does not reach as far as the program asks")
+        self._twist, self._line = twist, there
+        return q
+
+    def _bent(self, q: Sequence[float], dt_s: float) -> list[float]:
+        """The joints that force mode makes of the program's."""
+        before, after = (self.kinematics.forward(each, self.tcp) for each in (self._q, q))
+        way = subtract(after.position, before.position)
+        turn = rotation_between(before.orientation, after.orientation)
+        here = self.kinematics.forward(self.target_q, self.tcp)
+        touched = self._plane if self.pushed() > 0.0 else None
+        stiffness = 0.0 if touched is None else touched.stiffness_n_m
+        way, turn = self.force.motion(here, (way, turn), self._felt(), stiffness, dt_s)
+        if not any(way) and not any(turn):
+            return list(self.target_q)
+        found = self.kinematics.inverse(_displaced(here, way, turn), self.target_q, self.tcp)
+        if found is None:
+            raise _StopError("the arm does not reach as far as force mode wants")
+        return found
+
+    # -- moves ------------------------------------------------------------------------------------
+
+    def _moved(self, action: Move, dt_s: float) -> list[float]:
+        run = self._run
+        if run is not None and (run.action is action or action is self._skipped):
+            return self._along(run, dt_s)
+        self._skipped = None
+        if run is not None and not run.released:
+            self._run = self._tail = run = None
+        if run is None and any(abs(v) > _AT_REST for v in self._qd):
+            return self._braked(dt_s)
+        before = None if run is None or run.done else run
+        if before is None and self._apart and self.force.asked is None:
+            if self.force.moves:
+                return list(self._q)
+            self._q, self._apart = list(self.target_q), False
+        begun = self._begun(action, before, dt_s)
+        return self._along(begun, dt_s)
+
+    def _along(self, run: _Run, dt_s: float, held: bool = False) -> list[float]:
+        """One frame along the path; one that is held comes to rest on it."""
+        if run.done and self._tail is None:
+            run.released = True
+            return list(self._q)
+        if held:
+            fastest = max(map(abs, self._qd))
+            less = _STOP_RAD_S2 * dt_s / fastest if fastest > _AT_REST else 1.0
+            self._rate = max(self._rate * (1.0 - less), 0.0)
+        else:
+            self._rate = min(self._rate + _SLIDER_PER_S * dt_s, 1.0)
+        passed_s = dt_s * self.scale * self._rate
+        run.course.advance(passed_s)
+        tail = self._tail
+        if tail is not None:
+            tail.course.advance(passed_s)
+        q = self._place(run, tail)
+        if q is None:
+            raise _StopError("the arm does not reach a point of the path")
+        if tail is not None and tail.course.done:
+            self._tail = None
+        if self._tail is None:
+            run.released = run.done or run.course.s >= run.released_at - _ROUNDING
+        return q
+
+    def _place(self, run: _Run, tail: _Tail | None) -> list[float] | None:
+        kinematics, path, s = self.kinematics, run.path, run.course.s
+        if tail is None:
+            return joints_on(kinematics, path, s, self._q, run.tcp)
+        before, left = tail.run, tail.course.s
+        if (
+            not isinstance(path, JointPath)
+            and not isinstance(before.path, JointPath)
+            and run.tcp == before.tcp
+        ):
+            first, second, corner = before.path.at(left), path.at(s), path.start
+            there = Frame(
+                add(first.position, subtract(second.position, corner.position)),
+                normalized(
+                    multiply(
+                        multiply(first.orientation, conjugate(corner.orientation)),
+                        second.orientation,
+                    )
+                ),
+            )
+            return kinematics.inverse(there, self._q, run.tcp)
+        one = joints_on(kinematics, before.path, left, self._q, before.tcp)
+        two = joints_on(kinematics, path, s, self._q, run.tcp)
+        if one is None or two is None:
+            return None
+        return [a + b - c for a, b, c in zip(one, two, tail.joints, strict=True)]
+
+    def _begun(self, action: Move, before: _Run | None, dt_s: float) -> _Run:
+        """The move's run from now on, or the one before, with which it is skipped."""
+        tcp = self.tcp
+        start_q: list[float] | None = list(self._q)
+        if before is not None:
+            start_q = joints_on(
+                self.kinematics, before.path, before.path.length, self._q, before.tcp
+            )
+        if start_q is None:
+            raise _StopError("the arm does not reach a point of the path")
+        start = self.kinematics.forward(start_q, tcp)
+        path = _path(action, start_q, start)
+        length = path.length
+        goal = tcp_on(self.kinematics, path, length, tcp)
+        reached = isinstance(path, JointPath) or self.kinematics.inverse(goal, start_q, tcp)
+        if not reached:
+            raise _StopError("the pose that a move leads to is out of the arm's reach")
+        way = norm(subtract(goal.position, start.position))
+        if before is not None and action.r > 0.0 and before.action.r + action.r > way:
+            self._say("Overlapping Blends: a move is skipped")
+            self._skipped = action
+            return before
+        a, most = self._limits(action, path)
+        within = 0.0
+        if action.r > 0.0 and way > _ROUNDING:
+            within = length_within(self.kinematics, path, action.r, tcp)
+        # So slow that two moves that share a corner stay within its acceleration, whatever the
+        # angle and up to two frames late.
+        entry = math.sqrt((a * dt_s) ** 2 + a * within) - a * dt_s
+        self._tail = None
+        pieces: list[tuple[float, float]] = []
+        v, free = 0.0, length - within
+        if before is not None and before.course.v > _AT_REST:
+            left, now = before.path.length - before.course.s, before.course.v
+            takes_s = 2.0 * left / now
+            same = isinstance(path, JointPath) is isinstance(before.path, JointPath)
+            spare = max(a - now / takes_s, 0.0) if same else 0.5 * a
+            slows = a * takes_s
+            v = min(
+                most,
+                spare * takes_s,
+                2.0 * free / takes_s,
+                0.5 * (math.sqrt(slows * slows + 4.0 * (2.0 * a * free + entry * entry)) - slows),
+            )
+            tail = Course(before.course.s, now, before.path.length, [(takes_s, -now / takes_s)])
+            self._tail = _Tail(before, tail, start_q)
+            pieces.append((takes_s, v / takes_s))
+            free -= 0.5 * v * takes_s
+        part, at_blend = ramp(free, v, entry, most, a)
+        pieces += part
+        pieces += ramp(within, at_blend, 0.0, at_blend or most, a)[0]
+        if before is None:
+            self._rate = 1.0
+        self._run = _Run(
+            action, path, Course(0.0, 0.0, length, pieces), tcp, length - within, pose_of(goal)
+        )
+        if not within:
+            self._run.released_at = math.inf
+        return self._run
+
+    def _limits(self, action: Move, path: JointPath | ToolPath) -> tuple[float, float]:
+        """Acceleration and highest speed along a path."""
+        if not isinstance(action, MoveC) and action.t > 0.0:
+            v = path.length / (0.75 * action.t)
+            return max(v / (0.25 * action.t), _AT_REST), max(v, _AT_REST)
+        most = action.v
+        if isinstance(path, JointPath):
+            for change, limit in zip(path.change, self._speed, strict=True):
+                if abs(change) > _ROUNDING:
+                    most = min(most, limit * path.length / abs(change))
+        elif math.isfinite(path.radius):
+            # Along the path and across it: what both come to is the acceleration asked for.
+            a = action.a * math.sqrt(0.5)
+            return a, min(most, math.sqrt(a * path.radius))
+        return action.a, most
+
+
+def _path(action: Move, start_q: Sequence[float], start: Frame) -> JointPath | ToolPath:
+    if isinstance(action, MoveJ):
+        return JointPath(start_q, action.q)
+    if isinstance(action, MoveL):
+        return LinePath(start, action.goal)
+    return arc_or_line(start, action.via, action.goal, action.fixed)
+
+
+def _displaced(frame: Frame, way: Vector3, turn: Vector3) -> Frame:
+    """A frame moved and turned in the base frame."""
+    orientation = normalized(multiply(from_rotation_vector(turn), frame.orientation))
+    return Frame(add(frame.position, way), orientation)

@@ -1,0 +1,143 @@
+"""The pendant of the simulated controller: what the dashboard server stands in for a person at."""
+
+from __future__ import annotations
+
+import heapq
+import zipfile
+from collections.abc import Callable, Iterable, Sequence
+from operator import itemgetter
+from pathlib import Path, PurePosixPath
+from typing import Final
+
+from cardan.protocols.ur.script import LARGEST
+from cardan.sim_peers.ur_controller.controller import UrController
+
+SERIAL_NUMBER: Final = "20000000000"
+USER_ROLES: Final = ("PROGRAMMER", "OPERATOR", "NONE", "LOCKED", "RESTRICTED")
+OPERATIONAL_MODES: Final = ("NONE", "MANUAL", "AUTOMATIC")
+REPORTS: Final = ("controller", "software", "system")
+DEFAULT_INSTALLATION: Final = "default.installation"
+LOG_FILE: Final = "log_history.txt"
+SUPPORT_FILE: Final = f"ur_{SERIAL_NUMBER}.zip"
+
+_ON_A_ROBOT: Final = (PurePosixPath("/ursim/programs"), PurePosixPath("/programs"))
+"""Where a controller has its programs; the folder stands for these."""
+
+
+class Pendant:
+    """Programs in a folder, and what a person has set."""
+
+    def __init__(
+        self,
+        controller: UrController,
+        note: Callable[[str], None],
+        histories: Sequence[Iterable[tuple[float, str]]],
+    ) -> None:
+        """`note` takes what a person may want to know; the log is put together of `histories`."""
+        self._controller, self.note = controller, note
+        self._histories = histories
+        folder = controller.options.programs
+        self._folder = Path(folder).resolve() if folder else None
+        self.loaded = ""
+        """The program, as it was asked for."""
+        self.user_role = "PROGRAMMER"
+        self.operational_mode = "NONE"
+        """NONE: nobody controls it by the dashboard."""
+        self._text = ""
+        self._reports = 0
+
+    # -- programs ---------------------------------------------------------------------------------
+
+    def load(self, name: str) -> str:
+        """Load a program; what the dashboard answers."""
+        found = self._inside(name)
+        if found is None or not found.is_file():
+            return f"File not found: {name}"
+        # A .urp is for PolyScope: the program itself is the .script that is saved with it.
+        try:
+            data = found.with_suffix(".script").read_bytes()
+        except OSError:
+            data = b""
+        if not 0 < len(data) <= LARGEST or self._controller.has_program:
+            return f"Error while loading program: {name}"
+        self.loaded, self._text = name, data.decode("utf-8", "replace")
+        self.note(f"loaded {name}")
+        return f"Loading program: {name}"
+
+    def play(self) -> bool:
+        """Go on with what is paused, or begin what is loaded."""
+        controller = self._controller
+        if controller.resume():
+            return True
+        if controller.has_program or not self._text:
+            return False
+        controller.upload(self._text, PurePosixPath(self.loaded).name)
+        return controller.has_program
+
+    @property
+    def program_name(self) -> str:
+        """What runs; where nothing does, what is loaded."""
+        controller = self._controller
+        runs = controller.has_program
+        return controller.program_name if runs else PurePosixPath(self.loaded).name
+
+    def load_installation(self, name: str) -> str:
+        """Load an installation; what the dashboard answers."""
+        found = self._inside(name)
+        if name != DEFAULT_INSTALLATION and (found is None or not found.is_file()):
+            return f"File not found: {name}"
+        if self._controller.has_program:
+            return f"Failed to load installation: {name}"
+        self.note(f"loaded {name}")
+        return f"Loading installation: {name}"
+
+    def _inside(self, name: str) -> Path | None:
+        """A path in the folder; None: there is none, or it is somewhere else."""
+        asked = PurePosixPath(name)
+        for place in _ON_A_ROBOT:
+            if asked.is_relative_to(place):
+                asked = asked.relative_to(place)
+                break
+        if self._folder is None:
+            return None
+        try:
+            found = (self._folder / asked).resolve()
+        except (OSError, RuntimeError, ValueError):  # a ring of links, or a zero byte
+            return None
+        return found if found.is_relative_to(self._folder) else None
+
+    # -- what is kept -----------------------------------------------------------------------------
+
+    def save_log(self) -> str:
+        """Save the log in the folder; what the dashboard answers."""
+        if self._folder is None:
+            return "Failed to save log"
+        try:
+            (self._folder / LOG_FILE).write_text(self._log(), encoding="utf-8")
+        except OSError:
+            return "Failed to save log"
+        return "Log saved to disk"
+
+    def flight_report(self, kind: str) -> str:
+        """Write a flight report into the log; what the dashboard answers."""
+        if kind not in ("", *REPORTS):
+            return f"Error: there is no flight report {kind!r}"
+        self._reports += 1
+        self.note(f"flight report {self._reports}: {kind or REPORTS[-1]}")
+        return f"Flight Report generated with id: {self._reports}"
+
+    def support_file(self, name: str) -> str:
+        """Save a support file in a directory of the folder; what the dashboard answers."""
+        found = self._inside(name)
+        if found is None or not found.is_dir():
+            return f"Error: there is no directory {name}"
+        try:
+            with zipfile.ZipFile(found / SUPPORT_FILE, "w", zipfile.ZIP_DEFLATED) as file:
+                file.writestr(LOG_FILE, self._log())
+        except OSError:
+            return f"Error: {name} cannot be written"
+        return f"Completed successfully: {SUPPORT_FILE}"
+
+    def _log(self) -> str:
+        lines = heapq.merge(*self._histories, key=itemgetter(0))
+        return "".join(f"{time_s:.3f} {text}\n" for time_s, text in lines)

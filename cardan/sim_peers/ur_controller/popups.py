@@ -1,0 +1,43 @@
+"""Popups of programs, which somebody at the pendant or the dashboard closes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+
+class Popup(NamedTuple):
+    """One that is shown."""
+
+    number: int
+    title: str
+    text: str
+    warning: bool
+    error: bool
+    blocking: bool
+
+
+class Popups:
+    """The newest is shown; closing closes all."""
+
+    def __init__(self, tell: Callable[[Popup], None]) -> None:
+        self._tell = tell
+        self._count = 0
+        self._closed = 0
+        self.shown: Popup | None = None
+
+    def show(self, text: str, title: str, warning: bool, error: bool, blocking: bool) -> int:
+        """Its number."""
+        self._count += 1
+        self.shown = Popup(self._count, title, text, warning, error, blocking)
+        self._tell(self.shown)
+        return self._count
+
+    def close(self) -> None:
+        """Close what is shown."""
+        self._closed = self._count
+        self.shown = None
+
+    def closed(self, number: int) -> bool:
+        """Whether a popup has been."""
+        return number <= self._closed

@@ -1,0 +1,45 @@
+"""What a text means that came over an interface that takes scripts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Final
+
+from cardan.protocols.ur.primary import text_message
+from cardan.sim_peers.ur_controller.controller import UrController
+
+ORDERS: Final[Mapping[str, Callable[[UrController], object]]] = {
+    "power on": UrController.power_on,
+    "power off": UrController.power_off,
+    "set robotmode run": UrController.release_brakes,
+    "set unlock protective stop": UrController.unlock_protective_stop,
+    "stop program": UrController.stop_program,
+    "pause program": UrController.pause,
+    "resume program": UrController.resume,
+}
+"""Lines that are no script: orders to the controller, as UR's client library sends them."""
+
+LINE: Final = "line"
+"""What a program of one line is called."""
+
+
+def take(controller: UrController, text: str) -> None:
+    """Do what a program or a line asks for."""
+    lines = text.splitlines()
+    at = next((n for n, line in enumerate(lines) if line.strip() and not _is_comment(line)), None)
+    if at is None:
+        return
+    words = lines[at].partition("#")[0].split()
+    order = ORDERS.get(" ".join(words).lower())
+    if order is not None and len(lines) == at + 1:
+        if controller.remote:
+            order(controller)
+        else:
+            why = "the robot is in local control"
+            controller.messages.append(text_message(controller.time_s, why))
+        return
+    controller.upload(text, "" if words[0] in ("def", "sec") else LINE)
+
+
+def _is_comment(line: str) -> bool:
+    return line.lstrip().startswith("#")

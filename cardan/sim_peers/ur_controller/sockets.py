@@ -1,0 +1,147 @@
+"""The sockets that programs open, sans I/O.
+
+What programs want comes out of `ProgramSockets`; what happens at the real sockets goes in, and a
+shell (`cardan.sim_peers.ur_controller.connector`, or a test) is between.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+from collections.abc import Callable, Collection
+from typing import Final, NamedTuple
+
+MOST_SOCKETS: Final = 32
+MOST_BYTES: Final = 64 * 1024
+"""Of one socket, that wait to be read by its program or sent."""
+
+
+class Opening(NamedTuple):
+    """A connection that a program wants."""
+
+    number: int
+    host: str
+    port: int
+
+
+class ProgramSocket:
+    """One, by a number that no other has."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+        self.open: bool | None = None
+        """None: it is being opened."""
+        self.unread = bytearray()
+        self.unsent = bytearray()
+
+
+class ProgramSockets:
+    """Those of the program that runs, by their names."""
+
+    def __init__(self, allowed: Collection[str], note: Callable[[str], None]) -> None:
+        """`allowed`: hosts beside this computer."""
+        self._allowed = allowed
+        self._note = note
+        self._count = 0
+        self._named: dict[str, ProgramSocket] = {}
+        self._numbered: dict[int, ProgramSocket] = {}
+        self._openings: list[Opening] = []
+        self._closings: list[int] = []
+
+    # -- what programs do -------------------------------------------------------------------------
+
+    def open(self, host: str, port: int, name: str) -> ProgramSocket | None:
+        """A socket that is being opened; None: it is refused."""
+        self.close(name)
+        if not (is_this_computer(host) or host in self._allowed):
+            self._note(f"socket {name}: {host} is refused, it needs --allow-connect {host}")
+            return None
+        if len(self._named) >= MOST_SOCKETS:
+            self._note(f"socket {name}: there are {MOST_SOCKETS} already")
+            return None
+        self._count += 1
+        made = ProgramSocket(self._count)
+        self._named[name] = self._numbered[made.number] = made
+        self._openings.append(Opening(made.number, host, port))
+        return made
+
+    def get(self, name: str) -> ProgramSocket | None:
+        """An open one, or one whose bytes have not all been read."""
+        found = self._named.get(name)
+        return None if found is None or found.open is None else found
+
+    def close(self, name: str) -> None:
+        """Close it, if there is one; what was sent is still written."""
+        found = self._named.pop(name, None)
+        if found is not None and self._numbered.get(found.number) is found:
+            self._closings.append(found.number)
+
+    def close_all(self) -> None:
+        """The program has ended."""
+        for name in tuple(self._named):
+            self.close(name)
+
+    def send(self, name: str, data: bytes) -> bool:
+        """Whether it was taken."""
+        found = self.get(name)
+        if found is None or not found.open or len(found.unsent) + len(data) > MOST_BYTES:
+            return False
+        found.unsent += data
+        return True
+
+    # -- what the shell does ----------------------------------------------------------------------
+
+    def openings(self) -> list[Opening]:
+        """Connections to make; they are given once."""
+        found, self._openings = self._openings, []
+        return found
+
+    def outgoing(self) -> list[tuple[int, bytes]]:
+        """What is to be written; it is given once."""
+        found = []
+        for each in self._numbered.values():
+            if each.unsent:
+                found.append((each.number, bytes(each.unsent)))
+                each.unsent.clear()
+        return found
+
+    def closings(self) -> list[int]:
+        """Sockets to close, after `outgoing` was written; they are given once."""
+        found, self._closings = self._closings, []
+        for number in found:
+            self._numbered.pop(number, None)
+        return found
+
+    def takes(self, number: int) -> bool:
+        """Whether there is room for what comes."""
+        found = self._numbered.get(number)
+        return found is not None and len(found.unread) < MOST_BYTES
+
+    def opened(self, number: int) -> None:
+        """A connection is there."""
+        found = self._numbered.get(number)
+        if found is not None:
+            found.open = True
+
+    def data(self, number: int, data: bytes) -> None:
+        """What one read brought."""
+        found = self._numbered.get(number)
+        if found is not None:
+            found.unread += data
+
+    def lost(self, number: int, reason: str) -> None:
+        """It could not be opened, or the other end has closed it."""
+        found = self._numbered.pop(number, None)
+        if found is not None:
+            if not found.open:
+                self._note(f"a socket could not be opened: {reason}")
+            found.open = False
+
+
+def is_this_computer(host: str) -> bool:
+    """A loopback address, or its name."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return False

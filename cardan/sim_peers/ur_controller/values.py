@@ -1,0 +1,17 @@
+"""Values of URScript that Python does not have, and what is a number."""
+
+from __future__ import annotations
+
+from typing import Any
+
+
+class Pose(tuple[float, ...]):
+    """x, y, z (m) and the rotation vector rx, ry, rz (rad)."""
+
+    __slots__ = ()
+
+
+def is_number(value: Any) -> bool:
+    """A whole number or one with a fraction; a truth is none."""
+    kind = value.__class__
+    return kind is float or kind is int
