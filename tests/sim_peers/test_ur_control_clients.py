@@ -85,7 +85,6 @@ def arm():
         arm.close()
 
 
-@pytest.mark.real
 def test_ur_rtde_moves_servoes_and_pushes(arm):
     control = arm.control
     assert control.moveJ(turned(0.3), 1.5, 3.0)
