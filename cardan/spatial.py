@@ -153,7 +153,8 @@ def from_rows(rows: Sequence[Sequence[float]]) -> Quaternion:
     q = same_hemisphere(normalized(Quaternion(*found)), IDENTITY)
     for row, exact in zip(rows, to_rows(q), strict=True):
         if not all(abs(a - b) <= _SKEW for a, b in zip(row, exact, strict=True)):
-            raise ValueError(f"{[[*each] for each in rows]} is no rotation")
+            given = [[*each] for each in rows]
+            raise ValueError(f"the matrix {given} is no rotation")
     return q
 
 

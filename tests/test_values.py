@@ -77,6 +77,9 @@ def test_pinocchio_has_the_same_matrix(pose):
     se3 = pose.as_se3()
     assert isinstance(se3, pin.SE3)
     assert se3.homogeneous == pytest.approx(pose.matrix(), abs=1e-12)
+    seven = pin.SE3ToXYZQUAT(se3)
+    near = spatial.same_hemisphere(Quaternion.from_xyzw(seven[3:]), pose.orientation)
+    assert [*seven[:3], *near.xyzw()] == pytest.approx([*pose.position, *pose.orientation.xyzw()])
 
 
 @given(poses)
