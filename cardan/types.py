@@ -173,7 +173,7 @@ class Twist(NamedTuple):
     angular: Vector3
     frame: Frame = Frame.BASE
 
-    __eq__, __ne__, __hash__ = _equals, _differs, tuple.__hash__
+    __eq__, __ne__, __hash__ = _equals, _differs, tuple.__hash__  # type: ignore[misc]
 
     def to_ros(self) -> dict[str, dict[str, float]]:
         """A geometry_msgs/Twist as a dict; `frame` is the header's business."""
@@ -190,7 +190,7 @@ class Wrench(NamedTuple):
     torque: Vector3
     frame: Frame = Frame.BASE
 
-    __eq__, __ne__, __hash__ = _equals, _differs, tuple.__hash__
+    __eq__, __ne__, __hash__ = _equals, _differs, tuple.__hash__  # type: ignore[misc]
 
     def to_ros(self) -> dict[str, dict[str, float]]:
         """A geometry_msgs/Wrench as a dict; `frame` is the header's business."""
