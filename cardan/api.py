@@ -62,6 +62,7 @@ from cardan.types import (
 )
 
 if TYPE_CHECKING:
+    from cardan.common.value_json import from_json as from_json, to_json as to_json
     from cardan.drivers.abb_egm import AbbEgm as AbbEgm
     from cardan.drivers.gamepad import Gamepad as Gamepad
     from cardan.drivers.keyboard import Keyboard as Keyboard
@@ -169,6 +170,8 @@ def devices() -> list[FoundDevice]:
 
 _HOMES = {
     "CartesianDevice": "cardan.gateway.arm",
+    "from_json": "cardan.common.value_json",
+    "to_json": "cardan.common.value_json",
     "RemoteCartesianDevice": "cardan.gateway.bus.remote",
     **{name: module for module, _, name in (each.partition(":") for each in BUILT_IN.values())},
 }

@@ -35,13 +35,14 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import pickle
 import reprlib
 from collections.abc import Callable, Iterable, Iterator
-from datetime import date, datetime, time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cardan.common.printable import printable
+
+if TYPE_CHECKING:
+    from datetime import date, datetime, time
 
 _MOST_SHOWN = 300
 """Characters of a value, or of a key, in a message: enough for 40 numbers, which EGM carries."""
@@ -96,6 +97,8 @@ def _restored(kind: type[CardanError], arguments: tuple[Any, ...]) -> CardanErro
 
 def _portable(value: object) -> object:
     """`value`, or how it is shown where it cannot be pickled."""
+    import pickle
+
     try:
         pickle.dumps(value)
     except Exception:

@@ -10,11 +10,16 @@ v)` expresses in the outer frame a vector given in the frame that `q` orients.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from cardan.types import Pose, Quaternion, Vector3
+from cardan.types import IDENTITY, Pose, Quaternion, Vector3
 
 _SMALL_ANGLE = 1e-8
 """Below this angle (rad) sin(x)/x is 1 to the last bit of a double."""
+
+_SKEW = 1e-3
+"""How far a rotation may be from one that keeps lengths and right angles, and still be meant: more
+than single precision and six printed digits leave."""
 
 
 def norm(v: Vector3) -> float:
@@ -121,6 +126,36 @@ def to_rotation_vector(q: Quaternion) -> Vector3:
         return Vector3(2.0 * x, 2.0 * y, 2.0 * z)
     factor = 2.0 * math.atan2(sine, w) / sine
     return Vector3(x * factor, y * factor, z * factor)
+
+
+def to_rows(q: Quaternion) -> tuple[tuple[float, float, float], ...]:
+    """The three rows of the rotation's matrix. Raises ValueError for a quaternion of length 0."""
+    w, x, y, z = normalized(q)
+    return (
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+        (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+        (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+    )
+
+
+def from_rows(rows: Sequence[Sequence[float]]) -> Quaternion:
+    """The rotation of a matrix, its scalar not negative. Raises ValueError for one that is skewed,
+    scaled or mirrored."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rows
+    # Each is the quaternion times 4 w, 4 x, 4 y or 4 z: the longest has the least error.
+    found = max(
+        (1.0 + xx + yy + zz, zy - yz, xz - zx, yx - xy),
+        (zy - yz, 1.0 + xx - yy - zz, xy + yx, xz + zx),
+        (xz - zx, xy + yx, 1.0 - xx + yy - zz, yz + zy),
+        (yx - xy, xz + zx, yz + zy, 1.0 - xx - yy + zz),
+        key=lambda each: math.hypot(*each),
+    )
+    q = same_hemisphere(normalized(Quaternion(*found)), IDENTITY)
+    for row, exact in zip(rows, to_rows(q), strict=True):
+        if not all(abs(a - b) <= _SKEW for a, b in zip(row, exact, strict=True)):
+            given = [[*each] for each in rows]
+            raise ValueError(f"the matrix {given} is no rotation")
+    return q
 
 
 def from_axes(x: Vector3, y: Vector3) -> Quaternion:

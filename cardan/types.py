@@ -4,13 +4,19 @@ Every value is immutable, in SI units (metres, radians, seconds, newtons), and c
 it is expressed in and, where it is a reading or a command, the local monotonic time it belongs to.
 
 They are named tuples because one is made in every control cycle: a frozen dataclass of the same
-size costs three to four times as much to create.
+size costs three to four times as much to create. docs/values.md has their orders and units beside
+those of others; what converts to another library imports it when it is called.
 """
 
 from __future__ import annotations
 
 import enum
-from typing import NamedTuple
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    import numpy as np
 
 NEVER_S = float("-inf")
 """The stamp of something that has not happened yet: older than any age limit."""
@@ -34,14 +40,51 @@ class Vector3(NamedTuple):
     y: float
     z: float
 
+    def to_ros(self) -> dict[str, float]:
+        """A geometry_msgs/Vector3, or Point, as a dict."""
+        return self._asdict()
+
 
 class Quaternion(NamedTuple):
-    """A rotation as a unit quaternion, scalar first. q and -q are the same rotation."""
+    """A rotation as a unit quaternion, scalar first. q and -q are the same rotation.
+
+    Others have the scalar last (ROS, scipy, Pinocchio): give them what names its order.
+    """
 
     w: float
     x: float
     y: float
     z: float
+
+    def wxyz(self) -> tuple[float, float, float, float]:
+        """Scalar first: ABB's RAPID and EGM, MuJoCo, Eigen's constructor."""
+        return self.w, self.x, self.y, self.z
+
+    def xyzw(self) -> tuple[float, float, float, float]:
+        """Scalar last: ROS, scipy, Pinocchio, Eigen's coefficients."""
+        return self.x, self.y, self.z, self.w
+
+    @classmethod
+    def from_wxyz(cls, numbers: Sequence[float]) -> Quaternion:
+        """Of four numbers, scalar first."""
+        w, x, y, z = map(float, numbers)
+        return cls(w, x, y, z)
+
+    @classmethod
+    def from_xyzw(cls, numbers: Sequence[float]) -> Quaternion:
+        """Of four numbers, scalar last, as scipy's ``as_quat()`` has them."""
+        x, y, z, w = map(float, numbers)
+        return cls(w, x, y, z)
+
+    def as_scipy(self) -> Any:
+        """A `scipy.spatial.transform.Rotation`. Raises ImportError without scipy."""
+        from scipy.spatial.transform import Rotation
+
+        return Rotation.from_quat(self.xyzw())
+
+    def to_ros(self) -> dict[str, float]:
+        """A geometry_msgs/Quaternion as a dict."""
+        return {"x": self.x, "y": self.y, "z": self.z, "w": self.w}
 
 
 ZERO3 = Vector3(0.0, 0.0, 0.0)
@@ -55,8 +98,69 @@ class Pose(NamedTuple):
     orientation: Quaternion
     frame: Frame = Frame.BASE
 
+    def matrix(self) -> np.ndarray[Any, np.dtype[np.float64]]:
+        """4×4, homogeneous: times a point of the frame that is here it is the point in `frame`.
+
+        Raises ExtraMissingError without numpy.
+        """
+        try:
+            import numpy as np
+        except ImportError as error:
+            from cardan.common.extras import missing_extra
+
+            raise missing_extra("a pose's matrix", "numpy", "arm", error) from error
+        from cardan.spatial import to_rows
+
+        rows = zip(to_rows(self.orientation), self.position, strict=True)
+        return np.array([*((*row, p) for row, p in rows), (0.0, 0.0, 0.0, 1.0)])
+
+    @classmethod
+    def from_matrix(cls, matrix: Any, frame: Frame = Frame.BASE) -> Pose:
+        """Of a homogeneous 4×4 matrix: of numpy's, or of rows. Raises ValueError for one that is
+        no rigid motion (skewed, scaled, mirrored, transposed)."""
+        from cardan.spatial import from_rows
+
+        rows = [tuple(map(float, row)) for row in matrix]
+        if [len(row) for row in rows] != [4] * 4:
+            raise ValueError("a pose's matrix has four rows of four numbers")
+        *upper, last = rows
+        if last != (0.0, 0.0, 0.0, 1.0):
+            raise ValueError(f"the last row of a pose's matrix is 0 0 0 1, not {last}")
+        if not all(math.isfinite(row[3]) for row in upper):
+            raise ValueError("the position of a pose's matrix is not finite")
+        x, y, z = (row[3] for row in upper)
+        return cls(Vector3(x, y, z), from_rows([row[:3] for row in upper]), frame)
+
+    def as_se3(self) -> Any:
+        """A `pinocchio.SE3`. Raises ExtraMissingError without the extra cardan[arm]."""
+        from cardan.common.arm_libraries import np, pin
+        from cardan.spatial import normalized
+
+        turn = pin.Quaternion(*normalized(self.orientation).wxyz())
+        return pin.SE3(turn, np.array(self.position))
+
+    def to_ros(self) -> dict[str, dict[str, float]]:
+        """A geometry_msgs/Pose as a dict; `frame` is the header's business."""
+        return {"position": self.position.to_ros(), "orientation": self.orientation.to_ros()}
+
+    @classmethod
+    def from_ros(cls, message: Mapping[str, Any]) -> Pose:
+        """Of a geometry_msgs/Pose as a dict, in the base's frame."""
+        p, q = message["position"], message["orientation"]
+        return cls(Vector3(p["x"], p["y"], p["z"]), Quaternion(q["w"], q["x"], q["y"], q["z"]))
+
 
 IDENTITY_POSE = Pose(ZERO3, IDENTITY)
+
+
+def _equals(self: tuple[Any, ...], other: object) -> bool:
+    """Of two kinds of the same fields; a tuple's own takes any tuple. What is neither (a plain
+    tuple) is asked in turn, and compares as tuples do."""
+    return tuple.__eq__(self, other) if other.__class__ is self.__class__ else NotImplemented
+
+
+def _differs(self: tuple[Any, ...], other: object) -> bool:
+    return tuple.__ne__(self, other) if other.__class__ is self.__class__ else NotImplemented
 
 
 class Twist(NamedTuple):
@@ -69,6 +173,12 @@ class Twist(NamedTuple):
     angular: Vector3
     frame: Frame = Frame.BASE
 
+    __eq__, __ne__, __hash__ = _equals, _differs, tuple.__hash__  # type: ignore[misc]
+
+    def to_ros(self) -> dict[str, dict[str, float]]:
+        """A geometry_msgs/Twist as a dict; `frame` is the header's business."""
+        return {"linear": self.linear.to_ros(), "angular": self.angular.to_ros()}
+
 
 ZERO_TWIST = Twist(ZERO3, ZERO3, Frame.BASE)
 
@@ -79,6 +189,12 @@ class Wrench(NamedTuple):
     force: Vector3
     torque: Vector3
     frame: Frame = Frame.BASE
+
+    __eq__, __ne__, __hash__ = _equals, _differs, tuple.__hash__  # type: ignore[misc]
+
+    def to_ros(self) -> dict[str, dict[str, float]]:
+        """A geometry_msgs/Wrench as a dict; `frame` is the header's business."""
+        return {"force": self.force.to_ros(), "torque": self.torque.to_ros()}
 
 
 # ---------------------------------------------------------------------------------------------

@@ -101,6 +101,11 @@ PAGES = {
                 "[evaluation](../evaluation.md); a quiet machine",
             ),
             Part(
+                "Values",
+                ("types.py", "common/value_json.py"),
+                "[frames, orders and units](../values.md)",
+            ),
+            Part(
                 "What is not installed",
                 ("common/extras.py", "common/arm_libraries.py", "common/native.py"),
                 "[installing](../installing.md)",

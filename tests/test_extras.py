@@ -14,6 +14,8 @@ from cardan.errors import ExtraMissingError
 PROJECT = (Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8")
 NEEDED = [
     ("coal", "arm", "import cardan.common.arm_libraries"),
+    ("numpy", "arm", "from cardan.types import IDENTITY_POSE; IDENTITY_POSE.matrix()"),
+    ("pinocchio", "arm", "from cardan.types import IDENTITY_POSE; IDENTITY_POSE.as_se3()"),
     (
         "xacro",
         "xacro",

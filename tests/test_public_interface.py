@@ -48,6 +48,29 @@ def test_a_driver_class_costs_no_other_driver():
     assert not {"cardan.drivers.spacemouse", "cardan.gateway", "numpy", "typer"} & {*loaded}
 
 
+NOT_FOR_A_CLASS = {
+    "cardan.common.tables", "cardan.robots", "difflib", "importlib.metadata", "numpy", "scipy",
+    "tomllib", "typer", "xml.etree.ElementTree",
+}  # fmt: skip
+"""What opens a driver, reads a file or words an error, not what a class is made of."""
+
+
+@pytest.mark.parametrize(
+    ("name", "others"),
+    [
+        ("SpaceMouse", {"google.protobuf", "hid", "hidraw", "json", "pickle", "usb"}),
+        ("AbbEgm", set()),
+    ],
+)
+def test_a_driver_class_is_imported_without_what_it_uses_later(name, others):
+    loaded = in_a_new_python(
+        f"import sys; before = set(sys.modules); import cardan; cardan.{name}\n"
+        "added = sorted(set(sys.modules) - before); import json; print(json.dumps(added))"
+    )
+    assert "cardan.drivers.base" in loaded
+    assert not (NOT_FOR_A_CLASS | others) & {*loaded}
+
+
 @pytest.mark.parametrize(("name", "driver"), DRIVERS.items())
 def test_every_driver_is_there_by_the_name_of_its_class(name, driver):
     assert getattr(cardan, driver.__name__) is driver

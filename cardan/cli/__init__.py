@@ -42,8 +42,9 @@ from cardan.cli.recording import export, plot, record, replay
 from cardan.cli.robots import robots
 from cardan.cli.sim import sim
 from cardan.common import output
+from cardan.common.logs import make_logs_printable
 from cardan.common.plugins import Loaded
-from cardan.common.printable import make_logs_printable, printable
+from cardan.common.printable import printable
 from cardan.common.shortage import shortage
 from cardan.common.signals import raised_on_ending
 from cardan.drivers.base import FoundDevice, OperatorDevice

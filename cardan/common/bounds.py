@@ -7,10 +7,8 @@ could overflow on its way to a robot.
 
 from __future__ import annotations
 
-import ipaddress
 import math
 import re
-import socket
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -101,6 +99,9 @@ def shared_address(host: str) -> str:
 
     A network's own broadcast address looks like any other (`cardan.common.sockets` asks).
     """
+    import ipaddress
+    import socket
+
     try:
         address: ipaddress.IPv4Address | ipaddress.IPv6Address
         try:
@@ -115,10 +116,10 @@ def shared_address(host: str) -> str:
         return _ALL_OWN
     if address.is_multicast:
         return "a multicast address"
-    return "a broadcast address" if address == _BROADCAST else ""
+    return "a broadcast address" if str(address) == _BROADCAST else ""
 
 
-_BROADCAST = ipaddress.IPv4Address("255.255.255.255")
+_BROADCAST = "255.255.255.255"
 
 
 @dataclass(frozen=True)

@@ -14,9 +14,10 @@ import struct
 import sys
 from collections.abc import Callable
 from datetime import datetime, timezone
+from types import TracebackType
 from typing import Any
 
-from cardan.common.printable import PrintableFormatter, printable
+from cardan.common.printable import printable
 
 FORMAT = "%(asctime)s %(name)s: %(message)s"
 
@@ -78,6 +79,28 @@ def _reads_journal() -> bool:
 
 def _fields_of(record: logging.LogRecord) -> dict[str, str]:
     return getattr(record, _FIELDS, {})
+
+
+class PrintableFormatter(logging.Formatter):
+    """A log's lines for a terminal; only tracebacks have several."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
+        """The line, on which nothing can begin another."""
+        return printable(super().formatMessage(record))
+
+    def formatException(  # noqa: N802
+        self,
+        ei: tuple[type[BaseException], BaseException, TracebackType | None]
+        | tuple[None, None, None],
+    ) -> str:
+        """The traceback."""
+        return printable(super().formatException(ei), "\n")
+
+
+def make_logs_printable() -> None:
+    """Warnings that no handler takes go to the terminal, too."""
+    if logging.lastResort is not None:
+        logging.lastResort.setFormatter(PrintableFormatter())
 
 
 class JsonFormatter(logging.Formatter):

@@ -16,7 +16,6 @@ A ``Literal`` or an enum lists the choices, a :class:`cardan.common.bounds.Range
 
 from __future__ import annotations
 
-import difflib
 import enum
 import math
 import os
@@ -46,6 +45,9 @@ _UNCHANGEABLE = frozenset({bool, int, float, str, NoneType})
 
 CODE_ONLY = {"from_file": False}
 """Metadata of a field that programs set and configuration files do not."""
+
+OTHER_KEYS = {"other_keys": True}
+"""Metadata of the field that takes all keys that no other field has."""
 
 
 def check_options(options: Any) -> None:
@@ -260,9 +262,11 @@ def _shown(choice: Any) -> Any:
 
 def suggestion(word: str, allowed: Iterable[str]) -> str:
     """The nearest of `allowed`, as the end of a sentence; empty when none is near."""
+    from difflib import get_close_matches
+
     # Of names that differ in nothing else, capitals and the hyphen for _ are not told apart.
     spelled = {_spelling(each): each for each in allowed}
-    near = [spelled[each] for each in difflib.get_close_matches(_spelling(word), list(spelled), 1)]
+    near = [spelled[each] for each in get_close_matches(_spelling(word), list(spelled), 1)]
     return f"; did you mean {near[0]!r}?" if near else ""
 
 

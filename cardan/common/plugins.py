@@ -7,14 +7,16 @@ import importlib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, is_dataclass
-from importlib.metadata import EntryPoint
-from typing import Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from cardan.common.options import suggestion
 from cardan.common.printable import printable
 from cardan.common.shortage import shortage
 from cardan.common.signals import EndingSignalError
 from cardan.errors import CardanError, ConfigurationError, ExtraMissingError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 T = TypeVar("T")
 

@@ -6,9 +6,6 @@ the user's name. It is kept as it came, and made printable where it leaves for t
 
 from __future__ import annotations
 
-import logging
-from types import TracebackType
-
 
 def printable(text: str, keep: str = "") -> str:
     """`text` with each character that is not printable, line ends too, as Python writes it
@@ -18,25 +15,3 @@ def printable(text: str, keep: str = "") -> str:
     return "".join(
         each if each.isprintable() or each in keep else repr(each)[1:-1] for each in text
     )
-
-
-class PrintableFormatter(logging.Formatter):
-    """A log's lines for a terminal; only tracebacks have several."""
-
-    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802
-        """The line, on which nothing can begin another."""
-        return printable(super().formatMessage(record))
-
-    def formatException(  # noqa: N802
-        self,
-        ei: tuple[type[BaseException], BaseException, TracebackType | None]
-        | tuple[None, None, None],
-    ) -> str:
-        """The traceback."""
-        return printable(super().formatException(ei), "\n")
-
-
-def make_logs_printable() -> None:
-    """Warnings that no handler takes go to the terminal, too."""
-    if logging.lastResort is not None:
-        logging.lastResort.setFormatter(PrintableFormatter())

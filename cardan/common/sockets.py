@@ -15,7 +15,6 @@ import socket
 import stat
 import struct
 import sys
-import tempfile
 import termios
 import time
 from collections.abc import Callable, Iterator
@@ -305,6 +304,8 @@ def runtime_path(name: str) -> str:
     folder = os.environ.get("XDG_RUNTIME_DIR", "")
     if not os.path.isabs(folder):
         user = os.getuid() if hasattr(os, "getuid") else 0
+        import tempfile
+
         folder = os.path.join(tempfile.gettempdir(), f"cardan-{user}")
     return os.path.join(folder, name)
 

@@ -22,7 +22,7 @@ from typing import Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args
 
 from cardan.common import files
 from cardan.common.bounds import Located
-from cardan.common.options import CODE_ONLY, choices, hints, refusal, suggestion
+from cardan.common.options import CODE_ONLY, OTHER_KEYS, choices, hints, refusal, suggestion
 from cardan.common.places import at, given_twice, line_of
 from cardan.errors import ConfigurationError, OptionError, below, shown, together
 
@@ -30,9 +30,6 @@ if sys.version_info >= (3, 11):
     import tomllib
 else:
     import tomli as tomllib
-
-OTHER_KEYS = {"other_keys": True}
-"""Metadata of the field that takes all keys that no other field has."""
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 

@@ -21,7 +21,7 @@ FOLDER = Path(__file__).parents[1] / "api"
 
 PARTS = {
     "Open and find": ("cardan.api",),
-    "Values: states, commands, poses": ("cardan.types",),
+    "Values: states, commands, poses": ("cardan.types", "cardan.common.value_json"),
     "Errors": ("cardan.errors",),
     "The Cartesian device": ("cardan.gateway.arm.device", "cardan.gateway.bus.remote"),
     "Rotations and transforms": ("cardan.spatial",),

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cardan.common import bounds
 from cardan.common.bounds import Range
 from cardan.common.options import Options, require_each
 from cardan.common.sockets import is_loopback
 from cardan.protocols.egm.messages import DNUM_MAX
-from cardan.robots import arm_names, load_arm
 from cardan.types import JointLimits
+
+if TYPE_CHECKING:
+    from cardan.robots import ArmModel
 
 CONTROLLER_PERIOD_S = 0.004032
 """A real controller's cycle; RAPID's \\SampleRate calls it 4 ms (a virtual one takes 4.000 ms)."""
@@ -132,18 +134,22 @@ class AbbEgmOptions(Options):
     def _check_limits(self) -> None:
         lower, upper, joints = self.joint_lower_deg, self.joint_upper_deg, self.joints
         low, high = self.workspace_lower_m, self.workspace_upper_m
-        names = ", ".join(arm_names())
+        if self.robot is not None:
+            from cardan.robots import arm_names
+
+            names = arm_names()
+            allowed = f"absent or one of {', '.join(names)}"
+            require_each(self, ("robot", self.robot in names, allowed))
         require_each(
             self,
-            ("robot", self.robot in (None, *arm_names()), f"absent or one of {names}"),
             ("joint_lower_deg", len(lower) in (0, joints), f"{joints} angles, or none"),
             ("joint_upper_deg", len(upper) in (0, joints), f"{joints} angles, or none"),
             ("workspace_lower_m", len(low) in (0, 3), "three coordinates, or none"),
             ("workspace_upper_m", len(high) in (0, 3), "three coordinates, or none"),
             ("workspace_lower_m", _is_below(low, high), f"below the upper corner {high}"),
         )
-        if self.robot is not None:
-            known = len(load_arm(self.robot).joints)
+        if arm := self._arm():
+            known = len(arm.joints)
             require_each(self, ("robot", known == joints, f"one with {joints} joints"))
         else:
             given = bool(upper) == bool(lower)
@@ -154,8 +160,7 @@ class AbbEgmOptions(Options):
 
     def _range_deg(self) -> tuple[tuple[float, ...], tuple[float, ...]] | None:
         lower, upper = self.joint_lower_deg, self.joint_upper_deg
-        if self.robot is not None:
-            arm = load_arm(self.robot)
+        if arm := self._arm():
             lower = lower or tuple(map(math.degrees, arm.lower))
             upper = upper or tuple(map(math.degrees, arm.upper))
         return (lower, upper) if lower else None
@@ -204,8 +209,15 @@ class AbbEgmOptions(Options):
     def joint_speeds_rad_s(self) -> tuple[float, ...]:
         """Highest speed of each joint, rad/s."""
         own = (math.radians(self.joint_speed_deg_s),) * self.joints
-        arm = own if self.robot is None else load_arm(self.robot).velocity
-        return tuple(map(min, own, arm))
+        arm = self._arm()
+        return own if arm is None else tuple(map(min, own, arm.velocity))
+
+    def _arm(self) -> ArmModel | None:
+        if self.robot is None:
+            return None
+        from cardan.robots import load_arm
+
+        return load_arm(self.robot)
 
 
 def _is_below(low: tuple[float, ...], high: tuple[float, ...]) -> bool:

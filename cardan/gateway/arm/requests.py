@@ -12,13 +12,13 @@ anything, and no bytes raise anything but :class:`PacketError`.
 
 from __future__ import annotations
 
-import enum
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from cardan import errors
+from cardan.common.value_json import to_json
 from cardan.errors import CardanError, ConfigurationError, MotionRefusedError
 from cardan.gateway.arm import parameters as prm
 from cardan.gateway.arm.authority import AuthorityState
@@ -383,39 +383,24 @@ _KINDS = {kind.__name__: kind for kind in _FIELDS}
 def encode_reply(number: int | None, result: Any, ended: Sequence[MotionNote] = ()) -> bytes:
     """That a request was carried out; `result` is the verb's result, a motion as its note; `ended`:
     motions that had ended before."""
-    return _packed({"reply": number, "result": _plain(result), **_ended(ended)})
+    return _packed({"reply": number, "result": to_json(result), **_ended(ended)})
 
 
 def encode_error(number: int | None, error: CardanError, ended: Sequence[MotionNote] = ()) -> bytes:
     """That a request was refused, and why."""
     kind = next(each for each in type(error).__mro__ if each in _FIELDS)
     told = {"kind": kind.__name__, "message": str(error)}
-    told |= {name: _plain(getattr(error, name)) for name in _FIELDS[kind]}
+    told |= {name: to_json(getattr(error, name)) for name in _FIELDS[kind]}
     return _packed({"reply": number, "error": told, **_ended(ended)})
 
 
 def _ended(notes: Sequence[MotionNote]) -> dict[str, Any]:
-    return {"ended": _plain(list(notes))} if notes else {}
+    return {"ended": to_json(list(notes))} if notes else {}
 
 
 def encode_note(note: MotionNote) -> bytes:
     """State of a motion."""
-    return _packed({"motion": _plain(note)})
-
-
-def _plain(value: Any) -> Any:
-    """In JSON's types; numbers that are not finite as strings, which float() reads."""
-    if isinstance(value, enum.Enum):
-        return value.value
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else str(float(value))
-    if isinstance(value, tuple) and hasattr(value, "_asdict"):
-        return {key: _plain(item) for key, item in value._asdict().items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(item) for item in value]
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    return value
+    return _packed({"motion": to_json(note)})
 
 
 _ANSWERS = b'{"reply":', b'{"motion":'

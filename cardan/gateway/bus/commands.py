@@ -15,7 +15,7 @@ from cardan.gateway.arm.motion import Stat
 from cardan.protocols.ros2.cdr import Message
 from cardan.protocols.ros2.messages import default_message
 from cardan.spatial import from_rotation_vector
-from cardan.types import Pose, Quaternion, RobotState, Vector3
+from cardan.types import Pose, RobotState, Vector3
 
 ROS_ACTIONS = {1: Action.OPEN, 2: Action.CLOSE, 3: Action.STOP}
 """Codes of the gripper on ROS 2; 0 does nothing."""
@@ -121,12 +121,6 @@ class ServiceCommand(NamedTuple):
 # -- arguments --------------------------------------------------------------------------------
 
 
-def pose_of(message: Mapping[str, Any]) -> Pose:
-    """Of a geometry_msgs/Pose."""
-    p, q = message["position"], message["orientation"]
-    return Pose(Vector3(p["x"], p["y"], p["z"]), Quaternion(q["w"], q["x"], q["y"], q["z"]))
-
-
 def _vector(message: Mapping[str, Any]) -> tuple[float, float, float]:
     return message["x"], message["y"], message["z"]
 
@@ -184,11 +178,10 @@ def action_of(code: int) -> Action:
 def pose_message(stat: Stat, frame: str = "") -> Message:
     """A geometry_msgs/PoseStamped of a `stat`; its stamp stays zero."""
     x, y, z, *rotation = stat.pose
-    q = from_rotation_vector(Vector3(*rotation))
+    pose = Pose(Vector3(x, y, z), from_rotation_vector(Vector3(*rotation)))
     message = default_message("geometry_msgs/msg/PoseStamped")
     message["header"]["frame_id"] = frame
-    message["pose"]["position"] = {"x": x, "y": y, "z": z}
-    message["pose"]["orientation"] = {"x": q.x, "y": q.y, "z": q.z, "w": q.w}
+    message["pose"] = pose.to_ros()
     return message
 
 
@@ -196,7 +189,7 @@ def pose_message(stat: Stat, frame: str = "") -> Message:
 
 
 def _poses(verb: str, depth: int = 8) -> TopicCommand:
-    return TopicCommand(f"~/command/{verb}", "geometry_msgs/msg/Pose", verb, pose_of, depth)
+    return TopicCommand(f"~/command/{verb}", "geometry_msgs/msg/Pose", verb, Pose.from_ros, depth)
 
 
 TOPICS = (
@@ -229,7 +222,7 @@ def joint_command(names: Sequence[str]) -> TopicCommand:
 
 def _pose_service(verb: str) -> ServiceCommand:
     return ServiceCommand(
-        f"~/{verb}", "cardan_msgs/srv/MovePose", verb, lambda request: pose_of(request["x"])
+        f"~/{verb}", "cardan_msgs/srv/MovePose", verb, lambda request: Pose.from_ros(request["x"])
     )
 
 
@@ -251,7 +244,7 @@ def _stat(stat: Stat) -> Message:
 SERVICES = (
     ServiceCommand(
         "~/inv", "rl_cartesian_control_msgs/srv/Inv", "inv",
-        lambda request: pose_of(request["x"]), _inverse,
+        lambda request: Pose.from_ros(request["x"]), _inverse,
     ),
     ServiceCommand("~/gcmp", "std_srvs/srv/Trigger", "gcmp"),
     ServiceCommand("~/stop", "std_srvs/srv/Trigger", "stop"),
@@ -278,7 +271,10 @@ begun, or why not; `wait` answers whether it arrived."""
 
 def _pose_action(verb: str) -> ActionCommand:
     return ActionCommand(
-        f"~/action/{verb}", "cardan_msgs/action/MovePose", verb, lambda goal: pose_of(goal["x"])
+        f"~/action/{verb}",
+        "cardan_msgs/action/MovePose",
+        verb,
+        lambda goal: Pose.from_ros(goal["x"]),
     )
 
 

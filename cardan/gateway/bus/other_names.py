@@ -24,7 +24,6 @@ from cardan.gateway.bus.commands import (
     Asks,
     ServiceCommand,
     TopicCommand,
-    pose_of,
     twist_of,
     wrench_of,
 )
@@ -161,7 +160,7 @@ class _Frames:
         return frame
 
     def pose(self, message: Message) -> FramedPose:
-        return FramedPose(pose_of(message["pose"]), self.frame(message))
+        return FramedPose(Pose.from_ros(message["pose"]), self.frame(message))
 
     def twist(self, message: Message) -> Twist:
         numbers = twist_of(message["twist"])
@@ -237,7 +236,7 @@ def _measured_twist(names: ArmNames) -> Callable[[Shown], Message | None]:
             return None
         return {
             "header": {**shown.header, "frame_id": names.base},
-            "twist": {"linear": twist.linear._asdict(), "angular": twist.angular._asdict()},
+            "twist": twist.to_ros(),
         }
 
     return tell

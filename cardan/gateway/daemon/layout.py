@@ -30,9 +30,9 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from cardan.common import bounds
-from cardan.common.options import Options, hints, require, suggestion
+from cardan.common.options import OTHER_KEYS, Options, hints, require, suggestion
 from cardan.common.places import in_file, place_of
-from cardan.common.tables import OTHER_KEYS, read_table, read_toml, resolved
+from cardan.common.tables import read_table, read_toml, resolved
 from cardan.drivers.registry import DriverTable
 from cardan.errors import CardanError, ConfigurationError, ExtraMissingError, about, below
 from cardan.gateway.faces import registry as face_registry

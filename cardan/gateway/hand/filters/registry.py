@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from importlib.metadata import entry_points
 from typing import Any
 
-from cardan.common.options import Options, hints
+from cardan.common.options import OTHER_KEYS, Options, hints
 from cardan.common.plugins import Finder
-from cardan.common.tables import OTHER_KEYS
 from cardan.errors import ConfigurationError, ExtraMissingError
 from cardan.gateway.hand.filters.base import TwistFilter
 
