@@ -14,6 +14,7 @@ from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.motion import Stat
 from cardan.protocols.ros2.cdr import Message
 from cardan.protocols.ros2.messages import default_message
+from cardan.protocols.ros2.refusals import refusal
 from cardan.spatial import from_rotation_vector
 from cardan.types import Pose, Quaternion, RobotState, Vector3
 
@@ -111,11 +112,7 @@ class ServiceCommand(NamedTuple):
 
     def refusal(self, error: CardanError) -> Message:
         """The response where the verb was refused."""
-        response = default_message(f"{self.type_name}_Response")
-        response["success"] = False
-        if "message" in response:
-            response["message"] = str(error)
-        return response
+        return refusal(self.type_name, str(error))
 
 
 # -- arguments --------------------------------------------------------------------------------

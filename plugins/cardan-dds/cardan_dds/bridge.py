@@ -43,7 +43,7 @@ MOST_BYTES = 10_000_000
 """Largest message that is passed on to the bus, as of rosbridge."""
 
 MOST_CALLS = 64
-"""Calls of one participant that wait for their replies; of more there is no reply."""
+"""Calls of one participant that wait for their replies; more are refused."""
 
 HANDED_ON_S = 0.3
 """How long after it stood still what comes counts as sent before: as long as DDS takes to hand on

@@ -46,20 +46,16 @@ class Asked:
         self.type_name, self.data = type_name, data
         self.attachment = None if gid is None else Attachment(1, 1, gid)
         self.answers = []
-        self.error = ""
 
     def reply(self, data, _now_ns):
         message = codec_of(f"{self.type_name}_Response").decode(data)
         assert isinstance(message, dict), message
         self.answers.append(message)
 
-    def refuse(self, reason):
-        self.error = reason
-
     @property
     def answer(self):
         """The one answer."""
-        assert len(self.answers) == 1, (self.answers, self.error)
+        assert len(self.answers) == 1, self.answers
         return self.answers[0]
 
 

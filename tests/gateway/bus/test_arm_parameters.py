@@ -5,7 +5,8 @@ import pytest
 from cardan.gateway.arm.codes import Parameter
 from cardan.gateway.arm.parameters import RULES
 from cardan.gateway.bus.arm_parameters import MAX_SET, PARAMETERS
-from tests.gateway.bus.rig import Bench
+from cardan.protocols.ros2.messages import default_message
+from tests.gateway.bus.rig import NODE, Bench
 
 PAPER = (
     "preset_streaming_cmd", "frame", "gain", "trajectory_duration", "trajectory_reference_speed",
@@ -160,10 +161,21 @@ def test_nothing_to_set_is_set(bench):
     ["get_parameters", "set_parameters", "set_parameters_atomically", "list_parameters",
      "describe_parameters", "get_parameter_types", "get_type_description"],
 )  # fmt: skip
-def test_what_is_no_request_is_an_error_reply(bench, service):
-    asked = bench.call(f"/{service}", data=b"\0\1\0\0\1")
-    assert asked.answers == []
-    assert service in asked.error
+def test_what_is_no_request_is_refused(bench, service):
+    answer = bench.call(f"/{service}", data=b"\0\1\0\0\1").answer
+    if service == "set_parameters":
+        (result,) = answer["results"]
+        assert not result["successful"]
+        assert service in result["reason"]
+    elif service == "set_parameters_atomically":
+        assert not answer["result"]["successful"]
+        assert service in answer["result"]["reason"]
+    elif service == "get_type_description":
+        assert not answer["successful"]
+        assert service in answer["failure_reason"]
+    else:
+        kind = bench.node.types[f"{NODE}/{service}"]
+        assert answer == default_message(f"{kind}_Response")
     assert bench.server.refused == bench.malformed == 1
 
 

@@ -344,3 +344,16 @@ def test_what_is_no_request_is_answered(bench, service):
     assert not answer["success"]
     assert bench.server.refused == 1
     assert bench.requests == []
+
+
+def test_no_request_to_any_service_waits_for_ever(bench):
+    asked = {}
+    for name, type_name in bench.node.types.items():
+        if "/srv/" in type_name or type_name.endswith(("_SendGoal", "_GetResult")):
+            asked[name] = bench.call(f"/{name}", data=b"\0\1\0\0" + b"\xff" * 3)
+    assert len(asked) > 40
+    assert [name for name, each in asked.items() if len(each.answers) != 1] == []
+    for name, each in asked.items():
+        words = each.answer.get("message", "")
+        assert not each.answer.get("success"), (name, words)
+    assert still(bench)

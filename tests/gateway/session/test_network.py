@@ -500,7 +500,8 @@ def test_another_hash_is_refused_and_counted(user):
 def test_services_refuse_what_is_no_request(user):
     assert not user.call("movl", "cardan_msgs/srv/MovePose", data=b"\1\2\3")["success"]
     name = "rcl_interfaces/srv/SetParameters"
-    assert user.call("set_parameters", name, data=b"\0\1\0\0\xff\xff\xff\xff") is None
+    (result,) = user.call("set_parameters", name, data=b"\0\1\0\0\xff\xff\xff\xff")["results"]
+    assert not result["successful"]
 
 
 def test_a_flood_is_survived_counted_and_moves_nothing_wrong(user):
