@@ -6,6 +6,7 @@ docs/ros2.md lists; the services with an answer, and the result topic, are Carda
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -178,17 +179,6 @@ def action_of(code: int) -> Action:
     return ROS_ACTIONS[code]
 
 
-def pose_message(stat: Stat, frame: str = "") -> Message:
-    """A geometry_msgs/PoseStamped of a `stat`; its stamp stays zero."""
-    x, y, z, *rotation = stat.pose
-    q = from_rotation_vector(Vector3(*rotation))
-    message = default_message("geometry_msgs/msg/PoseStamped")
-    message["header"]["frame_id"] = frame
-    message["pose"]["position"] = {"x": x, "y": y, "z": z}
-    message["pose"]["orientation"] = {"x": q.x, "y": q.y, "z": q.z, "w": q.w}
-    return message
-
-
 # -- the tables -------------------------------------------------------------------------------
 
 
@@ -241,10 +231,6 @@ def _wait(arrived: bool) -> Message:
     return {"success": arrived, "message": "" if arrived else "it did not arrive"}
 
 
-def _stat(stat: Stat) -> Message:
-    return {"pose": pose_message(stat), "state": int(stat.state), "success": True, "message": ""}
-
-
 SERVICES = (
     ServiceCommand(
         "~/inv", "rl_cartesian_control_msgs/srv/Inv", "inv",
@@ -267,10 +253,31 @@ SERVICES = (
     ServiceCommand(
         "~/wait", "cardan_msgs/srv/Wait", "wait", lambda request: request["timeout"], _wait
     ),
-    ServiceCommand("~/stat", "cardan_msgs/srv/Stat", "stat", answer=_stat),
 )  # fmt: skip
 """The services of the paper, and the same verbs with an answer. A motion's answer is that it has
 begun, or why not; `wait` answers whether it arrived."""
+
+
+def stat_command(base: str) -> ServiceCommand:
+    """Where the TCP is in the frame `base`, stamped with the time of the measurement."""
+
+    def answer(stat: Stat) -> Message:
+        x, y, z, *rotation = stat.pose
+        q = from_rotation_vector(Vector3(*rotation))
+        stamp_ns = time.time_ns() - round((time.monotonic() - stat.stamp_s) * 1e9)
+        stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
+        pose = {
+            "position": {"x": x, "y": y, "z": z},
+            "orientation": {"x": q.x, "y": q.y, "z": q.z, "w": q.w},
+        }
+        return {
+            "pose": {"header": {"stamp": stamp, "frame_id": base}, "pose": pose},
+            "state": int(stat.state),
+            "success": True,
+            "message": "",
+        }
+
+    return ServiceCommand("~/stat", "cardan_msgs/srv/Stat", "stat", answer=answer)
 
 
 def _pose_action(verb: str) -> ActionCommand:

@@ -11,7 +11,7 @@ from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import MotionNote, PacketError
 from cardan.gateway.bus.arm_server import ArmServer
 from cardan.gateway.bus.arm_topics import ArmNames
-from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS
+from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS, stat_command
 from cardan.gateway.bus.other_names import ServoScales, other_names
 from cardan.gateway.bus.trajectories import follow_joint_trajectory
 from cardan.protocols.ros2.cdr import codec_of
@@ -126,7 +126,11 @@ class Bench:
             self.node,
             self.offer,
             topics=(*TOPICS, *(each for other in self.others for each in other.topics)),
-            services=(*SERVICES, *(each for other in self.others for each in other.services)),
+            services=(
+                *SERVICES,
+                stat_command(self.names.base),
+                *(each for other in self.others for each in other.services),
+            ),
             actions=(*ACTIONS, follow),
             endless_without_watch=True,
             full=full,

@@ -1,6 +1,7 @@
 """Commands from topics and services: carried out, or refused with a reason at their sender."""
 
 import math
+import time
 
 import pytest
 
@@ -324,6 +325,10 @@ def test_stat_says_where_and_what(bench):
     assert answer["success"]
     assert answer["state"] == int(State.NOT_CONTROLLING)
     assert answer["pose"]["pose"]["position"] == ros_pose(bench.world.six())["position"]
+    header = answer["pose"]["header"]
+    assert header["frame_id"] == "base_link"
+    age_s = time.time() - header["stamp"]["sec"] - header["stamp"]["nanosec"] * 1e-9
+    assert age_s == pytest.approx(time.monotonic() - bench.world.verbs.stat().stamp_s, abs=1.0)
 
 
 def test_many_requests_at_once_are_all_answered(bench):
