@@ -20,6 +20,8 @@ def bench():
 
 
 def value_of(value):
+    if isinstance(value, bool):
+        return {"type": 1, "bool_value": value}
     if isinstance(value, str):
         return {"type": 4, "string_value": value}
     if isinstance(value, float):
@@ -36,6 +38,8 @@ def values(bench, *names):
     return [
         each["string_value"]
         if each["type"] == 4
+        else each["bool_value"]
+        if each["type"] == 1
         else each["double_value"]
         if each["type"]
         else None
@@ -56,7 +60,16 @@ def test_every_parameter_of_the_interface_is_there_those_of_the_paper_first(benc
     listed = bench.call("/list_parameters").answer["result"]["names"]
     assert tuple(listed[: len(PAPER)]) == PAPER
     assert {each.key for each in PARAMETERS} == {rule.key for rule in RULES}
-    assert len(listed) == len(RULES)
+    assert listed[len(RULES) :] == ["use_sim_time"]
+
+
+def test_simulated_time_is_refused_with_the_reason(bench):
+    assert values(bench, "use_sim_time") == [False]
+    assert "must not stand still" in set_each(bench, ("use_sim_time", True))[0]
+    refused = set_all(bench, ("gain", 1.0), ("use_sim_time", True))
+    assert not refused["successful"]
+    assert "can only be read" in refused["reason"]
+    assert values(bench, "use_sim_time") == [False]
 
 
 def test_values_are_those_of_the_arm(bench):
@@ -194,7 +207,7 @@ def test_changes_are_published_whoever_makes_them(bench):
     parameters.observe(verbs.get_parameters(), 5)
     (first,) = bench.heard("/parameter_events")
     assert first["node"] == "/arm"
-    assert len(first["new_parameters"]) == len(RULES)
+    assert len(first["new_parameters"]) == len(RULES) + 1
     verbs.set_parameter(Parameter.FRAME, "cpft", source="ros2")
     parameters.observe(verbs.get_parameters(), 6)
     parameters.observe(verbs.get_parameters(), 7)

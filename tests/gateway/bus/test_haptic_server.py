@@ -271,6 +271,7 @@ def test_the_mode_is_set_by_service_and_by_parameter_and_ends_the_feedback():
         each["value"]["string_value"]
         for event in events
         for each in (*event["new_parameters"], *event["changed_parameters"])
+        if each["name"] == "mode_feedback"
     ]
     assert values == ["cartesian", "joint", "cartesian"]
 
