@@ -6,7 +6,7 @@ sides are deaf to what the bridge itself publishes there, so that nothing goes r
 
 Nothing is queued here: a message is passed on in the thread that brought it, into DDS's and
 Zenoh's own bounded queues, in order for each publisher. A topic is subscribed to on the bus only
-while somebody on DDS subscribes to it.
+while somebody on DDS subscribes to it, a latched one from then on.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ class _Out:
         self.type, self.latched = topic.type, topic.latched
         self.publisher = publisher
         self.heard: Handle | None = None
-        """The subscription on the bus, while somebody on DDS wants it."""
+        """The subscription on the bus, while somebody on DDS wants it; of a latched topic, since
+        somebody did."""
 
     def quiet(self) -> None:
         """Nobody on DDS wants it."""
@@ -165,7 +166,9 @@ class Bridge:
                 out = self._outs.get(name) or self._begin_out(name, topic)
                 _, readers = self._dds.others(name)
                 if not readers:
-                    out.quiet()
+                    # What is latched would come once more with the next one, beside what is kept.
+                    if not out.latched:
+                        out.quiet()
                 elif out.heard is None:
                     out.heard = self._bus.subscribe(name, topic.type, self._passing(out.publisher))
             except NetworkError as error:

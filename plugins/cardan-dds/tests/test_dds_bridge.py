@@ -103,6 +103,29 @@ def test_a_latched_topic_begins_with_its_last_message_of_each_publisher(sides):
     until(lambda: {text("<robot 0/>"), text("<robot 1/>")} <= set(heard))
 
 
+def test_a_latched_message_is_kept_once_however_often_subscribers_come(sides):
+    robot, user = sides
+    description = robot.advertise("/arm/description", STRING, latched=True)
+    description.publish(text("<robot/>"))
+    state = robot.advertise("/arm/state", STRING, latched=False)
+    until(lambda: {"/arm/description", "/arm/state"} <= set(user.topics()))
+    for _ in range(3):
+        heard, handle = hears(user, "/arm/description")
+        _, other = hears(user, "/arm/state")
+        until(lambda heard=heard: heard)
+        until(lambda: robot.topics()["/arm/state"].subscribers)
+        handle.close()
+        other.close()
+        # The bridge has seen both go.
+        until(lambda: not robot.topics()["/arm/state"].subscribers)
+    heard, _handle = hears(user, "/arm/description")
+    until(lambda: heard)
+    description.publish(text("<end/>"))
+    until(lambda: text("<end/>") in heard)
+    assert heard == [text("<robot/>"), text("<end/>")]
+    state.close()
+
+
 def test_commands_come_in_in_order_each_publisher_as_a_node_of_its_participant(sides):
     robot, user = sides
     heard, _handle = hears(robot, "/arm/command")
