@@ -30,6 +30,11 @@ MOTIONS_TOPIC, MOTIONS_TYPE = "motions", "std_msgs/msg/String"
 """The notes of motions that were asked for by packets."""
 
 
+ACT_APART_S = 2.0
+"""Between two messages that are deliberate acts: `ros2 topic pub` repeats its message each
+second."""
+
+
 class Asks(NamedTuple):
     """What a message asks for whose verb depends on it; given as the value of its command."""
 
@@ -49,12 +54,17 @@ class TopicCommand(NamedTuple):
     """Messages that are kept until their turn: 1 of a stream, whose newest one counts."""
     begins: bool = False
     """Of a stream: whether it chooses its preset by itself."""
+    dated: bool = False
+    """Of one that does: whether only by messages whose publisher says when it sent them."""
     stamped: bool = False
     """Of a stream: whether the stamp of its header, where it has one, says when it was sent."""
     also: tuple[tuple[str, Callable[[Message], Any]], ...] = ()
     """Further types on the same topic, and the argument of a message of each."""
     always: bool = False
     """Whether it is carried out though it came twice, or after a newer one."""
+    apart_s: float = 0.0
+    """For how long its publisher must have sent none before it: of a deliberate act, which one that
+    repeats it all the time does not do."""
 
 
 class Instant(NamedTuple):
@@ -182,14 +192,25 @@ def action_of(code: int) -> Action:
 # -- the tables -------------------------------------------------------------------------------
 
 
-def _poses(verb: str, depth: int = 8) -> TopicCommand:
-    return TopicCommand(f"~/command/{verb}", "geometry_msgs/msg/Pose", verb, pose_of, depth)
+def _poses(verb: str) -> TopicCommand:
+    return TopicCommand(f"~/command/{verb}", "geometry_msgs/msg/Pose", verb, pose_of)
+
+
+def _stream(verb: str, type_name: str, value: Callable[[Message], Any]) -> TopicCommand:
+    return TopicCommand(f"~/command/{verb}", type_name, verb, value, 1, begins=True, dated=True)
+
+
+def _signal(verb: str, always: bool = False, apart_s: float = 0.0) -> TopicCommand:
+    return TopicCommand(
+        f"~/command/{verb}", "std_msgs/msg/Empty", verb, lambda _message: None,
+        always=always, apart_s=apart_s,
+    )  # fmt: skip
 
 
 TOPICS = (
-    _poses("pose", 1),
-    TopicCommand("~/command/twist", "geometry_msgs/msg/Twist", "twist", twist_of, 1),
-    TopicCommand("~/command/wrench", "geometry_msgs/msg/Wrench", "wrench", wrench_of, 1),
+    _stream("pose", "geometry_msgs/msg/Pose", pose_of),
+    _stream("twist", "geometry_msgs/msg/Twist", twist_of),
+    _stream("wrench", "geometry_msgs/msg/Wrench", wrench_of),
     _poses("movj"),
     _poses("relj"),
     _poses("movl"),
@@ -199,19 +220,18 @@ TOPICS = (
     TopicCommand(
         "~/command/gripper", "std_msgs/msg/Int32", "act", lambda message: action_of(message["data"])
     ),
-    # Every command that matters for safety is a topic, too: services do not cross middlewares.
-    TopicCommand(
-        "~/command/stop", "std_msgs/msg/Empty", "stop", lambda _message: None, always=True
-    ),
+    # What an operator needs is a topic, too: services do not cross middlewares.
+    _signal("stop", always=True),
+    _signal("acknowledge", apart_s=ACT_APART_S),
+    _signal("acquire"),
+    _signal("release"),
 )
-"""Table 1 of the paper, and a stop."""
+"""Table 1 of the paper, and what an operator needs."""
 
 
 def joint_command(names: Sequence[str]) -> TopicCommand:
     """The stream of joint speeds of the arm with these joints, for JointStateTopicSystem."""
-    return TopicCommand(
-        "~/command/joints", "sensor_msgs/msg/JointState", "joints", joint_speeds(names), 1
-    )
+    return _stream("joints", "sensor_msgs/msg/JointState", joint_speeds(names))
 
 
 def _pose_service(verb: str) -> ServiceCommand:
