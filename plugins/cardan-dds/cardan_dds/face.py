@@ -24,8 +24,9 @@ class DdsBridgeOptions(Options):
 
     topics: tuple[str, ...] = ("*",)
     """Patterns of the topics that are on DDS."""
-    services: tuple[str, ...] = ("*",)
-    """Patterns of the services, those of actions and parameters among them, that are on DDS."""
+    services: tuple[str, ...] = ()
+    """Patterns of the services, those of actions and parameters among them, that are on DDS: "*"
+    where all nodes there have rmw_cyclonedds. Others would see them as ready, and get no answer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +40,8 @@ class DdsFaceOptions(Options):
 
 class Dds(Face[DdsFaceOptions]):
     """Have the bus on DDS, for ROS 2 nodes with rmw_cyclonedds or rmw_fastrtps: the topics and
-    services that are on the bus, under their names."""
+    services that are on the bus, under their names; services for rmw_cyclonedds alone, where they
+    are asked for."""
 
     Options = DdsFaceOptions
     page = "ros2.md"

@@ -188,6 +188,23 @@ def test_services_answer_and_go(sides):
     until(lambda: "/arm/stop" not in user.services())
 
 
+def test_services_are_not_offered_unless_asked_for():
+    endpoint = free_endpoint()
+    with (
+        BusNetwork(BusOptions(router="", listen=(endpoint,)), "robot") as robot,
+        network("user") as user,
+        serving(DdsFaceOptions(bus=BusOptions(router=endpoint), dds=OPTIONS)),
+    ):
+        offered = robot.serve("/arm/stop", TRIGGER, lambda _request, answer: answer(REPLY))
+        until(lambda: f"/{NODE}" in robot.nodes() and f"/{NODE}" in user.nodes())
+        # Services are followed after topics.
+        for number in range(2):
+            _, _handle = hears(robot, f"/arm/command_{number}")
+            until(lambda number=number: f"/arm/command_{number}" in user.topics())
+        assert user.services() == {}
+        offered.close()
+
+
 def test_nothing_goes_round_where_both_sides_publish_and_subscribe(sides):
     robot, user = sides
     given = {each: hears(each, "/tf") for each in sides}
