@@ -18,6 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
+from cardan.bus.dds_options import FACE_NODE
 from cardan.bus.network import Answered, Failure, Handle, NetworkError, Publisher, Topic
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
@@ -28,9 +29,6 @@ from cardan.protocols.ros2.names import RosNameError, checked_name
 from cardan.types import NEVER_S
 from cardan_dds.network import DdsNetwork
 from cardan_dds.wire import Endpoint
-
-NODE = "cardan_dds_face"
-"""Name of the bridge's node on both sides."""
 
 MOST_CLIENTS = 64
 """Nodes on DDS whose commands are passed on: each is a node on the bus."""
@@ -144,7 +142,7 @@ class Bridge:
 
     def _check_alone(self) -> None:
         """Two bridges between the same networks would pass on what the other one brought."""
-        on_dds, on_bus = self._dds.having(f"/{NODE}"), self._bus.having(f"/{NODE}")
+        on_dds, on_bus = self._dds.having(f"/{FACE_NODE}"), self._bus.having(f"/{FACE_NODE}")
         if on_bus and any(guid < self._dds.guid for guid in on_dds):
             raise DriverError(
                 "another `cardan face dds` joins the same bus and DDS domain: messages would go "

@@ -5,13 +5,13 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, field
 
-from cardan.bus.dds_options import DdsOptions
+from cardan.bus.dds_options import FACE_NODE, DdsOptions
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.options import Options
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.base import Face, Ready
-from cardan_dds.bridge import NODE, Bridge
+from cardan_dds.bridge import Bridge
 from cardan_dds.network import DdsNetwork
 
 LOOK_S = 0.05
@@ -53,8 +53,8 @@ class Dds(Face[DdsFaceOptions]):
         allowed = Allowed(options.bridge.topics, options.bridge.services, ())
         number = options.dds.number
         with (
-            BusNetwork(options.bus, NODE, deaf=True) as bus,
-            DdsNetwork(options.dds, NODE, deaf=True) as dds,
+            BusNetwork(options.bus, FACE_NODE, deaf=True) as bus,
+            DdsNetwork(options.dds, FACE_NODE, deaf=True) as dds,
         ):
             bridge = Bridge(bus, dds, allowed)
             try:

@@ -12,13 +12,14 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
 
+from cardan.bus.dds_options import FACE_NODE
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.standstill import StandStill
 from cardan_dds import face as face
-from cardan_dds.bridge import NODE, Bridge
+from cardan_dds.bridge import Bridge
 from cardan_dds.face import DdsBridgeOptions, DdsFaceOptions
 from tests.dds_rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
 from tests.serving import free_endpoint
@@ -64,7 +65,7 @@ def sides():
         network("user") as user,
         serving(options),
     ):
-        until(lambda: f"/{NODE}" in robot.nodes() and f"/{NODE}" in user.nodes())
+        until(lambda: f"/{FACE_NODE}" in robot.nodes() and f"/{FACE_NODE}" in user.nodes())
         yield robot, user
 
 
@@ -84,7 +85,7 @@ def test_a_topic_goes_out_while_somebody_wants_it(sides):
     until(lambda: "/arm/state" in user.topics())
     assert robot.topics()["/arm/state"].subscribers == ()
     heard, handle = hears(user, "/arm/state")
-    until(lambda: robot.topics()["/arm/state"].subscribers == (f"/{NODE}",))
+    until(lambda: robot.topics()["/arm/state"].subscribers == (f"/{FACE_NODE}",))
     until(lambda: state.publish(text("here")) or heard)
     assert heard[0] == text("here")
     handle.close()
@@ -196,7 +197,7 @@ def test_services_are_not_offered_unless_asked_for():
         serving(DdsFaceOptions(bus=BusOptions(router=endpoint), dds=OPTIONS)),
     ):
         offered = robot.serve("/arm/stop", TRIGGER, lambda _request, answer: answer(REPLY))
-        until(lambda: f"/{NODE}" in robot.nodes() and f"/{NODE}" in user.nodes())
+        until(lambda: f"/{FACE_NODE}" in robot.nodes() and f"/{FACE_NODE}" in user.nodes())
         # Services are followed after topics.
         for number in range(2):
             _, _handle = hears(robot, f"/arm/command_{number}")
@@ -265,12 +266,12 @@ def test_a_second_bridge_between_the_same_networks_ends(sides):
     robot, _ = sides
     endpoint = robot.node.options.listen[0]
     with (
-        BusNetwork(BusOptions(router=endpoint), NODE, deaf=True) as bus,
-        network(NODE, deaf=True) as dds,
+        BusNetwork(BusOptions(router=endpoint), FACE_NODE, deaf=True) as bus,
+        network(FACE_NODE, deaf=True) as dds,
     ):
         bridge = Bridge(bus, dds, Allowed((), (), ()))
-        until(lambda: bus.having(f"/{NODE}") and dds.having(f"/{NODE}"))
-        if dds.having(f"/{NODE}")[0] < dds.guid:
+        until(lambda: bus.having(f"/{FACE_NODE}") and dds.having(f"/{FACE_NODE}"))
+        if dds.having(f"/{FACE_NODE}")[0] < dds.guid:
             with pytest.raises(DriverError, match="another `cardan face dds`"):
                 bridge.follow()
         bridge.close()
