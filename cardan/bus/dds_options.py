@@ -10,6 +10,9 @@ from cardan.common.bounds import DDS_CONFIG, Range
 from cardan.common.options import Options
 from cardan.errors import ConfigurationError
 
+FACE_NODE = "cardan_dds_face"
+"""Name of the node of `cardan face dds` on both sides."""
+
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 
 DDS_DOMAIN = Range(-1, 232, "", "beyond it DDS has no ports")

@@ -7,6 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from cardan.bus.dds_options import FACE_NODE
 from cardan.bus.network import Service, Topic
 from cardan.bus.options import BusOptions
 from cardan.bus.router import router_address, routers_here
@@ -134,6 +135,16 @@ def remedies(options: BusOptions, found: Survey) -> list[str]:
         f"`cardan face router{'' if options.router == BusOptions().router else _at(options)}`, or "
         "rmw_zenohd."
     ]
+
+
+def unseen(found: Survey) -> str:
+    """What else there may be, in a sentence; empty: nothing."""
+    if not any(name == f"/{FACE_NODE}" for name in found.nodes):
+        return ""
+    return (
+        "`cardan face dds` brings in the topics of DDS that somebody on the bus subscribes to: "
+        "others are not here, nor are they recorded; `cardan echo`, `hz` and `record` miss them."
+    )
 
 
 def _at(options: BusOptions) -> str:

@@ -104,7 +104,7 @@ def network(
 ) -> None:
     """Join the bus, print the nodes, topics and services that there are after two seconds, and what
     to do where nobody was met."""
-    from cardan.bus.survey import remedies, survey
+    from cardan.bus.survey import remedies, survey, unseen
 
     options = bus_options(file)
     found = survey(options)
@@ -112,6 +112,8 @@ def network(
         for each in advice:
             print(f"cardan: {each}", file=sys.stderr)
         raise typer.Exit(EXIT_INCOMPLETE)
+    if remark := unseen(found):
+        print(f"cardan: {remark}", file=sys.stderr)
     if as_json:
         print_json(
             {

@@ -24,7 +24,7 @@ def test_a_program_at_rosbridge_moves_the_robot_and_the_record_is_exact(tmp_path
     assert run_on_the_network(tmp_path, 8.0, lines.append) == []
     said = "\n".join(lines)
     for line in (
-        r"client: result: a twist was refused: twst: choose this streaming command first",
+        r"client: result: a twist was refused: twist: zero begins no stream",
         r"client: parameter preset_streaming_cmd is twist",
         r"client: \d+ twists streamed in [56]\.\d s; TCP moved by up to 1\d\d\.\d mm, at most ",
         r"record: \d+ messages of \d+ topics",

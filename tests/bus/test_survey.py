@@ -2,7 +2,7 @@
 
 import pytest
 
-from cardan.bus.survey import Survey, reachable, remedies, survey
+from cardan.bus.survey import Survey, reachable, remedies, survey, unseen
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.bus.options import BusOptions, NetworkOptions
 from tests.serving import free_endpoint
@@ -44,6 +44,13 @@ def test_a_client_is_not_told_to_become_one():
 )
 def test_where_nobody_answers_it_says_what_to_start(options, words):
     assert words in advice(NOBODY, **options)
+
+
+def test_where_dds_is_joined_it_says_what_is_not_seen():
+    assert unseen(NOBODY._replace(nodes=("/arm",))) == ""
+    said = unseen(NOBODY._replace(nodes=("/arm", "/cardan_dds_face")))
+    assert "somebody on the bus subscribes to" in said
+    assert "recorded" in said
 
 
 def test_another_session_of_zenoh_without_a_node_is_said_so():

@@ -79,9 +79,9 @@ def test_descriptors_have_ranges_choices_and_reasons(server):
 @pytest.mark.parametrize(
     ("prefixes", "depth", "expected"),
     [
-        ([], 0, [each.name for each in DECLARED]),
-        ([], 1, ["gain", "frame", "model", "free"]),
-        ([], 2, ["gain", "frame", "limits.count", "model", "free"]),
+        ([], 0, [*(each.name for each in DECLARED), "use_sim_time"]),
+        ([], 1, ["gain", "frame", "model", "free", "use_sim_time"]),
+        ([], 2, ["gain", "frame", "limits.count", "model", "free", "use_sim_time"]),
         (["limits"], 0, ["limits.count", "limits.speed.fast"]),
         (["limits"], 1, ["limits.count"]),
         (["gain"], 1, ["gain"]),
@@ -123,6 +123,7 @@ def test_what_is_allowed_is_taken(server, name, value):
         ("limits.count", 6, "allowed are 1 to 5, not 6"),
         ("limits.count", True, "not bool"),
         ("model", "gofa", "model: it can only be read"),
+        ("use_sim_time", True, "use_sim_time: it can only be read: all times are of this comp"),
         ("nope", 1.0, "there is no parameter 'nope'; there are gain, frame"),
     ],
 )
@@ -153,7 +154,7 @@ def test_events_tell_of_what_is_new_and_of_what_changed(server):
     assert codec_of(name).decode(codec_of(name).encode(first)) == first
     assert first["stamp"] == {"sec": 3, "nanosec": 4}
     assert first["node"] == "/arm"
-    assert {each["name"] for each in first["new_parameters"]} == set(VALUES)
+    assert {each["name"] for each in first["new_parameters"]} == {*VALUES, "use_sim_time"}
     assert server.event("/arm", dict(VALUES), 0) is None
     second = server.event("/arm", VALUES | {"gain": 0.7}, 0)
     assert [each["name"] for each in second["changed_parameters"]] == ["gain"]

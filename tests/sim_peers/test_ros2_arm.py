@@ -65,6 +65,14 @@ def test_joint_states_are_in_alphabetical_order():
     assert message["header"]["stamp"]["sec"] == 100
 
 
+def test_a_state_is_stamped_with_the_time_at_which_it_was():
+    arm = made(rate_hz=20.0)
+    for now_s in (100.0, 100.05, 100.1):
+        (state,) = arm.cycle(now_s)
+        stamp = decoded(state)["header"]["stamp"]
+        assert stamp["sec"] + 1e-9 * stamp["nanosec"] == pytest.approx(now_s, abs=1e-6)
+
+
 @pytest.mark.parametrize(("missed", "passed_s"), [(0, 0.01), (3, 0.04), (1000, 0.51)])
 def test_cycles_left_out_do_not_slow_its_clock_down(missed, passed_s):
     arm = made(rate_hz=100.0)
@@ -154,7 +162,7 @@ def test_faults_in_time():
     silent = run(made(faults={"silence": 0.3}), 6.0)
     assert len(silent) == pytest.approx(570, abs=1)
     stepped = run(made(faults={"clock-step": 3600.0}), 6.0)
-    assert decoded(stepped[-1])["header"]["stamp"]["sec"] == 3706
+    assert decoded(stepped[-1])["header"]["stamp"]["sec"] == 3705
     gripper = run(made(faults={"gripper": 1.0}), 0.1)
     assert decoded(gripper[1])["name"] == ["finger_joint"]
     arm = made(faults={"inactive": 0.1, "jam": 2.0})

@@ -39,5 +39,6 @@ def domain(session):
     from tests.dds_rig import OPTIONS
 
     number = str(OPTIONS.number)
-    with served("face", "dds", "--router", session.endpoint, "--dds-domain", number):
+    face = ("face", "dds", "--router", session.endpoint, "--dds-domain", number)
+    with served(*face, "--services", "*"):
         yield OPTIONS.number

@@ -113,7 +113,7 @@ JOG = {"joint_names": ["no_joint"], "velocities": [0.1]}
         ("~/command/movl", POSE, {"position": {"x": 9.0}}, "out of reach"),
         ("~/command/movl", POSE, {"orientation": {"w": 7.0}}, "movl: "),
         ("~/command/movl", TWIST, {"linear": {"x": 1.0}}, "geometry_msgs/msg/Pose"),
-        ("~/command/twist", TWIST, {"linear": {"x": 0.1}}, "choose this streaming command"),
+        ("~/command/twist", TWIST, {}, "zero begins no stream"),
         ("~/command/gripper", "std_msgs/Int32", {"data": 9}, "9 is no action"),
         (
             "servo_node/delta_twist_cmds",

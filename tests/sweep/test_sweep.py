@@ -123,7 +123,14 @@ def test_roslib_2_over_rosbridge(session, judgement, running):
     transport="DDS",
     by="dora-rs",
     kinds=("published", "taken"),
-    but=("~/raw/device", "imu/data_raw", "~/command/stop"),
+    but=(
+        "~/raw/device",
+        "imu/data_raw",
+        "~/command/stop",
+        "~/command/acknowledge",
+        "~/command/acquire",
+        "~/command/release",
+    ),
 )
 def test_dora_rs_over_dds(session, judgement, domain, tmp_path):
     pytest.importorskip("dora", reason="dora-rs is not installed: pip install dora-rs pyarrow")

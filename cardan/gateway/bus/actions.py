@@ -1,9 +1,10 @@
 """Motions of an arm as ROS 2 actions: goals that tell how far they are, and that can be cancelled.
 
-A goal that can be read is accepted at once; what the arm then refuses ends it as aborted, with the
-reason in its result, as a rejected goal could not tell one. A later motion takes the arm from the
-goal before, through rest, as all motions do. A goal that is cancelled before it moves the arm, also
-before it is accepted, never begins: it is accepted and ends as canceled.
+A goal that can be read is accepted at once, and another one rejected; what the arm then refuses
+ends it as aborted, with the reason in its result, as a rejected goal could not tell one. A later
+motion takes the arm from the goal before, through rest, as all motions do. A goal that is cancelled
+before it moves the arm, also before it is accepted, never begins: it is accepted and ends as
+canceled.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from cardan.protocols.ros2.actions import (
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 from cardan.protocols.ros2.interfaces import action_type
 from cardan.protocols.ros2.messages import default_message
+from cardan.protocols.ros2.refusals import refusal
 
 MAX_WAITING = 8
 """Most clients that wait for the result of one goal."""
@@ -100,7 +102,7 @@ class ArmAction:
             server.refused += 1
             reason = f"{command.verb}: {message.reason}"
             server.tell(command.verb, 0, "refused", reason)
-            packet.refuse(reason)
+            _refuse(packet, self._type.send_goal.name, reason)
             raise PacketError(reason, number)
         now_ns = time.time_ns()
         with self._lock:
@@ -162,7 +164,8 @@ class ArmAction:
                 if len(waiting) < MAX_WAITING:
                     waiting.append(packet)
                 else:
-                    packet.refuse(f"{MAX_WAITING} clients wait for this result already")
+                    reason = f"{MAX_WAITING} clients wait for this result already"
+                    _refuse(packet, self._type.get_result.name, reason)
                 return
         if goal is None or goal.result is None:
             unknown = default_message(self._type.result)
@@ -182,12 +185,12 @@ class ArmAction:
             data = codec_of(STATUS_TYPE).encode(states)
             self._status.put(data, time.time_ns())
 
-    def read(self, name: str, packet: ServiceRequest) -> Message:
-        """The message called `name` in a request. Raises PacketError, after the refusal."""
-        message = codec_of(name).decode(packet.data)
+    def read(self, service: str, packet: ServiceRequest) -> Message:
+        """The message in a request to `service`. Raises PacketError, after the refusal."""
+        message = codec_of(f"{service}_Request").decode(packet.data)
         if isinstance(message, Malformed):
             self._server.refused += 1
-            packet.refuse(message.reason)
+            _refuse(packet, service, message.reason)
             raise PacketError(f"{self._command.action}: {message.reason}")
         return message
 
@@ -207,13 +210,18 @@ class ArmAction:
         return self._command.verb
 
     @property
-    def result_request(self) -> str:
-        """Name of the message that asks for a result."""
-        return self._type.get_result.request
+    def result_type(self) -> str:
+        """The type of the service that is asked for a result."""
+        return self._type.get_result.name
 
     def next_id(self) -> int:
         """Of the next request."""
         return self._server.next_id()
+
+
+def _refuse(packet: ServiceRequest, service: str, reason: str) -> None:
+    response = refusal(service, reason)
+    packet.reply(codec_of(f"{service}_Response").encode(response), time.time_ns())
 
 
 class _GoalClient:
@@ -278,7 +286,7 @@ class _CancelClient:
         """None for `packet`: only brake."""
         action = self._action
         if packet is not None:
-            response, moving = action.cancel(action.read(f"{CANCEL_TYPE}_Request", packet))
+            response, moving = action.cancel(action.read(CANCEL_TYPE, packet))
             packet.reply(codec_of(f"{CANCEL_TYPE}_Response").encode(response), time.time_ns())
             if not moving:
                 return None
@@ -301,7 +309,7 @@ class _ResultClient:
         self._action = action
 
     def decode(self, packet: ServiceRequest) -> None:
-        message = self._action.read(self._action.result_request, packet)
+        message = self._action.read(self._action.result_type, packet)
         self._action.ask_result(bytes(message["goal_id"]["uuid"]), packet)
 
     def done(self, request: Request, result: Any) -> None:

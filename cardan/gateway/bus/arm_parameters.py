@@ -31,6 +31,7 @@ from cardan.protocols.ros2.parameters import (
     Value,
     set_result,
 )
+from cardan.protocols.ros2.refusals import refusal
 from cardan.protocols.ros2.type_description import TYPE_DESCRIPTION, describe_type
 from cardan.protocols.ros2.zenoh import PARAMETERS_QOS
 
@@ -184,7 +185,7 @@ class ArmParameters:
 
 
 class _ServiceEnd:
-    """A service as a client of the worker; what is no request of it is answered as an error."""
+    """A service as a client of the worker; what is no request of it is refused."""
 
     def __init__(self, server: CommandServer) -> None:
         self.server = server
@@ -192,7 +193,7 @@ class _ServiceEnd:
 
     def bind(self, name: str, type_name: str) -> None:
         """Which service it is."""
-        self.name = name.rpartition("/")[2]
+        self.name, self._type = name.rpartition("/")[2], type_name
         self._request = codec_of(f"{type_name}_Request")
         self._response = codec_of(f"{type_name}_Response")
 
@@ -202,8 +203,9 @@ class _ServiceEnd:
         message = self._request.decode(packet.data)
         if isinstance(message, Malformed):
             self.server.refused += 1
-            packet.refuse(f"{self.name}: {message.reason}")
-            raise PacketError(f"{self.name}: {message.reason}", number)
+            reason = f"{self.name}: {message.reason}"
+            packet.reply(self._response.encode(refusal(self._type, reason)), time.time_ns())
+            raise PacketError(reason, number)
         self._waiting[number] = packet, message
         return number, message
 

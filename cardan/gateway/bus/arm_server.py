@@ -531,9 +531,16 @@ class _TopicClient:
                 waited_s = self._delays.hear(sender.key, sent_s, server.now_s)
                 sender.clock_runs |= 0 <= sender.source_ns < attachment.source_ns
             sender.sequence, sender.source_ns = sequence, attachment.source_ns
+        silent_s = server.now_s - sender.heard_s
         source = self._source(sender, packet)
         number = server.next_id()
         self._asked[number] = sequence, sender
+        if silent_s < command.apart_s:
+            raise PacketError(
+                f"{command.verb}: its publisher repeats it, so it is no deliberate act: send it "
+                f"once, {command.apart_s:g} s after the one before",
+                number,
+            )
         codec, value_of = self._types.get(key_end(packet.key), (None, command.value))
         if codec is None:
             message: Message | Malformed = Malformed(self._wrong_type(packet.key))
@@ -555,7 +562,7 @@ class _TopicClient:
         if isinstance(value, Asks):
             return self._asked_for(value, number, source.name)
         request = Request(number, source.name, command.verb, value)
-        if command.begins:
+        if command.begins and (not command.dated or (attachment and attachment.source_ns > 0)):
             request = request._replace(begins=self._begins(source, value))
         if command.stamped and "header" in message:
             stamp_s = _seconds(message["header"]["stamp"])

@@ -6,6 +6,7 @@ docs/ros2.md lists; the services with an answer, and the result topic, are Carda
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -14,6 +15,7 @@ from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.motion import Stat
 from cardan.protocols.ros2.cdr import Message
 from cardan.protocols.ros2.messages import default_message
+from cardan.protocols.ros2.refusals import refusal
 from cardan.spatial import from_rotation_vector
 from cardan.types import Pose, RobotState, Vector3
 
@@ -26,6 +28,11 @@ ASK_SERVICE, ASK_TYPE = "ask", "cardan_msgs/srv/Ask"
 
 MOTIONS_TOPIC, MOTIONS_TYPE = "motions", "std_msgs/msg/String"
 """The notes of motions that were asked for by packets."""
+
+
+ACT_APART_S = 2.0
+"""Between two messages that are deliberate acts: `ros2 topic pub` repeats its message each
+second."""
 
 
 class Asks(NamedTuple):
@@ -47,12 +54,17 @@ class TopicCommand(NamedTuple):
     """Messages that are kept until their turn: 1 of a stream, whose newest one counts."""
     begins: bool = False
     """Of a stream: whether it chooses its preset by itself."""
+    dated: bool = False
+    """Of one that does: whether only by messages whose publisher says when it sent them."""
     stamped: bool = False
     """Of a stream: whether the stamp of its header, where it has one, says when it was sent."""
     also: tuple[tuple[str, Callable[[Message], Any]], ...] = ()
     """Further types on the same topic, and the argument of a message of each."""
     always: bool = False
     """Whether it is carried out though it came twice, or after a newer one."""
+    apart_s: float = 0.0
+    """For how long its publisher must have sent none before it: of a deliberate act, which one that
+    repeats it all the time does not do."""
 
 
 class Instant(NamedTuple):
@@ -111,11 +123,7 @@ class ServiceCommand(NamedTuple):
 
     def refusal(self, error: CardanError) -> Message:
         """The response where the verb was refused."""
-        response = default_message(f"{self.type_name}_Response")
-        response["success"] = False
-        if "message" in response:
-            response["message"] = str(error)
-        return response
+        return refusal(self.type_name, str(error))
 
 
 # -- arguments --------------------------------------------------------------------------------
@@ -175,27 +183,28 @@ def action_of(code: int) -> Action:
     return ROS_ACTIONS[code]
 
 
-def pose_message(stat: Stat, frame: str = "") -> Message:
-    """A geometry_msgs/PoseStamped of a `stat`; its stamp stays zero."""
-    x, y, z, *rotation = stat.pose
-    pose = Pose(Vector3(x, y, z), from_rotation_vector(Vector3(*rotation)))
-    message = default_message("geometry_msgs/msg/PoseStamped")
-    message["header"]["frame_id"] = frame
-    message["pose"] = pose.to_ros()
-    return message
-
-
 # -- the tables -------------------------------------------------------------------------------
 
 
-def _poses(verb: str, depth: int = 8) -> TopicCommand:
-    return TopicCommand(f"~/command/{verb}", "geometry_msgs/msg/Pose", verb, Pose.from_ros, depth)
+def _poses(verb: str) -> TopicCommand:
+    return TopicCommand(f"~/command/{verb}", "geometry_msgs/msg/Pose", verb, Pose.from_ros)
+
+
+def _stream(verb: str, type_name: str, value: Callable[[Message], Any]) -> TopicCommand:
+    return TopicCommand(f"~/command/{verb}", type_name, verb, value, 1, begins=True, dated=True)
+
+
+def _signal(verb: str, always: bool = False, apart_s: float = 0.0) -> TopicCommand:
+    return TopicCommand(
+        f"~/command/{verb}", "std_msgs/msg/Empty", verb, lambda _message: None,
+        always=always, apart_s=apart_s,
+    )  # fmt: skip
 
 
 TOPICS = (
-    _poses("pose", 1),
-    TopicCommand("~/command/twist", "geometry_msgs/msg/Twist", "twist", twist_of, 1),
-    TopicCommand("~/command/wrench", "geometry_msgs/msg/Wrench", "wrench", wrench_of, 1),
+    _stream("pose", "geometry_msgs/msg/Pose", pose_of),
+    _stream("twist", "geometry_msgs/msg/Twist", twist_of),
+    _stream("wrench", "geometry_msgs/msg/Wrench", wrench_of),
     _poses("movj"),
     _poses("relj"),
     _poses("movl"),
@@ -205,19 +214,18 @@ TOPICS = (
     TopicCommand(
         "~/command/gripper", "std_msgs/msg/Int32", "act", lambda message: action_of(message["data"])
     ),
-    # Every command that matters for safety is a topic, too: services do not cross middlewares.
-    TopicCommand(
-        "~/command/stop", "std_msgs/msg/Empty", "stop", lambda _message: None, always=True
-    ),
+    # What an operator needs is a topic, too: services do not cross middlewares.
+    _signal("stop", always=True),
+    _signal("acknowledge", apart_s=ACT_APART_S),
+    _signal("acquire"),
+    _signal("release"),
 )
-"""Table 1 of the paper, and a stop."""
+"""Table 1 of the paper, and what an operator needs."""
 
 
 def joint_command(names: Sequence[str]) -> TopicCommand:
     """The stream of joint speeds of the arm with these joints, for JointStateTopicSystem."""
-    return TopicCommand(
-        "~/command/joints", "sensor_msgs/msg/JointState", "joints", joint_speeds(names), 1
-    )
+    return _stream("joints", "sensor_msgs/msg/JointState", joint_speeds(names))
 
 
 def _pose_service(verb: str) -> ServiceCommand:
@@ -235,10 +243,6 @@ def _inverse(positions: tuple[float, ...]) -> Message:
 
 def _wait(arrived: bool) -> Message:
     return {"success": arrived, "message": "" if arrived else "it did not arrive"}
-
-
-def _stat(stat: Stat) -> Message:
-    return {"pose": pose_message(stat), "state": int(stat.state), "success": True, "message": ""}
 
 
 SERVICES = (
@@ -263,10 +267,27 @@ SERVICES = (
     ServiceCommand(
         "~/wait", "cardan_msgs/srv/Wait", "wait", lambda request: request["timeout"], _wait
     ),
-    ServiceCommand("~/stat", "cardan_msgs/srv/Stat", "stat", answer=_stat),
 )  # fmt: skip
 """The services of the paper, and the same verbs with an answer. A motion's answer is that it has
 begun, or why not; `wait` answers whether it arrived."""
+
+
+def stat_command(base: str) -> ServiceCommand:
+    """Where the TCP is in the frame `base`, stamped with the time of the measurement."""
+
+    def answer(stat: Stat) -> Message:
+        x, y, z, *rotation = stat.pose
+        pose = Pose(Vector3(x, y, z), from_rotation_vector(Vector3(*rotation)))
+        stamp_ns = time.time_ns() - round((time.monotonic() - stat.stamp_s) * 1e9)
+        stamp = {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}
+        return {
+            "pose": {"header": {"stamp": stamp, "frame_id": base}, "pose": pose.to_ros()},
+            "state": int(stat.state),
+            "success": True,
+            "message": "",
+        }
+
+    return ServiceCommand("~/stat", "cardan_msgs/srv/Stat", "stat", answer=answer)
 
 
 def _pose_action(verb: str) -> ActionCommand:

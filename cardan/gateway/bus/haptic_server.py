@@ -30,6 +30,7 @@ from cardan.protocols.ros2.parameters import (
     ParameterServer,
     set_result,
 )
+from cardan.protocols.ros2.refusals import refusal
 from cardan.protocols.ros2.type_description import TYPE_DESCRIPTION, describe_type
 from cardan.protocols.ros2.zenoh import PARAMETERS_QOS
 from cardan.types import Pose, Quaternion, Vector3
@@ -410,17 +411,14 @@ class HapticServer:
 
     def _answer(self, packet: ServiceRequest, service: _Service) -> None:
         request = _decoded(f"{service.type_name}_Request", packet.data, REQUEST_BYTES)
-        if isinstance(request, Malformed):
-            self.refused += 1
-            packet.refuse(f"{service.name}: {request.reason}")
-            return
-        response = default_message(f"{service.type_name}_Response")
-        words = "message" if "message" in response else "response"
         try:
+            if isinstance(request, Malformed):
+                raise CommandError(f"{service.name}: {request.reason}")
+            response = default_message(f"{service.type_name}_Response")
             response |= service.answer(self, request)
         except CardanError as error:
             self.refused += 1
-            response |= {"success": False, words: str(error)}
+            response = refusal(service.type_name, str(error))
         else:
             if "success" in response:
                 response["success"] = True

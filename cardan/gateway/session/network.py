@@ -24,7 +24,14 @@ from cardan.gateway.bus.arm_topics import (
     ArmTopics,
     Part,
 )
-from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS, Instant, joint_command
+from cardan.gateway.bus.commands import (
+    ACTIONS,
+    SERVICES,
+    TOPICS,
+    Instant,
+    joint_command,
+    stat_command,
+)
 from cardan.gateway.bus.device_topics import DeviceTopics
 from cardan.gateway.bus.haptic_server import HapticServer
 from cardan.gateway.bus.options import NetworkOptions
@@ -159,7 +166,11 @@ class SessionNetwork:
                     joint_command(self._names.joints),
                     *(each for names in others for each in names.topics),
                 ),
-                services=(*SERVICES, *(each for names in others for each in names.services)),
+                services=(
+                    *SERVICES,
+                    stat_command(self._names.base),
+                    *(each for names in others for each in names.services),
+                ),
                 actions=(*ACTIONS, follow),
                 full=self._full,
             )

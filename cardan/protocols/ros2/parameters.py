@@ -172,6 +172,15 @@ class Declared:
         return message
 
 
+USE_SIM_TIME = Declared(
+    "use_sim_time", ParameterKind.BOOL, "Whether the node's time is that of the topic /clock",
+    constraints="all times are of this computer's clock, and what moves an arm must not stand "
+    "still or jump with a simulation's",
+    read_only=True,
+)  # fmt: skip
+"""That every node of ROS 2 has: false here."""
+
+
 class ParameterServer:
     """Answers the parameter services of a node, and makes its events.
 
@@ -180,7 +189,7 @@ class ParameterServer:
     """
 
     def __init__(self, declared: Iterable[Declared]) -> None:
-        self.declared = {each.name: each for each in declared}
+        self.declared = {each.name: each for each in (*declared, USE_SIM_TIME)}
         self._told: dict[str, Value] = {}
 
     # -- what it is ------------------------------------------------------------------------------
@@ -220,6 +229,7 @@ class ParameterServer:
     def _value(self, name: str, values: Mapping[str, Value]) -> Message:
         known = self.declared.get(name)
         message = default_message("rcl_interfaces/msg/ParameterValue")
+        values = {**values, USE_SIM_TIME.name: False}
         if known is not None and name in values:
             message["type"] = int(known.kind)
             message[_FIELDS[known.kind]] = values[name]
@@ -236,7 +246,8 @@ class ParameterServer:
                 f"there is no parameter {name!r:.80}; there are {', '.join(self.declared)}"
             )
         if known.read_only:
-            raise ParameterError(f"{name}: it can only be read")
+            why = f": {known.constraints}" if known.constraints else ""
+            raise ParameterError(f"{name}: it can only be read{why}")
         if given["type"] != known.kind:
             try:
                 kind = ParameterKind(given["type"]).words
@@ -266,7 +277,7 @@ class ParameterServer:
 
         `node`: full name; `now_ns`: since the epoch.
         """
-        told = self._told
+        told, values = self._told, {**values, USE_SIM_TIME.name: False}
         new: list[Message] = []
         changed: list[Message] = []
         for name in self.declared:

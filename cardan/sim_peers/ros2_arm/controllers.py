@@ -244,10 +244,10 @@ class RosArm:
         `missed` before it were left out: the arm and its clock went on meanwhile, for CATCH_UP_S at
         most. Beyond that the whole process stood still, and they with it.
         """
-        if self._start_s is None:
-            self._start_s = now_s
         self._cycles += 1 + min(missed, round(CATCH_UP_S / self.options.period_s))
         time_s = self._cycles * self.options.period_s
+        if self._start_s is None:
+            self._start_s = now_s - time_s
         if self._points:
             self.plant.command_positions(self._wanted(time_s))
         self.plant.advance(time_s)

@@ -6,7 +6,7 @@ sides are deaf to what the bridge itself publishes there, so that nothing goes r
 
 Nothing is queued here: a message is passed on in the thread that brought it, into DDS's and
 Zenoh's own bounded queues, in order for each publisher. A topic is subscribed to on the bus only
-while somebody on DDS subscribes to it.
+while somebody on DDS subscribes to it, a latched one from then on.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
+from cardan.bus.dds_options import FACE_NODE
 from cardan.bus.network import Answered, Failure, Handle, NetworkError, Publisher, Topic
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
@@ -28,9 +29,6 @@ from cardan.protocols.ros2.names import RosNameError, checked_name
 from cardan.types import NEVER_S
 from cardan_dds.network import DdsNetwork
 from cardan_dds.wire import Endpoint
-
-NODE = "cardan_dds_face"
-"""Name of the bridge's node on both sides."""
 
 MOST_CLIENTS = 64
 """Nodes on DDS whose commands are passed on: each is a node on the bus."""
@@ -43,7 +41,7 @@ MOST_BYTES = 10_000_000
 """Largest message that is passed on to the bus, as of rosbridge."""
 
 MOST_CALLS = 64
-"""Calls of one participant that wait for their replies; of more there is no reply."""
+"""Calls of one participant that wait for their replies; more are refused."""
 
 HANDED_ON_S = 0.3
 """How long after it stood still what comes counts as sent before: as long as DDS takes to hand on
@@ -59,7 +57,8 @@ class _Out:
         self.type, self.latched = topic.type, topic.latched
         self.publisher = publisher
         self.heard: Handle | None = None
-        """The subscription on the bus, while somebody on DDS wants it."""
+        """The subscription on the bus, while somebody on DDS wants it; of a latched topic, since
+        somebody did."""
 
     def quiet(self) -> None:
         """Nobody on DDS wants it."""
@@ -143,7 +142,7 @@ class Bridge:
 
     def _check_alone(self) -> None:
         """Two bridges between the same networks would pass on what the other one brought."""
-        on_dds, on_bus = self._dds.having(f"/{NODE}"), self._bus.having(f"/{NODE}")
+        on_dds, on_bus = self._dds.having(f"/{FACE_NODE}"), self._bus.having(f"/{FACE_NODE}")
         if on_bus and any(guid < self._dds.guid for guid in on_dds):
             raise DriverError(
                 "another `cardan face dds` joins the same bus and DDS domain: messages would go "
@@ -165,7 +164,9 @@ class Bridge:
                 out = self._outs.get(name) or self._begin_out(name, topic)
                 _, readers = self._dds.others(name)
                 if not readers:
-                    out.quiet()
+                    # What is latched would come once more with the next one, beside what is kept.
+                    if not out.latched:
+                        out.quiet()
                 elif out.heard is None:
                     out.heard = self._bus.subscribe(name, topic.type, self._passing(out.publisher))
             except NetworkError as error:

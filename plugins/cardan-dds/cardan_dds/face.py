@@ -5,13 +5,13 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, field
 
-from cardan.bus.dds_options import DdsOptions
+from cardan.bus.dds_options import FACE_NODE, DdsOptions
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.options import Options
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.base import Face, Ready
-from cardan_dds.bridge import NODE, Bridge
+from cardan_dds.bridge import Bridge
 from cardan_dds.network import DdsNetwork
 
 LOOK_S = 0.05
@@ -24,8 +24,9 @@ class DdsBridgeOptions(Options):
 
     topics: tuple[str, ...] = ("*",)
     """Patterns of the topics that are on DDS."""
-    services: tuple[str, ...] = ("*",)
-    """Patterns of the services, those of actions and parameters among them, that are on DDS."""
+    services: tuple[str, ...] = ()
+    """Patterns of the services, those of actions and parameters among them, that are on DDS: "*"
+    where all nodes there have rmw_cyclonedds. Others would see them as ready, and get no answer."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +40,8 @@ class DdsFaceOptions(Options):
 
 class Dds(Face[DdsFaceOptions]):
     """Have the bus on DDS, for ROS 2 nodes with rmw_cyclonedds or rmw_fastrtps: the topics and
-    services that are on the bus, under their names."""
+    services that are on the bus, under their names; services for rmw_cyclonedds alone, where they
+    are asked for."""
 
     Options = DdsFaceOptions
     page = "ros2.md"
@@ -51,8 +53,8 @@ class Dds(Face[DdsFaceOptions]):
         allowed = Allowed(options.bridge.topics, options.bridge.services, ())
         number = options.dds.number
         with (
-            BusNetwork(options.bus, NODE, deaf=True) as bus,
-            DdsNetwork(options.dds, NODE, deaf=True) as dds,
+            BusNetwork(options.bus, FACE_NODE, deaf=True) as bus,
+            DdsNetwork(options.dds, FACE_NODE, deaf=True) as dds,
         ):
             bridge = Bridge(bus, dds, allowed)
             try:

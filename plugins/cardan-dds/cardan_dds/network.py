@@ -26,8 +26,10 @@ from cardan.bus.network import (
     Topic,
 )
 from cardan.errors import DriverError
+from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError, full_name
 from cardan.protocols.ros2.names import RosNameError, checked_name
+from cardan.protocols.ros2.refusals import refusal
 from cardan.protocols.ros2.type_hash import type_hash
 from cardan.protocols.ros2.zenoh import PARAMETERS_QOS, Qos
 from cardan_dds.cyclone import (
@@ -267,8 +269,8 @@ class DdsNetwork:
         client.call(request, answered, LONGEST_CALL_S if timeout_s is None else timeout_s)
 
     def serve(self, service: str, type_name: str, asked: Asked) -> Handle:
-        """Offer a service. DDS has no word for a failure: who asks gets no reply then. Raises
-        NetworkError."""
+        """Offer a service. DDS has no word for a failure: who asks gets the refusal of the
+        service's own type, and no reply where Cardan does not know that. Raises NetworkError."""
         return self.serve_to(service, type_name, lambda data, answer, _by: asked(data, answer))
 
     def serve_to(self, service: str, type_name: str, asked: AskedBy) -> Handle:
@@ -704,7 +706,8 @@ class _Server(_Given):
         super().__init__(hub, node)
         self._service, self._asked = service, asked
         with _told():
-            self._request = f"{full_name(type_name, 'srv')}_Request"
+            self._type = full_name(type_name, "srv")
+        self._request = f"{self._type}_Request"
         users = _service_users(hub, "serviceid", type_name)
         self._writer = hub.make_writer(REPLY, service, type_name, PARAMETERS_QOS, users[1])
         self._reader = hub.make_reader(REQUEST, service, type_name, PARAMETERS_QOS, users[0])
@@ -731,11 +734,22 @@ class _Server(_Given):
             if not over.acquire(blocking=False):
                 return
             if isinstance(reply, Failure):
-                _log.warning("%s gets no answer from %s: %s", client.topic, self._service, reply[0])
-                return
+                _log.warning("%s is refused: %s", self._service, reply.reason)
+                refused = self._refusal(reply.reason)
+                if refused is None:
+                    return
+                reply = refused
             self._reply(packet._replace(cdr=reply).encode(), client)
 
         self._asked(_exact(self._request, packet.cdr), answer, client)
+
+    def _refusal(self, reason: str) -> bytes | None:
+        """The response that says so; None of a type that Cardan does not know."""
+        try:
+            response = refusal(self._type, reason)
+            return codec_of(f"{self._type}_Response").encode(response)
+        except InterfaceError:
+            return None
 
     def _reply(self, data: bytes, client: Endpoint) -> None:
         """From any thread."""

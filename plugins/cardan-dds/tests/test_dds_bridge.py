@@ -12,13 +12,14 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
 
+from cardan.bus.dds_options import FACE_NODE
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
 from cardan.gateway.faces.allowed import Allowed
 from cardan.gateway.faces.standstill import StandStill
 from cardan_dds import face as face
-from cardan_dds.bridge import NODE, Bridge
+from cardan_dds.bridge import Bridge
 from cardan_dds.face import DdsBridgeOptions, DdsFaceOptions
 from tests.dds_rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
 from tests.serving import free_endpoint
@@ -64,7 +65,7 @@ def sides():
         network("user") as user,
         serving(options),
     ):
-        until(lambda: f"/{NODE}" in robot.nodes() and f"/{NODE}" in user.nodes())
+        until(lambda: f"/{FACE_NODE}" in robot.nodes() and f"/{FACE_NODE}" in user.nodes())
         yield robot, user
 
 
@@ -84,7 +85,7 @@ def test_a_topic_goes_out_while_somebody_wants_it(sides):
     until(lambda: "/arm/state" in user.topics())
     assert robot.topics()["/arm/state"].subscribers == ()
     heard, handle = hears(user, "/arm/state")
-    until(lambda: robot.topics()["/arm/state"].subscribers == (f"/{NODE}",))
+    until(lambda: robot.topics()["/arm/state"].subscribers == (f"/{FACE_NODE}",))
     until(lambda: state.publish(text("here")) or heard)
     assert heard[0] == text("here")
     handle.close()
@@ -101,6 +102,29 @@ def test_a_latched_topic_begins_with_its_last_message_of_each_publisher(sides):
     until(lambda: (found := user.topics().get("/arm/description")) and found.latched)
     heard, _handle = hears(user, "/arm/description")
     until(lambda: {text("<robot 0/>"), text("<robot 1/>")} <= set(heard))
+
+
+def test_a_latched_message_is_kept_once_however_often_subscribers_come(sides):
+    robot, user = sides
+    description = robot.advertise("/arm/description", STRING, latched=True)
+    description.publish(text("<robot/>"))
+    state = robot.advertise("/arm/state", STRING, latched=False)
+    until(lambda: {"/arm/description", "/arm/state"} <= set(user.topics()))
+    for _ in range(3):
+        heard, handle = hears(user, "/arm/description")
+        _, other = hears(user, "/arm/state")
+        until(lambda heard=heard: heard)
+        until(lambda: robot.topics()["/arm/state"].subscribers)
+        handle.close()
+        other.close()
+        # The bridge has seen both go.
+        until(lambda: not robot.topics()["/arm/state"].subscribers)
+    heard, _handle = hears(user, "/arm/description")
+    until(lambda: heard)
+    description.publish(text("<end/>"))
+    until(lambda: text("<end/>") in heard)
+    assert heard == [text("<robot/>"), text("<end/>")]
+    state.close()
 
 
 def test_commands_come_in_in_order_each_publisher_as_a_node_of_its_participant(sides):
@@ -165,6 +189,23 @@ def test_services_answer_and_go(sides):
     until(lambda: "/arm/stop" not in user.services())
 
 
+def test_services_are_not_offered_unless_asked_for():
+    endpoint = free_endpoint()
+    with (
+        BusNetwork(BusOptions(router="", listen=(endpoint,)), "robot") as robot,
+        network("user") as user,
+        serving(DdsFaceOptions(bus=BusOptions(router=endpoint), dds=OPTIONS)),
+    ):
+        offered = robot.serve("/arm/stop", TRIGGER, lambda _request, answer: answer(REPLY))
+        until(lambda: f"/{FACE_NODE}" in robot.nodes() and f"/{FACE_NODE}" in user.nodes())
+        # Services are followed after topics.
+        for number in range(2):
+            _, _handle = hears(robot, f"/arm/command_{number}")
+            until(lambda number=number: f"/arm/command_{number}" in user.topics())
+        assert user.services() == {}
+        offered.close()
+
+
 def test_nothing_goes_round_where_both_sides_publish_and_subscribe(sides):
     robot, user = sides
     given = {each: hears(each, "/tf") for each in sides}
@@ -225,12 +266,12 @@ def test_a_second_bridge_between_the_same_networks_ends(sides):
     robot, _ = sides
     endpoint = robot.node.options.listen[0]
     with (
-        BusNetwork(BusOptions(router=endpoint), NODE, deaf=True) as bus,
-        network(NODE, deaf=True) as dds,
+        BusNetwork(BusOptions(router=endpoint), FACE_NODE, deaf=True) as bus,
+        network(FACE_NODE, deaf=True) as dds,
     ):
         bridge = Bridge(bus, dds, Allowed((), (), ()))
-        until(lambda: bus.having(f"/{NODE}") and dds.having(f"/{NODE}"))
-        if dds.having(f"/{NODE}")[0] < dds.guid:
+        until(lambda: bus.having(f"/{FACE_NODE}") and dds.having(f"/{FACE_NODE}"))
+        if dds.having(f"/{FACE_NODE}")[0] < dds.guid:
             with pytest.raises(DriverError, match="another `cardan face dds`"):
                 bridge.follow()
         bridge.close()

@@ -49,7 +49,7 @@ def test_a_message_arrives_as_it_was_sent(pair):
     until(lambda: heard)
     assert heard[0][0] == HELLO
     topic = until(lambda: (found := listener.topics()["/chatter"]).publishers and found)
-    assert topic == (STRING, ("/talker",), ("/listener",), False)
+    assert topic == (STRING, ("/talker",), ("/listener",), False, "")
     assert listener.topics(others=True)["/chatter"].subscribers == ()
     handle.close()
     publisher.close()
@@ -214,13 +214,14 @@ def test_names_and_types_that_are_none_are_refused(pair):
         network("closed").advertise("/a", STRING, latched=False)
 
 
-def test_a_server_that_fails_gives_no_reply_and_says_why(pair, caplog):
+def test_a_server_that_fails_refuses_with_the_reason_and_logs_it(pair, caplog):
     talker, listener = pair
     talker.serve("/ready", TRIGGER, lambda _request, answer: answer(Failure("it is broken")))
     replies = []
     assert listener.wait_for_service("/ready", TIMEOUT_S)
-    listener.call("/ready", TRIGGER, REQUEST, replies.append, 1.0)
+    listener.call("/ready", TRIGGER, REQUEST, replies.append, TIMEOUT_S)
     until(lambda: replies)
+    assert replies == [encoded(f"{TRIGGER}_Response", success=False, message="it is broken")]
     assert any("it is broken" in each.message for each in caplog.records)
 
 

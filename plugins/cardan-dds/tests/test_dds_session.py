@@ -36,7 +36,8 @@ def domain(tmp_path_factory):
     run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "300"]
     with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
         try:
-            with served("face", "dds", "--router", endpoint, "--dds-domain", number) as ready:
+            face = ("face", "dds", "--router", endpoint, "--dds-domain", number)
+            with served(*face, "--services", "*") as ready:
                 assert ready == f"dds/{number}"
                 yield number
         finally:

@@ -35,9 +35,6 @@ class FakeRequest:
     def reply(self, data, _now_ns):
         self.answer = data
 
-    def refuse(self, reason):
-        self.answer = reason
-
 
 class FakeNode:
     """Stands in for BusNode, as far as servers use it."""

@@ -11,7 +11,7 @@ from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import MotionNote, PacketError
 from cardan.gateway.bus.arm_server import ArmServer
 from cardan.gateway.bus.arm_topics import ArmNames
-from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS
+from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS, stat_command
 from cardan.gateway.bus.other_names import ServoScales, other_names
 from cardan.gateway.bus.trajectories import follow_joint_trajectory
 from cardan.protocols.ros2.cdr import codec_of
@@ -46,20 +46,16 @@ class Asked:
         self.type_name, self.data = type_name, data
         self.attachment = None if gid is None else Attachment(1, 1, gid)
         self.answers = []
-        self.error = ""
 
     def reply(self, data, _now_ns):
         message = codec_of(f"{self.type_name}_Response").decode(data)
         assert isinstance(message, dict), message
         self.answers.append(message)
 
-    def refuse(self, reason):
-        self.error = reason
-
     @property
     def answer(self):
         """The one answer."""
-        assert len(self.answers) == 1, (self.answers, self.error)
+        assert len(self.answers) == 1, self.answers
         return self.answers[0]
 
 
@@ -130,7 +126,11 @@ class Bench:
             self.node,
             self.offer,
             topics=(*TOPICS, *(each for other in self.others for each in other.topics)),
-            services=(*SERVICES, *(each for other in self.others for each in other.services)),
+            services=(
+                *SERVICES,
+                stat_command(self.names.base),
+                *(each for other in self.others for each in other.services),
+            ),
             actions=(*ACTIONS, follow),
             endless_without_watch=True,
             full=full,

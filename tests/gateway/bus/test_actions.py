@@ -5,7 +5,7 @@ import pytest
 from cardan.gateway.bus.actions import MAX_WAITING
 from cardan.gateway.bus.arm_server import GOALS_PERIOD_S
 from cardan.gateway.bus.commands import Instant
-from cardan.protocols.ros2.actions import KEPT, GoalStatus
+from cardan.protocols.ros2.actions import KEPT, CancelCode, GoalStatus
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from tests.gateway.bus.rig import Asked, Bench, ros_pose
@@ -255,7 +255,7 @@ def test_other_goals_that_come_with_a_cancellation_begin(bench):
     spoilt = Asked("cardan_msgs/action/MovePose_SendGoal", b"")
     bench.node.rings["/arm/action/movl/_action/send_goal"].waiting.append(spoilt)
     bench.poll()
-    assert spoilt.error
+    assert not spoilt.answer["accepted"]
     assert bench.malformed == 1
     assert states(bench, "movl") == [GoalStatus.CANCELED, GoalStatus.EXECUTING]
     bench.finish()
@@ -321,17 +321,25 @@ def test_results_are_kept_for_a_bounded_number_of_goals(bench):
 def test_who_waits_for_a_result_is_bounded(bench):
     send(bench, "movl", below(bench))
     waiting = [ask(bench, "movl") for _ in range(MAX_WAITING + 1)]
-    assert "wait for this result already" in waiting[-1].error
+    refused = waiting[-1].answer
+    assert refused["status"] == GoalStatus.UNKNOWN
+    assert "wait for this result already" in refused["result"]["message"]
     bench.finish()
     assert [each.answer["status"] for each in waiting[:-1]] == [4] * MAX_WAITING
 
 
 @pytest.mark.parametrize("part", ["send_goal", "cancel_goal", "get_result"])
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", b"\0\1\0\0" + bytes(9), bytes(500) + b"\1"])
-def test_what_is_no_request_is_an_error_reply(bench, part, data):
-    asked = bench.call(f"/action/movl/_action/{part}", data=data)
-    assert asked.answers == []
-    assert asked.error
+def test_what_is_no_request_is_refused(bench, part, data):
+    answer = bench.call(f"/action/movl/_action/{part}", data=data).answer
+    if part == "send_goal":
+        assert not answer["accepted"]
+    elif part == "cancel_goal":
+        assert answer == {"return_code": CancelCode.REJECTED, "goals_canceling": []}
+    else:
+        assert answer["status"] == GoalStatus.UNKNOWN
+        assert not answer["result"]["success"]
+        assert answer["result"]["message"]
     assert bench.server.refused == bench.malformed == 1
     assert bench.requests == []
     assert states(bench, "movl") == []

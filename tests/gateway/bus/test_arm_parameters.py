@@ -5,7 +5,8 @@ import pytest
 from cardan.gateway.arm.codes import Parameter
 from cardan.gateway.arm.parameters import RULES
 from cardan.gateway.bus.arm_parameters import MAX_SET, PARAMETERS
-from tests.gateway.bus.rig import Bench
+from cardan.protocols.ros2.messages import default_message
+from tests.gateway.bus.rig import NODE, Bench
 
 PAPER = (
     "preset_streaming_cmd", "frame", "gain", "trajectory_duration", "trajectory_reference_speed",
@@ -19,6 +20,8 @@ def bench():
 
 
 def value_of(value):
+    if isinstance(value, bool):
+        return {"type": 1, "bool_value": value}
     if isinstance(value, str):
         return {"type": 4, "string_value": value}
     if isinstance(value, float):
@@ -35,6 +38,8 @@ def values(bench, *names):
     return [
         each["string_value"]
         if each["type"] == 4
+        else each["bool_value"]
+        if each["type"] == 1
         else each["double_value"]
         if each["type"]
         else None
@@ -55,7 +60,16 @@ def test_every_parameter_of_the_interface_is_there_those_of_the_paper_first(benc
     listed = bench.call("/list_parameters").answer["result"]["names"]
     assert tuple(listed[: len(PAPER)]) == PAPER
     assert {each.key for each in PARAMETERS} == {rule.key for rule in RULES}
-    assert len(listed) == len(RULES)
+    assert listed[len(RULES) :] == ["use_sim_time"]
+
+
+def test_simulated_time_is_refused_with_the_reason(bench):
+    assert values(bench, "use_sim_time") == [False]
+    assert "must not stand still" in set_each(bench, ("use_sim_time", True))[0]
+    refused = set_all(bench, ("gain", 1.0), ("use_sim_time", True))
+    assert not refused["successful"]
+    assert "can only be read" in refused["reason"]
+    assert values(bench, "use_sim_time") == [False]
 
 
 def test_values_are_those_of_the_arm(bench):
@@ -160,10 +174,21 @@ def test_nothing_to_set_is_set(bench):
     ["get_parameters", "set_parameters", "set_parameters_atomically", "list_parameters",
      "describe_parameters", "get_parameter_types", "get_type_description"],
 )  # fmt: skip
-def test_what_is_no_request_is_an_error_reply(bench, service):
-    asked = bench.call(f"/{service}", data=b"\0\1\0\0\1")
-    assert asked.answers == []
-    assert service in asked.error
+def test_what_is_no_request_is_refused(bench, service):
+    answer = bench.call(f"/{service}", data=b"\0\1\0\0\1").answer
+    if service == "set_parameters":
+        (result,) = answer["results"]
+        assert not result["successful"]
+        assert service in result["reason"]
+    elif service == "set_parameters_atomically":
+        assert not answer["result"]["successful"]
+        assert service in answer["result"]["reason"]
+    elif service == "get_type_description":
+        assert not answer["successful"]
+        assert service in answer["failure_reason"]
+    else:
+        kind = bench.node.types[f"{NODE}/{service}"]
+        assert answer == default_message(f"{kind}_Response")
     assert bench.server.refused == bench.malformed == 1
 
 
@@ -182,7 +207,7 @@ def test_changes_are_published_whoever_makes_them(bench):
     parameters.observe(verbs.get_parameters(), 5)
     (first,) = bench.heard("/parameter_events")
     assert first["node"] == "/arm"
-    assert len(first["new_parameters"]) == len(RULES)
+    assert len(first["new_parameters"]) == len(RULES) + 1
     verbs.set_parameter(Parameter.FRAME, "cpft", source="ros2")
     parameters.observe(verbs.get_parameters(), 6)
     parameters.observe(verbs.get_parameters(), 7)

@@ -1,11 +1,13 @@
 """Commands from topics and services: carried out, or refused with a reason at their sender."""
 
 import math
+import time
 
 import pytest
 
 from cardan.bus.node import gid_of_token
-from cardan.gateway.arm.codes import State
+from cardan.gateway.arm.codes import State, Stream
+from cardan.gateway.bus.sources import BEGINS_S
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from tests.gateway.bus.rig import NODE, Asked, Bench, ros_pose
@@ -203,24 +205,24 @@ def test_a_flood_keeps_the_newest_and_is_told_of(bench):
 
 def test_of_a_stream_only_the_newest_counts_and_only_changes_are_told(bench):
     for sequence in range(1, 50):
-        bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence)
+        bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence, source_ns=0)
     bench.poll()
     assert len(bench.requests) == 1
     assert bench.results()[0][1:3] == (49, "refused")
     assert "choose this streaming command first" in bench.results()[0][3]
     for sequence in range(50, 60):
-        bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence)
+        bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence, source_ns=0)
         bench.poll(0.02)
     assert len(bench.results()) == 1
     bench.world.verbs.set_parameter("cpsc", "twst")
-    bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=60)
+    bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=60, source_ns=0)
     bench.poll(0.02)
     assert bench.results()[1][1:] == (60, "accepted", "")
 
 
 def test_a_stream_that_begins_anew_is_answered_though_the_answer_is_the_same(bench):
     for sequence, after_s in ((1, 0.02), (2, 0.02), (3, 1.0), (4, 0.02)):
-        bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence)
+        bench.publish("/command/twist", {"linear": {"z": 0.01}}, sequence=sequence, source_ns=0)
         bench.poll(after_s)
     told = [(number, outcome) for _, number, outcome, _ in bench.results()]
     assert told == [(1, "refused"), (3, "refused")]
@@ -324,6 +326,10 @@ def test_stat_says_where_and_what(bench):
     assert answer["success"]
     assert answer["state"] == int(State.NOT_CONTROLLING)
     assert answer["pose"]["pose"]["position"] == ros_pose(bench.world.six())["position"]
+    header = answer["pose"]["header"]
+    assert header["frame_id"] == "base_link"
+    age_s = time.time() - header["stamp"]["sec"] - header["stamp"]["nanosec"] * 1e-9
+    assert age_s == pytest.approx(time.monotonic() - bench.world.verbs.stat().stamp_s, abs=1.0)
 
 
 def test_many_requests_at_once_are_all_answered(bench):
@@ -344,3 +350,150 @@ def test_what_is_no_request_is_answered(bench, service):
     assert not answer["success"]
     assert bench.server.refused == 1
     assert bench.requests == []
+
+
+def test_no_request_to_any_service_waits_for_ever(bench):
+    asked = {}
+    for name, type_name in bench.node.types.items():
+        if "/srv/" in type_name or type_name.endswith(("_SendGoal", "_GetResult")):
+            asked[name] = bench.call(f"/{name}", data=b"\0\1\0\0" + b"\xff" * 3)
+    assert len(asked) > 40
+    assert [name for name, each in asked.items() if len(each.answers) != 1] == []
+    for name, each in asked.items():
+        words = each.answer.get("message", "")
+        assert not each.answer.get("success"), (name, words)
+    assert still(bench)
+
+
+# -- what an operator needs has a topic ------------------------------------------------------------
+
+TWIST_TOPIC = "/command/twist"
+
+
+def streamed(bench, cycles=50, message=DOWN, **more):
+    """Stream twists, as a program that says when it sent each of them."""
+    for _ in range(cycles):
+        sent_ns = 10**18 + round(bench.now_s * 1e9)
+        bench.publish(TWIST_TOPIC, message, **{"source_ns": sent_ns, **more})
+        bench.poll(DT_S)
+        bench.world.tick()
+
+
+def reasons(bench):
+    return [reason for _, _, _, reason in bench.results()]
+
+
+def test_the_first_command_chooses_the_stream_of_a_free_arm_at_rest(bench):
+    streamed(bench)
+    assert bench.world.verbs.body.moving
+    assert bench.world.verbs.streams.owner == "ros2"
+    assert [outcome for _, _, outcome, _ in bench.results()] == ["accepted"]
+
+
+def test_one_that_does_not_say_when_it_was_sent_chooses_nothing(bench):
+    streamed(bench, source_ns=0)
+    assert still(bench)
+    assert "choose this streaming command first" in reasons(bench)[0]
+
+
+def test_zero_chooses_nothing(bench):
+    streamed(bench, message={})
+    assert still(bench)
+    assert bench.world.verbs.streams.kind is Stream.NONE
+
+
+def test_none_is_chosen_while_another_has_the_authority_nor_long_after_it(bench):
+    authority = bench.world.verbs.controller.authority
+    for _ in range(round((BEGINS_S + 0.1) / DT_S)):
+        authority.take("panel", bench.world.now_s)
+        streamed(bench, 1)
+    assert "panel" in reasons(bench)[0]
+    bench.world.verbs.release("panel")
+    streamed(bench)
+    assert still(bench)
+
+
+def test_none_is_chosen_while_a_motion_is_under_way(bench):
+    bench.publish("/command/movl", ros_pose(bench.world.moved(0.0, 0.0, -0.1)))
+    bench.poll()
+    bench.world.tick(10)
+    streamed(bench, 5)
+    assert bench.results()[-1][2] == "refused"
+    assert bench.world.verbs.state is State.MOVL
+
+
+def test_what_waited_on_its_way_does_not_go_on_with_a_stream(bench):
+    streamed(bench)
+    bench.publish("/command/stop", source_ns=2)
+    bench.poll(DT_S)
+    bench.world.rest()
+    bench.poll(1.0)
+    bench.world.tick()
+    # A publisher that is known sends what is a second old.
+    streamed(bench, 20, source_ns=10**18 + round(bench.now_s * 1e9) - 10**9)
+    assert still(bench)
+
+
+def test_of_two_publishers_the_first_has_the_stream_and_the_second_moves_nothing(bench):
+    streamed(bench, 20)
+    before = bench.world.verbs.streams.owner
+    up = {"linear": {"x": 0.0, "y": 0.0, "z": 0.2}}
+    for _ in range(20):
+        streamed(bench, 1)
+        streamed(bench, 1, message=up, gid=b"b" * 16, sequence=None)
+    assert bench.world.verbs.streams.owner == before
+    assert bench.server.contested > 0
+    assert bench.world.verbs.body.twist[0].z < 0.0
+
+
+def test_a_flood_chooses_by_its_newest_command_alone(bench):
+    for _ in range(20):
+        for _ in range(200):
+            bench.publish(TWIST_TOPIC, DOWN, source_ns=10**18 + round(bench.now_s * 1e9))
+        bench.poll(DT_S)
+        bench.world.tick()
+    assert len(bench.requests) <= 20
+    assert bench.world.verbs.streams.owner == "ros2"
+    bench.publish("/command/stop")
+    bench.poll(DT_S)
+    for _ in range(20):
+        for _ in range(200):
+            bench.publish(TWIST_TOPIC, DOWN, source_ns=10**18 + round(bench.now_s * 1e9))
+        bench.poll(DT_S)
+        bench.world.tick()
+    bench.world.rest()
+    assert still(bench)
+
+
+def test_the_authority_is_taken_and_given_up_by_topics(bench):
+    authority = bench.world.verbs.controller.authority
+    bench.publish("/command/acquire")
+    bench.poll()
+    assert authority.owner == "ros2"
+    bench.publish("/command/release")
+    bench.poll()
+    assert authority.owner == ""
+    assert [(verb, outcome) for verb, _, outcome, _ in bench.results()] == [
+        ("acquire", "done"),
+        ("release", "done"),
+    ]
+    authority.take("panel", bench.world.now_s)
+    bench.publish("/command/acquire")
+    bench.poll()
+    assert bench.results()[-1][2] == "refused"
+    assert "panel" in reasons(bench)[-1]
+
+
+def test_an_acknowledgement_is_an_act_and_none_that_is_repeated(bench):
+    acts = []
+    bench.world.verbs.acknowledge = lambda: acts.append(bench.now_s)
+    for _ in range(4):
+        bench.publish("/command/acknowledge")
+        bench.poll(1.0)
+    assert len(acts) == 1
+    assert [outcome for _, _, outcome, _ in bench.results()] == ["done", *["refused"] * 3]
+    assert "no deliberate act" in reasons(bench)[-1]
+    bench.poll(2.0)
+    bench.publish("/command/acknowledge")
+    bench.poll()
+    assert len(acts) == 2

@@ -12,7 +12,7 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import known_types
 from cardan.protocols.ros2.messages import completed
 from cardan.types import IDENTITY, ZERO3, Pose, Quaternion, Vector3
-from tests.gateway.bus.fakes import FakeNode, FakeUser
+from tests.gateway.bus.fakes import FakeNode, FakeRequest, FakeUser
 from tests.gateway.force.fakes import FakeHaptic
 
 VECTOR, JOINTS = "geometry_msgs/msg/Vector3", "sensor_msgs/msg/JointState"
@@ -184,10 +184,13 @@ def test_what_is_far_too_long_is_not_even_read():
     rig.publisher(JOINTS).publish(completed(JOINTS, {"effort": [0.0] * 100_000}))
     rig.run()
     assert "bytes are no sensor_msgs/msg/JointState" in rig.told("result")[0]["reason"]
-    client = FakeUser(rig.node, "SC", "~/get_parameters", "rcl_interfaces/srv/GetParameters")
-    asked = client.ask({"names": ["mode_feedback"] * 1000})
+    client = FakeUser(rig.node, "SC", "~/set_parameters", "rcl_interfaces/srv/SetParameters")
+    given = completed("rcl_interfaces/msg/Parameter", {"name": "mode_feedback"})
+    asked = client.ask({"parameters": [given] * 1000})
     rig.run()
-    assert "bytes are no rcl_interfaces/srv/GetParameters_Request" in asked.answer
+    answer = codec_of("rcl_interfaces/srv/SetParameters_Response").decode(asked.answer)
+    (result,) = answer["results"]
+    assert "bytes are no rcl_interfaces/srv/SetParameters_Request" in result["reason"]
     assert (rig.feedback.given, rig.server.refused) == ([], 2)
 
 
@@ -268,6 +271,7 @@ def test_the_mode_is_set_by_service_and_by_parameter_and_ends_the_feedback():
         each["value"]["string_value"]
         for event in events
         for each in (*event["new_parameters"], *event["changed_parameters"])
+        if each["name"] == "mode_feedback"
     ]
     assert values == ["cartesian", "joint", "cartesian"]
 
@@ -309,6 +313,19 @@ def test_a_flood_of_requests_is_answered_one_at_a_time_and_none_is_starved():
         flood.ask(completed(f"{YARP}GetTransformation_Request", {}))
     assert rig.call("stop_feedback", TRIGGER)["success"]
     assert len(rig.node.requests["~/get_transform"].waiting) > 90
+
+
+def test_no_request_to_any_service_waits_for_ever():
+    rig = Rig()
+    asked = {name: FakeRequest(b"\0\1\0\0" + b"\xff" * 3, None) for name in rig.node.requests}
+    for name, request in asked.items():
+        rig.node.requests[name].waiting.append(request)
+    rig.run(2 * len(asked) * LOOK_PERIOD_S)
+    assert [name for name, request in asked.items() if not isinstance(request.answer, bytes)] == []
+    assert rig.server.refused == len(asked) > 10
+    stopped = codec_of(f"{TRIGGER}_Response").decode(asked["~/stop_feedback"].answer)
+    assert not stopped["success"]
+    assert "too many" in stopped["message"]
 
 
 def test_a_device_that_is_only_shown_takes_nothing():

@@ -191,7 +191,7 @@ def on_dds():
     """A session, and the endpoint by which it is asked on DDS."""
     pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
     endpoint, domain = free_endpoint(), str(OPTIONS.dds_domain)
-    face = ("face", "dds", "--router", endpoint, "--dds-domain", domain)
+    face = ("face", "dds", "--router", endpoint, "--dds-domain", domain, "--services", "*")
     with served(endpoint) as here, router(*face) as there:
         yield here, there
 

@@ -126,7 +126,9 @@ class Dds:
 def bridge(here):
     stop, ready = threading.Event(), threading.Event()
     options = DdsFaceOptions(
-        bus=BusOptions(router=here.endpoint), dds=OPTIONS, bridge=DdsBridgeOptions()
+        bus=BusOptions(router=here.endpoint),
+        dds=OPTIONS,
+        bridge=DdsBridgeOptions(services=("*",)),
     )
     thread = threading.Thread(
         target=dds_face.Dds.serve, args=(options, lambda _endpoint: ready.set(), stop)

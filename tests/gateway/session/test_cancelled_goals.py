@@ -133,7 +133,7 @@ def test_by_dds(endpoint, watcher):
 
     number = str(OPTIONS.dds_domain)
     with (
-        served("face", "dds", "--router", endpoint, "--dds-domain", number),
+        served("face", "dds", "--router", endpoint, "--dds-domain", number, "--services", "*"),
         network("user") as user,
     ):
         assert user.wait_for_service(f"{ARM}/set_parameters_atomically", TIMEOUT_S)
