@@ -14,7 +14,11 @@ from cardan.protocols.ros2.packages import PACKAGES, write_packages
 from cardan.protocols.ros2.type_hash import type_hash
 
 WRITTEN = [each for each in known_types() if each.split("/")[0] in PACKAGES]
-PARTS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
+PARTS = {
+    "msg": ("",),
+    "srv": ("_Request", "_Response"),
+    "action": ("_Goal", "_Result", "_Feedback"),
+}
 
 
 @pytest.fixture(scope="module")

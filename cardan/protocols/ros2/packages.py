@@ -1,4 +1,4 @@
-"""The packages of ROS 2 that no distribution has, as sources for colcon, by the definitions here."""
+"""The packages of messages that no distribution of ROS 2 has, as sources for colcon."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.interfaces import FILES, message_type
 
 PACKAGES = ("cardan_msgs", "rl_cartesian_control_msgs")
-"""Those that the arm's own server needs; of others that no distribution has, Cardan knows a part."""
+"""Those that an arm's own server needs. Of others that no distribution has, only a part is known
+here."""
 
 _PARTS = {
     "msg": ("",),
