@@ -218,7 +218,7 @@ def test_diagnostics_come_once_a_second(shown):
 def test_the_diagnostics_have_what_the_status_says(shown):
     shown.publish()
     shown.topics.put_diagnostics([], 1.0, NOW_NS)
-    (array,), (status,) = shown.heard("/diagnostics"), shown.heard("~/state/status")
+    (array,), (status,) = shown.heard("/diagnostics"), shown.heard("/arm/state/status")
     (row,) = array["status"]
     assert row["name"] == "/arm: arm"
     said = {each["key"]: each["value"] for each in row["values"]}
