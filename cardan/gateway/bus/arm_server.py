@@ -135,6 +135,8 @@ class ArmServer:
         """Messages and requests that were none: wrong type, wrong length."""
         self.late = 0
         """Messages that came twice, or after a newer one of the same publisher."""
+        self.barred = ""
+        """Why nothing that commands the arm is taken, but stops; empty: it is."""
         self.contested = 0
         """Streamed messages that were refused as another source has the authority."""
         self._contest = ""
@@ -302,7 +304,11 @@ class ArmServer:
 
     def watched(self, request: Request, packet: Received | ServiceRequest) -> Request:
         """`request`, of a motion without end with a way to see whether who sent `packet` is still
-        on the bus. Raises PacketError where nobody could see it. From any thread."""
+        on the bus. Raises PacketError where nobody could see it, and for what commands the arm
+        while the server is `barred`. From any thread."""
+        if self.barred and request.verb in NAMED - {"release"}:
+            refusal = MotionRefusedError(f"{request.verb}: {self.barred}")
+            raise PacketError(str(refusal), request.id) from refusal
         if request.verb not in ENDLESS:
             return request
         asker = self._asker(packet)
