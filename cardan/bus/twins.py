@@ -113,8 +113,8 @@ class Twins:
             return "", True
         if any(each is None or each[:2] < self._own[:2] for each in others.values()):
             return (
-                f"{self._words()}: this one takes no commands from the network but stops; end one of "
-                "them, or give them different names",
+                f"{self._words()}: this one takes no commands from the network but stops; end one "
+                "of them, or give them different names",
                 False,
             )
         return f"{self._words()}; it began later and takes no commands", True
