@@ -3,7 +3,6 @@ one takes no commands."""
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
 import time
@@ -82,32 +81,6 @@ def test_one_that_was_killed_does_not_keep_its_name(meeting, begin):
     first.kill()
     begin()
     until(lambda: arms(presence) - before, "the next")
-
-
-STANDS = """
-import sys, time
-from cardan.bus.node import BusNode
-from cardan.bus.options import BusOptions
-
-with BusNode(BusOptions(router=sys.argv[1]), "arm", "/left") as node:
-    service = node.service("~/stands", "std_srvs/srv/Trigger")
-    time.sleep(120.0)
-"""
-
-
-def test_one_that_stands_still_keeps_its_name_for_the_lease(meeting, begin):
-    node, endpoint = meeting
-    before = node.presence(SERVICE, "/left/arm/stands")
-    presence = node.presence(SERVICE, "/left/arm/movl")
-    with subprocess.Popen([sys.executable, "-c", STANDS, endpoint]) as first:
-        try:
-            until(lambda: arms(before), "the first")
-            first.send_signal(signal.SIGSTOP)
-            begin()
-            until(lambda: arms(presence), "the next")
-            assert not arms(before)
-        finally:
-            first.kill()
 
 
 def test_of_two_that_begin_at_once_one_at_most_takes_commands(meeting, begin):
