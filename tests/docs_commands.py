@@ -76,6 +76,7 @@ RUN = {
     r"cardan demo lever-ur5": "tests/test_template_packages.py::test_its_demos_run",
     r"cardan (drivers|sim) lever": "tests/test_template_packages.py::test_it_is_in_every_list",
     r"cardan doctor": "tests/test_doctor_command.py::test_what_fails_stands_with_why_and_the_command_that_mends_it",
+    r"cardan messages": "tests/protocols/test_ros2_packages.py::test_the_command_writes_them_and_says_where",
     r"cardan network": "tests/test_face_command.py::test_the_network_is_joined_as_a_session_joins_it",
     r"cardan face router": "tests/test_face_command.py::test_a_router_serves_until_a_signal",
     r"cardan face dds": "plugins/cardan-dds/tests/test_dds_face.py",

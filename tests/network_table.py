@@ -75,12 +75,19 @@ class _Channel:
 class _Node:
     """Stands in for a session's node, and keeps what is made of it."""
 
-    zid = full_name = "node"
+    zid = name = full_name = "node"
+    namespace, options = "/", NetworkOptions()
 
     def __init__(self) -> None:
         self.made: dict[str, Row] = {}
 
+    def join(self) -> None:
+        pass
+
     def open(self) -> None:
+        pass
+
+    def declare_key_token(self, _key: str) -> None:
         pass
 
     def _keep(self, name: str, kind: Kind, type_name: str) -> _Channel:
@@ -103,7 +110,7 @@ class _Node:
     def key_of(self, name: str, type_name: str) -> str:
         return data_key(0, name, type_name)
 
-    def watch_tokens(self) -> _Channel:
+    def watch_tokens(self, _key: str = "") -> _Channel:
         return _Channel()
 
 

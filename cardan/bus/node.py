@@ -361,7 +361,15 @@ class BusNode:
     # -- open and close --------------------------------------------------------------------------
 
     def open(self) -> None:
-        """Join the bus. Raises ExtraMissingError, ConfigurationError, or DriverError."""
+        """Join the bus, and appear on it. Raises ExtraMissingError, ConfigurationError, or
+        DriverError."""
+        self.join()
+        if self._node_token is None:
+            entity = Entity(self._zid, self._id, self._id, NODE, self.namespace, self.name)
+            self._node_token = self.declare_token(entity)
+
+    def join(self) -> None:
+        """Join the bus without appearing on it, to look who is there. Raises as `open` does."""
         if self._session is not None:
             return
         if self._beside is not None:
@@ -376,8 +384,6 @@ class BusNode:
                     f"the bus cannot be joined: {words_of(error)}{_advice(error)}"
                 ) from None
         self._zid = str(self._session.info.zid())
-        entity = Entity(self._zid, self._id, self._id, NODE, self.namespace, self.name)
-        self._node_token = self.declare_token(entity)
 
     def close(self) -> None:
         """Leave the bus; its endpoints have to be closed before, where another node shares the
@@ -460,9 +466,10 @@ class BusNode:
 
         self._watchers.append(self.declare_watcher(f"{LIVELINESS}/{self.options.domain}/**", hear))
 
-    def watch_tokens(self) -> TokenWatch:
-        """The tokens of the domain, to be polled; those that are there already first."""
-        return TokenWatch(self, f"{LIVELINESS}/{self.options.domain}/**")
+    def watch_tokens(self, key: str = "") -> TokenWatch:
+        """The tokens of a key expression, without one those of the domain, to be polled; those that
+        are there already first."""
+        return TokenWatch(self, key or f"{LIVELINESS}/{self.options.domain}/**")
 
     def neighbours(self) -> tuple[list[str], list[str]]:
         """Ids of the routers and of the peers that it is connected to."""
@@ -557,7 +564,11 @@ class BusNode:
 
     def declare_token(self, entity: Entity) -> Any:
         """The liveliness token of an entity, on the bus until it is undeclared."""
-        return self._opened().liveliness().declare_token(entity.token(self.options.domain))
+        return self.declare_key_token(entity.token(self.options.domain))
+
+    def declare_key_token(self, key: str) -> Any:
+        """A liveliness token by its key, likewise."""
+        return self._opened().liveliness().declare_token(key)
 
     def _opened(self) -> zenoh.Session:
         if self._session is None:

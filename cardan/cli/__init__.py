@@ -13,7 +13,7 @@ import typer
 
 from cardan import __version__
 from cardan.cli import completion
-from cardan.cli.bus import echo, hz, network
+from cardan.cli.bus import echo, hz, messages, network
 from cardan.cli.common import (
     EPILOG,
     EXIT_CANNOT_OPEN,
@@ -73,7 +73,7 @@ app.add_typer(face)
 app.add_typer(service)
 app.add_typer(robots)
 for _command in (
-    network, echo, hz, record, replay, plot, export, *DAEMON_COMMANDS, doctor, conform,
+    network, echo, hz, messages, record, replay, plot, export, *DAEMON_COMMANDS, doctor, conform,
 ):  # fmt: skip
     # Of an arm's verbs -0.1 is a number, and no option.
     _settings = {"ignore_unknown_options": _command is arm}

@@ -1,4 +1,4 @@
-"""Commands that look at the bus: ``cardan network``, ``cardan echo`` and ``cardan hz``."""
+"""Commands of the bus: ``cardan network``, ``cardan echo``, ``cardan hz`` and ``messages``."""
 
 from __future__ import annotations
 
@@ -245,3 +245,16 @@ def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tu
                 yield heard.get(left_s), topic
             except InboxEmptyError:
                 continue
+
+
+def messages(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Of a workspace: its src. Made if need be.")
+    ],
+) -> None:
+    """Write the packages of messages that no distribution of ROS 2 has, for colcon to build: then
+    its own programs can use all that an arm offers."""
+    from cardan.protocols.ros2.packages import write_packages
+
+    for place in write_packages(folder):
+        print(place)

@@ -50,14 +50,11 @@ from cardan.gateway.bus.commands import (
     ServiceCommand,
     TopicCommand,
 )
-from cardan.gateway.bus.serving import key_end
+from cardan.gateway.bus.serving import Results, key_end
 from cardan.gateway.bus.sources import STREAM_KEPT_S, Source, Sources, Unnamed
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
-from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.zenoh import Attachment
 from cardan.types import NEVER_S, Twist, Wrench
-
-RESULT_TYPE = "cardan_msgs/msg/CommandResult"
 
 ENDS_KEPT = 32
 """Ends of motions that wait for a request of their source: more than one has at a time."""
@@ -138,6 +135,8 @@ class ArmServer:
         """Messages and requests that were none: wrong type, wrong length."""
         self.late = 0
         """Messages that came twice, or after a newer one of the same publisher."""
+        self.barred = ""
+        """Why nothing that commands the arm is taken, but stops; empty: it is."""
         self.contested = 0
         """Streamed messages that were refused as another source has the authority."""
         self._contest = ""
@@ -151,7 +150,7 @@ class ArmServer:
         """Messages that newer ones of the same publisher had displaced before their turn."""
         self._node, self._offer = node, offer
         self._ids = itertools.count(1)
-        self._results = node.publisher("~/result", RESULT_TYPE)
+        self._results = Results(node)
         self._telling = threading.Lock()
         self._inputs: list[_Input] = []
         self._held: list[_Held] = []
@@ -305,7 +304,11 @@ class ArmServer:
 
     def watched(self, request: Request, packet: Received | ServiceRequest) -> Request:
         """`request`, of a motion without end with a way to see whether who sent `packet` is still
-        on the bus. Raises PacketError where nobody could see it. From any thread."""
+        on the bus. Raises PacketError where nobody could see it, and for what commands the arm
+        while the server is `barred`. From any thread."""
+        if self.barred and request.verb in NAMED - {"release"}:
+            refusal = MotionRefusedError(f"{request.verb}: {self.barred}")
+            raise PacketError(str(refusal), request.id) from refusal
         if request.verb not in ENDLESS:
             return request
         asker = self._asker(packet)
@@ -382,20 +385,8 @@ class ArmServer:
         self, command: str, sequence: int, outcome: str, reason: str = "", source: str = ""
     ) -> None:
         """Publish what became of a command of `source` that came on a topic. From any thread."""
-        now_ns = time.time_ns()
-        message: Message = {
-            "header": default_message("std_msgs/msg/Header"),
-            "command": command,
-            "sequence": sequence,
-            "source": source,
-            "outcome": outcome,
-            "success": outcome in ("accepted", "done"),
-            "reason": reason,
-        }
-        message["header"]["stamp"] = {"sec": now_ns // 10**9, "nanosec": now_ns % 10**9}
-        data = codec_of(RESULT_TYPE).encode(message)
         with self._telling:
-            self._results.put(data, now_ns)
+            self._results.put(command, sequence, outcome, reason, source)
 
     def note(self, packet: bytes) -> None:
         """Publish the state of a motion. From any thread."""

@@ -154,6 +154,8 @@ class ArmTopics:
         self._status_texts: tuple[object, ...] = ()
         self._status_template: Template | None = None
         """Of the newest status; None until its texts came a second time."""
+        self._shown: tuple[ArmStatus, Message] | None = None
+        """Of the newest instant."""
         self._diagnostics = Diagnostics(node)
         self._rosout = node.publisher("/rosout", "rcl_interfaces/msg/Log", ROSOUT_QOS)
         self._snapshots = node.publisher("~/state/snapshot", _STRING)
@@ -275,6 +277,7 @@ class ArmTopics:
             "trips": status.trips,
             **flags,
         }
+        self._shown = status, numbers
         same, self._status_texts = texts == self._status_texts, texts
         if same and (template := self._status_template) is not None:
             template.slot("header.stamp")(stamp_ns // NS, stamp_ns % NS)
@@ -299,8 +302,25 @@ class ArmTopics:
         self._snapshots.put(codec_of(_STRING).encode({"data": text}), now_ns)
 
     def put_diagnostics(self, parts: Sequence[Part], now_s: float, now_ns: int) -> None:
-        """Publish what is wrong with which part, at most once a second."""
-        self._diagnostics.put(lambda: parts, now_s, now_ns)
+        """Publish what is wrong with which part, at most once a second; with what the newest
+        status says, for who has no cardan_msgs."""
+        self._diagnostics.put(lambda: [*parts, *self._arm_part()], now_s, now_ns)
+
+    def _arm_part(self) -> list[Part]:
+        if self._shown is None:
+            return []
+        status, numbers = self._shown
+        limits = () if status.arm is None else status.arm.in_words()
+        values = {
+            **numbers,
+            "state": State(numbers["state"]).name.lower(),
+            "stream": Stream(numbers["stream"]).name.lower(),
+            "phase": status.phase.value,
+            "authority": status.authority.owner,
+            "limits": ", ".join(limits),
+        }
+        level = WARN if status.message else OK
+        return [Part("arm", level, status.message or status.phase.value, values=values)]
 
     def log(self, level: int, text: str, now_ns: int) -> None:
         """Publish a line on /rosout."""

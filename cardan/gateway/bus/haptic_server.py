@@ -20,7 +20,7 @@ from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.ihaptic import IHapticDevice
 from cardan.errors import CardanError, CommandError, DriverError
 from cardan.gateway.bus.arm_topics import OK, WARN, Part
-from cardan.gateway.bus.serving import key_end
+from cardan.gateway.bus.serving import Results, key_end
 from cardan.protocols.ros2.cdr import Malformed, Message, Template, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.parameters import (
@@ -43,7 +43,6 @@ TRIGGER, SET_BOOL = "std_srvs/srv/Trigger", "std_srvs/srv/SetBool"
 GET_MAX = "yarp_control_msgs/srv/GetMaxFeedback"
 GET_TRANSFORM = "yarp_control_msgs/srv/GetTransformation"
 SET_TRANSFORM = "yarp_control_msgs/srv/SetTransformation"
-RESULT = "cardan_msgs/msg/CommandResult"
 EVENTS, EVENT = "/parameter_events", "rcl_interfaces/msg/ParameterEvent"
 
 MODES = ("cartesian", "joint")
@@ -231,7 +230,7 @@ class HapticServer:
         self._topics = _Topics(node, device, haptic)
         self._parameters = ParameterServer((MODE,))
         self._events: Publisher | None = None
-        self._results: Publisher | None = None
+        self._results: Results | None = None
         self._taken: list[tuple[Callable[[], Received | None], dict[str, _Taken]]] = []
         self._services: list[tuple[Callable[[], ServiceRequest | None], _Service]] = []
         self._next = 0
@@ -244,7 +243,7 @@ class HapticServer:
 
     def _serve(self) -> None:
         node = self._node
-        self._results = node.publisher("~/result", RESULT)
+        self._results = Results(node)
         self._events = node.publisher(EVENTS, EVENT, PARAMETERS_QOS)
         topics: dict[str, dict[str, _Taken]] = {}
         services: dict[str, _Service] = {}
@@ -383,18 +382,8 @@ class HapticServer:
         if gid not in self._told and len(self._told) >= SENDERS_KEPT:
             self._told.pop(next(iter(self._told)))
         self._told[gid] = reason
-        now_ns = time.time_ns()
-        message = default_message(RESULT)
-        message["header"]["stamp"] = {"sec": now_ns // 10**9, "nanosec": now_ns % 10**9}
-        message |= {
-            "command": command,
-            "sequence": sequence,
-            "source": "haptic",
-            "outcome": "refused" if reason else "accepted",
-            "success": not reason,
-            "reason": reason,
-        }
-        self._results.put(codec_of(RESULT).encode(message), now_ns)
+        outcome = "refused" if reason else "accepted"
+        self._results.put(command, sequence, outcome, reason, "haptic")
 
     # -- services --------------------------------------------------------------------------------
 

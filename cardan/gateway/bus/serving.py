@@ -2,15 +2,49 @@
 
 from __future__ import annotations
 
+import time
 from typing import Any, Protocol
 
-from cardan.bus.node import ServiceRequest
+from cardan.bus.node import BusNode, ServiceRequest
 from cardan.gateway.arm.requests import Request
+from cardan.protocols.ros2.cdr import Message, codec_of
+from cardan.protocols.ros2.messages import json_text
+
+RESULT_TYPE = "cardan_msgs/msg/CommandResult"
+TEXT_TYPE = "std_msgs/msg/String"
 
 
 def key_end(key: str) -> str:
     """Type and hash that the key of a message ends with."""
     return "/".join(key.split("/")[-2:])
+
+
+class Results:
+    """What becomes of commands that come on topics: ``~/result``, and the same as JSON on
+    ``~/result_text`` for who has no cardan_msgs. For one thread at a time."""
+
+    def __init__(self, node: BusNode) -> None:
+        self._results = node.publisher("~/result", RESULT_TYPE)
+        self._texts = node.publisher("~/result_text", TEXT_TYPE)
+
+    def put(self, command: str, sequence: int, outcome: str, reason: str, source: str) -> None:
+        """Publish one."""
+        now_ns = time.time_ns()
+        message: Message = {
+            "header": {
+                "stamp": {"sec": now_ns // 10**9, "nanosec": now_ns % 10**9},
+                "frame_id": "",
+            },
+            "command": command,
+            "sequence": sequence,
+            "source": source,
+            "outcome": outcome,
+            "success": outcome in ("accepted", "done"),
+            "reason": reason,
+        }
+        self._results.put(codec_of(RESULT_TYPE).encode(message), now_ns)
+        text = {"data": json_text(RESULT_TYPE, message)}
+        self._texts.put(codec_of(TEXT_TYPE).encode(text), now_ns)
 
 
 class CommandServer(Protocol):

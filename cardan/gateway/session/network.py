@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import logging
+import math
 import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from cardan.bus.node import BusNode
+from cardan.bus.twins import Twins
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.ihaptic import IHapticDevice
@@ -46,6 +49,10 @@ from cardan.types import DeviceLink, DeviceState, Pose, RobotLink, RobotState, V
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
     from cardan.gateway.arm.verbs import ArmVerbs
 
+_log = logging.getLogger(__name__)
+
+TWINS_PERIOD_S = 0.1
+"""How often it looks for others of its name."""
 
 NO_FEEDBACK = (
     "this session takes no feedback from the network: its forces are those of its own [force] and "
@@ -114,6 +121,10 @@ class SessionNetwork:
         self._device: DeviceTopics | None = None
         self._haptic: HapticServer | None = None
         self._names_topics: NamesTopics | None = None
+        self._twins: Twins | None = None
+        self._twins_due_s = -math.inf
+        self._twin = ""
+        """What is to be said of another node of the same name."""
         self._logged = ""
         self._verbs: ArmVerbs | None = None
 
@@ -126,6 +137,10 @@ class SessionNetwork:
     ) -> None:
         """Join the bus; `force`: the source of the session's measured force. Raises DriverError,
         ConfigurationError, or ExtraMissingError."""
+        self._node.join()
+        self._twins = twins = Twins(self._node)
+        twins.wait()
+        twins.claim()
         self._node.open()
         if self.options.device and device is not None:
             self._device = DeviceTopics(
@@ -180,7 +195,7 @@ class SessionNetwork:
         if self._taps is not None:
             self._taps.close()
         self._server = self._topics = self._taps = None
-        self._device = self._names_topics = self._haptic = None
+        self._device = self._names_topics = self._haptic = self._twins = None
         self._node.close()
 
     def _haptic_server(self, device: HapticDevice, force: ForceSource | None) -> HapticServer:
@@ -194,10 +209,21 @@ class SessionNetwork:
 
     def poll(self, now_s: float) -> None:
         """Pass on the commands that have arrived."""
+        if self._twins is not None and now_s >= self._twins_due_s:
+            self._twins_due_s = now_s + TWINS_PERIOD_S
+            self._look_for_twins(self._twins)
         if self._server is not None:
             self._server.poll(now_s)
         if self._haptic is not None:
             self._haptic.poll(now_s)
+
+    def _look_for_twins(self, twins: Twins) -> None:
+        said, listens = twins.state()
+        if said != self._twin:
+            self._twin = said
+            _log.warning("%s", said or "no other node has this one's name any more")
+        if self._server is not None:
+            self._server.barred = "" if listens else said
 
     def tap(self, cycle: Cycle, now_s: float) -> None:
         """Publish what recorders want of a cycle."""
@@ -206,8 +232,10 @@ class SessionNetwork:
 
     def diagnosis(self) -> tuple[str, ...]:
         """Problems, and what else deserves attention."""
-        dropped = 0 if self._taps is None else self._taps.dropped
-        return (f"{dropped} raw packets were not published: too many at once",) if dropped else ()
+        said = [self._twin] if self._twin else []
+        if self._taps is not None and self._taps.dropped:
+            said.append(f"{self._taps.dropped} raw packets were not published: too many at once")
+        return tuple(said)
 
     def show_device(self, device: DeviceState, now_s: float) -> None:
         """Publish the operator device, if it is time to."""

@@ -128,9 +128,9 @@ class Entity(NamedTuple):
     def token(self, domain: int) -> str:
         """The key expression of its liveliness token."""
         parts = [LIVELINESS, str(domain), self.zid, self.node_id, self.entity_id, self.kind]
-        parts += ["%", _mangled(self.namespace), self.node]
+        parts += ["%", mangled(self.namespace), self.node]
         if self.kind != NODE:
-            parts += [_mangled(self.name), dds_type(self.type_name), self.type_hash]
+            parts += [mangled(self.name), dds_type(self.type_name), self.type_hash]
             parts += [self.qos.text()]
         return "/".join(parts)
 
@@ -154,7 +154,12 @@ class Entity(NamedTuple):
 
 def token_pattern(domain: int, kind: str, name: str) -> str:
     """The key expression of the tokens of all endpoints of a `kind` with an absolute name."""
-    return f"{LIVELINESS}/{domain}/*/*/*/{kind}/*/*/*/{_mangled(name)}/**"
+    return f"{LIVELINESS}/{domain}/*/*/*/{kind}/*/*/*/{mangled(name)}/**"
+
+
+def node_pattern(domain: int, namespace: str, node: str) -> str:
+    """The key expression of the tokens of all nodes with this name and namespace."""
+    return f"{LIVELINESS}/{domain}/*/*/*/{NODE}/*/{mangled(namespace)}/{node}"
 
 
 def strange_key(entity: Entity, domain: int) -> str:
@@ -167,7 +172,7 @@ def endpoint_hash(type_name: str, hashed: bool = True) -> str:
     return type_hash(full_name(type_name)) if hashed else UNSUPPORTED
 
 
-def _mangled(part: str) -> str:
+def mangled(part: str) -> str:
     """A name as one part of a key: / becomes %, and nothing at all is %."""
     return part.replace("/", "%") if part.strip("/") else "%"
 

@@ -6,6 +6,7 @@ import itertools
 from collections import deque
 
 from cardan.bus.node import Received
+from cardan.bus.options import BusOptions
 from cardan.errors import CardanError
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import MotionNote, PacketError
@@ -71,7 +72,9 @@ class FakeNode:
     """What an arm's server needs of a node."""
 
     full_name = NODE
+    namespace, name = "/", NODE[1:]
     zid = "ours"
+    options = BusOptions()
 
     def __init__(self):
         self.publishers, self.rings, self.types = {}, {}, {}
@@ -87,8 +90,11 @@ class FakeNode:
     def subscription(self, name, type_name, depth, qos=DEFAULT_QOS):
         return self._ring(name, type_name, depth)
 
-    def watch_tokens(self):
+    def watch_tokens(self, _key=""):
         return self.tokens
+
+    def declare_key_token(self, key):
+        pass
 
     def service(self, name, type_name, qos=DEFAULT_QOS):
         return self._ring(name, type_name, 32)

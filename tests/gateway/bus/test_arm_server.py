@@ -1,5 +1,6 @@
 """Commands from topics and services: carried out, or refused with a reason at their sender."""
 
+import json
 import math
 import time
 
@@ -79,6 +80,15 @@ def test_a_step_and_a_speed(bench):
     bench.poll()
     assert ("stop", number, "done", "") in bench.results()
     assert bench.world.six()[2] > before[2] - 0.05
+
+
+def test_a_result_is_told_as_json_to_who_has_no_cardan_msgs(bench):
+    bench.publish("/command/movl", data=b"")
+    bench.poll()
+    (result,), (text,) = bench.heard("/result"), bench.heard("/result_text")
+    assert json.loads(text["data"]) == result
+    assert result["outcome"] == "refused"
+    assert "no plain CDR" in result["reason"]
 
 
 def test_a_motion_that_another_takes_over_is_told_of(bench):

@@ -215,6 +215,20 @@ def test_diagnostics_come_once_a_second(shown):
     assert first["status"][0]["values"] == [{"key": "rate", "value": "250"}]
 
 
+def test_the_diagnostics_have_what_the_status_says(shown):
+    shown.publish()
+    shown.topics.put_diagnostics([], 1.0, NOW_NS)
+    (array,), (status,) = shown.heard("/diagnostics"), shown.heard("/arm/state/status")
+    (row,) = array["status"]
+    assert row["name"] == "/arm: arm"
+    said = {each["key"]: each["value"] for each in row["values"]}
+    assert (said["state"], said["stream"]) == ("movl", "pose")
+    for name in ("phase", "authority", "ready", "moving", "leash_used", "trips"):
+        assert said[name] == str(status[name])
+    assert said["limits"] == ", ".join(status["limits"])
+    assert said.keys() | {"message", "header"} == status.keys()
+
+
 def test_the_log_is_rosouts(shown):
     shown.topics.log(LOG_WARN, "the robot is gone", NOW_NS)
     (line,) = shown.heard("/rosout")

@@ -86,7 +86,7 @@ def test_a_session_tells_it_as_it_opens():
         NetworkOptions(), ArmNames(("joint_1",)), "", IDENTITY_POSE, print, bool, {}, "one"
     )
     network._node = node = FakeNode()
-    node.open = lambda: None
+    node.join = node.open = lambda: None
     part = SimpleNamespace(capabilities=None, tap=None, witness=None)
     network.open(part, part, None)
     (topic,) = (name for name in node.publishers if name.endswith("/surroundings"))

@@ -1,0 +1,134 @@
+"""Another node of the same name: one command would go to both, so only one takes commands.
+
+Who comes second finds the other's liveliness token and does not begin. Of two that come at once, or
+meet later, the one that began later takes no commands; as liveliness tokens of ROS 2 do not tell
+when a node began, those of Cardan have a second token that does, and where they run.
+"""
+
+from __future__ import annotations
+
+import logging
+import re
+import socket
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+from cardan.bus.node import LEASE_MS, BusNode, TokenWatch
+from cardan.errors import ConfigurationError
+from cardan.protocols.ros2.zenoh import Entity, mangled, node_pattern
+
+CLAIM = "@cardan_lv"
+"""First part of the tokens that tell since when a node has its name, and on which computer."""
+
+MEET_S = 0.3
+"""How long a node that joins looks for others before it appears: ten times what it takes to meet
+those that are connected to the same router."""
+
+GONE_S = 1.5e-3 * LEASE_MS
+"""Longest wait for a token to vanish: that of a node whose computer is gone does so within the
+lease, and of one that has crashed, at once."""
+
+_LOOK_S = 0.02
+
+_log = logging.getLogger(__name__)
+
+
+class Claim(NamedTuple):
+    """Since when a node has its name. The smaller one is the elder's."""
+
+    since_ns: int
+    """Since the epoch, by its own clock."""
+    zid: str
+    host: str
+
+    def key(self, domain: int, name: str) -> str:
+        """The key expression of its token."""
+        host = re.sub(r"[^\w.-]", "_", self.host) or "_"
+        return f"{CLAIM}/{domain}/{mangled(name)}/{self.zid}/{self.since_ns}/{host}"
+
+    @classmethod
+    def parse(cls, key: str) -> Claim | None:
+        """From a key expression; None for what is none."""
+        parts = key.split("/")
+        if len(parts) != 6 or parts[0] != CLAIM or not parts[4].isdecimal() or len(parts[4]) > 20:
+            return None
+        return cls(int(parts[4]), parts[3], parts[5])
+
+
+class Twins:
+    """The other nodes that have the full name of `node`, which has joined."""
+
+    def __init__(self, node: BusNode) -> None:
+        self._node = node
+        domain = node.options.domain
+        self._own = Claim(time.time_ns(), node.zid, socket.gethostname())
+        self._nodes = node.watch_tokens(node_pattern(domain, node.namespace, node.name))
+        self._claims = node.watch_tokens(f"{CLAIM}/{domain}/{mangled(node.full_name)}/**")
+        self._zids: dict[str, str] = {}
+        self._claimed: dict[str, Claim] = {}
+        self._token: Any = None
+
+    def claim(self) -> None:
+        """Say since when this node has its name; before its own token appears."""
+        self._token = self._node.declare_key_token(
+            self._own.key(self._node.options.domain, self._node.full_name)
+        )
+
+    def wait(
+        self,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        """Look whether the name is free, for `MEET_S`; where it is not, for `GONE_S` more, as who
+        had it may have crashed. Raises ConfigurationError."""
+        end_s = clock() + MEET_S
+        while not self.others():
+            if clock() >= end_s:
+                return
+            sleep(_LOOK_S)
+        _log.warning("%s; waits up to %g s for it to go", self._words(), GONE_S)
+        end_s = clock() + GONE_S
+        while self.others():
+            if clock() >= end_s:
+                raise ConfigurationError(
+                    "network.name",
+                    f"{self._words()}, and a command would go to both: give this one another name "
+                    'or namespace, such as name = "left_arm", or end the other one',
+                )
+            sleep(_LOOK_S)
+
+    def others(self) -> dict[str, Claim | None]:
+        """Those that are there now, by the id of their Zenoh session; None: it does not tell since
+        when. Never blocks."""
+        _take(self._nodes, self._zids, lambda key: getattr(Entity.parse(key), "zid", None))
+        _take(self._claims, self._claimed, Claim.parse)
+        claims = {each.zid: each for each in self._claimed.values()}
+        return {zid: claims.get(zid) for zid in self._zids.values() if zid != self._node.zid}
+
+    def state(self) -> tuple[str, bool]:
+        """What to say of them, empty where there is none; and whether this node takes commands."""
+        others = self.others()
+        if not others:
+            return "", True
+        if any(each is None or each[:2] < self._own[:2] for each in others.values()):
+            return (
+                f"{self._words()}: this one takes no commands from the network but stops; end one "
+                "of them, or give them different names",
+                False,
+            )
+        return f"{self._words()}; it began later and takes no commands", True
+
+    def _words(self) -> str:
+        hosts = {each.host for each in self.others().values() if each is not None}
+        where = f" on {', '.join(sorted(hosts))}" if hosts else ""
+        return f"another node{where} has the name {self._node.full_name}"
+
+
+def _take(watch: TokenWatch, kept: dict[str, Any], read: Callable[[str], Any]) -> None:
+    while (change := watch.poll()) is not None:
+        key, there = change
+        if not there:
+            kept.pop(key, None)
+        elif (found := read(key)) is not None:
+            kept[key] = found

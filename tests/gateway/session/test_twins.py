@@ -1,0 +1,101 @@
+"""Two sessions of one name on one network: the second does not begin, and of two that began at once
+one takes no commands."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+
+import pytest
+
+pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
+
+from cardan.bus.node import BusNode
+from cardan.bus.options import BusOptions
+from cardan.protocols.ros2.zenoh import SERVICE
+from tests.serving import ARM_SESSION, free_endpoint
+from tests.waiting import until
+
+pytestmark = pytest.mark.matrix
+
+
+EXIT_USAGE = 2
+
+
+@pytest.fixture
+def meeting():
+    """A node that the sessions meet by, and its endpoint."""
+    endpoint = free_endpoint()
+    with BusNode(BusOptions(router="", listen=(endpoint,)), "meeting") as node:
+        yield node, endpoint
+
+
+@pytest.fixture
+def begin(tmp_path, meeting):
+    """Begins a session of the arm /left/arm; its process, which is ended at last."""
+    _, endpoint = meeting
+    file = tmp_path / "session.toml"
+    table = ARM_SESSION.format(endpoint="tcp/127.0.0.1:0")
+    file.write_text(table.replace('router = ""', f'router = "{endpoint}"'))
+    run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "120"]
+    begun = []
+
+    def begin():
+        process = subprocess.Popen(
+            run, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+        )
+        begun.append(process)
+        return process
+
+    yield begin
+    for process in begun:
+        process.kill()
+        process.communicate()
+
+
+def arms(presence):
+    """The sessions that serve the arm's commands."""
+    return {each.zid for each in presence.others()}
+
+
+def test_the_second_does_not_begin_and_the_first_goes_on(meeting, begin):
+    presence = meeting[0].presence(SERVICE, "/left/arm/movl")
+    first = begin()
+    until(lambda: arms(presence), "the first")
+    before = arms(presence)
+    second = begin()
+    _, said = second.communicate(timeout=60.0)
+    assert second.returncode == EXIT_USAGE
+    assert "network.name: another node on" in said
+    assert "has the name /left/arm, and a command would go to both" in said
+    assert first.poll() is None
+    assert arms(presence) == before
+
+
+def test_one_that_was_killed_does_not_keep_its_name(meeting, begin):
+    presence = meeting[0].presence(SERVICE, "/left/arm/movl")
+    first = begin()
+    until(lambda: arms(presence), "the first")
+    before = arms(presence)
+    first.kill()
+    begin()
+    until(lambda: arms(presence) - before, "the next")
+
+
+def test_of_two_that_begin_at_once_one_at_most_takes_commands(meeting, begin):
+    presence = meeting[0].presence(SERVICE, "/left/arm/movl")
+    both = begin(), begin()
+    until(
+        lambda: len(arms(presence)) + sum(each.poll() is not None for each in both) == 2,
+        "both, or one and the end of the other",
+    )  # fmt: skip
+    time.sleep(1.0)
+    silent = [each for each in both if each.poll() is None]
+    for each in silent:
+        each.terminate()
+    said = [each.communicate(timeout=30.0)[1] for each in both]
+    refused = [each for each in said if "and a command would go to both" in each]
+    barred = [each for each in said if "this one takes no commands from the network" in each]
+    assert len(refused) + len(barred) in (1, 2), said
+    assert any(each for each in said if "has the name /left/arm" in each)
