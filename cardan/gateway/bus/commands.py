@@ -202,7 +202,7 @@ def _signal(verb: str, always: bool = False, apart_s: float = 0.0) -> TopicComma
 
 
 TOPICS = (
-    _stream("pose", "geometry_msgs/msg/Pose", pose_of),
+    _stream("pose", "geometry_msgs/msg/Pose", Pose.from_ros),
     _stream("twist", "geometry_msgs/msg/Twist", twist_of),
     _stream("wrench", "geometry_msgs/msg/Wrench", wrench_of),
     _poses("movj"),
