@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import select
 import socket
 import struct
@@ -76,6 +77,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
         self._poll = select.poll()
         self._drained_s = NEVER_S
         """When the socket was last seen empty; datagrams read now arrived after it."""
+        self._wake_s = min(WAKE_S, self.options.lost_after_s)
         self._period_s = self.options.period_s
         self._late_after_s = self.options.late_after_s
 
@@ -114,10 +116,11 @@ class AbbEgm(LoopingRobot[EgmSession]):
         controller = None if options.controller_host is None else resolve(options.controller_host)
         sock = bind_udp(options.listen_host, options.listen_port)
         # A timeout of the socket itself costs one system call less than settimeout().
-        wake_s = min(WAKE_S, options.lost_after_s)
         sock.setsockopt(
-            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, int(wake_s * 1e6))
+            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, int(self._wake_s * 1e6))
         )
+        if not os.get_blocking(sock.fileno()):  # gevent's, which has no such timeout: poll() waits
+            sock.setblocking(False)
         self._session = EgmSession(options, _monotonic(), controller)
         self._session.port = sock.getsockname()[1]
         self._poll = select.poll()
@@ -152,16 +155,21 @@ class AbbEgm(LoopingRobot[EgmSession]):
         recvfrom = self._recvfrom
         period_s = self._period_s
         poll = self._poll.poll
-        yielded_s = _monotonic()
+        wake_s = self._wake_s
+        yielded_s = now_s = _monotonic()
         with self._looping(loop):
             try:
                 while self._loop == loop:
                     try:
                         data, source = recvfrom(_RECEIVE_BYTES)
                     except BlockingIOError:  # the socket's timeout
-                        silence = session.tick(_monotonic())
+                        left_s = now_s + wake_s - _monotonic()
+                        if left_s > 0.0 and poll(1e3 * left_s):
+                            continue
+                        now_s = _monotonic()
+                        silence = session.tick(now_s)
                         if silence is not None:
-                            yielded_s = silence.stamp_s
+                            yielded_s = now_s
                             yield silence
                         continue
                     now_s = _monotonic()
