@@ -9,6 +9,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar, Generic, TypeVar
 
+from cardan.common.forks import IN_CHILD, give_up_in_children
 from cardan.common.shortage import shortage
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.core import DeviceCore
@@ -114,6 +115,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
             daemon=True,
         )
         self._thread.start()
+        self._in_child = False
+        give_up_in_children(self)
 
     def close(self) -> None:
         """Stop reading and release the device. Never raises; from any thread."""
@@ -140,6 +143,16 @@ class ReadDevice(OperatorDevice, Generic[C]):
             self._core.on_closed(time.monotonic())
             self._close_count += 1
         self._notify()
+
+    def after_fork(self) -> None:
+        """In a forked child the device stays the parent's, whose reader is not here: closed."""
+        thread = self._thread
+        self._changed = threading.Condition()
+        self._opening, self._lock = threading.RLock(), threading.Lock()
+        self._ending = None
+        if thread is not None:
+            self._in_child = True
+            self._end(thread)
 
     def state(self) -> DeviceState:
         """The newest state."""
@@ -176,6 +189,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
     def _check_open(self, call: str) -> None:
         """Raise NotOpenError unless it is between open() and close(), which `call` needs."""
         if not self._opened:
+            if self._in_child:
+                raise NotOpenError(f"the {self._kind} is not open in this process: {IN_CHILD}")
             raise NotOpenError(f"the {self._kind} is not open: call open() before {call}")
 
     def _run(self, stop: threading.Event, connected: bool) -> None:

@@ -244,15 +244,17 @@ def test_it_may_be_closed_and_opened_by_many_threads_at_once():
 
 
 def test_a_reader_that_closes_itself_ends(monkeypatch):
-    device = Device()
+    device, known = Device(), threading.Event()
 
     def serve(stop):
+        known.wait(PATIENCE_S)
         device.close()
         stop.wait(PATIENCE_S)
 
     monkeypatch.setattr(device, "_serve", serve)
     device.open()
     thread = device._thread
+    known.set()
     thread.join(PATIENCE_S)
     assert not thread.is_alive()
     device.close()

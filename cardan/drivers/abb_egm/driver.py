@@ -133,6 +133,10 @@ class AbbEgm(LoopingRobot[EgmSession]):
         if sock is not None:
             sock.close()
 
+    def _forget(self) -> None:
+        self._session.owes_answer = False
+        self._release()
+
     def _open_socket(self) -> socket.socket:
         if self._socket is None:
             raise self._not_open()
