@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import re
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
@@ -495,3 +496,27 @@ def test_links_lead_somewhere(page):
 def test_images_are_well_formed_and_named(image):
     root = ElementTree.parse(image).getroot()
     assert root.find("{http://www.w3.org/2000/svg}title").text
+
+
+PROGRAMS = [
+    pytest.param(program, id=f"{page}-{number}")
+    for page in ("library.md", "abb-egm.md", "adding-a-driver.md")
+    for number, program in enumerate(blocks(text(page), "python"))
+    if re.match(r"(# \S+\n)?(import|from) ", program)
+]
+
+
+@pytest.mark.matrix
+def test_the_programs_of_the_pages_have_right_types(tmp_path: Path) -> None:
+    files = []
+    for number, program in enumerate(PROGRAMS):
+        files.append(tmp_path / f"program_{number}.py")
+        files[-1].write_text(str(program.values[0]), encoding="utf-8")
+    done = subprocess.run(
+        [sys.executable, "-m", "mypy", "--strict", *map(str, files)],
+        cwd=Path(__file__).parents[1],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
