@@ -140,6 +140,14 @@ def test_submodules_and_unknown_names():
         from cardan import nothing_of_this_name  # noqa: F401
 
 
+@pytest.mark.parametrize("driver", DRIVERS.values(), ids=DRIVERS)
+def test_type_checkers_know_its_options(driver):
+    """They would take Driver's own, which may be anything."""
+    assert (
+        vars(driver)["__annotations__"]["Options"] == f"ClassVar[type[{driver.Options.__name__}]]"
+    )
+
+
 # -- options as keywords -----------------------------------------------------------------------
 
 

@@ -8,7 +8,7 @@ import socket
 import struct
 import time
 from collections.abc import Callable, Generator, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.drivers.abb_egm.address import bind_udp, resolve
 from cardan.drivers.abb_egm.compiled import datagrams
@@ -60,7 +60,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
     Source: ABB Application manual, Externally Guided Motion, RobotWare 7.16.
     """
 
-    Options = AbbEgmOptions
+    Options: ClassVar[type[AbbEgmOptions]] = AbbEgmOptions
     summary = "ABB robots over EGM"
     page = "abb-egm.md"
     peer = "abb-gofa"

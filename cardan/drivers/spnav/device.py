@@ -9,7 +9,7 @@ import select
 import socket
 import threading
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.common.sockets import UntrustedServerError, absence, connected, hang_up
 from cardan.drivers.base import FoundDevice
@@ -42,7 +42,7 @@ class Spnav(ReadDevice[SpnavCore]):
     Its axes are LIVE only after a motion of zero was seen; see :mod:`.core` for the rules.
     """
 
-    Options = SpnavOptions
+    Options: ClassVar[type[SpnavOptions]] = SpnavOptions
     summary = "a running spacenavd"
     page = "spnav.md"
     peer = "spacemouse"
