@@ -500,7 +500,7 @@ def test_images_are_well_formed_and_named(image):
 
 UNTYPED = {"adding-a-driver.md", "doctor.md", "simulated-devices.md"}
 """Pages with parts of programs, and functions without types."""
-OF_OTHERS = {"jr3.md", "simulated-peers.md"}
+OF_OTHERS = {"jr3.md", "leap.md", "simulated-peers.md", "wiimote.md"}
 """Pages whose programs import packages without types."""
 
 
