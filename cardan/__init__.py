@@ -19,17 +19,26 @@ else:
         from importlib.util import find_spec
 
         if name == "__all__":
-            return sorted(import_module("cardan.api")._names())
+            return sorted(import_module("cardan.api")._there())
         if not name.startswith("_"):
             if find_spec(f"cardan.{name}") is not None:
                 return import_module(f"cardan.{name}")
             api = import_module("cardan.api")
             if name in api._names():
-                found = globals()[name] = getattr(api, name)
+                try:
+                    found = globals()[name] = getattr(api, name)
+                except api.ExtraMissingError as error:
+                    import sys
+
+                    # The import system asks first, by hasattr, and would say only that the name
+                    # cannot be imported.
+                    if sys._getframe(1).f_globals.get("__name__") == "importlib._bootstrap":
+                        raise
+                    raise error.of_name() from error
                 return found
         raise AttributeError(f"module 'cardan' has no attribute {name!r}")
 
     def __dir__():
         from cardan import api
 
-        return sorted({*globals(), *api._names()} - {"TYPE_CHECKING"})
+        return sorted({*globals(), *api._there()} - {"TYPE_CHECKING"})

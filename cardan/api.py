@@ -186,6 +186,17 @@ def _names() -> set[str]:
     return {name for name in globals() if name[0] != "_"} - _INNER | _HOMES.keys()
 
 
+def _there() -> set[str]:
+    """Those whose packages are installed: importing the drivers takes none that may be missing."""
+    found = _names()
+    for name in _HOMES.keys() - {each.rpartition(":")[2] for each in BUILT_IN.values()}:
+        try:
+            __getattr__(name)
+        except ExtraMissingError:
+            found.remove(name)
+    return found
+
+
 def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

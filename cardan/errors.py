@@ -17,6 +17,8 @@ of each when it comes and what to do.
     |   +-- IoConnectionError     cardan.drivers.motoros: inputs and outputs cannot be reached
     |   +-- IoRefusedError        cardan.drivers.motoros: the controller refused to do it
     |   +-- ExtraMissingError     a package that only some need is not installed
+    |   |   +-- ExtraImportError      the same, also an ImportError
+    |   |   +-- ExtraNameError        the same of a module's name, also an AttributeError
     |   +-- NativeMissingError    cardan.drivers.omni.native: the compiled force loop is missing
     +-- ScriptError           a simulated peer's script or fault switch is wrong
     +-- NativePartError       cardan.common.native: a compiled part is missing or of other sources
@@ -248,6 +250,20 @@ class ExtraMissingError(DriverError):
             f"{install_command(extra)}"
         )
         self.extra = extra
+
+    def of_name(self) -> ExtraNameError:
+        """The same, for the ``__getattr__`` of a module."""
+        found = ExtraNameError.__new__(ExtraNameError, *self.args)
+        found.extra = self.extra
+        return found
+
+
+class ExtraImportError(ExtraMissingError, ImportError):
+    """The same, as ``except ImportError`` and ``pytest.importorskip`` expect it."""
+
+
+class ExtraNameError(ExtraMissingError, AttributeError):
+    """The same of a name of a module, as ``hasattr`` and ``help`` expect it."""
 
 
 def install_command(extra: str) -> str:

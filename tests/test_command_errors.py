@@ -46,6 +46,20 @@ class Mute(FakeDevice):
     capabilities: ClassVar = None
 
 
+class Stateless(FakeDevice):
+    """Its state fails."""
+
+    def state(self):
+        return self.nothing
+
+
+class Silent(FakeDevice):
+    """It has no words about itself."""
+
+    def diagnosis(self):
+        return None
+
+
 class NoTable(FakeDevice):
     """It has no options."""
 
@@ -69,6 +83,8 @@ PLUGINS = {
     "failing": f"{__name__}:Failing",
     "abstract": f"{__name__}:Abstract",
     "mute": f"{__name__}:Mute",
+    "stateless": f"{__name__}:Stateless",
+    "silent": f"{__name__}:Silent",
     "notable": f"{__name__}:NoTable",
     "gone": "no_such_module_at_all:Driver",
 }
@@ -149,6 +165,16 @@ def test_devices_go_on_past_a_search_that_fails(monkeypatch, cardan):
         ("failing", "device.driver: driver 'failing' cannot be used: KeyError: 'boom'"),
         ("abstract", "device.driver: driver 'abstract' cannot be used: TypeError: Can't inst"),
         ("mute", "device.driver: driver 'mute' cannot be used: its capabilities are None"),
+        (
+            "stateless",
+            "driver 'stateless' cannot be used: state() of one that is not open fails: "
+            "AttributeError: 'Stateless' object has no attribute 'nothing'",
+        ),
+        (
+            "silent",
+            "driver 'silent' cannot be used: diagnosis() of one that is not open gives None, "
+            "not a sequence",
+        ),
         ("notable", "Options is None; it must be a dataclass"),
         ("gone", "cannot be loaded: ModuleNotFoundError"),
     ],

@@ -103,6 +103,41 @@ def test_all_names_are_there_for_a_star_and_for_help():
         assert name in page
 
 
+WITHOUT_AN_EXTRA = """
+import sys
+sys.modules["coal"] = None
+import inspect, pydoc
+import cardan
+from cardan import *
+from cardan.errors import ExtraMissingError
+
+assert "SpaceMouse" in globals() and "CartesianDevice" not in globals()
+assert "CartesianDevice" not in dir(cardan) and "SpaceMouse" in dir(cardan)
+assert not hasattr(cardan, "CartesianDevice")
+assert "SpaceMouse" in dict(inspect.getmembers(cardan))
+assert "open_robot(driver" in pydoc.plain(pydoc.render_doc(cardan))
+said = []
+for how, kind in (
+    ("from cardan import CartesianDevice", ImportError),
+    ("import cardan.gateway.arm.device", ImportError),
+    ("cardan.CartesianDevice", AttributeError),
+):
+    try:
+        exec(how)
+    except kind as error:
+        assert isinstance(error, ExtraMissingError) and error.extra == "arm"
+        said.append(str(error))
+import json
+print(json.dumps(said))
+"""
+
+
+def test_without_an_extra_only_the_name_that_needs_it_fails():
+    said = in_a_new_python(WITHOUT_AN_EXTRA)
+    assert len(said) == 3
+    assert all(words.endswith('pip install "cardan[arm]"') for words in said)
+
+
 def test_type_checkers_know_what_a_name_opens():
     """An overload for each built-in name, in the order of the table; at run time it costs none."""
     opened = {"open_device": {}, "open_robot": {}}
@@ -126,6 +161,14 @@ def test_submodules_and_unknown_names():
         _ = cardan.SpaceMous
     with pytest.raises(ImportError):
         from cardan import nothing_of_this_name  # noqa: F401
+
+
+@pytest.mark.parametrize("driver", DRIVERS.values(), ids=DRIVERS)
+def test_type_checkers_know_its_options(driver):
+    """They would take Driver's own, which may be anything."""
+    assert (
+        vars(driver)["__annotations__"]["Options"] == f"ClassVar[type[{driver.Options.__name__}]]"
+    )
 
 
 # -- options as keywords -----------------------------------------------------------------------

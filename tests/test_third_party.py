@@ -38,7 +38,7 @@ FILES = {
             capabilities = DeviceCapabilities(
                 gives_pose=False, buttons=(), feedback=frozenset(), battery=False
             )
-            _link, _deflection, _stamp_s = DeviceLink.CLOSED, 0.0, NEVER_S
+            _link, _deflection, _stamp_s, _socket = DeviceLink.CLOSED, 0.0, NEVER_S, None
 
             def open(self):
                 self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -51,7 +51,9 @@ FILES = {
 
             def close(self):
                 self._link = DeviceLink.CLOSED
-                self._socket.close()
+                if self._socket is not None:
+                    self._socket.close()
+                    self._socket = None
 
             def diagnosis(self):
                 return ()
@@ -61,7 +63,7 @@ FILES = {
 
             def state(self):
                 try:
-                    while packet := self._socket.recv(64):
+                    while self._socket and (packet := self._socket.recv(64)):
                         self._deflection, self._stamp_s = float(packet), time.monotonic()
                         if self._deflection == 0.0:
                             self._link = DeviceLink.LIVE

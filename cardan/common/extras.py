@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cardan.common.shortage import shortage
-from cardan.errors import ExtraMissingError
+from cardan.errors import ExtraImportError
 
 
 def missing_extra(purpose: str, package: str, extra: str, error: Exception) -> Exception:
@@ -11,4 +11,4 @@ def missing_extra(purpose: str, package: str, extra: str, error: Exception) -> E
     and importing it raised `error`; where that was for want of memory, `error` itself."""
     if shortage(error):
         return error
-    return ExtraMissingError(purpose, package, extra, str(error))
+    return ExtraImportError(purpose, package, extra, str(error))

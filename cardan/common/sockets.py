@@ -50,6 +50,13 @@ _ANY_PORT: Final = 9
 """For asking the system about an address: nothing is sent."""
 
 
+def hang_up(sock: socket.socket) -> None:
+    """End a stream, also where a process that was forked meanwhile still holds it, and close it."""
+    with contextlib.suppress(OSError):
+        sock.shutdown(socket.SHUT_RDWR)
+    sock.close()
+
+
 def waiting_bytes(sock: socket.socket) -> int:
     """Bytes that came on a stream and were not read; 0 of one that is closed."""
     if sock.fileno() < 0:

@@ -16,6 +16,7 @@ from dataclasses import fields
 from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple
 
+from cardan.common.forks import IN_CHILD
 from cardan.common.openable import Openable
 from cardan.common.options import require, suggestion
 from cardan.errors import CommandError, ConfigurationError, NotOpenError
@@ -169,6 +170,8 @@ class OperatorDevice(Driver):
     """Counts calls of _notify()."""
     _close_count = 0
     """Counted by drivers that may be opened again: reads that waited end then."""
+    _in_child = False
+    """Whether it was open in the process that this one was forked from."""
     _reading: _StateReader | None = None
 
     @cached_property
@@ -289,9 +292,10 @@ class _StateReader:
 
     def __init__(self, device: OperatorDevice) -> None:
         if device.state().link is DeviceLink.CLOSED:
-            raise NotOpenError(
-                f"{type(device).__name__} is not open: call open() before reading it, or use `with`"
-            )
+            name = type(device).__name__
+            if device._in_child:
+                raise NotOpenError(f"{name} is not open in this process: {IN_CHILD}")
+            raise NotOpenError(f"{name} is not open: call open() before reading it, or use `with`")
         self._device = device
         self._close_count = device._close_count
         self._last: DeviceState | None = None

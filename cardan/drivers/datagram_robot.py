@@ -395,6 +395,8 @@ class DatagramRobot(LoopingRobot[DatagramSessionT]):
         super().__init__(options, **keywords)
         self._session = self._make_session()
         self._transport: Transport | None = None
+        self._parents: Transport | None = None
+        """In a forked child: kept, as a bus that is let go of there would wait for its threads."""
         self._owes_answer = False
 
     @abstractmethod
@@ -414,6 +416,11 @@ class DatagramRobot(LoopingRobot[DatagramSessionT]):
         transport, self._transport = self._transport, None
         if transport is not None:
             transport.close()
+
+    def _forget(self) -> None:
+        self._parents, self._transport = self._transport, None
+        if isinstance(self._parents, UdpTransport):
+            self._parents.close()
 
     def _joined(self) -> Transport:
         if self._transport is None:

@@ -7,7 +7,7 @@ import socket
 from collections.abc import Callable
 from typing import TypeVar
 
-from cardan.common.sockets import absence, connected
+from cardan.common.sockets import absence, connected, hang_up
 from cardan.errors import DeviceAccessError
 
 TIMEOUT_S = 1.0
@@ -61,4 +61,4 @@ class PacketSocket:
 
     def close(self) -> None:
         """Close the connection."""
-        self._peer.close()
+        hang_up(self._peer)

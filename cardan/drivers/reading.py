@@ -9,6 +9,7 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any, ClassVar, Generic, TypeVar
 
+from cardan.common.forks import IN_CHILD, give_up_in_children
 from cardan.common.shortage import shortage
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.core import DeviceCore
@@ -50,6 +51,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
         """Guards the core, for some µs at a time."""
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
+        self._closes_itself = False
+        """close() was called by the reader, which then ends as soon as it can."""
         self._ending: threading.Thread | None = None
         """A reader that was told to stop, and did not in time: it still holds the device."""
 
@@ -91,15 +94,19 @@ class ReadDevice(OperatorDevice, Generic[C]):
                 )
             self._ending = None
         self._stop = threading.Event()
+        self._closes_itself = False
         connected = True
         try:
             self._connect()
-        except Exception as error:
-            self._lose(_words(error))
-            if not self.options.wait_for_device:
-                if isinstance(error, DriverError):
+        except BaseException as error:
+            if not (isinstance(error, Exception) and self.options.wait_for_device):
+                with self._lock:
+                    self._core.on_closed(time.monotonic())
+                self._let_go()
+                if isinstance(error, DriverError) or not isinstance(error, Exception):
                     raise
                 raise DeviceAccessError(_words(error)) from error
+            self._lose(_words(error))
             connected = False
         self._thread = threading.Thread(
             target=self._run,
@@ -108,11 +115,14 @@ class ReadDevice(OperatorDevice, Generic[C]):
             daemon=True,
         )
         self._thread.start()
+        self._in_child = False
+        give_up_in_children(self)
 
     def close(self) -> None:
         """Stop reading and release the device. Never raises; from any thread."""
         if threading.current_thread() is self._thread:
             self._stop.set()  # It ends once it comes back to its loop: a thread cannot join itself.
+            self._closes_itself = True
             return
         with self._opening:
             thread = self._thread
@@ -122,11 +132,27 @@ class ReadDevice(OperatorDevice, Generic[C]):
             thread.join(JOIN_TIMEOUT_S)
             if thread.is_alive():
                 self._ending = thread
+            self._end(thread)
+
+    def _end(self, thread: threading.Thread) -> None:
+        """It is closed, if `thread` still was its reader: whoever waits for a state is told."""
+        with self._lock:
+            if self._thread is not thread:
+                return
             self._thread = None
-            with self._lock:
-                self._core.on_closed(time.monotonic())
+            self._core.on_closed(time.monotonic())
             self._close_count += 1
-            self._notify()
+        self._notify()
+
+    def after_fork(self) -> None:
+        """In a forked child the device stays the parent's, whose reader is not here: closed."""
+        thread = self._thread
+        self._changed = threading.Condition()
+        self._opening, self._lock = threading.RLock(), threading.Lock()
+        self._ending = None
+        if thread is not None:
+            self._in_child = True
+            self._end(thread)
 
     def state(self) -> DeviceState:
         """The newest state."""
@@ -163,6 +189,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
     def _check_open(self, call: str) -> None:
         """Raise NotOpenError unless it is between open() and close(), which `call` needs."""
         if not self._opened:
+            if self._in_child:
+                raise NotOpenError(f"the {self._kind} is not open in this process: {IN_CHILD}")
             raise NotOpenError(f"the {self._kind} is not open: call open() before {call}")
 
     def _run(self, stop: threading.Event, connected: bool) -> None:
@@ -200,6 +228,8 @@ class ReadDevice(OperatorDevice, Generic[C]):
             if arrivals is not None:
                 arrivals.close()
             self._let_go()
+            if self._closes_itself:
+                self._end(threading.current_thread())
 
     def _lose(self, reason: str) -> None:
         # Neutral first: letting go of a device may take its time.

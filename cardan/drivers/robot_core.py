@@ -22,6 +22,7 @@ from cardan.common.bounds import (
     ROTATION_LENGTH,
     Range,
 )
+from cardan.common.forks import IN_CHILD, give_up_in_children
 from cardan.drivers.base import RobotDriver
 from cardan.errors import CommandError, NotOpenError, shown
 from cardan.types import (
@@ -73,6 +74,8 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
         self._open = False
+        self._in_child = False
+        """Whether it was open in the process that this one was forked from."""
         self._opening = threading.RLock()
         """Held while it is opened or released: one thread at a time."""
         self._loop = 0
@@ -105,6 +108,9 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
     def _now_s(self) -> float:
         """The time of the session's stamps."""
 
+    def _forget(self) -> None:
+        """Close what `_acquire` opened in a forked child, without a word to the controller."""
+
     @property
     def session(self) -> SessionT:
         """The state of the protocol, with its counters; a new one with every open()."""
@@ -118,7 +124,8 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
         with self._opening:
             if not self._open:
                 self._acquire()
-                self._open = True
+                self._open, self._in_child = True, False
+                give_up_in_children(self)
 
     def close(self) -> None:
         if not self._open:
@@ -134,7 +141,19 @@ class LoopingRobot(RobotDriver, Generic[SessionT]):
                 self._open = False
                 self._release()
 
+    def after_fork(self) -> None:
+        """In a forked child the robot stays the parent's: its loop ends, and nothing is sent."""
+        if self._open:
+            self._open, self._in_child = False, True
+            self._loop += 1
+            self._opening = threading.RLock()
+            self._loop_ended = threading.Event()
+            self._loop_ended.set()
+            self._forget()
+
     def _not_open(self) -> NotOpenError:
+        if self._in_child:
+            return NotOpenError(f"{self.title} is not open in this process: {IN_CHILD}")
         return NotOpenError(f"{self.title} is not open; call open(), or use it in `with`")
 
     def _require_open(self) -> SessionT:

@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Generator
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from cardan.common.sockets import opened
+from cardan.common.sockets import hang_up, opened
 from cardan.drivers.robot_core import LoopingRobot, RobotSession
 from cardan.errors import AddressError
 from cardan.types import NEVER_S, HoldCommand, RobotCommand, RobotState
@@ -181,6 +181,11 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
     def _release(self) -> None:
         for channel in tuple(self._links):
             self._cut(channel)
+
+    def _forget(self) -> None:
+        links, self._links = self._links, {}
+        for link in links.values():
+            link.socket.close()
 
     def _now_s(self) -> float:
         return _monotonic()
@@ -358,7 +363,7 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
     def _cut(self, channel: ChannelT) -> None:
         link = self._links.pop(channel, None)
         if link is not None:
-            link.socket.close()
+            hang_up(link.socket)
 
     # -- requests of the application --------------------------------------------------------------
 

@@ -225,6 +225,21 @@ class TestLoop:
         peer.say()
         assert next(cycles).session == 2
 
+    def test_silence_is_waited_for_where_the_socket_does_not_wait(
+        self, robot: AbbEgm, peer: Peer
+    ) -> None:
+        sock = robot._socket
+        assert sock is not None
+        os.set_blocking(sock.fileno(), False)  # as gevent has it
+        cycles = robot.cycles()
+        end_s, waiting = time.monotonic() + 0.5, 0
+        while time.monotonic() < end_s:
+            assert next(cycles).link is RobotLink.WAITING
+            waiting += 1
+        assert waiting <= 6
+        peer.say()
+        assert next(cycles).link is RobotLink.LIVE
+
     def test_a_flood_of_garbage_does_not_keep_the_loop_from_its_watch(
         self, robot: AbbEgm, peer: Peer, monkeypatch: pytest.MonkeyPatch
     ) -> None:

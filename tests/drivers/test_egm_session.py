@@ -630,6 +630,14 @@ class TestCommands:
         change = speeds_of(answer)[0] - speeds_of(before)[0]  # type: ignore[index]
         assert 0.0 < change <= math.radians(720.0) * PERIOD_S + 1e-9
 
+    @pytest.mark.parametrize("command", [None, 0, "hold", HOME])
+    def test_what_is_no_command_is_refused(self, command: Any) -> None:
+        bench = Bench().started()
+        bench.hear()
+        with pytest.raises(CommandError, match="it takes hold"):
+            bench.session.reply(command, bench.now_s)
+        assert bench.session.owes_answer
+
     @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e300])
     def test_bad_poses_and_twists(self, bad: float) -> None:
         session = Bench(mode="pose").session

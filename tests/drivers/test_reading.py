@@ -6,7 +6,7 @@ import pytest
 
 from cardan.drivers import reading
 from cardan.drivers.reading import ReadDevice
-from cardan.errors import DeviceAccessError, DeviceNotFoundError
+from cardan.errors import DeviceAccessError, DeviceNotFoundError, NotOpenError
 from cardan.types import (
     NEVER_S,
     ZERO_TWIST,
@@ -129,7 +129,11 @@ def test_a_missing_device_is_an_error():
     device = Device(plugged=False)
     with pytest.raises(DeviceNotFoundError, match="nothing is plugged in"):
         device.open()
-    assert device.state().link is DeviceLink.LOST
+    assert device.state().link is DeviceLink.CLOSED
+    for call in (device.read, lambda: next(iter(device)), lambda: device.on_state(print)):
+        with pytest.raises(NotOpenError, match="Device is not open: call open"):
+            call()
+    device.close()
     device.plugged.set()
     with device:
         assert device.connected.is_set()
@@ -180,7 +184,20 @@ def test_whatever_opening_raises_is_an_error_of_the_driver(monkeypatch):
     monkeypatch.setattr(device, "_connect", refuse)
     with pytest.raises(DeviceAccessError, match="strange"):
         device.open()
-    assert device.state().link is DeviceLink.LOST
+    assert device.state().link is DeviceLink.CLOSED
+
+
+def test_opening_that_is_interrupted_leaves_it_closed(monkeypatch):
+    def interrupted():
+        device._core.on_opened()
+        raise KeyboardInterrupt
+
+    device = Device(Patient())
+    monkeypatch.setattr(device, "_connect", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        device.open()
+    assert device.state().link is DeviceLink.CLOSED
+    assert device.released.is_set()
 
 
 def test_a_reader_that_hangs_is_not_joined_by_a_second_one(monkeypatch):
@@ -227,15 +244,58 @@ def test_it_may_be_closed_and_opened_by_many_threads_at_once():
 
 
 def test_a_reader_that_closes_itself_ends(monkeypatch):
-    device = Device()
+    device, known = Device(), threading.Event()
 
     def serve(stop):
+        known.wait(PATIENCE_S)
         device.close()
         stop.wait(PATIENCE_S)
 
     monkeypatch.setattr(device, "_serve", serve)
     device.open()
     thread = device._thread
+    known.set()
     thread.join(PATIENCE_S)
     assert not thread.is_alive()
     device.close()
+
+
+def test_one_that_its_reader_closes_is_closed_and_can_be_opened_again(monkeypatch):
+    device, waits = Device(), threading.Event()
+
+    def serve(stop):
+        waits.wait(PATIENCE_S)
+        device.close()
+        stop.wait(PATIENCE_S)
+
+    with monkeypatch.context() as patched:
+        patched.setattr(device, "_serve", serve)
+        device.open()
+        states = iter(device)
+        next(states)
+        waits.set()
+        assert next(states, None) is None
+    assert device.state().link is DeviceLink.CLOSED
+    device.connected.clear()
+    with device:
+        assert device.connected.is_set()
+
+
+@pytest.mark.parametrize("closes", ["another thread", "the same thread"])
+def test_closing_ends_every_iteration(closes):
+    device, ended = Device(), []
+    with device:
+        for _ in range(3):
+            device.on_state(lambda state: None)
+        threads = [threading.Thread(target=lambda: ended.extend([*device])) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        if closes == "another thread":
+            closer = threading.Thread(target=device.close)
+            closer.start()
+            closer.join(PATIENCE_S)
+        else:
+            device.close()
+        for thread in threads:
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive()

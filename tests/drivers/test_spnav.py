@@ -258,7 +258,7 @@ def test_a_daemon_that_hangs_up_at_once(path):
         with pytest.raises(DeviceAccessError, match="cannot use the daemon at"):
             driver.open()
         thread.join()
-    assert driver.state().link is DeviceLink.LOST
+    assert driver.state().link is DeviceLink.CLOSED
 
 
 def test_a_daemon_that_repeats_is_refused_until_that_is_changed(path, monkeypatch):

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import select
 import socket
 import struct
 import time
 from collections.abc import Callable, Generator, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.drivers.abb_egm.address import bind_udp, resolve
 from cardan.drivers.abb_egm.compiled import datagrams
@@ -59,7 +60,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
     Source: ABB Application manual, Externally Guided Motion, RobotWare 7.16.
     """
 
-    Options = AbbEgmOptions
+    Options: ClassVar[type[AbbEgmOptions]] = AbbEgmOptions
     summary = "ABB robots over EGM"
     page = "abb-egm.md"
     peer = "abb-gofa"
@@ -76,6 +77,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
         self._poll = select.poll()
         self._drained_s = NEVER_S
         """When the socket was last seen empty; datagrams read now arrived after it."""
+        self._wake_s = min(WAKE_S, self.options.lost_after_s)
         self._period_s = self.options.period_s
         self._late_after_s = self.options.late_after_s
 
@@ -114,10 +116,11 @@ class AbbEgm(LoopingRobot[EgmSession]):
         controller = None if options.controller_host is None else resolve(options.controller_host)
         sock = bind_udp(options.listen_host, options.listen_port)
         # A timeout of the socket itself costs one system call less than settimeout().
-        wake_s = min(WAKE_S, options.lost_after_s)
         sock.setsockopt(
-            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, int(wake_s * 1e6))
+            socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("@ll", 0, int(self._wake_s * 1e6))
         )
+        if not os.get_blocking(sock.fileno()):  # gevent's, which has no such timeout: poll() waits
+            sock.setblocking(False)
         self._session = EgmSession(options, _monotonic(), controller)
         self._session.port = sock.getsockname()[1]
         self._poll = select.poll()
@@ -129,6 +132,10 @@ class AbbEgm(LoopingRobot[EgmSession]):
         sock, self._socket = self._socket, None
         if sock is not None:
             sock.close()
+
+    def _forget(self) -> None:
+        self._session.owes_answer = False
+        self._release()
 
     def _open_socket(self) -> socket.socket:
         if self._socket is None:
@@ -152,16 +159,21 @@ class AbbEgm(LoopingRobot[EgmSession]):
         recvfrom = self._recvfrom
         period_s = self._period_s
         poll = self._poll.poll
-        yielded_s = _monotonic()
+        wake_s = self._wake_s
+        yielded_s = now_s = _monotonic()
         with self._looping(loop):
             try:
                 while self._loop == loop:
                     try:
                         data, source = recvfrom(_RECEIVE_BYTES)
                     except BlockingIOError:  # the socket's timeout
-                        silence = session.tick(_monotonic())
+                        left_s = now_s + wake_s - _monotonic()
+                        if left_s > 0.0 and poll(1e3 * left_s):
+                            continue
+                        now_s = _monotonic()
+                        silence = session.tick(now_s)
                         if silence is not None:
-                            yielded_s = silence.stamp_s
+                            yielded_s = now_s
                             yield silence
                         continue
                     now_s = _monotonic()

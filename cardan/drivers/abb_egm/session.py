@@ -625,6 +625,7 @@ class EgmSession:
                 self._answered = self._newest
                 self.owes_answer = False
                 return answer
+            self.check(command)
         return self._reply(command, now_s)
 
     def _reply(self, command: RobotCommand | None, now_s: float) -> bytes:
@@ -634,8 +635,6 @@ class EgmSession:
         guidance = self._guidance
         nominal_s = self._nominal_s
         dt_s = self._book.since_reply_s
-        if command is not None:
-            self.check(command)
         gap_s = 0.0
         if dt_s > _GAP_PERIODS * nominal_s:
             gap_s, dt_s = dt_s - nominal_s, nominal_s

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.evdev.device import EvdevDevice
@@ -42,7 +42,7 @@ class Gamepad(EvdevDevice[GamepadCore]):
     for the rules. It is opened again by itself after it was unplugged.
     """
 
-    Options = GamepadOptions
+    Options: ClassVar[type[GamepadOptions]] = GamepadOptions
     summary = "gamepads"
     page = "gamepad.md"
     peer = "gamepad"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.drivers.evdev.device import EvdevDevice
 from cardan.drivers.evdev.links import FEEDBACK_TIMEOUT_S, Link
@@ -22,7 +22,7 @@ class Keyboard(EvdevDevice[KeyboardCore]):
     unplugged.
     """
 
-    Options = KeyboardOptions
+    Options: ClassVar[type[KeyboardOptions]] = KeyboardOptions
     summary = "keyboards"
     page = "keyboard.md"
     peer = "keyboard"

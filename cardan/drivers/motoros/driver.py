@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.drivers.base import Endpoint
 from cardan.drivers.motoros.connections import CHANNELS, Channel
@@ -28,7 +28,7 @@ class Motoros(TcpRobot[MotorosSession, Channel, Task]):
     2041). Inputs, outputs and registers are behind `io`.
     """
 
-    Options = MotorosOptions
+    Options: ClassVar[type[MotorosOptions]] = MotorosOptions
     summary = "Motoman robots over MotoROS"
     page = "motoman.md"
     peer = "motoman-gp8"

@@ -16,6 +16,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from cardan.common import bounds
 from cardan.common.options import check_value, require
+from cardan.common.sockets import hang_up
 from cardan.drivers.motoros.diagnosis import io_result_in_words, reply_in_words
 from cardan.drivers.motoros.errors import IoConnectionError, IoRefusedError
 from cardan.errors import (
@@ -365,4 +366,4 @@ class IoClient:
         link, self._socket = self._socket, None
         if link is not None:
             with suppress(OSError):
-                link.close()
+                hang_up(link)

@@ -12,7 +12,7 @@ import threading
 import time
 import weakref
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan import spatial
 from cardan.common.haptics import FeedbackLimits, HapticCommand, HapticState, OperatingState
@@ -79,7 +79,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     force stays off then until enable().
     """
 
-    Options = OmniOptions
+    Options: ClassVar[type[OmniOptions]] = OmniOptions
     summary = "Phantom Omni, Geomagic Touch, 3D Systems Touch"
     page = "omni.md"
     peer = "omni"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.drivers.handheld import HandheldDevice, PhoneOptions
 from cardan.drivers.handheld.core import PhoneCore
@@ -13,7 +13,7 @@ from cardan.drivers.simulated import OWN
 class Phone(HandheldDevice[PhoneCore]):
     """A phone in the hand, by the console's page in its browser."""
 
-    Options = PhoneOptions
+    Options: ClassVar[type[PhoneOptions]] = PhoneOptions
     summary = "phones: orientation and touch, by the console's page"
     page = "phone.md"
     peer = "phone"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from cardan.drivers.datagram_robot import DatagramRobot
 from cardan.drivers.node_options import SIMULATED_LISTEN
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
@@ -22,7 +24,7 @@ class Ros2Arm(DatagramRobot[Ros2ArmSession]):
     The arm's joint states are the clock. A driver that is closed while the arm moves brakes it.
     """
 
-    Options = Ros2ArmOptions
+    Options: ClassVar[type[Ros2ArmOptions]] = Ros2ArmOptions
     summary = "any arm of a ROS 2 system (ros2_control)"
     page = "ros2-arm.md"
     peer = "ros2-arm"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from cardan.drivers.node_options import SIMULATED_LISTEN
 from cardan.drivers.ros2_nodes import JoyCore, NodeDevice, RumblingDevice
 from cardan.drivers.ros2_nodes.options import Ros2JoyOptions
@@ -12,7 +14,7 @@ from cardan.types import DeviceCapabilities
 class Ros2Joy(NodeDevice, RumblingDevice[JoyCore]):
     """A gamepad or joystick that ROS 2's joy_node or game_controller_node reads."""
 
-    Options = Ros2JoyOptions
+    Options: ClassVar[type[Ros2JoyOptions]] = Ros2JoyOptions
     summary = "gamepads by ROS 2's joy_node or game_controller_node"
     page = "ros2-joy.md"
     peer = "ros2-device"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from cardan.drivers.node_options import SIMULATED_LISTEN
 from cardan.drivers.ros2_nodes import NodeDevice
 from cardan.drivers.ros2_nodes.options import Ros2SpacenavOptions
@@ -11,7 +13,7 @@ from cardan.drivers.simulated import OWN
 class Ros2Spacenav(NodeDevice):
     """A 3D mouse that ROS 2's spacenav_node reads."""
 
-    Options = Ros2SpacenavOptions
+    Options: ClassVar[type[Ros2SpacenavOptions]] = Ros2SpacenavOptions
     summary = "3D mice by ROS 2's spacenav_node"
     page = "ros2-spacenav.md"
     peer = "ros2-device"

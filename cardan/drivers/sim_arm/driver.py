@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar
 
 from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.datagram_robot import DatagramRobot, Transport, UdpTransport
@@ -95,7 +95,7 @@ class SimArm(DatagramRobot[SimArmSession]):
     base axes. With pacing "virtual" stamps count from 0 and nothing ever sleeps.
     """
 
-    Options = SimArmOptions
+    Options: ClassVar[type[SimArmOptions]] = SimArmOptions
     summary = "a simulated arm"
     page = "simulated-arm.md"
     peer = "arm"

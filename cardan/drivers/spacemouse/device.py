@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterable, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.common.sockets import absence
 from cardan.drivers import base
@@ -63,7 +63,7 @@ class SpaceMouse(ReadDevice[SpaceMouseCore]):
     opened again by itself after it was unplugged. `transports` replaces the ways to devices.
     """
 
-    Options = SpaceMouseOptions
+    Options: ClassVar[type[SpaceMouseOptions]] = SpaceMouseOptions
     summary = "3Dconnexion mice: USB, receivers"
     page = "spacemouse.md"
     peer = "spacemouse"

@@ -9,9 +9,9 @@ import select
 import socket
 import threading
 import time
-from typing import Any
+from typing import Any, ClassVar
 
-from cardan.common.sockets import UntrustedServerError, absence, connected
+from cardan.common.sockets import UntrustedServerError, absence, connected, hang_up
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.simulated import OWN
@@ -42,7 +42,7 @@ class Spnav(ReadDevice[SpnavCore]):
     Its axes are LIVE only after a motion of zero was seen; see :mod:`.core` for the rules.
     """
 
-    Options = SpnavOptions
+    Options: ClassVar[type[SpnavOptions]] = SpnavOptions
     summary = "a running spacenavd"
     page = "spnav.md"
     peer = "spacemouse"
@@ -138,7 +138,7 @@ class Spnav(ReadDevice[SpnavCore]):
 
     def _release(self) -> None:
         if self._socket is not None:
-            self._socket.close()
+            hang_up(self._socket)
             self._socket = None
 
     def _exchange(self, sock: socket.socket, timeout_s: float) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from cardan.drivers.base import Endpoint
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.drivers.tcp_robot import TcpRobot
@@ -20,7 +22,7 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
     `enable()` is needed again.
     """
 
-    Options = UrRtdeOptions
+    Options: ClassVar[type[UrRtdeOptions]] = UrRtdeOptions
     summary = "Universal Robots arms over RTDE"
     page = "universal-robots.md"
     peer = "ur"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.drivers.handheld import HandheldDevice, XrOptions
 from cardan.drivers.handheld.core import XrCore
@@ -13,7 +13,7 @@ from cardan.drivers.simulated import OWN
 class Xr(HandheldDevice[XrCore]):
     """A headset's controller, or a phone with AR, by the console's page in its browser."""
 
-    Options = XrOptions
+    Options: ClassVar[type[XrOptions]] = XrOptions
     summary = "headset controllers and phones with AR (WebXR), by the console's page"
     page = "xr.md"
     peer = "xr"

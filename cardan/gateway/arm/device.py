@@ -7,6 +7,7 @@ import threading
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from cardan.common.forks import give_up_in_children
 from cardan.common.shortage import shortage
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.errors import CommandError
@@ -106,6 +107,7 @@ class CartesianDevice(CartesianArm):
             raise
         self._closing.clear()
         self._link.begin()
+        give_up_in_children(self)
         self._thread = threading.Thread(target=self._loop, name="cartesian", daemon=True)
         self._thread.start()
         self._link.wait_for(
@@ -128,6 +130,10 @@ class CartesianDevice(CartesianArm):
             self.device.close()
         self._thread = None
         self._link.end(NOT_OPEN)
+
+    def after_fork(self) -> None:
+        """In a forked child the arm stays the parent's: its robot, device and loop give it up."""
+        self._thread = None
 
     def _ask(
         self, verb: str, value: Any = None, *, source: str = "", sequence: int | None = None

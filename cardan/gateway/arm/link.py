@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
+from cardan.common.forks import IN_CHILD, give_up_in_children
 from cardan.errors import DriverError, MotionLoopError
 
 NOT_OPEN = "the arm is not open"
@@ -33,6 +34,7 @@ class LoopLink:
         """The loop runs from now on."""
         self._errands.clear()
         self._why_not = ""
+        give_up_in_children(self)
 
     def attend(self) -> None:
         """Do what was asked for and wake waiting threads; cheap where none waits."""
@@ -55,6 +57,13 @@ class LoopLink:
             self._errands.popleft()[1].append(DriverError("the loop has ended"))
         with self._ticked:
             self._ticked.notify_all()
+
+    def after_fork(self) -> None:
+        """In a forked child there is no loop; the parent's goes on."""
+        if not self._why_not:
+            self._why_not = f"the arm is not open in this process: {IN_CHILD}"
+        self._ticked, self._listeners = threading.Condition(), 0
+        self._errands.clear()
 
     # -- for other threads -----------------------------------------------------------------------
 

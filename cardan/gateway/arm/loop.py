@@ -2,12 +2,24 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
+from cardan.common.plugins import reason
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.gateway.arm.controller import ArmController
-from cardan.types import ButtonEvent, DeviceState, RobotCommand, RobotState
+from cardan.types import (
+    NEUTRAL,
+    NEVER_S,
+    ButtonEvent,
+    DeviceLink,
+    DeviceState,
+    RobotCommand,
+    RobotState,
+)
+
+_log = logging.getLogger(__name__)
 
 
 class Cycle(NamedTuple):
@@ -29,6 +41,8 @@ class ArmLoop:
     ) -> None:
         """The caller opens and closes them."""
         self.robot, self.controller, self.device = robot, controller, device
+        self._problem = ""
+        """How the device's driver failed last."""
 
     def cycles(self) -> Iterator[Cycle]:
         """Answer each of the robot's states, then yield it: work in the loop's body delays only the
@@ -42,8 +56,23 @@ class ArmLoop:
                 yield Cycle(state, None, (), command)
             return
         for state in robot.cycles():
-            hand = device.state()
-            events = device.button_events()
+            try:
+                hand, events = device.state(), device.button_events()
+            except Exception as error:
+                hand, events = self._failed(reason(error), error), ()
+            if not isinstance(hand, DeviceState):
+                hand, events = self._failed(f"state() gave {hand!r:.60}"), ()
+            if not isinstance(events, Sequence):
+                hand, events = self._failed(f"button_events() gave {events!r:.60}"), ()
             command = tick(state, hand, events)
             send(command)
             yield Cycle(state, hand, events, command)
+
+    def _failed(self, problem: str, error: Exception | None = None) -> DeviceState:
+        """The state of a device whose driver breaks its contract: it is lost, not the session."""
+        if problem != self._problem:
+            self._problem = problem
+            _log.warning("%s failed: %s", type(self.device).__name__, problem)
+            _log.debug("it failed here", exc_info=error)
+        words = f"its driver failed: {problem}"
+        return DeviceState(NEVER_S, DeviceLink.LOST, NEUTRAL, frozenset(), reason=words)

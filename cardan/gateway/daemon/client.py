@@ -11,7 +11,7 @@ import threading
 from collections.abc import Iterator
 from typing import Any, Final
 
-from cardan.common.sockets import UntrustedServerError, absence, connected, runtime_path
+from cardan.common.sockets import UntrustedServerError, absence, connected, hang_up, runtime_path
 from cardan.errors import AddressError, CardanError, DriverError, MotionLoopError
 from cardan.gateway.arm.authority import VERBS
 from cardan.gateway.arm.packet_arm import PacketArm
@@ -68,7 +68,7 @@ class ControlClient:
 
     def close(self) -> None:
         """Leave. Never raises; twice is fine."""
-        self._sock.close()
+        hang_up(self._sock)
 
     def __enter__(self) -> ControlClient:
         return self

@@ -5,6 +5,7 @@ The configuration is compared with what devices, robots, filters and arms can do
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -13,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from cardan.common.options import suggestion
 from cardan.common.places import in_file
-from cardan.common.plugins import not_installed
+from cardan.common.plugins import not_installed, reason
 from cardan.common.tables import as_table, keys_of, read_table, read_toml, resolved
 from cardan.drivers import registry
 from cardan.drivers.base import Driver, OperatorDevice, RobotDriver
@@ -74,6 +75,7 @@ from cardan.types import (
     IDENTITY_POSE,
     CommandKind,
     DeviceCapabilities,
+    DeviceState,
     RobotCapabilities,
     Vector3,
 )
@@ -107,15 +109,50 @@ def make_driver(table: registry.DriverTable, key: str) -> Driver:
     """The driver of a table, not opened yet; errors name `key`, which is "robot" for a robot's."""
     with below(key):
         driver = _driver_class(table.driver, RobotDriver if key == "robot" else OperatorDevice)
-    with registry.using(table.driver, f"{key}.driver"):
+    with using_driver(table, key):
         made = driver(read_table(driver.Options, table.options, key))
         able: object = getattr(made, "capabilities", None)
+    wrong = ""
     if not isinstance(able, (DeviceCapabilities, RobotCapabilities)):
+        wrong = f"its capabilities are {able!r:.60}"
+    elif table.driver not in registry.BUILT_IN:
+        wrong = _breach(made)
+    if wrong:
         raise ConfigurationError(
-            f"{key}.driver",
-            f"driver {table.driver!r} cannot be used: its capabilities are {able!r:.60}",
+            f"{key}.driver", f"driver {table.driver!r} cannot be used: {wrong}"
         )
     return made
+
+
+def using_driver(
+    table: registry.DriverTable | None, key: str
+) -> contextlib.AbstractContextManager[None]:
+    """What another package's driver raises inside is an error of its table, which `key` names."""
+    return (
+        contextlib.nullcontext() if table is None else registry.using(table.driver, f"{key}.driver")
+    )
+
+
+def _breach(driver: Driver) -> str:
+    """How a driver that is not open breaks its interface, in words; empty: not seen."""
+    calls: list[tuple[Callable[[], object], Any]] = [
+        (driver.diagnosis, Sequence),
+        (driver.cautions, Sequence),
+        (driver.endpoints, Sequence),
+        (driver.metrics, Mapping),
+        (driver.protocol_errors, Mapping),
+    ]
+    if isinstance(driver, OperatorDevice):
+        calls += [(driver.state, DeviceState), (driver.button_events, Sequence)]
+    for call, kind in calls:
+        try:
+            given = call()
+        except Exception as error:
+            return f"{call.__name__}() of one that is not open fails: {reason(error)}"
+        if not isinstance(given, kind):
+            word = {Sequence: "a sequence", Mapping: "a mapping"}.get(kind, "a DeviceState")
+            return f"{call.__name__}() of one that is not open gives {given!r:.60}, not {word}"
+    return ""
 
 
 def _driver_class(name: str, side: type[Driver]) -> type[Driver]:

@@ -6,11 +6,12 @@ and is disarmed, and moving it again takes the deliberate act.
 
 from __future__ import annotations
 
+import logging
 import threading
 from typing import Final
 
+from cardan.common.plugins import reason
 from cardan.drivers.base import OperatorDevice
-from cardan.errors import CardanError
 
 TAKE: Final = b"take the device"
 GIVE: Final = b"give the device"
@@ -19,6 +20,9 @@ GIVE: Final = b"give the device"
 AGAIN_S: Final = 0.5
 """Pause before a device that could not be opened is tried again: the session that had it may still
 be closing it."""
+
+
+_log = logging.getLogger(__name__)
 
 
 class DeviceLease:
@@ -61,14 +65,14 @@ class DeviceLease:
                     return
                 wanted = self._wanted
             if not wanted:
-                self._device.close()
+                self._close()
                 self.held, self.problem = False, ""
                 continue
             try:
                 self._device.open()
                 self.held, self.problem = True, ""
-            except CardanError as error:
-                self.problem = str(error)
+            except Exception as error:
+                self.problem = reason(error)
                 with self._changed:
                     self._changed.wait_for(lambda: self._over or not self._wanted, AGAIN_S)
 
@@ -79,4 +83,10 @@ class DeviceLease:
             self._changed.notify()
         if self._thread is not None:
             self._thread.join()
-        self._device.close()
+        self._close()
+
+    def _close(self) -> None:
+        try:
+            self._device.close()
+        except Exception:  # Of another package's driver: the robot is left in good order.
+            _log.exception("%s was not closed in good order", type(self._device).__name__)

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 from cardan.common.histogram import LatencyHistogram
 from cardan.common.logs import LogFormat, log_to_stderr
 from cardan.common.output import dropping_text
+from cardan.common.plugins import reason
 from cardan.common.realtime import ask_for_real_time, share_interpreter_promptly
 from cardan.common.shortage import shortage
 from cardan.common.signals import ignore_ending, take_ending
@@ -52,6 +53,7 @@ from cardan.gateway.session.assembly import (
     make_network,
     make_robot,
     make_verbs,
+    using_driver,
 )
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.heartbeat import BEAT, Heartbeat
@@ -156,7 +158,8 @@ class Session:
                 self._lease = DeviceLease(device)
                 opened.callback(self._lease.close)
                 if self._has_device:
-                    self._lease.begin()
+                    with using_driver(config.device, "device"):
+                        self._lease.begin()
                 self._check(config, device)
                 self._fit_feedback(device)
             for each in self._filters:
@@ -307,8 +310,7 @@ class Session:
                 self._publish(state, hand, now_s - start_s)
         if state is not None:
             snapshot.finished = True
-            hand = None if self.device is None else self.device.state()
-            self._publish(state, hand, monotonic() - start_s)
+            self._publish(state, cycle.device, monotonic() - start_s)
 
     def _listen(self, heartbeat: Heartbeat, now_s: float) -> None:
         """Take the supervisor's beats and requests; without beats no source moves the arm."""
@@ -389,7 +391,7 @@ class Session:
         """Send feedback to the device. A light or motor that fails is no reason to stop: the link
         itself is watched elsewhere."""
         if feedback is not None and self.device is not None:
-            with contextlib.suppress(DriverError):
+            with contextlib.suppress(Exception):
                 self.device.feedback(feedback)
 
     def _publish(self, state: RobotState, hand: DeviceState | None, elapsed_s: float) -> None:
@@ -440,10 +442,13 @@ class Session:
         if self.device is not None and self._lease is not None:
             s.device_held = self._lease.held
             if s.device_held:
-                self._fit_feedback(self.device)
-                self._look_at_buttons(self.device)
-                s.diagnosis += self.device.diagnosis()
-                s.device_errors = dict(self.device.protocol_errors())
+                try:
+                    self._fit_feedback(self.device)
+                    self._look_at_buttons(self.device)
+                    s.diagnosis += self.device.diagnosis()
+                    s.device_errors = dict(self.device.protocol_errors())
+                except Exception as error:
+                    s.diagnosis.append(f"the device's driver failed: {reason(error)}")
             if self._lease.problem:
                 s.diagnosis.insert(0, self._lease.problem)
         for each in self._filters:

@@ -1,5 +1,7 @@
 """The loop of one arm answers each state of its robot, once and at once."""
 
+import pytest
+
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.types import (
     ButtonEvent,
@@ -86,3 +88,26 @@ def test_whoever_stops_looking_leaves_no_state_unanswered():
     for _ in ArmLoop(all_of_it, all_of_it).cycles():
         break
     assert all_of_it.log == ["state 0", "tick 0", "hold"]
+
+
+@pytest.mark.parametrize("call", ["state", "button_events"])
+@pytest.mark.parametrize(
+    ("broken", "words"),
+    [
+        (lambda: 1 / 0, "its driver failed: ZeroDivisionError: division by zero"),
+        (lambda: None, "its driver failed: {}() gave None"),
+    ],
+)
+def test_a_device_whose_driver_fails_is_lost_until_it_no_longer_does(call, broken, words, caplog):
+    robot, device = Recorded(3), Recorded()
+    cycles = ArmLoop(robot, robot, device).cycles()
+    assert next(cycles).device.link is DeviceLink.LIVE
+    good = getattr(device, call)
+    setattr(device, call, broken)
+    lost = next(cycles)
+    assert (lost.device.link, lost.device.reason) == (DeviceLink.LOST, words.format(call))
+    assert (lost.device.buttons, lost.events) == (frozenset(), ())
+    assert robot.log[-1] == "send 1"
+    setattr(device, call, good)
+    assert next(cycles).device.link is DeviceLink.LIVE
+    assert len(caplog.records) == 1

@@ -3,17 +3,21 @@
 import dataclasses
 import json
 import socket
-from types import SimpleNamespace
+import sys
+from importlib.metadata import EntryPoint
+from types import ModuleType, SimpleNamespace
 
 import pytest
 
+from cardan.drivers import registry
 from cardan.errors import ConfigurationError, DeviceNotFoundError
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.network import SessionNetwork
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import MAX_SNAPSHOT_BYTES, Snapshot
-from cardan.types import DeviceCapabilities, PoseCommand
+from cardan.types import DeviceCapabilities, DeviceLink, PoseCommand
 from tests.gateway.fakes import FakeDevice, FakeRobot
+from tests.test_docs import blocks, text
 
 TABLE = {
     "device": {"driver": "fake_device"},
@@ -209,3 +213,51 @@ def test_what_the_hand_feels_ends_with_the_session(fake_drivers, monkeypatch):
     s.run(seconds=20.0)
     assert felt[0] == pytest.approx(0.4)
     assert felt[-1] == 0.0
+
+
+class TestTheJoystickOfThePage:
+    """The driver that docs/adding-a-driver.md shows first, as it stands."""
+
+    @pytest.fixture
+    def joystick(self, monkeypatch):
+        (shown,) = (
+            b
+            for b in blocks(text("adding-a-driver.md"), "python")
+            if "class Joystick(OperatorDevice)" in b
+        )
+        module = ModuleType("my_joystick")
+        monkeypatch.setitem(sys.modules, module.__name__, module)
+        exec(shown, vars(module))
+        point = EntryPoint("joystick", "my_joystick:Joystick", registry.ENTRY_POINT_GROUP)
+        monkeypatch.setattr(registry.FINDER, "_installed", lambda: [point])
+        return module.Joystick
+
+    def session(self, **options):
+        tables = {**TABLE, "device": {"driver": "joystick", **options}}
+        return make_session(
+            parse_config({**tables, "mapping": {"deadman": "trigger"}, "gripper": {}})
+        )
+
+    def test_it_runs(self, fake_drivers, joystick, tmp_path):
+        port = tmp_path / "js0"
+        port.touch()
+        made = self.session(path=str(port))
+        last = made.run(0.3)
+        assert last.device_link == "live"
+        assert last.cycles > 0
+        assert made.device.state().link is DeviceLink.CLOSED
+
+    def test_its_device_is_not_there(self, fake_drivers, joystick, tmp_path):
+        made = self.session(path=str(tmp_path / "js9"))
+        with pytest.raises(DeviceNotFoundError, match="no joystick at"):
+            made.run(0.3)
+
+    def test_one_that_cannot_be_opened_is_named(self, fake_drivers, joystick, monkeypatch):
+        def fail(self):
+            raise ZeroDivisionError("boom")
+
+        monkeypatch.setattr(joystick, "open", fail)
+        with pytest.raises(
+            ConfigurationError, match=r"device.driver: driver 'joystick' cannot be used: ZeroDiv"
+        ):
+            self.session().run(0.3)

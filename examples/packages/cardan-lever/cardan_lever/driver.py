@@ -90,7 +90,7 @@ class LeverCore(DeviceCore):
 class Lever(ReadDevice[LeverCore]):
     """A three-axis lever with a trigger at a serial port."""
 
-    Options = LeverOptions
+    Options: ClassVar[type[LeverOptions]] = LeverOptions
     summary = "three-axis lever"
     page = "https://lever.example/cardan"
     peer = "lever"

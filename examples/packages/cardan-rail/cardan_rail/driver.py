@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from cardan.common import bounds
 from cardan.common.options import check_options
@@ -150,7 +150,7 @@ class RailSession(DatagramSession[RailState]):
 class Rail(DatagramRobot[RailSession]):
     """The rail, over UDP."""
 
-    Options = RailOptions
+    Options: ClassVar[type[RailOptions]] = RailOptions
     summary = "a gantry of three linear axes"
     page = "https://rail.example/cardan"
     peer = "rail"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.reading import ReadDevice
@@ -40,7 +40,7 @@ class Jr3(ReadDevice[Jr3Core]):
     since zero was taken; the weight of a tool that has turned since is in it. See :mod:`.core`.
     """
 
-    Options = Jr3Options
+    Options: ClassVar[type[Jr3Options]] = Jr3Options
     summary = "JR3 force-torque sensor"
     page = "jr3.md"
     peer = "jr3"

@@ -13,6 +13,7 @@ from websockets.frames import Frame, Opcode
 from websockets.protocol import State
 from websockets.uri import WebSocketURI
 
+from cardan.common.sockets import hang_up
 from cardan.errors import DeviceAccessError, DeviceNotFoundError
 from cardan_leap.protocol import (
     UNSUPPORTED_VERSION_CLOSE,
@@ -103,7 +104,7 @@ class Connection:
             with _as_os_error():
                 self._protocol.send_close(1000)
             self._flush()
-        self._socket.close()
+        hang_up(self._socket)
 
     # -- inside --------------------------------------------------------------------------------
 

@@ -6,7 +6,7 @@ import contextlib
 import errno
 import threading
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.drivers.access import usb_devices
 from cardan.drivers.base import Endpoint, FoundDevice
@@ -51,7 +51,7 @@ class Leap(ReadDevice[LeapCore]):
     when the pose counts. The connection is made again by itself after it was lost.
     """
 
-    Options = LeapOptions
+    Options: ClassVar[type[LeapOptions]] = LeapOptions
     summary = "Leap Motion"
     page = "leap.md"
     peer = "leap"

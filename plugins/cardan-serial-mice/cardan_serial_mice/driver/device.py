@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import threading
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.common.sockets import absence
 from cardan.drivers.reading import ReadDevice
@@ -35,7 +35,7 @@ class SpaceMouseSerial(ReadDevice[SerialMouseCore]):
     itself: `path` says where it is.
     """
 
-    Options = SpaceMouseSerialOptions
+    Options: ClassVar[type[SpaceMouseSerialOptions]] = SpaceMouseSerialOptions
     summary = "serial 3Dconnexion mice: Magellan, Spaceball, SpaceOrb"
     page = "spacemouse.md"
     peer = "spacemouse-serial"

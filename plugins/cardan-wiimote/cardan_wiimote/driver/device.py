@@ -6,7 +6,7 @@ import contextlib
 import errno
 import threading
 import time
-from typing import Any
+from typing import Any, ClassVar
 
 from cardan.drivers.access import is_path, such
 from cardan.drivers.base import FoundDevice
@@ -43,7 +43,7 @@ class Wiimote(ReadDevice[WiimoteCore]):
     itself after it was lost. `backend` replaces the way to the remote.
     """
 
-    Options = WiimoteOptions
+    Options: ClassVar[type[WiimoteOptions]] = WiimoteOptions
     summary = "Wii Remotes"
     page = "wiimote.md"
     peer = "wiimote"

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
 
-from cardan.common.sockets import connected
+from cardan.common.sockets import connected, hang_up
 from cardan.drivers.access import obstacle
 from cardan.drivers.hid import REPORT_ROOM, HidDevice, load_hid
 from cardan.drivers.packet_socket import TIMEOUT_S, require_unix_sockets
@@ -246,8 +246,8 @@ class ChannelLink(Link):
 
     def close(self) -> None:
         """Close both channels."""
-        self._interrupt.close()
-        self._control.close()
+        hang_up(self._interrupt)
+        hang_up(self._control)
 
 
 class SocketTransport(Transport):

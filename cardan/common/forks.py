@@ -1,0 +1,38 @@
+"""What is open while the process is forked stays the parent's: the child gives it up."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from typing import Final, Protocol
+from weakref import WeakSet
+
+IN_CHILD: Final = (
+    "it was opened by the process that this one was forked from, whose it stays: open another here"
+)
+
+
+class Inherited(Protocol):
+    """What a child must not go on with."""
+
+    def after_fork(self) -> None:
+        """Give it up in the child, without a word to the other side: no other thread is left, and
+        locks may be held for ever."""
+
+
+_opened: WeakSet[Inherited] = WeakSet()
+
+
+def give_up_in_children(opened: Inherited) -> None:
+    """Have `after_fork` called in each process that is forked from now on."""
+    _opened.add(opened)
+
+
+def _in_child() -> None:
+    for each in tuple(_opened):
+        with contextlib.suppress(Exception):
+            each.after_fork()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_in_child)
