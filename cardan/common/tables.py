@@ -89,8 +89,8 @@ def parse_toml(text: str, of: object) -> dict[str, Any]:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _syntax_error(text, of, str(error)) from None
-    except RecursionError as error:
-        raise ConfigurationError("", f"is not TOML: {error}").placed(str(of)) from None
+    except RecursionError:
+        raise ConfigurationError("", "is nested too deeply").placed(str(of)) from None
     except ValueError as error:  # A number of more digits than Python reads.
         why = str(error).partition(";")[0]
         raise ConfigurationError("", f"cannot read {of}: {why}") from None

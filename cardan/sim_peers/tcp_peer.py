@@ -36,6 +36,8 @@ class _Link(Generic[KindT]):
     unread: bool = False
     """Something lies in the receive buffer of a port that is not read, where it stays."""
     watched: int = 0
+    lost: bool = False
+    """Its client is gone, or does not read."""
 
 
 class TcpPeer(SimulatedPeer, Generic[KindT]):
@@ -188,7 +190,7 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
 
     def _send(self, link: _Link[KindT], data: bytes) -> None:
         """Write, after what still waits; what the socket does not take waits."""
-        if link.number not in self._links:
+        if link.number not in self._links or link.lost:
             return
         backlog = link.backlog
         if len(backlog) + len(data) <= _BACKLOG_BYTES or link.kind not in self.servers.leaves_out:
@@ -198,11 +200,15 @@ class TcpPeer(SimulatedPeer, Generic[KindT]):
                 del backlog[: link.connection.send(backlog)]
         except BlockingIOError:
             if len(backlog) > _BACKLOG_BYTES:
-                backlog.clear()
-                self.servers.lost(link.number, time.monotonic(), "its client does not read")
+                self._lost(link, "its client does not read")
         except OSError as error:
-            backlog.clear()
-            self.servers.lost(link.number, time.monotonic(), f"{error.strerror}")
+            self._lost(link, f"{error.strerror}")
+
+    def _lost(self, link: _Link[KindT], reason: str) -> None:
+        """Once a link: what more there is for it is not looked at, before it is forgotten."""
+        link.lost = True
+        link.backlog.clear()
+        self.servers.lost(link.number, time.monotonic(), reason)
 
     def _forget(self, link: _Link[KindT]) -> None:
         del self._links[link.number]

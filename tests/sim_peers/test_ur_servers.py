@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import struct
 import time
@@ -21,7 +22,9 @@ from cardan.protocols.ur.primary import (
     read_mode,
 )
 from cardan.protocols.ur.rtde import PacketType, ask_outputs, ask_version, packet
+from cardan.protocols.ur.script import LARGEST
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyMode
+from cardan.sim_peers.tcp_peer import _Link
 from cardan.sim_peers.ur_controller import UrControllerOptions, UrControllerPeer
 from cardan.sim_peers.ur_controller.servers import CLIENTS, PORT_KINDS
 from tests.sim_peers.test_ur_controller import World
@@ -277,6 +280,10 @@ def folder(tmp_path):
     (inside / "cell.installation").write_bytes(b"")
     (tmp_path / "secret.script").write_text("def a():\n  halt\nend\n")
     (inside / "link.script").symlink_to(tmp_path / "secret.script")
+    (inside / "link.urp").write_bytes(b"gzip")
+    (inside / "pipe.urp").write_bytes(b"gzip")
+    os.mkfifo(inside / "pipe.script")
+    (inside / "long.script").write_bytes(b"#" * (LARGEST + 1))
     return inside
 
 
@@ -317,12 +324,38 @@ def test_load_and_play(folder):
         ("/etc/passwd", "File not found: "),
         ("link.script", "File not found: "),
         ("a\0b", "File not found: "),
+        ("a" * 300 + ".script", "File not found: "),
+        ("link.urp", "Error while loading program: "),
+        ("pipe.urp", "Error while loading program: "),
+        ("long.script", "Error while loading program: "),
         ("alone.urp", "Error while loading program: "),
     ],
 )
 def test_what_can_be_loaded(folder, name, answer):
     world = World(programs=str(folder))
     assert world.ask(world.join("dashboard"), f"load {name}") == answer + name
+
+
+def test_what_a_program_says_too_much_is_left_out():
+    world = World()
+    inner = "    while i < 300:\n      textmsg(i)\n      i = i + 1\n    end\n"
+    world.controller.upload(f"def a():\n  while True:\n    i = 0\n{inner}    sync()\n  end\nend\n")
+    world.controller.advance(0.0)
+    for frame in range(1, 60):
+        world.controller.advance(frame * world.controller.period_s)
+    assert 1000 <= len(world.controller.messages) <= 1001
+    assert world.controller.has_program
+
+
+def test_a_client_that_has_gone_is_lost_once(monkeypatch):
+    peer, lost = UrControllerPeer(UrControllerOptions()), []
+    monkeypatch.setattr(peer.servers, "lost", lambda number, _now_s, _why: lost.append(number))
+    with socket.socket() as gone:
+        link = peer._links[1] = _Link(1, "primary", gone)
+        for _ in range(3):
+            peer._send(link, b"more")
+        del peer._links[1]
+    assert lost == [1]
 
 
 def test_a_program_that_is_refused_is_not_played(folder):

@@ -54,6 +54,8 @@ JOINT_RANGE: Final = math.radians(363.0)
 STOP_CODE: Final = 204
 """The error of every protective stop: of UR's, that a path failed its check."""
 _KEPT_EVENTS = 10_000
+_MOST_MESSAGES = 1_000
+"""That wait to be sent; what a program says beyond is lost."""
 _ITS_END = "its end"
 
 
@@ -309,7 +311,8 @@ class UrController:
         self._note(f"program {name} has ended: {why}")
 
     def _said(self, text: str) -> None:
-        self.messages.append(text_message(self.time_s, text))
+        if len(self.messages) < _MOST_MESSAGES:
+            self.messages.append(text_message(self.time_s, text))
 
     def _popped(self, popup: Popup) -> None:
         self.messages.append(popup_message(self.time_s, *popup))

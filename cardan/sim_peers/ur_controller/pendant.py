@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import heapq
 import zipfile
 from collections.abc import Callable, Iterable, Sequence
@@ -50,15 +51,15 @@ class Pendant:
 
     def load(self, name: str) -> str:
         """Load a program; what the dashboard answers."""
-        found = self._inside(name)
-        if found is None or not found.is_file():
+        if self._file(name) is None:
             return f"File not found: {name}"
         # A .urp is for PolyScope: the program itself is the .script that is saved with it.
-        try:
-            data = found.with_suffix(".script").read_bytes()
-        except OSError:
-            data = b""
-        if not 0 < len(data) <= LARGEST or self._controller.has_program:
+        script = self._file(str(PurePosixPath(name).with_suffix(".script")))
+        data = b""
+        if script is not None and not self._controller.has_program:
+            with contextlib.suppress(OSError), script.open("rb") as file:
+                data = file.read(LARGEST + 1)
+        if not 0 < len(data) <= LARGEST:
             return f"Error while loading program: {name}"
         self.loaded, self._text = name, data.decode("utf-8", "replace")
         self.note(f"loaded {name}")
@@ -83,13 +84,20 @@ class Pendant:
 
     def load_installation(self, name: str) -> str:
         """Load an installation; what the dashboard answers."""
-        found = self._inside(name)
-        if name != DEFAULT_INSTALLATION and (found is None or not found.is_file()):
+        if name != DEFAULT_INSTALLATION and self._file(name) is None:
             return f"File not found: {name}"
         if self._controller.has_program:
             return f"Failed to load installation: {name}"
         self.note(f"loaded {name}")
         return f"Loading installation: {name}"
+
+    def _file(self, name: str) -> Path | None:
+        """A file in the folder; None: there is none."""
+        found = self._inside(name)
+        try:
+            return found if found is not None and found.is_file() else None
+        except OSError:  # a name that is too long
+            return None
 
     def _inside(self, name: str) -> Path | None:
         """A path in the folder; None: there is none, or it is somewhere else."""
@@ -129,9 +137,9 @@ class Pendant:
     def support_file(self, name: str) -> str:
         """Save a support file in a directory of the folder; what the dashboard answers."""
         found = self._inside(name)
-        if found is None or not found.is_dir():
-            return f"Error: there is no directory {name}"
         try:
+            if found is None or not found.is_dir():
+                return f"Error: there is no directory {name}"
             with zipfile.ZipFile(found / SUPPORT_FILE, "w", zipfile.ZIP_DEFLATED) as file:
                 file.writestr(LOG_FILE, self._log())
         except OSError:
