@@ -191,10 +191,10 @@ def test_equal_values_are_equal_and_have_one_hash(kind):
 
 # -- JSON -----------------------------------------------------------------------------------------
 
-KINDS = {
+KINDS = [
     kind for _, kind in inspect.getmembers(types, inspect.isclass)
     if issubclass(kind, tuple) and kind.__module__ == types.__name__
-}  # fmt: skip
+]  # fmt: skip
 COMMANDS = RobotCommand.__args__
 NO_UNIT = {"x", "y", "z", "w", "roll", "pitch", "yaw", "battery", "rumble", "utilization"}
 """Numbers without one: shares and deflections, components, whose field says it."""
