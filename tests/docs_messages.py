@@ -333,6 +333,8 @@ KINDS = {
     "NotOpenError": "call `open()`, or use it in `with`",
     "CommandError": "send what its `capabilities` name",
     "ExtraMissingError": "run the command that it names",
+    "ExtraImportError": "run the command that it names",
+    "ExtraNameError": "run the command that it names",
     "NativeMissingError": "install gcc, and Cardan anew",
     "NativePartError": "install gcc, and Cardan anew",
     "ScriptError": "correct it: `--list-scripts`, `--list-faults`",

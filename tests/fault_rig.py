@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import select
 from abc import ABC, abstractmethod
 from collections import deque
@@ -374,9 +375,14 @@ class _Socket:
 
     def __init__(self, bench: EgmBench) -> None:
         self._bench = bench
+        self._blocks = open(os.devnull, "rb")  # noqa: SIM115
 
     def setsockopt(self, *args: object) -> None:
         pass
+
+    def fileno(self) -> int:
+        """Of something that blocks, as the socket does."""
+        return self._blocks.fileno()
 
     def getsockname(self) -> tuple[str, int]:
         return ("192.0.2.2", 6510)
@@ -392,7 +398,7 @@ class _Socket:
         return len(data)
 
     def close(self) -> None:
-        pass
+        self._blocks.close()
 
 
 class _Select:

@@ -15,7 +15,9 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple, TypeVar
+from weakref import WeakSet
 
+from cardan.common import forks
 from tests.docs_tables import replaced
 from tests.fault_pilots import PILOTS, SPEED_M_S, Make, Pilot, make
 from tests.fault_rig import (
@@ -177,7 +179,10 @@ def in_a_copy(work: Callable[[], _T]) -> _T:
     with warnings.catch_warnings():
         # Of other threads: the copy has none, and waits for none.
         warnings.simplefilter("ignore", DeprecationWarning)
+        # The copy goes on with what is open here.
+        opened, forks._opened = forks._opened, WeakSet()
         copy = os.fork()
+        forks._opened = opened
     if copy == 0:
         code = 1
         try:

@@ -17,6 +17,7 @@ WITHOUT = {
     "run": "lives until it is ended; its session is read by the daemon or the network",
     "serve": "its log is JSON by --log-format",
     "udev": "prints a file",
+    "messages": "writes files",
     "force": "lives until it is ended",
     "haptic": "lives until it is ended",
     "echo": "prints JSON, nothing else",

@@ -254,7 +254,7 @@ def messages(
 ) -> None:
     """Write the packages of messages that no distribution of ROS 2 has, for colcon to build: then
     its own programs can use all that an arm offers."""
-    from cardan.protocols.ros2.packages import write_packages
+    from cardan.bus.message_packages import write_packages
 
     for place in write_packages(folder):
         print(place)

@@ -8,9 +8,10 @@ import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from typer.testing import CliRunner
 
+from cardan.bus.message_packages import write_packages
 from cardan.cli import app
 from cardan.protocols.ros2.interfaces import known_types
-from cardan.protocols.ros2.packages import PACKAGES, write_packages
+from cardan.protocols.ros2.packages import PACKAGES
 from cardan.protocols.ros2.type_hash import type_hash
 
 WRITTEN = [each for each in known_types() if each.split("/")[0] in PACKAGES]

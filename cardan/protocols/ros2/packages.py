@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from cardan import __version__
-from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.interfaces import FILES, message_type
 
 PACKAGES = ("cardan_msgs", "rl_cartesian_control_msgs")
@@ -76,24 +73,3 @@ def package_files(package: str) -> dict[str, str]:
             dependencies=listed,
         ),
     }
-
-
-def write_packages(folder: Path) -> list[Path]:
-    """Write the packages into `folder`, where nothing of their names may be; their folders. Raises
-    ConfigurationError."""
-    places = [folder / package for package in PACKAGES]
-    if there := [str(place) for place in places if place.exists()]:
-        raise ConfigurationError(
-            "FOLDER",
-            f"{', '.join(there)} is there already and is not written over: give another folder",
-        )
-    try:
-        for place in places:
-            for path, text in package_files(place.name).items():
-                file = place / path
-                file.parent.mkdir(parents=True, exist_ok=True)
-                with file.open("x", encoding="utf-8") as stream:
-                    stream.write(text)
-    except OSError as error:
-        raise ConfigurationError("FOLDER", f"cannot be written: {error}") from None
-    return places
