@@ -66,7 +66,7 @@ def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
         names = sorted(transport.ports)
         free = FREE_PORT + (names.index(channel) if channel in names else 0)
         free += int(client) if client.isdigit() else 0
-    return (free, known) if transport.we_listen else (known, free)
+    return (free, known) if channel in transport.ours else (known, free)
 
 
 def _datagrams(transport: Transport, events: Iterator[Event]) -> _Packets:
@@ -103,11 +103,11 @@ def _segments(transport: Transport, events: Iterator[Event]) -> _Packets:
 
     for event in events:
         if event.kind is Kind.OPENED:
-            if transport.we_listen and event.channel in transport.ports:
+            if event.channel in transport.ours:
                 continue
             places.pop(event.channel, None)
             opened[event.channel] = opened.get(event.channel, 0) + 1
-            we_come = not transport.we_listen
+            we_come = event.channel.partition(" ")[0] not in transport.ours
             yield segment(event, we_come, _SYN)
             yield segment(event, not we_come, _SYN | _ACK)
             yield segment(event, we_come, _ACK)

@@ -23,8 +23,8 @@ class Transport(NamedTuple):
     """`other`: no packets of a network; the record has the bytes."""
     ports: Mapping[str, int] = {}
     """Of each channel: the port that is known for it, on the side that listens."""
-    we_listen: bool = False
-    """The known port is ours, and the other side is the client."""
+    ours: frozenset[str] = frozenset()
+    """Of `ports`: those that we listen at, where the other side is the client."""
 
 
 class Suite(ABC, Generic[V]):

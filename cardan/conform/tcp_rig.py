@@ -37,15 +37,19 @@ class TcpRig(ABC, Generic[KindT]):
             self._do(conduct.due(self._now_s))
             while self._to_it and self._to_it[0][0] <= self._now_s:
                 _, channel, data = self._to_it.pop(0)
-                if channel in self._numbers:
-                    servers.data(self._numbers[channel], data, self._now_s)
-                    self._carry()
+                self._deliver(channel, data)
             servers.advance(self._now_s)
             self._carry()
             times = [servers.next_s, conduct.next_s]
             if self._to_it:
                 times.append(self._to_it[0][0])
             self._now_s = max(self._now_s + STEP_S, min(times))
+
+    def _deliver(self, channel: str, data: bytes) -> None:
+        """What we sent has come."""
+        if channel in self._numbers:
+            self._servers.data(self._numbers[channel], data, self._now_s)
+            self._carry()
 
     def _carry(self) -> None:
         for number, data in self._servers.outgoing():
@@ -67,10 +71,14 @@ class TcpRig(ABC, Generic[KindT]):
                 self._to_it.append((self._now_s + NETWORK_S, act.channel, act.data))
             elif act.kind is Kind.OPENED:
                 self._open(act.channel)
-            elif act.kind is Kind.CLOSED and act.channel in self._numbers:
-                self._servers.eof(self._numbers.pop(act.channel), self._now_s)
+            elif act.kind is Kind.CLOSED:
+                self._closed(act.channel)
             elif act.kind is Kind.ASKED:
                 self._by_hand(act.channel, self._now_s)
+
+    def _closed(self, channel: str) -> None:
+        if channel in self._numbers:
+            self._servers.eof(self._numbers.pop(channel), self._now_s)
 
     def _open(self, channel: str) -> None:
         number = None

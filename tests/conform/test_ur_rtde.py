@@ -51,6 +51,32 @@ def test_a_robot_that_runs_already_is_not_switched_on():
     assert b"brake release\n" not in asked
 
 
+@pytest.mark.matrix
+@pytest.mark.parametrize(
+    ("number", "fault", "value"),
+    [
+        (27, "no-version-1", 1.0),
+        (28, "fewer-outputs", 1.0),
+        (29, "interfaces-silent", 1.0),
+        (30, "interfaces-garbage", 0.05),
+        (31, "interfaces-cut", 0.05),
+        (32, "interfaces-garbage", 0.05),
+        (33, "bare-answers", 1.0),
+        (102, "shared-inputs", 1.0),
+        (104, "kept-inputs", 1.0),
+        (120, "lines-wait", 1.0),
+        (121, "lines-wait", 1.0),
+        (122, "no-exceptions", 1.0),
+        (123, "no-sockets", 1.0),
+        (124, "no-script", 1.0),
+    ],
+)
+def test_what_other_programs_need_fails_with_its_fault(number, fault, value):
+    level = Level.HOLD if number >= 100 else Level.LISTEN
+    report, _ = run.simulated(SUITE, level, {fault: value}, seconds=0.6)
+    assert f"UR-{number:03}" in report.failed
+
+
 def uploads(timeline):
     return [each for each in timeline if each.sent and each.channel == "primary" and each.data]
 
@@ -85,6 +111,8 @@ def test_a_program_of_somebody_else_is_left_alone():
         (rtde.ask_inputs(("input_int_register_24",)), "rtde", False),
         (rtde.packet(rtde.PacketType.DATA, b"\1"), "rtde", False),
         (b"robotmode\n", "dashboard", True),
+        (b"programState\n", "dashboard", True),
+        (b"textmsg(1)\n", "realtime", False),
         (b"power on\n", "dashboard", False),
         (b"def x():\nend\n", "primary", False),
     ],
@@ -100,24 +128,28 @@ def test_a_controller_is_judged_over_tcp():
     with UrControllerPeer(options) as peer:
         ports = {kind: peer.port(kind) for kind in peer.kinds}
         suite = registry.load("ur-rtde")
-        suite.wires = lambda target: TcpPorts(target, {**ports, "rtde-2": ports["rtde"]})
+        rtde = dict.fromkeys(("rtde-1", "rtde-2"), ports["rtde"])
+        suite.wires = lambda target: TcpPorts(target, ports | rtde)
         report, _ = run.at(suite, "127.0.0.1", Level.LISTEN, told.append, seconds=1.5)
     found = outcomes(report)
     # Not those of times: this computer may stand still at any moment.
-    for number in (1, 2, 3, 4, 6, 7, 11, 16, 17, 18, 21, 23, 24, 25, 26):
+    for number in (1, 2, 3, 4, 6, 7, 11, 16, 17, 18, 21, 23, 24, 25, 26, 28, 30, 32, 33):
         assert found[f"UR-{number:03}"] is Outcome.PASSED, report.as_text()
     assert not report.simulated
     assert told == []
 
 
 def test_the_other_ports_lie_below_that_of_rtde():
-    assert SUITE.wires("host")._ports == {
+    assert SUITE.wires("127.0.0.1")._theirs._ports == {
         "rtde": 30004,
+        "rtde-1": 30004,
         "rtde-2": 30004,
         "primary": 30001,
+        "secondary": 30002,
+        "realtime": 30003,
         "dashboard": 29999,
     }
-    assert SUITE.wires("host:40004")._ports["dashboard"] == 39999
+    assert SUITE.wires("127.0.0.1:40004")._theirs._ports["dashboard"] == 39999
     with pytest.raises(ConfigurationError, match="no port lies 5 below 5"):
         SUITE.wires("host:5")
 

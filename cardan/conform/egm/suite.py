@@ -27,7 +27,7 @@ class Egm(Suite[EgmSeen]):
     target = "[HOST]:PORT to listen at, as the controller's UdpUc device has it; 0.0.0.0:6510"
     peer = "abb-gofa"
     requirements = requires.all()
-    transport = Transport("udp", {"": PORT}, we_listen=True)
+    transport = Transport("udp", {"": PORT}, frozenset(("",)))
     seconds = 3.0
     # While it is held.
     tried_with: ClassVar[Mapping[str, float]] = {

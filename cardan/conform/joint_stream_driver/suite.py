@@ -28,7 +28,7 @@ class JointStreamDriver(Suite[JointStreamSeen]):
     peer = "sim_arm"
     harmless = Level.HOLD
     requirements = requires.all()
-    transport = Transport("udp", {"": PORT}, we_listen=True)
+    transport = Transport("udp", {"": PORT}, frozenset(("",)))
     seconds = 0.8
     # Seen where it is ended, which only level 3 does.
     tried_on: ClassVar[Mapping[str, Level]] = {"leaves-moving": Level.BY_HAND}

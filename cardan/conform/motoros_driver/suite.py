@@ -31,7 +31,9 @@ class MotorosDriver(Suite[DriverSeen]):
     harmless = Level.HOLD
     requirements = requires.all()
     transport = Transport(
-        "tcp", {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT}, we_listen=True
+        "tcp",
+        {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT},
+        frozenset(("motion", "state", "io")),
     )
     seconds = 0.6
     # Seen where it is ended, which only level 3 does.

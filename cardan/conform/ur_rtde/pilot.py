@@ -12,7 +12,15 @@ from typing import Any
 from cardan.conform.conduct import Act, Pilot, Script, Wait, ask, close, mark, open_, send
 from cardan.conform.requirements import Level
 from cardan.conform.timeline import Event, Kind
-from cardan.conform.ur_rtde.seen import RTDE, SECOND
+from cardan.conform.ur_rtde.seen import (
+    OLD,
+    PRIMARY,
+    REALTIME,
+    REVERSE,
+    RTDE,
+    SECOND,
+    SECONDARY,
+)
 from cardan.drivers.ur_rtde.feed import STATES, control_rate_hz
 from cardan.drivers.ur_rtde.motion import nobody
 from cardan.drivers.ur_rtde.options import JOINTS, UrRtdeOptions
@@ -20,6 +28,7 @@ from cardan.drivers.ur_rtde.program import Order, Report, input_names, program, 
 from cardan.protocols.ur import dashboard
 from cardan.protocols.ur.rtde import (
     VERSION,
+    Accepted,
     ControllerVersion,
     Data,
     Malformed,
@@ -36,6 +45,7 @@ from cardan.protocols.ur.rtde import (
     read_reply,
 )
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
+from cardan.protocols.ur.variables import OUTPUT_VARIABLES
 
 OPTIONS = UrRtdeOptions()
 """As the driver is when nothing is chosen: its registers, its program's watchdog."""
@@ -53,8 +63,27 @@ SPARE_INPUT = "input_double_register_47"
 SLOWER = 10
 """The other client asks for so many times fewer packages."""
 SAYS = "cardan conform"
+LINE = "a line"
 WRONG = "cardan_wrong"
+RAISES, CALLS = "cardan_raises", "cardan_calls"
+RAISES_AT = 4
+"""The line of that program that fails."""
+ANSWER = "heard"
 ASKING = (dashboard.ROBOT_MODE, dashboard.SAFETY_STATUS, dashboard.REMOTE_CONTROL)
+WORDED = (
+    "safetymode",
+    "running",
+    "programState",
+    "get loaded program",
+    "isProgramSaved",
+    "PolyscopeVersion",
+)
+"""Asked once, for the words of the answers."""
+OLD_OUTPUTS = ("timestamp", "actual_q")
+RECIPE_NAMES = 64
+"""Of the published variables, asked for at once."""
+REVERSE_PORT = 50010
+"""Ours, which a program opens a socket to."""
 NONSENSE = "cardan has no such request"
 
 STEP_RAD = math.radians(0.2)
@@ -69,6 +98,9 @@ BEGIN_S = 2.0
 END_S = 1.5
 POWER_S = 40.0
 HAND_S = 60.0
+LINE_S = 0.3
+CALL_S = 5.0
+"""Programs wait for an answer for 2 s, where they say nothing else."""
 SLEEP_S = 0.2
 
 _Path = Callable[[float], tuple[float, float]]
@@ -101,6 +133,39 @@ end
 """
 
 
+def published(version: ControllerVersion | None) -> tuple[str, ...]:
+    """The output variables that a controller of that version has."""
+    if version is None:
+        return ()
+    found = ((name, each.since(version.major)) for name, each in OUTPUT_VARIABLES.items())
+    return tuple(name for name, since in found if since is not None and since <= version[:2])
+
+
+def raises(token: int) -> str:
+    """A program that begins, and fails when it has run a little."""
+    return f"""\
+def {RAISES}():
+  write_output_integer_register({FIRST}, {token})
+  local cardan_list = [1, 2]
+  textmsg("{SAYS} ", cardan_list[5])
+end
+"""
+
+
+def calls(token: int, host: str, port: int) -> str:
+    """A program that opens a socket to `host`, and says what it hears there."""
+    return f"""\
+def {CALLS}():
+  write_output_integer_register({FIRST}, {token})
+  if socket_open("{host}", {port}, "cardan"):
+    socket_send_line("{SAYS} {token}", "cardan")
+    textmsg("{SAYS} {token} ", socket_read_line("cardan"))
+    socket_close("cardan")
+  end
+end
+"""
+
+
 _WRONG = f"""\
 def {WRONG}():
   cardan_has_no_such_function(1)
@@ -111,9 +176,11 @@ end
 class UrPilot(Pilot):
     """A client that asks one thing at a time, and answers states as the driver does."""
 
-    def __init__(self, level: Level, seconds: float) -> None:
+    def __init__(self, level: Level, seconds: float, home: str = "127.0.0.1") -> None:
+        """`home`: our address, as the controller reaches it."""
         self._level = level
         self._seconds = seconds
+        self._home = home
         self._readers: dict[str, PacketReader] = {}
         self._reply: Reply | None = None
         self._said = dashboard.LineReader()
@@ -144,8 +211,10 @@ class UrPilot(Pilot):
             self._said.feed(event.data)
             while (line := self._said.take()) is not None:
                 self._lines, self._line = self._lines + 1, line.strip()
-        elif event.kind is Kind.DATA and channel != "primary":
+        elif event.kind is Kind.DATA and channel.startswith(RTDE):
             return self._packets(channel, event.data)
+        elif event.kind is Kind.DATA and channel.startswith(REVERSE):
+            return iter((send(f"{ANSWER}\n".encode(), channel),))
         return iter(())
 
     def _packets(self, channel: str, data: bytes) -> Iterator[Act]:
@@ -153,7 +222,7 @@ class UrPilot(Pilot):
         reader.feed(data)
         fresh = False
         while (found := reader.take()) is not None:
-            reply = read_reply(*found)
+            reply = read_reply(*found, 1 if channel == OLD else VERSION)
             if isinstance(reply, Data):
                 fresh = self._state(channel, reply) or fresh
             elif not isinstance(reply, (Malformed, Text)):
@@ -229,13 +298,40 @@ class UrPilot(Pilot):
         yield from self._asked(packet(PacketType.START), SECOND)
         yield Wait(0.4)
         yield close(SECOND)
-        yield mark("primary")
-        yield open_("primary")
+        yield from self._published()
+        yield from self._version_1()
+        yield mark(PRIMARY)
+        yield open_(PRIMARY)
+        yield open_(SECONDARY)
+        yield open_(REALTIME)
         yield Wait(0.5)
+        yield close(REALTIME)
+        yield close(SECONDARY)
         yield mark("dashboard")
         yield open_("dashboard")
         yield Wait(REPLY_S, lambda: self._lines > 0 or "dashboard" in self._lost)
         yield from self._told_lines()
+        for words in WORDED:
+            yield from self._requested(words)
+
+    def _published(self) -> Script:
+        yield mark("published")
+        yield from self._other_client()
+        names = published(self._version)
+        for at in range(0, len(names), RECIPE_NAMES):
+            yield from self._asked(ask_outputs(1.0, names[at : at + RECIPE_NAMES]), SECOND)
+        yield close(SECOND)
+
+    def _version_1(self) -> Script:
+        yield mark("version 1")
+        yield open_(OLD)
+        yield from self._asked(ask_version(1), OLD)
+        if isinstance(self._reply, Accepted) and self._reply.accepted:
+            names = ",".join(OLD_OUTPUTS).encode()
+            yield from self._asked(packet(PacketType.OUTPUTS, names), OLD)
+            yield from self._asked(packet(PacketType.START), OLD)
+            yield Wait(0.3)
+        yield close(OLD)
 
     def _told_lines(self) -> Script:
         for words in ASKING:
@@ -295,7 +391,7 @@ class UrPilot(Pilot):
         yield from self._saying()
         yield mark("wrong")
         if self._may_begin():
-            yield send(_WRONG.encode(), "primary")
+            yield send(_WRONG.encode(), PRIMARY)
             yield Wait(0.5)
         yield mark("begin")
         yield from self._begun()
@@ -318,6 +414,40 @@ class UrPilot(Pilot):
         self._path = None
         if self._follows():
             yield from self._saying(always=True)
+        yield mark("lines")
+        if self._may_begin():
+            for line in (f'textmsg("{SAYS} {LINE}")', "# cardan", "stop program"):
+                yield send(f"{line}\n".encode(), PRIMARY)
+                yield Wait(LINE_S)
+            yield from self._saying(always=True)
+        yield mark("raise")
+        if self._may_begin():
+            self._next_token()
+            yield send(raises(self._token).encode(), PRIMARY)
+            yield Wait(BEGIN_S, self._token_told)
+            yield Wait(END_S, self._stopped)
+            yield Wait(0.1)
+        yield mark("call")
+        yield from self._called()
+        yield mark("elsewhere")
+        for channel in (SECONDARY, REALTIME):
+            yield open_(channel)
+            yield Wait(0.05)
+            yield from self._saying(channel=channel)
+            yield close(channel)
+
+    def _called(self) -> Script:
+        if not self._may_begin():
+            return
+        yield open_(REVERSE)
+        if REVERSE in self._lost:
+            return
+        self._next_token()
+        yield send(calls(self._token, self._home, REVERSE_PORT).encode(), PRIMARY)
+        yield Wait(BEGIN_S, self._token_told)
+        yield Wait(CALL_S, self._stopped)
+        yield Wait(0.1)
+        yield close(REVERSE)
 
     def _moving(self) -> Script:
         yield mark("ready")
@@ -429,7 +559,7 @@ class UrPilot(Pilot):
         """Whether a program of ours harms nobody else's."""
         values = self._values
         return (
-            not self._lost & {RTDE, "primary"}
+            not self._lost & {RTDE, PRIMARY}
             and not self._local
             and self._inputs is not None
             and values.get("runtime_state") == RuntimeState.STOPPED
@@ -441,11 +571,11 @@ class UrPilot(Pilot):
         """None that the register holds still, of an earlier run."""
         self._token = max(self._token, int(self._values.get(TOKEN, 0)) % (1 << 30)) + 1
 
-    def _saying(self, always: bool = False) -> Script:
+    def _saying(self, always: bool = False, channel: str = PRIMARY) -> Script:
         """The program that says something, where none runs, or `always`."""
-        if always or self._may_begin():
+        if (always or self._may_begin()) and channel not in self._lost:
             self._next_token()
-            yield send(says(self._token).encode(), "primary")
+            yield send(says(self._token).encode(), channel)
             yield Wait(BEGIN_S, self._token_told)
             yield Wait(END_S, self._stopped)
             yield Wait(0.05)
@@ -464,7 +594,7 @@ class UrPilot(Pilot):
         yield send(self._inputs.pack(nobody(self._beat)), RTDE)
         yield Wait(0.02)
         period_s = 1.0 / control_rate_hz(self._version)
-        yield send(program(OPTIONS, self._token, period_s).encode(), "primary")
+        yield send(program(OPTIONS, self._token, period_s).encode(), PRIMARY)
         yield Wait(BEGIN_S, lambda: self._follows() or RTDE in self._lost)
         if self._values:
             self._base = self._values["target_q"]

@@ -65,7 +65,7 @@ BEYOND_SHARE = 0.2
 AWAY_SHARE = 0.1
 STOPPED_BY_HAND_S = 0.5
 
-_NO_PROGRAM = "no program was sent"
+NO_PROGRAM = "no program was sent"
 RUNTIME = "runtime_state"
 
 
@@ -191,7 +191,8 @@ def _programs(seen: UrSeen, *phases: str) -> list[Upload]:
     ]
 
 
-def _first(states: Sequence[State], name: str, value: int) -> State | None:
+def first(states: Sequence[State], name: str, value: int) -> State | None:
+    """The first state with that value."""
     return next((each for each in states if each.values[name] == value), None)
 
 
@@ -201,7 +202,8 @@ def _before(seen: UrSeen, phase: str) -> list[State]:
     return [] if found is None else [s for s in seen.states if s.number < found.first]
 
 
-def _after(seen: UrSeen, time_s: float) -> list[State]:
+def after(seen: UrSeen, time_s: float) -> list[State]:
+    """The states since then."""
     return [each for each in seen.states if each.time_s > time_s]
 
 
@@ -211,14 +213,14 @@ def programs_are_begun(seen: UrSeen) -> Verdict:
     found = _programs(seen)
     wrong, latest_s = [], 0.0
     for each in found:
-        state = _first(_after(seen, each.time_s), TOKEN, each.token)
+        state = first(after(seen, each.time_s), TOKEN, each.token)
         took_s = math.inf if state is None else state.time_s - each.time_s
         latest_s = max(latest_s, took_s)
         if took_s > BEGINS_WITHIN_S:
             words = "never" if state is None else f"after {took_s:.2f} s"
             wrong.append((each.number, f"{each.name} in {_phase_of(seen, each.number)}: {words}"))
     if wrong or not found:
-        return none_wrong(wrong, len(found), "", _NO_PROGRAM)
+        return none_wrong(wrong, len(found), "", NO_PROGRAM)
     return passed(f"{len(found)} programs, within {latest_s * 1e3:.0f} ms", latest_s * 1e3, "ms")
 
 
@@ -241,7 +243,7 @@ def what_a_program_says_is_told(seen: UrSeen) -> Verdict:
         for each in ours
         if not any(SAYS in text and str(each.token) in text for text in texts)
     )
-    return none_wrong(wrong, len(ours), f"{len(ours)} texts", _NO_PROGRAM)
+    return none_wrong(wrong, len(ours), f"{len(ours)} texts", NO_PROGRAM)
 
 
 @requires(111, f"{GUIDE}: runtime_state")
@@ -249,7 +251,7 @@ def runtime_state_says_what_runs(seen: UrSeen) -> Verdict:
     """runtime_state is PLAYING while a program of 0.2 s runs, and STOPPED before it and after."""
     found = _programs(seen, "say")
     states = seen.during("say")
-    if not found or _first(states, TOKEN, found[0].token) is None:
+    if not found or first(states, TOKEN, found[0].token) is None:
         return not_seen("none was begun")
     playing = [each for each in states if each.values["runtime_state"] == RuntimeState.PLAYING]
     if not playing:
@@ -264,7 +266,7 @@ def runtime_state_says_what_runs(seen: UrSeen) -> Verdict:
 @requires(112, f"{CLIENT}: key message")
 def programs_are_announced(seen: UrSeen) -> Verdict:
     """Key messages tell that a program has begun, and that it has ended."""
-    if _first(seen.during("say"), RUNTIME, RuntimeState.PLAYING) is None:
+    if first(seen.during("say"), RUNTIME, RuntimeState.PLAYING) is None:
         return not_seen("no program ran")
     titles = [
         each.message.title
@@ -282,7 +284,7 @@ def wrong_programs_are_refused_in_words(seen: UrSeen) -> Verdict:
     """A program that calls what there is not ends at once, and the primary interface says why."""
     uploads = [each for each in seen.uploads if each.name == WRONG]
     if not uploads:
-        return not_seen(_NO_PROGRAM)
+        return not_seen(NO_PROGRAM)
     words = [
         each.message
         for each in seen.told
@@ -431,11 +433,11 @@ def a_program_replaces_another(seen: UrSeen) -> Verdict:
     begun, found = _programs(seen, "replace"), _programs(seen, "replaced")
     if not begun or not found:
         return not_seen("no program followed then")
-    state = _first(seen.during("replaced"), TOKEN, found[0].token)
+    state = first(seen.during("replaced"), TOKEN, found[0].token)
     if state is None:
         return failed("it was not begun", [found[0].number])
     back = [
-        each.number for each in _after(seen, state.time_s) if each.values[TOKEN] == begun[0].token
+        each.number for each in after(seen, state.time_s) if each.values[TOKEN] == begun[0].token
     ]
     return failed("the other goes on", back) if back else passed("it did")
 
@@ -611,8 +613,8 @@ def local_control_takes_no_programs(seen: UrSeen) -> Verdict:
         return why
     uploads = _programs(seen, "local")
     if not uploads:
-        return not_seen(_NO_PROGRAM)
-    state = _first(seen.states, TOKEN, uploads[0].token)
+        return not_seen(NO_PROGRAM)
+    state = first(seen.states, TOKEN, uploads[0].token)
     return passed("it was not") if state is None else failed("it was", [state.number])
 
 
@@ -664,7 +666,3 @@ def release_starts_nothing(seen: UrSeen) -> Verdict:
         or each.values[RUNTIME] == RuntimeState.PLAYING
     )
     return none_wrong(wrong, len(found), f"{len(found)} states", "")
-
-
-ALL = requires.all()
-"""The requirements of all levels."""

@@ -56,21 +56,23 @@ NO_STATES = "no states came"
 
 def cycle_s(seen: UrSeen) -> float:
     """The period of its control loop, by the version that it tells."""
-    return 1.0 / control_rate_hz(_version(seen))
+    return 1.0 / control_rate_hz(version_of(seen))
 
 
-def _version(seen: UrSeen) -> ControllerVersion | None:
+def version_of(seen: UrSeen) -> ControllerVersion | None:
+    """The version of its software, where it told one."""
     found = (each.reply for each in seen.heard if isinstance(each.reply, ControllerVersion))
     return next(found, None)
 
 
-def _accepted(exchange: Exchange) -> bool | None:
+def accepted(exchange: Exchange) -> bool | None:
     """What was answered; None: nothing was."""
     reply = None if exchange.reply is None else exchange.reply.reply
     return reply.accepted if isinstance(reply, Accepted) else None
 
 
-def _versions(seen: UrSeen, version: int) -> list[Exchange]:
+def versions(seen: UrSeen, version: int) -> list[Exchange]:
+    """Requests for a version of the protocol."""
     return [
         each
         for each in seen.exchanges(PacketType.PROTOCOL_VERSION)
@@ -78,7 +80,8 @@ def _versions(seen: UrSeen, version: int) -> list[Exchange]:
     ]
 
 
-def _streams(seen: UrSeen, channel: str = RTDE) -> list[Stream]:
+def streams(seen: UrSeen, channel: str = RTDE) -> list[Stream]:
+    """Those of a connection."""
     return [each for each in seen.streams if each.channel == channel]
 
 
@@ -88,9 +91,9 @@ def _streams(seen: UrSeen, channel: str = RTDE) -> list[Stream]:
 @requires(1, f"{GUIDE}: protocol version 2")
 def version_2_is_spoken(seen: UrSeen) -> Verdict:
     """The protocol version 2 is accepted."""
-    found = _versions(seen, VERSION)
-    wrong = [(each.number, "refused") for each in found if _accepted(each) is False]
-    if found and all(_accepted(each) is None for each in found):
+    found = versions(seen, VERSION)
+    wrong = [(each.number, "refused") for each in found if accepted(each) is False]
+    if found and all(accepted(each) is None for each in found):
         return failed("no answer", [found[0].number])
     return none_wrong(wrong, len(found), f"{len(found)} times", "it was not asked")
 
@@ -106,16 +109,16 @@ def bytes_are_packets(seen: UrSeen) -> Verdict:
 @requires(3, f"{GUIDE}: accepted or not")
 def other_versions_arerefused(seen: UrSeen) -> Verdict:
     """A protocol version that there is not is refused."""
-    found = _versions(seen, FUTURE_VERSION)
-    if not found or _accepted(found[0]) is None:
+    found = versions(seen, FUTURE_VERSION)
+    if not found or accepted(found[0]) is None:
         return not_seen("it was not answered")
-    return failed("accepted", [found[0].number]) if _accepted(found[0]) else passed("refused")
+    return failed("accepted", [found[0].number]) if accepted(found[0]) else passed("refused")
 
 
 @requires(4, f"{GUIDE}: URControl version")
 def it_says_its_version(seen: UrSeen) -> Verdict:
     """It tells its software's version, which is 3 or newer."""
-    found = _version(seen)
+    found = version_of(seen)
     if found is None:
         return failed("it was not told")
     said = ".".join(map(str, found))
@@ -194,7 +197,7 @@ def states_come_from_start_to_pause(seen: UrSeen) -> Verdict:
 
 def _steps(seen: UrSeen) -> list[tuple[State, State]]:
     """Neighbours in the streams of the connection that is judged."""
-    return [pair for each in _streams(seen) for pair in pairwise(each.states)]
+    return [pair for each in streams(seen) for pair in pairwise(each.states)]
 
 
 @requires(9, f"{GUIDE}: 500 Hz on e-Series, 125 Hz on CB3")
@@ -234,7 +237,7 @@ def its_clock_goes_as_ours(seen: UrSeen) -> Verdict:
         for a, b in found
         if b.values["timestamp"] <= a.values["timestamp"]
     ]
-    for each in _streams(seen):
+    for each in streams(seen):
         if len(each.states) > 1:
             first, last = each.states[0], each.states[-1]
             theirs_s = last.values["timestamp"] - first.values["timestamp"]
@@ -248,7 +251,7 @@ def its_clock_goes_as_ours(seen: UrSeen) -> Verdict:
 def it_is_never_silent(seen: UrSeen) -> Verdict:
     """From START to PAUSE it is never 0.1 s without a state, whatever else is done."""
     gaps = []
-    for each in _streams(seen):
+    for each in streams(seen):
         number = each.states[-1].number if each.states else 0
         times = [each.start_s, *(state.time_s for state in each.states), each.end_s]
         gaps.append((max(b - a for a, b in pairwise(times)), number))
@@ -290,7 +293,7 @@ def packets_are_not_torn(seen: UrSeen) -> Verdict:
 @requires(15, f"{GUIDE}: each client has its recipes and its frequency")
 def another_client_has_its_own_rate(seen: UrSeen) -> Verdict:
     """Another client beside it gets a tenth of the states, evenly, when it asks for a tenth."""
-    found = [pair for each in _streams(seen, SECOND) for pair in pairwise(each.states)]
+    found = [pair for each in streams(seen, SECOND) for pair in pairwise(each.states)]
     if len(found) < 3:
         return not_seen("it got no states")
     want_s = SLOWER * cycle_s(seen)
@@ -387,7 +390,7 @@ def robot_states_come_ten_times_a_second(seen: UrSeen) -> Verdict:
     return passed(said) if good else failed(said)
 
 
-def _near(seen: UrSeen, time_s: float) -> list[State]:
+def near(seen: UrSeen, time_s: float) -> list[State]:
     """States of about that time."""
     return [each for each in seen.states if abs(each.time_s - time_s) < MODE_FOLLOWS_S]
 
@@ -400,7 +403,7 @@ def both_interfaces_tell_one_mode(seen: UrSeen) -> Verdict:
         mode = read_mode(each.package)
         if mode is None:
             continue
-        around = {state.values["robot_mode"] for state in _near(seen, each.time_s)}
+        around = {state.values["robot_mode"] for state in near(seen, each.time_s)}
         if around:
             count += 1
             if mode.robot_mode not in around:
@@ -439,7 +442,7 @@ def the_dashboard_tells_the_same_modes(seen: UrSeen) -> Verdict:
     wrong, count = [], 0
     for words, (name, begins, modes) in _BOARD_MODES.items():
         for each in seen.said(words):
-            around = {state.values[name] for state in _near(seen, each.time_s)}
+            around = {state.values[name] for state in near(seen, each.time_s)}
             if each.said is None or not around:
                 continue
             count += 1

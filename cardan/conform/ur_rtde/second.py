@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cardan.conform.requirements import Verdict, failed, not_applicable, not_seen, passed
-from cardan.conform.ur_rtde.seen import Heard, UrSeen
+from cardan.conform.ur_rtde.seen import OLD, Heard, UrSeen
 from cardan.errors import ExtraMissingError
 from cardan.protocols.ur.rtde import Data, SetupReply
 
@@ -17,10 +17,12 @@ def readings_differ(seen: UrSeen) -> Verdict:
         from cardan.dissect.rtde import RtdeReply, malformed
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
-    if not seen.heard:
+    # The layers are of version 2.
+    heard = [each for each in seen.heard if each.channel != OLD]
+    if not heard:
         return not_seen("nothing came")
-    data = [each for each in seen.heard if isinstance(each.reply, Data)]
-    chosen = [each for each in seen.heard if not isinstance(each.reply, Data)]
+    data = [each for each in heard if isinstance(each.reply, Data)]
+    chosen = [each for each in heard if not isinstance(each.reply, Data)]
     chosen += data[:: max(1, len(data) // COMPARED)]
     for each in chosen:
         layer = RtdeReply(each.raw)

@@ -9,7 +9,9 @@ from typing import Any, NamedTuple
 from cardan.conform.timeline import Event, Kind, Phase, Timeline
 from cardan.protocols.ur.dashboard import LineReader
 from cardan.protocols.ur.primary import Package, PackageReader, RobotMessage, read_message
+from cardan.protocols.ur.realtime import RealtimeReader
 from cardan.protocols.ur.rtde import (
+    VERSION,
     Accepted,
     Asked,
     Data,
@@ -27,8 +29,13 @@ from cardan.protocols.ur.rtde import (
     read_request,
 )
 
-RTDE, SECOND = "rtde", "rtde-2"
-"""Channels: the connection that is judged, and another client's beside it."""
+RTDE, SECOND, OLD = "rtde", "rtde-2", "rtde-1"
+"""Channels: the connection that is judged, another client's beside it, and that of a client that
+speaks version 1 of the protocol."""
+PRIMARY, SECONDARY, REALTIME = "primary", "secondary", "realtime"
+"""The client interfaces."""
+REVERSE = "reverse"
+"""A port of ours, which a program of ours comes to."""
 TOKEN = re.compile(r"write_output_integer_register\(\d+, (\d{2,})\)")
 """In a program: what it writes first, so that it is known to run."""
 _NAME = re.compile(r"def (\w+)\(\)")
@@ -74,13 +81,21 @@ class Stream(NamedTuple):
 
 
 class Told(NamedTuple):
-    """A package of the primary interface."""
+    """A package of the primary or the secondary interface."""
 
     number: int
     begun_s: float
     time_s: float
     package: Package
     message: RobotMessage | None
+
+
+class Sample(NamedTuple):
+    """A packet of the real-time interface."""
+
+    number: int
+    time_s: float
+    packet: bytes
 
 
 class Line(NamedTuple):
@@ -95,10 +110,11 @@ class Line(NamedTuple):
 
 
 class Upload(NamedTuple):
-    """A program of ours."""
+    """A program of ours, or a line."""
 
     number: int
     time_s: float
+    channel: str
     name: str
     token: int
     """0: it has none."""
@@ -110,6 +126,7 @@ class _Connection:
     def __init__(self) -> None:
         self.theirs, self.ours = PacketReader(), PacketReader()
         self.begun_s = 0.0
+        self.version = VERSION
         self.open: list[tuple[int, float, Request | Setup]] = []
         self.outputs: Recipe | None = None
         self.inputs: dict[int, Recipe] = {}
@@ -137,14 +154,20 @@ class UrSeen:
         self.commands: list[State] = []
         """What we wrote, by the names of its recipe."""
         self.told: list[Told] = []
+        """By the primary interface."""
+        self.secondary: list[Told] = []
+        self.samples: list[Sample] = []
         self.lines: list[Line] = []
         self.uploads: list[Upload] = []
         self.opened: list[str] = []
         self.ended: list[tuple[int, Event]] = []
-        """Connections that the controller closed or refused."""
+        """Connections of ours that the controller closed or refused."""
+        self.called: list[tuple[int, Event]] = []
+        """Programs of ours that came to our port, and what they sent."""
         self._connections: dict[str, _Connection] = {}
-        self._packages = PackageReader()
-        self._package_begun_s: float | None = None
+        self._packages = {PRIMARY: PackageReader(), SECONDARY: PackageReader()}
+        self._package_begun_s: dict[str, float] = {}
+        self._realtime = RealtimeReader()
         self._lines, self._asked_line = LineReader(), (0, 0.0, "")
         self._answered = False
         for number, event in enumerate(timeline):
@@ -158,10 +181,18 @@ class UrSeen:
 
     def _take(self, number: int, event: Event) -> None:
         channel = event.channel
-        if event.kind is Kind.OPENED:
+        if channel.startswith(REVERSE):
+            if channel != REVERSE and not event.sent:
+                self.called.append((number, event))
+        elif event.kind is Kind.OPENED:
             self.opened.append(channel)
             if channel.startswith(RTDE):
                 self._connections[channel] = _Connection()
+            elif channel in self._packages:
+                self._packages[channel] = PackageReader()
+                self._package_begun_s.pop(channel, None)
+            elif channel == REALTIME:
+                self._realtime = RealtimeReader()
         elif event.kind in (Kind.CLOSED, Kind.REFUSED):
             if not event.sent:
                 self.ended.append((number, event))
@@ -169,8 +200,12 @@ class UrSeen:
         elif event.kind is Kind.DATA:
             if channel == "dashboard":
                 self._dashboard(number, event)
-            elif channel == "primary":
-                self._primary(number, event)
+            elif event.sent and channel not in self._connections:
+                self._uploaded(number, event)
+            elif channel in self._packages:
+                self._told(number, event)
+            elif channel == REALTIME:
+                self._sampled(number, event)
             elif channel in self._connections:
                 connection = self._connections[channel]
                 if event.sent:
@@ -197,7 +232,7 @@ class UrSeen:
     def _sent(self, number: int, event: Event, connection: _Connection) -> None:
         connection.ours.feed(event.data)
         while (found := connection.ours.take()) is not None:
-            asked: Asked | Malformed = read_request(*found)
+            asked: Asked | Malformed = read_request(*found, connection.version)
             if isinstance(asked, (Request, Setup)):
                 connection.open.append((number, event.time_s, asked))
             elif isinstance(asked, Data) and asked.recipe in connection.inputs:
@@ -212,7 +247,7 @@ class UrSeen:
         reader.feed(event.data)
         while (found := reader.take()) is not None:
             kind, payload = found
-            reply = read_reply(kind, payload)
+            reply = read_reply(kind, payload, connection.version)
             begun_s, connection.begun_s = connection.begun_s, event.time_s
             if isinstance(reply, Malformed):
                 self.unread.append((number, reply.reason))
@@ -230,7 +265,7 @@ class UrSeen:
 
     def _data(self, heard: Heard, data: Data, connection: _Connection) -> None:
         recipe = connection.outputs
-        if recipe is None or data.recipe != recipe.number:
+        if recipe is None or data.recipe != (recipe.number or 0):
             self.unread.append((heard.number, f"a data package of recipe {data.recipe}"))
             return
         values = recipe.unpack(data.values)
@@ -259,7 +294,8 @@ class UrSeen:
         self.asked.append(Exchange(number, time_s, heard.channel, asked, heard))
         if isinstance(reply, SetupReply) and isinstance(asked, Setup) and reply.recipe:
             try:
-                recipe = Recipe(reply.recipe, asked.names, reply.types)
+                numbered = connection.version != 1 or reply.kind is PacketType.INPUTS
+                recipe = Recipe(reply.recipe if numbered else None, asked.names, reply.types)
             except ValueError as error:
                 self.unread.append((heard.number, f"a recipe that cannot be: {error}"))
                 return
@@ -267,37 +303,53 @@ class UrSeen:
                 connection.outputs = recipe
             else:
                 connection.inputs[reply.recipe] = recipe
+        elif isinstance(reply, Accepted) and reply.kind is PacketType.PROTOCOL_VERSION:
+            if reply.accepted and isinstance(asked, Request):
+                connection.version = asked.version
         elif isinstance(reply, Accepted) and reply.kind is PacketType.START and reply.accepted:
             connection.stream, connection.stream_s = [], heard.time_s
         elif isinstance(reply, Accepted) and reply.kind is PacketType.PAUSE:
             self._stream_ends(heard.channel, connection, heard.time_s)
 
-    # -- primary interface and dashboard ----------------------------------------------------------
+    # -- client interfaces and dashboard ----------------------------------------------------------
 
-    def _primary(self, number: int, event: Event) -> None:
-        if event.sent:
-            text = event.data.decode("utf-8", "replace")
-            name, token = _NAME.search(text), TOKEN.search(text)
-            self.uploads.append(
-                Upload(
-                    number,
-                    event.time_s,
-                    name.group(1) if name else "",
-                    int(token.group(1)) if token else 0,
-                )
+    def _uploaded(self, number: int, event: Event) -> None:
+        text = event.data.decode("utf-8", "replace")
+        name, token = _NAME.search(text), TOKEN.search(text)
+        self.uploads.append(
+            Upload(
+                number,
+                event.time_s,
+                event.channel,
+                name.group(1) if name else "",
+                int(token.group(1)) if token else 0,
             )
-            return
-        reader = self._packages
-        begun_s = event.time_s if self._package_begun_s is None else self._package_begun_s
+        )
+
+    def _told(self, number: int, event: Event) -> None:
+        channel = event.channel
+        into = self.told if channel == PRIMARY else self.secondary
+        reader = self._packages[channel]
+        begun_s = self._package_begun_s.pop(channel, event.time_s)
         reader.feed(event.data)
         while (found := reader.take()) is not None:
-            told = Told(number, begun_s, event.time_s, found, read_message(found))
-            self.told.append(told)
+            into.append(Told(number, begun_s, event.time_s, found, read_message(found)))
             begun_s = event.time_s
-        self._package_begun_s = begun_s if reader.pending_bytes else None
+        if reader.pending_bytes:
+            self._package_begun_s[channel] = begun_s
         if reader.failure:
             self.unread.append((number, reader.failure))
-            self._packages, self._package_begun_s = PackageReader(), None
+            self._packages[channel] = PackageReader()
+            self._package_begun_s.pop(channel, None)
+
+    def _sampled(self, number: int, event: Event) -> None:
+        reader = self._realtime
+        reader.feed(event.data)
+        while (found := reader.take()) is not None:
+            self.samples.append(Sample(number, event.time_s, found))
+        if reader.failure:
+            self.unread.append((number, reader.failure))
+            self._realtime = RealtimeReader()
 
     def _dashboard(self, number: int, event: Event) -> None:
         if event.sent:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Mapping
 from typing import ClassVar
 
@@ -9,14 +10,24 @@ from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event, Timeline
-from cardan.conform.ur_rtde.pilot import ASKING, UrPilot
-from cardan.conform.ur_rtde.programs import ALL
+from cardan.conform.ur_rtde.pilot import ASKING, REVERSE_PORT, WORDED, UrPilot
 from cardan.conform.ur_rtde.rig import UrRig
-from cardan.conform.ur_rtde.seen import RTDE, SECOND, UrSeen
-from cardan.conform.wires import TcpPorts, Wires, host_and_port
+from cardan.conform.ur_rtde.seen import (
+    OLD,
+    PRIMARY,
+    REALTIME,
+    REVERSE,
+    RTDE,
+    SECOND,
+    SECONDARY,
+    UrSeen,
+)
+from cardan.conform.ur_rtde.sending import ALL
+from cardan.conform.wires import ListenTcp, TcpPorts, Wire, Wires, host_and_port
 from cardan.errors import ConfigurationError
 from cardan.protocols.ur.dashboard import DASHBOARD_PORT, request
-from cardan.protocols.ur.primary import PRIMARY_PORT
+from cardan.protocols.ur.primary import PRIMARY_PORT, SECONDARY_PORT
+from cardan.protocols.ur.realtime import REALTIME_PORT
 from cardan.protocols.ur.rtde import RTDE_PORT, PacketType
 from cardan.sim_peers.ur_controller import UrControllerOptions
 
@@ -32,22 +43,57 @@ _HARMLESS = frozenset(
 """What a client may send that only reads."""
 
 
+_PORTS = {
+    RTDE: RTDE_PORT,
+    SECOND: RTDE_PORT,
+    OLD: RTDE_PORT,
+    PRIMARY: PRIMARY_PORT,
+    SECONDARY: SECONDARY_PORT,
+    REALTIME: REALTIME_PORT,
+    "dashboard": DASHBOARD_PORT,
+}
+
+
+class _Ports(Wires):
+    """The controller's ports, and one of ours."""
+
+    def __init__(self, host: str, ports: dict[str, int], home: str) -> None:
+        self._theirs = TcpPorts(host, ports)
+        self._ours = ListenTcp(home, {REVERSE: REVERSE_PORT})
+
+    def open(self, channel: str) -> Wire:
+        return (self._ours if channel == REVERSE else self._theirs).open(channel)
+
+
+def _home(host: str, port: int) -> str:
+    """Our address on the way to that one. No packet is sent."""
+    try:
+        found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+        with socket.socket(found[0], socket.SOCK_DGRAM) as way:
+            way.connect(found[4])
+            return str(way.getsockname()[0])
+    except OSError:
+        return LOOPBACK  # The first wire says what is wrong.
+
+
+LOOPBACK = "127.0.0.1"
+
+
 class UrRtde(Suite[UrSeen]):
     """An e-Series or CB3 of Universal Robots."""
 
     name = "ur-rtde"
     judges = "the controller"
-    speaks = "RTDE, programs over the primary interface, and the dashboard, on three TCP ports"
+    speaks = "RTDE, client interfaces and programs, and the dashboard, on five TCP ports"
     target = (
-        "HOST[:PORT] of the controller; PORT is that of RTDE, 30004, the primary interface lies 3 "
-        "and the dashboard 5 below it"
+        "HOST[:PORT] of the controller; PORT is that of RTDE, 30004, the client interfaces lie 1 "
+        "to 3 and the dashboard 5 below it"
     )
+    home = LOOPBACK
+    """Our address, as the target reaches it."""
     peer = "ur"
     requirements = ALL
-    transport = Transport(
-        "tcp",
-        {RTDE: RTDE_PORT, SECOND: RTDE_PORT, "primary": PRIMARY_PORT, "dashboard": DASHBOARD_PORT},
-    )
+    transport = Transport("tcp", {**_PORTS, REVERSE: REVERSE_PORT}, frozenset((REVERSE,)))
     seconds = 3.0
     # While it is held; before that most would only keep the program from being begun.
     tried_with: ClassVar[Mapping[str, float]] = dict.fromkeys(
@@ -72,20 +118,20 @@ class UrRtde(Suite[UrSeen]):
         return UrSeen(timeline)
 
     def pilot(self, level: Level, seconds: float) -> UrPilot:
-        return UrPilot(level, seconds)
+        return UrPilot(level, seconds, self.home)
 
     def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
         UrRig(conduct, UrControllerOptions(faults=faults, seed=seed)).run()
 
     def wires(self, target: str) -> Wires:
         host, port = host_and_port(target, "--target", RTDE_PORT)
-        below = {"primary": RTDE_PORT - PRIMARY_PORT, "dashboard": RTDE_PORT - DASHBOARD_PORT}
-        if port <= max(below.values()):
+        if port <= RTDE_PORT - DASHBOARD_PORT:
             raise ConfigurationError("--target", f"{target!r}: no port lies 5 below {port}")
-        others = {name: port - each for name, each in below.items()}
-        return TcpPorts(host, {RTDE: port, SECOND: port, **others})
+        self.home = _home(host, port)
+        ports = {name: port + each - RTDE_PORT for name, each in _PORTS.items()}
+        return _Ports(host, ports, self.home)
 
     def only_asks(self, event: Event) -> bool:
         if event.channel == "dashboard":
-            return event.data in map(request, ASKING)
+            return event.data in map(request, (*ASKING, *WORDED))
         return event.channel.startswith(RTDE) and event.data[2] in _HARMLESS

@@ -13,6 +13,10 @@ from collections.abc import Callable
 from typing import Any, Final, NamedTuple
 
 REALTIME_PORT: Final = 30003
+LARGEST: Final = 1 << 16
+"""No packet of a controller is longer."""
+
+_SIZE = struct.Struct(">i")
 
 
 class Field(NamedTuple):
@@ -81,7 +85,7 @@ class RealtimeForm:
             for field in FIELDS
             if any(since[0] == version[0] and since <= version for since in field.since)
         )
-        self._struct = struct.Struct(f">i{sum(field.width for field in self.fields)}d")
+        self._struct = struct.Struct(f"{_SIZE.format}{sum(field.width for field in self.fields)}d")
 
     @property
     def size(self) -> int:
@@ -99,3 +103,43 @@ class RealtimeForm:
             else:
                 numbers += value(name)
         return self._struct.pack(self.size, *numbers)
+
+    def read(self, packet: bytes) -> dict[str, tuple[float, ...]] | None:
+        """The variables of RTDE in a packet of this version, or of a later one; None: it is
+        shorter."""
+        if len(packet) < self.size:
+            return None
+        numbers, at, found = self._struct.unpack_from(packet), 1, {}
+        for name, width, _ in self.fields:
+            if name:
+                found[name] = numbers[at : at + width]
+            at += width
+        return found
+
+
+class RealtimeReader:
+    """Cuts a TCP stream into packets."""
+
+    def __init__(self) -> None:
+        self._pending = bytearray()
+        self.failure = ""
+        """Why nothing after this can be read; empty: all is well."""
+
+    def feed(self, data: bytes) -> None:
+        """Add what came."""
+        self._pending += data
+
+    def take(self) -> bytes | None:
+        """The next packet with its size; None: it has not all come."""
+        pending = self._pending
+        if self.failure or len(pending) < _SIZE.size:
+            return None
+        (size,) = _SIZE.unpack_from(pending)
+        if not _SIZE.size < size <= LARGEST:
+            self.failure = f"a packet of {size} bytes: this is no real-time interface"
+            return None
+        if len(pending) < size:
+            return None
+        packet = bytes(pending[:size])
+        del pending[:size]
+        return packet

@@ -47,6 +47,11 @@ class Part(NamedTuple):
         once = "".join(field.code for field in self.fields)
         return ">iB" + once * (JOINTS if self.each_joint else 1)
 
+    @property
+    def size(self) -> int:
+        """Bytes of its fields, without its size and its kind; a later version may add to them."""
+        return struct.calcsize(self.form) - _HEAD.size
+
     def pack(self, values: Values) -> bytes:
         """The sub-package."""
         found: list[Any] = []

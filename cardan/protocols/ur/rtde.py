@@ -101,7 +101,7 @@ class Setup(NamedTuple):
 
 class SetupReply(NamedTuple):
     """The recipe's number, 0 where there is none, and the type of each of its variables, or
-    NOT_FOUND, or IN_USE."""
+    NOT_FOUND, or IN_USE. In version 1 outputs have no number: 1 where all were found."""
 
     kind: PacketType
     recipe: int
@@ -109,7 +109,8 @@ class SetupReply(NamedTuple):
 
 
 class Data(NamedTuple):
-    """A data package; its recipe knows what the values are."""
+    """A data package; its recipe knows what the values are. In version 1 a controller's has no
+    number: 0."""
 
     recipe: int
     values: bytes
@@ -244,8 +245,15 @@ Reply = Accepted | ControllerVersion | Text | SetupReply | Data
 Asked = Request | Text | Setup | Data
 
 
-def read_reply(kind: int, payload: bytes) -> Reply | Malformed:
-    """What a controller sent."""
+def read_reply(kind: int, payload: bytes, version: int = VERSION) -> Reply | Malformed:
+    """What a controller sent that speaks that version."""
+    if version == 1 and kind == PacketType.DATA:
+        return Data(0, payload)
+    if version == 1 and kind == PacketType.OUTPUTS:
+        types = _names(payload)
+        return SetupReply(PacketType.OUTPUTS, int(bool(types) and TYPES.issuperset(types)), types)
+    if version == 1 and kind == PacketType.TEXT and payload:
+        return _text_1(payload)
     if kind == PacketType.DATA:
         return Data(payload[0], payload[1:]) if payload else Malformed("a data package of 0 bytes")
     if kind in (PacketType.PROTOCOL_VERSION, PacketType.START, PacketType.PAUSE):
@@ -283,8 +291,12 @@ def read_request(kind: int, payload: bytes, version: int = VERSION) -> Asked | M
         (frequency,) = _FREQUENCY.unpack_from(payload)
         return Setup(PacketType.OUTPUTS, _names(payload[_FREQUENCY.size :]), frequency)
     if version == 1 and kind == PacketType.TEXT and payload:
-        return Text(payload[1:].decode("utf-8", "replace"), "", payload[0])
+        return _text_1(payload)
     return _text(kind, payload)
+
+
+def _text_1(payload: bytes) -> Text:
+    return Text(payload[1:].decode("utf-8", "replace"), "", payload[0])
 
 
 def _names(payload: bytes) -> tuple[str, ...]:

@@ -70,6 +70,9 @@ _ADDED: Final[Sequence[tuple[str, Variable]]] = (
 """What was not always there. Of some the guide does not say since when: those are here with the
 version of the first public list that has them."""
 
+LATER: Final = frozenset(name for names, _ in _ADDED for name in names.split())
+"""The names of these."""
+
 _FIRST: Final[Mapping[str, str]] = {
     "DOUBLE": """timestamp actual_execution_time speed_scaling target_speed_fraction actual_momentum
         actual_main_voltage actual_robot_voltage actual_robot_current standard_analog_input0

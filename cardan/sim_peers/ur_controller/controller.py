@@ -84,7 +84,8 @@ class UrController:
         self.io = RobotIo()
         self.popups = Popups(self._popped)
         self.watchdogs = Watchdogs()
-        self.sockets = ProgramSockets(options.allowed_hosts, self._note)
+        closed = options.faults.get("no-sockets", 0.0) > 0.0
+        self.sockets = ProgramSockets(options.allowed_hosts, self._note, closed)
         self.functions: Mapping[str, Function] = {
             **math_functions(random.Random(options.seed)),
             **register_functions(self.registers),
@@ -322,7 +323,8 @@ class UrController:
         self.messages.append(key_message(self.time_s, title, text))
 
     def _exception(self, line: int, reason: str) -> None:
-        self.messages.append(exception_message(self.time_s, line, reason))
+        if not self.options.faults.get("no-exceptions", 0.0):
+            self.messages.append(exception_message(self.time_s, line, reason))
 
     # -- power and safety ------------------------------------------------------------------------
 

@@ -54,13 +54,21 @@ _SINCE: Mapping[str, tuple[_Version | None, _Version | None]] = {
 _ALWAYS: Mapping[bool, _Version] = {False: (3, 0), True: (5, 0)}
 
 
+def _bare(answer: Callable[[], str]) -> Callable[[], str]:
+    """The answer without the words before its value."""
+    return lambda: answer().rpartition(": ")[2]
+
+
 class Dashboard:
     """Answers requests."""
 
     def __init__(self, controller: UrController, pendant: Pendant) -> None:
         self._controller, self._pendant = controller, pendant
         self._e_series = controller.options.e_series
-        self._exact = self._known(self._orders() | self._questions())
+        questions = self._questions()
+        if controller.options.faults.get("bare-answers", 0.0):
+            questions = {words: _bare(answer) for words, answer in questions.items()}
+        self._exact = self._known(self._orders() | questions)
         self._begins = self._known(
             {
                 "load installation": pendant.load_installation,

@@ -26,13 +26,27 @@ FAULTS: tuple[FaultSwitch, ...] = (
     FaultSwitch.share("slider", "the speed slider's place, from the start", 0.5),
     FaultSwitch.at("slider-zero", "the speed slider goes to 0"),
     FaultSwitch.flag("in-use", "a fieldbus has the input registers"),
+    FaultSwitch.flag("shared-inputs", "inputs that one client writes are given to another, too"),
+    FaultSwitch.flag("kept-inputs", "inputs of a client that has gone stay in use"),
+    FaultSwitch.flag("no-version-1", "RTDE clients that speak version 1 are refused"),
+    FaultSwitch.flag("fewer-outputs", "output variables that a later version added are not found"),
     FaultSwitch.flag("no-script", "programs are taken and never begun: the controller is busy"),
+    FaultSwitch.flag("lines-wait", "a line without a program waits for the next program"),
+    FaultSwitch.flag("no-exceptions", "nobody is told what is wrong with a program"),
+    FaultSwitch.flag("no-sockets", "the sockets of programs are not opened: a firewall"),
+    FaultSwitch.flag("bare-answers", "the dashboard answers by values without the words before"),
     FaultSwitch.share("skip", "share of data packages left out: the controller is busy"),
     FaultSwitch("late", "every data package is sent this much later, ms", 20.0, 0.0, 60_000.0),
     FaultSwitch.flag("split", "every packet is written in two pieces"),
     FaultSwitch.share(
         "garbage", "share of data packages with a packet of an unknown type before it"
     ),
+    FaultSwitch.flag("interfaces-silent", "the client interfaces are open and send nothing"),
+    FaultSwitch.share("interfaces-cut", "share of the client interfaces' packets that lack an end"),
+    FaultSwitch.share(
+        "interfaces-garbage", "share of the client interfaces' packets with a random content"
+    ),
+    FaultSwitch.flag("interfaces-close", "the client interfaces close a connection at once"),
     SILENT,
     FaultSwitch.at("cut", "the RTDE connections are closed"),
     RESET,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Final
 
 from cardan.protocols.ur.rtde import (
@@ -26,6 +26,7 @@ from cardan.protocols.ur.rtde import (
     reply_version,
     text,
 )
+from cardan.protocols.ur.variables import LATER
 from cardan.sim_peers.ur_controller.controller import UrController
 from cardan.sim_peers.ur_controller.telemetry import Telemetry
 
@@ -35,14 +36,17 @@ MOST_RECIPES: Final = 255
 class Claims:
     """Which client may write which variables."""
 
-    def __init__(self, in_use: bool) -> None:
+    def __init__(self, faults: Mapping[str, float]) -> None:
         self._owners: dict[str, object] = {}
-        self._in_use = in_use
+        self._in_use = faults.get("in-use", 0.0) > 0.0
         """A fieldbus has them all."""
+        self._shared = faults.get("shared-inputs", 0.0) > 0.0
+        self._kept = faults.get("kept-inputs", 0.0) > 0.0
 
     def taken(self, name: str, by: object) -> bool:
         """Whether somebody else has it."""
-        return self._in_use or self._owners.get(name, by) is not by
+        other = self._owners.get(name, by) is not by
+        return self._in_use or (other and not self._shared)
 
     def take(self, names: tuple[str, ...], by: object) -> None:
         """`by` has these now."""
@@ -50,7 +54,8 @@ class Claims:
 
     def release(self, by: object) -> None:
         """`by` has gone."""
-        self._owners = {name: owner for name, owner in self._owners.items() if owner is not by}
+        if not self._kept:
+            self._owners = {name: owner for name, owner in self._owners.items() if owner is not by}
 
 
 class RtdeClient:
@@ -68,6 +73,11 @@ class RtdeClient:
         self._controller, self._telemetry, self._claims = controller, telemetry, claims
         self._send, self._note = send, note
         self._reader = PacketReader()
+        faults = controller.options.faults
+        self._versions = VERSIONS[1:] if faults.get("no-version-1", 0.0) else VERSIONS
+        self._known = telemetry.outputs
+        if faults.get("fewer-outputs", 0.0):
+            self._known = {n: kind for n, kind in telemetry.outputs.items() if n not in LATER}
         self._version = 0
         """Of the protocol; 0: none is agreed on."""
         self._started = False
@@ -116,7 +126,7 @@ class RtdeClient:
 
     def _answer(self, asked: Request) -> None:
         if asked.kind is PacketType.PROTOCOL_VERSION:
-            self._version = asked.version if asked.version in VERSIONS else 0
+            self._version = asked.version if asked.version in self._versions else 0
             self._send(reply_accepted(asked.kind, self._version > 0))
         elif asked.kind is PacketType.CONTROLLER_VERSION:
             self._send(reply_version(self._controller.options.version))
@@ -129,7 +139,7 @@ class RtdeClient:
 
     def _set_up(self, asked: Setup) -> SetupReply:
         outputs = asked.kind is PacketType.OUTPUTS
-        known = self._telemetry.outputs if outputs else self._telemetry.writable
+        known = self._known if outputs else self._telemetry.writable
         types = tuple(known.get(name, NOT_FOUND) for name in asked.names)
         refused = SetupReply(asked.kind, 0, types)
         if not self._version:

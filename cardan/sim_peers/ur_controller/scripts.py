@@ -19,6 +19,7 @@ ORDERS: Final[Mapping[str, Callable[[UrController], object]]] = {
 }
 """Lines that are no script: orders to the controller, as UR's client library sends them."""
 
+_BEGINS: Final = ("def", "sec")
 LINE: Final = "line"
 """What a program of one line is called."""
 
@@ -38,7 +39,12 @@ def take(controller: UrController, text: str) -> None:
             why = "the robot is in local control"
             controller.messages.append(text_message(controller.time_s, why))
         return
-    controller.upload(text, "" if words[0] in ("def", "sec") else LINE)
+    controller.upload(text, "" if words[0] in _BEGINS else LINE)
+
+
+def is_program(text: str) -> bool:
+    """Whether it is no line."""
+    return any(line.split()[:1] and line.split()[0] in _BEGINS for line in text.splitlines())
 
 
 def _is_comment(line: str) -> bool:

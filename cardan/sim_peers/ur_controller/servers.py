@@ -51,6 +51,8 @@ CLIENTS: Final = 16
 STATE_PERIOD_S: Final = 0.1
 """Of the primary and the secondary interface."""
 _UNKNOWN_TYPE = 0x58
+_HEAD = 5
+"""Bytes of size and type."""
 _OTHER_PROGRAM = "def other():\n  while True:\n    sync()\n  end\nend\n"
 
 
@@ -80,11 +82,18 @@ class UrServers(TcpServers[PortKind, _Connection]):
         self._realtime = RealtimeForm(options.version[:2])
         self._told_safety = controller.safety
         self._off = False
-        self._claims = Claims(options.faults.get("in-use", 0.0) > 0.0)
+        self._claims = Claims(options.faults)
+        self._lines = ""
+        """Those that wait, by a fault."""
 
     def behave(self, faults: Mapping[str, float]) -> None:
         super().behave(faults)
         self._skip_share = faults.get("skip", 0.0)
+        self._interfaces_silent = faults.get("interfaces-silent", 0.0) > 0.0
+        self._interfaces_close = faults.get("interfaces-close", 0.0) > 0.0
+        self._cut_share = faults.get("interfaces-cut", 0.0)
+        self._random_share = faults.get("interfaces-garbage", 0.0)
+        self._lines_wait = faults.get("lines-wait", 0.0) > 0.0
 
     # -- connections and time ---------------------------------------------------------------------
 
@@ -118,7 +127,9 @@ class UrServers(TcpServers[PortKind, _Connection]):
             self._put(connection, dashboard.request(dashboard.GREETING))
         elif connection.kind in _STATES:
             version = version_message(self.controller.time_s, self.options.version)
-            self._put(connection, version)
+            self._tell(connection, version)
+        if self._interfaces_close and connection.kind in _STATES | _REALTIME:
+            self._drop(connection, "fault: closed at once")
 
     def _received(self, connection: _Connection, data: bytes) -> None:
         if connection.rtde is not None:
@@ -226,6 +237,11 @@ class UrServers(TcpServers[PortKind, _Connection]):
 
     def _take_scripts(self, connection: _Connection) -> None:
         while (text := connection.scripts.take()) is not None:
+            if self._lines_wait:
+                self._lines += text
+                if not scripts.is_program(text):
+                    continue
+                text, self._lines = self._lines, ""
             scripts.take(self.controller, text)
 
     def _end_scripts(self, connection: _Connection) -> None:
@@ -244,7 +260,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
             if each.kind in _REALTIME:
                 if realtime is None:
                     realtime = self._realtime.pack(self.telemetry.value)
-                self._put(each, realtime)
+                self._tell(each, realtime)
             if each.rtde is None:
                 continue
             for data in each.rtde.packages(frame):
@@ -267,7 +283,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
             before_3_5=options.version < (3, 5),
         )
         for each in there:
-            self._put(each, data)
+            self._tell(each, data)
 
     def _send_messages(self) -> None:
         controller = self.controller
@@ -277,8 +293,18 @@ class UrServers(TcpServers[PortKind, _Connection]):
         for each in self._connections.values():
             if each.kind in _PRIMARY:
                 for data in controller.messages:
-                    self._put(each, data)
+                    self._tell(each, data)
         controller.messages.clear()
+
+    def _tell(self, connection: _Connection, data: bytes) -> None:
+        """Send a packet of a client interface."""
+        if self._interfaces_silent:
+            return
+        if self._happens(self._cut_share):
+            data = data[: len(data) // 2]
+        if self._happens(self._random_share):
+            data = data[:_HEAD] + self._random.randbytes(len(data) - _HEAD)
+        self._put(connection, data)
 
 
 def _junk(chance: random.Random) -> bytes:

@@ -37,8 +37,11 @@ class ProgramSocket:
 class ProgramSockets:
     """Those of the program that runs, by their names."""
 
-    def __init__(self, allowed: Collection[str], note: Callable[[str], None]) -> None:
-        """`allowed`: hosts beside this computer."""
+    def __init__(
+        self, allowed: Collection[str], note: Callable[[str], None], closed: bool = False
+    ) -> None:
+        """`allowed`: hosts beside this computer. `closed`: none is opened."""
+        self._closed = closed
         self._allowed = allowed
         self._note = note
         self._count = 0
@@ -54,6 +57,9 @@ class ProgramSockets:
         self.close(name)
         if not (is_this_computer(host) or host in self._allowed):
             self._note(f"socket {name}: {host} is refused, it needs --allow-connect {host}")
+            return None
+        if self._closed:
+            self._note(f"fault: socket {name} is not opened")
             return None
         if len(self._named) >= MOST_SOCKETS:
             self._note(f"socket {name}: there are {MOST_SOCKETS} already")
