@@ -13,7 +13,7 @@ from cardan.protocols.ur.script import LARGEST, Program, parse
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions
 from cardan.sim_peers.ur_controller.language import TOO_MUCH_BEHIND, TOO_MUCH_TIME, TWO_THREADS
-from cardan.sim_peers.ur_controller.machine import Machine
+from cardan.sim_peers.ur_controller.machine import MOST_STEPS, Machine
 from cardan.sim_peers.ur_controller.operators import text
 from cardan.sim_peers.ur_controller.tcp import UrControllerPeer
 from cardan.sim_peers.ur_controller.values import Pose
@@ -311,12 +311,30 @@ speedj([0.1, 0, 0, 0, 0, 0], 1.0, 0.1)"""
         "thread t():\n  while True:\n    x = 1\n  end\nend\nh = run t()\nsync()",
         'while True:\n  x = to_str("a")\nend',
         "while True:\n  x = [0, 0] + [1, 1]\nend",
+        "while True:\n  x = get_inverse_kin(get_actual_tcp_pose())\nend",
+        f"m = [{', '.join(['[1, 2, 3]'] * 3_000)}]\nwhile True:\n  m[0, 0] = 1\nend",
     ],
 )
 def test_a_thread_that_never_lets_time_pass(body):
     before = time.process_time()
     assert TOO_MUCH_TIME in failure(body)
     assert time.process_time() - before < 1.0
+
+
+def test_what_costs_more_counts_as_more():
+    def steps(expression):
+        controller = UrController(UrControllerOptions(running=True))
+        program = parse(lines(f"p1 = get_actual_tcp_pose()\nsync()\nx = {expression}\nsync()"))
+        machine = Machine(program, controller.functions, 0.002)
+        for _ in range(2):
+            machine.step(lambda action: None)
+        return MOST_STEPS - machine.steps[0]
+
+    plain = steps("sin(1)")
+    assert plain < 100
+    assert plain + 150 < steps("pose_inv(p1)") < steps("get_inverse_kin(p1)") - 350
+    zeros = f"[{', '.join(['[0, 0]'] * 200)}]"
+    assert steps(f"{zeros} + {zeros}") < steps(f"{zeros} * [[0, 1], [2, 3]]") < 10_000
 
 
 def test_too_many_threads_and_too_many_values():

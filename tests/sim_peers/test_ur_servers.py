@@ -595,3 +595,33 @@ def test_a_client_of_rtde_that_does_not_read_is_let_go_of():
         while not any("does not read" in text for _, text in tuple(peer.servers.events)):
             assert time.monotonic() < end_s
             time.sleep(0.02)
+
+
+# -- a slow computer -------------------------------------------------------------------------------
+
+
+def test_sockets_are_served_between_the_frames_that_are_owed():
+    world = World()
+    number = world.join("dashboard")
+    world.run(0.1)
+    frames = world.controller.frames
+    world.now_s += 0.3
+    for n in range(1, 150):
+        world.servers.advance(world.now_s)
+        assert world.ask(number, "robotmode") == "Robotmode: RUNNING"
+        assert world.controller.frames == frames + n
+        assert world.servers.next_s <= world.now_s
+    world.run(0.1)
+    assert world.controller.frames == frames + 200
+
+
+def test_time_that_cannot_be_made_up_is_left_out_and_that_is_said_once():
+    world = World()
+    world.run(0.1)
+    for _ in range(3):
+        world.now_s += 1.0
+        world.run(0.02)
+    assert world.controller.frames < 100
+    assert [text for text in world.events() if "too slow" in text] == [
+        "this computer is too slow: 1.00 s are left out (what more there is, without a word)"
+    ]

@@ -19,7 +19,6 @@ from cardan.sim_peers.ur_controller import operators
 from cardan.sim_peers.ur_controller.language import (
     CALL_STEPS,
     DEEPEST_CALLS,
-    ELEMENT_STEPS,
     TOO_MUCH_TIME,
     UNSET,
     Function,
@@ -331,8 +330,8 @@ class Compiler:
             if result is None:
                 raise ProgramError(line, "there is no value")
             of = read(own)
-            if not isinstance(of, str) and hasattr(of, "__len__"):
-                budget[0] -= len(of) // 8
+            if of.__class__ is list:
+                budget[0] -= operators.work_of_change(of)
             try:
                 put(own, operators.with_element(of, path, result))
             except _WRONG as error:
@@ -579,7 +578,7 @@ class Compiler:
 
         def worked(own: _Locals, values: Sequence[Any]) -> Any:
             if any(each.__class__ is list for each in values):
-                spend(line, operators.work_of(*values) * ELEMENT_STEPS)
+                spend(line, operators.work_of(sign, *values))
             try:
                 return work(*values)
             except _WRONG as error:
@@ -711,11 +710,11 @@ class Compiler:
         return self._call_function(call, function, codes)
 
     def _call_function(self, call: tree.Call, function: Function, codes: list[_Code]) -> _Code:
-        name, line, do = call.name, call.line, function.do
+        name, line, do, steps = call.name, call.line, function.do, function.steps
         spend, machine = self._spend, self._machine
 
         def called(values: Sequence[Any]) -> Any:
-            spend(line, CALL_STEPS)
+            spend(line, steps)
             try:
                 result = do(*values)
             except _WRONG as error:

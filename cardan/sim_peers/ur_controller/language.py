@@ -7,9 +7,15 @@ from collections.abc import Callable, Generator, Mapping
 from typing import Any, Final, NamedTuple, Protocol
 
 CALL_STEPS: Final = 40
-"""Of computing that a call of a function counts as."""
+"""Of computing that a call of a function counts as: its cost, measured in operators."""
+POSE_STEPS: Final = 200
+"""Of a function that works with poses, or with what moves the arm."""
+KINEMATICS_STEPS: Final = 600
+"""Of a function of the arm's kinematics."""
 ELEMENT_STEPS: Final = 4
 """That an operator counts as for each element of its lists."""
+PRODUCT_STEPS: Final = 10
+"""That a product of matrices counts as for each product of two elements."""
 DEEPEST_CALLS: Final = 50
 
 TOO_MUCH_TIME: Final = (
@@ -74,6 +80,13 @@ class Function(NamedTuple):
     """Gives a value; a ValueError says why it cannot."""
     takes_time: bool = False
     """`do` may give an `Action`: the program goes on when that is done."""
+    steps: int = CALL_STEPS
+    """Of computing that a call counts as."""
+
+
+def costing(steps: int, functions: Mapping[str, Function]) -> Mapping[str, Function]:
+    """These functions, each of which counts as so many steps."""
+    return {name: each._replace(steps=steps) for name, each in functions.items()}
 
 
 class _Unset:

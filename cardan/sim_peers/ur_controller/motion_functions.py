@@ -20,7 +20,12 @@ from cardan.sim_peers.ur_controller.actions import (
 )
 from cardan.sim_peers.ur_controller.contact import Compliance
 from cardan.sim_peers.ur_controller.kinematics import frame_of, pose_of
-from cardan.sim_peers.ur_controller.language import Function
+from cardan.sim_peers.ur_controller.language import (
+    KINEMATICS_STEPS,
+    POSE_STEPS,
+    Function,
+    costing,
+)
 from cardan.sim_peers.ur_controller.motion import Motion, Payload
 from cardan.sim_peers.ur_controller.operators import text
 from cardan.sim_peers.ur_controller.values import Pose
@@ -43,12 +48,10 @@ _CURRENT: Final = "current_joint_positions"
 
 def motion_functions(motion: Motion) -> Mapping[str, Function]:
     """By name."""
+    others = {**_moves(motion), **_modes(motion), **_state(motion), **_settings(motion)}
     return {
-        **_moves(motion),
-        **_modes(motion),
-        **_state(motion),
-        **_kinematics(motion),
-        **_settings(motion),
+        **costing(POSE_STEPS, others),
+        **costing(KINEMATICS_STEPS, _kinematics(motion)),
     }
 
 
@@ -196,12 +199,6 @@ def _modes(motion: Motion) -> Mapping[str, Function]:
     def tool_contact(direction: Any) -> int:
         return motion.touched(checks.vector("direction", direction))
 
-    def freedrive_status() -> int:
-        for number, threshold in enumerate(reversed(NEAR_SINGULARITY)):
-            if motion.is_singular(threshold):
-                return 2 - number
-        return 0
-
     nothing = Pose((0.0,) * AXES)
     return {
         "force_mode": Function(
@@ -216,7 +213,6 @@ def _modes(motion: Motion) -> Mapping[str, Function]:
         "end_freedrive_mode": Function((), {}, end_freedrive),
         "teach_mode": Function((), {}, teach),
         "end_teach_mode": Function((), {}, end_freedrive),
-        "get_freedrive_status": Function((), {}, freedrive_status),
         "tool_contact": Function(("direction",), {"direction": [0] * AXES}, tool_contact),
         "zero_ftsensor": Function((), {}, motion.zero_force),
     }
@@ -311,6 +307,12 @@ def _kinematics(motion: Motion) -> Mapping[str, Function]:
         columns = kinematics.jacobian(joints(q), tool(tcp))
         return [list(row) for row in zip(*columns, strict=True)]
 
+    def freedrive_status() -> int:
+        for number, threshold in enumerate(reversed(NEAR_SINGULARITY)):
+            if motion.is_singular(threshold):
+                return 2 - number
+        return 0
+
     tolerances = ("maxPositionError", "maxOrientationError")
     given = {"qnear": _CURRENT, **dict.fromkeys(tolerances, 1e-10), "tcp": _ACTIVE}
     current = {"q": _CURRENT, "tcp": _ACTIVE}
@@ -320,6 +322,7 @@ def _kinematics(motion: Motion) -> Mapping[str, Function]:
         "get_inverse_kin_has_solution": Function(
             ("pose", "qnear", *tolerances, "tcp"), given, has_solution
         ),
+        "get_freedrive_status": Function((), {}, freedrive_status),
         "get_jacobian": Function(("q", "tcp"), current, jacobian),
         "is_within_safety_limits": Function(("position", "qNear"), {"qNear": _CURRENT}, is_within),
     }

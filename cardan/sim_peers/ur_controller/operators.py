@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, Final
 
 from cardan.protocols.ur.script import LARGEST_WHOLE
+from cardan.sim_peers.ur_controller.language import ELEMENT_STEPS, PRODUCT_STEPS
 from cardan.sim_peers.ur_controller.values import Pose, is_number
 
 LONGEST_TEXT: Final = 1023
@@ -157,12 +158,18 @@ def elements(found: list[Any]) -> int:
     return len(found)
 
 
-def work_of(left: Any, right: Any) -> int:
-    """How much an operator has to do with lists."""
+def work_of(sign: str, left: Any, right: Any) -> int:
+    """Steps that an operator counts as for what it has to do with lists."""
     ours = elements(left) if isinstance(left, list) else 1
-    if _is_matrix(left) and _is_matrix(right):
-        return ours * len(right[0])
-    return max(ours, elements(right) if isinstance(right, list) else 1)
+    if sign == "*" and _is_matrix(left) and isinstance(right, list):
+        columns = len(right[0]) if _is_matrix(right) else 1
+        return ours * columns * PRODUCT_STEPS
+    return ELEMENT_STEPS * max(ours, elements(right) if isinstance(right, list) else 1)
+
+
+def work_of_change(found: list[Any]) -> int:
+    """Steps that a change of an element counts as: of a list it is copied, of a matrix checked."""
+    return elements(found) if _is_matrix(found) else len(found) // 8
 
 
 def _product(left: list[Any], right: list[Any]) -> list[Any]:

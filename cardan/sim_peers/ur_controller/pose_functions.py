@@ -8,7 +8,7 @@ from typing import Any
 
 from cardan.sim_peers.ur_controller import checks
 from cardan.sim_peers.ur_controller.kinematics import frame_of, pose_of
-from cardan.sim_peers.ur_controller.language import Function
+from cardan.sim_peers.ur_controller.language import POSE_STEPS, Function, costing
 from cardan.sim_peers.ur_controller.math_functions import inverse_matrix
 from cardan.sim_peers.ur_controller.values import Pose
 from cardan.spatial import (
@@ -34,7 +34,7 @@ from cardan.types import Pose as Frame, Vector3
 def pose_functions() -> Mapping[str, Function]:
     """By name."""
     two = ("p_1", "p_2")
-    return {
+    functions = {
         "pose_trans": Function(("p_from", "p_from_to"), {}, _trans),
         "pose_inv": Function(("p_from",), {}, _inv),
         "inv": Function(("m",), {}, _inv_of_any),
@@ -47,6 +47,7 @@ def pose_functions() -> Mapping[str, Function]:
         "rotvec2rpy": Function(("rotation_vector",), {}, _to_rpy),
         "rpy2rotvec": Function(("rpy_vector",), {}, _from_rpy),
     }
+    return costing(POSE_STEPS, functions)
 
 
 def _trans(outer: Any, inner: Any) -> Pose:

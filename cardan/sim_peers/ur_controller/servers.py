@@ -82,6 +82,7 @@ class UrServers(TcpServers[PortKind, _Connection]):
         self._realtime = RealtimeForm(options.version[:2])
         self._told_safety = controller.safety
         self._off = False
+        self._frame_due = False
         self._claims = Claims(options.faults)
         self._lines = ""
         """Those that wait, by a fault."""
@@ -96,6 +97,11 @@ class UrServers(TcpServers[PortKind, _Connection]):
         self._lines_wait = faults.get("lines-wait", 0.0) > 0.0
 
     # -- connections and time ---------------------------------------------------------------------
+
+    def advance(self, now_s: float) -> None:
+        """Also one frame, if one is due: between two of them sockets are served."""
+        self._frame_due = True
+        super().advance(now_s)
 
     def _due(self) -> Iterator[float]:
         yield self.controller.next_s
@@ -159,12 +165,12 @@ class UrServers(TcpServers[PortKind, _Connection]):
 
     def _live(self) -> None:
         controller, now_s = self.controller, self._now_s
-        while True:
-            for _, act in self._timed.due(min(now_s, controller.next_s)):
-                act()
-            if not controller.advance(now_s):
-                break
-            self._publish()
+        for _, act in self._timed.due(min(now_s, controller.next_s)):
+            act()
+        if self._frame_due:
+            self._frame_due = False
+            if controller.advance(now_s):
+                self._publish()
         for each in self._connections.values():
             if each.scripts.open and now_s >= each.heard_s + UNFINISHED_S - 1e-9:
                 self._end_scripts(each)
