@@ -158,13 +158,14 @@ def test_a_gap_is_not_made_up_for(kind, pattern):
 
 @ROBOTS
 def test_at_rest_the_arm_is_where_its_core_is(kind):
-    """What a gap has left between them is worked off, and not quickly."""
+    """What a gap has left between them is worked off, not quickly, and not for long."""
     with kind() as bench:
         core = moving(bench)
         bench.stall(min(0.06, LONGEST_S[kind]))
         bench.run(0.1)
         core.wanted_m_s = 0.0
-        bench.run(0.3)
+        stopping_s = bench.now_s
+        bench.run(0.45)
         resting_s = bench.now_s
         bench.run(5.0)
         place = core.place
@@ -172,7 +173,8 @@ def test_at_rest_the_arm_is_where_its_core_is(kind):
             place = bench.kinematics.forward(np.array(place)).translation
         _, path = bench.path()
         assert float(np.linalg.norm(path[-1] - np.array(place))) <= 3e-4
-        assert bench.motion(resting_s).peak_m_s <= 0.1 * SPEED_M_S
+        assert bench.motion(stopping_s + 0.2).peak_m_s <= 0.5 * SPEED_M_S
+        assert bench.motion(resting_s).peak_m_s <= 0.005 * SPEED_M_S
 
 
 @ROBOTS

@@ -6,7 +6,9 @@ continued from its last command, or ahead, if the robot slowed down. Sent at onc
 jerk, and a robot that made up for lost time would be faster than commanded.
 
 So the difference is kept, and added to every command. A robot that is ahead of its
-command is slowed a little until it is not; one that is behind stays behind until it rests.
+command is slowed a little until it is not; one that is behind stays behind until it rests. When the
+command has come to rest nobody commands, and nothing may move for long: the robot ends its way
+within `REST_S`, slower than it was commanded, and what cannot be done so stays.
 
 How much time has passed is never the controller's word alone: `AgreedTime` counts what its clock
 and this computer's both say.
@@ -16,14 +18,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 WORK_OFF_S: Final = 0.5
-"""Time constant with which a difference in place dies away: 6 mm, what 60 ms at 100 mm/s leave, at
-12 mm/s. The arm has to be still 1.5 s after the operator lets go."""
+"""Time constant with which a difference in place dies away in motion: 6 mm, what 60 ms at 100 mm/s
+leave, at 12 mm/s."""
 
 WORK_OFF_SHARE: Final = 0.5
-"""Share of the commanded speed by which it may be slowed for that."""
+"""Share of the commanded speed by which it may be slowed for that, and at which it may go on where
+its command rests."""
+
+REST_S: Final = 0.2
+"""Time from the rest of the command to that of the robot: 6 mm at 45 mm/s at most, and 0.9 m/s²."""
+
+REST_RAD_S: Final = 0.2
+REST_M_S: Final = 0.05
+"""Highest speed meanwhile, which nobody asks for."""
+
+RECENT_S: Final = 1.0
+"""Time constant with which it is forgotten what speed was commanded."""
 
 SPEED_UP_S: Final = 0.25
 """Time constant with which a robot that has slowed down by itself returns to its speed: from rest
@@ -34,6 +47,9 @@ SLOW_DOWN_S: Final = 0.1
 
 _NOTHING = 1e-7
 """Smallest difference that counts: m, rad, and per s."""
+
+_PEAK: Final = 1.5
+"""Highest speed of a cubic from rest to rest, in means of it."""
 
 
 SLACK_S: Final = 0.001
@@ -250,7 +266,21 @@ class LostTime:
     orientations a subclass overrides `_displacement` and `_advanced`.
     """
 
-    __slots__ = ("_gap_s", "_interrupted", "_slip", "_went", "offset", "rate", "working")
+    resting_speed: ClassVar = REST_RAD_S
+    """Highest speed of what is left once the command rests, per s."""
+
+    __slots__ = (
+        "_fastest",
+        "_gap_s",
+        "_interrupted",
+        "_plan",
+        "_rested_s",
+        "_slip",
+        "_went",
+        "offset",
+        "rate",
+        "working",
+    )
 
     def __init__(self, axes: int) -> None:
         self._clear(axes)
@@ -268,6 +298,13 @@ class LostTime:
         """Distance moved in the interruption beyond that of the commanded speed over `_gap_s`."""
         self._slip = [0.0] * axes
         """How much faster it is than commanded before the interruption."""
+        self._fastest = 0.0
+        """Highest speed commanded of late, 0 once the robot has come to rest."""
+        self._rested_s = 0.0
+        """For how long the command rests."""
+        self._plan: list[tuple[float, float, float]] = []
+        """Of each axis what stays of the difference, the rest of it, and the rate, when it came to
+        rest."""
 
     def reset(self) -> None:
         """Forget the difference: the robot is where it is commanded to be."""
@@ -349,10 +386,14 @@ class LostTime:
             square += v * v
             size += each * each
             faster += r * (v + 0.5 * r)
-        back = 0.0
         if square < _NOTHING * _NOTHING:
-            back = -1.0 / WORK_OFF_S
-        elif ahead > 0.0:
+            self._rest(before, dt_s)
+            return
+        if self._rested_s:
+            self._rested_s = self._fastest = 0.0
+        self._fastest = max(self._fastest * (1.0 - min(dt_s / RECENT_S, 1.0)), math.sqrt(square))
+        back = 0.0
+        if ahead > 0.0:
             back = -min(1.0 / WORK_OFF_S, WORK_OFF_SHARE * math.sqrt(square / size))
         share = min(dt_s / (SLOW_DOWN_S if faster > 0.0 else SPEED_UP_S), 1.0)
         left = False
@@ -369,6 +410,37 @@ class LostTime:
         if not left:
             self.reset()
 
+    def _rest(self, before: Sequence[float], dt_s: float) -> None:
+        """One period in which the command rests, which moved at `before`."""
+        offset, rate = self.offset, self.rate
+        if self._rested_s == 0.0:
+            self._plan_rest(before)
+        self._rested_s += dt_s
+        part = min(self._rested_s / REST_S, 1.0)
+        left = (1.0 - part) ** 2
+        for i, (stays, way, speed) in enumerate(self._plan):
+            each = stays + left * ((1.0 + 2.0 * part) * way + part * REST_S * speed)
+            rate[i], offset[i] = (each - offset[i]) / dt_s, each
+        if part == 1.0:
+            self._fastest = 0.0
+            if not any(rate) and all(abs(each) <= _NOTHING for each in offset):
+                self.reset()
+
+    def _plan_rest(self, before: Sequence[float]) -> None:
+        """How the robot comes to rest: by a cubic in time, and as near as its speed allows."""
+        size = math.hypot(*self.offset)
+        most = min(WORK_OFF_SHARE * self._fastest, self.resting_speed) * REST_S / _PEAK
+        share = min(most / size, 1.0) if size > 0.0 else 0.0
+        self._plan = plan = []
+        for each, more, v in zip(self.offset, self.rate, before, strict=True):
+            # A robot that stands while its command brakes is not moved back.
+            robot = v + more
+            speed = min(max(more, min(robot, 0.0)), max(robot, 0.0))
+            way, brakes = share * each, -speed * REST_S / 3.0
+            if way * brakes > 0.0 and abs(brakes) > abs(way):
+                way = brakes  # It would turn back.
+            plan.append((each - way, way, speed))
+
     def _resume(
         self,
         moved: Sequence[float],
@@ -383,4 +455,5 @@ class LostTime:
             offset[i] += robot - (way - velocity[i] * dt_s)
             rate[i] += slip[i] + before[i] - velocity[i]
             went[i] = slip[i] = 0.0
-        self._interrupted, self._gap_s = False, 0.0
+        self._interrupted, self._gap_s, self._rested_s = False, 0.0, 0.0
+        self._fastest = max(self._fastest, math.hypot(*before))

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from cardan.drivers.lost_time import LostTime
+from cardan.drivers.lost_time import REST_RAD_S, REST_S, LostTime
 
 PERIOD_S = 0.004
 
@@ -64,7 +64,7 @@ def test_a_robot_that_is_behind_stays_behind_until_it_rests():
     assert lost.offset[0] == pytest.approx(-0.006, rel=0.01)
     assert max(map(abs, play(lost, (0.1, 0.0), 1.0))) < 1e-9
     assert lost.offset[0] == pytest.approx(-0.006, rel=0.01)
-    play(lost, (0.0, 0.0), 20.0, before=(0.0, 0.0))
+    play(lost, (0.0, 0.0), REST_S + PERIOD_S, before=(0.0, 0.0))
     assert not lost.working
 
 
@@ -96,8 +96,9 @@ def test_a_robot_that_has_stopped_is_not_moved_back_while_its_command_brakes():
     lost.passed(5.0, apart=(-0.5, 0.0), slip=(-0.1, 0.0))
     found = speeds_of(lost, [*ramp(0.1, 0.0), *[0.0] * 250], 0.1)
     assert min(found) >= 0.0
-    assert max(found) < 0.015  # What it takes to get to where the command rests.
-    assert lost.offset[0] == pytest.approx(0.0, abs=1e-3)
+    assert max(found) < 0.5 * 0.1  # What it takes to get to where the command rests.
+    assert not any(found[-200:])
+    assert lost.offset[0] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_nor_is_it_faster_than_a_command_that_turns_back():
@@ -119,7 +120,84 @@ def test_one_that_went_on_brakes_as_it_should():
     found = speeds_of(lost, [*ramp(0.1, 0.0), *[0.0] * 500], 0.1)
     assert max(found) <= 0.1 + 1e-9
     assert max(a - b for a, b in pairwise(found)) <= 1.5 * PERIOD_S
-    assert min(found) > -0.02  # Back to where the command rests.
+    assert min(found) > -0.5 * 0.1  # Back to where the command rests.
+    assert max(b - a for a, b in pairwise(found)) <= 1.0 * PERIOD_S
+
+
+RESTING = [0.0] * round(REST_S / PERIOD_S)
+
+
+@pytest.mark.parametrize("gap_s", [0.004, 0.016, 0.06, 0.3])
+@pytest.mark.parametrize("ahead", [1.0, -1.0])
+@pytest.mark.parametrize("speed", [0.02, 0.1, 1.0])
+def test_nothing_moves_for_long_after_its_command_has_come_to_rest(speed, ahead, gap_s):
+    lost = LostTime(2)
+    lost.passed(0.0, apart=(ahead * speed * gap_s, 0.0))
+    found = speeds_of(lost, [*ramp(speed, 0.0, 10.0 * speed), *RESTING, *[0.0] * 250], speed)
+    assert not any(found[-250:])
+    resting = found[-250 - len(RESTING) :]
+    # Neither fast nor hard, and in one go.
+    assert max(map(abs, resting)) <= min(0.5 * speed, REST_RAD_S) + 1e-9
+    assert max(abs(b - a) for a, b in pairwise(resting)) <= 10.0 * speed * PERIOD_S
+    assert len({v > 0.0 for v in resting if abs(v) > 0.01 * speed}) <= 1
+
+
+def test_what_is_not_worked_off_by_then_stays_and_is_no_step_later():
+    lost = LostTime(2)
+    lost.passed(0.3)
+    speeds_of(lost, [*ramp(0.1, 0.0), *RESTING], 0.1)
+    stays = lost.offset[0]
+    assert stays > 0.01
+    assert not any(speeds_of(lost, [0.0] * 1000, 0.0))
+    assert lost.offset[0] == stays
+    found = speeds_of(lost, [*ramp(0.0, 0.1), *[0.1] * 1000], 0.0)
+    assert min(found) >= 0.0
+    assert max(found) <= 0.1
+    assert max(abs(b - a) for a, b in pairwise(found)) <= 1.05 * PERIOD_S
+    assert lost.offset[0] < 0.2 * stays
+
+
+def test_a_robot_that_was_not_commanded_to_move_does_not():
+    lost = LostTime(2)
+    lost.passed(0.06, apart=(0.01, -0.01))
+    assert not any(speeds_of(lost, [0.0] * 1000, 0.0))
+
+
+def test_nor_once_more_when_time_is_lost_at_rest():
+    lost = LostTime(2)
+    lost.passed(0.3)
+    speeds_of(lost, [*ramp(0.1, 0.0), *RESTING], 0.1)
+    lost.passed(0.05)
+    assert not any(speeds_of(lost, [0.0] * 1000, 0.0))
+
+
+def test_time_that_is_lost_while_it_comes_to_rest_is_no_step():
+    lost = LostTime(2)
+    lost.passed(0.06)
+    found = speeds_of(lost, [*ramp(0.1, 0.0), *RESTING[:20]], 0.1)
+    place = lost.offset[0]
+    lost.passed(0.02)
+    found += speeds_of(lost, [0.0], 0.0)
+    went = 0.02 * found[-2]
+    assert lost.offset[0] == pytest.approx(place + went, abs=abs(found[-2]) * 2.0 * PERIOD_S)
+    found += speeds_of(lost, [*RESTING, 0.0], 0.0)
+    assert max(abs(b - a) for a, b in pairwise(found)) <= 1.2 * PERIOD_S
+    assert found[-1] == 0.0
+    assert lost.offset[0] == pytest.approx(0.0, abs=1e-4)
+
+
+def test_motion_goes_on_from_a_robot_that_comes_to_rest():
+    lost = LostTime(2)
+    lost.passed(0.06)
+    found = speeds_of(lost, [*ramp(0.1, 0.0), *RESTING[:20], *ramp(0.0, 0.1)], 0.1)
+    assert max(abs(b - a) for a, b in pairwise(found)) <= 1.5 * PERIOD_S
+
+
+def test_a_speed_is_forgotten_that_was_commanded_long_ago():
+    lost = LostTime(2)
+    lost.passed(0.0, apart=(-0.006, 0.0))
+    found = speeds_of(lost, [*ramp(0.1, 0.01), *[0.01] * 1000, *ramp(0.01, 0.0), *RESTING], 0.1)
+    assert max(found[-len(RESTING) :]) <= 0.005
 
 
 def test_what_comes_in_several_parts_adds_up():
