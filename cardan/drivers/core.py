@@ -60,7 +60,7 @@ class DeviceCore(ABC):
     @property
     @abstractmethod
     def _counters(self) -> Mapping[str, str]:
-        """The counters, and the text behind each count; a class attribute will do."""
+        """The counters, and the text behind each count."""
 
     @abstractmethod
     def _watch(self, now_s: float) -> None:

@@ -30,10 +30,11 @@ with BusNode(BusOptions(router=router), "haptic_wall") as node:
     end_s = time.monotonic() + seconds
     while time.monotonic() < end_s:
         received = stylus.wait(0.5)
-        if received is None:
+        pose = None if received is None else poses.decode(received.data)
+        if not isinstance(pose, dict):
             print("no pose from /omni/state/pose")
             continue
-        depth_m = max(0.0, poses.decode(received.data)["position"]["x"] - WALL_M)
+        depth_m = max(0.0, pose["position"]["x"] - WALL_M)
         force_n = -STIFFNESS_N_M * depth_m
         strongest = max(strongest, -force_n)
         feedback.put(forces.encode({"x": force_n, "y": 0.0, "z": 0.0}), time.time_ns())

@@ -60,6 +60,7 @@ def jog(ros: roslibpy.Ros, arm: str, seconds: float) -> None:
         ),
         timeout=10,
     )
+    assert chosen is not None
     (answer,) = chosen["results"]
     if not answer["successful"]:
         raise SystemExit(f"no stream of twists: {answer['reason']}")
@@ -75,6 +76,7 @@ def jog(ros: roslibpy.Ros, arm: str, seconds: float) -> None:
     stopped = roslibpy.Service(ros, f"{arm}/stop", "std_srvs/Trigger").call(
         roslibpy.ServiceRequest(), timeout=10
     )
+    assert stopped is not None
     # Others need not wait until the lease of this client's authority ends.
     roslibpy.Service(ros, f"{arm}/release", "std_srvs/Trigger").call(
         roslibpy.ServiceRequest(), timeout=10

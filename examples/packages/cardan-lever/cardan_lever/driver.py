@@ -36,11 +36,6 @@ class LeverOptions(ShapingOptions):
 class LeverCore(DeviceCore):
     """What the lever's lines mean. It counts once it was seen at rest, until it falls silent."""
 
-    _counters: ClassVar[Mapping[str, str]] = {
-        "silences": f"silences of more than {SILENCE_S:g} s",
-        "malformed_lines": "lines that are none of a lever's, ignored",
-    }
-
     def __init__(self, options: LeverOptions) -> None:
         super().__init__()
         self._shaper = Shaper(options)
@@ -75,6 +70,13 @@ class LeverCore(DeviceCore):
             self._link = DeviceLink.LIVE
         self._cached = None
 
+    @property
+    def _counters(self) -> Mapping[str, str]:
+        return {
+            "silences": f"silences of more than {SILENCE_S:g} s",
+            "malformed_lines": "lines that are none of a lever's, ignored",
+        }
+
     def _watch(self, now_s: float) -> None:
         silent = now_s - self._last_s > SILENCE_S
         if self._open and silent and self._link is not DeviceLink.STALE:
@@ -96,15 +98,18 @@ class Lever(ReadDevice[LeverCore]):
     peer = "lever"
     simulated = ({"path": OWN},)  # at a path of the demo's own there is only the simulated one
     gives, suits = "three deflections, a trigger", "rate, base frame"
-    capabilities = DeviceCapabilities(
-        gives_pose=False, buttons=("trigger",), feedback=frozenset(), battery=False
-    )
     options: LeverOptions
 
     def __init__(self, options: LeverOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
         self._core = LeverCore(self.options)
         self._port: SerialPort | None = None
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        return DeviceCapabilities(
+            gives_pose=False, buttons=("trigger",), feedback=frozenset(), battery=False
+        )
 
     def _connect(self) -> None:
         self._port = SerialPort(self.options.path, BAUD)
