@@ -47,8 +47,8 @@ def _rtde_feed() -> Callable[[bytes], Iterable[Any]]:
     def feed(data: bytes) -> Iterator[Any]:
         reader.feed(data)
         while (found := reader.take()) is not None:
-            yield rtde.read_reply(*found)
             for version in rtde.VERSIONS:
+                yield rtde.read_reply(*found, version)
                 yield rtde.read_request(*found, version)
 
     return feed

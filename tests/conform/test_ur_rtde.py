@@ -58,7 +58,7 @@ def test_a_robot_that_runs_already_is_not_switched_on():
         (27, "no-version-1", 1.0),
         (28, "fewer-outputs", 1.0),
         (29, "interfaces-silent", 1.0),
-        (30, "interfaces-garbage", 0.05),
+        (30, "interfaces-garbage", 0.5),
         (31, "interfaces-cut", 0.05),
         (32, "interfaces-garbage", 0.05),
         (33, "bare-answers", 1.0),

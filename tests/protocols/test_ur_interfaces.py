@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.protocols.ur import primary, robot_state
 from cardan.protocols.ur.framing import ScriptReader
-from cardan.protocols.ur.realtime import RealtimeForm
+from cardan.protocols.ur.realtime import RealtimeForm, RealtimeReader
 from cardan.protocols.ur.states import RobotMode, SafetyMode
 from tests.examples import examples
 
@@ -294,6 +294,38 @@ def test_the_columns_of_a_real_time_packet():
     assert size == len(data)
     filled = {n for first, last in COLUMNS.values() for n in range(first, last + 1)}
     assert numbers == [float(n) if n in filled else 0.0 for n in range(1, 153)]
+    read = RealtimeForm((5, 12)).read(data)
+    assert read == {name: (column(name),) if name in ONE else column(name) for name in COLUMNS}
+
+
+def test_a_real_time_packet_of_another_version():
+    data = RealtimeForm((5, 9)).pack(lambda name: 1.0 if name in ONE else (1.0,) * _width(name))
+    assert RealtimeForm((5, 4)).read(data)["safety_status"] == (1.0,)
+    assert RealtimeForm((5, 10)).read(data) is None
+
+
+def _width(name):
+    first, last = COLUMNS[name]
+    return last - first + 1
+
+
+def test_real_time_packets_come_in_any_pieces():
+    packets = [struct.pack(">id", 12, float(n)) for n in range(3)]
+    reader, found = RealtimeReader(), []
+    for at in range(0, 36, 5):
+        reader.feed(b"".join(packets)[at : at + 5])
+        while (each := reader.take()) is not None:
+            found.append(each)
+    assert found == packets
+    assert not reader.failure
+
+
+@pytest.mark.parametrize("size", [-1, 0, 4, 1 << 20])
+def test_a_size_that_no_real_time_packet_has(size):
+    reader = RealtimeReader()
+    reader.feed(struct.pack(">i", size))
+    assert reader.take() is None
+    assert reader.failure == f"a packet of {size} bytes: this is no real-time interface"
 
 
 # -- where a script ends ---------------------------------------------------------------------------

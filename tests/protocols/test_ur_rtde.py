@@ -90,6 +90,22 @@ def test_a_controllers_packets(made, worked, read):
     assert rtde.read_reply(*taken(made)) == read
 
 
+@pytest.mark.parametrize(
+    ("kind", "payload", "read"),
+    [
+        (ord("O"), b"DOUBLE,VECTOR6D", SetupReply(PacketType.OUTPUTS, 1, ("DOUBLE", "VECTOR6D"))),
+        (ord("O"), b"DOUBLE,NOT_FOUND", SetupReply(PacketType.OUTPUTS, 0, ("DOUBLE", "NOT_FOUND"))),
+        (ord("O"), b"", SetupReply(PacketType.OUTPUTS, 0, ())),
+        (ord("I"), b"\2INT32", SetupReply(PacketType.INPUTS, 2, ("INT32",))),
+        (ord("U"), b"\2\1", Data(0, b"\2\1")),
+        (ord("M"), b"\1no", rtde.Text("no", "", 1)),
+        (ord("V"), b"\1", Accepted(PacketType.PROTOCOL_VERSION, True)),
+    ],
+)
+def test_a_controllers_packets_in_version_1(kind, payload, read):
+    assert rtde.read_reply(kind, payload, 1) == read
+
+
 def test_a_list_that_ends_with_a_comma():
     found = rtde.read_request(PacketType.INPUTS, b"speed_slider_mask,")
     assert found == Setup(PacketType.INPUTS, ("speed_slider_mask",))
@@ -152,8 +168,9 @@ def test_what_no_controller_means(kind, payload, reason):
 @settings(max_examples=examples(50))
 @given(st.integers(0, 255), st.binary(max_size=60))
 def test_nothing_that_comes_raises(kind, payload):
-    rtde.read_reply(kind, payload)
-    rtde.read_request(kind, payload)
+    for version in rtde.VERSIONS:
+        rtde.read_reply(kind, payload, version)
+        rtde.read_request(kind, payload, version)
 
 
 @settings(max_examples=examples(30))

@@ -4,6 +4,7 @@ driver: level 0."""
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from itertools import pairwise
 
 from cardan.conform.requirements import Verdict, failed, none_wrong, not_seen, passed
@@ -152,6 +153,10 @@ def the_real_time_interface_keeps_time(seen: UrSeen) -> Verdict:
     return passed(said) if abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE else failed(said)
 
 
+def _same(told: Sequence[float], other: Sequence[float]) -> bool:
+    return all(abs(a - b) <= SAME_RAD for a, b in zip(told, other, strict=True))
+
+
 @requires(32, f"{REALTIME}: actual joint positions; {GUIDE}: actual_q")
 def the_real_time_interface_tells_the_same_joints(seen: UrSeen) -> Verdict:
     """Joints of the real-time interface are those that RTDE tells within 0.3 s, to 0.01 rad."""
@@ -159,16 +164,15 @@ def the_real_time_interface_tells_the_same_joints(seen: UrSeen) -> Verdict:
     if version is None or not seen.samples:
         return not_seen("no packet came")
     form, wrong, count = RealtimeForm(version[:2]), [], 0
-    for each in seen.samples[:: max(1, len(seen.samples) // FEWEST)]:
+    for each in seen.samples:
         values, around = form.read(each.packet), near(seen, each.time_s)
         if values is None or not around:
             continue
         count += 1
-        for joint, told in enumerate(values["actual_q"]):
-            there = [state.values["actual_q"][joint] for state in around]
-            if not min(there) - SAME_RAD <= told <= max(there) + SAME_RAD:
-                wrong.append((each.number, f"joint {joint + 1} at {told:g} rad, RTDE {there[0]:g}"))
-                break
+        told = values["actual_q"]
+        if not any(_same(told, state.values["actual_q"]) for state in around):
+            words = ", ".join(f"{angle:g}" for angle in told)
+            wrong.append((each.number, f"joints at {words} rad"))
     return none_wrong(wrong, count, f"{count} packets", "none could be compared")
 
 

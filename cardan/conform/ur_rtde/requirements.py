@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from itertools import pairwise
 from typing import Any
 
@@ -392,7 +393,13 @@ def robot_states_come_ten_times_a_second(seen: UrSeen) -> Verdict:
 
 def near(seen: UrSeen, time_s: float) -> list[State]:
     """States of about that time."""
-    return [each for each in seen.states if abs(each.time_s - time_s) < MODE_FOLLOWS_S]
+    first = bisect_right(seen.states, time_s - MODE_FOLLOWS_S, key=_time_s)
+    end = bisect_left(seen.states, time_s + MODE_FOLLOWS_S, key=_time_s)
+    return seen.states[first:end]
+
+
+def _time_s(state: State) -> float:
+    return state.time_s
 
 
 @requires(23, f"{CLIENT}: robot mode data; {GUIDE}: robot_mode")
