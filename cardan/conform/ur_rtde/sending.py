@@ -5,7 +5,6 @@ from __future__ import annotations
 
 from cardan.conform.requirements import Verdict, failed, none_wrong, not_seen, passed
 from cardan.conform.timeline import Kind
-from cardan.conform.ur_rtde.interfaces import CLIENT
 from cardan.conform.ur_rtde.pilot import (
     ANSWER,
     CALLS,
@@ -16,7 +15,7 @@ from cardan.conform.ur_rtde.pilot import (
     TOKEN,
 )
 from cardan.conform.ur_rtde.programs import NO_PROGRAM, RUNTIME, SCRIPT, after, first
-from cardan.conform.ur_rtde.requirements import requires
+from cardan.conform.ur_rtde.requirements import CLIENT, requires
 from cardan.conform.ur_rtde.seen import Upload, UrSeen
 from cardan.protocols.ur.primary import MessageKind
 from cardan.protocols.ur.states import RuntimeState
@@ -110,7 +109,3 @@ def other_interfaces_take_programs(seen: UrSeen) -> Verdict:
     ]
     said = ", ".join(each.channel for each in found)
     return none_wrong(wrong, len(found), said, NO_PROGRAM)
-
-
-ALL = requires.all()
-"""The requirements of all levels."""
