@@ -109,7 +109,3 @@ def other_interfaces_take_programs(seen: UrSeen) -> Verdict:
     ]
     said = ", ".join(each.channel for each in found)
     return none_wrong(wrong, len(found), said, NO_PROGRAM)
-
-
-ALL = requires.all()
-"""The requirements of all levels."""

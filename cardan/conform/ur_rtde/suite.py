@@ -10,7 +10,9 @@ from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event, Timeline
+from cardan.conform.ur_rtde import interfaces, sending  # noqa: F401 - enter what they require
 from cardan.conform.ur_rtde.pilot import ASKING, REVERSE_PORT, WORDED, UrPilot
+from cardan.conform.ur_rtde.requirements import requires
 from cardan.conform.ur_rtde.rig import UrRig
 from cardan.conform.ur_rtde.seen import (
     OLD,
@@ -22,7 +24,6 @@ from cardan.conform.ur_rtde.seen import (
     SECONDARY,
     UrSeen,
 )
-from cardan.conform.ur_rtde.sending import ALL
 from cardan.conform.wires import ListenTcp, TcpPorts, Wire, Wires, host_and_port
 from cardan.errors import ConfigurationError
 from cardan.protocols.ur.dashboard import DASHBOARD_PORT, request
@@ -43,6 +44,7 @@ _HARMLESS = frozenset(
 """What a client may send that only reads."""
 
 
+LOOPBACK = "127.0.0.1"
 _PORTS = {
     RTDE: RTDE_PORT,
     SECOND: RTDE_PORT,
@@ -76,9 +78,6 @@ def _home(host: str, port: int) -> str:
         return LOOPBACK  # The first wire says what is wrong.
 
 
-LOOPBACK = "127.0.0.1"
-
-
 class UrRtde(Suite[UrSeen]):
     """An e-Series or CB3 of Universal Robots."""
 
@@ -92,7 +91,7 @@ class UrRtde(Suite[UrSeen]):
     home = LOOPBACK
     """Our address, as the target reaches it."""
     peer = "ur"
-    requirements = ALL
+    requirements = requires.all()
     transport = Transport("tcp", {**_PORTS, REVERSE: REVERSE_PORT}, frozenset((REVERSE,)))
     seconds = 3.0
     # While it is held; before that most would only keep the program from being begun.
