@@ -87,8 +87,13 @@ class Machine:
         self._action: Action | None = None
         self._left_of: Callable[[Action], Action | None] = _nothing_left
         self.globals: list[Any] = []
-        self.names, frame, body = Compiler(program, functions, self).compiled()
-        self.start(program.name, frame, body)
+        self._compiler = Compiler(program, functions, self)
+        self.names: Mapping[str, int] = {}
+
+    async def compile(self) -> None:
+        """What comes before the first step, in portions. Raises ProgramError."""
+        self.names, frame, body = await self._compiler.compiled()
+        self.start(self.name, frame, body)
 
     @property
     def main_line(self) -> int:

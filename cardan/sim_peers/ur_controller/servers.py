@@ -94,6 +94,12 @@ class UrServers(TcpServers[PortKind, _Connection]):
         self._frame_due = True
         super().advance(now_s)
 
+    def takes(self, connection: int) -> bool:
+        found = self._connections.get(connection)
+        if found is not None and found.kind in _SCRIPTED and self.controller.is_full:
+            return False
+        return super().takes(connection)
+
     def _due(self) -> Iterator[float]:
         yield self.controller.next_s
         if not self._silent:
