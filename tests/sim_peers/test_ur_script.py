@@ -56,8 +56,8 @@ def computed(expression, before=""):
     controller = UrController(UrControllerOptions(running=True))
     program = parse(lines(f"{before}\nfound = {expression}\nsync()"))
     assert isinstance(program, Program), program
-    machine = Machine(program, controller.functions, 0.002)
-    whole(machine.compile())
+    machine = Machine(0.002)
+    whole(machine.load(program, controller.functions))
     machine.step(lambda action: None)
     return machine.variables["found"]
 
@@ -355,8 +355,8 @@ def test_what_costs_more_counts_as_more():
     def steps(expression):
         controller = UrController(UrControllerOptions(running=True))
         program = parse(lines(f"p1 = get_actual_tcp_pose()\nsync()\nx = {expression}\nsync()"))
-        machine = Machine(program, controller.functions, 0.002)
-        whole(machine.compile())
+        machine = Machine(0.002)
+        whole(machine.load(program, controller.functions))
         for _ in range(2):
             machine.step(lambda action: None)
         return MOST_STEPS - machine.steps[0]

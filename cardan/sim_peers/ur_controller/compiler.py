@@ -10,6 +10,7 @@ Source: UR's script manual, scoping rules.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -114,6 +115,8 @@ class Compiler:
         self._weight = 0
         """Steps of the block that is being compiled."""
         self._nodes = 0
+        self._constants: dict[tuple[type, object], _Code] = {}
+        """Of numbers and texts; one for all that are the same."""
         self._program = _Scope(None, None, program.block)
 
     async def compiled(self) -> tuple[Mapping[str, int], _Locals, _Do]:
@@ -538,7 +541,10 @@ class Compiler:
         if isinstance(found, tree.Name):
             return _Code(self._name(found.name, found.line, scope))
         if isinstance(found, tree.Literal):
-            return _constant(found.value)
+            key = found.value.__class__, found.value
+            if key not in self._constants:
+                self._constants[key] = _constant(found.value)
+            return self._constants[key]
         if isinstance(found, tree.Binary):
             return await self._binary(found, scope)
         if isinstance(found, tree.Unary):
@@ -637,6 +643,9 @@ class Compiler:
 
         if left.takes_time or right.takes_time:
             return _together([left, right], worked)
+        if left.constant is not UNSET and right.constant is not UNSET:
+            with contextlib.suppress(*_WRONG):
+                return _constant(work(left.constant, right.constant))
         left_do, right_do = left.do, right.do
         if sign in operators.ORDERS:
             order = operators.ORDERS[sign]

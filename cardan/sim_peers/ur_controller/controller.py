@@ -260,8 +260,8 @@ class UrController:
             self._note(f"a program is refused, line {program.line}: {program.reason}")
             return
         try:
-            machine = Machine(program, self.functions, self.period_s)
-            await machine.compile()
+            machine = Machine(self.period_s)
+            await machine.load(program, self.functions)
         except ProgramError as error:
             self._exception(error.line, error.reason)
             return

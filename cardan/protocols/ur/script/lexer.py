@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from typing import Final, NamedTuple
 
 from cardan.protocols.ur.script.portions import pause
@@ -79,28 +80,44 @@ class WrongError(Exception):
         self.line, self.reason = line, reason
 
 
-async def tokens(text: str) -> list[Token]:
+class Words:
+    """All of a program: three lists, as one token each would keep the garbage collector busy."""
+
+    def __init__(self) -> None:
+        self.kinds: list[str] = []
+        self.texts: list[str] = []
+        self.lines: list[int] = []
+
+    def __getitem__(self, at: int) -> Token:
+        return Token(self.kinds[at], self.texts[at], self.lines[at])
+
+
+async def words(text: str) -> Words:
     """The words of a program, without comments and what is between them. Raises WrongError."""
-    found: list[Token] = []
-    make, keep, match = tuple.__new__, found.append, _TOKEN.match
+    found = Words()
+    kinds, texts, lines, match = found.kinds, found.texts, found.lines, _TOKEN.match
     at, line, pause_at = 0, 1, _PORTION
     while (word := match(text, at)) is not None:
         at = word.end()
         kind = word.lastgroup
-        what = word[kind]  # type: ignore[index]  # one of them is there
+        assert kind is not None
+        what = sys.intern(word[kind])
+        lines.append(line)
         if kind == "newline":
-            keep(make(Token, (kind, "the end of the line", line)))
+            what = "the end of the line"
             line += 1
         elif kind == "sign" or (kind == "name" and what in WORDS):
-            keep(make(Token, (what, what, line)))
-        else:
-            keep(make(Token, (kind, what, line)))
-        if len(found) > pause_at:
+            kind = what
+        kinds.append(kind)
+        texts.append(what)
+        if len(lines) > pause_at:
             pause_at += _PORTION
             await pause()
     rest = _LAST.match(text, at)
     assert rest is not None
     if rest.end() < len(text):
         raise WrongError(line, f"{text[rest.end()]!r} is not understood")
-    found.append(Token("", "the end of the program", line))
+    kinds.append("")
+    texts.append("the end of the program")
+    lines.append(line)
     return found

@@ -10,8 +10,9 @@ from cardan.protocols.ur.script.lexer import (
     LARGEST_WHOLE,
     WORDS,
     Token,
+    Words,
     WrongError,
-    tokens,
+    words,
 )
 from cardan.protocols.ur.script.portions import pause, whole
 from cardan.protocols.ur.script.tree import (
@@ -80,14 +81,16 @@ async def parsed(text: str) -> Program | Refused:
     if len(text) > LARGEST:
         return Refused(1, f"the program has {len(text)} characters; {LARGEST} are the most")
     try:
-        return await _Parser(await tokens(text)).program()
+        return await _Parser(await words(text)).program()
     except WrongError as wrong:
         return Refused(wrong.line, wrong.reason)
 
 
 class _Parser:
-    def __init__(self, found: list[Token]) -> None:
+    def __init__(self, found: Words) -> None:
         self._tokens = found
+        self._kinds = found.kinds
+        self._literals: dict[str, Literal] = {}
         self._at = 0
         self._depth = 0
         self._pause_at = _PORTION
@@ -118,24 +121,27 @@ class _Parser:
     def _next(self) -> Token:
         return self._tokens[self._at]
 
+    @property
+    def _line(self) -> int:
+        return self._tokens.lines[self._at]
+
     def _is(self, *texts: str) -> bool:
-        return self._tokens[self._at][0] in texts
+        return self._kinds[self._at] in texts
 
     def _taken(self, text: str) -> bool:
-        if self._tokens[self._at][0] != text:
+        if self._kinds[self._at] != text:
             return False
         self._at += 1
         return True
 
-    def _expect(self, text: str) -> int:
-        token = self._next
+    def _expect(self, text: str) -> None:
         if not self._taken(text):
+            token = self._next
             raise WrongError(token.line, f"`{text}` is expected, not {token.text!r}")
-        return token.line
 
     def _close(self, sign: str) -> None:
         """The end of brackets, maybe on another line."""
-        line = self._next.line
+        line = self._line
         self._skip_lines()
         if not self._taken(sign):
             raise WrongError(line, f"`{sign}` is expected, not {self._next.text!r}")
@@ -155,8 +161,8 @@ class _Parser:
         return self._name()
 
     def _skip_lines(self) -> None:
-        tokens = self._tokens
-        while tokens[self._at][0] == "newline":
+        kinds = self._kinds
+        while kinds[self._at] == "newline":
             self._at += 1
 
     def _deeper(self, by: int) -> None:
@@ -173,10 +179,10 @@ class _Parser:
             self._skip_lines()
             if self._at >= self._pause_at:
                 await self._portion()
-            token = self._next
-            if not token.kind:
-                raise WrongError(token.line, f"`{until[-1]}` is missing")
-            if token.kind in until:
+            kind = self._kinds[self._at]
+            if not kind:
+                raise WrongError(self._line, f"`{until[-1]}` is missing")
+            if kind in until:
                 self._deeper(-1)
                 return tuple(found)
             found += await self._statement()
@@ -188,8 +194,7 @@ class _Parser:
 
     async def _statement(self) -> tuple[Statement, ...]:
         """One; none for `pass`."""
-        token = self._next
-        word, line = token.kind, token.line
+        word, line = self._kinds[self._at], self._line
         if word not in WORDS:
             return (await self._assignment(""),)
         self._at += 1
@@ -226,7 +231,7 @@ class _Parser:
 
     async def _assignment(self, scope: OneOf["", "global", "local"]) -> Assign | Do:
         """Or a call of its own."""
-        line = self._next.line
+        line = self._line
         name = self._name()
         found: Assign | Do
         if not scope and self._is("("):
@@ -303,8 +308,8 @@ class _Parser:
     def _end_of_line(self) -> None:
         """Or a word with which a statement begins, or a block ends: there programs in use have
         no end of the line."""
-        token = self._next
-        if token.kind not in _LINE_ENDS:
+        if self._kinds[self._at] not in _LINE_ENDS:
+            token = self._next
             raise WrongError(token.line, f"the line should end before {token.text!r}")
 
     # -- expressions --
@@ -321,43 +326,50 @@ class _Parser:
 
     def _simple(self) -> Expression | None:
         """A number, a text or a variable with nothing more to it: most are that."""
-        tokens, at = self._tokens, self._at
-        kind = tokens[at][0]
-        if kind not in _SIMPLE or tokens[at + 1][0] in _GOES_ON:
+        kinds, at = self._kinds, self._at
+        kind = kinds[at]
+        if kind not in _SIMPLE or kinds[at + 1] in _GOES_ON:
             return None
         self._at = at + 1
-        if kind == "number":
-            return _number(tokens[at])
-        if kind == "text":
-            return Literal(tokens[at][1][1:-1])
-        return Name(tokens[at][1], tokens[at][2])
+        if kind == "name":
+            return Name(self._tokens.texts[at], self._tokens.lines[at])
+        return self._literal(at)
+
+    def _literal(self, at: int) -> Literal:
+        """A number or a text; one for all that are written alike."""
+        found = self._literals.get(self._tokens.texts[at])
+        if found is None:
+            token = self._tokens[at]
+            found = _number(token) if token.kind == "number" else Literal(token.text[1:-1])
+            self._literals[token.text] = found
+        return found
 
     async def _operators(self, least: int) -> Expression:
         """Values, with operators between them that bind at least so closely."""
         self._skip_lines()
-        token = self._next
-        if token.kind == "not" and least <= _NOT:
+        if self._kinds[self._at] == "not" and least <= _NOT:
+            line = self._line
             self._at += 1
             self._deeper(1)
-            found: Expression = Unary("not", await self._operators(_NOT), token.line)
+            found: Expression = Unary("not", await self._operators(_NOT), line)
             self._deeper(-1)
         else:
             found = self._simple() or await self._signed()
         count = 0
         while True:
-            sign = self._next
-            level = _LEVELS.get(sign.kind, 0)
+            sign, line = self._kinds[self._at], self._line
+            level = _LEVELS.get(sign, 0)
             if level < least:
                 return found
             self._at += 1
             count += 1
             if count > LONGEST_CHAIN:
-                raise WrongError(sign.line, f"more than {LONGEST_CHAIN} operators in a row")
-            found = Binary(sign.kind, found, await self._operators(level + 1), sign.line)
+                raise WrongError(line, f"more than {LONGEST_CHAIN} operators in a row")
+            found = Binary(sign, found, await self._operators(level + 1), line)
 
     async def _signed(self) -> Expression:
         self._skip_lines()
-        line = self._next.line
+        line = self._line
         if self._is("-", "+"):
             negative = self._taken("-")
             self._at += not negative
@@ -395,10 +407,8 @@ class _Parser:
         if self._taken("["):
             return Listed(await self._items("]"), line)
         self._at += 1
-        if token.kind == "number":
-            return _number(token)
-        if token.kind == "text":
-            return Literal(token.text[1:-1])
+        if token.kind in ("number", "text"):
+            return self._literal(self._at - 1)
         if token.kind in ("True", "False"):
             return Literal(token.kind == "True")
         if token.kind == "run":
@@ -458,13 +468,13 @@ class _Parser:
         while True:
             if self._at >= self._pause_at:
                 await self._portion()
-            token = self._next
-            if token.kind == "name" and self._tokens[self._at + 1][0] == "=":
+            at = self._at
+            if self._kinds[at] == "name" and self._kinds[at + 1] == "=":
                 self._at += 2
-                named.append((token.text, await self._expression()))
+                named.append((self._tokens.texts[at], await self._expression()))
             elif named:
                 raise WrongError(
-                    token.line, "an argument without a name comes after one with a name"
+                    self._line, "an argument without a name comes after one with a name"
                 )
             else:
                 values.append(self._simple() or await self._expression())
