@@ -643,7 +643,7 @@ class Compiler:
 
         if left.takes_time or right.takes_time:
             return _together([left, right], worked)
-        if left.constant is not UNSET and right.constant is not UNSET:
+        if left.constant.__class__ in _PLAIN and right.constant.__class__ in _PLAIN:
             with contextlib.suppress(*_WRONG):
                 return _constant(work(left.constant, right.constant))
         left_do, right_do = left.do, right.do

@@ -235,11 +235,15 @@ class UrController:
         if not as its text says."""
         why = self._why_no_program()
         if why:
-            self._said(why)
-            self._note(f"a program is not taken: {why}")
+            self.refuse(why)
             return
         self._uploads.append((text, name))
         self._prepare()
+
+    def refuse(self, why: str) -> None:
+        """A program is not taken."""
+        self._said(why)
+        self._note(f"a program is not taken: {why}")
 
     def _prepare(self) -> None:
         """Go on with what has come, as far as this frame allows."""
