@@ -120,6 +120,8 @@ class Played:
         """Let time pass."""
         self.now_s = now_s
         self.servers.advance(now_s)
+        while self.controller.next_s <= now_s:
+            self.servers.advance(now_s)
         self.carry(0.0)
 
     def asked(self) -> float | None:

@@ -373,7 +373,7 @@ def read(pieces):
         reader.feed(piece)
         while (each := reader.take()) is not None:
             found.append(each)
-    assert reader.failure == ""
+    assert reader.refused == 0
     return reader, found
 
 
@@ -409,13 +409,42 @@ def test_comments_alone_are_nothing():
     assert (found, reader.take()) == ([], None)
 
 
+@pytest.mark.parametrize("size", [1, 7, 1000])
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"x" * 101 + b"\n",
+        b"x" * 5_000 + b"\n",
+        b"def a():\n" * 20 + b"end\n" * 20,
+        b"def a():\n  x = 1 # " + b"y" * 500 + b"\n\nend\n",
+        b"# more\n" * 20 + b"\nx\n",
+    ],
+)
+def test_a_script_that_is_too_long_is_not_kept_and_what_follows_is_read(data, size):
+    reader, found = ScriptReader(100), []
+    whole = b"sync()\n" + data + b"sync()\n"
+    for at in range(0, len(whole), size):
+        reader.feed(whole[at : at + size])
+        assert len(reader._pending) <= 101
+        while (each := reader.take()) is not None:
+            found.append(each)
+    assert found == ["sync()\n"] * 2
+    assert reader.refused == 1
+
+
 @pytest.mark.parametrize("data", [b"x" * 101, b"def a():\n" * 20, b"# more\n" * 20])
-def test_a_script_that_is_too_long(data):
+def test_a_script_that_is_too_long_and_does_not_end(data):
     reader = ScriptReader(100)
     reader.feed(data)
-    assert "more than 100 bytes" in reader.failure
-    reader.feed(b"\nend\n")
+    reader.end()
     assert reader.take() is None
+    assert reader.refused == 1
+
+
+def test_a_script_that_is_as_long_as_it_may_be():
+    reader = ScriptReader(100)
+    reader.feed(b"# " + b"x" * 90 + b"\nsync()\n")
+    assert len(reader.take() or "") == 100
 
 
 @settings(max_examples=examples(100))

@@ -32,6 +32,11 @@ def test_a_line_without_end():
     whole.feed(b"x" * (dashboard.LONGEST_LINE + 1) + b"\nmore\n")
     assert whole.take() is None
     assert whole.failure == reader.failure
+    for each in (reader, whole):
+        each.skip()
+        each.feed(b"\nmore\n"[: 6 if each is reader else 0])
+        assert each.take() == "more"
+        assert each.failure == ""
 
 
 def test_what_is_granted_and_what_is_refused():

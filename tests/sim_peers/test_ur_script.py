@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from cardan.protocols.ur.script import LARGEST, Program, parse
+from cardan.protocols.ur.script import LARGEST, Program, parse, whole
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions
 from cardan.sim_peers.ur_controller.language import TOO_MUCH_BEHIND, TOO_MUCH_TIME, TWO_THREADS
@@ -56,7 +56,8 @@ def computed(expression, before=""):
     controller = UrController(UrControllerOptions(running=True))
     program = parse(lines(f"{before}\nfound = {expression}\nsync()"))
     assert isinstance(program, Program), program
-    machine = Machine(program, controller.functions, 0.002)
+    machine = Machine(0.002)
+    whole(machine.load(program, controller.functions))
     machine.step(lambda action: None)
     return machine.variables["found"]
 
@@ -317,15 +318,47 @@ speedj([0.1, 0, 0, 0, 0, 0], 1.0, 0.1)"""
 )
 def test_a_thread_that_never_lets_time_pass(body):
     before = time.process_time()
-    assert TOO_MUCH_TIME in failure(body)
+    assert TOO_MUCH_TIME in failure(body, 400)
     assert time.process_time() - before < 1.0
 
 
+def test_a_long_program_is_compiled_in_portions_and_begins_then():
+    """What comes after it waits, and what runs goes on."""
+    world = World(lines("n = 0\nwhile True:\n  n = n + 1\n  sync()\nend"), 5)
+    long = lines('textmsg("long")\n' + "x = [1, -2 * (3 + 4)]\n" * 1_000 + "sync()")
+    world.controller.upload(long)
+    world.controller.upload('sec beside():\n  textmsg("sec")\nend\n')
+    before = world.controller._program
+    world.run(20)
+    assert world.controller._program is before
+    assert world.said == []
+    assert world.controller.has_program
+    world.run(1_000)
+    assert world.said == ["sec", "long"]
+    assert not world.controller.has_program
+
+
+def test_a_stop_is_also_for_what_is_being_compiled():
+    world = World("", 0)
+    for _ in range(3):
+        world.controller.upload(lines("x = [1, -2 * (3 + 4)]\n" * 1_000 + 'textmsg("long")'))
+    assert world.controller.stop_program()
+    assert not world.controller.has_program
+    assert world.run(1_000).said == []
+
+
+def test_a_chain_of_xor_takes_no_longer_than_any_other():
+    assert computed(" xor ".join(["True"] * 99)) is True
+
+
 def test_what_costs_more_counts_as_more():
-    def steps(expression):
+    def steps(expression, before="pass"):
         controller = UrController(UrControllerOptions(running=True))
-        program = parse(lines(f"p1 = get_actual_tcp_pose()\nsync()\nx = {expression}\nsync()"))
-        machine = Machine(program, controller.functions, 0.002)
+        program = parse(
+            lines(f"{before}\np1 = get_actual_tcp_pose()\nsync()\nx = {expression}\nsync()")
+        )
+        machine = Machine(0.002)
+        whole(machine.load(program, controller.functions))
         for _ in range(2):
             machine.step(lambda action: None)
         return MOST_STEPS - machine.steps[0]
@@ -333,8 +366,8 @@ def test_what_costs_more_counts_as_more():
     plain = steps("sin(1)")
     assert plain < 100
     assert plain + 150 < steps("pose_inv(p1)") < steps("get_inverse_kin(p1)") - 350
-    zeros = f"[{', '.join(['[0, 0]'] * 200)}]"
-    assert steps(f"{zeros} + {zeros}") < steps(f"{zeros} * [[0, 1], [2, 3]]") < 10_000
+    zeros = "z = [" + ", ".join(["[0, 0]"] * 200) + "]"
+    assert steps("z + z", zeros) < steps("z * [[0, 1], [2, 3]]", zeros) < 10_000
 
 
 def test_too_many_threads_and_too_many_values():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import socket
 import struct
@@ -26,6 +27,7 @@ from cardan.protocols.ur.script import LARGEST
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.tcp_peer import _Link
 from cardan.sim_peers.ur_controller import UrControllerOptions, UrControllerPeer
+from cardan.sim_peers.ur_controller.controller import MOST_WAITING
 from cardan.sim_peers.ur_controller.servers import CLIENTS, PORT_KINDS
 from tests.sim_peers.test_ur_controller import World
 
@@ -225,12 +227,50 @@ def test_what_has_no_last_newline_counts_when_the_client_goes():
     assert world.controller.program_name == "last"
 
 
-def test_a_script_that_is_too_long_ends_its_connection():
+@pytest.mark.parametrize("kind", ["primary", "secondary", "realtime"])
+def test_a_script_that_is_too_long_is_refused_and_its_connection_goes_on(kind):
     world = World()
-    number = world.join("realtime")
+    number, listening = world.join(kind), world.join("primary-read")
+    world.say(number, b"def a():\n")
     for _ in range(60):
-        world.say(number, b"x" * 4096)
+        world.say(number, b"  x = 1\n" * 500)
+    assert number not in world.closed
+    world.say(number, b"end\ndef b():\n  sleep(1)\nend\n")
+    world.run(0.1)
+    assert (MessageKind.TEXT, f"a program has more than {LARGEST} bytes") in [
+        m[:2] for m in messages(world, listening)
+    ]
+    assert world.controller.program_name == "b"
+
+
+def test_a_line_that_is_too_long_is_answered_and_its_connection_goes_on():
+    world = World()
+    number = world.join("dashboard")
+    long = b"x" * 4000
+    said = b"".join(world.say(number, each) for each in (long, long, long, b"\nrobotmode\n"))
+    assert said.decode().splitlines()[1:] == [
+        "could not understand: a line of more than 4096 bytes",
+        "Robotmode: RUNNING",
+    ]
+
+
+def test_what_is_no_rtde_is_told_so():
+    world = World()
+    number = world.join("rtde")
+    assert b"this is no RTDE" in world.say(number, b"\0\0V\0\2")
     assert number in world.closed
+
+
+def test_programs_wait_in_their_sockets_while_many_wait_here():
+    world = World()
+    number, other = world.join("primary"), world.join("dashboard")
+    body = b"def a():\n" + b"  x = [1, -2 * (3 + 4)]\n" * 1_000 + b"end\n"
+    for _ in range(MOST_WAITING + 1):
+        world.say(number, body)
+    assert not world.servers.takes(number)
+    assert world.servers.takes(other)
+    world.run(2.0)
+    assert world.servers.takes(number)
 
 
 def test_orders_that_are_no_script():
@@ -592,6 +632,21 @@ def test_a_client_of_rtde_that_does_not_read_is_let_go_of():
         idle.connect(("127.0.0.1", peer.port("rtde")))
         idle.sendall(setup)
         end_s = time.monotonic() + 60.0
+        while not any("does not read" in text for _, text in tuple(peer.servers.events)):
+            assert time.monotonic() < end_s
+            time.sleep(0.02)
+
+
+@pytest.mark.real
+def test_a_client_of_the_dashboard_that_does_not_read_is_let_go_of():
+    options = UrControllerOptions(rtde_port=0, primary_port=0, dashboard_port=0)
+    with UrControllerPeer(options) as peer, socket.socket() as idle:
+        idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        idle.connect(("127.0.0.1", peer.port("dashboard")))
+        end_s = time.monotonic() + 60.0
+        with contextlib.suppress(OSError):
+            while time.monotonic() < end_s:
+                idle.sendall(b"help\n" * 100)
         while not any("does not read" in text for _, text in tuple(peer.servers.events)):
             assert time.monotonic() < end_s
             time.sleep(0.02)

@@ -47,10 +47,11 @@ def test_it_reads_joints_and_moves_them(robot):
 def test_it_moves_at_speeds_and_stops(robot):
     robot.movej([0.1, 0, 0, 0, 0, 0], acc=1.0, vel=0.8, relative=True)
     assert robot.getj() == pytest.approx([0.1, *HOME[1:]], abs=2e-3)
-    robot.speedj([0.2, 0, 0, 0, 0, 0], 1.0, 1.0)
+    robot.speedj([0.2, 0, 0, 0, 0, 0], 1.0, 10.0)
     until(lambda: robot.getj()[0] > 0.15, "what it moves")
     robot.stopj(2.0)
-    time.sleep(0.8)
+    joints = robot.secmon.get_all_data
+    until(lambda: abs(joints()["JointData"]["qd_actual0"]) < 1e-9, "the stop")
     stopped = robot.getj()
     time.sleep(0.3)
     assert robot.getj() == pytest.approx(stopped, abs=1e-4)

@@ -63,12 +63,21 @@ class LineReader:
 
     def __init__(self) -> None:
         self._pending = bytearray()
+        self._skips = False
         self.failure = ""
         """Why nothing after this can be read; empty: all is well."""
 
     def feed(self, data: bytes) -> None:
         """Add what came."""
         self._pending += data
+        if self._skips:
+            _, end, rest = self._pending.partition(b"\n")
+            self._pending, self._skips = rest, not end
+
+    def skip(self) -> None:
+        """Go on after the line that was too long, as a server may."""
+        self.failure, self._skips = "", True
+        self.feed(b"")
 
     def take(self) -> str | None:
         """The next line without its end; None: it has not all come."""

@@ -44,9 +44,11 @@ class ScriptReader:
         self._size = 0
         """Of these."""
         self._depth = 0
+        self._too_large = False
+        """What has not ended has more bytes than a program may have, and is not kept."""
         self._whole: list[str] = []
-        self.failure = ""
-        """Why nothing after this can be read; empty: all is well."""
+        self.refused = 0
+        """Programs that had too many bytes; whoever says so sets it to 0."""
 
     @property
     def open(self) -> bool:
@@ -55,15 +57,11 @@ class ScriptReader:
 
     def feed(self, data: bytes) -> None:
         """Add what came."""
-        if self.failure:
-            return
-        self._pending += data
-        *lines, rest = self._pending.split(b"\n")
-        self._pending = bytearray(rest)
-        for line in lines:
-            self._line(bytes(line))
-        if self._size + len(self._pending) > self._largest:
-            self.failure = f"a program of more than {self._largest} bytes"
+        first, *others = data.split(b"\n")
+        self._part(first)
+        for part in others:
+            self._line()
+            self._part(part)
 
     def take(self) -> str | None:
         """The next program or command; None: it has not all come."""
@@ -72,19 +70,29 @@ class ScriptReader:
     def end(self) -> None:
         """No more comes: what has come is all of it."""
         if self._pending:
-            self._line(bytes(self._pending))
-            self._pending.clear()
-        if self.open:
+            self._line()
+        if self.open or self._too_large:
             self._done()
         self._lines, self._size = [], 0
 
-    def _line(self, data: bytes) -> None:
+    def _part(self, data: bytes) -> None:
+        """Of a line: what a program may have, and a byte more."""
+        self._pending += data[: self._largest + 1 - len(self._pending)]
+
+    def _line(self) -> None:
+        data = bytes(self._pending)
+        self._pending.clear()
         line = data.rstrip(b"\r").decode("utf-8", "replace")
         words = line.strip()
-        if not words and not self._lines:
+        if not words and not self._lines and not self._too_large:
             return
-        self._lines.append(line)
         self._size += len(data) + 1
+        if self._size > self._largest:
+            self._too_large = True
+        if self._too_large:
+            self._lines = []
+        else:
+            self._lines.append(line)
         if not self.open and (not words or words.startswith("#")):
             return
         self._depth = max(self._depth + depth_of(line), 0)
@@ -92,5 +100,8 @@ class ScriptReader:
             self._done()
 
     def _done(self) -> None:
-        self._whole.append("\n".join(self._lines) + "\n")
-        self._lines, self._size, self._depth = [], 0, 0
+        if self._too_large:
+            self.refused += 1
+        else:
+            self._whole.append("\n".join(self._lines) + "\n")
+        self._lines, self._size, self._depth, self._too_large = [], 0, 0, False

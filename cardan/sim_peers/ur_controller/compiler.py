@@ -10,11 +10,12 @@ Source: UR's script manual, scoping rules.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+import contextlib
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
-from cardan.protocols.ur.script import LARGEST_WHOLE, tree
+from cardan.protocols.ur.script import LARGEST_WHOLE, pause, tree
 from cardan.sim_peers.ur_controller import operators
 from cardan.sim_peers.ur_controller.language import (
     CALL_STEPS,
@@ -41,16 +42,20 @@ _RESULT: Final = 0
 _QUICK: Final = frozenset("+-*/")
 _PLAIN: Final = (float, int)
 """Of numbers; a truth is of another class."""
+_LEAVES: Final = (tree.Literal, tree.Name)
+_PORTION: Final = 60
+"""Parts of a program between two pauses."""
 _WRONG: Final = (ValueError, TypeError, IndexError, KeyError, ArithmeticError)
 
 
-@dataclass(frozen=True)
-class _Code:
+class _Code(NamedTuple):
     """What an expression or a statement became."""
 
     do: _Do
     takes_time: bool = False
     """`do` gives a generator."""
+    constant: Any = UNSET
+    """What `do` always gives."""
 
 
 @dataclass(eq=False)
@@ -65,6 +70,12 @@ class _Scope:
     """The places of its variables."""
     declared: set[str] = field(default_factory=set)
     """Its parameters and what it declares `local`."""
+    calls: set[str] = field(default_factory=set)
+    """Names of functions."""
+    assigns: set[tuple[str, str]] = field(default_factory=set)
+    """Variables, and what they are declared as."""
+    joins: bool = False
+    """It waits for threads."""
     takes_time: bool = False
     body: _Do | None = None
     defaults: dict[int, _Do] = field(default_factory=dict)
@@ -90,7 +101,7 @@ class _Scope:
 
 
 class Compiler:
-    """Of one program, for one machine."""
+    """Of one program, for one machine; in portions."""
 
     def __init__(
         self, program: tree.Program, functions: Mapping[str, Function], machine: Runtime
@@ -101,16 +112,22 @@ class Compiler:
         self._scopes: list[_Scope] = []
         self._globals: dict[str, int] = {}
         self._loops = 0
-        self._program = self._scoped(None, None, program.block)
+        self._weight = 0
+        """Steps of the block that is being compiled."""
+        self._nodes = 0
+        self._constants: dict[tuple[type, object], _Code] = {}
+        """Of numbers and texts; one for all that are the same."""
+        self._program = _Scope(None, None, program.block)
 
-    def compiled(self) -> tuple[Mapping[str, int], _Locals, _Do]:
+    async def compiled(self) -> tuple[Mapping[str, int], _Locals, _Do]:
         """The global variables' places; variables for the program, and the program. Raises
         ProgramError."""
         try:
+            await self._survey()
             self._find_globals()
             self._find_what_takes_time()
             for scope in self._scopes:
-                self._compile(scope)
+                await self._compile(scope)
         except RecursionError:
             raise ProgramError(1, "too many levels") from None
         self._machine.globals += [UNSET] * len(self._globals)
@@ -120,15 +137,37 @@ class Compiler:
 
     # -- who has which names --------------------------------------------------------------------
 
-    def _scoped(
-        self, define: tree.Define | None, around: _Scope | None, block: Sequence[tree.Statement]
-    ) -> _Scope:
-        made = _Scope(define, around, block)
-        self._scopes.append(made)
-        for each in _nodes(block):
-            if isinstance(each, tree.Define):
-                made.functions[each.name] = self._scoped(each, made, each.block)
-        return made
+    async def _survey(self) -> None:
+        """Find all functions, and what each of them assigns, calls and waits for."""
+        self._scopes.append(self._program)
+        for scope in self._scopes:  # which grows meanwhile
+            pending: list[Any] = [scope.block]
+            while pending:
+                await self._portion()
+                each = pending.pop()
+                kind = each.__class__
+                if kind is tree.Define:
+                    inner = scope.functions[each.name] = _Scope(each, scope, each.block)
+                    self._scopes.append(inner)
+                    continue
+                if kind is tree.Run:
+                    each = each.call
+                elif kind is tree.Call:
+                    scope.calls.add(each.name)
+                elif kind is tree.Assign:
+                    scope.assigns.add((each.name, each.scope))
+                elif kind is tree.Await:
+                    scope.joins = scope.joins or each.how == "join"
+                pending += [
+                    part
+                    for part in each
+                    if isinstance(part, tuple) and part.__class__ not in _LEAVES
+                ]
+
+    async def _portion(self) -> None:
+        self._nodes += 1
+        if self._nodes % _PORTION == 0:
+            await pause()
 
     def _find_globals(self) -> None:
         for scope in self._scopes:
@@ -136,71 +175,70 @@ class Compiler:
                 scope.declared.update(name for name, _ in scope.define.parameters)
                 for name, _ in scope.define.parameters:
                     scope.place(name)
-            for each in _nodes(scope.block):
-                if not isinstance(each, tree.Assign):
-                    continue
-                if scope.define is None or each.scope == "global":
-                    self._globals.setdefault(each.name, len(self._globals))
-                elif each.scope == "local":
-                    scope.declared.add(each.name)
+            for name, declared in scope.assigns:
+                if scope.define is None or declared == "global":
+                    self._globals.setdefault(name, len(self._globals))
+                elif declared == "local":
+                    scope.declared.add(name)
 
     def _find_what_takes_time(self) -> None:
-        calls = {}
+        callers: dict[_Scope, list[_Scope]] = {}
         for scope in self._scopes:
-            nodes = list(_nodes(scope.block))
-            runs = {id(each.call) for each in nodes if isinstance(each, tree.Run)}
-            names = {e.name for e in nodes if isinstance(e, tree.Call) and id(e) not in runs}
-            called = {name: scope.find(name) for name in names}
-            calls[scope] = [each for each in called.values() if each is not None]
-            scope.takes_time = any(
-                isinstance(each, tree.Await) and each.how == "join" for each in nodes
-            ) or any(
-                found is None and name in self._functions and self._functions[name].takes_time
-                for name, found in called.items()
-            )
-        changed = True
-        while changed:
-            changed = False
-            for scope, called_ones in calls.items():
-                if not scope.takes_time and any(each.takes_time for each in called_ones):
-                    scope.takes_time = changed = True
+            scope.takes_time = scope.joins
+            for name in scope.calls:
+                found = scope.find(name)
+                if found is not None:
+                    callers.setdefault(found, []).append(scope)
+                elif name in self._functions and self._functions[name].takes_time:
+                    scope.takes_time = True
+        pending = [scope for scope in self._scopes if scope.takes_time]
+        while pending:
+            for caller in callers.get(pending.pop(), ()):
+                if not caller.takes_time:
+                    caller.takes_time = True
+                    pending.append(caller)
 
-    def _compile(self, scope: _Scope) -> None:
+    async def _compile(self, scope: _Scope) -> None:
         self._loops = 0
         define = scope.define
         if define is not None:
             for name, default in define.parameters:
                 if default is not None:
-                    code = self._expression(default, scope)
+                    code = await self._expression(default, scope)
                     scope.defaults[scope.own[name]] = (
                         _raises(define.line, f"{name}: its default takes time")
                         if code.takes_time
                         else code.do
                     )
-        code = self._block(scope.block, scope)
+        code = await self._block(scope.block, scope)
         # The program itself and threads are resumed, whether they take time or not.
         resumed = scope.takes_time or define is None or define.thread
         scope.body = _as_generator(code.do) if resumed and not code.takes_time else code.do
 
     # -- statements -------------------------------------------------------------------------------
 
-    def _block(self, block: Sequence[tree.Statement], scope: _Scope, weight: int = 1) -> _Code:
+    async def _block(
+        self, block: Sequence[tree.Statement], scope: _Scope, weight: int = 1
+    ) -> _Code:
         """One after the other; what it gives is how the block was left, None: at its end.
 
         `weight`: steps that it counts as beside its statements.
         """
         parts: list[_Code] = []
         plain: list[_Do] = []
+        outer, self._weight = self._weight, weight
         for each in block:
             if isinstance(each, (tree.Define, tree.Critical)):
                 continue
-            code = self._statement(each, scope)
-            weight += _weight(each)
+            await self._portion()
+            self._weight += 1
+            code = await self._statement(each, scope)
             if code.takes_time:
-                parts += [_Code(self._in_order(plain, weight, each.line)), code]
-                plain, weight = [], 1
+                parts += [_Code(self._in_order(plain, self._weight, each.line)), code]
+                plain, self._weight = [], 1
             else:
                 plain.append(code.do)
+        weight, self._weight = self._weight, outer
         line = block[-1].line if block else 1
         if not parts:
             return _Code(self._in_order(plain, weight, line))
@@ -234,21 +272,22 @@ class Compiler:
         if self._steps[0] < 0:
             raise ProgramError(line, TOO_MUCH_TIME)
 
-    def _statement(self, found: tree.Statement, scope: _Scope) -> _Code:
+    async def _statement(self, found: tree.Statement, scope: _Scope) -> _Code:
         if isinstance(found, tree.Assign):
-            return self._assign(found, scope)
+            return await self._assign(found, scope)
         if isinstance(found, tree.Do):
-            return self._alone(self._expression(found.call, scope))
+            return self._alone(await self._expression(found.call, scope))
         if isinstance(found, tree.If):
-            return self._if(found.branches, found.otherwise, scope)
+            self._weight += len(found.branches) - 1
+            return await self._if(found.branches, found.otherwise, scope)
         if isinstance(found, tree.While):
-            return self._while(found, scope)
+            return await self._while(found, scope)
         if isinstance(found, tree.Switch):
-            return self._switch(found, scope)
+            return await self._switch(found, scope)
         if isinstance(found, tree.Await):
-            return self._await(found, scope)
+            return await self._await(found, scope)
         assert isinstance(found, tree.Leave)
-        return self._leave(found, scope)
+        return await self._leave(found, scope)
 
     def _alone(self, code: _Code) -> _Code:
         do = code.do
@@ -264,17 +303,17 @@ class Compiler:
 
         return _Code(run)
 
-    def _assign(self, found: tree.Assign, scope: _Scope) -> _Code:
+    async def _assign(self, found: tree.Assign, scope: _Scope) -> _Code:
         line = found.line
-        value = self._expression(found.value, scope)
+        value = await self._expression(found.value, scope)
         called = found.value.name if isinstance(found.value, tree.Call) else "that"
         put = self._put(found.name, found.scope, scope)
         if found.path:
             steps = [
-                each if isinstance(each, str) else [self._expression(e, scope) for e in each]
+                each if isinstance(each, str) else [await self._expression(e, scope) for e in each]
                 for each in found.path
             ]
-            return self._assign_inside(found, value, steps, put, scope)
+            return await self._assign_inside(found, value, steps, put, scope)
 
         def given(own: _Locals, result: Any) -> None:
             if result is None:
@@ -307,7 +346,7 @@ class Compiler:
 
         return _Code(run)
 
-    def _assign_inside(
+    async def _assign_inside(
         self,
         found: tree.Assign,
         value: _Code,
@@ -354,17 +393,17 @@ class Compiler:
 
         return put
 
-    def _if(
+    async def _if(
         self,
         branches: Sequence[tuple[tree.Expression, Sequence[tree.Statement]]],
         otherwise: Sequence[tree.Statement],
         scope: _Scope,
     ) -> _Code:
         made = [
-            (self._condition(condition, scope), self._block(block, scope))
+            (await self._condition(condition, scope), await self._block(block, scope))
             for condition, block in branches
         ]
-        last = self._block(otherwise, scope) if otherwise else None
+        last = await self._block(otherwise, scope) if otherwise else None
         codes = [code for pair in made for code in pair] + ([last] if last else [])
         if any(code.takes_time for code in codes):
 
@@ -389,10 +428,11 @@ class Compiler:
 
         return _Code(run)
 
-    def _while(self, found: tree.While, scope: _Scope) -> _Code:
-        condition = self._condition(found.condition, scope)
+    async def _while(self, found: tree.While, scope: _Scope) -> _Code:
+        before = self._weight
+        condition = await self._condition(found.condition, scope)
         self._loops += 1
-        block = self._block(found.block, scope, 1 + _count(found.condition))
+        block = await self._block(found.block, scope, 1 + self._weight - before)
         self._loops -= 1
         check, do = condition.do, block.do
         if condition.takes_time or block.takes_time:
@@ -421,7 +461,7 @@ class Compiler:
 
         return _Code(run)
 
-    def _switch(self, found: tree.Switch, scope: _Scope) -> _Code:
+    async def _switch(self, found: tree.Switch, scope: _Scope) -> _Code:
         """As `if` and `elif`, with the value in a variable that no program can name."""
         name = f" switch {id(found)}"
         scope.declared.add(name)
@@ -430,7 +470,10 @@ class Compiler:
             (tree.Binary("==", tree.Name(name, found.line), case, found.line), block)
             for case, block in found.cases
         ]
-        first, then = self._assign(keep, scope), self._if(branches, found.otherwise, scope)
+        first, then = (
+            await self._assign(keep, scope),
+            await self._if(branches, found.otherwise, scope),
+        )
         if not first.takes_time and not then.takes_time:
 
             def run(own: _Locals) -> Any:
@@ -448,9 +491,9 @@ class Compiler:
 
         return _Code(wait, takes_time=True)
 
-    def _await(self, found: tree.Await, scope: _Scope) -> _Code:
+    async def _await(self, found: tree.Await, scope: _Scope) -> _Code:
         machine, line = self._machine, found.line
-        code = self._expression(found.thread, scope)
+        code = await self._expression(found.thread, scope)
         if code.takes_time:
             return _Code(_raises(line, "a thread is a variable"))
         handle = code.do
@@ -469,7 +512,7 @@ class Compiler:
 
         return _Code(join, takes_time=True)
 
-    def _leave(self, found: tree.Leave, scope: _Scope) -> _Code:
+    async def _leave(self, found: tree.Leave, scope: _Scope) -> _Code:
         if found.how == "halt":
 
             def halt(own: _Locals) -> None:
@@ -484,7 +527,7 @@ class Compiler:
                 own[_RESULT] = values[0]
                 return _RETURN
 
-            return _together([self._expression(found.value, scope)], give)
+            return _together([await self._expression(found.value, scope)], give)
         if not self._loops:
             return _Code(_raises(found.line, f"`{found.how}` outside of `while`"))
         how = _BREAK if found.how == "break" else _CONTINUE
@@ -492,24 +535,28 @@ class Compiler:
 
     # -- expressions ------------------------------------------------------------------------------
 
-    def _expression(self, found: tree.Expression, scope: _Scope) -> _Code:
+    async def _expression(self, found: tree.Expression, scope: _Scope) -> _Code:
+        self._weight += 1
+        await self._portion()
         if isinstance(found, tree.Name):
             return _Code(self._name(found.name, found.line, scope))
         if isinstance(found, tree.Literal):
-            value = found.value
-            return _Code(lambda own: value)
+            key = found.value.__class__, found.value
+            if key not in self._constants:
+                self._constants[key] = _constant(found.value)
+            return self._constants[key]
         if isinstance(found, tree.Binary):
-            return self._binary(found, scope)
+            return await self._binary(found, scope)
         if isinstance(found, tree.Unary):
-            return self._unary(found, scope)
+            return await self._unary(found, scope)
         if isinstance(found, tree.Element):
-            return self._element(found, scope)
+            return await self._element(found, scope)
         if isinstance(found, tree.Call):
-            return self._call(found, scope)
+            return await self._call(found, scope)
         if isinstance(found, tree.Run):
-            return self._run(found, scope)
+            return await self._run(found, scope)
         if isinstance(found, tree.Member):
-            return self._member(found, scope)
+            return await self._member(found, scope)
         line = found.line
         make = operators.pose if isinstance(found, tree.Posed) else operators.listed
 
@@ -521,7 +568,18 @@ class Compiler:
             except _WRONG as error:
                 raise ProgramError(line, str(error)) from None
 
-        return _together([self._expression(each, scope) for each in found.items], made)
+        if all(each.__class__ is tree.Literal for each in found.items):
+            self._weight += len(found.items)
+            values = [each.value for each in found.items]  # type: ignore[union-attr]
+        else:
+            codes = [await self._expression(each, scope) for each in found.items]
+            values = [code.constant for code in codes]
+            if UNSET in values:
+                return _together(codes, made)
+        try:
+            return _constant(make(values))
+        except _WRONG as error:
+            return _Code(_raises(line, str(error)))
 
     def _name(self, name: str, line: int, scope: _Scope, declared: str = "") -> _Do:
         place, values = self._where(name, declared, scope)
@@ -543,8 +601,8 @@ class Compiler:
 
         return read
 
-    def _condition(self, found: tree.Expression, scope: _Scope) -> _Code:
-        code = self._expression(found, scope)
+    async def _condition(self, found: tree.Expression, scope: _Scope) -> _Code:
+        code = await self._expression(found, scope)
         line = getattr(found, "line", 1)
         do = code.do
 
@@ -567,13 +625,12 @@ class Compiler:
 
         return _Code(run)
 
-    def _binary(self, found: tree.Binary, scope: _Scope) -> _Code:
+    async def _binary(self, found: tree.Binary, scope: _Scope) -> _Code:
         sign, line, spend = found.operator, found.line, self._spend
         if sign in ("and", "or"):
-            return self._both(found, scope)
-        left, right = self._expression(found.left, scope), self._expression(found.right, scope)
-        if sign == "xor":
-            left, right = self._condition(found.left, scope), self._condition(found.right, scope)
+            return await self._both(found, scope)
+        value_of = self._condition if sign == "xor" else self._expression
+        left, right = await value_of(found.left, scope), await value_of(found.right, scope)
         work = operators.OPERATORS["!=" if sign == "xor" else sign]
 
         def worked(own: _Locals, values: Sequence[Any]) -> Any:
@@ -586,6 +643,9 @@ class Compiler:
 
         if left.takes_time or right.takes_time:
             return _together([left, right], worked)
+        if left.constant.__class__ in _PLAIN and right.constant.__class__ in _PLAIN:
+            with contextlib.suppress(*_WRONG):
+                return _constant(work(left.constant, right.constant))
         left_do, right_do = left.do, right.do
         if sign in operators.ORDERS:
             order = operators.ORDERS[sign]
@@ -611,8 +671,11 @@ class Compiler:
 
         return _Code(run)
 
-    def _both(self, found: tree.Binary, scope: _Scope) -> _Code:
-        left, right = self._condition(found.left, scope), self._condition(found.right, scope)
+    async def _both(self, found: tree.Binary, scope: _Scope) -> _Code:
+        left, right = (
+            await self._condition(found.left, scope),
+            await self._condition(found.right, scope),
+        )
         enough = found.operator == "or"
         left_do, right_do = left.do, right.do
         if left.takes_time or right.takes_time:
@@ -628,11 +691,11 @@ class Compiler:
             return _Code(lambda own: left_do(own) or right_do(own))
         return _Code(lambda own: left_do(own) and right_do(own))
 
-    def _unary(self, found: tree.Unary, scope: _Scope) -> _Code:
+    async def _unary(self, found: tree.Unary, scope: _Scope) -> _Code:
         line = found.line
         if found.operator == "not":
             return _together(
-                [self._condition(found.value, scope)], lambda own, values: not values[0]
+                [await self._condition(found.value, scope)], lambda own, values: not values[0]
             )
 
         def negative(own: _Locals, values: Sequence[Any]) -> Any:
@@ -647,13 +710,14 @@ class Compiler:
         if isinstance(found.value, tree.Literal):
             number = found.value.value
             if isinstance(number, (int, float)) and not isinstance(number, bool):
-                return _Code(lambda own: -number)
-        return _together([self._expression(found.value, scope)], negative)
+                self._weight += 1
+                return _constant(-number)
+        return _together([await self._expression(found.value, scope)], negative)
 
-    def _element(self, found: tree.Element, scope: _Scope) -> _Code:
+    async def _element(self, found: tree.Element, scope: _Scope) -> _Code:
         line = found.line
-        of = self._expression(found.of, scope)
-        at = [self._expression(each, scope) for each in found.at]
+        of = await self._expression(found.of, scope)
+        at = [await self._expression(each, scope) for each in found.at]
 
         def picked(own: _Locals, values: Sequence[Any]) -> Any:
             try:
@@ -676,7 +740,7 @@ class Compiler:
 
         return _Code(run)
 
-    def _member(self, found: tree.Member, scope: _Scope) -> _Code:
+    async def _member(self, found: tree.Member, scope: _Scope) -> _Code:
         name, line = found.name, found.line
 
         def picked(own: _Locals, values: Sequence[Any]) -> Any:
@@ -685,16 +749,16 @@ class Compiler:
                 raise ProgramError(line, f"there is no member {name}")
             return of[name]
 
-        return _together([self._expression(found.of, scope)], picked)
+        return _together([await self._expression(found.of, scope)], picked)
 
     # -- calls ------------------------------------------------------------------------------------
 
-    def _call(self, call: tree.Call, scope: _Scope) -> _Code:
+    async def _call(self, call: tree.Call, scope: _Scope) -> _Code:
         target = scope.find(call.name)
         if target is not None:
-            return self._call_own(call, target, scope)
+            return await self._call_own(call, target, scope)
         if call.name == "struct":
-            return self._struct(call, scope)
+            return await self._struct(call, scope)
         function = self._functions.get(call.name)
         if function is None:
             return _Code(_raises(call.line, f"{call.name}() is not supported"))
@@ -702,7 +766,7 @@ class Compiler:
         if isinstance(bound, str):
             return _Code(_raises(call.line, bound))
         codes = [
-            self._expression(bound[name], scope)
+            await self._expression(bound[name], scope)
             if name in bound
             else _constant(function.defaults[name])
             for name in function.parameters
@@ -737,13 +801,13 @@ class Compiler:
             return _Code(wait, takes_time=True)
         return _together(codes, lambda own, values: called(values))
 
-    def _call_own(self, call: tree.Call, target: _Scope, scope: _Scope) -> _Code:
+    async def _call_own(self, call: tree.Call, target: _Scope, scope: _Scope) -> _Code:
         line, machine = call.line, self._machine
         define = target.define
         assert define is not None
         if define.thread:
             return _Code(_raises(line, f"{call.name} is a thread, which is run"))
-        bound = self._arguments(call, target, scope)
+        bound = await self._arguments(call, target, scope)
         if isinstance(bound, str):
             return _Code(_raises(line, bound))
         places, codes = bound
@@ -776,12 +840,13 @@ class Compiler:
 
         return _together(codes, run)
 
-    def _run(self, found: tree.Run, scope: _Scope) -> _Code:
+    async def _run(self, found: tree.Run, scope: _Scope) -> _Code:
+        self._weight += 1
         call, line, machine, budget = found.call, found.line, self._machine, self._steps
         target = scope.find(call.name)
         if target is None or target.define is None or not target.define.thread:
             return _Code(_raises(line, f"there is no thread {call.name}"))
-        bound = self._arguments(call, target, scope)
+        bound = await self._arguments(call, target, scope)
         if isinstance(bound, str):
             return _Code(_raises(line, bound))
         places, codes = bound
@@ -810,7 +875,7 @@ class Compiler:
                 made[place] = default(made)
         return made
 
-    def _arguments(
+    async def _arguments(
         self, call: tree.Call, target: _Scope, scope: _Scope
     ) -> tuple[list[int], list[_Code]] | str:
         define = target.define
@@ -821,9 +886,9 @@ class Compiler:
         if isinstance(bound, str):
             return bound
         places = [target.own[name] for name in bound]
-        return places, [self._expression(each, scope) for each in bound.values()]
+        return places, [await self._expression(each, scope) for each in bound.values()]
 
-    def _struct(self, call: tree.Call, scope: _Scope) -> _Code:
+    async def _struct(self, call: tree.Call, scope: _Scope) -> _Code:
         line = call.line
         names = [name for name, _ in call.named]
         if call.arguments or len(set(names)) != len(names):
@@ -837,39 +902,11 @@ class Compiler:
             except _WRONG as error:
                 raise ProgramError(line, str(error)) from None
 
-        return _together([self._expression(value, scope) for _, value in call.named], made)
-
-
-def _nodes(found: Any) -> Iterator[Any]:
-    """All parts of a tree; functions inside it as such, without what is in them."""
-    pending = [found]
-    while pending:
-        each = pending.pop()
-        if not isinstance(each, tuple):
-            continue
-        if hasattr(each, "_fields"):
-            yield each
-        if not isinstance(each, tree.Define):
-            pending += each
-
-
-def _weight(found: tree.Statement) -> int:
-    """Steps of a statement without the blocks in it."""
-    if isinstance(found, tree.If):
-        return sum(1 + _count(condition) for condition, _ in found.branches)
-    if isinstance(found, tree.While):
-        return 1 + _count(found.condition)
-    if isinstance(found, tree.Switch):
-        return _count(found.value) + sum(2 + _count(case) for case, _ in found.cases)
-    return _count(found)
-
-
-def _count(found: Any) -> int:
-    return sum(1 for _ in _nodes(found))
+        return _together([await self._expression(value, scope) for _, value in call.named], made)
 
 
 def _constant(value: Any) -> _Code:
-    return _Code(lambda own: value)
+    return _Code(lambda own: value, constant=value)
 
 
 def _raises(line: int, reason: str) -> _Do:

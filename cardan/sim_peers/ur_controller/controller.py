@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 import random
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Coroutine, Mapping
 from typing import Final
 
 from cardan.protocols.ur.dashboard import UNLOCK_AFTER_S
@@ -24,7 +24,7 @@ from cardan.protocols.ur.primary import (
     popup_message,
     text_message,
 )
-from cardan.protocols.ur.script import Refused, parse
+from cardan.protocols.ur.script import Refused, parsed
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.kinematics import UR_LINKS
 from cardan.sim_peers.ur_controller.contact import Plane
@@ -57,6 +57,12 @@ _KEPT_EVENTS = 10_000
 _MOST_MESSAGES = 1_000
 """That wait to be sent; what a program says beyond is lost."""
 _ITS_END = "its end"
+_PORTIONS = 2
+"""Of parsing and compiling in a frame: about a millisecond."""
+_MOST_PORTIONS = 32
+"""In a frame, where those before it have left theirs: a program of a few pages begins at once."""
+MOST_WAITING: Final = 16
+"""Programs that have come and are not compiled; the rest waits in its sockets."""
 
 
 class UrController:
@@ -113,6 +119,12 @@ class UrController:
         """(time_s, what happened), the newest of them."""
         self._program: Machine | None = None
         self._ordered: Callable[[], None] | None = None
+        self._uploads: deque[tuple[str, str]] = deque()
+        """Programs that have come, and what they are called."""
+        self._preparing: Coroutine[None, None, None] | None = None
+        """The one that is being parsed and compiled."""
+        self._portions = _MOST_PORTIONS
+        """Of that, left for this frame."""
         self._waiting: tuple[float, Machine] | None = None
         """A program, and when it begins."""
         self._mode_at: tuple[float, RobotMode] | None = None
@@ -156,6 +168,8 @@ class UrController:
 
     def _frame(self) -> None:
         now_s = self.time_s
+        self._portions = min(max(self._portions, 0) + _PORTIONS, _MOST_PORTIONS)
+        self._prepare()
         if self._mode_at is not None and now_s >= self._mode_at[0]:
             self.mode, self._mode_at = self._mode_at[1], None
             self._note(f"robot mode {self.mode.name}")
@@ -222,20 +236,42 @@ class UrController:
         if not as its text says."""
         why = self._why_no_program()
         if why:
-            self._said(why)
-            self._note(f"a program is not taken: {why}")
+            self.refuse(why)
             return
-        program = parse(text)
+        self._uploads.append((text, name))
+        self._prepare()
+
+    def refuse(self, why: str) -> None:
+        """A program is not taken."""
+        self._said(why)
+        self._note(f"a program is not taken: {why}")
+
+    def _prepare(self) -> None:
+        """Go on with what has come, as far as this frame allows."""
+        while self._portions > 0 and (self._preparing is not None or self._uploads):
+            if self._preparing is None:
+                self._preparing = self._prepared(*self._uploads.popleft())
+            self._portions -= 1
+            try:
+                self._preparing.send(None)
+            except StopIteration:
+                self._preparing = None
+
+    async def _prepared(self, text: str, name: str) -> None:
+        """Parse and compile a program, in portions, and have it begin."""
+        program = await parsed(text)
         if isinstance(program, Refused):
             self._exception(program.line, program.reason)
             self._note(f"a program is refused, line {program.line}: {program.reason}")
             return
         try:
-            machine = Machine(program, self.functions, self.period_s)
+            machine = Machine(self.period_s)
+            await machine.load(program, self.functions)
         except ProgramError as error:
             self._exception(error.line, error.reason)
             return
         if program.secondary:
+            self._portions = 0  # One of them in a frame.
             self._run_beside(machine)
             return
         if self._program is not None:
@@ -267,9 +303,9 @@ class UrController:
 
     def stop_program(self, why: str = "stopped at the pendant") -> bool:
         """Whether there was one to stop."""
-        if self._program is None and self._waiting is None:
+        if not self.has_program:
             return False
-        self._end_program(why)
+        self._end_all(why)
         return True
 
     def pause(self) -> bool:
@@ -293,12 +329,30 @@ class UrController:
     @property
     def has_program(self) -> bool:
         """A program runs, is paused, or begins."""
-        return self._program is not None or self._waiting is not None
+        return (
+            self._program is not None
+            or self._waiting is not None
+            or self._preparing is not None
+            or bool(self._uploads)
+        )
+
+    @property
+    def is_full(self) -> bool:
+        """So many programs wait to be compiled that more are not to be read."""
+        return len(self._uploads) >= MOST_WAITING
 
     @property
     def script_line(self) -> int:
         """Of the program's statement that has the arm now; 0: none has."""
         return 0 if self._program is None else self._program.mover_line
+
+    def _end_all(self, why: str) -> None:
+        """Also of what has come and has not begun."""
+        self._uploads.clear()
+        if self._preparing is not None:
+            self._preparing.close()
+            self._preparing = None
+        self._end_program(why)
 
     def _end_program(self, why: str) -> None:
         name = self.program_name
@@ -353,7 +407,7 @@ class UrController:
     def power_off(self) -> None:
         """Power goes off, and the brakes hold."""
         if self.has_program:
-            self._end_program("power off")
+            self._end_all("power off")
         self.motion.halt()
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
         self._note("power off")
@@ -403,7 +457,7 @@ class UrController:
     def restart(self) -> None:
         """Its power supply was gone for a moment: all registers are lost, and the robot is off."""
         if self.has_program:
-            self._end_program("restart")
+            self._end_all("restart")
         for name, values in vars(Registers()).items():
             getattr(self.registers, name)[:] = values
         vars(self.io).update(vars(RobotIo()))
@@ -413,7 +467,7 @@ class UrController:
 
     def _stop(self, mode: SafetyMode, why: str) -> None:
         if self.has_program:
-            self._end_program(mode.name)
+            self._end_all(mode.name)
         self.motion.halt()
         self.safety = mode
         self._stopped_s = self.time_s

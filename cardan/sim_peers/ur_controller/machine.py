@@ -66,11 +66,9 @@ class Thread:
 class Machine:
     """One run of a program."""
 
-    def __init__(
-        self, program: Program, functions: Mapping[str, Function], period_s: float
-    ) -> None:
-        self.name = program.name
-        self.secondary = program.secondary
+    def __init__(self, period_s: float) -> None:
+        self.name = ""
+        self.secondary = False
         self.frame = 0
         self.ended = False
         self.steps = [0]
@@ -87,8 +85,13 @@ class Machine:
         self._action: Action | None = None
         self._left_of: Callable[[Action], Action | None] = _nothing_left
         self.globals: list[Any] = []
-        self.names, frame, body = Compiler(program, functions, self).compiled()
-        self.start(program.name, frame, body)
+        self.names: Mapping[str, int] = {}
+
+    async def load(self, program: Program, functions: Mapping[str, Function]) -> None:
+        """Compile a program, in portions, before the first step. Raises ProgramError."""
+        self.name, self.secondary = program.name, program.secondary
+        self.names, frame, body = await Compiler(program, functions, self).compiled()
+        self.start(self.name, frame, body)
 
     @property
     def main_line(self) -> int:

@@ -92,7 +92,9 @@ class RtdeClient:
         self._reader.feed(data)
         while not self.failure and (found := self._reader.take()) is not None:
             self._take(*found)
-        self.failure = self.failure or self._reader.failure
+        if self._reader.failure and not self.failure:
+            self.failure = self._reader.failure
+            self._tell(self.failure, TextLevel.ERROR)
 
     def gone(self) -> None:
         """The connection has ended."""

@@ -103,6 +103,12 @@ class UrServers(TcpServers[PortKind, _Connection]):
         self._frame_due = True
         super().advance(now_s)
 
+    def takes(self, connection: int) -> bool:
+        found = self._connections.get(connection)
+        if found is not None and found.kind in _SCRIPTED and self.controller.is_full:
+            return False
+        return super().takes(connection)
+
     def _due(self) -> Iterator[float]:
         yield self.controller.next_s
         if not self._silent:
@@ -148,8 +154,6 @@ class UrServers(TcpServers[PortKind, _Connection]):
             connection.heard_s = self._now_s
             connection.scripts.feed(data)
             self._take_scripts(connection)
-            if connection.scripts.failure:
-                self._drop(connection, connection.scripts.failure)
         self._send_messages()
 
     def eof(self, connection: int, now_s: float) -> None:
@@ -222,7 +226,12 @@ class UrServers(TcpServers[PortKind, _Connection]):
     def _ask(self, connection: _Connection, data: bytes) -> None:
         lines = connection.lines
         lines.feed(data)
-        while (line := lines.take()) is not None:
+        while (line := lines.take()) is not None or lines.failure:
+            if line is None:
+                why = f"could not understand: a line of more than {dashboard.LONGEST_LINE} bytes"
+                self._put(connection, dashboard.request(why))
+                lines.skip()
+                continue
             words = line.strip().lower()
             if words == dashboard.QUIT:
                 self._put(connection, dashboard.request("Disconnected"))
@@ -233,8 +242,6 @@ class UrServers(TcpServers[PortKind, _Connection]):
             if said == dashboard.GRANTED[dashboard.SHUTDOWN]:
                 self._shut_down()
                 return
-        if lines.failure:
-            self._drop(connection, lines.failure)
 
     def _shut_down(self) -> None:
         self._off = True
@@ -249,6 +256,9 @@ class UrServers(TcpServers[PortKind, _Connection]):
                     continue
                 text, self._lines = self._lines, ""
             scripts.take(self.controller, text)
+        if connection.scripts.refused:
+            connection.scripts.refused = 0
+            self.controller.refuse(f"a program has more than {LARGEST} bytes")
 
     def _end_scripts(self, connection: _Connection) -> None:
         """Nothing more comes of what has come."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -21,6 +20,8 @@ pytestmark = pytest.mark.matrix
 
 
 EXIT_USAGE = 2
+REFUSED = "and a command would go to both"
+BARRED = "this one takes no commands from the network"
 
 
 @pytest.fixture
@@ -42,16 +43,17 @@ def begin(tmp_path, meeting):
     begun = []
 
     def begin():
-        process = subprocess.Popen(
-            run, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
-        )
+        log = tmp_path / f"{len(begun)}.log"
+        with log.open("w") as file:
+            process = subprocess.Popen(run, stdout=subprocess.DEVNULL, stderr=file)
+        process.log = log
         begun.append(process)
         return process
 
     yield begin
     for process in begun:
         process.kill()
-        process.communicate()
+        process.wait()
 
 
 def arms(presence):
@@ -65,8 +67,8 @@ def test_the_second_does_not_begin_and_the_first_goes_on(meeting, begin):
     until(lambda: arms(presence), "the first")
     before = arms(presence)
     second = begin()
-    _, said = second.communicate(timeout=60.0)
-    assert second.returncode == EXIT_USAGE
+    assert second.wait(timeout=60.0) == EXIT_USAGE
+    said = second.log.read_text()
     assert "network.name: another node on" in said
     assert "has the name /left/arm, and a command would go to both" in said
     assert first.poll() is None
@@ -90,12 +92,17 @@ def test_of_two_that_begin_at_once_one_at_most_takes_commands(meeting, begin):
         lambda: len(arms(presence)) + sum(each.poll() is not None for each in both) == 2,
         "both, or one and the end of the other",
     )  # fmt: skip
-    time.sleep(1.0)
+    until(
+        lambda: any(words in each.log.read_text() for each in both for words in (REFUSED, BARRED)),
+        "one that takes no commands",
+    )
     silent = [each for each in both if each.poll() is None]
     for each in silent:
         each.terminate()
-    said = [each.communicate(timeout=30.0)[1] for each in both]
-    refused = [each for each in said if "and a command would go to both" in each]
-    barred = [each for each in said if "this one takes no commands from the network" in each]
+    for each in both:
+        each.wait(timeout=30.0)
+    said = [each.log.read_text() for each in both]
+    refused = [each for each in said if REFUSED in each]
+    barred = [each for each in said if BARRED in each]
     assert len(refused) + len(barred) in (1, 2), said
     assert any(each for each in said if "has the name /left/arm" in each)

@@ -11,7 +11,18 @@ an operator, after `=`, and inside brackets.
 """
 
 from cardan.protocols.ur.script.lexer import LARGEST, LARGEST_WHOLE
-from cardan.protocols.ur.script.parser import DEEPEST, parse
+from cardan.protocols.ur.script.parser import DEEPEST, parse, parsed
+from cardan.protocols.ur.script.portions import pause, whole
 from cardan.protocols.ur.script.tree import Program, Refused
 
-__all__ = ["DEEPEST", "LARGEST", "LARGEST_WHOLE", "Program", "Refused", "parse"]
+__all__ = [
+    "DEEPEST",
+    "LARGEST",
+    "LARGEST_WHOLE",
+    "Program",
+    "Refused",
+    "parse",
+    "parsed",
+    "pause",
+    "whole",
+]

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+import sys
 from typing import Final, NamedTuple
+
+from cardan.protocols.ur.script.portions import pause
 
 LARGEST: Final = 128 * 1024
 """Bytes of a program."""
@@ -44,22 +47,27 @@ WORDS: Final = frozenset(
     ]
 )
 
+_SPACE = r"[ \t\r]*(?:\#[^\n]*)?"
 _TOKEN = re.compile(
-    r"""(?P<space>[ \t\r]+|\#[^\n]*)
-      | (?P<newline>\n)
+    _SPACE
+    + r"""(?:(?P<newline>\n)
       | (?P<number>0[xX][0-9a-fA-F]+|(?:\d+\.\d*|\.\d+|\d+)(?:[eE][+-]?\d+)?)
       | (?P<text>"[^"\n]*"|'[^'\n]*')
       | (?P<name>[A-Za-z_]\w*)
-      | (?P<sign>==|!=|<=|>=|[-+*/%<>=()\[\],:.])""",
+      | (?P<sign>==|!=|<=|>=|[-+*/%<>=()\[\],:.]))""",
     re.VERBOSE,
 )
+_LAST = re.compile(_SPACE)
+_PORTION: Final = 500
+"""Words between two pauses."""
 
 
 class Token(NamedTuple):
     """A word of a program."""
 
     kind: str
-    """newline, number, text, name, word, sign; end for what comes after the last."""
+    """newline, number, text, name; of the language's words and signs, the word itself; empty for
+    what comes after the last."""
     text: str
     line: int
 
@@ -72,25 +80,44 @@ class WrongError(Exception):
         self.line, self.reason = line, reason
 
 
-def tokens(text: str) -> list[Token]:
+class Words:
+    """All of a program: three lists, as one token each would keep the garbage collector busy."""
+
+    def __init__(self) -> None:
+        self.kinds: list[str] = []
+        self.texts: list[str] = []
+        self.lines: list[int] = []
+
+    def __getitem__(self, at: int) -> Token:
+        return Token(self.kinds[at], self.texts[at], self.lines[at])
+
+
+async def words(text: str) -> Words:
     """The words of a program, without comments and what is between them. Raises WrongError."""
-    found: list[Token] = []
-    make, keep = tuple.__new__, found.append
-    at, line = 0, 1
-    for match in _TOKEN.finditer(text):
-        if match.start() != at:
-            break
-        at = match.end()
-        kind = match.lastgroup
-        if kind == "space":
-            continue
+    found = Words()
+    kinds, texts, lines, match = found.kinds, found.texts, found.lines, _TOKEN.match
+    at, line, pause_at = 0, 1, _PORTION
+    while (word := match(text, at)) is not None:
+        at = word.end()
+        kind = word.lastgroup
+        assert kind is not None
+        what = sys.intern(word[kind])
+        lines.append(line)
         if kind == "newline":
-            keep(make(Token, ("newline", "the end of the line", line)))
+            what = "the end of the line"
             line += 1
-            continue
-        word = match.group()
-        keep(make(Token, ("word" if kind == "name" and word in WORDS else kind, word, line)))
-    if at < len(text):
-        raise WrongError(line, f"{text[at]!r} is not understood")
-    found.append(Token("end", "the end of the program", line))
+        elif kind == "sign" or (kind == "name" and what in WORDS):
+            kind = what
+        kinds.append(kind)
+        texts.append(what)
+        if len(lines) > pause_at:
+            pause_at += _PORTION
+            await pause()
+    rest = _LAST.match(text, at)
+    assert rest is not None
+    if rest.end() < len(text):
+        raise WrongError(line, f"{text[rest.end()]!r} is not understood")
+    kinds.append("")
+    texts.append("the end of the program")
+    lines.append(line)
     return found

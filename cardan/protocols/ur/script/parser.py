@@ -10,9 +10,11 @@ from cardan.protocols.ur.script.lexer import (
     LARGEST_WHOLE,
     WORDS,
     Token,
+    Words,
     WrongError,
-    tokens,
+    words,
 )
+from cardan.protocols.ur.script.portions import pause, whole
 from cardan.protocols.ur.script.tree import (
     Assign,
     Await,
@@ -41,12 +43,19 @@ from cardan.protocols.ur.script.tree import (
 
 DEEPEST: Final = 50
 """Levels of brackets and blocks."""
+MOST_PARAMETERS: Final = 100
+"""Of a function."""
 LONGEST_CHAIN: Final = 100
 """Operators one after the other, without brackets."""
 _UNNAMED: Final = "unnamed"
 """A command that came without a program."""
 _POSE: Final = 6
-_NEW_STATEMENT: Final = tuple(WORDS - {"and", "not", "or", "xor", "True", "False", "def", "sec"})
+_LINE_ENDS: Final = WORDS.union(("newline", "")) - {
+    *("and", "not", "or", "xor"),
+    *("True", "False", "def", "sec"),
+}
+_PORTION: Final = 150
+"""Words between two pauses."""
 _NOT: Final = 4
 _LEVELS: Final = {
     "or": 1,
@@ -57,37 +66,52 @@ _LEVELS: Final = {
     **dict.fromkeys(("*", "/", "%"), 7),
 }
 """How closely operators bind; `not`: 4."""
+_SIMPLE: Final = frozenset(("number", "text", "name"))
+_GOES_ON: Final = frozenset((*_LEVELS, "[", ".", "("))
+"""What belongs to the value before it."""
 
 
 def parse(text: str) -> Program | Refused:
     """The program in `text`, or why it is refused; a single command is a program of one line."""
+    return whole(parsed(text))
+
+
+async def parsed(text: str) -> Program | Refused:
+    """As `parse`, in portions."""
     if len(text) > LARGEST:
         return Refused(1, f"the program has {len(text)} characters; {LARGEST} are the most")
     try:
-        return _Parser(tokens(text)).program()
+        return await _Parser(await words(text)).program()
     except WrongError as wrong:
         return Refused(wrong.line, wrong.reason)
 
 
 class _Parser:
-    def __init__(self, found: list[Token]) -> None:
+    def __init__(self, found: Words) -> None:
         self._tokens = found
+        self._kinds = found.kinds
+        self._literals: dict[str, Literal] = {}
         self._at = 0
         self._depth = 0
+        self._pause_at = _PORTION
 
-    def program(self) -> Program:
+    async def _portion(self) -> None:
+        self._pause_at = self._at + _PORTION
+        await pause()
+
+    async def program(self) -> Program:
         self._skip_lines()
         secondary = self._taken("sec")
         if secondary or self._taken("def"):
             name = self._name()
             for sign in ("(", ")", ":"):
                 self._expect(sign)
-            made = Program(name, self._ended_block(), secondary)
+            made = Program(name, await self._ended_block(), secondary)
         else:
-            made = Program(_UNNAMED, tuple(map(_put_out, self._statement())))
+            made = Program(_UNNAMED, tuple(map(_put_out, await self._statement())))
         self._skip_lines()
         token = self._next
-        if token.kind != "end":
+        if token.kind:
             raise WrongError(token.line, f"{token.text!r} comes after the end of the program")
         return made
 
@@ -97,26 +121,27 @@ class _Parser:
     def _next(self) -> Token:
         return self._tokens[self._at]
 
+    @property
+    def _line(self) -> int:
+        return self._tokens.lines[self._at]
+
     def _is(self, *texts: str) -> bool:
-        kind, text, _ = self._tokens[self._at]
-        return text in texts and kind in ("word", "sign")
+        return self._kinds[self._at] in texts
 
     def _taken(self, text: str) -> bool:
-        kind, found, _ = self._tokens[self._at]
-        if found != text or kind not in ("word", "sign"):
+        if self._kinds[self._at] != text:
             return False
         self._at += 1
         return True
 
-    def _expect(self, text: str) -> int:
-        token = self._next
+    def _expect(self, text: str) -> None:
         if not self._taken(text):
+            token = self._next
             raise WrongError(token.line, f"`{text}` is expected, not {token.text!r}")
-        return token.line
 
     def _close(self, sign: str) -> None:
         """The end of brackets, maybe on another line."""
-        line = self._next.line
+        line = self._line
         self._skip_lines()
         if not self._taken(sign):
             raise WrongError(line, f"`{sign}` is expected, not {self._next.text!r}")
@@ -130,14 +155,14 @@ class _Parser:
 
     def _member(self) -> str:
         """A member's name, which may be a word of the language: `time().sec`."""
-        if self._next.kind == "word":
+        if self._next.kind in WORDS:
             self._at += 1
             return self._tokens[self._at - 1].text
         return self._name()
 
     def _skip_lines(self) -> None:
-        tokens = self._tokens
-        while tokens[self._at][0] == "newline":
+        kinds = self._kinds
+        while kinds[self._at] == "newline":
             self._at += 1
 
     def _deeper(self, by: int) -> None:
@@ -147,54 +172,55 @@ class _Parser:
 
     # -- statements --
 
-    def _block(self, *until: str) -> tuple[Statement, ...]:
+    async def _block(self, *until: str) -> tuple[Statement, ...]:
         self._deeper(1)
         found: list[Statement] = []
         while True:
             self._skip_lines()
-            token = self._next
-            if token.kind == "end":
-                raise WrongError(token.line, f"`{until[-1]}` is missing")
-            if token.kind == "word" and token.text in until:
+            if self._at >= self._pause_at:
+                await self._portion()
+            kind = self._kinds[self._at]
+            if not kind:
+                raise WrongError(self._line, f"`{until[-1]}` is missing")
+            if kind in until:
                 self._deeper(-1)
                 return tuple(found)
-            found += self._statement()
+            found += await self._statement()
 
-    def _ended_block(self) -> tuple[Statement, ...]:
-        block = self._block("end")
+    async def _ended_block(self) -> tuple[Statement, ...]:
+        block = await self._block("end")
         self._expect("end")
         return block
 
-    def _statement(self) -> tuple[Statement, ...]:
+    async def _statement(self) -> tuple[Statement, ...]:
         """One; none for `pass`."""
-        token = self._next
-        if token.kind != "word":
-            return (self._assignment(""),)
-        word, line = token.text, token.line
+        word, line = self._kinds[self._at], self._line
+        if word not in WORDS:
+            return (await self._assignment(""),)
         self._at += 1
         if word in ("global", "local"):
-            return (self._assignment(cast('OneOf["global", "local"]', word)),)
+            return (await self._assignment(cast('OneOf["global", "local"]', word)),)
         if word == "if":
-            return (self._if(line),)
+            return (await self._if(line),)
         if word == "while":
-            condition = self._condition()
-            return (While(condition, self._ended_block(), line),)
+            condition = await self._condition()
+            return (While(condition, await self._ended_block(), line),)
         if word == "switch":
-            return (self._switch(line),)
+            return (await self._switch(line),)
         if word in ("def", "thread"):
-            return (self._define(word == "thread", line),)
+            return (await self._define(word == "thread", line),)
         found: Statement
         if word in ("break", "continue", "halt"):
             found = Leave(word, None, line)
         elif word == "return":
-            ends = self._next.kind in ("newline", "end")
-            found = Leave(word, None if ends else self._expression(), line)
+            ends = self._next.kind in ("newline", "")
+            found = Leave(word, None if ends else await self._expression(), line)
         elif word in ("join", "kill"):
-            found = Await(word, self._expression(), line)
+            found = Await(word, await self._expression(), line)
         elif word in ("enter_critical", "exit_critical"):
             found = Critical(word == "enter_critical", line)
         elif word == "run":
-            found = Do(self._run(line), line)
+            found = Do(await self._run(line), line)
         elif word == "pass":
             self._end_of_line()
             return ()
@@ -203,13 +229,13 @@ class _Parser:
         self._end_of_line()
         return (found,)
 
-    def _assignment(self, scope: OneOf["", "global", "local"]) -> Assign | Do:
+    async def _assignment(self, scope: OneOf["", "global", "local"]) -> Assign | Do:
         """Or a call of its own."""
-        line = self._next.line
+        line = self._line
         name = self._name()
         found: Assign | Do
         if not scope and self._is("("):
-            found = Do(self._call(name, line), line)
+            found = Do(await self._call(name, line), line)
         else:
             path: list[tuple[Expression, ...] | str] = []
             while self._is("[", "."):
@@ -219,179 +245,205 @@ class _Parser:
                     path.append(self._member())
                 else:
                     self._expect("[")
-                    path.append(self._indices())
+                    path.append(await self._indices())
             self._expect("=")
-            found = Assign(name, tuple(path), self._expression(), scope, line)
+            found = Assign(name, tuple(path), await self._expression(), scope, line)
         self._end_of_line()
         return found
 
-    def _condition(self) -> Expression:
-        condition = self._expression()
+    async def _condition(self) -> Expression:
+        condition = await self._expression()
         self._expect(":")
         return condition
 
-    def _if(self, line: int) -> If:
+    async def _if(self, line: int) -> If:
         branches = []
         while True:
-            condition = self._condition()
-            branches.append((condition, self._block("elif", "else", "end")))
+            condition = await self._condition()
+            branches.append((condition, await self._block("elif", "else", "end")))
             if not self._taken("elif"):
                 break
         otherwise: tuple[Statement, ...] = ()
         if self._taken("else"):
             self._expect(":")
-            otherwise = self._block("end")
+            otherwise = await self._block("end")
         self._expect("end")
         return If(tuple(branches), otherwise, line)
 
-    def _switch(self, line: int) -> Switch:
-        value = self._condition()
+    async def _switch(self, line: int) -> Switch:
+        value = await self._condition()
         self._skip_lines()
         cases = []
         while self._taken("case"):
-            case = self._condition()
-            cases.append((case, self._block("case", "default", "end")))
+            case = await self._condition()
+            cases.append((case, await self._block("case", "default", "end")))
         otherwise: tuple[Statement, ...] = ()
         if self._taken("default"):
             self._expect(":")
-            otherwise = self._block("end")
+            otherwise = await self._block("end")
         self._expect("end")
         return Switch(value, tuple(cases), otherwise, line)
 
-    def _define(self, thread: bool, line: int) -> Define:
+    async def _define(self, thread: bool, line: int) -> Define:
         name = self._name()
         self._expect("(")
         parameters: list[tuple[str, Expression | None]] = []
         while not self._taken(")"):
+            if len(parameters) == MOST_PARAMETERS:
+                raise WrongError(line, f"{name}() has more than {MOST_PARAMETERS} parameters")
             if parameters:
                 self._expect(",")
             self._skip_lines()
             parameter = self._name()
             if parameter in dict(parameters):
                 raise WrongError(line, f"{name}() has two parameters {parameter}")
-            default = self._expression() if self._taken("=") else None
+            default = await self._expression() if self._taken("=") else None
             if default is None and parameters and parameters[-1][1] is not None:
                 raise WrongError(line, f"{parameter} needs a default, as those before it have one")
             parameters.append((parameter, default))
             self._skip_lines()
         self._expect(":")
-        return Define(name, tuple(parameters), self._ended_block(), thread, line)
+        return Define(name, tuple(parameters), await self._ended_block(), thread, line)
 
     def _end_of_line(self) -> None:
         """Or a word with which a statement begins, or a block ends: there programs in use have
         no end of the line."""
-        token = self._next
-        if token.kind not in ("newline", "end") and not self._is(*_NEW_STATEMENT):
+        if self._kinds[self._at] not in _LINE_ENDS:
+            token = self._next
             raise WrongError(token.line, f"the line should end before {token.text!r}")
 
     # -- expressions --
 
-    def _expression(self) -> Expression:
+    async def _expression(self) -> Expression:
+        if (simple := self._simple()) is not None:
+            return simple
+        if self._at >= self._pause_at:
+            await self._portion()
         self._deeper(1)
-        found = self._operators(1)
+        found = await self._operators(1)
         self._deeper(-1)
         return found
 
-    def _operators(self, least: int) -> Expression:
+    def _simple(self) -> Expression | None:
+        """A number, a text or a variable with nothing more to it: most are that."""
+        kinds, at = self._kinds, self._at
+        kind = kinds[at]
+        if kind not in _SIMPLE or kinds[at + 1] in _GOES_ON:
+            return None
+        self._at = at + 1
+        if kind == "name":
+            return Name(self._tokens.texts[at], self._tokens.lines[at])
+        return self._literal(at)
+
+    def _literal(self, at: int) -> Literal:
+        """A number or a text; one for all that are written alike."""
+        found = self._literals.get(self._tokens.texts[at])
+        if found is None:
+            token = self._tokens[at]
+            found = _number(token) if token.kind == "number" else Literal(token.text[1:-1])
+            self._literals[token.text] = found
+        return found
+
+    async def _operators(self, least: int) -> Expression:
         """Values, with operators between them that bind at least so closely."""
         self._skip_lines()
-        token = self._next
-        if token.text == "not" and token.kind == "word" and least <= _NOT:
+        if self._kinds[self._at] == "not" and least <= _NOT:
+            line = self._line
             self._at += 1
             self._deeper(1)
-            found: Expression = Unary("not", self._operators(_NOT), token.line)
+            found: Expression = Unary("not", await self._operators(_NOT), line)
             self._deeper(-1)
         else:
-            found = self._signed()
+            found = self._simple() or await self._signed()
         count = 0
         while True:
-            sign = self._next
-            level = _LEVELS.get(sign.text, 0) if sign.kind in ("sign", "word") else 0
+            sign, line = self._kinds[self._at], self._line
+            level = _LEVELS.get(sign, 0)
             if level < least:
                 return found
             self._at += 1
             count += 1
             if count > LONGEST_CHAIN:
-                raise WrongError(sign.line, f"more than {LONGEST_CHAIN} operators in a row")
-            found = Binary(sign.text, found, self._operators(level + 1), sign.line)
+                raise WrongError(line, f"more than {LONGEST_CHAIN} operators in a row")
+            found = Binary(sign, found, await self._operators(level + 1), line)
 
-    def _signed(self) -> Expression:
+    async def _signed(self) -> Expression:
         self._skip_lines()
-        line = self._next.line
+        line = self._line
         if self._is("-", "+"):
             negative = self._taken("-")
             self._at += not negative
             self._deeper(1)
-            found = self._signed()
+            found = self._simple() or await self._signed()
             self._deeper(-1)
             return Unary("-", found, line) if negative else found
-        found, count = self._value(), 0
+        found, count = await self._value(), 0
         while self._is("[", "."):
             count += 1
             if count > LONGEST_CHAIN:
                 raise WrongError(line, f"more than {LONGEST_CHAIN} elements and members")
             if self._taken("["):
-                found = Element(found, self._indices(), line)
+                found = Element(found, await self._indices(), line)
             else:
                 self._expect(".")
                 found = Member(found, self._member(), line)
         return found
 
-    def _indices(self) -> tuple[Expression, ...]:
+    async def _indices(self) -> tuple[Expression, ...]:
         line = self._next.line
-        found = self._items("]")
+        found = await self._items("]")
         if len(found) not in (1, 2):
             raise WrongError(line, f"{len(found)} indices; 1 or 2 are possible")
         return found
 
-    def _value(self) -> Expression:
+    async def _value(self) -> Expression:
         self._skip_lines()
         token = self._next
         line = token.line
         if self._taken("("):
-            inner = self._expression()
+            inner = await self._expression()
             self._close(")")
             return inner
         if self._taken("["):
-            return Listed(self._items("]"), line)
+            return Listed(await self._items("]"), line)
         self._at += 1
-        if token.kind == "number":
-            return _number(token)
-        if token.kind == "text":
-            return Literal(token.text[1:-1])
-        if token.kind == "word" and token.text in ("True", "False"):
-            return Literal(token.text == "True")
-        if token.kind == "word" and token.text == "run":
-            return self._run(line)
+        if token.kind in ("number", "text"):
+            return self._literal(self._at - 1)
+        if token.kind in ("True", "False"):
+            return Literal(token.kind == "True")
+        if token.kind == "run":
+            return await self._run(line)
         if token.kind == "name":
             if self._is("("):
-                return self._call(token.text, line)
+                return await self._call(token.text, line)
             if token.text == "p" and self._is("["):
-                return self._pose(line)
+                return await self._pose(line)
             return Name(token.text, line)
         raise WrongError(line, f"a value is expected, not {token.text!r}")
 
-    def _pose(self, line: int) -> Posed | Element:
+    async def _pose(self, line: int) -> Posed | Element:
         """Six are a pose; fewer are indices of a variable that is called `p`."""
         self._expect("[")
-        items = self._items("]")
+        items = await self._items("]")
         if len(items) == _POSE:
             return Posed(items, line)
         if len(items) in (1, 2):
             return Element(Name("p", line), items, line)
         raise WrongError(line, f"a pose has {_POSE} numbers, not {len(items)}")
 
-    def _run(self, line: int) -> Run:
+    async def _run(self, line: int) -> Run:
         name = self._name()
-        return Run(self._call(name, line), line)
+        return Run(await self._call(name, line), line)
 
-    def _items(self, closing: str) -> tuple[Expression, ...]:
+    async def _items(self, closing: str) -> tuple[Expression, ...]:
         found: list[Expression] = []
         self._skip_lines()
         if self._taken(closing):
             return ()
         while True:
-            found.append(self._expression())
+            if self._at >= self._pause_at:
+                await self._portion()
+            found.append(self._simple() or await self._expression())
             if not self._goes_on(closing):
                 return tuple(found)
 
@@ -400,12 +452,13 @@ class _Parser:
         at = self._at
         self._skip_lines()
         if self._taken(","):
+            self._skip_lines()
             return True
         self._at = at
         self._close(closing)
         return False
 
-    def _call(self, name: str, line: int) -> Call:
+    async def _call(self, name: str, line: int) -> Call:
         self._expect("(")
         values: list[Expression] = []
         named: list[tuple[str, Expression]] = []
@@ -413,17 +466,18 @@ class _Parser:
         if self._taken(")"):
             return Call(name, (), (), line)
         while True:
-            self._skip_lines()
-            token = self._next
-            if token.kind == "name" and self._tokens[self._at + 1][:2] == ("sign", "="):
+            if self._at >= self._pause_at:
+                await self._portion()
+            at = self._at
+            if self._kinds[at] == "name" and self._kinds[at + 1] == "=":
                 self._at += 2
-                named.append((token.text, self._expression()))
+                named.append((self._tokens.texts[at], await self._expression()))
             elif named:
                 raise WrongError(
-                    token.line, "an argument without a name comes after one with a name"
+                    self._line, "an argument without a name comes after one with a name"
                 )
             else:
-                values.append(self._expression())
+                values.append(self._simple() or await self._expression())
             if not self._goes_on(")"):
                 return Call(name, tuple(values), tuple(named), line)
 
