@@ -155,10 +155,10 @@ class DatagramDissector(Dissector):
         if network.cut:
             decoded = Decoded(None, decoded.title, CUT)
         self.packets += 1
-        return (message(packet, network, decoded),)
+        return (message_in(packet, network, decoded),)
 
 
-def message(packet: CapturedPacket, segment: Segment, decoded: Decoded) -> Message:
+def message_in(packet: CapturedPacket, segment: Segment, decoded: Decoded) -> Message:
     """What a datagram holds."""
     where, other_way = _ways(segment.source, segment.destination)
     return tuple.__new__(Message, (packet, where, decoded, segment.payload, other_way))
