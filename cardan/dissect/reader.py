@@ -183,7 +183,7 @@ def describe(decoded: Decoded) -> str:
 
 
 def _named(fields: Iterable[tuple[str, Any]]) -> list[str]:
-    return [f"{name} {_text(type(each))(each)}" for name, each in fields if each is not None]
+    return [f"{name} {_text(each.__class__)(each)}" for name, each in fields if each is not None]
 
 
 @functools.lru_cache(maxsize=1024)
@@ -219,7 +219,7 @@ def _text_of_fields(kind: Any) -> Callable[[Any], str]:
 def _text_of_list(value: Sequence[Any]) -> str:
     if set(map(type, value)) == {float}:
         return ("%.8g " * len(value) % tuple(value))[:-1]
-    return " ".join([_text(type(each))(each) for each in value]) or "(none)"
+    return " ".join([_text(each.__class__)(each) for each in value]) or "(none)"
 
 
 def excerpt(data: bytes) -> str:
