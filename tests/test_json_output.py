@@ -9,9 +9,13 @@ from typing import NamedTuple
 import pytest
 import typer
 
-from cardan.cli import app
+from cardan.bus.network import Topic
+from cardan.cli import app, bus
 from cardan.cli.common import print_json, print_table
 from cardan.errors import ConfigurationError
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.interfaces import revised
+from cardan.protocols.ros2.messages import completed
 
 WITHOUT = {
     "run": "lives until it is ended; its session is read by the daemon or the network",
@@ -104,3 +108,17 @@ def test_lists_and_checks_as_json(printed):
 def test_it_goes_with_a_list(group):
     with pytest.raises(ConfigurationError, match="--json: goes with --list"):
         app([group, "--json"], standalone_mode=False)
+
+
+def test_echo_reads_feedback_of_every_distribution(monkeypatch, capsys):
+    name = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
+    given = {name: {"joint_names": ["a"]}, revised(name): {"joint_names": ["b"], "index": 3}}
+    heard = [
+        (codec_of(kind).encode(completed(kind, {"feedback": feedback})), Topic(name))
+        for kind, feedback in given.items()
+    ]
+    monkeypatch.setattr(bus, "_heard", lambda *_: iter(heard))
+    bus.echo("/move/_action/feedback")
+    old, new = (json.loads(line)["feedback"] for line in capsys.readouterr().out.splitlines())
+    assert (old["joint_names"], "index" in old) == (["a"], False)
+    assert (new["joint_names"], new["index"]) == (["b"], 3)

@@ -16,8 +16,6 @@ class Topic(NamedTuple):
     subscribers: tuple[str, ...] = ()
     latched: bool = False
     """Whether a subscription begins with the last messages (transient local)."""
-    revision: str = ""
-    """The type as who publishes has it, where that is a later revision of what `type` names."""
 
 
 class Service(NamedTuple):

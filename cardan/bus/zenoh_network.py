@@ -8,6 +8,7 @@ import threading
 import time
 import weakref
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 from cardan.bus.network import (
@@ -25,9 +26,8 @@ from cardan.bus.node import BusNode, ServiceRequest, gid_of, words_of, zenoh_mod
 from cardan.bus.options import BusOptions
 from cardan.errors import DriverError
 from cardan.protocols.ros2.graph import Graph
-from cardan.protocols.ros2.interfaces import InterfaceError
+from cardan.protocols.ros2.interfaces import InterfaceError, revised
 from cardan.protocols.ros2.names import RosNameError
-from cardan.protocols.ros2.type_hash import revision_of
 from cardan.protocols.ros2.zenoh import (
     CLIENT,
     DEFAULT_QOS,
@@ -198,28 +198,33 @@ class BusNetwork:
     # -- endpoints -------------------------------------------------------------------------------
 
     def subscribe(self, topic: str, type_name: str | None, heard: Heard) -> Handle:
-        """Have `heard` called with each message of `topic`. Raises NetworkError."""
+        """Have `heard` called with each message of `topic`, of a later revision of the type, too.
+        Raises NetworkError."""
         with self._lock:
             senders = self._graph.publishers(topic)
         qos = LATCHED_QOS if any(each.qos.transient_local for each in senders) else DEFAULT_QOS
-        entity = None
         if type_name is None and senders:
             type_name = senders[0].type_name
-        if type_name:
+        entities: dict[str, Entity | None] = {}
+        for each in filter(None, (type_name, revised(type_name or ""))):
             entity, key = self._entity(
-                SUBSCRIPTION, topic, type_name, senders, latched=bool(qos.transient_local)
+                SUBSCRIPTION, topic, each, senders, latched=bool(qos.transient_local)
             )
-        else:
-            key = f"{self.node.options.domain}{topic}/*/*"
+            entities.setdefault(key, entity)
+        if not entities:
+            entities[f"{self.node.options.domain}{topic}/*/*"] = None
 
         def hear(sample: Any) -> None:
             attachment = sample.attachment
             told = None if attachment is None else Attachment.decode(attachment.to_bytes())
             heard(sample.payload.to_bytes(), time.time_ns() if told is None else told.source_ns)
 
-        declared = [self._do(lambda: self.node.declare_subscriber(key, hear, qos, deaf=self._deaf))]
-        if entity is not None:
-            declared.append(self._do(lambda: self.node.declare_token(entity)))
+        declared = []
+        for key, found in entities.items():
+            declare = partial(self.node.declare_subscriber, key, hear, qos, deaf=self._deaf)
+            declared.append(self._do(declare))
+            if found is not None:
+                declared.append(self._do(partial(self.node.declare_token, found)))
         return self._kept(_Declared(*declared))
 
     def advertise(self, topic: str, type_name: str, latched: bool, mark: str = "") -> Publisher:
@@ -340,9 +345,7 @@ class _Part(BusNetwork):
 
 def _topic(type_name: str, publishers: Sequence[Entity], subscribers: Sequence[Entity]) -> Topic:
     latched = any(each.qos.transient_local for each in publishers)
-    later = (revision_of(type_name, each.type_hash) for each in publishers)
-    revision = next((each for each in later if each != type_name), "")
-    return Topic(type_name, _nodes(publishers), _nodes(subscribers), latched, revision)
+    return Topic(type_name, _nodes(publishers), _nodes(subscribers), latched)
 
 
 def _nodes(entities: Sequence[Entity]) -> tuple[str, ...]:

@@ -152,23 +152,20 @@ def echo(
     router: Router = "",
 ) -> None:
     """Print the messages of a topic as JSON, one a line, until Ctrl-C."""
-    from cardan.protocols.ros2.cdr import Malformed, codec_of
+    from cardan.protocols.ros2.cdr import Malformed, decoded
     from cardan.protocols.ros2.interfaces import InterfaceError
     from cardan.protocols.ros2.messages import json_text
 
     printed = 0
-    codec = None
     for data, known in _heard(topic, bus_options(session, router), seconds):
-        if codec is None:
-            try:
-                codec = codec_of(known.type)
-            except InterfaceError as error:
-                raise ConfigurationError(topic, f"its messages cannot be read: {error}") from None
-        message = codec.decode(data)
+        try:
+            name, message = decoded(known.type, data)
+        except InterfaceError as error:
+            raise ConfigurationError(topic, f"its messages cannot be read: {error}") from None
         text = (
-            f"cardan: no message of {known.type}: {message.reason}"
+            f"cardan: no message of {name}: {message.reason}"
             if isinstance(message, Malformed)
-            else json_text(known.type, message)
+            else json_text(name, message)
         )
         print(printable(text), flush=True)
         printed += 1

@@ -71,7 +71,7 @@ def open_file(path: str | os.PathLike[str]) -> BinaryIO:
 def read_up_to(stream: SupportsRead, size: int) -> bytes:
     """At most `size` bytes; fewer where the stream ends. Takes memory for what the stream has, not
     for what is asked: the size may be a damaged length."""
-    data = stream.read(min(size, PIECE_BYTES))
+    data = stream.read(size if size < PIECE_BYTES else PIECE_BYTES)
     if len(data) == size or not data:
         return data
     pieces, left = [data], size - len(data)

@@ -130,9 +130,12 @@ class Finder(Generic[T]):
         ConfigurationError names the ones there are, or says why it cannot be loaded. A package that
         is missing is an ExtraMissingError, and for want of memory or files it raises what says so.
         """
+        return self._load(name, () if name in self._built_in else self._installed())
+
+    def _load(self, name: str, points: Iterable[EntryPoint]) -> type[T]:
         target = self._built_in.get(name)
         if target is None:
-            for point in self._installed():
+            for point in points:
                 if point.name == name:
                     target = point.value
                     break
@@ -165,7 +168,7 @@ class Finder(Generic[T]):
         points = tuple(self._installed())
         for name in sorted({*self._built_in, *(point.name for point in points)}):
             try:
-                found.classes[name] = self.load(name)
+                found.classes[name] = self._load(name, points)
             except ConfigurationError as error:
                 cause = error.__cause__
                 why = error.message if cause is None else reason(cause)

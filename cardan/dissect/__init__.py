@@ -102,7 +102,7 @@ def dissect_file(
             if not summary:
                 line = _line(each, dissector, remarks)
                 time_s = (each.packet.time_ns - (start_ns or 0)) / 1e9
-                print(f"#{each.packet.number} {time_s:.6f} {printable(line)}", file=out)
+                out.write(f"#{each.packet.number} {time_s:.6f} {printable(line)}\n")
 
     try:
         for packet in capture.read(paths, progress):
@@ -188,12 +188,13 @@ class _Capture:
             for packet in file:
                 if begins and packet.time_ns < last_ns:
                     self._late.append(file.path)
-                begins, last_ns = False, packet.time_ns
-                if packet.cut:
-                    self._cut[len(packet.data)] += 1
-                if packet.number % PROGRESS_PACKETS == 0:
-                    progress(packet.number, file.share)
-                yield network.unwrapped(packet)
+                number, last_ns, link_type, _, data, wire_bytes, _ = packet
+                begins = False
+                if wire_bytes > len(data):
+                    self._cut[len(data)] += 1
+                if number % PROGRESS_PACKETS == 0:
+                    progress(number, file.share)
+                yield network.unwrapped(packet) if link_type in network.COOKED_BYTES else packet
 
     def is_copy(self, packet: CapturedPacket, parsed: Segment | str) -> bool:
         """Whether what is in a packet was seen on another interface just before."""
@@ -203,7 +204,11 @@ class _Capture:
         seen = self._seen
         while seen and next(iter(seen.values()))[0] < packet.time_ns - COPY_NS:
             seen.popitem(last=False)
-        _, counts = seen.setdefault(parsed, (packet.time_ns, Counter()))
+        before = seen.get(parsed)
+        if before is None:
+            seen[parsed] = packet.time_ns, Counter((interface,))
+            return False
+        _, counts = before
         counts[interface] += 1
         elsewhere = max((n for each, n in counts.items() if each != interface), default=0)
         if counts[interface] > elsewhere:

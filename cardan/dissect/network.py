@@ -22,7 +22,7 @@ LINUX_CAN = 0x000C
 LINUX_NAMES = {0x0001: "IEEE 802.3", 0x0004: "IEEE 802.2", LINUX_CAN: "CAN", 0x000D: "CAN FD"}
 """What Linux has in place of an Ethernet type in captures of any interface."""
 SLL_BYTES, SLL2_BYTES = 16, 20
-_COOKED_BYTES = {LINUX_SLL: SLL_BYTES, LINUX_SLL2: SLL2_BYTES}
+COOKED_BYTES = {LINUX_SLL: SLL_BYTES, LINUX_SLL2: SLL2_BYTES}
 PROTOCOL_NAMES = {ICMP: "ICMP", IGMP: "IGMP", ICMP6: "ICMPv6"}
 LINK_NAMES = {
     **dict.fromkeys((189, 220, 249), "USB"),
@@ -111,7 +111,7 @@ def parse(packet: CapturedPacket) -> Segment | str:
 def unwrapped(packet: CapturedPacket) -> CapturedPacket:
     """A frame of CAN out of a capture of any interface of Linux, as it is in one of CAN alone; any
     other packet as it is."""
-    head_bytes = _COOKED_BYTES.get(packet.link_type)
+    head_bytes = COOKED_BYTES.get(packet.link_type)
     if head_bytes is None or len(packet.data) < head_bytes:
         return packet
     at = 14 if packet.link_type == LINUX_SLL else 0

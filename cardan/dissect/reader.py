@@ -5,7 +5,7 @@ from __future__ import annotations
 import enum
 import functools
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 from cardan.dissect import network
@@ -155,13 +155,13 @@ class DatagramDissector(Dissector):
         if network.cut:
             decoded = Decoded(None, decoded.title, CUT)
         self.packets += 1
-        return (Message(packet, *ends(network, decoded)),)
+        return (message_in(packet, network, decoded),)
 
 
-def ends(segment: Segment, decoded: Decoded) -> tuple[str, Decoded, bytes, str]:
-    """The parts of a `Message` after its packet, of a datagram."""
+def message_in(packet: CapturedPacket, segment: Segment, decoded: Decoded) -> Message:
+    """What a datagram holds."""
     where, other_way = _ways(segment.source, segment.destination)
-    return where, decoded, segment.payload, other_way
+    return tuple.__new__(Message, (packet, where, decoded, segment.payload, other_way))
 
 
 @functools.lru_cache(maxsize=1024)
@@ -179,31 +179,47 @@ def describe(decoded: Decoded) -> str:
     value = value_of(decoded)
     title = decoded.title or type(value).__name__
     fields = value if isinstance(value, Mapping) else value._asdict()
-    shown = [_named(name, each) for name, each in fields.items() if each is not None]
-    return " | ".join((title, *shown, *decoded.remarks))
+    return " | ".join((title, *_named(fields.items()), *decoded.remarks))
 
 
-def _named(name: str, value: Any) -> str:
-    return f"{name} {_text(value)}"
+def _named(fields: Iterable[tuple[str, Any]]) -> list[str]:
+    return [f"{name} {_text(each.__class__)(each)}" for name, each in fields if each is not None]
 
 
-def _text(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.8g}"
-    if isinstance(value, enum.Enum):
-        return value.name
-    if isinstance(value, bytes):
-        return value.hex(" ") or "(none)"
-    if isinstance(value, str):
-        return repr(value)
-    if hasattr(value, "_asdict"):
-        fields = value._asdict().items()
-        return f"({', '.join(_named(n, v) for n, v in fields if v is not None)})"
-    if isinstance(value, tuple | list):
-        if value and set(map(type, value)) == {float}:
-            return " ".join([f"{each:.8g}" for each in value])
-        return " ".join(map(_text, value)) or "(none)"
-    return str(value)
+@functools.lru_cache(maxsize=1024)
+def _text(kind: type) -> Callable[[Any], str]:
+    """What makes text of a value of this type."""
+    if issubclass(kind, float):
+        return "{:.8g}".format
+    if issubclass(kind, enum.Enum):
+        return lambda value: value.name
+    if issubclass(kind, bytes):
+        return lambda value: value.hex(" ") or "(none)"
+    if issubclass(kind, str):
+        return repr
+    if hasattr(kind, "_asdict"):
+        return _text_of_fields(kind)
+    if issubclass(kind, tuple | list):
+        return _text_of_list
+    return str
+
+
+def _text_of_fields(kind: Any) -> Callable[[Any], str]:
+    names = kind._fields
+    numbers = f"({', '.join(f'{name} %.8g' for name in names)})"
+
+    def text(value: Any) -> str:
+        if set(map(type, value)) == {float}:
+            return numbers % value
+        return f"({', '.join(_named(zip(names, value, strict=True)))})"
+
+    return text
+
+
+def _text_of_list(value: Sequence[Any]) -> str:
+    if set(map(type, value)) == {float}:
+        return ("%.8g " * len(value) % tuple(value))[:-1]
+    return " ".join([_text(each.__class__)(each) for each in value]) or "(none)"
 
 
 def excerpt(data: bytes) -> str:

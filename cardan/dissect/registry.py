@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 from importlib.metadata import entry_points
 
@@ -25,7 +26,7 @@ FINDER: Finder[Dissector] = Finder(
     Dissector,  # type: ignore[type-abstract]
     "dissector",
     BUILT_IN,
-    lambda: entry_points(group=ENTRY_POINT_GROUP),
+    functools.cache(lambda: entry_points(group=ENTRY_POINT_GROUP)),
 )
 
 

@@ -45,15 +45,26 @@ def test_a_part_is_a_node_of_its_own_that_takes_all_with_it(pair):
         each.close()
 
 
-def test_a_topic_says_which_revision_of_its_type_is_published(pair):
+def test_a_subscription_hears_every_revision_of_its_type_once(pair):
     face, other = pair
     name = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
     old = other.advertise("/old", name, latched=False)
     new = other.advertise("/new", revised(name), latched=False)
     until(lambda: {"/old", "/new"} <= face.topics().keys())
-    assert (face.topics()["/old"].type, face.topics()["/old"].revision) == (name, "")
-    assert (face.topics()["/new"].type, face.topics()["/new"].revision) == (name, revised(name))
-    for each in (old, new):
+    assert {face.topics()[each].type for each in ("/old", "/new")} == {name}
+    heard = []
+    hears = [
+        face.subscribe(topic, kind, lambda data, _stamp: heard.append(data))
+        for topic, kind in (("/old", name), ("/new", name))
+    ]
+    until(lambda: other.topics()["/old"].subscribers and other.topics()["/new"].subscribers)
+    old.publish(b"old")
+    new.publish(b"new")
+    until(lambda: len(heard) >= 2)
+    old.publish(b"end")
+    until(lambda: b"end" in heard)
+    assert sorted(heard) == [b"end", b"new", b"old"]
+    for each in (*hears, old, new):
         each.close()
 
 

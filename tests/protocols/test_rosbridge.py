@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.interfaces import revised
 from cardan.protocols.ros2.messages import MessageError, Stamp, completed, json_text
 
 cbor2 = pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
@@ -322,6 +323,20 @@ def test_cbor_raw_has_the_bytes_of_the_network_whatever_they_are():
         "topic": "/t",
         "msg": {"secs": 3, "nsecs": 4, "bytes": b"\x00\x01\x00\x00rest"},
     }
+
+
+@pytest.mark.parametrize("later", [False, True])
+def test_a_message_of_a_later_revision_has_all_its_fields(later):
+    name = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
+    kind = revised(name) if later else name
+    given = {"joint_names": ["a"], **({"index": 7} if later else {})}
+    each = Sample(name, codec_of(kind).encode(completed(kind, {"feedback": given})), 0)
+    for message in (
+        json.loads(each.frames("/f", "none")[0])["msg"],
+        cbor2.loads(each.frames("/f", "cbor")[0])["msg"],
+    ):
+        assert message["feedback"]["joint_names"] == ["a"]
+        assert message["feedback"].get("index") == (7 if later else None)
 
 
 def test_bytes_that_are_no_message_are_said_to_be_none():

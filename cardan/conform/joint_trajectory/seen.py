@@ -9,8 +9,7 @@ from cardan.conform.joint_trajectory.pilot import apart
 from cardan.conform.ros2_arm.seen import RosArmSeen, State
 from cardan.conform.timeline import Event, Kind, Timeline
 from cardan.protocols.ros2.actions import CANCEL_TYPE, STATUS_TYPE, GoalStatus
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
-from cardan.protocols.ros2.interfaces import revised
+from cardan.protocols.ros2.cdr import Malformed, Message, decoded
 
 _REQUESTS = {
     GOAL: TYPE.send_goal.request,
@@ -73,15 +72,6 @@ class Goal:
         return f"{name} with error_code {self.code}"
 
 
-def _decoded(name: str, data: bytes) -> Message | Malformed:
-    """A message as Kilted and later have it, which is longer, or else as those before."""
-    if later := revised(name):
-        message = codec_of(later).decode(data)
-        if not isinstance(message, Malformed):
-            return message
-    return codec_of(name).decode(data)
-
-
 class TrajectorySeen(RosArmSeen):
     """The goals of a timeline, beside the arm's states."""
 
@@ -96,7 +86,7 @@ class TrajectorySeen(RosArmSeen):
         for number, event in enumerate(timeline):
             names = _REQUESTS if event.sent else _HEARD
             if event.kind is Kind.DATA and event.channel in names:
-                message = _decoded(names[event.channel], event.data)
+                _, message = decoded(names[event.channel], event.data)
                 if isinstance(message, Malformed):
                     self.malformed.append((number, message.reason))
                 elif event.sent:

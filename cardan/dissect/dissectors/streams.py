@@ -14,7 +14,7 @@ from cardan.dissect.ports import (
     SIMPLE_MESSAGE_RT_CONTROL_PORT,
     SIMPLE_MESSAGE_RT_PORT,
 )
-from cardan.dissect.reader import Decoded, Found, Message, Numbers, ends
+from cardan.dissect.reader import Decoded, Found, Message, Numbers, message_in
 from cardan.protocols import simple_message
 from cardan.protocols.simple_message import (
     LONGEST_PREFIX,
@@ -141,7 +141,7 @@ class SimpleMessage(StreamDissector):
             self.packets += 1
             messages.byte_order = simple_message.detect_byte_order(data)
             decoded = messages.decode(data, Direction.FROM_DEVICE)
-            yield Message(packet, *ends(network, decoded))
+            yield message_in(packet, network, decoded)
 
 
 class _RtdePackets(Conversation):

@@ -30,7 +30,7 @@ from cardan.gateway.faces.rosbridge_feeds import ClientStream, Feeds, RosbridgeF
 from cardan.gateway.faces.sending import Sender
 from cardan.gateway.faces.web import FrontConnection
 from cardan.protocols.ros2.actions import CANCEL_TYPE, CancelCode, GoalStatus
-from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of, decoded
 from cardan.protocols.ros2.interfaces import (
     DUMMY_MEMBER,
     ActionType,
@@ -460,10 +460,8 @@ class Client:
         listening: Handle | None = None
         if asked.feedback:
             topic = f"{action}/_action/feedback"
-            there = self._network.topics().get(topic)
-            feedback = (there and there.revision) or kind.feedback
-            hear = partial(self._hear_feedback, asked, feedback, goal_id)
-            listening = self._network.subscribe(topic, feedback, hear)
+            hear = partial(self._hear_feedback, asked, kind.feedback, goal_id)
+            listening = self._network.subscribe(topic, kind.feedback, hear)
         try:
             accepted = self._caller.start(
                 f"{action}/_action/send_goal",
@@ -508,9 +506,9 @@ class Client:
         self, asked: SendActionGoal, type_name: str, goal_id: bytes, cdr: bytes, _stamp_ns: int
     ) -> None:
         """In any thread."""
-        message = codec_of(type_name).decode(cdr)
+        name, message = decoded(type_name, cdr)
         if not isinstance(message, Malformed) and message["goal_id"]["uuid"] == goal_id:
-            inner = type_name.removesuffix("Message")
+            inner = name.removesuffix("Message")
             tell = partial(self._tell_feedback, asked, inner, message["feedback"])
             self._mailbox.put(tell)
 

@@ -110,13 +110,10 @@ class FeedbackReader:
 def number(varint: bytes) -> int:
     """The value of a varint of at most five bytes."""
     n = _from_bytes(varint, "little")
-    return (
-        n & 0x7F
-        | n >> 1 & 0x3F80
-        | n >> 2 & 0x1F_C000
-        | n >> 3 & 0xFE0_0000
-        | n >> 4 & 0x7_F000_0000
-    )
+    low = n & 0x7F | n >> 1 & 0x3F80 | n >> 2 & 0x1F_C000
+    if n < 0x100_0000:
+        return low
+    return low | n >> 3 & 0xFE0_0000 | n >> 4 & 0x7_F000_0000
 
 
 # Paths of field numbers in EgmRobot.

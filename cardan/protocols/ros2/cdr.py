@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from typing import Any, NamedTuple
 
-from cardan.protocols.ros2.interfaces import DUMMY_MEMBER, Field, message_type
+from cardan.protocols.ros2.interfaces import DUMMY_MEMBER, Field, message_type, revised
 
 Message = dict[str, Any]
 """A message's fields by name, in wire order."""
@@ -360,6 +360,16 @@ class _Reader:
 def codec_of(name: str) -> Codec:
     """The codec of the message called `name` in full. Raises InterfaceError."""
     return Codec(name)
+
+
+def decoded(name: str, data: bytes) -> tuple[str, Message | Malformed]:
+    """The message called `name` in full, and its type: a later revision of `name`, which is longer,
+    where it is one. Raises InterfaceError."""
+    for each in filter(None, (revised(name), name)):
+        message = codec_of(each).decode(data)
+        if not isinstance(message, Malformed):
+            return each, message
+    return name, message
 
 
 class Template:

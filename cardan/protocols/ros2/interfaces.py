@@ -175,6 +175,7 @@ def name_on_the_wire(name: str) -> str:
     return name.replace(SINCE_KILTED, "")
 
 
+@cache
 def revised(name: str) -> str:
     """The later revision of a type; empty where there is none."""
     later = (each for each in _REVISED if f"{name}_".startswith(f"{name_on_the_wire(each)}_"))

@@ -18,7 +18,7 @@ try:
 except ImportError as error:
     raise missing_extra("rosbridge", "cbor2", "network", error) from error
 
-from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
+from cardan.protocols.ros2.cdr import Malformed, Message, decoded
 from cardan.protocols.ros2.interfaces import DUMMY_MEMBER, Field, message_type
 from cardan.protocols.ros2.messages import Stamp, json_text
 from cardan.protocols.rosbridge.operations import Id
@@ -52,7 +52,7 @@ class Sample:
     def __init__(self, type_name: str | None, cdr: bytes, stamp_ns: int) -> None:
         """`type_name` in full; None: not known, which is good for "cbor-raw" alone."""
         self.type, self.cdr, self.stamp_ns = type_name, cdr, stamp_ns
-        self._message: Message | None = None
+        self._message: tuple[str, Message] | None = None
         self._frames: dict[tuple[str, str, int], tuple[Frame, ...]] = {}
 
     def frames(self, topic: str, compression: str, fragment_size: int = 0) -> tuple[Frame, ...]:
@@ -71,7 +71,7 @@ class Sample:
             raw = {"secs": seconds, "nsecs": nanoseconds, "bytes": self.cdr}
             return (_cbor({"op": "publish", "topic": topic, "msg": raw}),)
         if compression == "cbor":
-            message = _cbor_ready(self._type(), self.message())
+            message = _cbor_ready(*self._decoded())
             return (_cbor({"op": "publish", "topic": topic, "msg": message}),)
         if compression == "png":
             (text,) = self.frames(topic, "none")
@@ -79,22 +79,20 @@ class Sample:
         if fragment_size:
             (text,) = self.frames(topic, "none")
             return fragments(str(text), fragment_size)
-        inner = json_text(self._type(), self.message())
+        inner = json_text(*self._decoded())
         return (f'{{"op":"publish","topic":{json.dumps(topic)},"msg":{inner}}}',)
 
-    def message(self) -> Message:
-        """The decoded message. Raises UnreadableError."""
+    def _decoded(self) -> tuple[str, Message]:
+        """The message's type, which may be a later revision of the topic's, and the message. Raises
+        UnreadableError."""
         if self._message is None:
-            decoded = codec_of(self._type()).decode(self.cdr)
-            if isinstance(decoded, Malformed):
-                raise UnreadableError(decoded.reason)
-            self._message = decoded
+            if self.type is None:
+                raise UnreadableError("the type of the message is not known")
+            name, message = decoded(self.type, self.cdr)
+            if isinstance(message, Malformed):
+                raise UnreadableError(message.reason)
+            self._message = name, message
         return self._message
-
-    def _type(self) -> str:
-        if self.type is None:
-            raise UnreadableError("the type of the message is not known")
-        return self.type
 
 
 def fragments(text: str, size: int) -> tuple[str, ...]:

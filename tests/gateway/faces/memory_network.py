@@ -63,13 +63,7 @@ class MemoryNetwork:
     def topics(self):
         with self.lock:
             found = {
-                name: Topic(
-                    name_on_the_wire(kind),
-                    (TEST_NODE,),
-                    (),
-                    name in self.latched,
-                    kind if kind != name_on_the_wire(kind) else "",
-                )
+                name: Topic(name_on_the_wire(kind), (TEST_NODE,), (), name in self.latched)
                 for name, kind in self.known.items()
             }
             for topic, kind, _ in self.publishers:

@@ -455,6 +455,17 @@ def test_a_goal_has_feedback_and_a_result(network, client):
     assert network.subscriptions == []
 
 
+@pytest.mark.parametrize(("kind", "index"), [(MOVE, None), (f"{MOVE}SinceKilted", 3)])
+def test_feedback_of_every_distribution_is_subscribed_to(network, client, kind, index):
+    topic, name = "/move/_action/feedback", f"{MOVE}_FeedbackMessage"
+    client.send("subscribe", topic=topic, type=name)
+    client.settle()
+    further = {} if index is None else {"index": index}
+    network.publish(topic, f"{kind}_FeedbackMessage", feedback={"joint_names": ["a"], **further})
+    feedback = client.receive()["msg"]["feedback"]
+    assert (feedback["joint_names"], feedback.get("index")) == (["a"], index)
+
+
 def test_feedback_of_kilted_and_later_is_understood(network, client):
     kilted = f"{MOVE}SinceKilted_FeedbackMessage"
     mover = Mover(network, feedback=kilted)
