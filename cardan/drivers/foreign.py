@@ -30,8 +30,7 @@ class RobotCalls:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        ours = error is None or isinstance(error, CardanError) or not isinstance(error, Exception)
-        if ours or shortage(error):
+        if not isinstance(error, Exception) or isinstance(error, CardanError) or shortage(error):
             return
         _log.debug("it failed here", exc_info=error)
         raise self.failed(reason(error)) from error
