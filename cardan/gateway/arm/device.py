@@ -10,6 +10,7 @@ from typing import Any
 from cardan.common.forks import give_up_in_children
 from cardan.common.shortage import shortage
 from cardan.drivers.base import OperatorDevice, RobotDriver
+from cardan.drivers.foreign import close_in_order
 from cardan.errors import CommandError
 from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.desk import VerbDesk
@@ -103,7 +104,7 @@ class CartesianDevice(CartesianArm):
             self.robot.open()
         except BaseException:
             if self.device is not None:
-                self.device.close()
+                close_in_order(self.device)
             raise
         self._closing.clear()
         self._link.begin()
@@ -125,9 +126,9 @@ class CartesianDevice(CartesianArm):
         self._link.wait_for(lambda: self.verbs.at_rest or not self._link.running, START_TIMEOUT_S)
         self._closing.set()
         thread.join(START_TIMEOUT_S)
-        self.robot.close()
+        close_in_order(self.robot)
         if self.device is not None:
-            self.device.close()
+            close_in_order(self.device)
         self._thread = None
         self._link.end(NOT_OPEN)
 

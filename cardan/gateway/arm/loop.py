@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from cardan.common.plugins import reason
 from cardan.drivers.base import OperatorDevice, RobotDriver
+from cardan.drivers.foreign import RobotCalls
 from cardan.gateway.arm.controller import ArmController
 from cardan.types import (
     NEUTRAL,
@@ -43,19 +44,24 @@ class ArmLoop:
         self.robot, self.controller, self.device = robot, controller, device
         self._problem = ""
         """How the device's driver failed last."""
+        self._calls = RobotCalls(robot)
 
     def cycles(self) -> Iterator[Cycle]:
         """Answer each of the robot's states, then yield it: work in the loop's body delays only the
-        next command."""
-        robot, controller, device = self.robot, self.controller, self.device
-        tick, send = controller.tick, robot.send
+        next command.
+
+        Raises DriverError where the robot's driver fails.
+        """
+        controller, device, calls = self.controller, self.device, self._calls
+        tick, send = controller.tick, self.robot.send
         if device is None:
-            for state in robot.cycles():
+            for state in self._states():
                 command = tick(state)
-                send(command)
+                with calls:
+                    send(command)
                 yield Cycle(state, None, (), command)
             return
-        for state in robot.cycles():
+        for state in self._states():
             try:
                 hand, events = device.state(), device.button_events()
             except Exception as error:
@@ -65,8 +71,16 @@ class ArmLoop:
             if not isinstance(events, Sequence):
                 hand, events = self._failed(f"button_events() gave {events!r:.60}"), ()
             command = tick(state, hand, events)
-            send(command)
+            with calls:
+                send(command)
             yield Cycle(state, hand, events, command)
+
+    def _states(self) -> Iterator[RobotState]:
+        with self._calls:
+            for state in self.robot.cycles():
+                if not isinstance(state, RobotState):
+                    raise self._calls.failed(f"cycles() gave {state!r:.60}")
+                yield state
 
     def _failed(self, problem: str, error: Exception | None = None) -> DeviceState:
         """The state of a device whose driver breaks its contract: it is lost, not the session."""

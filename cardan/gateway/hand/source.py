@@ -213,7 +213,7 @@ class HandSource:
 
     def filter_words(self) -> tuple[str, ...]:
         """What the filters do to the operator's motion; those that do nothing are silent."""
-        return tuple(words for each in self.filters if (words := each.status()))
+        return tuple(words for each in self.filters if (words := _status(each)))
 
     def advice(self, why: str) -> str:
         """How to go on, after `why` the operator has to ("" or "...; ")."""
@@ -425,3 +425,10 @@ class HandSource:
             return ZERO_TWIST, fault
         asked = wanted.linear != ZERO3 or wanted.angular != ZERO3
         return (filtered if asked else wanted), ""
+
+
+def _status(each: TwistFilter) -> str:
+    try:
+        return each.status()
+    except Exception as error:
+        return f"the filter {each.name} failed: {error!r}"

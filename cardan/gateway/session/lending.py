@@ -6,12 +6,12 @@ and is disarmed, and moving it again takes the deliberate act.
 
 from __future__ import annotations
 
-import logging
 import threading
 from typing import Final
 
 from cardan.common.plugins import reason
 from cardan.drivers.base import OperatorDevice
+from cardan.drivers.foreign import close_in_order
 
 TAKE: Final = b"take the device"
 GIVE: Final = b"give the device"
@@ -20,9 +20,6 @@ GIVE: Final = b"give the device"
 AGAIN_S: Final = 0.5
 """Pause before a device that could not be opened is tried again: the session that had it may still
 be closing it."""
-
-
-_log = logging.getLogger(__name__)
 
 
 class DeviceLease:
@@ -65,7 +62,7 @@ class DeviceLease:
                     return
                 wanted = self._wanted
             if not wanted:
-                self._close()
+                close_in_order(self._device)
                 self.held, self.problem = False, ""
                 continue
             try:
@@ -83,10 +80,4 @@ class DeviceLease:
             self._changed.notify()
         if self._thread is not None:
             self._thread.join()
-        self._close()
-
-    def _close(self) -> None:
-        try:
-            self._device.close()
-        except Exception:  # Of another package's driver: the robot is left in good order.
-            _log.exception("%s was not closed in good order", type(self._device).__name__)
+        close_in_order(self._device)

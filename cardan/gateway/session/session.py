@@ -27,6 +27,7 @@ from cardan.common.realtime import ask_for_real_time, share_interpreter_promptly
 from cardan.common.shortage import shortage
 from cardan.common.signals import ignore_ending, take_ending
 from cardan.drivers.base import OperatorDevice, RobotDriver
+from cardan.drivers.foreign import RobotCalls, close_in_order
 from cardan.errors import (
     CardanError,
     CommandError,
@@ -42,6 +43,7 @@ from cardan.gateway.arm.requests import MAX_REQUEST_BYTES
 from cardan.gateway.arm.status import ArmStatus, Phase
 from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.hand.feedback import Felt, HandFeedback
+from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.session.assembly import (
     check_buttons,
@@ -113,7 +115,7 @@ class Session:
         self._has_device = has_device
         self._known_buttons: tuple[str, ...] = ()
         self._lease: DeviceLease | None = None
-        self.robot = robot
+        self.robot, self._calls = robot, RobotCalls(robot)
         self.controller = controller
         self.snapshot = Snapshot()
         self._config = config
@@ -150,7 +152,8 @@ class Session:
     def run(self, seconds: float = math.inf) -> Snapshot:
         """Run until stopped or until `seconds` are over; returns the last snapshot.
 
-        Raises DriverError when the device, a filter or the robot cannot be opened.
+        Raises DriverError when the device, a filter or the robot cannot be opened, or the robot's
+        driver fails.
         """
         with contextlib.ExitStack() as opened:
             device, controller, config = self.device, self.controller, self._config
@@ -162,8 +165,10 @@ class Session:
                         self._lease.begin()
                 self._check(config, device)
                 self._fit_feedback(device)
-            for each in self._filters:
-                opened.enter_context(each)
+            for index, each in enumerate(self._filters):
+                opened.callback(close_in_order, each)
+                with filter_registry.using(each.name, f"filters.{index}.filter"):
+                    each.open()
             if self._force is not None:
                 opened.callback(self._force.stop)
                 if self._force.measured is not None:
@@ -181,10 +186,12 @@ class Session:
             gc.freeze()
             gc.disable()
             try:
-                with self.robot:
-                    self._link.begin()
-                    self._loop(seconds)
+                with using_driver(config.robot, "robot"):
+                    self.robot.open()
+                self._link.begin()
+                self._loop(seconds)
             finally:
+                close_in_order(self.robot)
                 self._end_requests()
                 gc.enable()
                 gc.unfreeze()
@@ -268,7 +275,8 @@ class Session:
                 if mapping.gripper_closed is not self._gripper_closed:
                     self._move_gripper(mapping.gripper_closed)
                 if events and mapping.asks_to_enable(hand, events, state.stamp_s):
-                    robot.enable()
+                    with self._calls:
+                        robot.enable()
                 if events and mapping.passes_on(events):
                     snapshot.device_passes += 1
                 if force is not None:
@@ -379,13 +387,15 @@ class Session:
     def _move_gripper(self, closed: bool) -> None:
         table = self._config.gripper
         self._gripper_closed = closed
-        if isinstance(table.output, str):
-            self.robot.set_outputs(digital=(table.closed_value if closed else table.open_value) > 0)
-        else:
-            values = list(self.robot.output_values())
-            values += [0.0] * (table.output + 1 - len(values))
-            values[table.output] = table.closed_value if closed else table.open_value
-            self.robot.set_outputs(values=values)
+        value = table.closed_value if closed else table.open_value
+        with self._calls:
+            if isinstance(table.output, str):
+                self.robot.set_outputs(digital=value > 0)
+            else:
+                values = list(self.robot.output_values())
+                values += [0.0] * (table.output + 1 - len(values))
+                values[table.output] = value
+                self.robot.set_outputs(values=values)
 
     def _send_feedback(self, feedback: DeviceFeedback | None) -> None:
         """Send feedback to the device. A light or motor that fails is no reason to stop: the link
@@ -434,11 +444,14 @@ class Session:
         s.tick_within = self._ticks.within(BOUNDS_S)
         s.inputs, s.input_age_sum_s = self._input_ages.count, self._input_ages.sum
         s.input_age_within = self._input_ages.within(BOUNDS_S)
-        s.metrics, s.robot_errors = self.robot.metrics(), dict(self.robot.protocol_errors())
         if self._requests is not None:
             s.refusals = self._requests.refusals()
         s.filters = list(status.filters)
-        s.diagnosis = list(self.robot.diagnosis())
+        try:
+            s.diagnosis = list(self.robot.diagnosis())
+            s.metrics, s.robot_errors = self.robot.metrics(), dict(self.robot.protocol_errors())
+        except Exception as error:
+            s.diagnosis = [f"the robot's driver failed: {reason(error)}"]
         if self.device is not None and self._lease is not None:
             s.device_held = self._lease.held
             if s.device_held:
@@ -452,7 +465,10 @@ class Session:
             if self._lease.problem:
                 s.diagnosis.insert(0, self._lease.problem)
         for each in self._filters:
-            s.diagnosis += each.diagnosis()
+            try:
+                s.diagnosis += each.diagnosis()
+            except Exception as error:
+                s.diagnosis.append(f"the filter {each.name} failed: {reason(error)}")
         if self._force is not None:
             said = set(s.diagnosis)
             s.diagnosis += [line for line in self._force.diagnosis() if line not in said]

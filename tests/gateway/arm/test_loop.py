@@ -2,6 +2,7 @@
 
 import pytest
 
+from cardan.errors import CommandError, DriverError
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.types import (
     ButtonEvent,
@@ -111,3 +112,39 @@ def test_a_device_whose_driver_fails_is_lost_until_it_no_longer_does(call, broke
     setattr(device, call, good)
     assert next(cycles).device.link is DeviceLink.LIVE
     assert len(caplog.records) == 1
+
+
+@pytest.mark.parametrize(
+    ("call", "broken", "words"),
+    [
+        ("cycles", lambda: 1 / 0, "ZeroDivisionError: division by zero"),
+        ("cycles", lambda: iter([None]), "cycles() gave None"),
+        ("send", lambda _command: 1 / 0, "ZeroDivisionError: division by zero"),
+    ],
+)
+@pytest.mark.parametrize("device", [None, Recorded()], ids=["alone", "with a device"])
+def test_a_robot_whose_driver_fails_is_named(call, broken, words, device):
+    robot = Recorded(3)
+    setattr(robot, call, broken)
+    with pytest.raises(DriverError) as caught:
+        list(ArmLoop(robot, robot, device).cycles())
+    assert str(caught.value) == f"the robot's driver Recorded failed: {words}"
+
+
+@pytest.mark.parametrize("error", [CommandError("no such kind"), MemoryError()])
+def test_what_is_said_of_the_command_or_of_the_computer_stays_as_it_is(error):
+    def send(_command):
+        raise error
+
+    robot = Recorded(3)
+    robot.send = send
+    with pytest.raises(type(error)) as caught:
+        list(ArmLoop(robot, robot).cycles())
+    assert caught.value is error
+
+
+def test_what_the_controller_raises_is_no_fault_of_the_driver():
+    robot, controller = Recorded(3), Recorded()
+    controller.tick = lambda *_all: 1 / 0
+    with pytest.raises(ZeroDivisionError):
+        list(ArmLoop(robot, controller).cycles())

@@ -9,8 +9,10 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
+from cardan.common.options import Options
 from cardan.drivers import registry
-from cardan.errors import ConfigurationError, DeviceNotFoundError
+from cardan.errors import ConfigurationError, DeviceNotFoundError, DriverError
+from cardan.gateway.hand.filters import TwistFilter
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.network import SessionNetwork
 from cardan.gateway.session.session import make_session
@@ -261,3 +263,85 @@ class TestTheJoystickOfThePage:
             ConfigurationError, match=r"device.driver: driver 'joystick' cannot be used: ZeroDiv"
         ):
             self.session().run(0.3)
+
+
+class TestADriverThatFails:
+    """Another package's, which breaks its interface: the session ends in order, and names it."""
+
+    @pytest.mark.parametrize("call", ["cycles", "send", "set_outputs"])
+    def test_a_robot_s_in_the_loop(self, fake_drivers, call):
+        s = session()
+        setattr(s.robot, call, lambda *_all, **_words: 1 / 0)
+        with pytest.raises(DriverError, match="robot's driver FakeRobot failed: ZeroDivisionError"):
+            s.run()
+        assert not s.robot.is_open
+        assert not s.device.is_open
+
+    @pytest.mark.parametrize("call", ["diagnosis", "metrics", "protocol_errors"])
+    def test_a_robot_s_figures(self, fake_drivers, call):
+        s = session()
+        setattr(s.robot, call, lambda: 1 / 0)
+        last = s.run()
+        assert last.finished
+        assert "the robot's driver failed: ZeroDivisionError: division by zero" in last.diagnosis
+
+    def test_closing(self, fake_drivers, caplog):
+        s = session()
+        for each in (s.robot, s.device):
+            each.close = lambda: 1 / 0
+        assert s.run().finished
+        told = [record.getMessage() for record in caplog.records]
+        names = ["FakeRobot", "FakeDevice"]
+        assert told == [f"{name} was not closed in good order" for name in names]
+
+    def test_opening(self, fake_drivers, monkeypatch):
+        s = session()
+        s.robot.open = lambda: 1 / 0
+        with pytest.raises(ZeroDivisionError):  # It is one of ours, by its name.
+            s.run()
+        assert not s.device.is_open
+
+
+class Failing(TwistFilter):
+    """A filter of which one call fails."""
+
+    Options = Options
+
+    def open(self):
+        pass
+
+    def close(self):
+        pass
+
+    def apply(self, twist, robot):
+        return twist
+
+    def status(self):
+        return ""
+
+
+class TestAFilterThatFails:
+    def run(self, call):
+        s = session()
+        made = Failing()
+        made.name = "mine"
+        setattr(made, call, lambda: 1 / 0)
+        s.controller.hand.filters = (made,)
+        return s.run()
+
+    def test_opening(self, fake_drivers):
+        with pytest.raises(ConfigurationError) as caught:
+            self.run("open")
+        words = "filter 'mine' cannot be used: ZeroDivisionError: division by zero"
+        assert str(caught.value) == f"filters.0.filter: {words}"
+
+    def test_closing(self, fake_drivers, caplog):
+        assert self.run("close").finished
+        assert [record.getMessage() for record in caplog.records] == [
+            "Failing was not closed in good order"
+        ]
+
+    def test_its_words(self, fake_drivers):
+        assert any("the filter mine failed: ZeroDiv" in line for line in self.run("status").filters)
+        told = self.run("diagnosis").diagnosis
+        assert "the filter mine failed: ZeroDivisionError: division by zero" in told
