@@ -14,22 +14,11 @@ def test_the_table_has_all_servers_rates_and_ends():
     ]
 
 
-LATE = {"spnav": {"abort", "client stopped for 1 s", "server stopped for 1 s"}}
-"""After these the arm is at rest later than it has to be, as it corrects what it is behind. What is
-mended leaves."""
-
-
-def test_the_arm_is_at_rest_in_time_after_the_last_byte_but_for_known_faults():
-    late = {}
+def test_the_arm_is_at_rest_in_time_after_the_last_byte():
     for name, _, *cells in written()[1:]:
         for end, cell in zip(ENDS, cells, strict=True):
             assert (cell == NONE) == ((name, end) in WITHOUT)
-            if cell == NONE:
-                continue
-            if float(cell.strip("*")) > 1e3 * REST_S:
-                late.setdefault(name, set()).add(end)
-                assert cell.startswith("**"), cell
-    assert late == LATE
+            assert cell == NONE or float(cell.strip("*")) <= 1e3 * REST_S, (name, end)
 
 
 @pytest.mark.matrix

@@ -7,8 +7,8 @@ jerk, and a robot that made up for lost time would be faster than commanded.
 
 So the difference is kept, and added to every command. A robot that is ahead of its
 command is slowed a little until it is not; one that is behind stays behind until it rests. When the
-command has come to rest nobody commands, and nothing may move for long: the robot ends its way
-within `REST_S`, slower than it was commanded, and what cannot be done so stays.
+command has come to rest nobody commands, and nothing may move for long: the robot ends its way at
+once, slower than it was commanded, and what it cannot do within `LONGEST_REST_S` stays.
 
 How much time has passed is never the controller's word alone: `AgreedTime` counts what its clock
 and this computer's both say.
@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 WORK_OFF_S: Final = 0.5
 """Time constant with which a difference in place dies away in motion: 6 mm, what 60 ms at 100 mm/s
@@ -31,11 +31,11 @@ its command rests."""
 REST_S: Final = 0.2
 """Time from the rest of the command to that of the robot: 6 mm at 45 mm/s at most, and 0.9 m/s²."""
 
-REST_RAD_S: Final = 0.2
-REST_M_S: Final = 0.05
-"""Highest speed meanwhile, which nobody asks for."""
+LONGEST_REST_S: Final = 0.8
+"""The same where more was lost than 67 ms, which half of the speed is not enough for: a robot that
+had stopped is 0.25 s behind once it has its speed again."""
 
-RECENT_S: Final = 1.0
+RECENT_S: Final = 5.0
 """Time constant with which it is forgotten what speed was commanded."""
 
 SPEED_UP_S: Final = 0.25
@@ -266,14 +266,12 @@ class LostTime:
     orientations a subclass overrides `_displacement` and `_advanced`.
     """
 
-    resting_speed: ClassVar = REST_RAD_S
-    """Highest speed of what is left once the command rests, per s."""
-
     __slots__ = (
         "_fastest",
         "_gap_s",
         "_interrupted",
         "_plan",
+        "_rest_s",
         "_rested_s",
         "_slip",
         "_went",
@@ -302,6 +300,8 @@ class LostTime:
         """Highest speed commanded of late, 0 once the robot has come to rest."""
         self._rested_s = 0.0
         """For how long the command rests."""
+        self._rest_s = 0.0
+        """When the robot comes to rest then."""
         self._plan: list[tuple[float, float, float]] = []
         """Of each axis what stays of the difference, the rest of it, and the rate, when it came to
         rest."""
@@ -416,10 +416,11 @@ class LostTime:
         if self._rested_s == 0.0:
             self._plan_rest(before)
         self._rested_s += dt_s
-        part = min(self._rested_s / REST_S, 1.0)
+        rest_s = self._rest_s
+        part = min(self._rested_s / rest_s, 1.0)
         left = (1.0 - part) ** 2
         for i, (stays, way, speed) in enumerate(self._plan):
-            each = stays + left * ((1.0 + 2.0 * part) * way + part * REST_S * speed)
+            each = stays + left * ((1.0 + 2.0 * part) * way + part * rest_s * speed)
             rate[i], offset[i] = (each - offset[i]) / dt_s, each
         if part == 1.0:
             self._fastest = 0.0
@@ -429,14 +430,15 @@ class LostTime:
     def _plan_rest(self, before: Sequence[float]) -> None:
         """How the robot comes to rest: by a cubic in time, and as near as its speed allows."""
         size = math.hypot(*self.offset)
-        most = min(WORK_OFF_SHARE * self._fastest, self.resting_speed) * REST_S / _PEAK
-        share = min(most / size, 1.0) if size > 0.0 else 0.0
+        mean = WORK_OFF_SHARE * self._fastest / _PEAK
+        self._rest_s = time_s = min(max(REST_S, size / max(mean, _NOTHING)), LONGEST_REST_S)
+        share = min(mean * time_s / size, 1.0) if size > 0.0 else 0.0
         self._plan = plan = []
         for each, more, v in zip(self.offset, self.rate, before, strict=True):
             # A robot that stands while its command brakes is not moved back.
             robot = v + more
             speed = min(max(more, min(robot, 0.0)), max(robot, 0.0))
-            way, brakes = share * each, -speed * REST_S / 3.0
+            way, brakes = share * each, -speed * time_s / 3.0
             if way * brakes > 0.0 and abs(brakes) > abs(way):
                 way = brakes  # It would turn back.
             plan.append((each - way, way, speed))
