@@ -8,7 +8,7 @@ jerk, and a robot that made up for lost time would be faster than commanded.
 So the difference is kept, and added to every command. A robot that is ahead of its
 command is slowed a little until it is not; one that is behind stays behind until it rests. When the
 command has come to rest nobody commands, and nothing may move for long: the robot ends its way at
-once, slower than it was commanded, and what it cannot do within `LONGEST_REST_S` stays.
+once, no faster than it was commanded, and what it cannot do within `LONGEST_REST_S` stays.
 
 How much time has passed is never the controller's word alone: `AgreedTime` counts what its clock
 and this computer's both say.
@@ -25,31 +25,26 @@ WORK_OFF_S: Final = 0.5
 leave, at 12 mm/s."""
 
 WORK_OFF_SHARE: Final = 0.5
-"""Share of the commanded speed by which it may be slowed for that, and at which it may go on where
-its command rests."""
+"""Share of the commanded speed by which it may be slowed for that."""
 
 REST_S: Final = 0.2
 """Time from the rest of the command to that of the robot: 6 mm at 45 mm/s at most, and 0.9 m/s²."""
 
-LONGEST_REST_S: Final = 0.8
-"""The same where more was lost than 67 ms, which half of the speed is not enough for: a robot that
-had stopped is 0.25 s behind once it has its speed again."""
+LONGEST_REST_S: Final = 0.27
+"""The same where more was lost than 67 ms, which takes longer if it is to be no harder: a robot
+that had stopped is 0.125 s behind once it has its speed again."""
 
 RECENT_S: Final = 5.0
 """Time constant with which it is forgotten what speed was commanded."""
 
 SPEED_UP_S: Final = 0.25
-"""Time constant with which a robot that has slowed down by itself returns to its speed: from rest
-to 250 mm/s at no more than 1 m/s²."""
+"""Time in which a robot that has stopped by itself has its speed again: 250 mm/s at 1 m/s²."""
 
 SLOW_DOWN_S: Final = 0.1
-"""The same for a robot that is faster than commanded: from 100 mm/s at 1 m/s²."""
+"""Time constant of that for a robot that is faster than commanded: from 100 mm/s at 1 m/s²."""
 
 _NOTHING = 1e-7
 """Smallest difference that counts: m, rad, and per s."""
-
-_PEAK: Final = 1.5
-"""Highest speed of a cubic from rest to rest, in means of it."""
 
 
 SLACK_S: Final = 0.001
@@ -395,7 +390,17 @@ class LostTime:
         back = 0.0
         if ahead > 0.0:
             back = -min(1.0 / WORK_OFF_S, WORK_OFF_SHARE * math.sqrt(square / size))
-        share = min(dt_s / (SLOW_DOWN_S if faster > 0.0 else SPEED_UP_S), 1.0)
+        share = min(dt_s / SLOW_DOWN_S, 1.0)
+        if faster <= 0.0:
+            slower = gain = 0.0
+            for v, each, r in zip(velocity, offset, rate, strict=True):
+                more = back * each - r
+                slower += more * more
+                gain += more * v
+            share = dt_s / SPEED_UP_S
+            if gain > 0.0:
+                share *= math.sqrt(square / slower)
+            share = min(share, 1.0)
         left = False
         for i, each in enumerate(offset):
             v = velocity[i]
@@ -428,11 +433,11 @@ class LostTime:
                 self.reset()
 
     def _plan_rest(self, before: Sequence[float]) -> None:
-        """How the robot comes to rest: by a cubic in time, and as near as its speed allows."""
+        """How the robot comes to rest: by a cubic in time, which begins and ends hardest."""
         size = math.hypot(*self.offset)
-        mean = WORK_OFF_SHARE * self._fastest / _PEAK
-        self._rest_s = time_s = min(max(REST_S, size / max(mean, _NOTHING)), LONGEST_REST_S)
-        share = min(mean * time_s / size, 1.0) if size > 0.0 else 0.0
+        hardest = max(self._fastest / SLOW_DOWN_S, _NOTHING)
+        self._rest_s = time_s = min(max(REST_S, math.sqrt(6.0 * size / hardest)), LONGEST_REST_S)
+        share = min(hardest * time_s**2 / 6.0 / size, 1.0) if self._fastest * size > 0.0 else 0.0
         self._plan = plan = []
         for each, more, v in zip(self.offset, self.rate, before, strict=True):
             # A robot that stands while its command brakes is not moved back.
