@@ -90,6 +90,9 @@ class Client(ABC):
         """Hand up to so many messages to the system, or what was left of those before, for SEND_S
         at most; how many were begun. Raises OSError once the server has ended the connection."""
 
+    def rest(self) -> None:  # noqa: B027 - only hands rest
+        """Be at rest for a moment, before it moves the arm."""
+
     @abstractmethod
     def close(self) -> None:
         """Leave as programs do."""
@@ -225,6 +228,9 @@ class _Held(_Web):
 
     path = "/ws"
     _began_s = 0.0
+
+    def rest(self) -> None:
+        self._began_s = 0.0
 
     def passed_s(self) -> float:
         """Since it holds; below 0: it rests still."""
@@ -412,6 +418,8 @@ class Spnav(_Stream):
         heard = b""
         while len(heard) < len(encode_handshake(NEWEST_VERSION) + encode_sensitivity(1.0)):
             heard += self.socket.recv(64)
+
+    def rest(self) -> None:
         self.socket.sendall(encode_motion((0,) * 6, 16))
         time.sleep(RESTS_S)
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import math
 import multiprocessing
 import os
 import signal
@@ -46,8 +47,8 @@ FLOOD_S = 1.6
 STOPPED_S = 1.0
 PORTION_S = 0.002
 BEGUN_S, BEGUN_PERIOD_S = 1.0, 0.02
-"""For how long, and how often, a client sends as clients do before its flood: the arm moves by
-then."""
+"""For how long, and how often, a client sends as clients do before its flood; again, where the arm
+does not move by then."""
 SETTLED_S = 0.5
 """How long the arm has to rest, after the time in which it should be at rest, ..."""
 WATCHED_S = 6.0
@@ -149,6 +150,8 @@ class Row(NamedTuple):
     moved_s: float
     """How long it moved altogether."""
     ended_by_server: bool
+    waited_s: float
+    """For how long of that its arm, session and server were ready to run and had no processor."""
 
 
 # -- processes -----------------------------------------------------------------------------------
@@ -179,17 +182,56 @@ def arm(link: Connection) -> None:
                 link.send((peer.moved_s, peer.newest_s))
 
 
+Waits = dict[int, dict[int, float]]
+"""For how long each process, and each of its threads, has waited for a processor, s."""
+
+
+def waits(roots: Sequence[int]) -> Waits:
+    """Those of these processes and of all that they have begun, by the kernel's own account."""
+    found: Waits = {}
+    left = list(roots)
+    while left:
+        pid = left.pop()
+        threads = found[pid] = {}
+        with contextlib.suppress(OSError):  # It has ended, or a thread of it.
+            for task in Path(f"/proc/{pid}/task").iterdir():
+                threads[int(task.name)] = 1e-9 * int((task / "schedstat").read_text().split()[1])
+                left += map(int, (task / "children").read_text().split())
+    return found
+
+
+def waited_s(before: Waits, after: Waits) -> float:
+    """By how much later something can have gone through all processes, one after the other."""
+    return sum(
+        max(
+            (now - before.get(pid, {}).get(each, now) for each, now in threads.items()), default=0.0
+        )
+        for pid, threads in after.items()
+    )
+
+
 def send(
-    link: Connection, name: str, endpoint: str, way: int, per_s: float, seconds: float, end: str
+    link: Connection,
+    name: str,
+    endpoint: str,
+    way: int,
+    per_s: float,
+    seconds: float,
+    end: str,
+    roots: Sequence[int],
 ) -> None:
-    """A client that floods; tells when it began, and then when it handed over its last byte and
-    whether the server had ended the connection. It stays until it is killed, unless its end is
-    another."""
+    """A client that floods once it is told that the arm moves; tells when it began, and then when
+    it handed over its last byte, for how long the processes `roots` had waited by then, and whether
+    the server had ended the connection. It stays until it is killed, unless its end is another."""
     client = MAKERS[name](endpoint, way)
-    until_s = time.monotonic() + BEGUN_S
-    while time.monotonic() < until_s:
-        client.hand(1)
-        time.sleep(BEGUN_PERIOD_S)
+    while not link.poll():
+        # An arm whose session stood still before it moved moves once its hand has rested.
+        client.rest()
+        until_s = time.monotonic() + BEGUN_S
+        while time.monotonic() < until_s:
+            client.hand(1)
+            time.sleep(BEGUN_PERIOD_S)
+    link.recv()
     began_s = ended_s = time.monotonic()
     link.send(began_s)
     handed, cut = 0, False
@@ -203,9 +245,10 @@ def send(
                 time.sleep(PORTION_S)
     except OSError:
         cut = True
+    before = waits(roots)
     if end in ("close", "abort") and not cut:
         {"close": client.close, "abort": client.abort}[end]()
-    link.send((ended_s, cut))
+    link.send((ended_s, before, cut))
     if end in ("close", "abort"):
         os._exit(0)
     signal.pause()
@@ -257,9 +300,12 @@ def program(*words: object, says_ready: bool = True) -> Iterator[tuple[str, int]
 class Bed:
     """A server with its session and its arm, flooded again and again."""
 
-    def __init__(self, name: str, arm: Connection, endpoint: str, server: int) -> None:
+    def __init__(
+        self, name: str, arm: Connection, endpoint: str, server: int, roots: Sequence[int]
+    ) -> None:
+        """`roots`: the processes through which a command goes to the arm."""
         self.name, self.endpoint, self.server = name, endpoint, server
-        self._arm, self._way = arm, 1
+        self._arm, self._way, self._roots = arm, 1, roots
 
     def moved(self) -> tuple[float, float]:
         """For how long the arm moved by now, and when last."""
@@ -267,20 +313,30 @@ class Bed:
         moved_s, newest_s = self._arm.recv()
         return moved_s, newest_s
 
-    def _rests(self, from_s: float) -> float:
-        """Wait until the arm is at rest, from then on; when it moved last."""
+    def _rests(self, from_s: float) -> tuple[float, Waits]:
+        """Wait until the arm is at rest, from then on; when it moved last, and the waits by
+        then."""
+        before_s, found = math.nan, waits(self._roots)
         while True:
             now_s = time.monotonic()
             newest_s = self.moved()[1]
+            if newest_s != before_s:
+                before_s, found = newest_s, waits(self._roots)
             rests = now_s >= max(from_s + REST_S, newest_s) + SETTLED_S
             if rests or now_s > from_s + WATCHED_S:
-                return newest_s
+                return newest_s, found
             time.sleep(0.05)
 
-    def _client(self, per_s: float, seconds: float, end: str) -> Any:
+    @contextlib.contextmanager
+    def _client(self, per_s: float, seconds: float, end: str) -> Iterator[tuple[Connection, int]]:
+        """A client that has begun to flood, as the arm moves: its pipe, and its number."""
         self._way = -self._way  # So that the arm stays where it has room.
-        given = self.name, self.endpoint, self._way, per_s, seconds, end
-        return process(send, *given)
+        before_s, _ = self.moved()
+        given = self.name, self.endpoint, self._way, per_s, seconds, end, self._roots
+        with process(send, *given) as (sender, pid):
+            until(lambda: self.moved()[0] > before_s, f"{self.name}: a motion")
+            sender.send(None)
+            yield sender, pid
 
     def handled_per_s(self) -> float:
         """How many messages a second of the server's own time is enough for."""
@@ -288,10 +344,9 @@ class Bed:
         with self._client(per_s, COUNTED_S, "silence") as (sender, _):
             sender.recv()
             cost_s = -self._worked_s()
-            ended_s, _cut = sender.recv()
+            ended_s, *_ = sender.recv()
             cost_s += self._worked_s()
             self._rests(ended_s)
-            assert self.moved()[0], f"{self.name}: nothing moves"
             idle_s = -self._worked_s()
             time.sleep(COUNTED_S)
             idle_s += self._worked_s()
@@ -320,10 +375,11 @@ class Bed:
                     late_s = max(0.0, self.moved()[1] - stopped_s)
                 os.kill(stopped, signal.SIGCONT)
                 resumed_s = time.monotonic()
-            ended_s, cut = sender.recv()
-            newest_s = self._rests(max(ended_s, resumed_s))
+            ended_s, before, cut = sender.recv()
+            newest_s, after = self._rests(max(ended_s, resumed_s))
             moved_s = self.moved()[0] - before_s
-        return Row(self.name, rate, end, max(late_s, newest_s - ended_s, 0.0), moved_s, bool(cut))
+        late_s = max(late_s, newest_s - ended_s, 0.0)
+        return Row(self.name, rate, end, late_s, moved_s, bool(cut), waited_s(before, after))
 
 
 @contextlib.contextmanager
@@ -336,7 +392,7 @@ def bed(name: str) -> Iterator[Bed]:
         link, arm_pid = stack.enter_context(process(arm))
         peer = link.recv()
         if name == "joint stream":
-            yield Bed(name, link, peer, arm_pid)
+            yield Bed(name, link, peer, arm_pid, (arm_pid,))
             return
         bus = free_endpoint()
         known = {"arm": peer, "bus": bus, "folder": folder, "period_s": PERIOD_S}
@@ -357,9 +413,11 @@ def bed(name: str) -> Iterator[Bed]:
             endpoint = f"{folder}/spnav.sock" if name == "spnav" else bus
         with BusNetwork(BusOptions(router=bus), "flood_table") as network:
             until(lambda: network.wait_for_service(f"{ARM}/ask", 5.0), "a session")
+        roots = [arm_pid, pid]
         if server.face:
             endpoint, pid = stack.enter_context(program("face", *server.face, "--router", bus))
-        yield Bed(name, link, endpoint, pid)
+            roots.append(pid)
+        yield Bed(name, link, endpoint, pid, roots)
 
 
 def rows(

@@ -7,8 +7,8 @@ jerk, and a robot that made up for lost time would be faster than commanded.
 
 So the difference is kept, and added to every command. A robot that is ahead of its
 command is slowed a little until it is not; one that is behind stays behind until it rests. When the
-command has come to rest nobody commands, and nothing may move for long: the robot ends its way
-within `REST_S`, slower than it was commanded, and what cannot be done so stays.
+command has come to rest nobody commands, and nothing may move for long: the robot ends its way at
+once, no faster than it was commanded, and what it cannot do within `LONGEST_REST_S` stays.
 
 How much time has passed is never the controller's word alone: `AgreedTime` counts what its clock
 and this computer's both say.
@@ -18,38 +18,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 WORK_OFF_S: Final = 0.5
 """Time constant with which a difference in place dies away in motion: 6 mm, what 60 ms at 100 mm/s
 leave, at 12 mm/s."""
 
 WORK_OFF_SHARE: Final = 0.5
-"""Share of the commanded speed by which it may be slowed for that, and at which it may go on where
-its command rests."""
+"""Share of the commanded speed by which it may be slowed for that."""
 
 REST_S: Final = 0.2
 """Time from the rest of the command to that of the robot: 6 mm at 45 mm/s at most, and 0.9 m/s²."""
 
-REST_RAD_S: Final = 0.2
-REST_M_S: Final = 0.05
-"""Highest speed meanwhile, which nobody asks for."""
+LONGEST_REST_S: Final = 0.27
+"""The same where more was lost than 67 ms, which takes longer if it is to be no harder: a robot
+that had stopped is 0.125 s behind once it has its speed again."""
 
-RECENT_S: Final = 1.0
+RECENT_S: Final = 5.0
 """Time constant with which it is forgotten what speed was commanded."""
 
 SPEED_UP_S: Final = 0.25
-"""Time constant with which a robot that has slowed down by itself returns to its speed: from rest
-to 250 mm/s at no more than 1 m/s²."""
+"""Time in which a robot that has stopped by itself has its speed again: 250 mm/s at 1 m/s²."""
 
 SLOW_DOWN_S: Final = 0.1
-"""The same for a robot that is faster than commanded: from 100 mm/s at 1 m/s²."""
+"""Time constant of that for a robot that is faster than commanded: from 100 mm/s at 1 m/s²."""
 
 _NOTHING = 1e-7
 """Smallest difference that counts: m, rad, and per s."""
-
-_PEAK: Final = 1.5
-"""Highest speed of a cubic from rest to rest, in means of it."""
 
 
 SLACK_S: Final = 0.001
@@ -266,14 +261,12 @@ class LostTime:
     orientations a subclass overrides `_displacement` and `_advanced`.
     """
 
-    resting_speed: ClassVar = REST_RAD_S
-    """Highest speed of what is left once the command rests, per s."""
-
     __slots__ = (
         "_fastest",
         "_gap_s",
         "_interrupted",
         "_plan",
+        "_rest_s",
         "_rested_s",
         "_slip",
         "_went",
@@ -302,6 +295,8 @@ class LostTime:
         """Highest speed commanded of late, 0 once the robot has come to rest."""
         self._rested_s = 0.0
         """For how long the command rests."""
+        self._rest_s = 0.0
+        """When the robot comes to rest then."""
         self._plan: list[tuple[float, float, float]] = []
         """Of each axis what stays of the difference, the rest of it, and the rate, when it came to
         rest."""
@@ -395,7 +390,17 @@ class LostTime:
         back = 0.0
         if ahead > 0.0:
             back = -min(1.0 / WORK_OFF_S, WORK_OFF_SHARE * math.sqrt(square / size))
-        share = min(dt_s / (SLOW_DOWN_S if faster > 0.0 else SPEED_UP_S), 1.0)
+        share = min(dt_s / SLOW_DOWN_S, 1.0)
+        if faster <= 0.0:
+            slower = gain = 0.0
+            for v, each, r in zip(velocity, offset, rate, strict=True):
+                more = back * each - r
+                slower += more * more
+                gain += more * v
+            share = dt_s / SPEED_UP_S
+            if gain > 0.0:
+                share *= math.sqrt(square / slower)
+            share = min(share, 1.0)
         left = False
         for i, each in enumerate(offset):
             v = velocity[i]
@@ -416,10 +421,11 @@ class LostTime:
         if self._rested_s == 0.0:
             self._plan_rest(before)
         self._rested_s += dt_s
-        part = min(self._rested_s / REST_S, 1.0)
+        rest_s = self._rest_s
+        part = min(self._rested_s / rest_s, 1.0)
         left = (1.0 - part) ** 2
         for i, (stays, way, speed) in enumerate(self._plan):
-            each = stays + left * ((1.0 + 2.0 * part) * way + part * REST_S * speed)
+            each = stays + left * ((1.0 + 2.0 * part) * way + part * rest_s * speed)
             rate[i], offset[i] = (each - offset[i]) / dt_s, each
         if part == 1.0:
             self._fastest = 0.0
@@ -427,16 +433,17 @@ class LostTime:
                 self.reset()
 
     def _plan_rest(self, before: Sequence[float]) -> None:
-        """How the robot comes to rest: by a cubic in time, and as near as its speed allows."""
+        """How the robot comes to rest: by a cubic in time, which begins and ends hardest."""
         size = math.hypot(*self.offset)
-        most = min(WORK_OFF_SHARE * self._fastest, self.resting_speed) * REST_S / _PEAK
-        share = min(most / size, 1.0) if size > 0.0 else 0.0
+        hardest = max(self._fastest / SLOW_DOWN_S, _NOTHING)
+        self._rest_s = time_s = min(max(REST_S, math.sqrt(6.0 * size / hardest)), LONGEST_REST_S)
+        share = min(hardest * time_s**2 / 6.0 / size, 1.0) if self._fastest * size > 0.0 else 0.0
         self._plan = plan = []
         for each, more, v in zip(self.offset, self.rate, before, strict=True):
             # A robot that stands while its command brakes is not moved back.
             robot = v + more
             speed = min(max(more, min(robot, 0.0)), max(robot, 0.0))
-            way, brakes = share * each, -speed * REST_S / 3.0
+            way, brakes = share * each, -speed * time_s / 3.0
             if way * brakes > 0.0 and abs(brakes) > abs(way):
                 way = brakes  # It would turn back.
             plan.append((each - way, way, speed))

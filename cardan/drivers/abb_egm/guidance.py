@@ -30,7 +30,7 @@ from cardan.drivers.abb_egm.compiled import (
 )
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimiter
-from cardan.drivers.lost_time import REST_M_S, LostTime
+from cardan.drivers.lost_time import LostTime
 from cardan.drivers.robot_core import check_numbers, no_rotation, outside, wrong_kind
 from cardan.errors import CommandError
 from cardan.protocols.egm import (
@@ -283,8 +283,6 @@ class _Followed(LostTime):
 
 
 class _FollowedPoint(_Followed):
-    resting_speed = REST_M_S
-
     def _advanced(self, place: Vector3, by: Sequence[float]) -> Vector3:
         return add(place, Vector3(*by))
 
