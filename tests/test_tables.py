@@ -106,7 +106,7 @@ def test_what_is_left_out_has_its_default():
 @pytest.mark.parametrize(
     ("change", "key", "words"),
     [
-        ({"nam": "x"}, "nam", "there is no such key; allowed: name, size_m, "),
+        ({"nam": "x"}, "nam", "there is no such key; did you mean 'name'? Allowed: name, s"),
         ({"bodys": []}, "bodys", "did you mean 'bodies'?"),
         ({"made_s": 1.0}, "made_s", "there is no such key"),
         ({"name": 5}, "name", "5 is not allowed; it must be a text, in quotes"),
@@ -261,6 +261,20 @@ def test_no_number_is_too_long_for_an_error_in_words(tmp_path, number):
     assert len(str(caught.value)) < 400 + len(str(path))
 
 
+def test_of_several_unknown_keys_of_a_table_the_allowed_ones_are_told_once():
+    bodies = [{"shape": "ball", "radius_m": 1.0, "a": 1, "sides": 2, "radius": 2}]
+    with pytest.raises(ConfigurationError) as caught:
+        read_table(Scene, {**WHOLE, "zz": 1, "nam": 2, "bodies": bodies})
+    listed = ", ".join(keys_of(Scene))
+    assert str(caught.value).splitlines() == [
+        f"zz: there is no such key; allowed: {listed}",
+        "nam: there is no such key; did you mean 'name'?",
+        'bodies.0.a: there is no such key with shape = "ball"; allowed: shape, radius_m',
+        'bodies.0.sides: there is no such key with shape = "ball"',
+        "bodies.0.radius: there is no such key with shape = \"ball\"; did you mean 'radius_m'?",
+    ]
+
+
 def test_a_key_cannot_command_a_terminal(tmp_path):
     path = tmp_path / "odd.toml"
     path.write_text('name = "a"\n"\\u001b]0;owned\\u0007" = 1\n', "utf-8")
@@ -285,6 +299,23 @@ def test_a_habit_of_other_languages_is_told_with_what_to_write(line, words):
     with pytest.raises(ConfigurationError, match=r"^own:2:\d+: is not TOML: .*: ") as caught:
         parse_toml(f"# {line}\n{line}\n", "own")
     assert str(caught.value).endswith(words)
+
+
+@pytest.mark.parametrize(
+    ("text", "at"),
+    [
+        ('a = 1\nb = "c\0"\n', "2:7"),
+        ("a = 1\n\0b = 2\n", "2:1"),
+        ("a = 1 # \0\n", "1:9"),
+        ("\0" * 512, "1:1"),
+    ],
+    ids=ascii,
+)
+def test_a_character_nul_is_called_by_its_name(text, at):
+    with pytest.raises(ConfigurationError) as caught:
+        parse_toml(text, "own")
+    assert str(caught.value).startswith(f"own:{at}: is not TOML: ")
+    assert "there is a NUL character (U+0000)" in str(caught.value)
 
 
 @pytest.mark.parametrize(

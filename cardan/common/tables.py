@@ -34,6 +34,7 @@ else:
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 _REMEDIES = (
+    ("\0", "there is a NUL character (U+0000), as in what is no text, or was not written whole"),
     ("[\u201c\u201d\u201e\u2018\u2019\u201a\u00ab\u00bb]", 'write quotes as " and no others'),
     ("[\u00a0\u202f\u2007]", "there is a no-break space: write a space"),
     (r"=\s*[-+]?[0-9]+,[0-9]", "write the decimal point as ., not as a comma"),
@@ -282,9 +283,12 @@ class _Reader:
         if others := _others(kind):
             values[others] = unknown
         else:
-            words = f"there is no such key{tag and f' with {tag}'}; allowed: {', '.join(keys)}"
-            for name in unknown:
-                self._wrong(_below(key, name), words + suggestion(name, keys))
+            words = f"there is no such key{tag and f' with {tag}'}"
+            listed = ", ".join(keys)
+            for number, name in enumerate(unknown):
+                near = suggestion(name, keys)
+                told = f"{near} Allowed: {listed}" if near else f"; allowed: {listed}"
+                self._wrong(_below(key, name), words + (near if number else told))
         for name, each in keys.items():
             if name in table:
                 values[name] = self._value(allowed[name], table[name], _below(key, name))

@@ -46,6 +46,8 @@ MOST_OTHERS = 4096
 COPY_NS = 20_000_000
 """Within this time a datagram passes from one interface of a computer to another: a bridge, a
 container."""
+MOST_TOLD = 10
+"""Files that are not read and that are named."""
 PROGRESS_PACKETS = 4096
 """After so many packets the progress is told."""
 
@@ -91,8 +93,7 @@ def dissect_file(
     capture = _Capture(registry.dissectors(), numbers)
     paths = [path] if isinstance(path, str | os.PathLike) else path
     if len(paths) > 1:
-        for each in paths:
-            Capture(each).look()
+        _look(paths)
     start_ns = None
     stopped, damage = False, None
 
@@ -145,6 +146,19 @@ def dissect_file(
     if damage is not None:
         raise damage
     return counts
+
+
+def _look(paths: Iterable[str | os.PathLike[str]]) -> None:
+    """Raise CaptureError with what is wrong of each file that is not read."""
+    wrong = []
+    for path in paths:
+        try:
+            Capture(path).look()
+        except CaptureError as error:
+            wrong.append(str(error))
+    if wrong:
+        more = f" (and {len(wrong) - MOST_TOLD} more)" if len(wrong) > MOST_TOLD else ""
+        raise CaptureError("; ".join(wrong[:MOST_TOLD]) + more)
 
 
 class _Capture:

@@ -126,6 +126,22 @@ def test_of_several_files_none_is_read_where_one_is_missing(rtde, tmp_path):
     assert out.getvalue() == ""
 
 
+def test_of_several_files_each_that_cannot_be_read_is_named(rtde, tmp_path):
+    other, empty = tmp_path / "notes.txt", tmp_path / "empty.pcap"
+    other.write_text("notes")
+    empty.write_bytes(b"")
+    with pytest.raises(CaptureError) as caught:
+        dissect_file([tmp_path / "nope.pcap", rtde, other, empty, tmp_path], io.StringIO())
+    said = str(caught.value)
+    assert said.startswith(f"{tmp_path / 'nope.pcap'}: there is no such file; {other}: not a pcap")
+    assert f"; {empty}: the file is empty; {tmp_path}: cannot be read: it is a dir" in said
+    missing = [tmp_path / f"{number}.pcap" for number in range(13)]
+    with pytest.raises(CaptureError) as caught:
+        dissect_file(missing, io.StringIO())
+    assert str(caught.value).count("there is no such file") == 10
+    assert str(caught.value).endswith("9.pcap: there is no such file (and 3 more)")
+
+
 def test_of_several_files_one_that_is_damaged_is_read_to_there(rtde, tmp_path):
     two = tmp_path / "two.pcap"
     two.write_bytes(rtde.read_bytes()[:30])

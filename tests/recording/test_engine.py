@@ -251,7 +251,22 @@ def test_a_devices_inertia_reads_back_as_it_was(recorded):
     assert decode_cycle(json.dumps(table)).device.inertia is None
 
 
-@pytest.mark.parametrize("text", ["", "{}", "[]", '{"cycle": 1}', "[" * 100_000])
-def test_what_is_no_cycle_is_refused(text):
-    with pytest.raises(RecordError):
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("", "it is not JSON"),
+        ("{}", "it has no 'cycle'"),
+        ("[]", "a value in it is not of its kind"),
+        ('{"cycle": 1}', "it has no 'before'"),
+        ('{"cycle": 1e999}', "a value in it is not of its kind"),
+        ('{"cycle": 1, "before": [1], "robot": []}', "a value in it is not of its kind"),
+        ('{"cycle": 1, "before": [], "robot": 5}', "a value in it is not of its kind"),
+        ("[" * 100_000, "it is nested too deeply"),
+    ],
+    ids=lambda each: each[:40],
+)
+def test_what_is_no_cycle_is_refused_in_words(text, why):
+    """And not in those of Python's exceptions."""
+    with pytest.raises(RecordError) as caught:
         decode_cycle(text)
+    assert str(caught.value) == f"no record of a cycle: {why}"

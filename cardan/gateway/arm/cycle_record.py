@@ -12,6 +12,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
+from cardan.errors import shown
 from cardan.gateway.arm.loop import Cycle
 from cardan.types import (
     Axes,
@@ -99,15 +100,15 @@ def decode_cycle(text: str) -> CycleRecord:
             tuple(ButtonEvent(*each) for each in table["events"]),
             _encode(table["command"]),
         )
-    except (
-        ValueError,
-        TypeError,
-        KeyError,
-        AttributeError,
-        OverflowError,
-        RecursionError,
-    ) as error:
-        raise RecordError(f"no record of a cycle: {error!r:.200}") from None
+    except json.JSONDecodeError:
+        why = "it is not JSON"
+    except RecursionError:
+        why = "it is nested too deeply"
+    except KeyError as error:
+        why = f"it has no {shown(error.args[0])}"
+    except (ValueError, TypeError, AttributeError, OverflowError):
+        why = "a value in it is not of its kind"
+    raise RecordError(f"no record of a cycle: {why}")
 
 
 def _robot(*row: Any) -> RobotState:
