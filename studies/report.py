@@ -87,9 +87,14 @@ def evaluate(
 
 
 def _writable(folder: Path) -> None:
+    file = folder / JSON
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / JSON).touch()
+        there = file.exists()
+        with file.open("a"):
+            pass
+        if not there:  # Nothing is measured yet: an empty one would be no report.
+            file.unlink()
     except OSError as error:
         raise ConfigurationError(
             "--output", f"nothing can be written into {folder}: {error.strerror}"

@@ -134,7 +134,10 @@ def test_ours_have_their_names_first(cardan):
     ],
     ids=["evaluate", "spnav"],
 )
-def test_a_command_of_the_source_tree_says_where_it_is(cardan, monkeypatch, words, folder):
+def test_a_command_of_the_source_tree_says_where_it_is(
+    cardan, monkeypatch, tmp_path, words, folder
+):
+    monkeypatch.chdir(tmp_path)  # Where it is installed all the same, it writes into this folder.
     monkeypatch.setattr(installed, "entry_points", lambda group: [])
     said = cardan(*words, code=2)
     assert said.startswith(f"cardan: command: '{words[0]}' is in the folder {folder} ")

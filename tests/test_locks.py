@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import importlib.metadata
+import os
 import re
+import subprocess
 import sys
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -149,3 +151,31 @@ def test_this_environment_is_the_locked_one():
     assert here.items() >= needed.items()
     differ = {name for name in here.keys() & locked.keys() if here[name] != locked[name]}
     assert not differ
+
+
+@pytest.mark.parametrize("installer", ["uv", "pip"])
+def test_what_is_installed_is_said_with_its_size_before_and_progress_is_shown(tmp_path, installer):
+    """What has to be downloaded takes most of the time of `make demo`."""
+    programs = tmp_path / "bin"
+    programs.mkdir()
+    for name in ("python", "uv"):
+        program = programs / name
+        program.write_text(f'#!/bin/sh\necho "{name} $*"\n', "utf-8")
+        program.chmod(0o755)
+    said = subprocess.run(
+        [ROOT / "tools/install", tmp_path, "--editable", "arm", "network"],
+        cwd=ROOT,
+        env={"PATH": os.defpath, "INSTALLER": installer},
+        capture_output=True,
+        text=True,
+        check=True,
+    ).stdout.splitlines()
+    table = (ROOT / "docs/installing.md").read_text(encoding="utf-8")
+    (size,) = re.findall(r"^\| `cardan\[arm\]` \| (\d+ MB) \|", table, re.MULTILINE)
+    arm, network, packages, cardan, _ = said
+    assert arm == f"installing into {tmp_path} what is for 'arm', {size}, as locks/arm.txt has it"
+    assert network.startswith(f"installing into {tmp_path} what is for 'network'")
+    assert "-r locks/arm.txt -r locks/network.txt" in packages
+    assert "--quiet" not in packages
+    assert cardan == f"installing Cardan, its studies and plug-ins into {tmp_path}"
+    assert {packages.split()[0]} == {"uv" if installer == "uv" else "python"}

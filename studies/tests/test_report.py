@@ -154,6 +154,17 @@ def stop(_quick):
     raise KeyboardInterrupt
 
 
+def test_one_that_ends_before_anything_is_measured_leaves_no_empty_report(tmp_path):
+    endless = SimpleNamespace(name="x", title="", source="", run=stop)
+    with pytest.raises(KeyboardInterrupt):
+        evaluated(tmp_path, endless)
+    assert [*tmp_path.iterdir()] == []
+    (tmp_path / "report.json").write_text("of before")
+    with pytest.raises(KeyboardInterrupt):
+        evaluated(tmp_path, endless)
+    assert (tmp_path / "report.json").read_text() == "of before"
+
+
 def test_a_report_is_read_back_as_it_was_written(tmp_path):
     figures = Figure("f", 1.5, "ms", "more", None, 2.0), Figure("g", None)
     found, _ = evaluated(tmp_path, fake(result(*figures, seeds=("s",))))

@@ -11,10 +11,12 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 
 from cardan.errors import DriverError
 from tests.console.hand import MOUSE, RELOADED, enable, hold, jog
-from tests.console.served_arm import motion_of, served_arm, stops
+from tests.console.served_arm import ARM, motion_of, served_arm, stops
 from tests.gateway.faces.rig import WAIT_S
 
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]  # A browser that draws by software.
+
+TRIGGER = "std_srvs/srv/Trigger"
 
 AROUND = """
 [limits]
@@ -195,3 +197,50 @@ def test_two_people_ask_for_the_arm_and_hand_it_over_and_both_can_stop_it(bus, b
         enable(other)
         one.until(f"{AUTHORITY}.startsWith('Authorityconsole ')")
         press_until(other, "Release", one, f"{AUTHORITY}.startsWith('Authoritynobody')")
+
+
+def test_after_a_stop_of_whomever_the_page_is_enabled_anew_before_the_arm_moves(
+    bus, browser, moving
+):
+    network, address = bus
+    with browser.open(address) as one, browser.open(address) as other:
+        for each in (one, other):
+            each.until(RELOADED)
+        other.value(
+            "(e => { e.value = 'Ana'; e.dispatchEvent(new Event('change')) })"
+            "(document.querySelector('input[autocomplete=nickname]'))"
+        )
+        one.ask("Page.bringToFront")
+        for stop, who in (
+            (lambda: press(other, "StopEsc"), "ros2 /rosbridge_client_"),
+            (lambda: network.call(f"{ARM}/stop", TRIGGER, b"\0\1\0\0\0", lambda _: None, WAIT_S), "ros2 /console)"),
+        ):
+            # While a hold moves the arm.
+            at = hold(one, MOUSE, jog("X"), moving)
+            stop()
+            stops(moving)
+            one.until(f"{STATE} === 'watching'")
+            one.until(f"{WHY}.includes('stopped: enable again ({who}')")
+            MOUSE.let_go(one, at)
+            presses_in_vain(one, moving)
+
+            # While nothing is held.
+            enable(one)
+            stop()
+            one.until(f"{STATE} === 'watching'")
+            one.until(f"{WHY}.includes('stopped: enable again ({who}')")
+            presses_in_vain(one, moving)
+
+        MOUSE.let_go(one, hold(one, MOUSE, jog("X"), moving))
+
+
+def presses_in_vain(page, moving):
+    """Press what would move the arm: nothing does."""
+    at = page.centre(jog("X"))
+    page.mouse("mousePressed", at)
+    end_s = time.monotonic() + 1.0
+    while time.monotonic() < end_s:
+        assert page.value(STATE) == "watching"
+        assert not moving()
+        time.sleep(0.02)
+    page.mouse("mouseReleased", at)

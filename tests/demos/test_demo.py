@@ -124,9 +124,17 @@ def test_an_unknown_demo_is_refused_with_the_known_ones():
         run_demo(1.0, "teo")
 
 
-def test_a_drawing_that_would_not_begin_is_refused():
-    with pytest.raises(ConfigurationError, match=r"--seconds: 5 are too few .* 10 or more"):
-        run_demo(5.0, "omni")
+@pytest.mark.parametrize(
+    ("name", "seconds", "words"),
+    [
+        ("omni", 5.0, "5 are too few for this demo; allowed: 10 or more"),
+        ("spnav-ur5", 20.0, "20 are too few for this demo; allowed: 25 or more"),
+    ],
+)
+def test_a_demo_that_would_not_begin_says_how_long_it_needs(name, seconds, words):
+    with pytest.raises(ConfigurationError) as caught:
+        run_demo(seconds, name)
+    assert str(caught.value) == f"--seconds: {words}"
 
 
 @pytest.mark.parametrize(
