@@ -10,6 +10,8 @@ pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
 from cardan.errors import DriverError
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.interfaces import DUMMY_MEMBER
 from tests.console.hand import MOUSE, RELOADED, enable, hold, jog
 from tests.console.served_arm import ARM, motion_of, served_arm, stops
 from tests.gateway.faces.rig import WAIT_S
@@ -17,6 +19,7 @@ from tests.gateway.faces.rig import WAIT_S
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]  # A browser that draws by software.
 
 TRIGGER = "std_srvs/srv/Trigger"
+NO_VALUES = codec_of("std_srvs/srv/Trigger_Request").encode({DUMMY_MEMBER: 0})
 
 AROUND = """
 [limits]
@@ -206,14 +209,17 @@ def test_after_a_stop_of_whomever_the_page_is_enabled_anew_before_the_arm_moves(
     with browser.open(address) as one, browser.open(address) as other:
         for each in (one, other):
             each.until(RELOADED)
-        other.value(
-            "(e => { e.value = 'Ana'; e.dispatchEvent(new Event('change')) })"
-            "(document.querySelector('input[autocomplete=nickname]'))"
-        )
         one.ask("Page.bringToFront")
+
+        def by_the_other_page():
+            other.value("document.querySelector('.stop').click()")
+
+        def by_a_program():
+            network.call(f"{ARM}/stop", TRIGGER, NO_VALUES, lambda _: None, WAIT_S)
+
         for stop, who in (
-            (lambda: press(other, "StopEsc"), "ros2 /rosbridge_client_"),
-            (lambda: network.call(f"{ARM}/stop", TRIGGER, b"\0\1\0\0\0", lambda _: None, WAIT_S), "ros2 /console)"),
+            (by_the_other_page, "ros2 /rosbridge_client_"),
+            (by_a_program, "ros2 /console)"),
         ):
             # While a hold moves the arm.
             at = hold(one, MOUSE, jog("X"), moving)

@@ -679,12 +679,15 @@ def test_a_client_that_does_not_read_its_answers_is_closed(network, running):
         answered.append(None)
         return {"success": True, "message": "x" * 200_000}
 
+    def ask_on(client):
+        for number in range(1, 1000):
+            client.send("call_service", service="/stop")
+            until(lambda n=number: len(answered) >= n or running.server.clients == 0)
+
     network.offer("/stop", TRIGGER, stop)
     with plain_client(running, max_queue=1) as client:
         with pytest.raises(ConnectionClosed):
-            for number in range(1, 1000):
-                client.send("call_service", service="/stop")
-                until(lambda n=number: len(answered) >= n or running.server.clients == 0)
+            ask_on(client)
         assert running.server.counts["too slow"] == 1
         until(lambda: running.server.clients == 0)
     assert running.server.counts["backlogged"] == 0
