@@ -115,7 +115,8 @@ class UrSession:
         self._draw = draw
         self._links: dict[Channel, Connection] = {name: Connection() for name in CHANNELS}
         self._blind_s, self._astray_rad = options.state_timeout_s, options.following_error_rad
-        self._out: deque[tuple[Channel, bytes]] = deque()
+        self._out: list[tuple[Channel, bytes]] = []
+        """To other channels than RTDE's."""
         self._closing: list[Channel] = []
         self._starting: Starting | None = None
         self._motion: Motion | None = None
@@ -173,11 +174,6 @@ class UrSession:
         )
 
     @property
-    def slider(self) -> float:
-        """How fast the controller's time passes."""
-        return self.feed.values.slider
-
-    @property
     def hold_reason(self) -> str:
         """Why commands would not act now; empty when they do."""
         if self.phase is Phase.DOWN:
@@ -188,7 +184,7 @@ class UrSession:
         if fault := self.feed.clock.fault:
             return again(fault)
         if self.phase is Phase.MOVING:
-            if values.slider < SLOWEST_SHARE:
+            if self.feed.slider < SLOWEST_SHARE:
                 return "the speed slider is at 0: move it up at the pendant"
             return ""
         if self.phase is Phase.STARTING and self._starting is not None:
@@ -220,7 +216,6 @@ class UrSession:
         if channel == "rtde":
             self._model = ""
             self.feed.connected(now_s)
-            self._flush()
         elif channel == "dashboard":
             self._lines = LineReader()
             if self._unlocks:
@@ -247,7 +242,7 @@ class UrSession:
         link = self._links[channel]
         if not link.up:
             return
-        self._out = deque(item for item in self._out if item[0] != channel)
+        self._out = [item for item in self._out if item[0] != channel]
         if channel == "rtde":
             reason = self._refused_rtde(reason)
         link.lost(reason, now_s)
@@ -289,9 +284,13 @@ class UrSession:
 
     def outgoing(self) -> list[tuple[Channel, bytes]]:
         """What to send now, in order."""
-        found = [*self._out]
-        if found:
-            self._out.clear()
+        states = self.feed.out
+        if not (states or self._out):
+            return []
+        found, self._out = self._out, []
+        for data in states:
+            found.append(("rtde", data))
+        states.clear()
         return found
 
     def received(self, channel: Channel, data: bytes, now_s: float) -> None:
@@ -318,8 +317,6 @@ class UrSession:
             self._look(now_s)
         if feed.failure:
             self._drop("rtde", feed.failure, now_s)
-        if feed.out:
-            self._flush()
 
     def _received_lines(self, data: bytes, now_s: float) -> None:
         self._lines.feed(data)
@@ -426,7 +423,7 @@ class UrSession:
         if (
             obeyed != beat
             or obeyed == motion.beat
-            or (slider := self.slider) < SLOWEST_SHARE
+            or (slider := self.feed.slider) < SLOWEST_SHARE
             or time_s < at_s
         ):
             self._answered = (obeyed, time_s)
@@ -460,8 +457,7 @@ class UrSession:
             if self._links[channel].up:
                 self._links[channel].lost("not needed", NEVER_S)
                 self._closing.append(channel)
-        self._out = deque(item for item in self._out if item[0] == "rtde")
-        self._flush()
+        self._out.clear()
 
     def _fail(self, reason: str) -> None:
         if self.phase is Phase.STARTING:
@@ -491,7 +487,6 @@ class UrSession:
         self._starting = Starting(self.options, self._token, now_s)
         self.phase = Phase.STARTING
         self.feed.write(nobody(self._beat))
-        self._flush()
 
     def _go_on(self, now_s: float) -> None:
         """The next step of a start."""
@@ -573,14 +568,6 @@ class UrSession:
                 self._end(again(self._silence()))
         elif self.phase is Phase.STARTING:
             self._go_on(now_s)
-        if feed.out:
-            self._flush()
-
-    def _flush(self) -> None:
-        out = self.feed.out
-        for data in out:
-            self._out.append(("rtde", data))
-        out.clear()
 
     # -- the control loop -------------------------------------------------------------------------
 
@@ -671,7 +658,7 @@ class UrSession:
 
     def _send(self, command: RobotCommand, motion: Motion, now_s: float) -> None:
         feed = self.feed
-        scale = feed.values.slider
+        scale = feed.slider
         if not SLOWEST_SHARE <= scale <= 1.0:
             scale = max(min(scale, 1.0), SLOWEST_SHARE)
         values = motion.command(command, feed.clock.time_s, feed.period_s, scale)
@@ -680,7 +667,6 @@ class UrSession:
             self.commands += 1
             self._sent.append((beat, now_s))
             feed.write(values)
-            self._flush()
 
     def check(self, command: RobotCommand) -> None:
         """Raise CommandError for a command of a wrong kind or length, or without sensible numbers.
@@ -709,10 +695,10 @@ class UrSession:
             found.append(self._silence())
         elif self.hold_reason:
             found.append(self.hold_reason)
-        elif self.slider < 1.0:
+        elif self.feed.slider < 1.0:
             found.append(
-                f"the speed slider is at {100.0 * self.slider:.0f} %: the arm's highest speeds are "
-                "so much lower, and it lags behind so much more"
+                f"the speed slider is at {100.0 * self.feed.slider:.0f} %: the arm's highest "
+                "speeds are so much lower, and it lags behind so much more"
             )
         if self._live(now_s) and self.feed.values.safety_mode == SafetyMode.REDUCED:
             found.append(REDUCED)
