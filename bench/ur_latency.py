@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import contextlib
 import gc
+import json
 import selectors
 import socket
 import subprocess
@@ -35,7 +36,9 @@ CYCLES = 5000
 WARM_UP = 500
 PERIOD_S = 0.002
 ANSWER_WITHIN_S = 0.5
-READY_WITHIN_S = 30.0
+READY_WITHIN_S = 60.0
+PATIENT: Final = {"enable": "at-start", "watchdog_s": 0.5, "state_timeout_s": 0.5}
+"""Options of a driver that goes on where a busy computer keeps states or commands back."""
 
 ECHO, DRIVER, SESSION = "echo", "cardan-driver", "session with model"
 STATE = Recipe(1, ["state"] * 26, ["DOUBLE"] * 26).pack([0.0] * 26)
@@ -116,12 +119,10 @@ class Played:
             each.close()
         self._selector.close()
 
-    def pass_to(self, now_s: float) -> None:
-        """Let time pass."""
-        self.now_s = now_s
-        self.servers.advance(now_s)
-        while self.controller.next_s <= now_s:
-            self.servers.advance(now_s)
+    def step(self) -> None:
+        """One frame, and what came since the one before."""
+        self.now_s += PERIOD_S
+        self.servers.advance(self.now_s)
         self.carry(0.0)
 
     def asked(self) -> float | None:
@@ -186,7 +187,7 @@ def driver(rtde: int, primary: int, dashboard: int) -> None:
     from cardan.types import JointCommand
 
     ports = {"rtde_port": rtde, "primary_port": primary, "dashboard_port": dashboard}
-    with UrRtde(enable="at-start", watchdog_s=0.5, **ports) as robot:
+    with UrRtde(**PATIENT, **ports) as robot:
         for state in robot.cycles():
             if state.ready:
                 robot.send(JointCommand(state.joints))
@@ -209,9 +210,10 @@ def session(played: Played) -> Iterator[None]:
     with tempfile.TemporaryDirectory() as folder, contextlib.ExitStack() as stack:
         hid_path, script, config = (Path(folder) / name for name in ("hid", "script", "ur.toml"))
         script.write_text(TOUCH + MOVE)
-        ports = "".join(f"{kind}_port = {port}\n" for kind, port in played.ports.items())
+        robot = PATIENT | {f"{kind}_port": port for kind, port in played.ports.items()}
+        lines = "".join(f"{key} = {json.dumps(value)}\n" for key, value in robot.items())
         config.write_text(
-            f'[robot]\ndriver = "ur_rtde"\nenable = "at-start"\nwatchdog_s = 0.5\n{ports}'
+            f'[robot]\ndriver = "ur_rtde"\n{lines}'
             '[arm]\nmodel = "ur5e"\n[mapping]\ndeadman = "left"\n'
             f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{hid_path}"\n'
         )
@@ -220,6 +222,15 @@ def session(played: Played) -> Iterator[None]:
         )
         stack.enter_context(process("-m", "cardan", "run", str(config)))
         yield
+
+
+def slots(period_s: float) -> Iterator[None]:
+    """One after the other, each at least `period_s` long: none is made up for."""
+    slot_s = time.perf_counter()
+    while True:
+        yield
+        slot_s = max(slot_s + period_s, time.perf_counter())
+        time.sleep(max(0.0, slot_s - time.perf_counter()))
 
 
 def measure(cycles: int = CYCLES, period_s: float = PERIOD_S, warm_up: int = WARM_UP) -> Figures:
@@ -232,30 +243,27 @@ def measure(cycles: int = CYCLES, period_s: float = PERIOD_S, warm_up: int = WAR
             stack.callback(each.close)
         module = ("-m", "bench.ur_latency")
         stack.enter_context(process(*module, ECHO, str(echoed.port)))
-        stack.enter_context(process(*module, DRIVER, *(str(alone.ports[k]) for k in PORT_KINDS)))
-        stack.enter_context(session(moving))
-        asked = {ECHO: echoed, DRIVER: alone, SESSION: moving}
         echoed.wait()
+        stack.enter_context(session(moving))
+        stack.enter_context(process(*module, DRIVER, *(str(alone.ports[k]) for k in PORT_KINDS)))
+        asked = {ECHO: echoed, DRIVER: alone, SESSION: moving}
         begin_s = time.monotonic()
-        # All at once: a driver whose controller falls silent ends motion.
-        while not (alone.followed and moving.followed):
-            now_s = time.monotonic() - begin_s
-            if now_s > READY_WITHIN_S:
+        for _ in slots(PERIOD_S):
+            # All at once: a driver whose controller falls silent ends motion.
+            if alone.followed and moving.followed:
+                break
+            if time.monotonic() - begin_s > READY_WITHIN_S:
                 raise RuntimeError("no commands came: is this machine very busy?")
-            alone.pass_to(now_s)
-            moving.pass_to(now_s)
-            time.sleep(0.25 * PERIOD_S)
+            alone.step()
+            moving.step()
         gc.disable()
-        slot_s = time.perf_counter()
-        for cycle in range(cycles + warm_up):
+        for cycle, _ in zip(range(cycles + warm_up), slots(period_s), strict=False):
             for name, responder in asked.items():
                 took_s = responder.asked()
                 if took_s is None:
                     figures.miss(name)
                 elif cycle >= warm_up:
                     figures.add(name, took_s)
-            slot_s = max(slot_s + period_s, time.perf_counter())
-            time.sleep(max(0.0, slot_s - time.perf_counter()))
         gc.enable()
     return figures
 

@@ -47,6 +47,7 @@ class JointLimiter:
     ) -> None:
         """Limits per axis in rad or m; no period given later is above `longest_period_s`."""
         self._axes = range(len(speed))
+        self._rest = (0.0,) * len(speed)
         self._lower = tuple(lower)
         self._upper = tuple(upper)
         self._speed = tuple(speed)
@@ -104,57 +105,50 @@ class JointLimiter:
 
         `velocities` stand in for that speed on the first call after a reset or a brake.
         """
-        previous = self._target
-        self._target = target
-        positions = self.reference
-        speeds, accelerations = self._speed, self._acceleration
-        desired = []
-        for i in self._axes:
-            goal = target[i]
-            forward = 0.0
-            if previous is not None:
-                forward = (goal - previous[i]) / dt_s
-            elif velocities is not None:
-                forward = velocities[i]
-            speed = speeds[i]
-            if forward > speed:
-                forward = speed
-            elif forward < -speed:
-                forward = -speed
-            behind = goal - positions[i] - forward * dt_s
-            if behind > _TINY:
-                a = accelerations[i]
-                gain = a * dt_s
-                forward += _sqrt(gain * gain + 2.0 * a * behind) - gain
-            elif behind < -_TINY:
-                a = accelerations[i]
-                gain = a * dt_s
-                forward -= _sqrt(gain * gain - 2.0 * a * behind) - gain
-            desired.append(forward)
-        self._advance(desired, dt_s)
+        previous, self._target = self._target, target
+        if previous is not None:
+            velocities = [(q - before) / dt_s for q, before in zip(target, previous, strict=False)]
+        elif velocities is None:
+            velocities = self._rest
+        self._advance(velocities, target, dt_s)
 
     def drive(self, velocities: Sequence[float], dt_s: float) -> None:
         """One period at `velocities`."""
         self._target = None
-        self._advance(velocities, dt_s)
+        self._advance(velocities, None, dt_s)
 
     def brake(self, dt_s: float) -> None:
         """One period of slowing down, or of standing still."""
         self._target = None
         if any(self.velocity):
-            self._advance([0.0] * len(self._axes), dt_s)
+            self._advance(self._rest, None, dt_s)
 
-    def _advance(self, desired: Sequence[float], dt_s: float) -> None:
-        positions = self.reference
-        velocities = self.velocity
-        speeds, accelerations = self._speed, self._acceleration
+    def _advance(
+        self, desired: Sequence[float], target: Sequence[float] | None, dt_s: float
+    ) -> None:
+        """One period at `desired`, and towards a target that moves so."""
+        positions, velocities = self.reference, self.velocity
         inner_lower, inner_upper = self._inner_lower, self._inner_upper
-        for i in self._axes:
-            position = positions[i]
-            before = velocities[i]
-            a = accelerations[i]
-            speed = speeds[i]
+        for i, speed, a, position, before, velocity in zip(
+            self._axes,
+            self._speed,
+            self._acceleration,
+            positions,
+            velocities,
+            desired,
+            strict=False,
+        ):
             gain = a * dt_s
+            if target is not None:
+                if velocity > speed:
+                    velocity = speed
+                elif velocity < -speed:
+                    velocity = -speed
+                behind = target[i] - position - velocity * dt_s
+                if behind > _TINY:
+                    velocity += _sqrt(gain * gain + 2.0 * a * behind) - gain
+                elif behind < -_TINY:
+                    velocity -= _sqrt(gain * gain - 2.0 * a * behind) - gain
             highest = before + gain
             if highest > speed:
                 highest = speed
@@ -165,7 +159,6 @@ class JointLimiter:
                 highest = min(highest, stopping_speed(self._upper[i] - position, a, dt_s))
             if position < inner_lower[i]:
                 lowest = max(lowest, -stopping_speed(position - self._lower[i], a, dt_s))
-            velocity = desired[i]
             if velocity < lowest:
                 velocity = lowest
             if velocity > highest:

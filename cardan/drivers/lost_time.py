@@ -76,8 +76,11 @@ SIMULATED_TIME: Final = "simulated_time"
 """The option of drivers whose controller may be a simulation."""
 
 
-def believed_s(step_s: float, due_s: float, waited_s: float, credit_s: float) -> float:
-    """Time between two states of which a controller says that it was `step_s`.
+def believed_s(
+    step_s: float, due_s: float, waited_s: float, credit_s: float
+) -> tuple[float, float]:
+    """Time between two states of which a controller says that it was `step_s`, and the credit for
+    the next; before the first it is SLACK_S.
 
     They came `waited_s` apart, and `due_s` is the time that so many states take: states that were
     kept back come faster, and use up `credit_s`, which is what this computer has counted and the
@@ -88,13 +91,10 @@ def believed_s(step_s: float, due_s: float, waited_s: float, credit_s: float) ->
         found_s = max(due_s, slack_s)
     if found_s > credit_s:
         found_s = credit_s
-    return found_s if found_s > 0.0 else 0.0
-
-
-def credit_left_s(credit_s: float, waited_s: float, found_s: float) -> float:
-    """The credit for the next state; before the first it is SLACK_S."""
-    left_s = credit_s + waited_s - found_s
-    return left_s if left_s < PAUSE_S else PAUSE_S
+    if not found_s > 0.0:
+        found_s = 0.0
+    left_s = credit_s - found_s
+    return found_s, left_s if left_s < PAUSE_S else PAUSE_S
 
 
 class ClockWatch:
@@ -244,8 +244,9 @@ class AgreedTime(ClockWatch):
         return self._agree(states * self.period_s, waited_s, states)
 
     def _agree(self, step_s: float, waited_s: float, states: int) -> float:
-        found_s = believed_s(step_s, states * self.period_s, waited_s, self._credit_s)
-        self._credit_s = credit_left_s(self._credit_s, waited_s, found_s)
+        found_s, self._credit_s = believed_s(
+            step_s, states * self.period_s, waited_s, self._credit_s
+        )
         self.time_s += found_s
         return found_s
 

@@ -309,27 +309,21 @@ def check_joints(
     """Raise CommandError for a command that is not of `kinds`, not for as many joints, or has
     numbers that no robot can take."""
     try:
-        _check_joints(who, command, kinds, joints)
+        if type(command) is JointCommand:
+            # The usual case, by their length, which a NaN does not pass.
+            positions, speeds, axes, kind = command
+            if (
+                kind in kinds
+                and not axes
+                and len(positions) == joints
+                and math.hypot(*positions) <= _POSITIONS
+                and (speeds is None or (len(speeds) == joints and math.hypot(*speeds) <= _SPEEDS))
+            ):
+                return
+        for name, values, allowed in joint_values(who, command, kinds):
+            check_numbers(name, values, allowed, joints)
     except _NOT_SUCH as error:
         raise _cannot(who, command, error) from None
-
-
-def _check_joints(
-    who: str, command: RobotCommand, kinds: Collection[CommandKind], joints: int
-) -> None:
-    if type(command) is JointCommand:
-        # The usual case, by their length, which a NaN does not pass.
-        positions, speeds, axes, kind = command
-        if (
-            kind in kinds
-            and not axes
-            and len(positions) == joints
-            and math.hypot(*positions) <= _POSITIONS
-            and (speeds is None or (len(speeds) == joints and math.hypot(*speeds) <= _SPEEDS))
-        ):
-            return
-    for name, values, allowed in joint_values(who, command, kinds):
-        check_numbers(name, values, allowed, joints)
 
 
 _POSITIONS, _SPEEDS = JOINT_POSITION.highest, JOINT_VELOCITY.highest

@@ -201,8 +201,9 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
             return
         with self._looping(loop):
             while self._loop == loop:
-                self._turn(session, _monotonic())
-                state = session.due_state(_monotonic())
+                now_s = _monotonic()
+                self._turn(session, now_s)
+                state = session.due_state(now_s)
                 if state is not None:
                     yield state
                     if self._loop != loop:
@@ -228,8 +229,10 @@ class TcpRobot(LoopingRobot[TcpSessionT], Generic[TcpSessionT, ChannelT, TaskT])
         what is due."""
         links = self._links
         timeout_s = session.next_s - _monotonic()
-        if not 0.0 <= timeout_s <= longest_s:
-            timeout_s = min(max(timeout_s, 0.0), longest_s)
+        if timeout_s > longest_s:
+            timeout_s = longest_s
+        elif timeout_s < 0.0:
+            timeout_s = 0.0
         reads: list[socket.socket] = []
         writes: list[socket.socket] = []
         for link in links.values():

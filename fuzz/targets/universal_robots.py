@@ -9,7 +9,7 @@ from typing import Any
 
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.program import program
-from cardan.drivers.ur_rtde.session import CHANNELS, Phase, UrSession
+from cardan.drivers.ur_rtde.session import CHANNELS, UrSession
 from cardan.protocols.ur import dashboard, primary, robot_state, rtde
 from cardan.protocols.ur.framing import ScriptReader
 from cardan.protocols.ur.script import LARGEST, Program, parse
@@ -287,7 +287,7 @@ def _session(packets: Packets) -> object:
         now_s += 0.002
         session.received("rtde", data, now_s)
         step()
-    assert session.phase is not Phase.DOWN, session.diagnosis(now_s)
+    assert session.phase != "down", session.diagnosis(now_s)
     return tuple(diagnosis)
 
 

@@ -3,7 +3,7 @@
 from itertools import count
 
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
-from cardan.drivers.ur_rtde.session import CHANNELS, Phase, UrSession
+from cardan.drivers.ur_rtde.session import CHANNELS, UrSession
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 from cardan.types import HoldCommand
 from tests.drivers.tcp_rig import TcpRig
@@ -93,7 +93,7 @@ class Rig(TcpRig):
 
     def ready(self, seconds=5.0):
         """Connect, enable, and wait until commands act."""
-        self.run(1.0, until=lambda: self.session.phase is Phase.IDLE)
+        self.run(1.0, until=lambda: self.session.phase == "idle")
         self.session.ask("enable", self.now_s)
         self.run(seconds, until=lambda: bool(self.states) and self.states[-1].ready)
         assert self.states[-1].ready, self.states[-1].hold_reason

@@ -21,7 +21,7 @@ from cardan.drivers.abb_egm.guidance import guidance_for, wire_factors
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.slow_motion import SlowMotionWatch
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
-from cardan.drivers.lost_time import PAUSE_S, SLACK_S, ClockWatch, believed_s, credit_left_s
+from cardan.drivers.lost_time import PAUSE_S, SLACK_S, ClockWatch, believed_s
 from cardan.drivers.robot_core import check_command, implausible, no_rotation, outside
 from cardan.errors import CommandError
 from cardan.protocols.egm import (
@@ -485,8 +485,7 @@ class EgmSession:
             # Outside of this its clock was set.
             if 0.25 * nominal_s < measured_s < 4.0 * nominal_s:
                 told_s = measured_s
-        found_s = believed_s(told_s, nominal_s, waited_s, book.credit_s)
-        book.credit_s = credit_left_s(book.credit_s, waited_s, found_s)
+        found_s, book.credit_s = believed_s(told_s, nominal_s, waited_s, book.credit_s)
         return found_s
 
     def _begin(self, cause: str, source: Address) -> None:

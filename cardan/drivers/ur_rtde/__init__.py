@@ -2,4 +2,4 @@
 
 from cardan.drivers.ur_rtde.driver import UrRtde as UrRtde
 from cardan.drivers.ur_rtde.options import UrRtdeOptions as UrRtdeOptions
-from cardan.drivers.ur_rtde.session import Phase as Phase, UrSession as UrSession
+from cardan.drivers.ur_rtde.session import UrSession as UrSession

@@ -42,12 +42,13 @@ class UrRtde(TcpRobot[UrSession, Channel, Task]):
 
     def send(self, command: RobotCommand) -> None:
         """Answer the state last yielded; without effect where that takes no command."""
-        session = self._require_open()
-        if session.owes_answer and session.late(self._now_s()):
+        session, now_s = self._require_open(), self._now_s()
+        if session.owes_answer and session.late(now_s):
             session.check(command)
             # The arm has moved on since the state that this command was computed from.
             self._wait(session, 0.0)
-        session.command(command, self._now_s())
+            now_s = self._now_s()
+        session.command(command, now_s)
         self._flush(session)
 
     def enable(self) -> None:

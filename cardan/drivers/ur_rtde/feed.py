@@ -16,7 +16,6 @@ from cardan.errors import shown
 from cardan.protocols.ur.rtde import (
     IN_USE,
     NOT_FOUND,
-    VALUES_FROM,
     Accepted,
     ControllerVersion,
     Data,
@@ -61,13 +60,6 @@ class Package(NamedTuple):
     token: int
     report: int
     beat: int
-
-    @property
-    def slider(self) -> float:
-        """How fast the controller's time passes: its speed slider, and its own scaling."""
-        own, scale = self.speed_scaling, self.target_speed_fraction
-        # The controller's own scaling is 0 while no program runs.
-        return scale * own if 0.0 < own < 1.0 else scale
 
 
 STATES: Final = Package._fields[:-3]
@@ -129,6 +121,8 @@ class RtdeFeed:
         self.heard_s = NEVER_S
         self.values = NOTHING
         """Of the newest package."""
+        self.slider = 0.0
+        """How fast the controller's time passes then: its speed slider, and its own scaling."""
         self.clock = AgreedTime(
             self.period_s, option=SIMULATED_TIME, simulated=options.simulated_time
         )
@@ -186,12 +180,14 @@ class RtdeFeed:
     def received(self, data: bytes, now_s: float) -> None:
         """Take what TCP delivered."""
         reader, recipe = self._reader, self._outputs
-        if recipe is not None and recipe.alone(data) and not (reader.pending_bytes or self.failure):
-            self._take_values(recipe.values(data, VALUES_FROM), now_s)
-            return
+        if recipe is not None and not (reader.pending_bytes or self.failure):
+            found = recipe.alone(data)
+            if found is not None:
+                self._take_values(found, now_s)
+                return
         reader.feed(data)
-        while not self.failure and (found := reader.take()) is not None:
-            self._take(*found, now_s)
+        while not self.failure and (taken := reader.take()) is not None:
+            self._take(*taken, now_s)
         self.failure = self.failure or reader.failure
         if not self.answered and (reader.foreign or reader.failure):
             self.failure = self.foreign = (
@@ -314,5 +310,8 @@ class RtdeFeed:
         self._timestamp = timestamp
         self.clock.passed(timestamp, now_s)
         self.values = values
+        own, slider = values.speed_scaling, values.target_speed_fraction
+        # The controller's own scaling is 0 while no program runs.
+        self.slider = slider * own if 0.0 < own < 1.0 else slider
         self.packages += 1
         self.heard_s = now_s

@@ -67,7 +67,13 @@ class Motion:
                 self._limiter.coast(gap_s * scale)
                 self._lost.passed(gap_s)
         if isinstance(command, JointCommand):
-            self._track(command.positions, command.velocities, period_s, scale)
+            positions, speeds = command.positions, command.velocities
+            asked, self._asked = self._asked, (positions, speeds)
+            if self._lost.working:
+                positions, speeds = self._lost.follow(asked, positions, speeds, period_s)
+            if speeds is not None and scale != 1.0:
+                speeds = tuple([v / scale for v in speeds])
+            self._limiter.track(positions, speeds, period_s * scale)
         else:
             self._asked = None
             self._lost.reset()
@@ -78,20 +84,6 @@ class Motion:
                 self._limiter.brake(period_s * scale)
         return self._values(Order.FOLLOW)
 
-    def _track(
-        self,
-        positions: Sequence[float],
-        speeds: Sequence[float] | None,
-        period_s: float,
-        scale: float,
-    ) -> None:
-        asked, self._asked = self._asked, (positions, speeds)
-        if self._lost.working:
-            positions, speeds = self._lost.follow(asked, positions, speeds, period_s)
-        if speeds is not None and scale != 1.0:
-            speeds = [v / scale for v in speeds]
-        self._limiter.track(positions, speeds, period_s * scale)
-
     def end(self) -> list[Any]:
         """The registers' values that have the program stop the arm and end."""
         return self._values(Order.END)
@@ -99,7 +91,7 @@ class Motion:
     def _values(self, order: Order) -> list[Any]:
         self.beat = (self.beat + 1) % _BEATS
         limiter = self._limiter
-        return [self._token, self.beat, int(order), *limiter.reference, *limiter.velocity]
+        return [self._token, self.beat, order, *limiter.reference, *limiter.velocity]
 
 
 def nobody(beat: int) -> list[Any]:

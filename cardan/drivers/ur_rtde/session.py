@@ -6,7 +6,6 @@ primary interface takes the program. The last two are connected while they are n
 
 from __future__ import annotations
 
-import enum
 import math
 import random
 from collections import deque
@@ -49,6 +48,9 @@ from cardan.types import (
 Channel = Literal["rtde", "dashboard", "primary"]
 CHANNELS: tuple[Channel, ...] = ("rtde", "dashboard", "primary")
 Task = Literal["enable", "disable", "unlock"]
+Phase = Literal["down", "idle", "starting", "moving", "braking"]
+"""What the driver does at the controller: no states come; nothing; motion is started; the program
+runs, and commands act; a ramp, and then the program's end."""
 
 KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY})
 
@@ -72,21 +74,9 @@ _MOVES_IN = frozenset(map(int, MOVES_IN))
 _RUNNING, _PLAYING = int(RobotMode.RUNNING), int(RuntimeState.PLAYING)
 _FOLLOWS = int(Report.FOLLOWS)
 """As plain numbers, which are compared in every cycle."""
+_LIVE = RobotLink.LIVE
 _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor."""
-
-
-class Phase(enum.Enum):
-    """What the driver does at the controller."""
-
-    DOWN = "down"
-    """No states come."""
-    IDLE = "idle"
-    STARTING = "starting"
-    MOVING = "moving"
-    """The program runs, and commands act."""
-    BRAKING = "braking"
-    """A ramp, and then the program's end."""
 
 
 def _drawn_token() -> int:
@@ -101,7 +91,7 @@ class UrSession:
         self.options = options
         self.limits = options.limits
         self.feed = RtdeFeed(options)
-        self.phase = Phase.DOWN
+        self.phase: Phase = "down"
         self.sessions = 0
         """Starts of motion and connections; earlier targets are void when it changes."""
         self.end_reason = ""
@@ -115,7 +105,8 @@ class UrSession:
         self._draw = draw
         self._links: dict[Channel, Connection] = {name: Connection() for name in CHANNELS}
         self._blind_s, self._astray_rad = options.state_timeout_s, options.following_error_rad
-        self._out: deque[tuple[Channel, bytes]] = deque()
+        self._out: list[tuple[Channel, bytes]] = []
+        """To other channels than RTDE's."""
         self._closing: list[Channel] = []
         self._starting: Starting | None = None
         self._motion: Motion | None = None
@@ -158,12 +149,12 @@ class UrSession:
     @property
     def enabled(self) -> bool:
         """True while commands move the robot, or would if they came."""
-        return self.phase is Phase.MOVING
+        return self.phase == "moving"
 
     @property
     def left(self) -> bool:
         """Whether what `leave` began has ended."""
-        return self.phase not in (Phase.MOVING, Phase.BRAKING)
+        return self.phase not in ("moving", "braking")
 
     @property
     def braking_s(self) -> float:
@@ -173,27 +164,22 @@ class UrSession:
         )
 
     @property
-    def slider(self) -> float:
-        """How fast the controller's time passes."""
-        return self.feed.values.slider
-
-    @property
     def hold_reason(self) -> str:
         """Why commands would not act now; empty when they do."""
-        if self.phase is Phase.DOWN:
+        if self.phase == "down":
             return self._silence()
         values = self.feed.values
         if values.safety_mode not in _MOVES_IN:
             return safety_words(values.safety_mode)
         if fault := self.feed.clock.fault:
             return again(fault)
-        if self.phase is Phase.MOVING:
-            if values.slider < SLOWEST_SHARE:
+        if self.phase == "moving":
+            if self.feed.slider < SLOWEST_SHARE:
                 return "the speed slider is at 0: move it up at the pendant"
             return ""
-        if self.phase is Phase.STARTING and self._starting is not None:
+        if self.phase == "starting" and self._starting is not None:
             return f"starting: {self._starting.wish}"
-        if self.phase is Phase.BRAKING:
+        if self.phase == "braking":
             return "the arm is brought to rest"
         if self.end_reason:
             return self.end_reason
@@ -208,8 +194,8 @@ class UrSession:
     def wants(self, channel: Channel, now_s: float) -> bool:
         """True when `channel` should be connected now."""
         if channel == "dashboard":
-            return (self._unlocks or self.phase is Phase.STARTING) and not self._links[channel].up
-        if channel == "primary" and self.phase is not Phase.STARTING:
+            return (self._unlocks or self.phase == "starting") and not self._links[channel].up
+        if channel == "primary" and self.phase != "starting":
             return False
         link = self._links[channel]
         return now_s >= link.retry_s and not link.up
@@ -220,7 +206,6 @@ class UrSession:
         if channel == "rtde":
             self._model = ""
             self.feed.connected(now_s)
-            self._flush()
         elif channel == "dashboard":
             self._lines = LineReader()
             if self._unlocks:
@@ -237,7 +222,7 @@ class UrSession:
         where = "dashboard server" if channel == "dashboard" else "primary interface"
         port = getattr(self.options, f"{channel}_port")
         why = f"no connection to the {where}, port {port}: {reason}"
-        if self._unlocks and self.phase is Phase.IDLE:
+        if self._unlocks and self.phase == "idle":
             self.end_reason = why
         self._unlocks = False
         self._fail(why)
@@ -247,18 +232,18 @@ class UrSession:
         link = self._links[channel]
         if not link.up:
             return
-        self._out = deque(item for item in self._out if item[0] != channel)
+        self._out = [item for item in self._out if item[0] != channel]
         if channel == "rtde":
             reason = self._refused_rtde(reason)
         link.lost(reason, now_s)
         if channel == "rtde":
             if self.feed.foreign:
                 link.retry_s = math.inf
-            moved = self.phase in (Phase.MOVING, Phase.BRAKING)
+            moved = self.phase in ("moving", "braking")
             self.feed.disconnected()
             self._end(again(f"the RTDE connection was lost in motion: {reason}") if moved else "")
-            self.phase = Phase.DOWN
-        elif self.phase is Phase.STARTING and channel == "dashboard":
+            self.phase = "down"
+        elif self.phase == "starting" and channel == "dashboard":
             self._fail(f"the dashboard server closed its connection: {reason}")
         elif channel == "dashboard":
             self._unlocks = False
@@ -289,9 +274,13 @@ class UrSession:
 
     def outgoing(self) -> list[tuple[Channel, bytes]]:
         """What to send now, in order."""
-        found = [*self._out]
-        if found:
-            self._out.clear()
+        states = self.feed.out
+        if not (states or self._out):
+            return []
+        found, self._out = self._out, []
+        for data in states:
+            found.append(("rtde", data))
+        states.clear()
         return found
 
     def received(self, channel: Channel, data: bytes, now_s: float) -> None:
@@ -318,8 +307,6 @@ class UrSession:
             self._look(now_s)
         if feed.failure:
             self._drop("rtde", feed.failure, now_s)
-        if feed.out:
-            self._flush()
 
     def _received_lines(self, data: bytes, now_s: float) -> None:
         self._lines.feed(data)
@@ -354,12 +341,12 @@ class UrSession:
 
     def _look(self, now_s: float) -> None:
         """Act on the newest state."""
-        if self.feed.clock.fault and self.phase not in (Phase.DOWN, Phase.IDLE):
+        if self.feed.clock.fault and self.phase not in ("down", "idle"):
             self._end(again(self.feed.clock.fault))
         if self._motion is not None:
             self._watch(self.feed.values, self._motion, now_s)
-        elif self.phase is Phase.DOWN:
-            self.phase = Phase.IDLE
+        elif self.phase == "down":
+            self.phase = "idle"
             self.sessions += 1
             # What an earlier run has left in the registers is nobody's.
             self._beat += 1
@@ -367,7 +354,7 @@ class UrSession:
             if self._at_start:
                 self._at_start = False
                 self._enable(now_s)
-        if self.phase is Phase.STARTING:
+        if self.phase == "starting":
             self._go_on(now_s)
 
     def _watch(self, values: Package, motion: Motion, now_s: float) -> None:
@@ -396,8 +383,8 @@ class UrSession:
             if beat == obeyed:
                 self.command_latency.add(now_s - sent_s)
         if why:
-            self._end("" if self.phase is Phase.BRAKING and self._ended else again(why))
-        elif self.phase is Phase.BRAKING:
+            self._end("" if self.phase == "braking" and self._ended else again(why))
+        elif self.phase == "braking":
             self._brake(motion, now_s)
 
     def _astray(self, values: Package, now_s: float) -> str:
@@ -426,7 +413,7 @@ class UrSession:
         if (
             obeyed != beat
             or obeyed == motion.beat
-            or (slider := self.slider) < SLOWEST_SHARE
+            or (slider := self.feed.slider) < SLOWEST_SHARE
             or time_s < at_s
         ):
             self._answered = (obeyed, time_s)
@@ -444,14 +431,14 @@ class UrSession:
 
     def _end(self, reason: str) -> None:
         """Motion has ended, or its start."""
-        if self.phase in (Phase.MOVING, Phase.BRAKING):
+        if self.phase in ("moving", "braking"):
             self.ends += 1
             if self._motion is not None:
                 # A program that is only paused ends as soon as it goes on.
                 self.feed.write(self._motion.end())
                 self._beat = self._motion.beat
-        if self.phase is not Phase.DOWN:
-            self.phase = Phase.IDLE
+        if self.phase != "down":
+            self.phase = "idle"
         self.end_reason = reason
         self._motion = self._starting = None
         self.owes_answer = False
@@ -460,11 +447,10 @@ class UrSession:
             if self._links[channel].up:
                 self._links[channel].lost("not needed", NEVER_S)
                 self._closing.append(channel)
-        self._out = deque(item for item in self._out if item[0] == "rtde")
-        self._flush()
+        self._out.clear()
 
     def _fail(self, reason: str) -> None:
-        if self.phase is Phase.STARTING:
+        if self.phase == "starting":
             self._end(reason)
 
     # -- starting ---------------------------------------------------------------------------------
@@ -476,12 +462,12 @@ class UrSession:
             self._enable(now_s)
         elif task == "disable":
             self.leave(now_s)
-        elif self.phase is Phase.IDLE:
+        elif self.phase == "idle":
             self._unlocks = True
 
     def _enable(self, now_s: float) -> None:
         """A controller that is not connected is not asked later instead."""
-        if self.phase is not Phase.IDLE:
+        if self.phase != "idle":
             return
         if self.feed.clock.fault:
             self.end_reason = again(self.feed.clock.fault)
@@ -489,14 +475,13 @@ class UrSession:
         self.end_reason = ""
         self._token = self._draw()
         self._starting = Starting(self.options, self._token, now_s)
-        self.phase = Phase.STARTING
+        self.phase = "starting"
         self.feed.write(nobody(self._beat))
-        self._flush()
 
     def _go_on(self, now_s: float) -> None:
         """The next step of a start."""
         starting, values = self._starting, self.feed.values
-        if starting is None or self.phase is not Phase.STARTING:
+        if starting is None or self.phase != "starting":
             return
         if starting.uploaded and values.token == starting.token:
             self._started(values, now_s)
@@ -526,7 +511,7 @@ class UrSession:
         self._answered = (values.beat, self.feed.clock.time_s)
         self._starting = None
         self._followed_s = now_s
-        self.phase = Phase.MOVING
+        self.phase = "moving"
         self._acts = True
         self._ended = False
         self._drop("dashboard", "not needed", now_s)
@@ -534,11 +519,11 @@ class UrSession:
 
     def leave(self, now_s: float) -> None:
         """Brake and end the program, because the application ends its loop."""
-        if self.phase is Phase.MOVING:
-            self.phase = Phase.BRAKING
+        if self.phase == "moving":
+            self.phase = "braking"
             self._braked_by_s = now_s + self.braking_s + 0.5
             self.end_reason = ""
-        elif self.phase is Phase.STARTING:
+        elif self.phase == "starting":
             self._end("")
 
     # -- time -------------------------------------------------------------------------------------
@@ -547,8 +532,10 @@ class UrSession:
     def next_s(self) -> float:
         """When `advance` and `due_state` are to be called at the latest."""
         feed = self.feed
-        found = min(feed.next_s, self._said_s + WAKE_S)
-        if self._said_link is RobotLink.LIVE and feed.heard_s + self._blind_s < found:
+        found = self._said_s + WAKE_S
+        if feed.next_s < found:
+            found = feed.next_s
+        if self._said_link is _LIVE and feed.heard_s + self._blind_s < found:
             found = feed.heard_s + self._blind_s
         if self._motion is not None:
             return found
@@ -571,16 +558,8 @@ class UrSession:
         if self._motion is not None:
             if not self._live(now_s):
                 self._end(again(self._silence()))
-        elif self.phase is Phase.STARTING:
+        elif self.phase == "starting":
             self._go_on(now_s)
-        if feed.out:
-            self._flush()
-
-    def _flush(self) -> None:
-        out = self.feed.out
-        for data in out:
-            self._out.append(("rtde", data))
-        out.clear()
 
     # -- the control loop -------------------------------------------------------------------------
 
@@ -594,11 +573,11 @@ class UrSession:
     def due_state(self, now_s: float) -> RobotState | None:
         """The state to report now; None while nothing is new."""
         feed = self.feed
-        if not self._live(now_s) or self.phase is Phase.DOWN:
-            if self._said_link is not RobotLink.LIVE and now_s - self._said_s < WAKE_S:
+        if not self._live(now_s) or self.phase == "down":
+            if self._said_link is not _LIVE and now_s - self._said_s < WAKE_S:
                 return None
             self.owes_answer = False
-            self.losses += self._said_link is RobotLink.LIVE
+            self.losses += self._said_link is _LIVE
             link = RobotLink.LOST if feed.packages else RobotLink.WAITING
             self._before_s = None
             return self._state(now_s, link, 0.0, self._silence())
@@ -606,14 +585,14 @@ class UrSession:
             if now_s - self._said_s < WAKE_S:
                 return None
             # States are late and not lost yet: nothing is new, and nothing is answered.
-            return self._state(now_s, RobotLink.LIVE, 0.0, "waiting for the controller")
+            return self._state(now_s, _LIVE, 0.0, "waiting for the controller")
         self._told_packages = feed.packages
         time_s = feed.clock.time_s
         before_s, self._before_s = self._before_s, time_s
         hold_reason = self.hold_reason
         period_s = feed.period_s if before_s is None else time_s - before_s
-        state = self._state(now_s, RobotLink.LIVE, period_s, hold_reason)
-        if self.phase is Phase.MOVING and self._motion is not None:
+        state = self._state(now_s, _LIVE, period_s, hold_reason)
+        if self.phase == "moving" and self._motion is not None:
             self.owes_answer = True
             if not self._acts or hold_reason:
                 # Whatever was asked for while nothing could move is void.
@@ -660,7 +639,7 @@ class UrSession:
         """
         self.check(command)
         motion = self._motion
-        if not self.owes_answer or motion is None or self.phase is not Phase.MOVING:
+        if not self.owes_answer or motion is None or self.phase != "moving":
             return
         self.owes_answer = False
         if not self._acts:
@@ -671,7 +650,7 @@ class UrSession:
 
     def _send(self, command: RobotCommand, motion: Motion, now_s: float) -> None:
         feed = self.feed
-        scale = feed.values.slider
+        scale = feed.slider
         if not SLOWEST_SHARE <= scale <= 1.0:
             scale = max(min(scale, 1.0), SLOWEST_SHARE)
         values = motion.command(command, feed.clock.time_s, feed.period_s, scale)
@@ -680,7 +659,6 @@ class UrSession:
             self.commands += 1
             self._sent.append((beat, now_s))
             feed.write(values)
-            self._flush()
 
     def check(self, command: RobotCommand) -> None:
         """Raise CommandError for a command of a wrong kind or length, or without sensible numbers.
@@ -709,10 +687,10 @@ class UrSession:
             found.append(self._silence())
         elif self.hold_reason:
             found.append(self.hold_reason)
-        elif self.slider < 1.0:
+        elif self.feed.slider < 1.0:
             found.append(
-                f"the speed slider is at {100.0 * self.slider:.0f} %: the arm's highest speeds are "
-                "so much lower, and it lags behind so much more"
+                f"the speed slider is at {100.0 * self.feed.slider:.0f} %: the arm's highest "
+                "speeds are so much lower, and it lags behind so much more"
             )
         if self._live(now_s) and self.feed.values.safety_mode == SafetyMode.REDUCED:
             found.append(REDUCED)

@@ -335,7 +335,7 @@ _CODES: Mapping[str, tuple[str, int]] = {
 """Types of variables: what `struct` calls the numbers, and how many there are."""
 
 TYPES: Final = frozenset(_CODES)
-VALUES_FROM: Final = _HEADER.size + 1
+_VALUES_FROM: Final = _HEADER.size + 1
 """Where the values of a data package begin."""
 
 
@@ -375,15 +375,17 @@ class Recipe:
             return None
         return dict(zip(self.names, self.values(values), strict=True))
 
-    def values(self, data: bytes, offset: int = 0) -> tuple[Any, ...]:
-        """The values in their order, vectors as tuples, from `offset` on; struct.error where they
-        have not all come."""
-        return self._parted(self._struct.unpack_from(data, offset))
+    def values(self, data: bytes) -> tuple[Any, ...]:
+        """The values in their order, vectors as tuples; struct.error where they have another
+        size."""
+        return self._parted(self._struct.unpack(data))
 
-    def alone(self, data: bytes) -> bool:
-        """Whether `data` is one whole data package of this recipe, which has a number; its
-        values are from `VALUES_FROM` on."""
-        return len(data) == self._packet.size and data.startswith(self._head)
+    def alone(self, data: bytes) -> tuple[Any, ...] | None:
+        """The values of one whole data package of this recipe, which has a number; None where
+        `data` is anything else."""
+        if len(data) != self._packet.size or not data.startswith(self._head):
+            return None
+        return self._parted(self._struct.unpack_from(data, _VALUES_FROM))
 
     def pack(self, values: Sequence[Any]) -> bytes:
         """A data package of the values in the order of `names`. Raises struct.error for a value

@@ -59,7 +59,7 @@ int32_t egm_take(EgmCycle *cycle, EgmReader *reader, const uint8_t *data, int64_
         if (0.25 * period_s < measured_s && measured_s < 4.0 * period_s)
             period_s = measured_s;
     }
-    /* believed_s and credit_left_s of lost_time.py */
+    /* believed_s of lost_time.py */
     period_s = fmin(period_s, fmax(cycle->nominal_s, since_s + cycle->slack_s));
     period_s = fmax(fmin(period_s, cycle->credit_s + since_s), 0.0);
     cycle->credit_s = fmin(cycle->credit_s + since_s - period_s, cycle->most_credit_s);
