@@ -14,9 +14,11 @@ import re
 import threading
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cardan.bus.options import BusOptions
+from cardan.bus.reconnecting import Reconnector
 from cardan.common.extras import missing_extra
 from cardan.common.files import expanded
 from cardan.common.inbox import Inbox, InboxEmptyError
@@ -348,6 +350,7 @@ class BusNode:
         self.options, self.name, self.namespace = options, name, namespace
         self._beside = beside
         self._session: zenoh.Session | None = None
+        self._reconnector: Reconnector | None = None
         self._zid = ""
         self._entities: itertools.count[int] = (
             itertools.count(1) if beside is None else beside._entities
@@ -383,6 +386,8 @@ class BusNode:
                 raise DriverError(
                     f"the bus cannot be joined: {words_of(error)}{_advice(error)}"
                 ) from None
+            make_config = partial(zenoh_config, self.options)
+            self._reconnector = Reconnector(zenoh, self._session, make_config)
         self._zid = str(self._session.info.zid())
 
     def close(self) -> None:
@@ -391,6 +396,9 @@ class BusNode:
         with self._lock:
             session, self._session = self._session, None
             self._node_token = None  # Zenoh takes it from the bus with its last reference.
+            reconnector, self._reconnector = self._reconnector, None
+        if reconnector is not None:
+            reconnector.close()
         if session is not None and self._beside is None:
             close_session(session)
 

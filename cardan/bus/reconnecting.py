@@ -1,0 +1,158 @@
+"""Connects a Zenoh session again to peers whose connection to it broke.
+
+Zenoh tries again only what it is told to connect to: the router. Two peers that the router told of
+each other stay apart when the connection between them breaks; nothing is logged, and the router
+passes no messages between them. A third peer tells them of each other again, so one comes for a
+moment.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from cardan.errors import ConfigurationError
+from cardan.protocols.ros2.zenoh import LIVELINESS, NODE, Entity
+
+LOOK_S = 0.2, 2.0
+"""First and longest pause before the router is asked for a lost peer: of one that ended, it knows
+by then."""
+
+MEET_S = 0.5
+"""How long the third peer stays: they meet in 20 ms on loopback."""
+
+ROUTER_TIMEOUT_S = 1.0
+"""Longest wait for the router."""
+
+_log = logging.getLogger(__name__)
+
+
+class Reconnector:
+    """Watches the connections of one session. Without a router it does nothing: who connects to an
+    endpoint tries again by itself, and a router that comes back tells its peers of each other."""
+
+    def __init__(self, zenoh: Any, session: Any, config: Callable[[], Any]) -> None:
+        """`config`: makes the configuration of another session on the same bus."""
+        self._zenoh, self._session, self._config = zenoh, session, config
+        self._lost: dict[str, float] = {}
+        """Since when each peer is lost, by id."""
+        self._told: set[str] = set()
+        self._changed = threading.Condition()
+        self._thread: threading.Thread | None = None
+        self._closed = False
+        # Not indirect: no thread that waits for what hardly ever happens.
+        handler = zenoh.handlers.Callback(self._hear, indirect=False)
+        self._listener = session.info.declare_transport_events_listener(handler, history=False)
+
+    def close(self) -> None:
+        """Watch no more; before the session is closed. Twice is fine."""
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+            thread = self._thread
+        with contextlib.suppress(self._zenoh.ZError):
+            self._listener.undeclare()
+        if thread is not None:
+            thread.join()
+
+    def _hear(self, event: Any) -> None:
+        """In a thread of Zenoh's: a connection was opened or is closed."""
+        transport = event.transport
+        if transport.whatami != self._zenoh.WhatAmI.PEER:
+            return
+        with self._changed:
+            if event.kind == self._zenoh.SampleKind.PUT:
+                self._found(str(transport.zid))
+            elif not self._closed:
+                self._lost.setdefault(str(transport.zid), time.monotonic())
+                if self._thread is None:
+                    self._thread = threading.Thread(target=self._run, daemon=True)
+                    self._thread.start()
+            self._changed.notify_all()
+
+    def _found(self, zid: str) -> None:
+        since_s = self._lost.pop(zid, None)
+        if zid in self._told and since_s is not None:
+            self._told.discard(zid)
+            gap_s = time.monotonic() - since_s
+            _log.warning("connected to Zenoh session %s again, after %.1f s", zid, gap_s)
+
+    def _run(self) -> None:
+        pause_s, longest_s = LOOK_S
+        while self._waited(pause_s):
+            pause_s = min(2.0 * pause_s, longest_s)
+            try:
+                self._look()
+            except (self._zenoh.ZError, ConfigurationError) as error:
+                _log.info("the router was not asked for lost peers: %s", error)
+
+    def _waited(self, pause_s: float) -> bool:
+        """Wait; False where nothing is left to do, and the thread ends."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closed or not self._lost, pause_s)
+        routers = self._session.info.routers_zid()  # Not with a lock that _hear waits for.
+        with self._changed:
+            if self._closed or not routers:
+                self._forget(set(self._lost))
+            if not self._lost:
+                self._thread = None
+                return False
+            return True
+
+    def _forget(self, gone: set[str]) -> None:
+        for zid in gone:
+            self._lost.pop(zid, None)
+            self._told.discard(zid)
+
+    def _look(self) -> None:
+        """Ask the router who of the lost is still there, and have them told of us."""
+        with self._changed:
+            lost = dict(self._lost)
+        with self._joined("client") as client:
+            nodes = {zid: _nodes_of(zid, client) for zid in lost}
+        with self._changed:
+            self._forget({zid for zid, names in nodes.items() if not names})
+            for zid in self._lost.keys() & nodes.keys() - self._told:
+                self._told.add(zid)
+                _log.warning(
+                    "the connection to Zenoh session %s (%s) is lost: no message passes between it "
+                    "and this one; connects again",
+                    zid,
+                    nodes[zid],
+                )
+            if not self._lost:
+                return
+        with self._joined("peer"), self._changed:
+            self._changed.wait_for(lambda: self._closed or not self._lost, MEET_S)
+
+    @contextlib.contextmanager
+    def _joined(self, mode: str) -> Iterator[Any]:
+        """Another session on the same bus, at which nobody can connect."""
+        config = self._config()
+        changes: dict[str, object] = {
+            "id": None,
+            "mode": mode,
+            "listen/endpoints": [],
+            "connect/timeout_ms": round(1e3 * ROUTER_TIMEOUT_S),
+            "connect/exit_on_failure": True,
+        }
+        for key, value in changes.items():
+            config.insert_json5(key, json.dumps(value))
+        session = self._zenoh.open(config)
+        try:
+            yield session
+        finally:
+            session.close()
+
+
+def _nodes_of(zid: str, client: Any) -> str:
+    """The nodes of this Zenoh session, by the tokens that the router knows; empty: it is gone."""
+    pattern = f"{LIVELINESS}/*/{zid}/*/*/{NODE}/**"
+    replies = client.liveliness().get(pattern, timeout=ROUTER_TIMEOUT_S)
+    found = [Entity.parse(str(each.ok.key_expr)) for each in replies if each.ok is not None]
+    return ", ".join(sorted({each.full_node for each in found if each is not None}))

@@ -1,0 +1,112 @@
+"""Peers whose connection breaks: two nodes and a router on loopback."""
+
+import contextlib
+import logging
+import os
+import socket
+import stat
+import time
+
+import pytest
+
+zenoh = pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
+
+from cardan.bus.node import BusNode, close_session, router_config  # noqa: E402
+from cardan.bus.options import BusOptions  # noqa: E402
+from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
+from tests.serving import free_endpoint  # noqa: E402
+from tests.waiting import until  # noqa: E402
+
+STRING = "std_msgs/msg/String"
+TEXT = codec_of(STRING).encode({"data": "on"})
+MENDED_S = 2.0
+
+
+@pytest.fixture
+def router():
+    endpoint = free_endpoint()
+    session = zenoh.open(router_config([endpoint], [], ""))
+    yield endpoint
+    close_session(session)
+
+
+@pytest.fixture
+def pair(router):
+    """Two nodes that have met."""
+    options = BusOptions(router=router)
+    with BusNode(options, "robot") as robot, BusNode(options, "operator") as operator:
+        until(lambda: _connections(robot, operator), "a connection of the two")
+        yield robot, operator
+
+
+def _links(node):
+    return node._opened().info.links()
+
+
+def _port(end):
+    return int(str(end).rpartition(":")[2])
+
+
+def _connections(one, other):
+    """The ports of each connection between two nodes."""
+    return [
+        {_port(link.src), _port(link.dst)} for link in _links(one) if str(link.zid) == other.zid
+    ]
+
+
+def _break(connections):
+    """Shut connections of this process down, as a computer does that was away for long."""
+    for number in os.listdir("/proc/self/fd"):
+        with contextlib.suppress(OSError, IndexError):  # It is closed, or no connection of TCP.
+            if stat.S_ISSOCK(os.fstat(int(number)).st_mode):
+                with socket.socket(fileno=os.dup(int(number))) as each:
+                    if {each.getsockname()[1], each.getpeername()[1]} in connections:
+                        each.shutdown(socket.SHUT_RDWR)
+
+
+def _ended(before, pair):
+    return not any(each in before for each in _connections(*pair))
+
+
+def _told(caplog, words):
+    return [each.getMessage() for each in caplog.records if words in each.getMessage()]
+
+
+@pytest.mark.real
+def test_peers_whose_connection_breaks_are_connected_again_and_both_say_so(pair, caplog):
+    robot, operator = pair
+    heard = operator.subscription("/command", STRING, 1)
+    publisher = robot.publisher("/command", STRING)
+    until(lambda: publisher.put(TEXT, 0) or heard.poll(), "a message")
+    before = _connections(robot, operator)
+    _break(before)
+    until(lambda: _ended(before, pair), "the end of the connection")
+    lost_s = time.monotonic()
+    until(lambda: heard.poll() is None, "the last of what was sent before")
+    until(lambda: publisher.put(TEXT, 0) or heard.poll(), "a message again")
+    assert time.monotonic() - lost_s < MENDED_S
+    until(lambda: len(_told(caplog, "again, after")) == 2, "words of both")
+    for zid, name in ((robot.zid, "/robot"), (operator.zid, "/operator")):
+        assert len(_told(caplog, f"connection to Zenoh session {zid} ({name}) is lost")) == 1
+        assert len(_told(caplog, f"connected to Zenoh session {zid} again")) == 1
+    assert all(each.levelno == logging.WARNING for each in caplog.records)
+
+
+@pytest.mark.matrix
+def test_peers_that_lose_their_router_too_are_connected_again(pair):
+    robot, operator = pair
+    before = _connections(robot, operator)
+    _break([{_port(link.src), _port(link.dst)} for node in pair for link in _links(node)])
+    until(lambda: _ended(before, pair), "the end of the connection")
+    until(lambda: _connections(robot, operator), "a connection again", 5.0)
+
+
+@pytest.mark.matrix
+def test_a_node_that_leaves_is_let_go(pair, router, caplog):
+    caplog.set_level(logging.INFO)
+    robot, _ = pair
+    with BusNode(BusOptions(router=router), "guest") as guest:
+        until(lambda: _connections(robot, guest), "a connection to the guest")
+    until(lambda: robot._reconnector._thread is None, "the end of the search")
+    assert not robot._reconnector._lost
+    assert not caplog.records
