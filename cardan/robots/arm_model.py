@@ -173,8 +173,8 @@ class ArmModel(NamedTuple):
             return ""
         rows = ", ".join(f"{first} to {last}" for first, last in self.held_rows)
         return (
-            f"joints that are held: {rows}; their links are obstacles where [hold] has them, and as "
-            "soon as they move, nothing keeps the arm away from them"
+            f"joints that are held: {rows}; their links are obstacles where [hold] has them, and "
+            "once they move, nothing keeps the arm away from them"
         )
 
     @property
