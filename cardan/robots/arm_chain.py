@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -15,6 +16,10 @@ from cardan.robots.urdf import LOOSE, MOVING, Tree, TreeJoint
 
 MOST_JOINTS = 9
 """Of one arm: seven on a torso of two."""
+
+LEAST_OF_ANOTHER = 3
+"""So many joints in a row that are held beside the arm are taken to be another arm, or a leg; fewer
+are a head or a gripper."""
 
 
 class Chain(NamedTuple):
@@ -30,6 +35,19 @@ class Chain(NamedTuple):
     """The one that it is in: its telescopes are one joint each."""
     sweeps: dict[str, Sweep]
     """Links within these."""
+
+    def held_rows(self) -> tuple[tuple[str, str], ...]:
+        """Other arms of the tree: the first and the last joint of each."""
+        own = self.tree.path(self.tcp)
+        rows: dict[str, list[TreeJoint]] = {}
+        for end in self.tree.ends():
+            path = self.tree.path(end)
+            if self.joints[-1] in path:
+                continue  # What the arm holds.
+            row = [joint for joint in path if joint.moves and joint not in own]
+            if len(row) >= LEAST_OF_ANOTHER and len(row) > len(rows.get(row[0].name, ())):
+                rows[row[0].name] = row
+        return tuple((first, row[-1].name) for first, row in rows.items())
 
 
 def unit_of(kind: str) -> float:
@@ -142,13 +160,25 @@ def _leader_of_telescope(
         if joint.mimic is None or leader not in moving:
             continue
         if not is_telescope(tree, path, leader):
-            raise ConfigurationError(
-                "joints",
-                f"joint {joint.name!r} mimics {leader.name!r}: leave that one out, and both are "
-                "held",
-            )
+            raise _mimicry(joint, leader, moving)
         return leader
     return None
+
+
+def _mimicry(joint: TreeJoint, leader: TreeJoint, moving: list[TreeJoint]) -> ConfigurationError:
+    """What is raised where `joint` follows `leader` and both are within the arm."""
+    others = json.dumps([each.name for each in moving if each is not leader], ensure_ascii=False)
+    if len(moving) == 1:
+        return ConfigurationError(
+            "joints",
+            f"joint {joint.name!r} mimics {leader.name!r}, and they are no telescope: no other "
+            "joint moves that could be an arm's",
+        )
+    return ConfigurationError(
+        "joints",
+        f"joint {joint.name!r} mimics {leader.name!r}, and they are no telescope: write joints = "
+        f"{others} into the arm's .toml, without {leader.name!r}, and both are held",
+    )
 
 
 def _held(tree: Tree, moving: list[TreeJoint], file: ArmFile) -> dict[str, float]:
