@@ -404,3 +404,13 @@ def test_what_is_wrong_in_a_file_is_told_with_its_line_and_column(tmp_path, text
     path.write_text(f'{text}[robot]\ndriver = "abb_egm"\n', encoding="utf-8")
     with pytest.raises(ConfigurationError, match=rf"cell\.toml:{words}"):
         load_config(path)
+
+
+@pytest.mark.parametrize("name", ["ABB_EGM", "abb-egm", "ABB-EGM", "abb_emg"])
+def test_a_robots_driver_is_written_as_it_is_called(tmp_path, name):
+    path = tmp_path / "cell.toml"
+    path.write_text(f'[robot]\ndriver = "{name}"\n', encoding="utf-8")
+    said = f"2:1: robot.driver: there is no driver '{name}'; allowed: abb_egm, motoros, "
+    with pytest.raises(ConfigurationError, match=rf"cell\.toml:{said}") as caught:
+        load_config(path)
+    assert str(caught.value).endswith("; did you mean 'abb_egm'?")
