@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import contextlib
+import itertools
 import os
 import socket
 import struct
 import time
 import zipfile
-from itertools import pairwise
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from cardan.errors import OptionError
@@ -130,7 +132,7 @@ def test_the_real_time_interface_has_a_packet_each_cycle(robot, size, count, per
         assert len(data) == size * count
         rows = list(struct.iter_unpack(f">i{size // 8}d", data))
         assert {row[0] for row in rows} == {size}
-        steps = [after[1] - before[1] for before, after in pairwise(rows)]
+        steps = [after[1] - before[1] for before, after in itertools.pairwise(rows)]
         assert steps == pytest.approx([period_s] * (count - 1))
         last, motion = rows[-1], world.controller.motion
         assert last[2:8] == tuple(motion.target_q)
@@ -620,6 +622,72 @@ def test_a_client_that_does_not_read_misses_packets_and_holds_nobody_up():
             assert len(idle.recv(65536)) > 0
             assert time.monotonic() < end_s
         assert not any("does not read" in text for _, text in tuple(peer.servers.events))
+
+
+def stamps_of(kind, data):
+    """When the packets were made that `data` has whole, s; and what is left of it."""
+    stamps = []
+    head = struct.Struct(">id") if kind.startswith("realtime") else struct.Struct(">IB5xQ")
+    while len(data) >= head.size and len(data) >= (size := head.unpack_from(data)[0]):
+        if head.size == 12:
+            stamps.append(head.unpack_from(data)[1])
+        elif data[4] == ROBOT_STATE:
+            stamps.append(1e-6 * head.unpack_from(data)[2])
+        data = data[size:]
+    return stamps, data
+
+
+@pytest.mark.real
+def test_clients_that_never_read_miss_whole_packets_on_every_port_of_states(monkeypatch):
+    clock = itertools.count(100.0, 0.004)  # Read twice a frame, so that nothing is waited for.
+    monkeypatch.setattr(
+        "cardan.sim_peers.tcp_peer.time", SimpleNamespace(monotonic=lambda: next(clock))
+    )
+    kinds = [kind for kind in PORT_KINDS if kind.startswith(("primary", "secondary", "realtime"))]
+    options = UrControllerOptions(robot="ur5", rtde_port=0, primary_port=0, dashboard_port=0)
+    peer = UrControllerPeer(options)
+    with contextlib.ExitStack() as stack:
+        peer.open()
+        stack.callback(peer.close)
+        clients = {}
+        for kind in kinds:
+            for reads in (False, True):
+                client = stack.enter_context(socket.socket())
+                if not reads:
+                    client.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                client.connect(("127.0.0.1", peer.port(kind)))
+                client.setblocking(False)
+                clients[kind, reads] = client
+        stamps = {each: [] for each in clients}
+        rest = dict.fromkeys(clients, b"")
+
+        def read(kind, reads):
+            with contextlib.suppress(BlockingIOError):
+                while True:
+                    rest[kind, reads] += clients[kind, reads].recv(65536)
+                    found, rest[kind, reads] = stamps_of(kind, rest[kind, reads])
+                    stamps[kind, reads] += found
+
+        def serve(seconds):
+            end_s = next(clock) + seconds
+            while (now_s := next(clock)) < end_s:
+                peer.step(now_s + 0.05)
+                for kind in kinds:
+                    read(kind, True)
+
+        serve(25.0)
+        for kind in kinds:
+            period_s = 0.008 if kind.startswith("realtime") else 0.1
+            assert max(np.diff(stamps[kind, True])) < 1.5 * period_s
+            assert stamps[kind, True][-1] - stamps[kind, True][0] > 20.0
+        stood_s = stamps["realtime", True][-1]
+        while any(stamps[kind, False][-1:] < [stood_s] for kind in kinds):
+            for kind in kinds:
+                read(kind, False)
+            serve(0.2)
+        for kind in kinds:
+            assert max(np.diff(stamps[kind, False])) > 1.0
+        assert not any("does not read" in text for _, text in peer.servers.events)
 
 
 @pytest.mark.real

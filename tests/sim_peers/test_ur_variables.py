@@ -32,9 +32,10 @@ from cardan.robots.arm_bodies import pinocchio_model
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 from cardan.sim_peers.ur_controller.dynamics import Dynamics, Load
 from cardan.sim_peers.ur_controller.kinematics import frame_of
+from cardan.sim_peers.ur_controller.motion import Payload
 from cardan.sim_peers.ur_controller.telemetry import Telemetry
 from cardan.sim_peers.ur_controller.values import Pose
-from cardan.spatial import rotation_between
+from cardan.spatial import rotate, rotation_between
 
 UP = 9.82
 LOAD = Load(2.0, (0.01, 0.02, 0.05), (0.01, 0.02, 0.03, 0.001, 0.002, 0.003))
@@ -106,15 +107,19 @@ def test_a_cb3_has_no_variables_of_an_e_series():
 # -- the dynamics ----------------------------------------------------------------------------------
 
 
+def pinocchio_inertia(load):
+    xx, yy, zz, xy, xz, yz = load.inertia
+    return pin.Inertia(
+        load.mass, np.array(load.centre), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
+    )
+
+
 @pytest.mark.parametrize("robot", ["ur5e", "ur5"])
 def test_the_dynamics_are_pinocchios(robot):
     arm = load_arm(robot)
     model = pinocchio_model(arm)
     model.gravity.linear = np.array((0.0, 0.0, -UP))
-    xx, yy, zz, xy, xz, yz = LOAD.inertia
-    inertia = pin.Inertia(
-        LOAD.mass, np.array(LOAD.centre), np.array(((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)))
-    )
+    inertia = pinocchio_inertia(LOAD)
     loaded = model.copy()
     loaded.appendBodyToJoint(6, inertia, pin.SE3.Identity())
     data, dynamics = loaded.createData(), Dynamics(arm)
@@ -133,6 +138,44 @@ def test_the_dynamics_are_pinocchios(robot):
         assert found.turning == pytest.approx(moved.angular, abs=1e-9)
         felt = inertia * (data.a[6] + pin.Motion(weight, np.zeros(3))) + inertia.vxiv(data.v[6])
         assert found.load_wrench == pytest.approx((*felt.linear, *felt.angular), abs=1e-9)
+
+
+@pytest.mark.parametrize("robot", ["ur5e", "ur5"])
+def test_the_functions_of_dynamics_are_pinocchios(robot):
+    world = World(robot=robot)
+    functions, motion = world.controller.functions, world.controller.motion
+    motion.payload = Payload(LOAD.mass, LOAD.centre, LOAD.inertia)
+    model = pinocchio_model(load_arm(robot))
+    model.gravity.linear = np.zeros(3)
+    model.appendBodyToJoint(6, pinocchio_inertia(LOAD), pin.SE3.Identity())
+    data = model.createData()
+    for q, v in np.random.default_rng(6).uniform(-2.0, 2.0, (20, 2, 6)):
+        place, speed = q.tolist(), v.tolist()
+        mass = pin.crba(model, data, q)
+        mass = np.triu(mass) + np.triu(mass, 1).T
+        assert np.array(functions["get_mass_matrix"].do(place, False)) == pytest.approx(mass)
+        torques = functions["get_coriolis_and_centrifugal_torques"].do(place, speed)
+        assert torques == pytest.approx(pin.rnea(model, data, q, v, np.zeros(6)), abs=1e-9)
+        # Without acceleration of the joints it is what the flange accelerates with.
+        rate = np.array(functions["get_jacobian_time_derivative"].do(place, speed, None))
+        effort = world.controller.dynamics.effort(place, speed, [0.0] * 6, LOAD, (0.0,) * 3)
+        turn = motion.kinematics.forward(place).orientation
+        moved = (*rotate(turn, effort.acceleration), *rotate(turn, effort.turning))
+        assert rate @ v == pytest.approx(moved, abs=1e-6)
+
+
+def test_what_a_function_of_dynamics_is_not_given_is_measured():
+    world = World()
+    functions, q = world.controller.functions, list(world.controller.motion.actual_q)
+    for name, more in (
+        ("get_mass_matrix", [False]),
+        ("get_coriolis_and_centrifugal_torques", [[0.0] * 6]),
+        ("get_jacobian_time_derivative", [[0.0] * 6, None]),
+    ):
+        function = functions[name]
+        assert function.do(*function.defaults.values()) == function.do(q, *more)
+    with pytest.raises(ValueError, match="the model has no rotors"):
+        functions["get_mass_matrix"].do(q, True)
 
 
 def test_an_arm_that_is_none_of_urs_has_no_such_dynamics():

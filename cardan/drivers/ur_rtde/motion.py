@@ -78,8 +78,8 @@ class Motion:
             self._asked = None
             self._lost.reset()
             if isinstance(command, JointVelocityCommand):
-                speeds = [v / scale for v in command.velocities]
-                self._limiter.drive(speeds, period_s * scale)
+                driven = [v / scale for v in command.velocities]
+                self._limiter.drive(driven, period_s * scale)
             else:
                 self._limiter.brake(period_s * scale)
         return self._values(Order.FOLLOW)

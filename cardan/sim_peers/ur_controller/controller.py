@@ -28,6 +28,8 @@ from cardan.protocols.ur.script import Refused, parsed
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.sim_peers.kinematics import UR_LINKS
 from cardan.sim_peers.ur_controller.contact import Plane
+from cardan.sim_peers.ur_controller.dynamics import Dynamics
+from cardan.sim_peers.ur_controller.dynamics_functions import dynamics_functions
 from cardan.sim_peers.ur_controller.io import Registers, RobotIo
 from cardan.sim_peers.ur_controller.io_functions import (
     io_functions,
@@ -86,6 +88,7 @@ class UrController:
             plane=plane,
             say=self._said,
         )
+        self.dynamics = Dynamics(arm)
         self.registers = Registers()
         self.io = RobotIo()
         self.popups = Popups(self._popped)
@@ -102,6 +105,7 @@ class UrController:
             **socket_functions(self.sockets),
             **pose_functions(),
             **motion_functions(self.motion),
+            **dynamics_functions(self.motion, self.dynamics),
             "protective_stop": self._order(lambda: self.protective_stop("the program")),
             "powerdown": self._order(self.power_off),
         }

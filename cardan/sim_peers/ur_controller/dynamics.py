@@ -82,6 +82,19 @@ class Dynamics:
             load = Load(inertia.mass_kg, inertia.centre_m, (xx, yy, zz, xy, xz, yz))
             self._bodies.append(_Body(x, y, z, joint.placement.position, load))
 
+    def mass_matrix(self, q: Sequence[float], load: Load) -> list[tuple[float, ...]]:
+        """The joints' inertia with a load on the flange, kg·m²: what each takes of an acceleration
+        of 1 rad/s² of one of them."""
+        rest = (0.0,) * len(q)
+        return [
+            self.effort(q, rest, [float(i == j) for i in range(len(q))], load, _NOTHING).torques
+            for j in range(len(q))
+        ]
+
+    def coriolis(self, q: Sequence[float], qd: Sequence[float], load: Load) -> tuple[float, ...]:
+        """The joints' torques of a motion without gravity and acceleration, N·m."""
+        return self.effort(q, qd, (0.0,) * len(q), load, _NOTHING).torques
+
     def effort(
         self,
         q: Sequence[float],

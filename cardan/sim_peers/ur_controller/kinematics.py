@@ -15,6 +15,7 @@ _TURN: Final = 2.0 * math.pi
 _SINGULAR: Final = 1e-9
 """Sine of the second wrist joint: below, the first and the third turn about one axis."""
 _ROUNDING: Final = 1e-12
+_MOMENT_S: Final = 1e-5
 _X, _Y, _Z = Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0)
 
 
@@ -45,6 +46,19 @@ class Kinematics:
         """The TCP's Jacobian in the base frame, a column a joint: m over rad."""
         frames = forward(q, self.links)
         return jacobian(frames._replace(pose=compose(frames.pose, tcp)))
+
+    def jacobian_rate(
+        self, q: Sequence[float], qd: Sequence[float], tcp: Frame
+    ) -> list[tuple[float, ...]]:
+        """How that changes in time at the speeds `qd`, by what it is a moment before and after."""
+        before, after = (
+            self.jacobian([at + side * v for at, v in zip(q, qd, strict=True)], tcp)
+            for side in (-_MOMENT_S, _MOMENT_S)
+        )
+        return [
+            tuple(0.5 * (b - a) / _MOMENT_S for a, b in zip(one, other, strict=True))
+            for one, other in zip(before, after, strict=True)
+        ]
 
     def speed(self, q: Sequence[float], qd: Sequence[float], tcp: Frame) -> tuple[float, ...]:
         """The TCP's speed in the base frame, m/s over rad/s."""

@@ -12,6 +12,8 @@ POSE_STEPS: Final = 200
 """Of a function that works with poses, or with what moves the arm."""
 KINEMATICS_STEPS: Final = 600
 """Of a function of the arm's kinematics."""
+MASS_STEPS: Final = 2400
+"""Of the arm's mass matrix."""
 ELEMENT_STEPS: Final = 4
 """That an operator counts as for each element of its lists."""
 PRODUCT_STEPS: Final = 10

@@ -35,6 +35,7 @@ from cardan.sim_peers.ur_controller.actions import (
     Wait,
 )
 from cardan.sim_peers.ur_controller.contact import Compliance, ForceMode, Plane
+from cardan.sim_peers.ur_controller.dynamics import Load
 from cardan.sim_peers.ur_controller.kinematics import Kinematics, pose_of
 from cardan.sim_peers.ur_controller.paths import (
     Course,
@@ -199,6 +200,11 @@ class Motion:
     def moving(self) -> bool:
         """Whether the target moves."""
         return any(abs(v) > _AT_REST for v in self.target_qd)
+
+    @property
+    def load(self) -> Load:
+        """The payload."""
+        return Load(self.payload.mass, self.payload.cog, self.payload.inertia)
 
     @property
     def resuming(self) -> bool:

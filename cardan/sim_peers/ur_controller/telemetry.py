@@ -25,7 +25,7 @@ from cardan.protocols.ur.variables import (
 )
 from cardan.sim_peers.kinematics import Frames, forward, jacobian
 from cardan.sim_peers.ur_controller.controller import UrController
-from cardan.sim_peers.ur_controller.dynamics import Dynamics, Effort, Load
+from cardan.sim_peers.ur_controller.dynamics import Effort
 from cardan.sim_peers.ur_controller.kinematics import pose_of
 from cardan.sim_peers.ur_controller.motion import HARDEST_N, Motion
 from cardan.spatial import add, compose, conjugate, cross, rotate, scale, subtract
@@ -102,7 +102,7 @@ class Telemetry:
         """The types of what it sends, by name."""
         self.writable: Mapping[str, str] = of_series(INPUT_VARIABLES, options.version.major)
         """The types of what clients may write."""
-        self._dynamics = Dynamics(options.arm)
+        self._dynamics = controller.dynamics
         motion = self._motion
         self._actual = _Kept(motion, lambda: self._place(motion.actual_q))
         self._target = _Kept(motion, lambda: self._place(motion.target_q))
@@ -370,10 +370,8 @@ class Telemetry:
 
     def _effort(self, q: Sequence[float], qd: Sequence[float], qdd: Sequence[float]) -> Effort:
         x, y, z = self._motion.gravity
-        payload = self._motion.payload
         # The model's base is turned by pi about z from the controller's.
-        load = Load(payload.mass, payload.cog, payload.inertia)
-        return self._dynamics.effort(q, qd, qdd, load, (-x, -y, z))
+        return self._dynamics.effort(q, qd, qdd, self._motion.load, (-x, -y, z))
 
     def _target_torques(self) -> tuple[float, ...]:
         return self._driven(self._target_effort().torques)
