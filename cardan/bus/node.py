@@ -633,6 +633,8 @@ def _config(mode: str, listen: Sequence[str], connect: Sequence[str], file: str)
         # Publishers that keep messages for latecomers need it; and it says who sent a message.
         "timestamping/enabled": True,
         "transport/link/tx/lease": LEASE_MS,
+        # Who leaves waits for connections that are being made: 10 s, where a peer stands still.
+        "transport/unicast/open_timeout": LEASE_MS,
         "transport/link/tx/queue/size/data": TX_BATCHES,
         # Its files stay in /dev/shm, up to 16 MB each, when a process is killed.
         "transport/shared_memory/enabled": False,
@@ -672,7 +674,7 @@ def close_session(session: Any) -> None:
     """Close a Zenoh session: an interpreter that ends with an open one hangs. Never raises."""
     try:
         session.close()
-    except zenoh_module().ZError as error:  # After 10 s, where a peer's process stands still.
+    except zenoh_module().ZError as error:  # After 10 s.
         _log.warning("the bus was not left in good order: %s", words_of(error))
 
 

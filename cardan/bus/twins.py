@@ -59,8 +59,9 @@ class Claim(NamedTuple):
 class Twins:
     """The other nodes that have the full name of `node`, which has joined."""
 
-    def __init__(self, node: BusNode) -> None:
-        self._node = node
+    def __init__(self, node: BusNode, key: str = "name") -> None:
+        """`key`: of the options of the network, which has the node's name."""
+        self._node, self._key = node, key
         domain = node.options.domain
         self._own = Claim(time.time_ns(), node.zid, socket.gethostname())
         self._nodes = node.watch_tokens(node_pattern(domain, node.namespace, node.name))
@@ -68,6 +69,12 @@ class Twins:
         self._zids: dict[str, str] = {}
         self._claimed: dict[str, Claim] = {}
         self._token: Any = None
+
+    def begin(self) -> None:
+        """Have `node` appear, once its name is free. Raises ConfigurationError."""
+        self.wait()
+        self.claim()
+        self._node.open()
 
     def claim(self) -> None:
         """Say since when this node has its name; before its own token appears."""
@@ -92,9 +99,9 @@ class Twins:
         while self.others():
             if clock() >= end_s:
                 raise ConfigurationError(
-                    "network.name",
+                    f"network.{self._key}",
                     f"{self._words()}, and a command would go to both: give this one another name "
-                    'or namespace, such as name = "left_arm", or end the other one',
+                    f'or namespace, such as {self._key} = "left_arm", or end the other one',
                 )
             sleep(_LOOK_S)
 

@@ -1,8 +1,10 @@
 """A node on Zenoh: two sessions on loopback, as two processes would be."""
 
+import socket
 import subprocess
 import sys
 import threading
+import time
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -11,7 +13,7 @@ import pytest
 zenoh = pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
 
 from cardan.bus.network import Failure, NetworkError  # noqa: E402
-from cardan.bus.node import BusNode  # noqa: E402
+from cardan.bus.node import LEASE_MS, BusNode  # noqa: E402
 from cardan.bus.options import BusOptions  # noqa: E402
 from cardan.bus.zenoh_network import BusNetwork  # noqa: E402
 from cardan.errors import ConfigurationError, DriverError  # noqa: E402
@@ -94,6 +96,16 @@ def test_leaving_a_bus_that_does_not_answer_is_told_and_raises_nothing(bus, monk
     user.close()
     (record,) = caplog.records
     assert record.getMessage() == "the bus was not left in good order: close operation timed out!"
+
+
+def test_who_meets_a_process_that_stands_still_leaves_in_time():
+    """Zenoh gives a connection that is being made 10 s, and ends no session before."""
+    with socket.create_server(("127.0.0.1", 0)) as still:
+        node = BusNode(BusOptions(router=f"tcp/127.0.0.1:{still.getsockname()[1]}"), "user")
+        node.open()
+        begun_s = time.monotonic()
+        node.close()
+        assert time.monotonic() - begun_s < 2e-3 * LEASE_MS
 
 
 def test_a_ring_keeps_the_newest(bus):

@@ -118,6 +118,15 @@ def test_who_comes_second_does_not_begin_and_says_who_has_the_name(bus):
     assert first.state() == ("", True)
 
 
+def test_a_haptic_devices_name_is_looked_at_as_well(bus):
+    begun(bus, "b1")
+    second = Twins(Node(bus, "a1"), "haptic")
+    clock = Clock()
+    with pytest.raises(ConfigurationError, match='haptic = "left_arm"') as no:
+        second.wait(clock, clock.sleep)
+    assert no.value.key == "network.haptic"
+
+
 def test_one_that_is_met_late_in_the_look_is_found(bus):
     other, first = joined(bus, "b1")
     _, second = joined(bus, "a1")

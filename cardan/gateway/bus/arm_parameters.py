@@ -274,6 +274,7 @@ class _Change:
     index: int
     values: Mapping[Parameter, float]
     source: str
+    packet: ServiceRequest
 
 
 def _values_of(group: Mapping[str, Value]) -> dict[Parameter, float]:
@@ -292,7 +293,8 @@ class _SetClient(_ServiceEnd):
 
     def decode(self, packet: ServiceRequest | _Change) -> Request | None:
         if isinstance(packet, _Change):
-            return Request(packet.number, packet.source, "set_parameters", packet.values)
+            request = Request(packet.number, packet.source, "set_parameters", packet.values)
+            return self.server.watched(request, packet.packet)
         number, message = self.take(packet)
         asked = message["parameters"]
         if len(asked) > MAX_SET:
@@ -309,7 +311,7 @@ class _SetClient(_ServiceEnd):
                 continue
             results.append(None)
             values = _values_of({name: value})
-            changes.append(_Change(self.server.next_id(), number, index, values, source))
+            changes.append(_Change(self.server.next_id(), number, index, values, source, packet))
         with self._lock:
             self._results[number] = results
             self._changes |= {change.number: change for change in changes}
@@ -361,7 +363,9 @@ class _SetAllClient(_ServiceEnd):
         if not group:
             self.respond(number, {"result": set_result()})
             return None
-        return Request(number, self.server.source(packet), "set_parameters", _values_of(group))
+        source = self.server.source(packet)
+        request = Request(number, source, "set_parameters", _values_of(group))
+        return self.server.watched(request, packet)
 
     def done(self, request: Request, result: Any) -> None:
         self.respond(request.id, {"result": set_result()})

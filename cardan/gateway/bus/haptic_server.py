@@ -97,6 +97,8 @@ class _Service(NamedTuple):
     type_name: str
     answer: Callable[[_State, Message], Message]
     """The response; raises CardanError, whose words are the answer then."""
+    changes: bool = False
+    """Whether it changes what the device does; but for what ends a force."""
 
 
 class _Taken(NamedTuple):
@@ -184,7 +186,7 @@ PRESENT = HapticNames(
         _Service("stop_feedback", TRIGGER, _stop),
         _Service("get_max_feedback", GET_MAX, _get_max),
         _Service("get_transform", GET_TRANSFORM, _get_transform),
-        _Service("set_transform", SET_TRANSFORM, _set_transform),
+        _Service("set_transform", SET_TRANSFORM, _set_transform, changes=True),
     ),
 )
 """Of the wrapper today; with the parameter mode_feedback."""
@@ -194,11 +196,11 @@ PAPER = HapticNames(
     _Taken("feedback", JOINTS, _effort),
     (
         _Service("stop_feedback", TRIGGER, _stop),
-        _Service("set_force_mode", SET_BOOL, _set_force_mode),
+        _Service("set_force_mode", SET_BOOL, _set_force_mode, changes=True),
         _Service("state/force_mode", TRIGGER, _get_force_mode),
         _Service("state/max_force_feedback", GET_MAX, _get_max),
         _Service("state/transform", GET_TRANSFORM, _get_transform),
-        _Service("set_transformation", SET_TRANSFORM, _set_transform),
+        _Service("set_transformation", SET_TRANSFORM, _set_transform, changes=True),
     ),
     (_Taken("set_transformation", TRANSFORM, _pose_of),),
 )
@@ -224,6 +226,8 @@ class HapticServer:
         self.haptic = haptic
         self.refused = 0
         """Messages and requests that were refused."""
+        self.barred = ""
+        """Why nothing is taken but what stops the feedback; empty: all is."""
         self._node, self._device, self._feedback = node, device, feedback
         self._period_s = period_s
         self._due_s = self._look_s = -math.inf
@@ -272,7 +276,7 @@ class HapticServer:
 
         return (
             *(
-                _Service(name, f"rcl_interfaces/srv/{kind}", of(answer))
+                _Service(name, f"rcl_interfaces/srv/{kind}", of(answer), name.startswith("set_"))
                 for name, kind, answer in (
                     ("get_parameters", "GetParameters", self._get),
                     ("get_parameter_types", "GetParameterTypes", table.get_types),
@@ -356,6 +360,8 @@ class HapticServer:
         taken = types.get(key_end(packet.key))
         name = next(iter(types.values())).topic
         try:
+            if self.barred:
+                raise CommandError(f"{name}: {self.barred}")
             if taken is None:
                 wanted = " or ".join(each.type_name for each in types.values())
                 raise CommandError(f"{name} takes {wanted}, not {packet.key.split('/')[-2]}")
@@ -401,6 +407,8 @@ class HapticServer:
     def _answer(self, packet: ServiceRequest, service: _Service) -> None:
         request = _decoded(f"{service.type_name}_Request", packet.data, REQUEST_BYTES)
         try:
+            if service.changes and self.barred:
+                raise CommandError(f"{service.name}: {self.barred}")
             if isinstance(request, Malformed):
                 raise CommandError(f"{service.name}: {request.reason}")
             response = default_message(f"{service.type_name}_Response")

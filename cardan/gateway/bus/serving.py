@@ -61,7 +61,8 @@ class CommandServer(Protocol):
 
     def watched(self, request: Request, packet: ServiceRequest) -> Request:
         """`request`, of a motion without end with a way to see whether who asked is still there.
-        Raises PacketError where nobody could see it. From any thread."""
+        Raises PacketError where nobody could see it, and where no commands are taken. From any
+        thread."""
 
     def offer(self, client: Any, packet: Any) -> None:
         """Pass on what a client needs done besides. From any thread."""

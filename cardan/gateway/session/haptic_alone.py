@@ -7,11 +7,13 @@ likes, and publishes what the hand is to feel. The device's own loop bounds all 
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import time
 
 from cardan.bus.node import BusNode
 from cardan.bus.router import RouterKeeper
+from cardan.bus.twins import Twins
 from cardan.common.haptics import OperatingState
 from cardan.common.realtime import ask_for_real_time
 from cardan.common.serving import interruptible
@@ -29,6 +31,8 @@ from cardan.gateway.session.assembly import make_device
 from cardan.gateway.session.config import HapticConfig
 from cardan.spatial import scale
 from cardan.types import NEVER_S, Vector3
+
+_log = logging.getLogger(__name__)
 
 PERIOD_S = 0.004
 """Of the loop: a fifth of the 20 ms for which the device renders a command."""
@@ -130,7 +134,8 @@ def serve_haptic(config: HapticConfig, seconds: float | None = None) -> None:
     """Serve the configured device until `seconds` are over or a signal ends it.
 
     Prints READY and the name of its node once it serves. Raises DriverError when the device cannot
-    be opened or the bus not be joined, ExtraMissingError.
+    be opened or the bus not be joined, ConfigurationError where another node has its name,
+    ExtraMissingError.
     """
     options = config.network
     device = make_device(config)
@@ -140,7 +145,11 @@ def serve_haptic(config: HapticConfig, seconds: float | None = None) -> None:
         opened.enter_context(device)
         router = opened.enter_context(contextlib.closing(RouterKeeper(options)))
         router.poll()
-        node = opened.enter_context(BusNode(options, options.haptic, f"/{options.namespace}"))
+        node = BusNode(options, options.haptic, f"/{options.namespace}")
+        opened.callback(node.close)
+        node.join()
+        twins = Twins(node, "haptic")
+        twins.begin()
         haptic = IHapticDevice(device)
         feedback = LoneFeedback(device, haptic, config.force.max_age_s)
         opened.callback(feedback.stop)
@@ -150,9 +159,15 @@ def serve_haptic(config: HapticConfig, seconds: float | None = None) -> None:
         diagnostics = Diagnostics(node)
         ask_for_real_time()
         print(f"READY {node.full_name}", flush=True)
+        twin = ""
         end_s = math.inf if seconds is None else time.monotonic() + seconds
         while not ended.is_set() and (now_s := time.monotonic()) < end_s:
             now_ns = time.time_ns()
+            said, listens = twins.state()
+            if said != twin:
+                twin = said
+                _log.warning("%s", said or "no other node has this one's name any more")
+            server.barred = "" if listens else said
             server.poll(now_s)
             feedback.cycle(now_s)
             server.publish(now_s, now_ns)

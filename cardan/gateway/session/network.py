@@ -122,9 +122,10 @@ class SessionNetwork:
         self._haptic: HapticServer | None = None
         self._names_topics: NamesTopics | None = None
         self._twins: Twins | None = None
+        self._haptic_twins: Twins | None = None
         self._twins_due_s = -math.inf
-        self._twin = ""
-        """What is to be said of another node of the same name."""
+        self._twin: tuple[str, ...] = ()
+        """What is to be said of other nodes of the same names."""
         self._logged = ""
         self._verbs: ArmVerbs | None = None
 
@@ -138,10 +139,8 @@ class SessionNetwork:
         """Join the bus; `force`: the source of the session's measured force. Raises DriverError,
         ConfigurationError, or ExtraMissingError."""
         self._node.join()
-        self._twins = twins = Twins(self._node)
-        twins.wait()
-        twins.claim()
-        self._node.open()
+        self._twins = Twins(self._node)
+        self._twins.begin()
         if self.options.device and device is not None:
             self._device = DeviceTopics(
                 self._node,
@@ -196,12 +195,15 @@ class SessionNetwork:
             self._taps.close()
         self._server = self._topics = self._taps = None
         self._device = self._names_topics = self._haptic = self._twins = None
+        self._haptic_twins = None
         self._node.close()
 
     def _haptic_server(self, device: HapticDevice, force: ForceSource | None) -> HapticServer:
         options = self.options
         node = BusNode(options, options.haptic, f"/{options.namespace}", beside=self._node)
-        node.open()
+        node.join()
+        self._haptic_twins = Twins(node, "haptic")
+        self._haptic_twins.begin()
         haptic = IHapticDevice(device, "cartesian")
         source = force if isinstance(force, NetworkSource) else None
         feedback = SessionFeedback(haptic, source) if options.commands else None
@@ -219,11 +221,18 @@ class SessionNetwork:
 
     def _look_for_twins(self, twins: Twins) -> None:
         said, listens = twins.state()
-        if said != self._twin:
-            self._twin = said
-            _log.warning("%s", said or "no other node has this one's name any more")
         if self._server is not None:
             self._server.barred = "" if listens else said
+        words = [said]
+        if self._haptic_twins is not None:
+            said, listens = self._haptic_twins.state()
+            words.append(said)
+            if self._haptic is not None:
+                self._haptic.barred = "" if listens else said
+        twin = tuple(filter(None, words))
+        if twin != self._twin:
+            self._twin = twin
+            _log.warning("%s", "; ".join(twin) or "no other node has this one's name any more")
 
     def tap(self, cycle: Cycle, now_s: float) -> None:
         """Publish what recorders want of a cycle."""
@@ -232,7 +241,7 @@ class SessionNetwork:
 
     def diagnosis(self) -> tuple[str, ...]:
         """Problems, and what else deserves attention."""
-        said = [self._twin] if self._twin else []
+        said = list(self._twin)
         if self._taps is not None and self._taps.dropped:
             said.append(f"{self._taps.dropped} raw packets were not published: too many at once")
         return tuple(said)

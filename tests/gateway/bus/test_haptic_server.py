@@ -168,6 +168,31 @@ def test_what_the_session_refuses_is_told_and_taking_again_too():
     assert [each["outcome"] for each in rig.told("result")] == ["refused", "accepted"]
 
 
+def test_while_another_has_the_name_nothing_is_taken_but_a_stop():
+    rig = Rig()
+    rig.server.barred = why = "another node has the name /stylus"
+    rig.publisher(VECTOR).publish({"x": 0.1, "y": 0.0, "z": 0.0})
+    rig.run()
+    assert rig.feedback.given == []
+    assert rig.told("result")[-1]["reason"] == f"feedback: {why}"
+    before = rig.haptic.get_transformation()
+    transform = {"translation": {"x": 1.0, "y": 0.0, "z": 0.0}, "rotation": {"w": 1.0}}
+    rig.call("set_transform", f"{YARP}SetTransformation", transform=transform)
+    assert rig.haptic.get_transformation() == before
+    assert not rig.call("set_force_mode", SET_BOOL, data=False)["success"]
+    kind = "rcl_interfaces/srv/SetParameters"
+    mode = {"name": "mode_feedback", "value": {"type": 4, "string_value": "joint"}}
+    (result,) = rig.call("set_parameters", kind, parameters=[mode])["results"]
+    assert why in result["reason"]
+    assert rig.call("state/force_mode", TRIGGER)["message"] == "cartesian"
+    assert rig.call("stop_feedback", TRIGGER)["success"]
+    assert rig.feedback.stops == 1
+    rig.server.barred = ""
+    rig.publisher(VECTOR).publish({"x": 0.1, "y": 0.0, "z": 0.0})
+    rig.run()
+    assert len(rig.feedback.given) == 1
+
+
 def test_bytes_that_are_no_message_are_refused():
     rig = Rig()
     user = rig.publisher(VECTOR)

@@ -371,6 +371,23 @@ def test_a_program_makes_a_wall_over_the_bus(simulated, tmp_path):
 
 
 @pytest.mark.matrix
+def test_a_second_one_of_its_name_does_not_begin(simulated, tmp_path):
+    endpoint = free_endpoint()
+    first, second = tmp_path / "first.toml", tmp_path / "second.toml"
+    first.write_text(DEVICE + bus(endpoint, haptic='"omni"'))
+    second.write_text(f'{DEVICE}\n[network]\nrouter = "{endpoint}"\nhaptic = "omni"\n')
+    with running(*simulated, "haptic", str(first)):
+        ended = subprocess.run(
+            [sys.executable, "-m", "cardan", *simulated, "haptic", str(second)],
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=WITHIN_S,
+        )
+    assert ended.returncode == 2
+    assert "network.haptic: another node on" in ended.stderr
+
+
+@pytest.mark.matrix
 def test_the_example_is_a_wall(simulated, tmp_path):
     endpoint = free_endpoint()
     file = tmp_path / "haptic.toml"
