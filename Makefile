@@ -82,8 +82,8 @@ $(VENV)/.cardan: pyproject.toml studies/pyproject.toml $(wildcard plugins/cardan
 	@touch $@
 
 # Modules are compiled at once: tests that wait for real clocks would be late by it.
-$(VENV)/.cardan-dev: $(VENV)/.cardan locks/dev.txt
-	UV_COMPILE_BYTECODE=1 tools/install "$(VENV)" dev
+$(VENV)/.cardan-dev: $(VENV)/.cardan locks/dev.txt locks/descriptions.txt
+	UV_COMPILE_BYTECODE=1 tools/install "$(VENV)" dev descriptions
 	@touch $@
 
 lock: $(VENV)/.cardan

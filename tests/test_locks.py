@@ -23,8 +23,8 @@ else:
 ROOT = Path(__file__).parents[1]
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 LOCKS = {path.stem: path.read_text(encoding="utf-8") for path in ROOT.glob("locks/*.txt")}
-OF_TOOLS = {"make", "uv", "published"}
-"""No extras: what makes the environment, and files that the matrix reads."""
+OF_TOOLS = {"make", "uv", "published", "descriptions"}
+"""No extras: what makes the environment, and files that tests read."""
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 EXTRAS = PROJECT["project"]["optional-dependencies"]
