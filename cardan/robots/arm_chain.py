@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterable
 from typing import NamedTuple
@@ -142,13 +143,25 @@ def _leader_of_telescope(
         if joint.mimic is None or leader not in moving:
             continue
         if not is_telescope(tree, path, leader):
-            raise ConfigurationError(
-                "joints",
-                f"joint {joint.name!r} mimics {leader.name!r}: leave that one out, and both are "
-                "held",
-            )
+            raise _mimicry(joint, leader, moving)
         return leader
     return None
+
+
+def _mimicry(joint: TreeJoint, leader: TreeJoint, moving: list[TreeJoint]) -> ConfigurationError:
+    """What is raised where `joint` follows `leader` and both are within the arm."""
+    others = json.dumps([each.name for each in moving if each is not leader], ensure_ascii=False)
+    if len(moving) == 1:
+        return ConfigurationError(
+            "joints",
+            f"joint {joint.name!r} mimics {leader.name!r}, and they are no telescope: no other "
+            "joint moves that could be an arm's",
+        )
+    return ConfigurationError(
+        "joints",
+        f"joint {joint.name!r} mimics {leader.name!r}, and they are no telescope: write joints = "
+        f"{others} into the arm's .toml, without {leader.name!r}, and both are held",
+    )
 
 
 def _held(tree: Tree, moving: list[TreeJoint], file: ArmFile) -> dict[str, float]:

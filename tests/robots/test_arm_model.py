@@ -468,7 +468,7 @@ def test_limits_of_a_joint_that_is_there_twice_are_not_chosen():
 @pytest.mark.parametrize(
     ("leader", "words"),
     [
-        ("j", "joints: joint 'k' mimics 'j': leave that one out, and both are held"),
+        ("j", "joints: joint 'k' mimics 'j', and they are no telescope: no other joint moves"),
         ("k", "joint 'k' mimics 'k', which is no joint to follow"),
         ("l", "joint 'k' mimics 'l', which is no joint to follow"),
     ],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -195,8 +197,16 @@ def test_along_its_axis_a_capsule_stays_one():
     ids=["elsewhere", "back", "turns", "another between", "negative"],
 )
 def test_what_is_no_telescope_is_refused(loaded, text):
-    with pytest.raises(ConfigurationError, match=r"joint 's\d' mimics 's1': leave that one out"):
+    with pytest.raises(ConfigurationError, match=r"joint 's\d' mimics 's1', and they are no tele"):
         loaded(text)
+
+
+def test_what_is_no_telescope_is_held_by_the_line_that_is_proposed(loaded):
+    text = arm(second=slide("s2", "weld", "b", axis="0 1 0", mimic=follow("s2")))
+    with pytest.raises(ConfigurationError, match=r"write joints = .*, without 's1'") as refused:
+        loaded(text)
+    (line,) = re.findall(r"joints = \[[^]]*\]", str(refused.value))
+    assert "s1" not in loaded(text, line).joint_names
 
 
 def test_ranges_without_anything_in_common_are_refused(loaded):
