@@ -17,6 +17,10 @@ from cardan.robots.urdf import LOOSE, MOVING, Tree, TreeJoint
 MOST_JOINTS = 9
 """Of one arm: seven on a torso of two."""
 
+LEAST_OF_ANOTHER = 3
+"""So many joints in a row that are held beside the arm are taken to be another arm, or a leg; fewer
+are a head or a gripper."""
+
 
 class Chain(NamedTuple):
     """An arm in a tree."""
@@ -31,6 +35,19 @@ class Chain(NamedTuple):
     """The one that it is in: its telescopes are one joint each."""
     sweeps: dict[str, Sweep]
     """Links within these."""
+
+    def held_rows(self) -> tuple[tuple[str, str], ...]:
+        """Other arms of the tree: the first and the last joint of each."""
+        own = self.tree.path(self.tcp)
+        rows: dict[str, list[TreeJoint]] = {}
+        for end in self.tree.ends():
+            path = self.tree.path(end)
+            if self.joints[-1] in path:
+                continue  # What the arm holds.
+            row = [joint for joint in path if joint.moves and joint not in own]
+            if len(row) >= LEAST_OF_ANOTHER and len(row) > len(rows.get(row[0].name, ())):
+                rows[row[0].name] = row
+        return tuple((first, row[-1].name) for first, row in rows.items())
 
 
 def unit_of(kind: str) -> float:

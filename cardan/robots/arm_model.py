@@ -147,6 +147,8 @@ class ArmModel(NamedTuple):
     """Pairs of `shapes` that an SRDF does not check, by number, lower first."""
     touching_shapes: frozenset[tuple[int, int]] = frozenset()
     """Those of links that touch in every posture, likewise."""
+    held_rows: tuple[tuple[str, str], ...] = ()
+    """Other arms of the same description, which are held: the first and the last joint of each."""
 
     def keeps_apart(self, bodies: tuple[int, int], shapes: tuple[int, int]) -> bool:
         """Whether two of `shapes`, by number, lower first, may not touch."""
@@ -163,6 +165,16 @@ class ArmModel(NamedTuple):
         pairs = sorted(self.touching_shapes)
         return list(
             dict.fromkeys((self.shapes[one].name, self.shapes[other].name) for one, other in pairs)
+        )
+
+    def held_words(self) -> str:
+        """That other arms are held, and what of it; empty where there are none."""
+        if not self.held_rows:
+            return ""
+        rows = ", ".join(f"{first} to {last}" for first, last in self.held_rows)
+        return (
+            f"joints that are held: {rows}; their links are obstacles where [hold] has them, and "
+            "once they move, nothing keeps the arm away from them"
         )
 
     @property

@@ -131,6 +131,7 @@ def build_arm(
         bare_links=tuple(link for link in solid if link not in with_body),
         missing_meshes=tuple(missing[link] for link in solid if link in missing),
         disabled_shapes=_disabled_shapes(owners, disabled or ()),
+        held_rows=chain.held_rows(),
     )
     if disabled is None:
         arm = arm._replace(touching_shapes=touching_shapes(arm))

@@ -12,6 +12,7 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.session.assembly import arm_cautions as cautions
 from cardan.robots import Box, limits_in, load_arm
 from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile
@@ -324,6 +325,21 @@ def test_two_arms_of_one_tree_have_each_other_s_bodies(arm_of):
         fixed = {shape.name for shape in arm.shapes if shape.body == 0}
         assert {f"{other}/upper", f"{other}/hand", "head", "torso", "base_link"} <= fixed
         assert not any(name.startswith(f"{side}/") for name in fixed)
+
+
+@pytest.mark.parametrize("base", ["torso", "base_link"])
+def test_the_other_arm_is_said_to_be_held(arm_of, base):
+    for side, other in ("lr", "rl"):
+        arm = arm_of(f'tcp = "{side}/tcp"\nbase = "{base}"')
+        assert arm.held_rows == ((f"{other}/shoulder", f"{other}/z_finger"),)
+        assert any(f"held: {other}/shoulder to {other}/z_finger" in each for each in cautions(arm))
+
+
+def test_heads_wheels_and_what_the_arm_holds_are_no_other_arm(arm_of):
+    alone = TREE.replace(ARM.format(side="r", y=-0.2), "")
+    arm = arm_of('tcp = "l/upper"\nbase = "torso"', alone)
+    assert arm.held_rows == ()
+    assert not any("held" in each for each in cautions(arm))
 
 
 def test_limits_are_those_of_the_file(arm_of):

@@ -696,6 +696,8 @@ def arm_cautions(
     if collisions:
         if bare := model.links_without_body():
             found.append(f"{bare}; neither obstacles nor the arm itself stop them")
+        if held := model.held_words():
+            found.append(held)
         found += _touching(model, obstacles)
     return found + _unbent(model)
 
