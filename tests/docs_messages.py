@@ -319,6 +319,7 @@ ADVICE = {
     "[scheduling](../first-ten-minutes.md#scheduling)",
     r"joint .* (range|limit)|leave its range": "another pose or posture, or a shorter way",
     r"reach\b|joint positions put": "a pose that is nearer, or another tool",
+    r"joints that are held": "what keeps [two arms](../daemon.md#two-arms) apart",
     r"meet|collision|obstacle": "another way, in several motions; or correct the obstacles",
     r"disk|No space": "make room",
 }

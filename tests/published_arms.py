@@ -13,9 +13,10 @@ import importlib.metadata
 import itertools
 import math
 import tempfile
+import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -259,6 +260,19 @@ def folder_of(package: str) -> Path:
     return Path(str(found))
 
 
+def whole_of_mjcf(file: Path, folder: Path) -> Any:
+    """Pinocchio's model of it, whose parser fails where there are several <default>: they are made
+    one, in a file in `folder`."""
+    tree = ET.parse(file)
+    first, *others = tree.getroot().findall("default")
+    for other in others:
+        first.extend(other)
+        tree.getroot().remove(other)
+    path = folder / "whole.xml"
+    tree.write(path)
+    return pin.buildModelFromMJCF(str(path))
+
+
 class Measured:
     """What one arm can do, in virtual time; each thing is looked at once, where it is asked for."""
 
@@ -297,7 +311,7 @@ class Measured:
         text = read_description(self.published.file, file)
         chain = chain_of(read_tree(text), file)
         if self.published.mjcf:
-            whole = pin.buildModelFromMJCF(str(self.published.file))
+            whole = whole_of_mjcf(self.published.file, self.path.parent)
             base, tcp = (whole.getFrameId(link) for link in (UNIVERSE, file.tcp))
         else:
             whole = pin.buildModelFromXML(text)
