@@ -4,6 +4,7 @@ Each line of standard input is JSON: what to `do` and how. It ends with its stan
 meets and hears is told as lines of JSON.
 """
 
+import contextlib
 import importlib
 import json
 import sys
@@ -11,12 +12,16 @@ import threading
 import time
 
 import rclpy
-from rclpy.executors import SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
+
+WAIT_S = 15.0
+telling = threading.Lock()
 
 
 def tell(event, **fields):
-    print(json.dumps({"event": event, **fields}), flush=True)
+    with telling:
+        print(json.dumps({"event": event, **fields}), flush=True)
 
 
 def type_of(name):
@@ -65,7 +70,10 @@ class Judge:
 
     def advertise(self, topic, kind):
         publisher = self.publishers[topic] = self.node.create_publisher(type_of(kind), topic, 10)
+        end_s = time.monotonic() + WAIT_S
         while not publisher.get_subscription_count():
+            if time.monotonic() > end_s:
+                raise TimeoutError(f"nobody subscribes to {topic}")
             time.sleep(0.005)
         tell("matched", topic=topic)
 
@@ -108,19 +116,26 @@ class Judge:
         tell("called", service=service)
 
 
+def spin(executor):
+    with contextlib.suppress(ExternalShutdownException):
+        executor.spin()
+
+
 def main(name):
     rclpy.init()
     judge = Judge(name)
     executor = SingleThreadedExecutor()
     executor.add_node(judge.node)
-    spinning = threading.Thread(target=executor.spin)
+    spinning = threading.Thread(target=spin, args=(executor,))
     spinning.start()
     tell("ready", middleware=rclpy.get_rmw_implementation_identifier())
-    for line in sys.stdin:
-        words = json.loads(line)
-        getattr(judge, words.pop("do"))(**words)
-    rclpy.shutdown()  # Which ends the spinning.
-    spinning.join()
+    try:
+        for line in sys.stdin:
+            words = json.loads(line)
+            getattr(judge, words.pop("do"))(**words)
+    finally:
+        rclpy.shutdown()  # Which ends the spinning.
+        spinning.join()
 
 
 if __name__ == "__main__":
