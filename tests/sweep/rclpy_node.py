@@ -1,12 +1,10 @@
 """A node of a real rclpy, run by the Python of `tools/ros2`: `python rclpy_node.py NAME`.
 
-Each line of standard input is JSON: what to `do` and how. It ends with its standard input. What it
-meets and hears is told as lines of JSON.
+It has ROS 2's environment, and nothing of ours.
 """
 
 import contextlib
 import importlib
-import json
 import sys
 import threading
 import time
@@ -14,14 +12,9 @@ import time
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from telling import obey, tell
 
 WAIT_S = 15.0
-telling = threading.Lock()
-
-
-def tell(event, **fields):
-    with telling:
-        print(json.dumps({"event": event, **fields}), flush=True)
 
 
 def type_of(name):
@@ -107,13 +100,12 @@ class Judge:
     def call(self, service, kind, request, wait_s):
         client = self.node.create_client(type_of(kind), service)
         if not client.wait_for_service(wait_s):
-            tell("no service", service=service)
+            tell("answer", service=service, message=None)
             return
         future = client.call_async(filled(type_of(kind).Request(), request))
         future.add_done_callback(
-            lambda done: tell("reply", service=service, message=told(done.result()))
+            lambda done: tell("answer", service=service, message=told(done.result()))
         )
-        tell("called", service=service)
 
 
 def spin(executor):
@@ -130,9 +122,7 @@ def main(name):
     spinning.start()
     tell("ready", middleware=rclpy.get_rmw_implementation_identifier())
     try:
-        for line in sys.stdin:
-            words = json.loads(line)
-            getattr(judge, words.pop("do"))(**words)
+        obey(judge)
     finally:
         rclpy.shutdown()  # Which ends the spinning.
         spinning.join()
