@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -43,6 +44,8 @@ class Lab(NamedTuple):
     """On Zenoh."""
     domain: int
     """On DDS."""
+    port: int
+    """Of rosbridge."""
 
 
 def python_of(environment: str) -> Path:
@@ -69,7 +72,7 @@ class Operator(JudgeNode):
 
     def do(self, what: str, **how: Any) -> None:
         """Have it carry out a command."""
-        self.say(json.dumps({"do": what, **how}))
+        self.say(json.dumps({"do": what, **how}, default=list))  # of bytes
 
     def watch(self) -> None:
         """Hear what the arm tells of itself."""
@@ -160,11 +163,32 @@ def zenoh_ros2_sdk(lab: Lab, folder: Path) -> Operator:
     port = lab.endpoint.rpartition(":")[2]
     return Operator(
         [python_of("zenoh-ros2-sdk"), HERE / "sdk_node.py", port, folder / "share"],
-        own_environment(),
+        own_environment(GIT_ALLOW_PROTOCOL="file", GIT_PYTHON_REFRESH="quiet"),
+    )
+
+
+def roslibpy(lab: Lab, _folder: Path) -> Operator:
+    """rosbridge."""
+    pytest.importorskip("roslibpy", reason="roslibpy is not installed: pip install cardan[test]")
+    return Operator([sys.executable, "-m", "tests.sweep.roslibpy_node", str(lab.port)])
+
+
+def dora_rs(lab: Lab, folder: Path) -> Operator:
+    """ROS 2 over Zenoh, likewise."""
+    pytest.importorskip("dora", reason="dora-rs is not installed: pip install dora-rs pyarrow")
+    write_packages(folder)
+    config = folder / "zenoh.json5"
+    config.write_text(
+        f'{{mode: "peer", connect: {{endpoints: ["{lab.endpoint}"]}}, '
+        "listen: {endpoints: []}, scouting: {multicast: {enabled: false}}}"
+    )
+    return Operator(
+        [sys.executable, "-m", "tests.sweep.dora_node", str(config)],
+        {**os.environ, "AMENT_PREFIX_PATH": str(folder)},
     )
 
 
 def operator(judge: str, lab: Lab, folder: Path) -> Operator:
     """The program of that name."""
-    made = {"zenoh-ros2-sdk": zenoh_ros2_sdk}
+    made = {"zenoh-ros2-sdk": zenoh_ros2_sdk, "roslibpy": roslibpy, "dora-rs": dora_rs}
     return made[judge](lab, folder) if judge in made else rclpy(judge, lab, folder)

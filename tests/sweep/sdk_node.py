@@ -15,6 +15,7 @@ from zenoh_ros2_sdk.qos import QosDurability, QosProfile
 
 ROUTER = {"router_ip": "127.0.0.1", "router_port": int(sys.argv[1]), "domain_id": 0}
 NAME = 2  # Nodetype.NAME of rosbags: a message
+OCTETS = {"byte": "uint8", "octet": "uint8", "char": "uint8"}
 LATCHED = QosProfile(durability=QosDurability.TRANSIENT_LOCAL)
 
 
@@ -44,7 +45,7 @@ def _value(store, definitions, name, given):
         if element == NAME:
             return [_message(store, of, each) for each in given]
         if of[0] != "string":
-            return numpy.array(given, dtype=getattr(numpy, of[0]))
+            return numpy.array(given, dtype=OCTETS.get(of[0], of[0]))
     return given
 
 

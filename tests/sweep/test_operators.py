@@ -15,7 +15,7 @@ pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip insta
 from cardan.protocols.ros2.type_hash import type_hash
 from cardan.robots import load_arm
 from tests.dds_rig import OPTIONS
-from tests.serving import ARM_SESSION, free_endpoint, served
+from tests.serving import ARM_SESSION, free_endpoint, free_tcp_port, served
 from tests.sweep.operators import (
     ARM,
     HEARD,
@@ -24,7 +24,6 @@ from tests.sweep.operators import (
     STRING,
     Lab,
     operator as made,
-    python_of,
 )
 from tests.sweep.world import await_rest
 from tests.waiting import until
@@ -32,11 +31,12 @@ from tests.waiting import until
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(120)]
 
 RCLPY = ("jazzy", "kilted")
-EVERY = (*RCLPY, "zenoh-ros2-sdk")
+WITH_SERVICES = ("zenoh-ros2-sdk", "roslibpy", "dora-rs")
+EVERY = (*RCLPY, *WITH_SERVICES)
 DESCRIPTION, POSE = "/left/robot_description", "geometry_msgs/msg/Pose"
 TRIGGER = "std_srvs/srv/Trigger"
 GET, SET = "rcl_interfaces/srv/GetParameters", "rcl_interfaces/srv/SetParameters"
-MOVE = "cardan_msgs/srv/MovePose"
+MOVE, ACTION = "cardan_msgs/srv/MovePose", "cardan_msgs/action/MovePose"
 REST_WITHIN_S = 1.0
 NONE_WITHIN_S = 2.0
 FACE = "/cardan_dds_face"
@@ -44,17 +44,23 @@ NAMELESS = "_CREATED_BY_BARE_DDS_APP_"
 """What rmw_fastrtps of Kilted calls the node of each endpoint of Cyclone DDS."""
 
 
+def bridged(endpoint, port):
+    """The face for rosbridge."""
+    pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
+    return served("face", "rosbridge", "--router", endpoint, "--port", str(port))
+
+
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory):
-    python_of(EVERY[0])
-    endpoint, domain = free_endpoint(), OPTIONS.number
+    endpoint, domain, port = free_endpoint(), OPTIONS.number, free_tcp_port()
     file = tmp_path_factory.mktemp("session") / "session.toml"
     file.write_text(f'{ARM_SESSION.format(endpoint=endpoint)}other_names = ["cmd_vel"]\n')
     run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "600"]
     with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
         try:
-            with served("face", "dds", "--router", endpoint, "--dds-domain", str(domain)):
-                yield Lab(endpoint, domain)
+            face = ("face", "dds", "--router", endpoint, "--dds-domain", str(domain))
+            with served(*face), bridged(endpoint, port):
+                yield Lab(endpoint, domain, port)
         finally:
             session.terminate()
 
@@ -131,7 +137,7 @@ def test_it_stops_the_arm_by_a_topic(operator, lab):
 def test_it_takes_and_gives_up_the_authority_and_acknowledges_by_topics(operator):
     operator.wait_for_authority()
     operator.tell_and_wait("acquire")
-    until(lambda: "judge" in operator.status()["authority"], "the authority")
+    until(lambda: operator.status()["authority"], "the authority")
     operator.tell_and_wait("release")
     until(lambda: not operator.status()["authority"], "that it is given up")
     operator.tell_and_wait("acknowledge")
@@ -148,7 +154,9 @@ def test_its_motion_arrives(operator):
     until(lambda: operator.z() == pytest.approx(pose["position"]["z"], abs=0.001), "the pose")
 
 
-@by(*EVERY)
+# zenoh-ros2-sdk 0.1.8 looks for publishers of what is latched by a name of which only the first
+# slash is `%`, as on the wire all are: it never finds one in a namespace.
+@by(*RCLPY, "roslibpy", "dora-rs")
 def test_what_is_latched_comes_once_each_time(operator):
     for count in (1, 2, 3):
         operator.do("subscribe", topic=DESCRIPTION, kind=STRING, latched=True)
@@ -168,14 +176,37 @@ def test_services_and_parameters_and_actions_are_not_there_for_it(operator):
     assert operator.called(f"{ARM}/get_parameters", GET, NONE_WITHIN_S) is None
 
 
-@by("zenoh-ros2-sdk")
-def test_it_calls_services_and_sets_parameters(operator):
+# zenoh-ros2-sdk 0.1.8 has no services whose request is empty.
+@by("roslibpy", "dora-rs")
+def test_it_stops_the_arm_by_a_service(operator):
     assert operator.called(f"{ARM}/stop", TRIGGER)["success"]
+
+
+@by("roslibpy", "dora-rs")
+def test_its_action_tells_where_the_arm_is_and_ends(operator):
+    operator.wait_for_authority()
+    pose = operator.newest(POSES)["pose"]
+    pose["position"]["z"] -= 0.02
+    operator.do("act", action=f"{ARM}/action/movl", kind=ACTION, goal={"x": pose})
+    operator.wait("feedback")
+    operator.wait("result")
+    until(lambda: operator.z() == pytest.approx(pose["position"]["z"], abs=0.001), "the pose")
+
+
+# zenoh-ros2-sdk 0.1.8 looks for the types that these have in `rcl_interfaces/srv`.
+@by("roslibpy", "dora-rs")
+def test_it_sets_and_reads_parameters(operator):
+    operator.wait_for_authority()
     gain = {"name": "gain", "value": {"type": 3, "double_value": 1.5}}
     answer = operator.called(f"{ARM}/set_parameters", SET, parameters=[gain])
     assert [each["successful"] for each in answer["results"]] == [True]
     answer = operator.called(f"{ARM}/get_parameters", GET, names=["gain"])
     assert [each["double_value"] for each in answer["values"]] == [1.5]
+
+
+@by(*WITH_SERVICES)
+def test_its_service_moves_the_arm(operator):
+    operator.wait_for_authority()
     pose = operator.newest(POSES)["pose"]
     pose["position"]["z"] += 0.02
     assert operator.called(f"{ARM}/movl", MOVE, x=pose)["success"]
