@@ -1,7 +1,7 @@
 """ROS 2's own rosidl on the definitions here: it parses each file and computes each type's hash.
 
-In an environment of `tools/ros2`; PYTHONPATH is this source tree, for the definitions alone. It says
-what differs, and then ends with exit code 1.
+In an environment of `tools/ros2`; PYTHONPATH is this source tree, for the definitions alone. It
+says what differs, and then ends with exit code 1.
 """
 
 import contextlib

@@ -44,7 +44,7 @@ class Lab(NamedTuple):
     """On Zenoh."""
     domain: int
     """On DDS."""
-    port: int
+    port: int = 0
     """Of rosbridge."""
 
 

@@ -44,25 +44,28 @@ NAMELESS = "_CREATED_BY_BARE_DDS_APP_"
 """What rmw_fastrtps of Kilted calls the node of each endpoint of Cyclone DDS."""
 
 
-def bridged(endpoint, port):
-    """The face for rosbridge."""
-    pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
-    return served("face", "rosbridge", "--router", endpoint, "--port", str(port))
-
-
 @pytest.fixture(scope="module")
 def lab(tmp_path_factory):
-    endpoint, domain, port = free_endpoint(), OPTIONS.number, free_tcp_port()
+    endpoint, domain = free_endpoint(), OPTIONS.number
     file = tmp_path_factory.mktemp("session") / "session.toml"
     file.write_text(f'{ARM_SESSION.format(endpoint=endpoint)}other_names = ["cmd_vel"]\n')
     run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "600"]
     with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
         try:
             face = ("face", "dds", "--router", endpoint, "--dds-domain", str(domain))
-            with served(*face), bridged(endpoint, port):
-                yield Lab(endpoint, domain, port)
+            with served(*face):
+                yield Lab(endpoint, domain)
         finally:
             session.terminate()
+
+
+@pytest.fixture(scope="module")
+def rosbridge(lab):
+    """The port of that face."""
+    pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
+    port = free_tcp_port()
+    with served("face", "rosbridge", "--router", lab.endpoint, "--port", str(port)):
+        yield port
 
 
 @pytest.fixture
@@ -71,7 +74,9 @@ def judge(request):
 
 
 @pytest.fixture
-def operator(judge, lab, tmp_path):
+def operator(judge, lab, tmp_path, request):
+    if judge == "roslibpy":
+        lab = lab._replace(port=request.getfixturevalue("rosbridge"))
     with made(judge, lab, tmp_path) as found:
         found.watch()
         yield found
