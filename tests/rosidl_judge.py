@@ -1,8 +1,7 @@
 """ROS 2's own rosidl on the definitions here: it parses each file and computes each type's hash.
 
-By hand, in an environment of its own: Python 3.12 with ``ros-jazzy-rosidl-adapter`` and
-``ros-jazzy-rosidl-generator-type-description``; PYTHONPATH is this source tree, for the definitions
-alone. It ends with what differs.
+In an environment of `tools/ros2`; PYTHONPATH is this source tree, for the definitions alone. It
+says what differs, and then ends with exit code 1.
 """
 
 import contextlib
@@ -64,16 +63,17 @@ def main() -> int:
         for each in (folder / package).glob("*/*.json"):
             for row in json.loads(each.read_text())["type_hashes"]:
                 hashes[row["type_name"]] = row["hash_string"]
-    compared = 0
-    for name, theirs in sorted(hashes.items()):
-        if name in known_types() and "/action/" in name:
-            continue  # Of an action as a whole: not on the wire.
-        compared += 1
-        if (ours := type_hash(name)) != theirs:
-            print(f"{name}: {ours} here, {theirs} by rosidl")
-            compared -= 1
-    print(f"{compared} of {len(hashes)} the same")
-    return 0
+    # The hash of an action as a whole is not on the wire.
+    compared = {
+        name: theirs
+        for name, theirs in sorted(hashes.items())
+        if "/action/" not in name or name not in known_types()
+    }
+    different = {name: each for name, each in compared.items() if type_hash(name) != each}
+    for name, theirs in different.items():
+        print(f"{name}: {type_hash(name)} here, {theirs} by rosidl")
+    print(f"{len(compared) - len(different)} of {len(compared)} the same")
+    return 1 if different or not compared else 0
 
 
 if __name__ == "__main__":

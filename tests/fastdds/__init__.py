@@ -5,14 +5,9 @@ to it over DDS. It is a program in C++, built when it is first needed.
 from __future__ import annotations
 
 import hashlib
-import json
 import os
-import re
 import shutil
-import signal
 import subprocess
-import threading
-import time
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +16,10 @@ import pytest
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan.protocols.ros2.type_hash import type_hash
+from tests.judge_node import JudgeNode
 
 SOURCE = Path(__file__).parent / "node.cpp"
 HEADERS = Path("/usr/include/fastdds/dds/domain/DomainParticipant.hpp")
-SEGMENT = re.compile(r"/dev/shm/fastrtps_[0-9a-f]{16}\b")
-WAIT_S = 20.0
-"""Longest wait for what comes at once; participants announce themselves every few seconds."""
 
 
 def program() -> Path:
@@ -47,7 +40,7 @@ def program() -> Path:
     return built
 
 
-class FastNode:
+class FastNode(JudgeNode):
     """A node over Fast DDS in a process of its own. Use in a with statement."""
 
     def __init__(
@@ -55,62 +48,14 @@ class FastNode:
     ) -> None:
         """`discovery`: "whitelist" as by ROS_LOCALHOST_ONLY of Humble, "unicast" as by
         ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST; `gid_length`: 24 of Humble."""
-        self._command = [str(program()), str(domain), discovery, str(gid_length), name]
+        super().__init__([program(), str(domain), discovery, str(gid_length), name])
         self.name = name
-        self.events: list[dict[str, Any]] = []
-        """All that it has told, in order."""
-        self._changed = threading.Condition()
-        self._ended = self._killed = False
-
-    def __enter__(self) -> FastNode:
-        self._process = subprocess.Popen(
-            self._command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-        )
-        self._reader = threading.Thread(target=self._read)
-        self._reader.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        stdin, stdout = self._process.stdin, self._process.stdout
-        assert stdin is not None
-        assert stdout is not None
-        stdin.close()
-        try:
-            code = self._process.wait(WAIT_S)
-            assert code == (-signal.SIGKILL if self._killed else 0)
-        finally:
-            self._process.kill()
-            self._process.wait()
-            self._reader.join()
-            stdout.close()
-
-    def kill(self) -> None:
-        """End it without a word, as a crash does; of the memory that it shared nothing stays."""
-        maps = Path(f"/proc/{self._process.pid}/maps").read_text()
-        self._process.kill()
-        self._process.wait()
-        self._killed = True
-        for segment in set(SEGMENT.findall(maps)):
-            for name in (segment, f"{segment}_el"):
-                Path(name).unlink(missing_ok=True)
-
-    def _read(self) -> None:
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
-            with self._changed:
-                self.events.append(json.loads(line))
-                self._changed.notify_all()
-        with self._changed:
-            self._ended = True
-            self._changed.notify_all()
 
     # -- what it does ----------------------------------------------------------------------------
 
     def do(self, *words: object) -> None:
         """Have it carry out a command of node.cpp."""
-        assert self._process.stdin is not None
-        self._process.stdin.write(" ".join(map(str, words)) + "\n")
-        self._process.stdin.flush()
+        self.say(" ".join(map(str, words)))
 
     def subscribe(
         self, topic: str, type_name: str, *, reliable: bool = True, latched: bool = False
@@ -152,31 +97,6 @@ class FastNode:
         self.do("server", service, type_name, _encoded(f"{type_name}_Response", reply).hex())
 
     # -- what it has met -------------------------------------------------------------------------
-
-    def found(self, event: str, **fields: object) -> list[dict[str, Any]]:
-        """All events of a kind with these fields, so far."""
-        with self._changed:
-            return [
-                each
-                for each in self.events
-                if each["event"] == event and all(each[key] == fields[key] for key in fields)
-            ]
-
-    def wait(self, event: str, count: int = 1, **fields: object) -> dict[str, Any]:
-        """The newest event of a kind with these fields, when there are `count` of them."""
-        end_s = time.monotonic() + WAIT_S
-        while True:
-            with self._changed:
-                known = len(self.events)
-            found = self.found(event, **fields)
-            if len(found) >= count:
-                return found[-1]
-            with self._changed:
-                left_s = end_s - time.monotonic()
-                assert left_s > 0, f"no {event} with {fields}; last: {self.events[-5:]}"
-                assert not self._ended, f"it has ended; last: {self.events[-5:]}"
-                if len(self.events) == known:
-                    self._changed.wait(left_s)
 
     def heard(self, topic: str, type_name: str, count: int = 1) -> dict[str, Any]:
         """The newest message of a topic, when there are `count` of them."""

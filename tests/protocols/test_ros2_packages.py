@@ -2,6 +2,8 @@
 wire."""
 
 import re
+import subprocess
+from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
@@ -13,6 +15,7 @@ from cardan.cli import app
 from cardan.protocols.ros2.interfaces import known_types
 from cardan.protocols.ros2.packages import PACKAGES
 from cardan.protocols.ros2.type_hash import type_hash
+from tests.sweep.operators import own_environment, python_of
 
 WRITTEN = [each for each in known_types() if each.split("/")[0] in PACKAGES]
 PARTS = {
@@ -85,3 +88,16 @@ def test_nothing_is_written_over_nor_beside_what_is_there(tmp_path):
     assert told.exit_code != 0
     assert f"{there} is there already and is not written over" in str(told.exception)
     assert list(tmp_path.rglob("*")) == [there]
+
+
+@pytest.mark.matrix
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("distribution", ["jazzy", "kilted"])
+def test_rosidl_parses_all_that_is_here_and_has_the_same_hashes(distribution, tmp_path):
+    root = Path(__file__).parents[2]
+    judged = subprocess.run(
+        [python_of(distribution), root / "tests" / "rosidl_judge.py"],
+        env=own_environment(PYTHONPATH=str(root), TMPDIR=str(tmp_path)),
+        stdout=subprocess.PIPE, text=True, check=False,
+    )  # fmt: skip
+    assert judged.returncode == 0, judged.stdout

@@ -59,6 +59,23 @@ STATUS = "cardan_msgs/msg/ArmStatus"
 RUMBLE = "sensor_msgs/msg/JoyFeedback"
 
 
+def await_status(endpoint: str, found: Callable[[Any], bool], what: str) -> None:
+    """Wait for a status of the arm."""
+    with BusNode(BusOptions(router=endpoint, listen=()), "waits") as node:
+        status = node.subscription(f"{NODE}/state/status", STATUS, 1)
+
+        def is_found() -> bool:
+            received = status.poll()
+            return received is not None and found(codec_of(STATUS).decode(received.data))
+
+        until(is_found, what)
+
+
+def await_rest(endpoint: str) -> None:
+    """Wait until the arm has come to rest."""
+    await_status(endpoint, lambda status: status["phase"] in ("holding", "disarmed"), "the rest")
+
+
 class World:
     """A session with a stick at which somebody rests a hand."""
 
@@ -136,23 +153,15 @@ class World:
         ]
         self._call("release", "std_srvs/srv/Trigger", {})
         # Who moved it before, and was killed, has it for the lease.
-        self._await_status(lambda status: not status["authority"], "that nobody has the arm")
+        await_status(
+            self.endpoint, lambda status: not status["authority"], "that nobody has the arm"
+        )
         answer = self._call("set_parameters", SET, {"parameters": parameters})
         assert all(each["successful"] for each in answer["results"]), answer
 
     def rest(self) -> None:
         """Wait until the arm has come to rest, whatever moved it."""
-        self._await_status(lambda status: status["phase"] in ("holding", "disarmed"), "the rest")
-
-    def _await_status(self, found: Callable[[Any], bool], what: str) -> None:
-        with BusNode(BusOptions(router=self.endpoint, listen=()), "waits") as node:
-            status = node.subscription(f"{NODE}/state/status", STATUS, 1)
-
-            def is_found() -> bool:
-                received = status.poll()
-                return received is not None and found(codec_of(STATUS).decode(received.data))
-
-            until(is_found, what)
+        await_rest(self.endpoint)
 
     def _ask(self, number: int, verb: str, **more: Any) -> None:
         packet = {"id": number, "source": "stick", "verb": verb, **more}

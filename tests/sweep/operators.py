@@ -1,0 +1,194 @@
+"""Programs of others with which somebody watches and commands an arm, each in a process of its own.
+
+What `tools/ros2` installs away from our environment runs by its own Python, and nothing of ours
+reaches it, nor what it sets for itself us.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+
+from cardan.protocols.ros2.messages import completed
+from tests.judge_node import JudgeNode
+from tests.ros2_packages import write_packages
+from tests.waiting import until
+
+ROOT, HERE = Path(__file__).parents[2], Path(__file__).parent
+KEPT = ("HOME", "PATH", "LANG", "TMPDIR")
+
+ARM = "/left/arm"
+POSES, JOINTS, VELOCITY = f"{ARM}/state/pose", "/left/joint_states", "/left/cmd_vel"
+DIAGNOSTICS, RESULTS = "/diagnostics", f"{ARM}/result_text"
+STRING, EMPTY, TWIST = "std_msgs/msg/String", "std_msgs/msg/Empty", "geometry_msgs/msg/Twist"
+HEARD = {
+    POSES: "geometry_msgs/msg/PoseStamped",
+    JOINTS: "sensor_msgs/msg/JointState",
+    DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
+    RESULTS: STRING,
+}
+MET_S = 0.3
+
+
+class Lab(NamedTuple):
+    """A session, and the faces beside it."""
+
+    endpoint: str
+    """On Zenoh."""
+    domain: int
+    """On DDS."""
+    port: int = 0
+    """Of rosbridge."""
+
+
+def python_of(environment: str) -> Path:
+    """The Python of a judge; skips where it cannot be had."""
+    made = ROOT / "build" / "ros2" / environment
+    lock = ROOT / "locks" / "ros2" / f"{environment}.txt"
+    if not (made / ".ready").exists() or (made / ".ready").read_bytes() != lock.read_bytes():
+        found = subprocess.run(
+            [ROOT / "tools" / "python-of", "3.12"], stdout=subprocess.DEVNULL, check=False
+        )
+        if found.returncode:
+            pytest.skip("no Python 3.12 on this machine, which ROS 2's wheels are for")
+        pytest.skip(f"{environment} is not installed: tools/ros2 {environment}")
+    return made / "bin" / "python"
+
+
+def own_environment(**more: str) -> dict[str, str]:
+    """Variables for a judge in an environment of its own."""
+    return {**{name: os.environ[name] for name in KEPT if name in os.environ}, **more}
+
+
+class Operator(JudgeNode):
+    """It does what telling.py says, and knows what it has heard last."""
+
+    def do(self, what: str, **how: Any) -> None:
+        """Have it carry out a command."""
+        self.say(json.dumps({"do": what, **how}, default=list))  # of bytes
+
+    def watch(self) -> None:
+        """Hear what the arm tells of itself."""
+        for topic, kind in HEARD.items():
+            self.do("subscribe", topic=topic, kind=kind)
+        for topic in (POSES, JOINTS, DIAGNOSTICS):
+            self.wait("sample", topic=topic)
+
+    def newest(self, topic: str) -> Any:
+        """The newest message of a topic, or None."""
+        found = self.found("sample", topic=topic)
+        return found[-1]["message"] if found else None
+
+    def z(self) -> float:
+        """Where the TCP is."""
+        found: float = self.newest(POSES)["pose"]["position"]["z"]
+        return found
+
+    def results(self) -> list[tuple[str, str]]:
+        """Commands and outcomes."""
+        samples = self.found("sample", topic=RESULTS)
+        found = [json.loads(each["message"]["data"]) for each in samples]
+        return [(each["command"], each["outcome"]) for each in found]
+
+    def status(self) -> dict[str, str]:
+        """What `/diagnostics` says of the arm."""
+        rows = {row["name"].rpartition(" ")[2]: row for row in self.newest(DIAGNOSTICS)["status"]}
+        return {each["key"]: each["value"] for each in rows["arm"]["values"]}
+
+    def graph(self) -> dict[str, Any]:
+        """What it sees now."""
+        known = len(self.found("graph"))
+        self.do("graph")
+        return self.wait("graph", known + 1)
+
+    def called(self, service: str, kind: str, wait_s: float = 10.0, **request: Any) -> Any:
+        """The answer of a service; None where none came, or where there is none."""
+        known = len(self.found("answer"))
+        request = completed(f"{kind}_Request", request)
+        self.do("call", service=service, kind=kind, request=request, wait_s=wait_s)
+        return self.wait("answer", known + 1)["message"]
+
+    def advertise(self, topic: str, kind: str) -> None:
+        self.do("advertise", topic=topic, kind=kind)
+        self.wait("matched", topic=topic)
+        # It has met the face, which may not have met it: what it sends at once may be lost.
+        time.sleep(MET_S)
+
+    def tell(self, verb: str, kind: str = EMPTY, **message: Any) -> None:
+        """Publish a command, once."""
+        topic = f"{ARM}/command/{verb}"
+        self.advertise(topic, kind)
+        self.do("publish", topic=topic, message=completed(kind, message) if message else {})
+
+    def tell_and_wait(self, verb: str) -> None:
+        self.tell(verb)
+        until(lambda: (verb, "done") in self.results(), verb)
+
+    def stream(self, speed: float) -> None:
+        """Move the arm, until somebody ends it."""
+        self.wait_for_authority()
+        self.advertise(VELOCITY, TWIST)
+        begun = self.z()
+        message = completed(TWIST, {"linear": {"z": speed}})
+        self.do("publish", topic=VELOCITY, message=message, period_s=0.02)
+        until(lambda: (self.z() - begun) / speed > 0.2, "the motion")
+
+    def wait_for_authority(self) -> None:
+        """Who moved the arm before, and was killed, has it for the lease."""
+        until(lambda: not self.status()["authority"], "that nobody has the arm")
+
+
+def rclpy(distribution: str, lab: Lab, folder: Path) -> Operator:
+    """Real ROS 2 of a distribution, over its default middleware."""
+    return Operator(
+        [python_of(distribution), HERE / "rclpy_node.py", "judge"],
+        own_environment(
+            ROS_DOMAIN_ID=str(lab.domain),
+            ROS_AUTOMATIC_DISCOVERY_RANGE="LOCALHOST",
+            ROS_HOME=str(folder),
+        ),
+    )
+
+
+def zenoh_ros2_sdk(lab: Lab, folder: Path) -> Operator:
+    """ROS 2 over Zenoh, by rmw_zenoh's mapping."""
+    write_packages(folder)
+    port = lab.endpoint.rpartition(":")[2]
+    return Operator(
+        [python_of("zenoh-ros2-sdk"), HERE / "sdk_node.py", port, folder / "share"],
+        own_environment(GIT_ALLOW_PROTOCOL="file", GIT_PYTHON_REFRESH="quiet"),
+    )
+
+
+def roslibpy(lab: Lab, _folder: Path) -> Operator:
+    """rosbridge."""
+    pytest.importorskip("roslibpy", reason="roslibpy is not installed: pip install cardan[test]")
+    return Operator([sys.executable, "-m", "tests.sweep.roslibpy_node", str(lab.port)])
+
+
+def dora_rs(lab: Lab, folder: Path) -> Operator:
+    """ROS 2 over Zenoh, likewise."""
+    pytest.importorskip("dora", reason="dora-rs is not installed: pip install dora-rs pyarrow")
+    write_packages(folder)
+    config = folder / "zenoh.json5"
+    config.write_text(
+        f'{{mode: "peer", connect: {{endpoints: ["{lab.endpoint}"]}}, '
+        "listen: {endpoints: []}, scouting: {multicast: {enabled: false}}}"
+    )
+    return Operator(
+        [sys.executable, "-m", "tests.sweep.dora_node", str(config)],
+        {**os.environ, "AMENT_PREFIX_PATH": str(folder)},
+    )
+
+
+def operator(judge: str, lab: Lab, folder: Path) -> Operator:
+    """The program of that name."""
+    made = {"zenoh-ros2-sdk": zenoh_ros2_sdk, "roslibpy": roslibpy, "dora-rs": dora_rs}
+    return made[judge](lab, folder) if judge in made else rclpy(judge, lab, folder)
