@@ -9,7 +9,7 @@ from tests import docs_tables, fault_table
 from tests.fault_pilots import PILOTS
 from tests.fault_rig import BENCHES
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.matrix, pytest.mark.timeout(1200)]
 
 NEAR = (12.0, 0.6, 2.0, 0.15)
 """ms, mm, mm/s, m/s²: what another computer's arithmetic may make of a number."""
