@@ -88,6 +88,14 @@ def robot_problem(state: Any) -> str:
     return ""
 
 
+def told(lines: Any) -> list[str]:
+    """The lines of a `diagnosis()`. Raises TypeError for what is none."""
+    wrong = [lines] if isinstance(lines, str) else [each for each in lines if type(each) is not str]
+    if wrong:
+        raise TypeError(f"diagnosis() gave {wrong[0]!r:.60}, not lines of text")
+    return list(lines)
+
+
 def _numbers(values: Any) -> bool:
     return isinstance(values, (tuple, list)) and all(
         type(value) is float or isinstance(value, Real) for value in values

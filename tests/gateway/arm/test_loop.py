@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from cardan.drivers.foreign import told
 from cardan.errors import CommandError, DriverError
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.types import (
@@ -140,6 +141,13 @@ def test_a_part_of_what_a_device_gives_that_is_none_is_named(call, given, words)
     assert cycle.device.link is DeviceLink.LOST
     assert cycle.device.reason.startswith(f"its driver failed: {words}")
     assert cycle.events == ()
+
+
+@pytest.mark.parametrize("given", ["abc", (5,), ("fine", None), 5])
+def test_a_diagnosis_is_lines_of_text(given):
+    with pytest.raises(TypeError):
+        told(given)
+    assert told(("fine",)) == ["fine"]
 
 
 @pytest.mark.parametrize("number", [1, True, np.float32(1.0), np.float64(1.0), np.int64(1)])
