@@ -27,7 +27,7 @@ from cardan.common.realtime import ask_for_real_time, share_interpreter_promptly
 from cardan.common.shortage import shortage
 from cardan.common.signals import ignore_ending, take_ending
 from cardan.drivers.base import OperatorDevice, RobotDriver
-from cardan.drivers.foreign import RobotCalls, close_in_order
+from cardan.drivers.foreign import RobotCalls, close_in_order, told
 from cardan.errors import (
     CardanError,
     CommandError,
