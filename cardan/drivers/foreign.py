@@ -96,6 +96,14 @@ def told(lines: Any) -> list[str]:
     return list(lines)
 
 
+def counted(metrics: Any) -> Any:
+    """What a driver's `metrics()` gave. Raises TypeError for a value that is no number."""
+    for name, value in metrics.items():
+        if not isinstance(value, Real):
+            raise TypeError(f"metrics() gave {value!r:.60} for {name!r}, not a number")
+    return metrics
+
+
 def _numbers(values: Any) -> bool:
     return isinstance(values, (tuple, list)) and all(
         type(value) is float or isinstance(value, Real) for value in values

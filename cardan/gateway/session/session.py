@@ -27,7 +27,7 @@ from cardan.common.realtime import ask_for_real_time, share_interpreter_promptly
 from cardan.common.shortage import shortage
 from cardan.common.signals import ignore_ending, take_ending
 from cardan.drivers.base import OperatorDevice, RobotDriver
-from cardan.drivers.foreign import RobotCalls, close_in_order, told
+from cardan.drivers.foreign import RobotCalls, close_in_order, counted, told
 from cardan.errors import (
     CardanError,
     CommandError,
@@ -449,7 +449,8 @@ class Session:
         s.filters = list(status.filters)
         try:
             s.diagnosis = told(self.robot.diagnosis())
-            s.metrics, s.robot_errors = self.robot.metrics(), dict(self.robot.protocol_errors())
+            s.metrics = counted(self.robot.metrics())
+            s.robot_errors = dict(self.robot.protocol_errors())
         except Exception as error:
             s.diagnosis = [f"the robot's driver failed: {reason(error)}"]
         if self.device is not None and self._lease is not None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from cardan.drivers.foreign import told
+from cardan.drivers.foreign import counted, told
 from cardan.errors import CommandError, DriverError
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.types import (
@@ -148,6 +148,12 @@ def test_a_diagnosis_is_lines_of_text(given):
     with pytest.raises(TypeError):
         told(given)
     assert told(("fine",)) == ["fine"]
+
+
+def test_what_a_driver_counts_are_numbers():
+    assert counted({"lost": 1, "period_s": 0.1}) == {"lost": 1, "period_s": 0.1}
+    with pytest.raises(TypeError, match=r"metrics\(\) gave 'x' for 'lost', not a number"):
+        counted({"lost": "x"})
 
 
 @pytest.mark.parametrize("number", [1, True, np.float32(1.0), np.float64(1.0), np.int64(1)])
