@@ -22,7 +22,7 @@ PADDING_BYTES = 4
 """Fewer bytes can be missing at the end of a .blf: it is padded."""
 _HEAD = struct.Struct("!IBB2x")
 _LINE = re.compile(
-    r"\((?P<seconds>\d+)\.(?P<fraction>\d{1,9})\)\s+\S+\s+(?P<id>[0-9A-F]{8}|[0-9A-F]{3})#"
+    r"\((?P<seconds>\d{1,20})\.(?P<fraction>\d{1,9})\)\s+\S+\s+(?P<id>[0-9A-F]{8}|[0-9A-F]{3})#"
     r"((?P<remote>R)\d?|(?P<fd>#[0-9A-F])?(?P<data>([0-9A-F]{2}\.?)*))(_[0-9A-F])?(\s+[RT])?",
     re.IGNORECASE,
 )

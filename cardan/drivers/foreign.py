@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Sequence, Set as AbstractSet
+from numbers import Real
 from types import TracebackType
+from typing import Any
 
 from cardan.common.openable import Openable
 from cardan.common.plugins import reason
 from cardan.common.shortage import shortage
 from cardan.drivers.base import RobotDriver
 from cardan.errors import CardanError, DriverError
+from cardan.types import ButtonEvent, DeviceLink, DeviceState, Pose, RobotLink, RobotState
 
 _log = logging.getLogger(__name__)
 
@@ -47,3 +51,60 @@ def close_in_order(opened: Openable) -> None:
         opened.close()
     except Exception:
         _log.exception("%s was not closed in good order", type(opened).__name__)
+
+
+def device_problem(state: Any, events: Any) -> str:
+    """What a device's driver failed to give by `state()` and `button_events()`; empty: nothing."""
+    if not isinstance(state, DeviceState):
+        return f"state() gave {state!r:.60}"
+    if not isinstance(state.link, DeviceLink):
+        return f"state() gave the link {state.link!r:.60}"
+    if not _numbers(state.axes) or len(state.axes) != 6:
+        return f"state() gave the axes {state.axes!r:.60}, which are not six numbers"
+    if not isinstance(state.buttons, AbstractSet):
+        return f"state() gave the buttons {state.buttons!r:.60}, which are no set"
+    if not _numbers((state.stamp_s,)):
+        return f"state() gave the time {state.stamp_s!r:.60}"
+    if state.pose is not None and not isinstance(state.pose, Pose):
+        return f"state() gave the pose {state.pose!r:.60}"
+    if not isinstance(events, Sequence):
+        return f"button_events() gave {events!r:.60}"
+    for event in events:
+        if not isinstance(event, ButtonEvent):
+            return f"button_events() gave {event!r:.60} for an event"
+    return ""
+
+
+def robot_problem(state: Any) -> str:
+    """What a robot's driver failed to give by `cycles()`; empty: nothing."""
+    if not isinstance(state, RobotState):
+        return f"cycles() gave {state!r:.60}"
+    if not isinstance(state.link, RobotLink):
+        return f"cycles() gave the link {state.link!r:.60}"
+    if not isinstance(state.hold_reason, str):
+        return f"cycles() gave the hold_reason {state.hold_reason!r:.60}"
+    if not _numbers(state.joints):
+        return f"cycles() gave the joints {state.joints!r:.60}, which are not numbers"
+    return ""
+
+
+def told(lines: Any) -> list[str]:
+    """The lines of a `diagnosis()`. Raises TypeError for what is none."""
+    wrong = [lines] if isinstance(lines, str) else [each for each in lines if type(each) is not str]
+    if wrong:
+        raise TypeError(f"diagnosis() gave {wrong[0]!r:.60}, not lines of text")
+    return list(lines)
+
+
+def counted(metrics: Any) -> Any:
+    """What a driver's `metrics()` gave. Raises TypeError for a value that is no number."""
+    for name, value in metrics.items():
+        if not isinstance(value, Real):
+            raise TypeError(f"metrics() gave {value!r:.60} for {name!r}, not a number")
+    return metrics
+
+
+def _numbers(values: Any) -> bool:
+    return isinstance(values, (tuple, list)) and all(
+        type(value) is float or isinstance(value, Real) for value in values
+    )

@@ -237,6 +237,7 @@ textmsg("end ", n)"""
         ('x = p[1, 2, 3, 4, 5, "a"]', "a in a pose is not a number"),
         ("x = [1][True]", "a list of 1 has no element True"),
         ("x = sqrt(-1)", "sqrt()"),
+        ("x = normalize([0, 0])", "normalize(): v has no direction"),
         ("x = log(1, 2)", "log()"),
         ('x = to_num("x")', "'x' is no number"),
         ("x = struct(a=1)\ny = x.b", "there is no member b"),

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from cardan.common.plugins import reason
 from cardan.drivers.base import OperatorDevice, RobotDriver
-from cardan.drivers.foreign import RobotCalls
+from cardan.drivers.foreign import RobotCalls, device_problem, robot_problem
 from cardan.gateway.arm.controller import ArmController
 from cardan.types import (
     NEUTRAL,
@@ -66,10 +66,9 @@ class ArmLoop:
                 hand, events = device.state(), device.button_events()
             except Exception as error:
                 hand, events = self._failed(reason(error), error), ()
-            if not isinstance(hand, DeviceState):
-                hand, events = self._failed(f"state() gave {hand!r:.60}"), ()
-            if not isinstance(events, Sequence):
-                hand, events = self._failed(f"button_events() gave {events!r:.60}"), ()
+            problem = device_problem(hand, events)
+            if problem:
+                hand, events = self._failed(problem), ()
             command = tick(state, hand, events)
             with calls:
                 send(command)
@@ -78,8 +77,9 @@ class ArmLoop:
     def _states(self) -> Iterator[RobotState]:
         with self._calls:
             for state in self.robot.cycles():
-                if not isinstance(state, RobotState):
-                    raise self._calls.failed(f"cycles() gave {state!r:.60}")
+                problem = robot_problem(state)
+                if problem:
+                    raise self._calls.failed(problem)
                 yield state
 
     def _failed(self, problem: str, error: Exception | None = None) -> DeviceState:

@@ -429,6 +429,9 @@ class HandSource:
 
 def _status(each: TwistFilter) -> str:
     try:
-        return each.status()
+        said = each.status()
+        if not isinstance(said, str):
+            raise TypeError(f"status() gave {said!r:.60}, not a text")
+        return said
     except Exception as error:
         return f"the filter {each.name} failed: {error!r}"

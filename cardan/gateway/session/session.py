@@ -27,7 +27,7 @@ from cardan.common.realtime import ask_for_real_time, share_interpreter_promptly
 from cardan.common.shortage import shortage
 from cardan.common.signals import ignore_ending, take_ending
 from cardan.drivers.base import OperatorDevice, RobotDriver
-from cardan.drivers.foreign import RobotCalls, close_in_order
+from cardan.drivers.foreign import RobotCalls, close_in_order, counted, told
 from cardan.errors import (
     CardanError,
     CommandError,
@@ -448,8 +448,9 @@ class Session:
             s.refusals = self._requests.refusals()
         s.filters = list(status.filters)
         try:
-            s.diagnosis = list(self.robot.diagnosis())
-            s.metrics, s.robot_errors = self.robot.metrics(), dict(self.robot.protocol_errors())
+            s.diagnosis = told(self.robot.diagnosis())
+            s.metrics = counted(self.robot.metrics())
+            s.robot_errors = dict(self.robot.protocol_errors())
         except Exception as error:
             s.diagnosis = [f"the robot's driver failed: {reason(error)}"]
         if self.device is not None and self._lease is not None:
@@ -458,7 +459,7 @@ class Session:
                 try:
                     self._fit_feedback(self.device)
                     self._look_at_buttons(self.device)
-                    s.diagnosis += self.device.diagnosis()
+                    s.diagnosis += told(self.device.diagnosis())
                     s.device_errors = dict(self.device.protocol_errors())
                 except Exception as error:
                     s.diagnosis.append(f"the device's driver failed: {reason(error)}")
@@ -466,7 +467,7 @@ class Session:
                 s.diagnosis.insert(0, self._lease.problem)
         for each in self._filters:
             try:
-                s.diagnosis += each.diagnosis()
+                s.diagnosis += told(each.diagnosis())
             except Exception as error:
                 s.diagnosis.append(f"the filter {each.name} failed: {reason(error)}")
         if self._force is not None:

@@ -76,6 +76,8 @@ def _norm(value: Any) -> float:
 
 def _normalize(value: Any) -> list[float]:
     size = math.hypot(*numbers("v", value))
+    if size == 0.0:
+        raise ValueError("v has no direction")
     return [each / size for each in value]
 
 

@@ -1,7 +1,9 @@
 """The loop of one arm answers each state of its robot, once and at once."""
 
+import numpy as np
 import pytest
 
+from cardan.drivers.foreign import counted, told
 from cardan.errors import CommandError, DriverError
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.types import (
@@ -114,9 +116,72 @@ def test_a_device_whose_driver_fails_is_lost_until_it_no_longer_does(call, broke
     assert len(caplog.records) == 1
 
 
+LIVE = DeviceState(0.0, DeviceLink.LIVE, (0.0,) * 6, frozenset())
+SILENT = RobotState(0.0, RobotLink.WAITING, 1, 0, 0.004, (), (), None, "")
+
+
+@pytest.mark.parametrize(
+    ("call", "given", "words"),
+    [
+        ("state", LIVE._replace(link="live"), "state() gave the link 'live'"),
+        ("state", LIVE._replace(axes=(0.1, 0.1)), "state() gave the axes (0.1, 0.1), which are"),
+        ("state", LIVE._replace(axes=("0.1",) * 6), "state() gave the axes ('0.1', "),
+        ("state", LIVE._replace(axes=None), "state() gave the axes None"),
+        ("state", LIVE._replace(buttons=["left"]), "state() gave the buttons ['left']"),
+        ("state", LIVE._replace(stamp_s=None), "state() gave the time None"),
+        ("state", LIVE._replace(pose=5), "state() gave the pose 5"),
+        ("button_events", [1], "button_events() gave 1 for an event"),
+        ("button_events", (None,), "button_events() gave None for an event"),
+    ],
+)
+def test_a_part_of_what_a_device_gives_that_is_none_is_named(call, given, words):
+    robot, device = Recorded(1), Recorded()
+    setattr(device, call, lambda: given)
+    (cycle,) = ArmLoop(robot, robot, device).cycles()
+    assert cycle.device.link is DeviceLink.LOST
+    assert cycle.device.reason.startswith(f"its driver failed: {words}")
+    assert cycle.events == ()
+
+
+@pytest.mark.parametrize("given", ["abc", (5,), ("fine", None), 5])
+def test_a_diagnosis_is_lines_of_text(given):
+    with pytest.raises(TypeError):
+        told(given)
+    assert told(("fine",)) == ["fine"]
+
+
+def test_what_a_driver_counts_are_numbers():
+    assert counted({"lost": 1, "period_s": 0.1}) == {"lost": 1, "period_s": 0.1}
+    with pytest.raises(TypeError, match=r"metrics\(\) gave 'x' for 'lost', not a number"):
+        counted({"lost": "x"})
+
+
+@pytest.mark.parametrize("number", [1, True, np.float32(1.0), np.float64(1.0), np.int64(1)])
+def test_any_kind_of_number_is_one(number):
+    robot, device = Recorded(1), Recorded()
+    device.state = lambda: LIVE._replace(stamp_s=number, axes=(number,) * 6)
+    (cycle,) = ArmLoop(robot, robot, device).cycles()
+    assert cycle.device.link is DeviceLink.LIVE
+
+
 @pytest.mark.parametrize(
     ("call", "broken", "words"),
     [
+        (
+            "cycles",
+            lambda: iter([SILENT._replace(link="live")]),
+            "cycles() gave the link 'live'",
+        ),
+        (
+            "cycles",
+            lambda: iter([SILENT._replace(hold_reason=None)]),
+            "cycles() gave the hold_reason None",
+        ),
+        (
+            "cycles",
+            lambda: iter([SILENT._replace(joints=(None,))]),
+            "cycles() gave the joints (None,), which are not numbers",
+        ),
         ("cycles", lambda: 1 / 0, "ZeroDivisionError: division by zero"),
         ("cycles", lambda: iter([None]), "cycles() gave None"),
         ("send", lambda _command: 1 / 0, "ZeroDivisionError: division by zero"),
