@@ -53,6 +53,11 @@ def close_in_order(opened: Openable) -> None:
         _log.exception("%s was not closed in good order", type(opened).__name__)
 
 
+def is_foreign(driver: object) -> bool:
+    """Whether another package has made a driver: what it gives is looked at in each cycle."""
+    return type(driver).__module__.partition(".")[0] != "cardan"
+
+
 def device_problem(state: Any, events: Any) -> str:
     """What a device's driver failed to give by `state()` and `button_events()`; empty: nothing."""
     if not isinstance(state, DeviceState):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from cardan.common.plugins import reason
 from cardan.drivers.base import OperatorDevice, RobotDriver
-from cardan.drivers.foreign import RobotCalls, device_problem, robot_problem
+from cardan.drivers.foreign import RobotCalls, device_problem, is_foreign, robot_problem
 from cardan.gateway.arm.controller import ArmController
 from cardan.types import (
     NEUTRAL,
@@ -61,13 +61,13 @@ class ArmLoop:
                     send(command)
                 yield Cycle(state, None, (), command)
             return
+        foreign = is_foreign(device)
         for state in self._states():
             try:
                 hand, events = device.state(), device.button_events()
             except Exception as error:
                 hand, events = self._failed(reason(error), error), ()
-            problem = device_problem(hand, events)
-            if problem:
+            if foreign and (problem := device_problem(hand, events)):
                 hand, events = self._failed(problem), ()
             command = tick(state, hand, events)
             with calls:
@@ -75,10 +75,10 @@ class ArmLoop:
             yield Cycle(state, hand, events, command)
 
     def _states(self) -> Iterator[RobotState]:
+        foreign = is_foreign(self.robot)
         with self._calls:
             for state in self.robot.cycles():
-                problem = robot_problem(state)
-                if problem:
+                if foreign and (problem := robot_problem(state)):
                     raise self._calls.failed(problem)
                 yield state
 
