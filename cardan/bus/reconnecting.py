@@ -3,7 +3,8 @@
 Zenoh tries again only what it is told to connect to: the router. Two peers that the router told of
 each other stay apart when the connection between them breaks; nothing is logged, and the router
 passes no messages between them. A third peer tells them of each other again, so one comes for a
-moment.
+moment. It does not help where a peer tells routers alone whom it knows (scouting/gossip/target), as
+in the configuration that rmw_zenoh comes with.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
+import secrets
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -29,6 +31,9 @@ MEET_S = 0.5
 ROUTER_TIMEOUT_S = 1.0
 """Longest wait for the router."""
 
+THIRD = "cada9e3f"
+"""How the ids of third peers begin, which nobody misses."""
+
 _log = logging.getLogger(__name__)
 
 
@@ -42,6 +47,7 @@ class Reconnector:
         self._lost: dict[str, float] = {}
         """Since when each peer is lost, by id."""
         self._told: set[str] = set()
+        self._pause_s = LOOK_S[0]
         self._changed = threading.Condition()
         self._thread: threading.Thread | None = None
         self._closed = False
@@ -63,13 +69,15 @@ class Reconnector:
     def _hear(self, event: Any) -> None:
         """In a thread of Zenoh's: a connection was opened or is closed."""
         transport = event.transport
-        if transport.whatami != self._zenoh.WhatAmI.PEER:
+        zid = str(transport.zid)
+        if transport.whatami != self._zenoh.WhatAmI.PEER or zid.startswith(THIRD):
             return
         with self._changed:
             if event.kind == self._zenoh.SampleKind.PUT:
-                self._found(str(transport.zid))
+                self._found(zid)
             elif not self._closed:
-                self._lost.setdefault(str(transport.zid), time.monotonic())
+                self._lost.setdefault(zid, time.monotonic())
+                self._pause_s = LOOK_S[0]
                 if self._thread is None:
                     self._thread = threading.Thread(target=self._run, daemon=True)
                     self._thread.start()
@@ -83,17 +91,17 @@ class Reconnector:
             _log.warning("connected to Zenoh session %s again, after %.1f s", zid, gap_s)
 
     def _run(self) -> None:
-        pause_s, longest_s = LOOK_S
-        while self._waited(pause_s):
-            pause_s = min(2.0 * pause_s, longest_s)
+        while self._waited():
             try:
                 self._look()
             except (self._zenoh.ZError, ConfigurationError) as error:
                 _log.info("the router was not asked for lost peers: %s", error)
 
-    def _waited(self, pause_s: float) -> bool:
+    def _waited(self) -> bool:
         """Wait; False where nothing is left to do, and the thread ends."""
         with self._changed:
+            pause_s = self._pause_s
+            self._pause_s = min(2.0 * pause_s, LOOK_S[1])
             self._changed.wait_for(lambda: self._closed or not self._lost, pause_s)
         routers = self._session.info.routers_zid()  # Not with a lock that _hear waits for.
         with self._changed:
@@ -112,12 +120,12 @@ class Reconnector:
     def _look(self) -> None:
         """Ask the router who of the lost is still there, and have them told of us."""
         with self._changed:
-            lost = dict(self._lost)
-        with self._joined("client") as client:
-            nodes = {zid: _nodes_of(zid, client) for zid in lost}
+            lost = set(self._lost)
+        with self._joined("client", None) as client:
+            nodes = _nodes(client)
         with self._changed:
-            self._forget({zid for zid, names in nodes.items() if not names})
-            for zid in self._lost.keys() & nodes.keys() - self._told:
+            self._forget(lost - nodes.keys())
+            for zid in self._lost.keys() & lost - self._told:
                 self._told.add(zid)
                 _log.warning(
                     "the connection to Zenoh session %s (%s) is lost: no message passes between it "
@@ -127,17 +135,21 @@ class Reconnector:
                 )
             if not self._lost:
                 return
-        with self._joined("peer"), self._changed:
+        with self._joined("peer", THIRD + secrets.token_hex(12)), self._changed:
             self._changed.wait_for(lambda: self._closed or not self._lost, MEET_S)
 
     @contextlib.contextmanager
-    def _joined(self, mode: str) -> Iterator[Any]:
+    def _joined(self, mode: str, zid: str | None) -> Iterator[Any]:
         """Another session on the same bus, at which nobody can connect."""
         config = self._config()
+        endpoints = json.loads(config.get_json("connect/endpoints"))
+        if isinstance(endpoints, dict):  # By mode; the other one has this session's.
+            endpoints = endpoints.get(json.loads(config.get_json("mode")), [])
         changes: dict[str, object] = {
-            "id": None,
+            "id": zid,
             "mode": mode,
             "listen/endpoints": [],
+            "connect/endpoints": endpoints,
             "connect/timeout_ms": round(1e3 * ROUTER_TIMEOUT_S),
             "connect/exit_on_failure": True,
         }
@@ -150,9 +162,12 @@ class Reconnector:
             session.close()
 
 
-def _nodes_of(zid: str, client: Any) -> str:
-    """The nodes of this Zenoh session, by the tokens that the router knows; empty: it is gone."""
-    pattern = f"{LIVELINESS}/*/{zid}/*/*/{NODE}/**"
-    replies = client.liveliness().get(pattern, timeout=ROUTER_TIMEOUT_S)
+def _nodes(client: Any) -> dict[str, str]:
+    """The nodes of each Zenoh session, by the tokens that the router knows."""
+    replies = client.liveliness().get(f"{LIVELINESS}/*/*/*/*/{NODE}/**", timeout=ROUTER_TIMEOUT_S)
     found = [Entity.parse(str(each.ok.key_expr)) for each in replies if each.ok is not None]
-    return ", ".join(sorted({each.full_node for each in found if each is not None}))
+    names: dict[str, set[str]] = {}
+    for each in found:
+        if each is not None:
+            names.setdefault(each.zid, set()).add(each.full_node)
+    return {zid: ", ".join(sorted(nodes)) for zid, nodes in names.items()}

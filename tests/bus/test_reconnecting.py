@@ -1,18 +1,21 @@
 """Peers whose connection breaks: two nodes and a router on loopback."""
 
 import contextlib
+import json
 import logging
 import os
 import socket
 import stat
 import time
+from unittest.mock import Mock
 
 import pytest
 
 zenoh = pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
 
-from cardan.bus.node import BusNode, close_session, router_config  # noqa: E402
+from cardan.bus.node import BusNode, close_session, router_config, zenoh_config  # noqa: E402
 from cardan.bus.options import BusOptions  # noqa: E402
+from cardan.bus.reconnecting import LOOK_S, THIRD, Reconnector  # noqa: E402
 from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from tests.serving import free_endpoint  # noqa: E402
 from tests.waiting import until  # noqa: E402
@@ -110,3 +113,47 @@ def test_a_node_that_leaves_is_let_go(pair, router, caplog):
     until(lambda: robot._reconnector._thread is None, "the end of the search")
     assert not robot._reconnector._lost
     assert not caplog.records
+
+
+@pytest.mark.matrix
+def test_peers_whose_file_has_endpoints_by_mode_are_connected_again(router, tmp_path):
+    file = tmp_path / "zenoh.json5"
+    config = {
+        "connect": {"endpoints": {"peer": [router], "router": []}},
+        "listen": {"endpoints": ["tcp/127.0.0.1:0"]},
+        "mode": "peer",
+        "scouting": {"multicast": {"enabled": False}},
+        "timestamping": {"enabled": True},
+    }
+    file.write_text(json.dumps(config))
+    options = BusOptions(zenoh_config=str(file))
+    with BusNode(options, "robot") as robot, BusNode(options, "operator") as operator:
+        until(lambda: _connections(robot, operator), "a connection of the two")
+        before = _connections(robot, operator)
+        _break(before)
+        until(lambda: _ended(before, (robot, operator)), "the end of the connection")
+        until(lambda: _connections(robot, operator), "a connection again", 5.0)
+
+
+@pytest.mark.matrix
+def test_a_third_peer_that_goes_is_not_looked_for(pair, router):
+    robot, _ = pair
+    config = zenoh_config(BusOptions(router=router))
+    zid = THIRD + 24 * "1"
+    config.insert_json5("id", json.dumps(zid))
+    third = zenoh.open(config)
+    peers = robot._opened().info.peers_zid
+    until(lambda: zid in map(str, peers()), "a connection to the third peer")
+    close_session(third)
+    until(lambda: zid not in map(str, peers()), "its end")
+    assert robot._reconnector._thread is None
+
+
+def test_a_later_loss_is_looked_for_as_soon_as_the_first():
+    reconnector = Reconnector(zenoh, Mock(), Mock())
+    reconnector._session.info.routers_zid.return_value = []
+    reconnector._pause_s = LOOK_S[1]
+    transport = Mock(whatami=zenoh.WhatAmI.PEER, zid="1f")
+    reconnector._hear(Mock(transport=transport, kind=zenoh.SampleKind.DELETE))
+    assert reconnector._pause_s < LOOK_S[1]
+    reconnector.close()
