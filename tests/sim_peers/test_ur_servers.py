@@ -610,7 +610,7 @@ def test_a_client_that_does_not_read_misses_packets_and_holds_nobody_up():
             assert time.monotonic() < end_s
         idle.sendall(b"def a():\n  sync()\nend\n")
         stamps, data = [], b""
-        while len(stamps) < 2 or stamps[-1] - stamps[-2] < 0.01:
+        while len(stamps) < 2 or max(np.diff(stamps)) < 0.01:
             data += idle.recv(65536)
             while len(data) >= 1220:
                 size, time_s = struct.unpack_from(">id", data)
