@@ -14,22 +14,12 @@ def test_the_table_has_all_servers_rates_and_ends():
     ]
 
 
-LATE = {"spnav": {"silence", "abort", "client stopped for 1 s", "server stopped for 1 s"}}
-"""After these the arm is at rest later than it has to be: they were measured on a computer that had
-other things to do. What is measured on an idle one, and is in time there, leaves."""
-
-
-def test_the_arm_is_at_rest_in_time_after_the_last_byte_but_where_others_had_the_processors():
-    late = {}
+def test_the_arm_is_at_rest_in_time_after_the_last_byte():
     for name, _, *cells in written()[1:]:
         for end, cell in zip(ENDS, cells, strict=True):
             assert (cell == NONE) == ((name, end) in WITHOUT)
-            if cell == NONE:
-                continue
-            if float(cell.strip("*")) > 1e3 * REST_S:
-                late.setdefault(name, set()).add(end)
-                assert cell.startswith("**"), cell
-    assert late == LATE
+            if cell != NONE:
+                assert float(cell.strip("*")) <= 1e3 * REST_S, (name, end)
 
 
 @pytest.mark.matrix
