@@ -16,6 +16,7 @@ from typing import Any
 
 from cardan.common.tables import resolved
 from cardan.demos.examples import Demo, find_demos, read_demo
+from cardan.demos.pauses import Pauses
 from cardan.demos.peers import Peers
 from cardan.demos.unattended import check_unattended, check_words
 from cardan.drivers.omni.limits import TickLimits
@@ -37,6 +38,9 @@ ALL_INTERFACES = "0.0.0.0"
 HOSTS = {"console": (ALL_INTERFACES, "127.0.0.1"), "rosbridge": ("127.0.0.1",)}
 """Where a face is served: at the first that can be. The page is for phones, too, wherever a
 certificate can be made."""
+
+PAUSE_S = 0.03
+"""A simulated device or robot that stands still for longer may be taken for a lost one."""
 
 WELL_FOLLOWED_M = 0.02
 """Largest distance of the simulated arm from its reference at the demo's speeds: servo delay and
@@ -103,35 +107,61 @@ def served_faces(
 
 
 def find_problems(
-    last: Snapshot, device_options: Any = None, *, may_rest: bool = False
+    last: Snapshot, device_options: Any = None, *, may_rest: bool = False, paused_s: float = 0.0
 ) -> list[str]:
     """The problems of a demo, by its last snapshot; empty when there were none.
 
     `device_options` are those of the device: a haptic one's force is held against its limits.
-    `may_rest`: nobody need move the arm.
+    `may_rest`: nobody need move the arm. `paused_s`: for how long this computer stood still at
+    most (see Pauses); what comes of that is no problem of the demo, but a remark.
     """
     found = []
     if last.cycles == 0:
         found.append("the robot was never commanded")
-    if last.path_m == 0.0 and not may_rest:
+    if last.path_m == 0.0 and not may_rest and not last.trips:
         found.append("no path was commanded")
     if last.error_max_m > WELL_FOLLOWED_M:
         found.append(
             f"the robot was up to {last.error_max_m * 1e3:.1f} mm away from its reference "
             f"(expected: {WELL_FOLLOWED_M * 1e3:.0f} mm)"
         )
-    if last.trips:
-        found.append(f"teleoperation was disengaged {last.trips} times")
     if isinstance(device_options, TickLimits):
         found += _force_problems(last, device_options)
+    return found if paused_s > PAUSE_S else found + _interruptions(last, device_options)
+
+
+def _interruptions(last: Snapshot, device_options: Any) -> list[str]:
+    """What comes of a computer that stands still for a moment, too."""
+    found = []
+    if last.trips:
+        found.append(f"teleoperation was disengaged {last.trips} times")
+    if not isinstance(device_options, TickLimits):
+        return found
+    if last.force_losses:
+        found.append(f"{last.force_losses} times there was no force: {last.force_lost_reason}")
+    elif last.force_out_s > OUT_SHARE * last.elapsed_s:
+        found.append(
+            f"teleoperation went on without force for {last.force_out_s:.2f} s: "
+            f"{last.force_lost_reason}"
+        )
+    if last.measured_age_p99_s is not None and last.measured_age_p99_s > FORCE_AGE_S:
+        found.append(
+            f"forces were up to {last.measured_age_p99_s * 1e3:.1f} ms old at the hand "
+            f"(expected: {FORCE_AGE_S * 1e3:g} ms)"
+        )
     return found
 
 
-def find_remarks(last: Snapshot) -> list[str]:
-    """What a demo says of the computer that it ran on, by its last snapshot: no problem of it."""
+def find_remarks(last: Snapshot, device_options: Any = None, *, paused_s: float = 0.0) -> list[str]:
+    """What a demo says of the computer that it ran on, by what find_problems takes: no problem of
+    the demo."""
+    found = []
     if (missed := last.missed_cycles) > MISSED_SHARE * last.cycles:
-        return [f"{missed} of {last.cycles} cycles were missed: is this machine very busy?"]
-    return []
+        found.append(f"{missed} of {last.cycles} cycles were missed: is this machine very busy?")
+    if paused_s > PAUSE_S:
+        stood_still = f"not judged, as this computer stood still for {paused_s * 1e3:.0f} ms: "
+        found += [stood_still + problem for problem in _interruptions(last, device_options)]
+    return found
 
 
 def _force_problems(last: Snapshot, limits: TickLimits) -> list[str]:
@@ -154,18 +184,6 @@ def _force_problems(last: Snapshot, limits: TickLimits) -> list[str]:
         found.append(
             f"the hand was given up to {last.energy_given_peak_j * 1e3:.1f} mJ in one engagement "
             f"(bound: {limits.energy_budget_j * 1e3:g} mJ)"
-        )
-    if last.force_losses:
-        found.append(f"{last.force_losses} times there was no force: {last.force_lost_reason}")
-    elif last.force_out_s > OUT_SHARE * last.elapsed_s:
-        found.append(
-            f"teleoperation went on without force for {last.force_out_s:.2f} s: "
-            f"{last.force_lost_reason}"
-        )
-    if last.measured_age_p99_s is not None and last.measured_age_p99_s > FORCE_AGE_S:
-        found.append(
-            f"forces were up to {last.measured_age_p99_s * 1e3:.1f} ms old at the hand "
-            f"(expected: {FORCE_AGE_S * 1e3:g} ms)"
         )
     if last.haptic_state != "enabled":
         found.append(f"the force was {last.haptic_state} at the end: {last.haptic_reason}")
@@ -221,6 +239,7 @@ def run_demo(seconds: float, name: str = "gofa", picture_of: Callable[[str], str
         with (
             simulated_hardware(demo, seconds) as (config, through),
             served_faces(demo, config, say, picture_of),
+            Pauses() as pauses,
         ):
             if demo.invitation:
                 say(demo.invitation)
@@ -234,8 +253,10 @@ def run_demo(seconds: float, name: str = "gofa", picture_of: Callable[[str], str
         view.console.print("ended early: not judged")
         return EXIT_OK
     options = make_device(config).options if config.device is not None else None
-    problems = find_problems(outcome.last, options, may_rest=bool(demo.invitation))
-    for line in (*find_remarks(outcome.last), *problems):
+    problems = find_problems(
+        outcome.last, options, may_rest=bool(demo.invitation), paused_s=pauses.longest_s
+    )
+    for line in (*find_remarks(outcome.last, options, paused_s=pauses.longest_s), *problems):
         print(f"cardan demo: {line}", file=sys.stderr)
     if not problems:
         view.console.print(_success(demo, outcome.last, options), markup=False)

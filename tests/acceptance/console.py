@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from cardan.demos.demo import choose_demo, find_problems, simulated_hardware
+from cardan.demos.pauses import Pauses
 from cardan.errors import CardanError, DriverError
 from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.snapshot import Snapshot
@@ -59,7 +60,7 @@ def use_console(
     `folder`. Gives the session's last snapshot, and what was not as it should be."""
     with simulated_hardware(choose_demo("console"), seconds) as (config, _):
         assert config.network is not None
-        with with_face("console", config.network, "127.0.0.1", 0) as face:
+        with with_face("console", config.network, "127.0.0.1", 0) as face, Pauses() as pauses:
             over = threading.Event()
             person = Person(face.endpoint, folder, say, over)
             thread = threading.Thread(target=person.work, args=(browser,), daemon=True)
@@ -71,7 +72,8 @@ def use_console(
                 thread.join()
     if outcome.exit_code != EXIT_OK:
         return outcome.last, [f"the session failed: {outcome.last.error}"]
-    return outcome.last, person.problems() + find_problems(outcome.last)
+    found = find_problems(outcome.last, paused_s=pauses.longest_s)
+    return outcome.last, person.problems() + found
 
 
 class Person:

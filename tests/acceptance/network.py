@@ -18,6 +18,7 @@ from cardan.demos.demo import (
     find_problems,
     simulated_hardware,
 )
+from cardan.demos.pauses import Pauses
 from cardan.errors import CardanError
 from cardan.gateway.session.launched import Launched, launched
 from cardan.gateway.session.recorded import recorded
@@ -58,14 +59,15 @@ def run_on_the_network(folder: Path, seconds: float, say: _Say = print) -> list[
         ):
             with recorded(network, path, *router) as recorder:
                 program = RosbridgeProgram(url, node, say)
-                outcome, problems = _with_program(
-                    program,
-                    seconds - BEFORE_AND_AFTER_S,
-                    lambda: supervise(config, seconds, lambda _: None),
-                )
+                with Pauses() as pauses:
+                    outcome, problems = _with_program(
+                        program,
+                        seconds - BEFORE_AND_AFTER_S,
+                        lambda: supervise(config, seconds, lambda _: None),
+                    )
             if outcome.exit_code != EXIT_OK:
                 return [f"the session failed: {outcome.last.error}"]
-            problems += find_problems(outcome.last)
+            problems += find_problems(outcome.last, paused_s=pauses.longest_s)
             problems += _judge_program(program)
             problems += _judge_record(recorder, path, outcome, say)
             if not problems:

@@ -16,8 +16,10 @@ from cardan.demos.demo import (
     EXIT_INCOMPLETE,
     FORCE_AGE_S,
     HELD_SHARE,
+    PAUSE_S,
     choose_demo,
     find_problems,
+    find_remarks,
     run_demo,
     simulated_hardware,
 )
@@ -168,6 +170,48 @@ def test_what_found_fault_with_is_said(monkeypatch, capsys):
     pretend(monkeypatch, dataclasses.replace(MOVED, finished=True, trips=2))
     assert run_demo(10.0, "gofa") == EXIT_INCOMPLETE
     assert "cardan demo: teleoperation was disengaged 2 times" in capsys.readouterr().err
+
+
+class StoodStill:
+    """Pauses of a computer that stood still."""
+
+    longest_s = 0.13
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_exception):
+        pass
+
+
+def test_what_comes_of_a_computer_that_stood_still_is_no_problem_of_the_demo(monkeypatch, capsys):
+    pretend(monkeypatch, dataclasses.replace(MOVED, finished=True, trips=1, path_m=0.0))
+    monkeypatch.setattr(demo, "Pauses", StoodStill)
+    assert run_demo(10.0, "gofa") == EXIT_OK
+    said = "not judged, as this computer stood still for 130 ms: teleoperation was disengaged 1"
+    assert said in capsys.readouterr().err
+    pretend(monkeypatch, dataclasses.replace(MOVED, finished=True, trips=1, error_max_m=0.03))
+    assert run_demo(10.0, "gofa") == EXIT_INCOMPLETE
+    assert "30.0 mm away" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"trips": 2},
+        {"force_losses": 1, "force_lost_reason": "the tick was late"},
+        {"force_out_s": 0.5, "force_lost_reason": "the tick was late"},
+        {"measured_age_p99_s": FORCE_AGE_S + 0.005},
+    ],
+)
+def test_a_pause_explains_what_is_late_and_nothing_else(change):
+    late = dataclasses.replace(DRAWN, **change)
+    assert find_problems(late, FELT, paused_s=PAUSE_S)
+    assert find_remarks(late, FELT, paused_s=PAUSE_S) == []
+    assert find_problems(late, FELT, paused_s=PAUSE_S + 0.001) == []
+    assert len(find_remarks(late, FELT, paused_s=PAUSE_S + 0.001)) == 1
+    for lack in ({"cycles": 0}, {"error_max_m": 0.03}, {"force_peak_n": 0.0}):
+        assert find_problems(dataclasses.replace(late, **lack), FELT, paused_s=1.0)
 
 
 def test_a_file_that_is_no_demo_is_refused():

@@ -1,0 +1,55 @@
+"""Notices that this computer stood still: a virtual machine without a processor, a laptop's lid."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+
+LOOKED_EVERY_S = 0.005
+
+
+class Pauses:
+    """Looks in a ``with`` block how late this computer is, on each of its processors.
+
+    A thread a processor asks to be woken every 5 ms. What it is woken too late by, other programs
+    on that processor were, too, unless they are scheduled in real time.
+    """
+
+    def __init__(self) -> None:
+        self.longest_s = 0.0
+        """The longest time by which a processor was late."""
+        self._ended = threading.Event()
+        self._threads = [
+            threading.Thread(target=self._look, args=(processors,), daemon=True, name="pauses")
+            for processors in _processors()
+        ]
+
+    def __enter__(self) -> Pauses:
+        for thread in self._threads:
+            thread.start()
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self._ended.set()
+        for thread in self._threads:
+            thread.join()
+
+    def _look(self, processors: set[int]) -> None:
+        """Until the block ends, on these processors alone; on all where none is given."""
+        if processors:
+            os.sched_setaffinity(0, processors)  # of this thread
+        woken_s = time.monotonic()
+        while not self._ended.is_set():
+            time.sleep(LOOKED_EVERY_S)
+            now_s = time.monotonic()
+            self.longest_s = max(self.longest_s, now_s - woken_s - LOOKED_EVERY_S)
+            woken_s = now_s
+
+
+def _processors() -> list[set[int]]:
+    """Those of this process one by one, where the system can tell them apart."""
+    try:
+        return [{processor} for processor in os.sched_getaffinity(0)]
+    except AttributeError:  # only Linux can
+        return [set()]
