@@ -132,9 +132,9 @@ def _topics(options: BusOptions) -> dict[str, str]:
 
 def verbs(incomplete: str) -> Offered:
     """Verbs of an arm."""
-    from cardan.cli.verbs import TAKES
+    from cardan.cli.verbs import offered
 
-    return [(name, takes) for name, takes in TAKES.items() if name.startswith(incomplete)]
+    return [(name, takes.words) for name, takes in offered().items() if name.startswith(incomplete)]
 
 
 def _rows(context: typer.Context) -> list[Any]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Final, NamedTuple
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
 
 from cardan.errors import ConfigurationError
+from cardan.gateway.arm.verb_table import NOTHING, VALUES, VERB_TABLE, Takes
 
 if TYPE_CHECKING:
     from cardan.gateway.arm.interface import CartesianArm
@@ -17,69 +18,14 @@ LOOK_S: Final = 0.05
 """How often it looks whether a motion has ended."""
 
 
-_ACTIONS: Final = {"open": "acog", "close": "accg", "stop": "acsg"}
-"""Actions of the gripper in words, and as the interface spells them."""
+SET_ONE: Final = "set_parameter"
+"""As programs have it: `set_parameters` of one."""
 
 
-MOST_JOINTS: Final = 32
-"""No arm has more."""
-
-
-class _Verb(NamedTuple):
-    """A verb: what it takes, and what calls it."""
-
-    takes: str
-    counts: tuple[int, ...]
-    call: Callable[[Any, list[Any]], Any]
-
-
-def _six(name: str) -> Callable[[Any, list[Any]], Any]:
-    return lambda arm, values: getattr(arm, name)(values)
-
-
-def _none(name: str) -> Callable[[Any, list[Any]], Any]:
-    return lambda arm, _values: getattr(arm, name)()
-
-
-_POSE = "x y z (m) and a rotation vector (rad), or x y z and a quaternion w x y z"
-_TWIST = "vx vy vz (m/s) wx wy wz (rad/s)"
-
-_NUMBERS: dict[str, _Verb] = {
-    "inv": _Verb(_POSE, (6, 7), _six("inv")),
-    "rehearse_line": _Verb(_POSE, (6, 7), _six("rehearse_line")),
-    "rehearse_joints": _Verb(
-        "the positions of all joints (rad or m)",
-        tuple(range(1, MOST_JOINTS + 1)),
-        _six("rehearse_joints"),
-    ),
-    "movj": _Verb(_POSE, (6, 7), _six("movj")),
-    "relj": _Verb(_POSE, (6, 7), _six("relj")),
-    "movl": _Verb(_POSE, (6, 7), _six("movl")),
-    "movv": _Verb(_TWIST, (6,), _six("movv")),
-    "forc": _Verb("fx fy fz (N) tx ty tz (N·m)", (6,), _six("forc")),
-    "tool": _Verb(_POSE, (6, 7), _six("tool")),
-    "stat": _Verb("nothing", (0,), _none("stat")),
-    "gcmp": _Verb("nothing", (0,), _none("gcmp")),
-    "stop": _Verb("nothing", (0,), _none("stop")),
-    "wait": _Verb("nothing, or a timeout in s", (0, 1), lambda arm, v: arm.wait(*v)),
-    "acknowledge": _Verb("nothing", (0,), _none("acknowledge")),
-    "acquire": _Verb("nothing", (0,), _none("acquire")),
-    "release": _Verb("nothing", (0,), _none("release")),
-    "status": _Verb("nothing", (0,), _none("status")),
-    "get_parameters": _Verb("nothing", (0,), _none("get_parameters")),
-}
-
-_TEXTS: dict[str, _Verb] = {
-    "act": _Verb("open, close or stop", (1,), lambda arm, v: arm.act(_ACTIONS.get(v[0], v[0]))),
-    "hand_over": _Verb("a source", (1,), lambda arm, v: arm.hand_over(v[0])),
-    "get_parameter": _Verb("a parameter", (1,), lambda arm, v: arm.get_parameter(v[0])),
-    "set_parameter": _Verb(
-        "a parameter and its value", (2,), lambda arm, v: arm.set_parameter(v[0], _value(v[1]))
-    ),
-}
-
-TAKES: Final = {name: verb.takes for name, verb in (_NUMBERS | _TEXTS).items()}
-"""All verbs, and what each takes, in words."""
+def offered() -> Mapping[str, Takes]:
+    """The verbs of the command line, and what each takes."""
+    verbs = {v.name: v.takes for v in VERB_TABLE.values() if v.in_packets and v.preset is None}
+    return {**verbs, SET_ONE: VALUES._replace(words="a parameter and its value", counts=(2,))}
 
 
 def carry_out(arm: CartesianArm, verb: str, words: Sequence[str], wait: bool) -> tuple[Any, bool]:
@@ -87,15 +33,17 @@ def carry_out(arm: CartesianArm, verb: str, words: Sequence[str], wait: bool) ->
 
     Raises ConfigurationError for what is no verb or not what it takes, and what the verb raises.
     """
-    known = _NUMBERS.get(verb) or _TEXTS.get(verb)
-    if known is None:
-        allowed = ", ".join(TAKES)
+    verbs = offered()
+    if verb not in verbs:
+        allowed = ", ".join(verbs)
         raise ConfigurationError("VERB", f"there is no {verb!r}; allowed: {allowed}")
-    if len(words) not in known.counts:
+    takes = verbs[verb]
+    if len(words) not in takes.counts:
         given = "1 value" if len(words) == 1 else f"{len(words)} values"
-        raise ConfigurationError(verb, f"takes {known.takes}, not {given}: {' '.join(words)}")
-    values: list[Any] = [_number(verb, word) for word in words] if verb in _NUMBERS else [*words]
-    result = known.call(arm, values)
+        raise ConfigurationError(verb, f"takes {takes.words}, not {given}: {' '.join(words)}")
+    act = getattr(arm, "set_parameters" if verb == SET_ONE else verb)
+    given_one = takes is not NOTHING
+    result = act(takes.decode(verb, takes.read(verb, words))) if given_one else act()
     motion = result if hasattr(result, "outcome") else None
     if motion is None:
         return result, result is not False
@@ -134,21 +82,6 @@ def _motion(motion: Motion) -> str:
     planned = f", planned {motion.duration_s:.2f} s" if math.isfinite(motion.duration_s) else ""
     note = f" ({motion.note})" if motion.note else ""
     return f"{motion.verb}: {said}{planned}{note}"
-
-
-def _number(verb: str, word: str) -> float:
-    try:
-        return float(word)
-    except ValueError:
-        raise ConfigurationError(verb, f"{word!r} is no number") from None
-
-
-def _value(word: str) -> float | str:
-    """A parameter's value: a number, or a word as configuration files have it."""
-    try:
-        return float(word)
-    except ValueError:
-        return word
 
 
 def _shown(result: Any) -> str:

@@ -125,6 +125,14 @@ def checked_timeout(verb: str, timeout_s: float) -> float:
     raise MotionRefusedError(f"{verb}: a timeout is a number >= 0, not {brief(timeout_s)}")
 
 
+def checked_distance(verb: str, distance_m: float) -> float:
+    """`distance_m`, at least 0 and finite. Raises MotionRefusedError."""
+    (distance,) = _finite_numbers(verb, (distance_m,), "a distance in m")
+    if distance < 0.0:
+        raise MotionRefusedError(f"{verb}: a distance is a number >= 0, not {distance:g}")
+    return distance
+
+
 def checked_action(code: Action | int | str) -> Action:
     """What a gripper is told to do. Raises MotionRefusedError."""
     try:

@@ -41,16 +41,6 @@ class Stream(enum.IntEnum):
     """Ours: speeds of single joints."""
 
 
-PRESETS = {
-    "pose": Stream.POSE,
-    "jog": Stream.POSE,
-    "twist": Stream.TWIST,
-    "wrench": Stream.WRENCH,
-    "joints": Stream.JOINT,
-}
-"""The preset that each streamed command needs."""
-
-
 class Begins(enum.Enum):
     """What becomes of a streamed command of a stream that chooses its preset by itself, where no
     streaming command is chosen. The values are the reasons why it is refused."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from cardan.gateway.arm.authority import VERBS
@@ -11,7 +12,7 @@ from cardan.gateway.arm.checks import checked_sequence, checked_source, checked_
 from cardan.gateway.arm.codes import Begins, Parameter, State
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome, Rehearsal
-from cardan.gateway.arm.repeating import REPEATED
+from cardan.gateway.arm.verb_table import NOTHING, VERB_TABLE
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
     from cardan.gateway.arm.verbs import ArmVerbs
@@ -53,16 +54,28 @@ class VerbDesk:
         checked_source(verb, source)
         if sequence is not None:
             checked_sequence(verb, sequence)
-        if verb not in WITHOUT_LOOP:
+        known = VERB_TABLE[verb]
+        if not known.without_loop:
             self.link.require()
-        if verb not in TOLD_OF:
+        if known.changes and not known.recorded:
             self.verbs.controller.note("verb", f"{verb} of {source!r}")
-        if verb in _PERFORMED:
-            return _PERFORMED[verb](self, source, value)
-        owner = "" if source == VERBS else source
-        return self.verbs.stream(
-            verb, value, owner=owner, sequence=sequence, stamp_s=stamp_s, begins=begins
-        )
+        if known.preset is not None:
+            owner = "" if source == VERBS else source
+            return self.verbs.stream(
+                verb, value, owner=owner, sequence=sequence, stamp_s=stamp_s, begins=begins
+            )
+        if verb == "wait":
+            return self.wait(checked_timeout(verb, value))
+        act = getattr(self.verbs, verb)
+        if known.takes is not NOTHING:
+            act = partial(act, value)
+        if known.changes or verb == "stop":
+            act = partial(act, source=source)
+        if known.begins_motion:
+            return self.start(act)
+        if known.at_rest:
+            return self.settled(act)
+        return self.rehearsed(act) if known.answers is Rehearsal else act()
 
     def start(self, verb: Callable[[], Motion]) -> Motion:
         """Start a motion, after the one before has come to rest."""
@@ -102,7 +115,7 @@ class VerbDesk:
         return look()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait until the last movj, relj or movl has ended; True when it arrived."""
+        """Wait until the last movj, relj, movl or retract has ended; True when it arrived."""
         verbs = self.verbs
         motion = verbs.waited_for
         if motion is None or not motion.ends:
@@ -116,63 +129,3 @@ class VerbDesk:
                 return False
             self.link.wait(period_s)
         return motion.outcome is Outcome.DONE
-
-
-def _wait(desk: VerbDesk, _source: str, timeout_s: Any) -> bool:
-    return desk.wait(checked_timeout("wait", timeout_s))
-
-
-WITHOUT_LOOP = frozenset(
-    {"stop", "wait", "acquire", "hand_over", "release"}
-    | {"get_parameter", "get_parameters", "status"}
-)
-"""What is done also while no loop drives the arm; a `wait` for what still moves is not."""
-
-TOLD_OF = frozenset(
-    {
-        "stat",
-        "inv",
-        "rehearse_line",
-        "rehearse_joints",
-        "wait",
-        "status",
-        "get_parameter",
-        "get_parameters",
-        "stop",
-        "acknowledge",
-    }
-    | REPEATED
-)
-"""What changes nothing, or nothing of which the controller's witness is not told as it happens."""
-
-_PERFORMED: dict[str, Callable[[VerbDesk, str, Any], Any]] = {
-    "stat": lambda desk, _source, _value: desk.verbs.stat(),
-    "inv": lambda desk, _source, xd: desk.verbs.inv(xd),
-    "rehearse_line": lambda desk, _source, xd: desk.rehearsed(lambda: desk.verbs.rehearse_line(xd)),
-    "rehearse_joints": lambda desk, _source, q: desk.rehearsed(
-        lambda: desk.verbs.rehearse_joints(q)
-    ),
-    "movj": lambda desk, source, xd: desk.start(lambda: desk.verbs.movj(xd, source=source)),
-    "relj": lambda desk, source, xd: desk.start(lambda: desk.verbs.relj(xd, source=source)),
-    "movl": lambda desk, source, xd: desk.start(lambda: desk.verbs.movl(xd, source=source)),
-    "trajectory": lambda desk, source, wanted: desk.start(
-        lambda: desk.verbs.trajectory(wanted, source=source)
-    ),
-    "movv": lambda desk, source, xdot: desk.start(lambda: desk.verbs.movv(xdot, source=source)),
-    "gcmp": lambda desk, source, _value: desk.start(lambda: desk.verbs.gcmp(source=source)),
-    "forc": lambda desk, source, fd: desk.start(lambda: desk.verbs.forc(fd, source=source)),
-    "wait": _wait,
-    "stop": lambda desk, source, _value: desk.verbs.stop(source=source),
-    "tool": lambda desk, source, x: desk.settled(lambda: desk.verbs.tool(x, source=source)),
-    "act": lambda desk, source, code: desk.verbs.act(code, source=source),
-    "acknowledge": lambda desk, _source, _value: desk.verbs.acknowledge(),
-    "acquire": lambda desk, source, _value: desk.verbs.acquire(source=source),
-    "hand_over": lambda desk, source, to: desk.verbs.hand_over(to, source=source),
-    "release": lambda desk, source, _value: desk.verbs.release(source),
-    "get_parameter": lambda desk, _source, key: desk.verbs.get_parameter(key),
-    "get_parameters": lambda desk, _source, _value: desk.verbs.get_parameters(),
-    "set_parameters": lambda desk, source, values: desk.settled(
-        lambda: desk.verbs.set_parameters(values, source=source)
-    ),
-    "status": lambda desk, _source, _value: desk.verbs.status(),
-}

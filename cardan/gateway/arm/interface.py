@@ -77,6 +77,10 @@ class CartesianArm(Openable):
         """Start moving the TCP along a straight line to the pose `xd`."""
         return self._start("movl", xd)
 
+    def retract(self, distance_m: float) -> Motion:
+        """Start moving the TCP back by `distance_m` along the tool's own z axis."""
+        return self._start("retract", distance_m)
+
     def movv(self, xdot: Sequence[float]) -> Motion:
         """Start moving the TCP with a constant twist, until something ends it."""
         return self._start("movv", xdot)
@@ -94,7 +98,7 @@ class CartesianArm(Openable):
         return motion
 
     def wait(self, timeout_s: float = 0.0) -> bool:
-        """Block until the last movj, relj or movl has ended; True when it arrived.
+        """Block until the last movj, relj, movl or retract has ended; True when it arrived.
 
         True at once where the last motion is none of these. After `timeout_s` (of the robot's
         time; 0: for ever) the motion is stopped and the answer is False.

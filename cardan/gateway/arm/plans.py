@@ -251,19 +251,19 @@ class Plans:
                 )
         return min(1.0, 1.0 / max(speed, 1.0), 1.0 / math.sqrt(max(acceleration, 1.0)))
 
-    def line(self, target: Pose, start: FloatArray, relative: bool) -> Plan:
+    def line(self, target: Pose, start: FloatArray, relative: bool, verb: str = "movl") -> Plan:
         """A straight line to `target`, in the base, or `relative` to where the TCP is."""
-        self.require_drive("movl")
+        self.require_drive(verb)
         begin = to_pose(self.planner.forward(start))
         target = compose(begin, target) if relative else target
-        check_workspace("movl", target.position, self.options.streams.workspace_m)
+        check_workspace(verb, target.position, self.options.streams.workspace_m)
         if (
             norm(subtract(target.position, begin.position)) < 1e-7
             and norm(rotation_between(begin.orientation, target.orientation)) < 1e-6
         ):
             return self._stay(start)
         path, note = self._path(begin, target)
-        rehearsed = self.planner.dry_run("movl", path, start)
+        rehearsed = self.planner.dry_run(verb, path, start)
         if rehearsed.pace < 1.0:
             slow = f"{rehearsed.slowest} allows {rehearsed.pace:.0%} of the speed in places"
             note = f"{note}; {slow}" if note else slow

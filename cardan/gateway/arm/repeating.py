@@ -10,12 +10,6 @@ import enum
 import json
 from typing import Any, NamedTuple
 
-REPEATED = frozenset(
-    {"set_parameters", "pose", "jog", "twist", "wrench", "joints"}
-    | {"acquire", "hand_over", "release"}
-)
-"""Verbs that can be made again exactly. Motions cannot: their planning overlaps with ticks."""
-
 
 class Sender(NamedTuple):
     """Sender, number and times of a streamed command."""

@@ -19,37 +19,27 @@ from typing import Any, NamedTuple, NoReturn, TypeVar
 
 from cardan import errors
 from cardan.common.value_json import to_json
-from cardan.errors import CardanError, ConfigurationError, MotionRefusedError
-from cardan.gateway.arm import parameters as prm
+from cardan.errors import CardanError
 from cardan.gateway.arm.authority import AuthorityState
-from cardan.gateway.arm.checks import (
-    LARGEST_SEQUENCE,
-    brief,
-    checked_action,
-    checked_name,
-    checked_pose,
-    checked_sequence,
-    checked_source,
-    checked_timeout,
-    joint_numbers,
-    six_numbers,
-)
-from cardan.gateway.arm.codes import PRESETS, Begins, State, Stream
+from cardan.gateway.arm.checks import brief, checked_sequence, checked_source
+from cardan.gateway.arm.codes import Begins, State, Stream
 from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Rehearsal, Stat
+from cardan.gateway.arm.verb_table import (
+    IN_PACKETS,
+    LARGEST_INTEGER,
+    NOTHING,
+    SEQUENCED,
+    VERB_TABLE,
+    number as checked_number,
+    refuse,
+)
 from cardan.gateway.servo.status import ServoStatus
-from cardan.types import Frame, Pose, Quaternion, Twist, Vector3, Wrench
+from cardan.types import Frame, Twist, Vector3, Wrench
 
 _ValueT = TypeVar("_ValueT")
 
 MAX_REQUEST_BYTES = 4096
 """Largest size of a request: the longest, all parameters at once, has a quarter of it."""
-
-MAX_NUMBERS = 32
-"""Longest list: no arm has more joints."""
-
-LARGEST_ID = LARGEST_SEQUENCE
-"""The largest integer that every reader of JSON keeps exactly."""
-
 
 CANCELLED = "it was cancelled before it began"
 """Why a motion was not begun that is not `wanted` any more."""
@@ -115,144 +105,9 @@ class Reply(NamedTuple):
     """Motions that had ended before."""
 
 
-# -- arguments ------------------------------------------------------------------------------------
-
-
-def _refuse(verb: str, why: str) -> NoReturn:
-    raise MotionRefusedError(f"{verb}: {why}")
-
-
-def _numbers(verb: str, value: Any, count: tuple[int, ...] = ()) -> list[float]:
-    if not isinstance(value, list) or len(value) > MAX_NUMBERS:
-        _refuse(verb, f"takes a list of numbers, not {brief(value)}")
-    if count and len(value) not in count:
-        _refuse(verb, f"takes {' or '.join(map(str, count))} numbers, not {len(value)}")
-    return [_number(verb, each) for each in value]
-
-
-def _number(verb: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        _refuse(verb, f"takes numbers, not {brief(value)}")
-    if not -LARGEST_ID <= value <= LARGEST_ID:
-        _refuse(verb, f"{brief(value)} is too large a number")
-    return float(value)
-
-
-def _code(verb: str, value: Any) -> int | str:
-    if isinstance(value, int) and not isinstance(value, bool) and abs(value) <= LARGEST_ID:
-        return value
-    return checked_name(verb, value)
-
-
-def _pose_out(verb: str, value: Any) -> list[float]:
-    pose = checked_pose(verb, value)
-    return [*pose.position, *pose.orientation]
-
-
-def _pose_in(verb: str, value: Any) -> Pose | list[float]:
-    numbers = _numbers(verb, value, (6, 7))
-    if len(numbers) == 6:
-        return numbers
-    return Pose(Vector3(*numbers[:3]), Quaternion(*numbers[3:]), Frame.BASE)
-
-
-def _six_out(verb: str, value: Any) -> list[float]:
-    return list(six_numbers(verb, value))
-
-
-def _six_in(verb: str, value: Any) -> list[float]:
-    return _numbers(verb, value, (6,))
-
-
-def _joints_out(verb: str, value: Any) -> list[float]:
-    return list(joint_numbers(verb, value, None))
-
-
-def _seconds_out(verb: str, value: Any) -> float:
-    return min(checked_timeout(verb, value), float(LARGEST_ID))
-
-
-def _code_out(_verb: str, value: Any) -> int:
-    return int(checked_action(value))
-
-
-def _key_out(_verb: str, value: Any) -> int:
-    return int(prm.find_rule(value).key)
-
-
-def _values_out(_verb: str, values: Mapping[prm.Key, prm.Value]) -> list[list[float]]:
-    return [[int(key), value] for key, value in prm.checked_group(values).items()]
-
-
-def _values_in(verb: str, value: Any) -> dict[prm.Key, prm.Value]:
-    if not isinstance(value, list) or not all(
-        isinstance(pair, list) and len(pair) == 2 for pair in value
-    ):
-        _refuse(verb, f"takes pairs of a key and a value, not {brief(value)}")
-    found: dict[prm.Key, prm.Value] = {}
-    for key, each in value:
-        known = prm.find_rule(_code(verb, key))
-        if known.key in found:
-            raise ConfigurationError(known.name, "is given twice")
-        text = isinstance(each, str)
-        found[known.key] = checked_name(verb, each) if text else _number(verb, each)
-    return found
-
-
-class _Argument(NamedTuple):
-    """Encoder and decoder of a verb's argument; both raise where it is not one."""
-
-    out: Callable[[str, Any], Any]
-    back: Callable[[str, Any], Any]
-
-
-_POSE = _Argument(_pose_out, _pose_in)
-_SIX = _Argument(_six_out, _six_in)
-_CODE = _Argument(_code_out, _code)
-
-ARGUMENTS: dict[str, _Argument | None] = {
-    "stat": None,
-    "inv": _POSE,
-    "rehearse_line": _POSE,
-    "rehearse_joints": _Argument(_joints_out, _numbers),
-    "movj": _POSE,
-    "relj": _POSE,
-    "movl": _POSE,
-    "movv": _SIX,
-    "gcmp": None,
-    "forc": _SIX,
-    "wait": _Argument(_seconds_out, _number),
-    "stop": None,
-    "tool": _POSE,
-    "act": _CODE,
-    "pose": _POSE,
-    "jog": _POSE,
-    "twist": _SIX,
-    "wrench": _SIX,
-    "joints": _Argument(_joints_out, _numbers),
-    "acknowledge": None,
-    "acquire": None,
-    "hand_over": _Argument(checked_name, checked_name),
-    "release": None,
-    "get_parameter": _Argument(_key_out, _code),
-    "get_parameters": None,
-    "set_parameters": _Argument(_values_out, _values_in),
-    "status": None,
-}
-"""All verbs, and what each takes."""
-
-ENDLESS = frozenset({"movv", "gcmp", "forc"})
-"""Verbs whose motions do not end by themselves."""
-
-NEW_MOTION = frozenset({"movj", "relj", "movl", "movv", "gcmp", "forc", "trajectory"})
-"""Verbs that begin a motion."""
-
 LATE_S = 1.0
 """Longest time for which a process may have stood still, or may have been starting, when it finds a
 request to begin a motion: who asked may have given up, or be gone, since."""
-
-SEQUENCED = frozenset(PRESETS)
-"""Verbs that may carry a sequence number, a stamp, and whether they begin a stream."""
 
 FRAMED: Mapping[str, Callable[[Vector3, Vector3, Frame], Any]] = {"twist": Twist, "wrench": Wrench}
 """Verbs whose numbers may have a frame of their own."""
@@ -267,15 +122,15 @@ _FRAMES = {"twist": tuple(Frame), "wrench": (Frame.BASE, Frame.TOOL)}
 
 def encode_request(request: Request) -> bytes:
     """As one packet. Raises what the verb raises for an argument that it does not take."""
-    argument = ARGUMENTS[request.verb]
+    takes = VERB_TABLE[request.verb].takes
     checked_source(request.verb, request.source)
     table: dict[str, Any] = {"id": request.id, "source": request.source, "verb": request.verb}
     value = request.value
     if isinstance(value, (Twist, Wrench)):
         table["frame"] = value.frame.value
         value = [*value[0], *value[1]]
-    if argument is not None:
-        table["value"] = argument.out(request.verb, value)
+    if takes is not NOTHING:
+        table["value"] = takes.encode(request.verb, value)
     if request.sequence is not None:
         table["sequence"] = checked_sequence(request.verb, request.sequence)
     if request.stamp_s is not None:
@@ -294,7 +149,7 @@ def decode_request(packet: bytes) -> Request:
     table = _unpacked(packet)
     number = table.pop("id", None)
     if not _is_id(number):
-        raise PacketError(f"id: {brief(number)} is no integer from 0 to {LARGEST_ID}")
+        raise PacketError(f"id: {brief(number)} is no integer from 0 to {LARGEST_INTEGER}")
     try:
         return _request(number, table)
     except CardanError as error:
@@ -303,20 +158,20 @@ def decode_request(packet: bytes) -> Request:
 
 def _request(number: int, table: dict[str, Any]) -> Request:
     source, verb = checked_source("source", table.pop("source", None)), table.pop("verb", None)
-    if not isinstance(verb, str) or verb not in ARGUMENTS:
-        _refuse("verb", f"there is no {brief(verb)}; allowed: {', '.join(ARGUMENTS)}")
-    argument, sequence = ARGUMENTS[verb], None
+    if not isinstance(verb, str) or verb not in IN_PACKETS:
+        refuse("verb", f"there is no {brief(verb)}; allowed: {', '.join(IN_PACKETS)}")
+    takes, sequence = VERB_TABLE[verb].takes, None
     value: Any = None
-    if argument is not None:
-        value = argument.back(verb, table.pop("value", None))
+    if takes is not NOTHING:
+        value = takes.decode(verb, table.pop("value", None))
     stamp_s, begins = None, None
-    since_s = _number("since", table.pop("since")) if "since" in table else None
+    since_s = checked_number("since", table.pop("since")) if "since" in table else None
     if verb in SEQUENCED:
         sequence = table.pop("sequence", None)
         if sequence is not None:
             checked_sequence(verb, sequence)
         if "stamp" in table:
-            stamp_s = _number(f"{verb}: stamp", table.pop("stamp"))
+            stamp_s = checked_number(f"{verb}: stamp", table.pop("stamp"))
         if "begins" in table:
             begins = _one_of(_BEGINS, verb, "begins", table.pop("begins"))
     if verb in FRAMED and "frame" in table:
@@ -324,7 +179,7 @@ def _request(number: int, table: dict[str, Any]) -> Request:
         frame = _one_of(frames, verb, "frame", table.pop("frame"))
         value = FRAMED[verb](Vector3(*value[:3]), Vector3(*value[3:]), frame)
     if table:
-        _refuse(verb, f"takes no {', '.join(map(brief, table))}")
+        refuse(verb, f"takes no {', '.join(map(brief, table))}")
     return Request(
         number, source, verb, value, sequence, stamp_s=stamp_s, begins=begins, since_s=since_s
     )
@@ -332,12 +187,12 @@ def _request(number: int, table: dict[str, Any]) -> Request:
 
 def _one_of(known: Mapping[str, _ValueT], verb: str, key: str, given: Any) -> _ValueT:
     if not isinstance(given, str) or given not in known:
-        _refuse(verb, f"{key} is {brief(given)}; allowed: {', '.join(known)}")
+        refuse(verb, f"{key} is {brief(given)}; allowed: {', '.join(known)}")
     return known[given]
 
 
 def _is_id(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= LARGEST_ID
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= LARGEST_INTEGER
 
 
 def _packed(table: Mapping[str, Any]) -> bytes:
@@ -460,8 +315,8 @@ def _error(table: Mapping[str, Any]) -> CardanError:
 def result_of(verb: str, result: Any) -> Any:
     """The result of a reply as `verb` answers it; a motion as its note. Raises PacketError."""
     try:
-        if verb in _RESULTS:
-            return _RESULTS[verb](result)
+        if (decode := _RESULTS.get(VERB_TABLE[verb].answers)) is not None:
+            return decode(result)
     except _BROKEN as error:
         raise PacketError(f"no answer of {verb}: {error!r:.200}") from None
     return result
@@ -517,10 +372,10 @@ def _authority(table: Mapping[str, Any]) -> AuthorityState:
     return AuthorityState(**{**table, "since_s": float(table["since_s"])})
 
 
-_RESULTS: dict[str, Callable[[Any], Any]] = {
-    "stat": _stat,
-    "inv": _floats,
-    "status": _status,
-    **dict.fromkeys(("rehearse_line", "rehearse_joints"), _rehearsal),
-    **dict.fromkeys(("movj", "relj", "movl", "movv", "gcmp", "forc"), _note),
+_RESULTS: dict[type | None, Callable[[Any], Any]] = {
+    Stat: _stat,
+    tuple: _floats,
+    Rehearsal: _rehearsal,
+    Motion: _note,
+    ControllerStatus: _status,
 }

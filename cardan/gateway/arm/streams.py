@@ -360,13 +360,3 @@ class Streams:
             link.sequence = sequence
         if stamp_s is not None:
             link.sent_s = stamp_s
-
-
-STREAMED: dict[str, Callable[[Streams, Any, Sender], None]] = {
-    "pose": Streams.pose,
-    "jog": Streams.jog,
-    "twist": Streams.twist,
-    "wrench": Streams.wrench,
-    "joints": Streams.joints,
-}
-"""The streamed commands by the names that they are asked for."""

@@ -23,6 +23,7 @@ from cardan.gateway.arm.checks import (
     Target,
     check_workspace,
     checked_action,
+    checked_distance,
     checked_name,
     checked_pose,
     joint_numbers,
@@ -30,7 +31,6 @@ from cardan.gateway.arm.checks import (
     six_of,
 )
 from cardan.gateway.arm.codes import (
-    PRESETS,
     Action,
     Begins,
     Parameter,
@@ -51,7 +51,8 @@ from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.planner import Planner
 from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
 from cardan.gateway.arm.repeating import Sender, argument_text
-from cardan.gateway.arm.streams import STREAMED, Streams
+from cardan.gateway.arm.streams import Streams
+from cardan.gateway.arm.verb_table import preset_of
 from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
 from cardan.gateway.hand.source import HandSource
 from cardan.gateway.kinematics.arm import ArmKinematics
@@ -63,8 +64,10 @@ from cardan.gateway.servo.options import Policy
 from cardan.robots import ArmModel, BodyShape
 from cardan.spatial import is_finite
 from cardan.types import (
+    IDENTITY,
     CommandKind,
     Frame,
+    Pose,
     RobotCapabilities,
     RobotLink,
     RobotState,
@@ -318,8 +321,9 @@ class ArmVerbs:
     def rehearse_line(self, xd: Target) -> Rehearsal:
         """Look at the straight line from here to the pose `xd` in the base, without moving: what
         stops it, and how long it takes."""
-        target = checked_pose("rehearse_line", xd)
-        return self._rehearse("rehearse_line", lambda q: self.plans.line(target, q, False))
+        verb = "rehearse_line"
+        target = checked_pose(verb, xd)
+        return self._rehearse(verb, lambda q: self.plans.line(target, q, False, verb))
 
     def rehearse_joints(self, q: Sequence[float]) -> Rehearsal:
         """The same for the straight motion of all joints to the positions `q`, rad or m."""
@@ -335,8 +339,7 @@ class ArmVerbs:
             try:
                 plan = prepare(self._start(verb, claims=False))
             except MotionRefusedError as error:
-                # The line's own messages name the verb that goes along it.
-                why = str(error).removeprefix(f"{verb}: ").removeprefix("movl: ")
+                why = str(error).removeprefix(f"{verb}: ")
                 return Rehearsal(why, "", 0.0)
         return Rehearsal("", plan.note, plan.duration_s)
 
@@ -367,6 +370,15 @@ class ArmVerbs:
             return self.plans.line(target, start, relative)
 
         return self._launch("movl", True, prepare, source)
+
+    def retract(self, distance_m: float, *, source: str = VERBS) -> Motion:
+        """Move the TCP back by `distance_m` along the tool's own z axis, without turning."""
+        with self._counted():
+            back = Vector3(0.0, 0.0, -checked_distance("retract", distance_m))
+        step = Pose(back, IDENTITY)
+        return self._launch(
+            "retract", True, lambda q: self.plans.line(step, q, True, "retract"), source
+        )
 
     def trajectory(self, wanted: JointTrajectory, *, source: str = VERBS) -> Motion:
         """Follow joint positions over time that somebody else planned, such as MoveIt.
@@ -595,7 +607,7 @@ class ArmVerbs:
         stamp_s: float | None = None,
         begins: Begins | None = None,
     ) -> str:
-        """Do what the streamed command `verb` (a key of `STREAMED`) asks for now; "" or why not.
+        """Do what the streamed command `verb` (one with a preset) asks for now; "" or why not.
 
         `owner` names who streams; `sequence` or `stamp_s` (sender's clock), where given, have to
         grow. `begins`: whether, where nothing moves the arm and no streaming command is chosen, or
@@ -613,10 +625,10 @@ class ArmVerbs:
         plans = self.planning if verb in ("pose", "jog") else contextlib.nullcontext()
         try:
             with plans, self._counted():
-                STREAMED[verb](self.streams, value, sender)
+                getattr(self.streams, verb)(value, sender)
         except MotionRefusedError as error:
             if began:
-                self.take_back(PRESETS[verb], str(error))
+                self.take_back(preset_of(verb), str(error))
             return str(error)
         return ""
 
@@ -627,7 +639,7 @@ class ArmVerbs:
         streams = self.streams
         if streams.kind is Stream.NONE:
             return True
-        if begins is not Begins.NEW or streams.kind is PRESETS[verb] or not streams.owner:
+        if begins is not Begins.NEW or streams.kind is preset_of(verb) or not streams.owner:
             return False
         if self.body.moving:
             return False
@@ -647,7 +659,7 @@ class ArmVerbs:
             if refusal:
                 with self._counted():
                     raise MotionRefusedError(f"{verb}: {refusal}")
-            self.set_parameters({Parameter.STREAM: PRESETS[verb]}, source=source)
+            self.set_parameters({Parameter.STREAM: preset_of(verb)}, source=source)
             return True
 
     def take_back(self, kind: Stream, reason: str) -> None:

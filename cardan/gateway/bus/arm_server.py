@@ -18,12 +18,9 @@ from typing import Any, NamedTuple
 from cardan.bus.node import BusNode, Received, ServiceRequest
 from cardan.errors import CardanError, MotionRefusedError
 from cardan.gateway.arm.backlog import PROVEN_S, STREAMED_S, Delays, late_words
-from cardan.gateway.arm.codes import PRESETS, Begins, vocab_text
+from cardan.gateway.arm.codes import Begins, vocab_text
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
-    ENDLESS,
-    NEW_MOTION,
-    SEQUENCED,
     MotionNote,
     PacketError,
     Request,
@@ -32,6 +29,7 @@ from cardan.gateway.arm.requests import (
     encode_note,
     encode_reply,
 )
+from cardan.gateway.arm.verb_table import CHANGING, ENDLESS, SEQUENCED, preset_of
 from cardan.gateway.bus.actions import Ahead, ArmAction
 from cardan.gateway.bus.arm_parameters import ArmParameters
 from cardan.gateway.bus.arm_topics import OK, WARN, Part
@@ -68,11 +66,6 @@ in 0.13 s at 250 Hz."""
 
 CONTEST_SHOWN_S = 5.0
 """How long the diagnostics, which come once a second, warn of two that stream at once."""
-
-NAMED = (
-    NEW_MOTION | SEQUENCED | {"set_parameters", "acquire", "hand_over", "release", "tool", "act"}
-)
-"""Verbs of packets that act by the name which their program chose: two must not have the same."""
 
 GOALS_PERIOD_S = 0.01
 """How often goals and parameters are looked for: looking costs 0.5 µs for each of their services,
@@ -306,7 +299,7 @@ class ArmServer:
         """`request`, of a motion without end with a way to see whether who sent `packet` is still
         on the bus. Raises PacketError where nobody could see it, and for what commands the arm
         while the server is `barred`. From any thread."""
-        if self.barred and request.verb in NAMED - {"release"}:
+        if self.barred and request.verb in CHANGING - {"release"}:
             refusal = MotionRefusedError(f"{request.verb}: {self.barred}")
             raise PacketError(str(refusal), request.id) from refusal
         if request.verb not in ENDLESS:
@@ -423,7 +416,7 @@ class _PacketClient:
             self._waiting[number] = packet, error.request or 0, ""
             raise PacketError(str(error), number) from error.__cause__
         self._waiting[number] = packet, request.id, request.source
-        if request.verb in NAMED:
+        if request.verb in CHANGING:
             why = self._server.sources.claim(request.source, packet, self._server.now_s)
             if why:
                 raise PacketError(why, number) from MotionRefusedError(f"{request.verb}: {why}")
@@ -581,7 +574,7 @@ class _TopicClient:
                 return
         owner = self._server.contested_by(source.name)
         if owner:
-            preset = vocab_text(PRESETS[request.verb])
+            preset = vocab_text(preset_of(request.verb))
             why = MotionRefusedError(f"{preset}: {owner!r} has authority over the arm")
             self._server.contest(str(why))
         else:

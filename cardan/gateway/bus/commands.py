@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 from cardan.errors import CardanError, MotionRefusedError
 from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.motion import Stat
+from cardan.gateway.arm.verb_table import POSE, TWIST, VERB_TABLE, WRENCH, Takes, Verb
 from cardan.protocols.ros2.cdr import Message
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.refusals import refusal
@@ -186,10 +187,6 @@ def action_of(code: int) -> Action:
 # -- the tables -------------------------------------------------------------------------------
 
 
-def _poses(verb: str) -> TopicCommand:
-    return TopicCommand(f"~/command/{verb}", "geometry_msgs/msg/Pose", verb, Pose.from_ros)
-
-
 def _stream(verb: str, type_name: str, value: Callable[[Message], Any]) -> TopicCommand:
     return TopicCommand(f"~/command/{verb}", type_name, verb, value, 1, begins=True, dated=True)
 
@@ -201,16 +198,45 @@ def _signal(verb: str, always: bool = False, apart_s: float = 0.0) -> TopicComma
     )  # fmt: skip
 
 
+class _OnRos(NamedTuple):
+    """How an argument of verbs comes on ROS 2."""
+
+    message: str
+    """Type of a topic's message."""
+    value: Callable[[Message], Any]
+    """The verb's argument of a message, or of the `field` of a request or a goal."""
+    field: str
+    words: str
+    """Of cardan_msgs: the service is of srv/WORDS, the action of action/WORDS."""
+
+
+_ON_ROS: Mapping[Takes, _OnRos] = {
+    POSE: _OnRos("geometry_msgs/msg/Pose", Pose.from_ros, "x", "MovePose"),
+    TWIST: _OnRos("geometry_msgs/msg/Twist", twist_of, "xdot", "MoveTwist"),
+    WRENCH: _OnRos("geometry_msgs/msg/Wrench", wrench_of, "fd", "ExertWrench"),
+}
+
+_KNOWN = [verb for verb in VERB_TABLE.values() if verb.takes in _ON_ROS]
+_STREAMS = [verb for verb in _KNOWN if verb.preset is not None]
+_ACTS = [verb for verb in _KNOWN if verb.preset is None and verb.changes]
+"""Motions and the choice of a tool."""
+
+
+def _topic(verb: Verb) -> TopicCommand:
+    ros = _ON_ROS[verb.takes]
+    return TopicCommand(f"~/command/{verb.name}", ros.message, verb.name, ros.value)
+
+
 TOPICS = (
-    _stream("pose", "geometry_msgs/msg/Pose", Pose.from_ros),
-    _stream("twist", "geometry_msgs/msg/Twist", twist_of),
-    _stream("wrench", "geometry_msgs/msg/Wrench", wrench_of),
-    _poses("movj"),
-    _poses("relj"),
-    _poses("movl"),
-    TopicCommand("~/command/movv", "geometry_msgs/msg/Twist", "movv", twist_of),
-    TopicCommand("~/command/forc", "geometry_msgs/msg/Wrench", "forc", wrench_of),
-    _poses("tool"),
+    *(
+        _stream(verb.name, _ON_ROS[verb.takes].message, _ON_ROS[verb.takes].value)
+        for verb in _STREAMS
+        if verb.name != "jog"  # the page's
+    ),
+    *map(_topic, _ACTS),
+    TopicCommand(
+        "~/command/retract", "std_msgs/msg/Float64", "retract", lambda message: message["data"]
+    ),
     TopicCommand(
         "~/command/gripper", "std_msgs/msg/Int32", "act", lambda message: action_of(message["data"])
     ),
@@ -228,10 +254,12 @@ def joint_command(names: Sequence[str]) -> TopicCommand:
     return _stream("joints", "sensor_msgs/msg/JointState", joint_speeds(names))
 
 
-def _pose_service(verb: str) -> ServiceCommand:
+def _service(verb: Verb) -> ServiceCommand:
+    ros = _ON_ROS[verb.takes]
     return ServiceCommand(
-        f"~/{verb}", "cardan_msgs/srv/MovePose", verb, lambda request: Pose.from_ros(request["x"])
-    )
+        f"~/{verb.name}", f"cardan_msgs/srv/{ros.words}", verb.name,
+        lambda request: ros.value(request[ros.field]),
+    )  # fmt: skip
 
 
 def _inverse(positions: tuple[float, ...]) -> Message:
@@ -254,13 +282,7 @@ SERVICES = (
     ServiceCommand("~/stop", "std_srvs/srv/Trigger", "stop"),
     ServiceCommand("~/acknowledge", "std_srvs/srv/Trigger", "acknowledge"),
     ServiceCommand("~/release", "std_srvs/srv/Trigger", "release"),
-    *map(_pose_service, ("movj", "relj", "movl", "tool")),
-    ServiceCommand(
-        "~/movv", "cardan_msgs/srv/MoveTwist", "movv", lambda request: twist_of(request["xdot"])
-    ),
-    ServiceCommand(
-        "~/forc", "cardan_msgs/srv/ExertWrench", "forc", lambda request: wrench_of(request["fd"])
-    ),
+    *map(_service, _ACTS),
     ServiceCommand(
         "~/act", "cardan_msgs/srv/Act", "act", lambda request: action_of(request["action"])
     ),
@@ -290,25 +312,16 @@ def stat_command(base: str) -> ServiceCommand:
     return ServiceCommand("~/stat", "cardan_msgs/srv/Stat", "stat", answer=answer)
 
 
-def _pose_action(verb: str) -> ActionCommand:
+def _action(verb: Verb) -> ActionCommand:
+    ros = _ON_ROS[verb.takes]
     return ActionCommand(
-        f"~/action/{verb}",
-        "cardan_msgs/action/MovePose",
-        verb,
-        lambda goal: Pose.from_ros(goal["x"]),
-    )
+        f"~/action/{verb.name}", f"cardan_msgs/action/{ros.words}", verb.name,
+        lambda goal: ros.value(goal[ros.field]),
+    )  # fmt: skip
 
 
 ACTIONS = (
-    *map(_pose_action, ("movj", "relj", "movl")),
-    ActionCommand(
-        "~/action/movv", "cardan_msgs/action/MoveTwist", "movv",
-        lambda goal: twist_of(goal["xdot"]),
-    ),
-    ActionCommand(
-        "~/action/forc", "cardan_msgs/action/ExertWrench", "forc",
-        lambda goal: wrench_of(goal["fd"]),
-    ),
+    *(_action(verb) for verb in _ACTS if verb.begins_motion),
     ActionCommand("~/action/gcmp", "cardan_msgs/action/CompensateGravity", "gcmp"),
-)  # fmt: skip
+)
 """The motions once more, as actions: they tell where the arm is, and when and why they ended."""

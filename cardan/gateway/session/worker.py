@@ -27,10 +27,7 @@ from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.arm.requests import (
     CANCELLED,
-    ENDLESS,
     LATE_S,
-    NEW_MOTION,
-    SEQUENCED,
     MotionNote,
     PacketError,
     Request,
@@ -39,6 +36,7 @@ from cardan.gateway.arm.requests import (
     encode_note,
     encode_reply,
 )
+from cardan.gateway.arm.verb_table import ENDLESS, NEW_MOTION, QUICK, SEQUENCED
 from cardan.types import NEVER_S
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
@@ -60,13 +58,7 @@ REFUSALS = (MALFORMED, VERB, BUSY)
 SEND_TIMEOUT_S = 1.0
 """Longest wait of a reply for its reader; one that is silent for half of it holds the arm."""
 
-_QUICK = frozenset(
-    {"stat", "twist", "wrench", "joints", "acknowledge", "status"}
-    | {"acquire", "hand_over", "release", "get_parameter", "get_parameters"}
-)
-"""Verbs that neither plan nor wait."""
-
-_BEGINNING = SEQUENCED & _QUICK
+_BEGINNING = SEQUENCED & QUICK
 """Streamed commands that plan only where they begin their stream."""
 
 
@@ -281,7 +273,7 @@ class RequestWorker:
             self._reply(job, None)
         elif verb == "wait":
             self._wait(job)
-        elif verb in _QUICK and self._desk is not None and not self._waits_to_begin(job):
+        elif verb in QUICK and self._desk is not None and not self._waits_to_begin(job):
             self._perform(job)
         elif not self._pending.acquire(blocking=False):
             self._refuse(job, f"{MAX_PENDING} requests are waiting already")

@@ -435,7 +435,7 @@ def verb(w):
     try:
         here = np.array(w.verbs.stat().pose)
         step = [w.random.uniform(-0.1, 0.1) for _ in range(3)]
-        name = w.random.choice(("movl", "movj", "movv", "gcmp", "forc", "relj"))
+        name = w.random.choice(("movl", "movj", "movv", "gcmp", "forc", "relj", "retract"))
         if name == "movv":
             w.verbs.movv([w.random.uniform(-0.2, 0.2) for _ in range(6)])
         elif name == "gcmp":
@@ -444,6 +444,8 @@ def verb(w):
             w.verbs.forc([*(100 * s for s in step), 0, 0, 0])
         elif name == "relj":
             w.verbs.relj([*step, 0, 0, 0])
+        elif name == "retract":
+            w.verbs.retract(step[0])
         else:
             getattr(w.verbs, name)([*(here[:3] + step), *here[3:]])
     except CardanError:

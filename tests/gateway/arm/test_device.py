@@ -33,7 +33,7 @@ from cardan.gateway.arm import (
     State,
     digital_output_gripper,
 )
-from cardan.gateway.arm.requests import ARGUMENTS
+from cardan.gateway.arm.verb_table import IN_PACKETS
 from cardan.gateway.bus.remote import RemoteCartesianDevice
 from cardan.types import (
     CommandKind,
@@ -416,7 +416,7 @@ def test_answers_are_of_the_same_types(arm):
 def test_every_way_has_the_same_verbs():
     """What an arm has beside `open` and `close` is CartesianArm's, signatures and docs included."""
     for kind in (CartesianDevice, RemoteCartesianDevice):
-        for name in ("set_parameter", *ARGUMENTS):
+        for name in ("set_parameter", *IN_PACKETS):
             assert getattr(kind, name) is getattr(CartesianArm, name)
         for name in ("open", "close"):
             assert inspect.getdoc(getattr(kind, name))

@@ -8,7 +8,8 @@ from cardan.gateway.arm.codes import State
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.robots import arm_names, load_arm
-from cardan.types import Pose, TorqueCommand
+from cardan.spatial import from_rotation_vector, rotate
+from cardan.types import Pose, TorqueCommand, Vector3
 
 pytestmark = pytest.mark.matrix
 
@@ -100,6 +101,16 @@ def test_relj_goes_by_a_distance(arm):
     arm.finish(arm.verbs.relj([-0.02, 0.0, 0.0, 0.0, 0.0, 0.0]))
     arm.run(0.3)
     assert arm.six[:3] - start == pytest.approx((-0.02, 0.0, 0.0), abs=1e-3)
+
+
+def test_retract_goes_back_along_the_tools_axis(arm):
+    _, start = arm.take_over()
+    axis = rotate(from_rotation_vector(Vector3(*arm.six[3:])), Vector3(0.0, 0.0, 1.0))
+    motion = arm.verbs.retract(0.02)
+    arm.finish(motion)
+    arm.run(0.3)
+    assert (motion.verb, motion.ends) == ("retract", True)
+    assert arm.six[:3] - start == pytest.approx([-0.02 * each for each in axis], abs=1e-3)
 
 
 def test_movv_goes_on_until_stop(arm):

@@ -8,13 +8,13 @@ import pytest
 from cardan.gateway.arm.backlog import STALE_S, Delays
 from cardan.gateway.arm.codes import Begins, Stream
 from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.streams import STREAMED
+from cardan.gateway.arm.verb_table import SEQUENCED
 from tests.gateway.arm.arms import DT_S, World, quick, streaming, streams, turned
 
 
 def test_a_stream_has_to_be_chosen():
     world = World()
-    for name in STREAMED:
+    for name in sorted(SEQUENCED):
         why = world.verbs.stream(name, [0.0] * world.verbs.servo.joints)
         assert "choose this streaming command first" in why
     world.verbs.set_parameter("cpsc", "twst")

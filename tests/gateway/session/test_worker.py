@@ -132,7 +132,8 @@ class Bench:
         answer = decode_answer(self.ours.recv(65536))
         if isinstance(answer, MotionNote):
             return answer
-        return answer.id, answer.error or result_of(verb, answer.result)
+        result = result_of(verb, answer.result) if verb and not answer.error else answer.result
+        return answer.id, answer.error or result
 
 
 @pytest.fixture

@@ -1,0 +1,145 @@
+"""One table of verbs: all that has verbs has these, and a new one is an entry and a method."""
+
+import inspect
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from cardan.cli.verbs import SET_ONE, carry_out, offered
+from cardan.errors import ConfigurationError, MotionRefusedError
+from cardan.gateway.arm.codes import Parameter, State
+from cardan.gateway.arm.interface import CartesianArm
+from cardan.gateway.arm.motion import Motion
+from cardan.gateway.arm.verb_table import IN_PACKETS, NOTHING, SEQUENCED, VERB_TABLE
+from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS
+from cardan.spatial import from_rotation_vector, rotate
+from cardan.types import Frame, Pose, Quaternion, Vector3
+from tests.gateway.arm.arms import World
+
+HAS = {"open", "close", "source", SET_ONE}
+"""What an arm has beside its verbs."""
+
+
+def test_an_arm_has_the_verbs_of_the_table_and_no_others():
+    public = {name for name in vars(CartesianArm) if not name.startswith("_")}
+    assert public - HAS == set(IN_PACKETS)
+
+
+@pytest.mark.parametrize("verb", VERB_TABLE.values(), ids=VERB_TABLE)
+def test_each_verb_is_a_method_that_takes_what_the_table_says(verb):
+    if verb.preset is not None:
+        return
+    if verb.name == "wait":
+        return  # It waits beside the loop: the desk has it.
+    named = [*inspect.signature(getattr(ArmVerbs, verb.name)).parameters][1:]
+    assert ("source" in named) is (verb.changes or verb.name == "stop")
+    assert len([name for name in named if name != "source"]) == (verb.takes is not NOTHING)
+
+
+@pytest.mark.parametrize("verb", [v for v in VERB_TABLE.values() if v.in_packets], ids=str)
+def test_each_verb_of_programs_has_the_signature_of_its_argument(verb):
+    named = [*inspect.signature(getattr(CartesianArm, verb.name)).parameters.values()][1:]
+    needed = [each for each in named if each.default is inspect.Parameter.empty]
+    assert len(needed) <= (verb.takes is not NOTHING)
+
+
+def test_what_the_network_has_is_of_the_table():
+    for command in (*TOPICS, *SERVICES, *ACTIONS):
+        assert command.verb in IN_PACKETS
+    assert {each.verb for each in ACTIONS} < {
+        n for n, v in VERB_TABLE.items() if v.answers is Motion
+    }
+
+
+class Arm:
+    """Writes down what it is asked for."""
+
+    def __getattr__(self, name):
+        def asked(*values):
+            self.asked = (name, *values)
+            return SimpleNamespace() if name == "stat" else None
+
+        return asked
+
+
+POSE = Pose(Vector3(0.4, 0.0, 0.3), Quaternion(0.0, 1.0, 0.0, 0.0), Frame.BASE)
+
+
+@pytest.mark.parametrize(
+    ("words", "asked"),
+    [
+        ("movl 0.4 0 0.3 3.14 0 0", ("movl", [0.4, 0.0, 0.3, 3.14, 0.0, 0.0])),
+        ("movl 0.4 0 0.3 0 1 0 0", ("movl", POSE)),
+        ("retract 0.05", ("retract", 0.05)),
+        ("movv 0 0 0.01 0 0 0", ("movv", [0.0, 0.0, 0.01, 0.0, 0.0, 0.0])),
+        ("rehearse_joints 0 1 2", ("rehearse_joints", [0.0, 1.0, 2.0])),
+        ("wait", ("wait", 0.0)),
+        ("wait 2.5", ("wait", 2.5)),
+        ("stop", ("stop",)),
+        ("act close", ("act", "accg")),
+        ("hand_over hand", ("hand_over", "hand")),
+        ("get_parameter gain", ("get_parameter", "gain")),
+        (
+            "set_parameter trajectoryRefSpeed 0.1",
+            ("set_parameters", {Parameter.TRAJECTORY_SPEED: 0.1}),
+        ),
+        (
+            "set_parameters trajectoryRefSpeed 0.1 cpsc twst",
+            ("set_parameters", {Parameter.TRAJECTORY_SPEED: 0.1, Parameter.STREAM: "twst"}),
+        ),
+    ],
+)
+def test_the_words_of_a_command_line(words, asked):
+    arm = Arm()
+    verb, *rest = words.split()
+    carry_out(arm, verb, rest, wait=False)
+    assert arm.asked == asked
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("fly 1", "VERB: there is no 'fly'; allowed: .*movl, retract"),
+        ("twist 0 0 0 0 0 0", "there is no 'twist'"),
+        ("trajectory", "there is no 'trajectory'"),
+        ("movl 1 2", "movl: takes x y z .* not 2 values: 1 2"),
+        ("retract", "takes a distance .m., not 0 values"),
+        ("movv 0 0 z 0 0 0", "movv: 'z' is no number"),
+        ("set_parameters gain", "takes parameters, each with its value, not 1 value"),
+        ("set_parameter nothing 1", "nothing"),
+    ],
+)
+def test_words_that_are_no_command(words, said):
+    arm = Arm()
+    verb, *rest = words.split()
+    with pytest.raises(ConfigurationError, match=said):
+        carry_out(arm, verb, rest, wait=False)
+    assert "asked" not in vars(arm)
+
+
+def test_streams_are_of_no_command_line():
+    assert not SEQUENCED & set(offered())
+
+
+def test_retract_goes_back_along_the_tools_axis():
+    world = World()
+    start = world.six()
+    axis = rotate(from_rotation_vector(Vector3(*start[3:])), Vector3(0.0, 0.0, 1.0))
+    motion = world.verbs.retract(0.02)
+    assert (motion.verb, motion.ends) == ("retract", True)
+    assert world.verbs.state is State.MOVL
+    world.rest()
+    assert motion.outcome.value == "done"
+    moved = [b - a for a, b in zip(start, world.six(), strict=True)]
+    assert moved[:3] == pytest.approx([-0.02 * each for each in axis], abs=1e-3)
+    assert moved[3:] == pytest.approx([0.0] * 3, abs=1e-3)
+
+
+@pytest.mark.parametrize("distance_m", [-0.01, math.nan, math.inf, "far", 1e6])
+def test_retract_takes_a_distance_and_nothing_else(distance_m):
+    world = World()
+    with pytest.raises(MotionRefusedError, match="^retract"):
+        world.verbs.retract(distance_m)
+    assert world.verbs.state is State.NOT_CONTROLLING
