@@ -10,7 +10,6 @@ from cardan.cli.verbs import SET_ONE, carry_out, offered
 from cardan.errors import ConfigurationError, MotionRefusedError
 from cardan.gateway.arm.codes import Parameter, State
 from cardan.gateway.arm.interface import CartesianArm
-from cardan.gateway.arm.motion import Motion
 from cardan.gateway.arm.verb_table import IN_PACKETS, NOTHING, SEQUENCED, VERB_TABLE
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS
@@ -140,6 +139,6 @@ def test_retract_goes_back_along_the_tools_axis():
 @pytest.mark.parametrize("distance_m", [-0.01, math.nan, math.inf, "far", 1e6])
 def test_retract_takes_a_distance_and_nothing_else(distance_m):
     world = World()
-    with pytest.raises(MotionRefusedError, match="^retract"):
+    with pytest.raises(MotionRefusedError, match=r"^retract"):
         world.verbs.retract(distance_m)
     assert world.verbs.state is State.NOT_CONTROLLING
