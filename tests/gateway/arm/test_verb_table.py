@@ -10,7 +10,7 @@ from cardan.cli.verbs import SET_ONE, carry_out, offered
 from cardan.errors import ConfigurationError, MotionRefusedError
 from cardan.gateway.arm.codes import Parameter, State
 from cardan.gateway.arm.interface import CartesianArm
-from cardan.gateway.arm.verb_table import IN_PACKETS, NOTHING, SEQUENCED, VERB_TABLE
+from cardan.gateway.arm.verb_table import IN_PACKETS, NEW_MOTION, NOTHING, SEQUENCED, VERB_TABLE
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS
 from cardan.spatial import from_rotation_vector, rotate
