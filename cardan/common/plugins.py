@@ -75,7 +75,9 @@ def reason(error: BaseException) -> str:
     if lacking := shortage(error):
         return lacking
     words = printable(" ".join(str(error).split()))
-    return words if isinstance(error, CardanError) else f"{type(error).__name__}: {words}"
+    if isinstance(error, CardanError):
+        return words
+    return f"{type(error).__name__}: {words}" if words else type(error).__name__
 
 
 def is_lack(error: Exception) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Sequence, Set as AbstractSet
 from numbers import Real
 from types import TracebackType
@@ -16,6 +17,9 @@ from cardan.errors import CardanError, DriverError
 from cardan.types import ButtonEvent, DeviceLink, DeviceState, Pose, RobotLink, RobotState
 
 _log = logging.getLogger(__name__)
+
+FAILURES = (Exception, SystemExit)
+"""What a driver may raise: one that calls `sys.exit()` ends no session without a word."""
 
 
 class RobotCalls:
@@ -34,7 +38,7 @@ class RobotCalls:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        if not isinstance(error, Exception) or isinstance(error, CardanError) or shortage(error):
+        if not isinstance(error, FAILURES) or isinstance(error, CardanError) or shortage(error):
             return
         _log.debug("it failed here", exc_info=error)
         raise self.failed(reason(error)) from error
@@ -49,7 +53,7 @@ def close_in_order(opened: Openable) -> None:
     after it."""
     try:
         opened.close()
-    except Exception:
+    except FAILURES:
         _log.exception("%s was not closed in good order", type(opened).__name__)
 
 
@@ -68,7 +72,7 @@ def device_problem(state: Any, events: Any) -> str:
         return f"state() gave the axes {state.axes!r:.60}, which are not six numbers"
     if not isinstance(state.buttons, AbstractSet):
         return f"state() gave the buttons {state.buttons!r:.60}, which are no set"
-    if not _numbers((state.stamp_s,)):
+    if not _numbers((state.stamp_s,)) or state.stamp_s != state.stamp_s:
         return f"state() gave the time {state.stamp_s!r:.60}"
     if state.pose is not None and not isinstance(state.pose, Pose):
         return f"state() gave the pose {state.pose!r:.60}"
@@ -81,15 +85,22 @@ def device_problem(state: Any, events: Any) -> str:
 
 
 def robot_problem(state: Any) -> str:
-    """What a robot's driver failed to give by `cycles()`; empty: nothing."""
+    """What a robot's driver failed to give by `cycles()`; empty: nothing. Joints may be NaN, which
+    the arm's model refuses; a time that is none would make a silent robot seem alive."""
     if not isinstance(state, RobotState):
         return f"cycles() gave {state!r:.60}"
     if not isinstance(state.link, RobotLink):
         return f"cycles() gave the link {state.link!r:.60}"
     if not isinstance(state.hold_reason, str):
         return f"cycles() gave the hold_reason {state.hold_reason!r:.60}"
-    if not _numbers(state.joints):
-        return f"cycles() gave the joints {state.joints!r:.60}, which are not numbers"
+    for name in ("stamp_s", "period_s"):
+        value = getattr(state, name)
+        if not _numbers((value,)) or not math.isfinite(value):
+            return f"cycles() gave the {name} {value!r:.60}, which is no finite number"
+    for name in ("joints", "velocities", "torques"):
+        values = getattr(state, name)
+        if not _numbers(values):
+            return f"cycles() gave the {name} {values!r:.60}, which are not numbers"
     return ""
 
 

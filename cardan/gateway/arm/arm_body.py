@@ -189,7 +189,9 @@ class ArmBody(Body):
     def measured(self, state: RobotState) -> Pose:
         return self.servo.pose_at(self._joints(state).tolist() if self._lag.late else state.joints)
 
-    def reported(self, state: RobotState) -> Pose:
+    def reported(self, state: RobotState) -> Pose | None:
+        if len(state.joints) != self.servo.joints or not is_finite(state.joints):
+            return None
         return self.servo.pose_at(state.joints)
 
     def leap(self, before: RobotState, state: RobotState, time_s: float) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 from cardan.common.forks import give_up_in_children
 from cardan.common.shortage import shortage
 from cardan.drivers.base import OperatorDevice, RobotDriver
-from cardan.drivers.foreign import close_in_order
+from cardan.drivers.foreign import RobotCalls, close_in_order
 from cardan.errors import CommandError
 from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.desk import VerbDesk
@@ -36,7 +36,8 @@ def digital_output_gripper(robot: RobotDriver) -> Callable[[Action], None]:
     def act(action: Action) -> None:
         if action is Action.STOP:
             raise CommandError("a gripper on a digital output cannot stop half way")
-        robot.set_outputs(digital=action is Action.CLOSE)
+        with RobotCalls(robot):
+            robot.set_outputs(digital=action is Action.CLOSE)
 
     return act
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from cardan.common.plugins import reason
 from cardan.drivers.base import OperatorDevice, RobotDriver
-from cardan.drivers.foreign import RobotCalls, device_problem, is_foreign, robot_problem
+from cardan.drivers.foreign import FAILURES, RobotCalls, device_problem, is_foreign, robot_problem
 from cardan.gateway.arm.controller import ArmController
 from cardan.types import (
     NEUTRAL,
@@ -65,7 +65,7 @@ class ArmLoop:
         for state in self._states():
             try:
                 hand, events = device.state(), device.button_events()
-            except Exception as error:
+            except FAILURES as error:
                 hand, events = self._failed(reason(error), error), ()
             if foreign and (problem := device_problem(hand, events)):
                 hand, events = self._failed(problem), ()
@@ -82,7 +82,7 @@ class ArmLoop:
                     raise self._calls.failed(problem)
                 yield state
 
-    def _failed(self, problem: str, error: Exception | None = None) -> DeviceState:
+    def _failed(self, problem: str, error: BaseException | None = None) -> DeviceState:
         """The state of a device whose driver breaks its contract: it is lost, not the session."""
         if problem != self._problem:
             self._problem = problem

@@ -57,8 +57,8 @@ class Shown(NamedTuple):
     """Why nothing may move until the deliberate act; empty: it may."""
     commanded: tuple[list[float], list[float]] | None = None
     """Joint positions and velocities that are commanded; None where none are."""
-    tcp: Callable[[RobotState], Pose] | None = None
-    """The TCP in the base by the joints of a state."""
+    tcp: Callable[[RobotState], Pose | None] = lambda _robot: None
+    """The TCP in the base by the joints of a state; None where they are not the arm's."""
 
     @classmethod
     def of(
@@ -90,11 +90,13 @@ class Shown(NamedTuple):
         """Measured, of the TCP along the axes of the base; None where the robot does not report
         the speeds of its joints."""
         robot = self.robot
-        if self.tcp is None or not robot.joints or len(robot.velocities) != len(robot.joints):
+        if not robot.joints or len(robot.velocities) != len(robot.joints):
             return None
         moved = zip(robot.joints, robot.velocities, strict=True)
         now = self.tcp(robot)
         then = self.tcp(robot._replace(joints=tuple(q + v * STEP_S for q, v in moved)))
+        if now is None or then is None:
+            return None
         return Twist(
             scale(subtract(then.position, now.position), 1.0 / STEP_S),
             scale(rotation_between(now.orientation, then.orientation), 1.0 / STEP_S),

@@ -316,6 +316,10 @@ class Session:
             if now_s >= next_snapshot_s:
                 next_snapshot_s = now_s + SNAPSHOT_PERIOD_S
                 self._publish(state, hand, now_s - start_s)
+        else:
+            if state is None:
+                raise self._calls.failed("cycles() gave no state")
+            snapshot.ending = snapshot.ending or "the robot's driver ended its cycles() by itself"
         if state is not None:
             snapshot.finished = True
             self._publish(state, cycle.device, monotonic() - start_s)

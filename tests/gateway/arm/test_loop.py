@@ -1,5 +1,8 @@
 """The loop of one arm answers each state of its robot, once and at once."""
 
+import math
+import sys
+
 import numpy as np
 import pytest
 
@@ -99,6 +102,7 @@ def test_whoever_stops_looking_leaves_no_state_unanswered():
     [
         (lambda: 1 / 0, "its driver failed: ZeroDivisionError: division by zero"),
         (lambda: None, "its driver failed: {}() gave None"),
+        (lambda: sys.exit(3), "its driver failed: SystemExit: 3"),
     ],
 )
 def test_a_device_whose_driver_fails_is_lost_until_it_no_longer_does(call, broken, words, caplog):
@@ -129,6 +133,7 @@ SILENT = RobotState(0.0, RobotLink.WAITING, 1, 0, 0.004, (), (), None, "")
         ("state", LIVE._replace(axes=None), "state() gave the axes None"),
         ("state", LIVE._replace(buttons=["left"]), "state() gave the buttons ['left']"),
         ("state", LIVE._replace(stamp_s=None), "state() gave the time None"),
+        ("state", LIVE._replace(stamp_s=math.nan), "state() gave the time nan"),
         ("state", LIVE._replace(pose=5), "state() gave the pose 5"),
         ("button_events", [1], "button_events() gave 1 for an event"),
         ("button_events", (None,), "button_events() gave None for an event"),
@@ -182,6 +187,23 @@ def test_any_kind_of_number_is_one(number):
             lambda: iter([SILENT._replace(joints=(None,))]),
             "cycles() gave the joints (None,), which are not numbers",
         ),
+        (
+            "cycles",
+            lambda: iter([SILENT._replace(velocities=("fast",))]),
+            "cycles() gave the velocities ('fast',), which are not numbers",
+        ),
+        (
+            "cycles",
+            lambda: iter([SILENT._replace(stamp_s=math.nan)]),
+            "cycles() gave the stamp_s nan, which is no finite number",
+        ),
+        (
+            "cycles",
+            lambda: iter([SILENT._replace(period_s=math.inf)]),
+            "cycles() gave the period_s inf, which is no finite number",
+        ),
+        ("cycles", lambda: sys.exit(3), "SystemExit: 3"),
+        ("send", lambda _command: sys.exit(), "SystemExit"),
         ("cycles", lambda: 1 / 0, "ZeroDivisionError: division by zero"),
         ("cycles", lambda: iter([None]), "cycles() gave None"),
         ("send", lambda _command: 1 / 0, "ZeroDivisionError: division by zero"),

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import socket
 import sys
 from importlib.metadata import EntryPoint
@@ -276,6 +277,24 @@ class TestADriverThatFails:
             s.run()
         assert not s.robot.is_open
         assert not s.device.is_open
+
+    def test_a_robot_s_loop_that_ends_by_itself(self, fake_drivers):
+        assert "ended its cycles() by itself" in session().run().ending
+        s = session()
+        s.robot.cycles = lambda: iter(())
+        with pytest.raises(DriverError, match=r"driver FakeRobot failed: cycles\(\) gave no state"):
+            s.run()
+        assert not s.robot.is_open
+        assert not s.device.is_open
+
+    @pytest.mark.parametrize("joints", [(0.0,) * 5, (), (0.0,) * 7, (math.nan,) * 6])
+    def test_a_robot_s_joints_that_are_not_the_arms(self, fake_drivers, joints):
+        s = session(robot={"takes_poses": False}, arm={"model": "ur5"})
+        good = s.robot.cycles
+        s.robot.cycles = lambda: (state._replace(joints=joints, pose=None) for state in good())
+        last = s.run()
+        assert "joints" in last.message
+        assert (last.pose, last.path_m) == ([], 0.0)
 
     @pytest.mark.parametrize("call", ["diagnosis", "metrics", "protocol_errors"])
     def test_a_robot_s_figures(self, fake_drivers, call):
