@@ -10,6 +10,7 @@ from types import ModuleType, SimpleNamespace
 
 import pytest
 
+from cardan.common.bounds import LONGEST_BLIND_S
 from cardan.common.options import Options
 from cardan.drivers import registry
 from cardan.errors import ConfigurationError, DeviceNotFoundError, DriverError
@@ -27,12 +28,17 @@ TABLE = {
     "robot": {"driver": "fake_robot"},
     "mapping": {"deadman": "go"},
     "gripper": {"toggle": "grip"},
+    "watchdogs": {"device_age_s": LONGEST_BLIND_S},
 }
 
 
 def session(channel=None, **tables):
     merged = {key: {**TABLE.get(key, {}), **tables.get(key, {})} for key in {*TABLE, *tables}}
-    return make_session(parse_config(merged), channel)
+    made = make_session(parse_config(merged), channel)
+    # That this computer stands still for a moment is no matter of these tests.
+    supervision = made.controller.supervision
+    supervision.watchdogs = dataclasses.replace(supervision.watchdogs, stall_s=LONGEST_BLIND_S)
+    return made
 
 
 def test_a_session_from_rest_to_motion(fake_drivers):
