@@ -29,6 +29,12 @@ class Program(FastNode):
     def z(self):
         return self.newest(f"{NODE}/state/pose", POSE)["pose"]["position"]["z"]
 
+    def refused(self):
+        """How many messages of streams were."""
+        found = self.found("sample", topic=RESULT)
+        told = [codec_of(COMMAND_RESULT).decode(bytes.fromhex(each["cdr"])) for each in found]
+        return [each["outcome"] for each in told].count("refused")
+
     def phase(self):
         return self.newest(f"{NODE}/state/status", STATUS)["phase"]
 
