@@ -14,10 +14,11 @@ WITHIN_S = 40.0
 PERIOD_S = 0.002
 
 STOOD_STILL = "stood still for"
-"""In a session's words for why a motion has ended or has not begun: nobody served the arm for longer
-than `stall_s`, as the computer did nothing."""
+"""In a session's words for why a motion has ended or has not begun: nobody served the arm for
+longer than `stall_s`, as the computer did nothing."""
 TRIES = 10
-"""Of an act that takes a second or two: a computer that cuts all of them short is none to test on."""
+"""Of an act that takes some seconds: a computer that cuts all of them short is none to test on."""
+ZERO_PERIOD_S = 0.05
 
 _T = TypeVar("_T")
 
@@ -46,3 +47,21 @@ def done_again(act: Callable[[], _T], reason: Callable[[_T], str] = str) -> _T:
             if STOOD_STILL not in said:
                 return answer
     raise AssertionError(f"{TRIES} times: {said}")
+
+
+def until_streamed(
+    found: Callable[[], _T],
+    outcomes: Callable[[], list[str]],
+    zero: Callable[[], object],
+    what: str,
+) -> _T:
+    """`until`, of an arm that a program streams to: where it was refused last, as what goes on
+    streaming is after the computer stood still, `zero` has the program send that first."""
+
+    def streamed() -> _T:
+        if outcomes()[-1:] == ["refused"]:
+            zero()  # It may be displaced by the next message, and then it is sent again.
+            threading.Event().wait(ZERO_PERIOD_S)
+        return found()
+
+    return until(streamed, what)
