@@ -83,8 +83,9 @@ class Lab:
         return done.stdout + done.stderr
 
 
-def gone(arm, pose):
+def gone(lab, arm, pose):
     """Go there; why not, or ""."""
+    until(lambda: lab.row("one")["phase"] in ("disarmed", "holding"), "the arm's rest")
     motion = arm.movj(pose)
     arm.wait()
     return motion.reason
@@ -245,7 +246,7 @@ def test_who_waits_for_a_session_that_is_killed_is_told_at_once(one):
 def test_a_motion_that_waited_while_its_session_stood_still_is_not_begun(one):
     one.until("one", phase="disarmed")
     with DaemonArm("one", path=one.socket) as arm:
-        done_again(lambda: gone(arm, HERE))
+        done_again(lambda: gone(one, arm, HERE))
     one.until("one", authority="")
     pid = one.row("one")["pid"]
     with ControlClient(one.socket) as client:
