@@ -158,7 +158,7 @@ def _again(times: list[float], away: list[float], commands: list[int]) -> float:
             heard = commands[last] - commands[since]
             return times[since] <= when - RESTS_S and heard >= HEARD
 
-        while lasted(first + 1):
+        while first < last and lasted(first + 1):
             first += 1
         if lasted(first) and abs(away[last] - away[first]) < STANDS_M_S * RESTS_S:
             return away[last]
