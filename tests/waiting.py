@@ -1,4 +1,4 @@
-"""Waiting for what another thread or process does, with a bound."""
+"""Waiting for what another thread or process does, with a bound; doing again what was cut short."""
 
 from __future__ import annotations
 
@@ -7,9 +7,18 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
+from cardan.errors import CardanError
+
 WITHIN_S = 40.0
 """A machine with other work to do starts processes slowly."""
 PERIOD_S = 0.002
+
+STOOD_STILL = "stood still for"
+"""In a session's words for why a motion has ended or has not begun: nobody served the arm for
+longer than `stall_s`, as the computer did nothing."""
+TRIES = 10
+"""Of an act that takes some seconds: a computer that cuts all of them short is none to test on."""
+ZERO_PERIOD_S = 0.05
 
 _T = TypeVar("_T")
 
@@ -21,3 +30,38 @@ def until(found: Callable[[], _T], what: str = "it", within_s: float = WITHIN_S)
         assert time.monotonic() < deadline_s, f"{what} did not happen"
         threading.Event().wait(PERIOD_S)
     return answer
+
+
+def done_again(act: Callable[[], _T], reason: Callable[[_T], str] = str) -> _T:
+    """What `act` gives, which is done again while the session says by `reason` of it, or as an
+    error, that it was cut short as the computer stood still. Anything else said stays as it is."""
+    for _ in range(TRIES):
+        try:
+            answer = act()
+        except CardanError as error:
+            if STOOD_STILL not in str(error):
+                raise
+            said = str(error)
+        else:
+            said = reason(answer)
+            if STOOD_STILL not in said:
+                return answer
+    raise AssertionError(f"{TRIES} times: {said}")
+
+
+def until_streamed(
+    found: Callable[[], _T],
+    outcomes: Callable[[], list[str]],
+    zero: Callable[[], object],
+    what: str,
+) -> _T:
+    """`until`, of an arm that a program streams to: where it was refused last, as what goes on
+    streaming is after the computer stood still, `zero` has the program send that first."""
+
+    def streamed() -> _T:
+        if outcomes()[-1:] == ["refused"]:
+            zero()  # It may be displaced by the next message, and then it is sent again.
+            threading.Event().wait(ZERO_PERIOD_S)
+        return found()
+
+    return until(streamed, what)

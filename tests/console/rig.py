@@ -35,9 +35,9 @@ KEPT_S = 30.0
 
 STANDS_M_S = 0.001
 RESTS_S = 0.25
-HEARD = 10
-"""An arm that stands for RESTS_S in which so many commands reach its controller rests: one also
-stands while a busy computer keeps the session from its work."""
+HEARD = 60
+"""An arm that stands for RESTS_S, and while so many commands reach its controller, of 250 each
+second, rests: one also stands while the computer does, or keeps the session from its work."""
 
 SESSION = """
 [robot]
@@ -153,10 +153,14 @@ def _again(times: list[float], away: list[float], commands: list[int]) -> float:
     """How far from its last place the arm was when it first rested."""
     first = 0
     for last, when in enumerate(times):
-        while times[first] < when - RESTS_S:
+
+        def lasted(since: int, last: int = last, when: float = when) -> bool:
+            heard = commands[last] - commands[since]
+            return times[since] <= when - RESTS_S and heard >= HEARD
+
+        while first < last and lasted(first + 1):
             first += 1
-        stands = abs(away[last] - away[first]) < STANDS_M_S * RESTS_S
-        if first and stands and commands[last] - commands[first] >= HEARD:
+        if lasted(first) and abs(away[last] - away[first]) < STANDS_M_S * RESTS_S:
             return away[last]
     return away[-1]
 

@@ -214,7 +214,7 @@ def test_its_program_ends_and_comes_again(arm):
     assert control.reuploadScript()
     until(control.isProgramRunning, "the program")
     arm.home()
-    assert control.setWatchdog(10.0)
+    assert control.setWatchdog(1.0)
     for _ in range(10):
         assert control.kickWatchdog()
         time.sleep(0.05)

@@ -19,7 +19,7 @@ import pytest
 from cardan.protocols.ros2.messages import completed
 from tests.judge_node import JudgeNode
 from tests.ros2_packages import write_packages
-from tests.waiting import until
+from tests.waiting import until, until_streamed
 
 ROOT, HERE = Path(__file__).parents[2], Path(__file__).parent
 KEPT = ("HOME", "PATH", "LANG", "TMPDIR")
@@ -138,7 +138,12 @@ class Operator(JudgeNode):
         begun = self.z()
         message = completed(TWIST, {"linear": {"z": speed}})
         self.do("publish", topic=VELOCITY, message=message, period_s=0.02)
-        until(lambda: (self.z() - begun) / speed > 0.2, "the motion")
+        until_streamed(
+            lambda: (self.z() - begun) / speed > 0.2,
+            lambda: [outcome for command, outcome in self.results() if command == "twist"],
+            lambda: self.do("publish", topic=VELOCITY, message=completed(TWIST, {})),
+            "the motion",
+        )
 
     def wait_for_authority(self) -> None:
         """Who moved the arm before, and was killed, has it for the lease."""

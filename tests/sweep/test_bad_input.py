@@ -13,6 +13,9 @@ import pytest
 
 zenoh = pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
 
+from websockets.exceptions import ConnectionClosed  # noqa: E402
+
+from cardan.gateway.arm.backlog import BACKLOGGED  # noqa: E402
 from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from cardan.protocols.ros2.messages import completed  # noqa: E402
 from cardan.protocols.ros2.zenoh import data_key  # noqa: E402
@@ -166,14 +169,19 @@ def test_frames_that_are_no_messages_are_refused_at_the_client(client, running, 
 
 
 @pytest.mark.usefixtures("nothing_moves")
-def test_a_flood_by_rosbridge_is_survived(client):
-    topic = f"{NODE}/command/movl"
-    for number in range(3000):
-        client.send("publish", topic=topic, type=POSE, msg={"position": {"x": 9.0 + number}})
-    assert said(client, "out of reach")
-    assert client.call(f"{NODE}/stop")["values"]["success"]
-    client.send("unsubscribe", topic=RESULT)
-    client.settle()
+def test_a_flood_by_rosbridge_is_survived(client, running):
+    topic, cut_off = f"{NODE}/command/movl", ""
+    try:
+        for number in range(3000):
+            client.send("publish", topic=topic, type=POSE, msg={"position": {"x": 9.0 + number}})
+        assert said(client, "out of reach")
+        assert client.call(f"{NODE}/stop")["values"]["success"]
+    except ConnectionClosed as closed:
+        # A computer with other things to do cannot handle them as fast as they come, and says so.
+        cut_off = str(closed)
+    assert not cut_off or BACKLOGGED in cut_off
+    with plain_client(running) as another:
+        assert another.call(f"{NODE}/stop")["values"]["success"]
 
 
 def test_a_client_that_dies_in_the_midst_of_a_stream_brakes_the_arm(running, session, watch):

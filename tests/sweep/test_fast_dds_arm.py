@@ -8,7 +8,7 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.robots import load_arm
 from tests.fastdds import FastNode
 from tests.sweep.plan import NODE, RESULT
-from tests.waiting import until
+from tests.waiting import until, until_streamed
 
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(120)]
 
@@ -28,6 +28,21 @@ class Program(FastNode):
 
     def z(self):
         return self.newest(f"{NODE}/state/pose", POSE)["pose"]["position"]["z"]
+
+    def results(self):
+        found = self.found("sample", topic=RESULT)
+        return [codec_of(COMMAND_RESULT).decode(bytes.fromhex(each["cdr"])) for each in found]
+
+    def stream(self, topic, z_m_s):
+        """Move the arm, until somebody ends it."""
+        begun = self.z()
+        self.publish(topic, TWIST, {"linear": {"z": z_m_s}}, count=100_000, period_ms=20)
+        until_streamed(
+            lambda: (self.z() - begun) / z_m_s > 0.2,
+            lambda: [each["outcome"] for each in self.results() if each["command"] == "twist"],
+            lambda: self.publish(topic, TWIST, {}),
+            "the motion",
+        )
 
     def phase(self):
         return self.newest(f"{NODE}/state/status", STATUS)["phase"]
@@ -63,9 +78,7 @@ def test_its_twist_moves_the_arm_while_it_is_there(program, session):
     program.advertise(topic, TWIST)
     program.wait("matched", topic=f"rt{topic}", kind="writer")
     session.choose("none")  # Its first command chooses the stream.
-    begun = program.z()
-    program.publish(topic, TWIST, {"linear": {"z": -0.05}}, count=100_000, period_ms=20)
-    until(lambda: program.z() < begun - 0.01, "the motion")
+    program.stream(topic, -0.05)
     program.kill()
     # What it published is fresh for 0.1 s; then the arm brakes, though DDS takes it for alive.
     session.rest()
@@ -79,9 +92,7 @@ def test_it_stops_the_arm_by_a_topic_as_services_do_not_reach_it(program, sessio
     program.do("client", f"{NODE}/stop", TRIGGER)
     program.wait("matched", topic=f"rq{NODE}/stopRequest", kind="writer")
     session.choose("none")
-    begun = program.z()
-    program.publish("/left/cmd_vel", TWIST, {"linear": {"z": 0.05}}, count=100_000, period_ms=20)
-    until(lambda: program.z() > begun + 0.01, "the motion")
+    program.stream("/left/cmd_vel", 0.05)
     program.request(f"{NODE}/stop", TRIGGER, {})
     assert program.wait("requested", written=1)["servers"] == 1
     higher = program.z()
@@ -89,8 +100,7 @@ def test_it_stops_the_arm_by_a_topic_as_services_do_not_reach_it(program, sessio
     program.publish(stop, EMPTY, {})
 
     def stopped():
-        found = program.found("sample", topic=RESULT)
-        told = [codec_of(COMMAND_RESULT).decode(bytes.fromhex(each["cdr"])) for each in found]
+        told = program.results()
         return [each for each in told if (each["command"], each["outcome"]) == ("stop", "done")]
 
     until(stopped, "the stop")

@@ -25,7 +25,7 @@ from tests.sweep.operators import (
     Lab,
     operator as made,
 )
-from tests.sweep.world import await_rest
+from tests.sweep.world import await_rest, rests, stamp_s, statuses
 from tests.waiting import until
 
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(120)]
@@ -122,11 +122,12 @@ def test_the_arm_is_on_its_graph_by_the_types_that_it_knows(operator, judge):
 @pytest.mark.real("jazzy")
 @by(*EVERY)
 def test_its_stream_moves_the_arm_while_it_is_there(operator, lab):
-    operator.stream(-0.05)
-    operator.kill()
-    killed_s = time.monotonic()
-    await_rest(lab.endpoint)
-    assert time.monotonic() - killed_s < REST_WITHIN_S
+    with statuses(lab.endpoint) as await_status:
+        operator.stream(-0.05)
+        killed_s = time.time()
+        operator.kill()
+        status = await_status(lambda told: rests(told) and stamp_s(told) > killed_s, "the rest")
+    assert stamp_s(status) - killed_s < REST_WITHIN_S
 
 
 @by(*EVERY)

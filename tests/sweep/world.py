@@ -59,21 +59,38 @@ STATUS = "cardan_msgs/msg/ArmStatus"
 RUMBLE = "sensor_msgs/msg/JoyFeedback"
 
 
-def await_status(endpoint: str, found: Callable[[Any], bool], what: str) -> None:
-    """Wait for a status of the arm."""
+@contextmanager
+def statuses(endpoint: str) -> Iterator[Callable[[Callable[[Any], bool], str], Any]]:
+    """What waits for a status of the arm, and gives it."""
     with BusNode(BusOptions(router=endpoint, listen=()), "waits") as node:
-        status = node.subscription(f"{NODE}/state/status", STATUS, 1)
+        heard = node.subscription(f"{NODE}/state/status", STATUS, 8)
 
-        def is_found() -> bool:
-            received = status.poll()
-            return received is not None and found(codec_of(STATUS).decode(received.data))
+        def await_status(found: Callable[[Any], bool], what: str) -> Any:
+            def newest() -> Any:
+                received = heard.poll()
+                status = codec_of(STATUS).decode(received.data) if received is not None else None
+                return status if status is not None and found(status) else None
 
-        until(is_found, what)
+            return until(newest, what)
+
+        yield await_status
+
+
+def rests(status: Any) -> bool:
+    """Whether the arm has come to rest."""
+    return status["phase"] in ("holding", "disarmed")
+
+
+def stamp_s(status: Any) -> float:
+    """When the session told it, by the clock of time.time()."""
+    stamp = status["header"]["stamp"]
+    return float(stamp["sec"] + 1e-9 * stamp["nanosec"])
 
 
 def await_rest(endpoint: str) -> None:
     """Wait until the arm has come to rest."""
-    await_status(endpoint, lambda status: status["phase"] in ("holding", "disarmed"), "the rest")
+    with statuses(endpoint) as await_status:
+        await_status(rests, "the rest")
 
 
 class World:
@@ -153,9 +170,8 @@ class World:
         ]
         self._call("release", "std_srvs/srv/Trigger", {})
         # Who moved it before, and was killed, has it for the lease.
-        await_status(
-            self.endpoint, lambda status: not status["authority"], "that nobody has the arm"
-        )
+        with statuses(self.endpoint) as await_status:
+            await_status(lambda status: not status["authority"], "that nobody has the arm")
         answer = self._call("set_parameters", SET, {"parameters": parameters})
         assert all(each["successful"] for each in answer["results"]), answer
 

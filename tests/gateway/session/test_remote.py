@@ -42,7 +42,7 @@ from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArm
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceCapabilities, DeviceLink, DeviceState
 from tests.serving import PATIENT, in_a_thread
-from tests.waiting import until
+from tests.waiting import STOOD_STILL, done_again, until
 
 pytestmark = pytest.mark.matrix
 
@@ -470,6 +470,18 @@ class Supervising:
     def is_moving(self):
         return bool(self.snapshots) and self.snapshots[-1].phase == "moving"
 
+    @property
+    def stood_still(self):
+        """The session's words for that, empty where it never said so."""
+        said = (each.message for each in self.snapshots)
+        return next((each for each in said if STOOD_STILL in each), "")
+
+    def until(self, found, what):
+        """Wait until `found` gives something that is true, or the session says that it stood
+        still; whether it did not say so."""
+        until(lambda: found() or self.stood_still, what)
+        return not self.stood_still
+
     def stop_for(self, seconds):
         """Stop it for so long; returns what the session said meanwhile, read after."""
         at_s, known = self.snapshots[-1].elapsed_s, len(self.snapshots)
@@ -496,17 +508,25 @@ def assert_it_rested(at_s, said, seconds):
 
 @pytest.mark.real
 def test_an_arm_moved_by_verbs_rests_while_its_program_is_stopped():
-    with Supervising(PROGRAM, EXAMPLE) as program:
-        until(program.is_moving, "motion")
-        assert_it_rested(*program.stop_for(1.6), 1.6)
-        assert not program.is_moving()
-        program.say()
-        until(lambda: "STREAM" in program.words)
-        assert program.words["MOTION"].startswith(
-            "aborted the process that supervises this session"
-        )
-        assert "choose this streaming command first" in program.words["STREAM"]
-        until(program.is_moving, "motion that was asked for anew")
+    def stopped():
+        with Supervising(PROGRAM, EXAMPLE) as program:
+            if not program.until(program.is_moving, "motion"):
+                return program.stood_still
+            told = program.stop_for(1.6)
+            if program.stood_still:
+                return program.stood_still
+            assert_it_rested(*told, 1.6)
+            assert not program.is_moving()
+            program.say()
+            until(lambda: "STREAM" in program.words)
+            assert program.words["MOTION"].startswith(
+                "aborted the process that supervises this session"
+            )
+            assert "choose this streaming command first" in program.words["STREAM"]
+            program.until(program.is_moving, "motion that was asked for anew")
+            return program.stood_still
+
+    assert done_again(stopped) == ""
 
 
 STREAMING = """
