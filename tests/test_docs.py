@@ -11,7 +11,6 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 from xml.etree import ElementTree
 
 import pytest
-import typer.main
 
 from cardan import cli
 from cardan.common.bounds import Range
@@ -31,6 +30,7 @@ from cardan.protocols import connexion, egm, simple_message as sm
 from cardan.sim_peers import registry as peers
 from cardan.types import Pose, Quaternion, Vector3
 from cardan_serial_mice.peer import SERIAL_FAULTS
+from tests.command_line import the_command_line
 from tests.docs_tables import ours
 from tests.ranges import ranges
 from tests.tutorials import steps
@@ -332,7 +332,7 @@ def test_every_option_of_a_peer_is_there(name, peer):
     told = section(text("simulated-peers.md"), "Options of every peer") + told_of(name)
     if not peer.scripts:
         told = re.sub(r"--(list-scripts|script)\b", "", told)
-    commands = typer.main.get_command(cli.app).commands["sim"].commands
+    commands = the_command_line().commands["sim"].commands
     offered = {
         option
         for each in peers.names()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import functools
 import os
 import re
 import shlex
@@ -13,10 +12,9 @@ import sys
 from pathlib import Path
 
 import pytest
-import typer.main
 from typer.core import TyperGroup
 
-from cardan import cli
+from tests.command_line import the_command_line
 from tests.docs_commands import AT_ONCE, BY_HAND, PEER, ROOT, RUN, commands
 from tests.serving import free_tcp_port, free_udp_port
 
@@ -73,11 +71,6 @@ def test_what_the_ledger_names_is_there(test):
 # -- commands of Cardan ------------------------------------------------------------------------
 
 
-@functools.cache
-def the_command_line():
-    return typer.main.get_command(cli.app)
-
-
 @pytest.mark.parametrize("command", OURS, ids=lambda each: each.line[:60])
 def test_the_command_line_takes_it(command):
     """Names, options and values, as far as that goes without running it."""
@@ -109,7 +102,7 @@ def here(tmp_path, monkeypatch):
 def run(line, capsys):
     """What the command prints."""
     with contextlib.suppress(SystemExit):
-        assert cli.app(shlex.split(line)[1:], standalone_mode=False) in (None, 0), line
+        assert the_command_line()(shlex.split(line)[1:], standalone_mode=False) in (None, 0), line
     return capsys.readouterr().out
 
 

@@ -10,12 +10,13 @@ import pytest
 import typer
 
 from cardan.bus.network import Topic
-from cardan.cli import app, bus
+from cardan.cli import bus
 from cardan.cli.common import print_json, print_table
 from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import revised
 from cardan.protocols.ros2.messages import completed
+from tests.command_line import the_command_line
 
 WITHOUT = {
     "run": "lives until it is ended; its session is read by the daemon or the network",
@@ -38,7 +39,7 @@ WITHOUT = {
 
 
 def test_every_command_has_it_or_a_reason_why_not():
-    commands = typer.main.get_command(app).commands
+    commands = the_command_line().commands
     has = {
         name
         for name, command in commands.items()
@@ -87,7 +88,7 @@ def test_a_table_as_json(capsys):
 def printed(capsys):
     def run(*words):
         with contextlib.suppress(typer.Exit):
-            app([*words], standalone_mode=False)
+            the_command_line()([*words], standalone_mode=False)
         return json.loads(capsys.readouterr().out)
 
     return run
@@ -107,7 +108,7 @@ def test_lists_and_checks_as_json(printed):
 @pytest.mark.parametrize("group", ["demo", "face", "sim"])
 def test_it_goes_with_a_list(group):
     with pytest.raises(ConfigurationError, match="--json: goes with --list"):
-        app([group, "--json"], standalone_mode=False)
+        the_command_line()([group, "--json"], standalone_mode=False)
 
 
 def test_echo_reads_feedback_of_every_distribution(monkeypatch, capsys):

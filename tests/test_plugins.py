@@ -1,15 +1,18 @@
 """Classes are found by name, ours and those of other packages."""
 
+import importlib.metadata
 import re
+import shutil
 import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
-from cardan.common.plugins import IN_SOURCE_TREE, Finder, reason
+from cardan.common.plugins import IN_SOURCE_TREE, Finder, entry_points, reason
 from cardan.common.signals import EndingSignalError
 from cardan.errors import ConfigurationError, ExtraMissingError
+from tests.installed import add_metadata
 
 if sys.version_info >= (3, 11):
     import tomllib
@@ -74,6 +77,18 @@ def test_entry_points_are_not_asked_for_what_is_built_in():
 
     finder = Finder(ArithmeticError, "trap", {"ours": "builtins:ZeroDivisionError"}, refuse)
     assert finder.load("ours") is ZeroDivisionError
+
+
+def test_packages_are_read_once_until_one_comes_or_goes(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    assert entry_points(group="cardan.of_a_test").names == set()
+    with monkeypatch.context() as patched:
+        patched.setattr(importlib.metadata, "entry_points", None)
+        assert entry_points(group="cardan.of_another").names == set()
+    add_metadata(tmp_path, "late", {"cardan.of_a_test": {"late": "decimal:Overflow"}})
+    assert entry_points(group="cardan.of_a_test").names == {"late"}
+    shutil.rmtree(tmp_path / "late-1.0.dist-info")
+    assert entry_points(group="cardan.of_a_test").names == set()
 
 
 def test_an_unknown_name_is_answered_with_those_there_are(finder):

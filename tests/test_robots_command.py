@@ -9,7 +9,6 @@ from pathlib import Path
 
 import pytest
 
-from cardan import cli
 from cardan.bus import description
 from cardan.bus.description import Description
 from cardan.bus.options import BusOptions
@@ -19,6 +18,7 @@ from cardan.own_arm.added import add, parse_limits
 from cardan.own_arm.ends import ends_of
 from cardan.robots import arm_names, load_arm
 from cardan.robots.urdf import read_tree
+from tests.command_line import the_command_line
 
 LIMIT = '<limit lower="-2" upper="2.5" velocity="1.5" effort="80"/>'
 
@@ -83,7 +83,7 @@ def here(tmp_path, monkeypatch):
 
 def cardan(capsys, *words):
     """What the command prints."""
-    cli.app(list(words), standalone_mode=False)
+    the_command_line()(list(words), standalone_mode=False)
     return capsys.readouterr().out
 
 

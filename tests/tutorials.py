@@ -15,7 +15,7 @@ from contextlib import ExitStack, contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from cardan import cli
+from tests.command_line import the_command_line
 from tests.docs_commands import AT_ONCE
 from tests.serving import free_tcp_port, free_udp_port
 
@@ -74,7 +74,9 @@ def said_here(command: str, folder: Path) -> str:
     """What a command that opens nothing prints; a process of its own would take a second."""
     printed = io.StringIO()
     with chdir(folder), redirect_stdout(printed), suppress(SystemExit):
-        assert cli.app(shlex.split(command)[1:], standalone_mode=False) in (None, 0), command
+        assert the_command_line()(shlex.split(command)[1:], standalone_mode=False) in (None, 0), (
+            command
+        )
     return printed.getvalue()
 
 

@@ -4,12 +4,11 @@ them, and how they are found."""
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from importlib.metadata import entry_points
 from typing import Protocol
 
 from cardan.bus.dds_options import DdsOptions
 from cardan.bus.node import Received
-from cardan.common.plugins import Finder
+from cardan.common.plugins import Finder, entry_points
 from cardan.protocols.ros2.zenoh import DEFAULT_QOS, Qos
 
 ENTRY_POINT_GROUP = "cardan.buses"

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib.metadata import EntryPoints, entry_points
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from typer.core import TyperGroup
 
 from cardan.cli.common import EPILOG
 from cardan.cli.declared import Commands
-from cardan.common.plugins import Finder
+from cardan.common.plugins import Finder, entry_points
 from cardan.errors import ConfigurationError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoints
 
 ENTRY_POINT_GROUP = "cardan.commands"
 

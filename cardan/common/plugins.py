@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import importlib
+import os
 import re
+import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, is_dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
@@ -16,7 +19,7 @@ from cardan.common.signals import EndingSignalError
 from cardan.errors import CardanError, ConfigurationError, ExtraMissingError
 
 if TYPE_CHECKING:
-    from importlib.metadata import EntryPoint
+    from importlib.metadata import EntryPoint, EntryPoints
 
 T = TypeVar("T")
 
@@ -96,6 +99,27 @@ class Loaded(Generic[T]):
     """What is installed and not used, as another one has its name."""
     lacking: dict[str, str] = field(default_factory=dict)
     """Those of `refused` that are whole and need an extra that is not installed: which."""
+
+
+def entry_points(group: str) -> EntryPoints:
+    """Those of installed packages. All packages are read once, and again when one has come or gone:
+    there may be hundreds, and each registry asks for a group of its own."""
+    return _all_entry_points(tuple(map(_state_of, sys.path))).select(group=group)
+
+
+def _state_of(folder: str) -> tuple[str, int]:
+    """A folder of sys.path, and when something came into it or went: 0 where it is none."""
+    try:
+        return folder, os.stat(folder or os.curdir).st_mtime_ns
+    except OSError:
+        return folder, 0
+
+
+@functools.lru_cache(maxsize=1)
+def _all_entry_points(_path: tuple[tuple[str, int], ...]) -> EntryPoints:
+    from importlib import metadata
+
+    return cast("EntryPoints", metadata.entry_points())
 
 
 class Finder(Generic[T]):

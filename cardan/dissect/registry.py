@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import logging
-from importlib.metadata import entry_points
 
-from cardan.common.plugins import Finder
+from cardan.common.plugins import Finder, entry_points
 from cardan.dissect.reader import Dissector
 
 ENTRY_POINT_GROUP = "cardan.dissect"
@@ -26,7 +24,7 @@ FINDER: Finder[Dissector] = Finder(
     Dissector,  # type: ignore[type-abstract]
     "dissector",
     BUILT_IN,
-    functools.cache(lambda: entry_points(group=ENTRY_POINT_GROUP)),
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
 )
 
 

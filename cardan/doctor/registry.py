@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
-
-from cardan.common.plugins import Finder
+from cardan.common.plugins import Finder, entry_points
 from cardan.doctor.base import Check
 
 ENTRY_POINT_GROUP = "cardan.checks"

@@ -5,15 +5,12 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from cardan.common.options import OTHER_KEYS, Options, hints, require
-from cardan.common.plugins import Finder
+from cardan.common.plugins import Finder, entry_points
 from cardan.drivers.base import Driver
 from cardan.errors import ConfigurationError, ExtraMissingError
-
-if TYPE_CHECKING:
-    from importlib.metadata import EntryPoints
 
 ENTRY_POINT_GROUP = "cardan.drivers"
 
@@ -54,17 +51,11 @@ class DriverTable(Options):
         return None
 
 
-def _installed() -> EntryPoints:
-    from importlib.metadata import entry_points
-
-    return entry_points(group=ENTRY_POINT_GROUP)
-
-
 FINDER: Finder[Driver] = Finder(
     Driver,  # type: ignore[type-abstract]
     "driver",
     BUILT_IN,
-    _installed,
+    lambda: entry_points(group=ENTRY_POINT_GROUP),
 )
 names, packages, load_all, using = FINDER.names, FINDER.packages, FINDER.load_all, FINDER.using
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from importlib.metadata import entry_points
 from typing import Any
 
-from cardan.common.plugins import Finder
+from cardan.common.plugins import Finder, entry_points
 from cardan.sim_peers.command import PeerCommand
 
 ENTRY_POINT_GROUP = "cardan.sim_peers"

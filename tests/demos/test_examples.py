@@ -8,7 +8,6 @@ from pathlib import Path
 import pytest
 import typer.main
 
-from cardan import cli
 from cardan.common.tables import as_table, as_toml, read_toml
 from cardan.demos import examples
 from cardan.demos.examples import (
@@ -20,6 +19,7 @@ from cardan.demos.examples import (
 from cardan.errors import ConfigurationError
 from cardan.gateway.daemon.layout import read_layout
 from cardan.gateway.session.config import parse_config
+from tests.command_line import the_command_line
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMOS = find_demos()
@@ -56,7 +56,7 @@ def test_a_demo_is_a_configuration_and_commands_that_are_allowed(name, tmp_path)
     if demo.launcher:
         launches.append([*shlex.split(demo.launcher), "--seconds", "1", "--", "program"])
     for words in launches:
-        command = typer.main.get_command(cli.app)
+        command = the_command_line()
         while hasattr(command, "commands"):
             command = command.get_command(typer.Context(command), words.pop(0))
         command.make_context(name, words)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import entry_points
 from typing import Any
 
 from cardan.common.options import OTHER_KEYS, Options, hints
-from cardan.common.plugins import Finder
+from cardan.common.plugins import Finder, entry_points
 from cardan.errors import ConfigurationError, ExtraMissingError
 from cardan.gateway.hand.filters.base import TwistFilter
 
