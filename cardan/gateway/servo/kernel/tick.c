@@ -97,6 +97,12 @@ static double fastest_closing(const Kernel *kernel, const double *v)
     return sum;
 }
 
+/* How far apart a pair is kept: only the first, which moves less, may be a body that others move. */
+static double kept_m(const Kernel *kernel, size_t pair)
+{
+    return kernel->pairs[pair].safety_m + kernel->grown_m[kernel->pairs[pair].first];
+}
+
 /* How fast the distance of a pair grows per joint speed: the nearest points of both bodies lie on
  * the normal, so one moment serves both. */
 static void gradient(const Kernel *kernel, size_t pair, double *row)
@@ -126,7 +132,7 @@ static void keep_most_urgent(Kernel *kernel, int count)
     for (int i = 0; i < count; i++) {
         size_t pair = (size_t)kernel->near[i];
         double speed = closing(kernel, pair, kernel->state.v);
-        kernel->room[i] = kernel->separations[pair].distance_m - kernel->pairs[pair].safety_m -
+        kernel->room[i] = kernel->separations[pair].distance_m - kept_m(kernel, pair) -
                           speed * speed / (2.0 * deceleration);
     }
     for (int i = 0; i < MAX_ROWS; i++) {
@@ -155,7 +161,8 @@ static void add_rows(Kernel *kernel, double dt_s)
     double deceleration = options->closing_deceleration_m_s2;
     double fastest = fastest_closing(kernel, state->v);
     double stop = fastest * (fastest / (2.0 * deceleration) + dt_s);
-    double farthest = fmax(options->influence_distance_m, options->safety_distance_m + stop);
+    double farthest = fmax(options->influence_distance_m, options->safety_distance_m + stop) +
+                      kernel->most_grown_m;
     kernel_separate(kernel, farthest);
     kernel->nearest_m = state->distance_m;
     int count = 0;
@@ -163,9 +170,10 @@ static void add_rows(Kernel *kernel, double dt_s)
         double distance = kernel->separations[i].distance_m;
         if (!(distance < farthest))
             continue;
-        if (!(distance < options->influence_distance_m)) {
+        double grown = kernel->grown_m[kernel->pairs[i].first];
+        if (!(distance < options->influence_distance_m + grown)) {
             double speed = closing(kernel, i, state->v);
-            if (!(distance - kernel->pairs[i].safety_m <
+            if (!(distance - kernel->pairs[i].safety_m - grown <
                   speed * (speed / (2.0 * deceleration) + dt_s)))
                 continue;
         }
@@ -182,8 +190,7 @@ static void add_rows(Kernel *kernel, double dt_s)
             programme->row[r][i] = 0.0;
         programme->row_name[r] = (int)pair;
         programme->least[r] = -stopping_speed(
-            kernel->separations[pair].distance_m - kernel->pairs[pair].safety_m, deceleration,
-            dt_s);
+            kernel->separations[pair].distance_m - kept_m(kernel, pair), deceleration, dt_s);
     }
     state->active = programme->rows = count;
 }
