@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from cardan.common.arm_libraries import coal, np, pin
@@ -72,9 +72,11 @@ class CollisionModel:
         obstacles: Iterable[Obstacle] = (),
         tool: Iterable[BodyShape] = (),
         movers: Iterable[BodyShape] = (),
+        ignored: Collection[tuple[str, str]] = (),
     ) -> None:
-        """`tool` are further shapes of the arm's bodies, as a gripper is of the last; `movers` those
-        of what others move, each in a frame that is at the base until it is moved (`move`)."""
+        """`tool` are further shapes of the arm's bodies, as a gripper is of the last; `movers`
+        those of what others move, each in a frame that is at the base until `move`.
+        `ignored`: names of a mover and of a shape of the arm that are not kept apart."""
         self.kinematics = kinematics
         arm, n = kinematics.arm, kinematics.joints
         self._geometry: Any = pin.GeometryModel()
@@ -91,12 +93,13 @@ class CollisionModel:
             self._add(mover.name, 0, mover.shape)
         self._local = [_coal_shape(each.shape)[1] for each in self.solids[self.first_mover :]]
         self._solid_grown_m = [0.0] * len(self.solids)
-        reach = _reach(arm, (*arm.shapes, *tool))
+        reach = reach_of(arm, (*arm.shapes, *tool))
         pairs = [
             (first, second)
             for first in range(len(self.solids))
             for second in range(first + 1, len(self.solids))
             if self._can_touch(first, second, fixed_to_base)
+            and (self.solids[second].name, self.solids[first].name) not in ignored
         ]
         # The body that moves more is the second of its pair.
         bodies = [solid.body for solid in self.solids]
@@ -233,7 +236,7 @@ def _coal_shape(shape: Shape | HalfSpace) -> tuple[Any, Any]:
     return coal_shape(shape)
 
 
-def _reach(arm: ArmModel, shapes: tuple[BodyShape, ...]) -> FloatArray:
+def reach_of(arm: ArmModel, shapes: tuple[BodyShape, ...]) -> FloatArray:
     """Farthest any point of each shape can be from each joint's axis (1.0 for a prismatic one:
     metres per metre), whatever the joints between them do. n × shapes."""
     n = len(arm.joints)
