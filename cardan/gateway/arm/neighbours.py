@@ -5,9 +5,9 @@ which messages have in their stamps, in ns.
 
 A neighbour is where its newest joint states have it, and by now may be elsewhere. So each of its
 bodies is kept farther away than an obstacle at rest, by the way that it may go until this arm moves
-next, and by that in which it stops: u·t + u²/(2·a). Of a body, u is the speed of its fastest point;
-t is the age of the state and a cycle; a is the deceleration that a servo expects of bodies that
-close in. What a neighbour gains in speed within t is not in it: that is the safety distance's.
+next, and by that in which it stops: u·t + u²/(2·a). Of a body, u is the speed of its fastest point,
+and a·t that it may gain; t is the age of the state and a cycle; a is the deceleration that a servo
+expects of bodies that close in. So even one at rest is kept away some mm more than an obstacle.
 """
 
 from __future__ import annotations
@@ -63,6 +63,7 @@ class NeighbourBodies:
         """Each in the frame of its body."""
         self._base = to_se3(IDENTITY_POSE if base is None else base)
         self._reach = reach_of(model, self.shapes)
+        self._moves = (self._reach > 0.0).any(axis=0)
         hulls = [_hull(each.shape) for each in self.shapes]
         counts = [len(points) for points, _ in hulls]
         self._points = np.array([point for points, _ in hulls for point in points])
@@ -105,7 +106,9 @@ class NeighbourBodies:
 
     def ways_m(self, speeds_m_s: FloatArray, time_s: float) -> list[float]:
         """How far each of `shapes` may go in `time_s` at its speed, and until it stops then."""
-        way = speeds_m_s * time_s + speeds_m_s * speeds_m_s / (2.0 * self._deceleration_m_s2)
+        deceleration_m_s2 = self._deceleration_m_s2
+        speeds = speeds_m_s + deceleration_m_s2 * time_s * self._moves
+        way = speeds * time_s + speeds * speeds / (2.0 * deceleration_m_s2)
         found: list[float] = np.minimum(way, FARTHEST_M).tolist()
         return found
 

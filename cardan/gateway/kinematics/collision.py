@@ -168,11 +168,13 @@ class CollisionModel:
         return list(map(_MIN_DISTANCE, self._results))
 
     def closest(self) -> Closest:
-        """The nearest pair of the last `update`."""
+        """The nearest pair of the last `update`; what others move counts as near as it is less
+        how much farther away it is kept."""
         if not self.distances:
             return Closest(math.inf, ("", ""))
-        distance = min(self.distances)
-        return Closest(distance, self.pairs[self.distances.index(distance)])
+        left = list(map(operator.sub, self.distances, self.grown_m))
+        nearest = left.index(min(left))
+        return Closest(self.distances[nearest], self.pairs[nearest])
 
     def gradients(self, pairs: list[int], out: FloatArray) -> None:
         """How fast the distance of each of `pairs` grows per joint speed, where last updated.

@@ -174,13 +174,21 @@ def surface(shape, generator):
 
 
 def test_the_way_is_that_of_the_age_and_of_the_stop():
-    speeds = np.full(len(BODIES.shapes), 0.5)
+    speeds = np.full(len(MODEL.shapes) - 1, 0.5)
     fast, slow = (NeighbourBodies("it", MODEL, None, share) for share in (1.0, 0.1))
     way = fast.ways_m(speeds, 0.1)[0]
     assert way > 0.05
     assert slow.ways_m(speeds, 0.1)[0] > way
-    assert fast.ways_m(speeds, 0.2)[0] == pytest.approx(way + 0.05)
-    assert fast.ways_m(0.0 * speeds, 9.0) == [0.0] * len(speeds)
+    # 2 m/s² for 0.1 s: 0.7 m/s, of which it stops in 0.1225 m.
+    assert way == pytest.approx(0.07 + 0.1225)
+    assert fast.ways_m(0.0 * speeds, 0.01)[0] == pytest.approx(0.0003)
+
+
+def test_what_does_not_move_is_as_any_obstacle():
+    apart = Pose(Vector3(1.0, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
+    bodies = NeighbourBodies("it", MODEL, apart)
+    ways = bodies.ways_m(bodies.fastest_m_s, 0.1)
+    assert [way == 0.0 for way in ways] == [shape.body == 0 for shape in bodies.shapes]
 
 
 def test_of_one_robot_only_what_moves_is_taken_and_of_another_one_all():

@@ -49,7 +49,8 @@ struct Kernel {
 };
 
 /* Distances of all pairs at `kernel->pose`: that of the nearest, and those below `far_m`, exact; the
- * others are larger than both, and no more is known of them. */
+ * others are larger than both, and no more is known of them. What others move counts as near as it
+ * is less how much farther away it is kept. */
 void kernel_separate(Kernel *kernel, double far_m);
 
 #endif
