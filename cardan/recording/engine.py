@@ -37,11 +37,23 @@ ENGINE = "/engine"
 
 _STRING = "std_msgs/msg/String"
 
+
+def _place_neighbour(controller: ArmController, text: str) -> None:
+    try:
+        index, joints, ways_m = json.loads(text)
+        controller.place_neighbour(index, joints, ways_m)
+    except (ValueError, TypeError, IndexError, RecursionError):
+        raise CaptureError(
+            f"the record has no neighbour's joints and ways in {text!r:.80}"
+        ) from None
+
+
 REPEATED: Mapping[str, Callable[[ArmController, str], object]] = {
     "request_stop": lambda controller, reason: controller.request_stop(reason),
     "stop": lambda controller, reason: controller.stop(reason),
     "trip": lambda controller, reason: controller.trip(reason),
     "hold_off": lambda controller, reason: controller.hold_off(reason),
+    "place_neighbour": _place_neighbour,
     "suspend": lambda controller, _reason: controller.suspend(),
     "acknowledge": lambda controller, _reason: controller.acknowledge(),
 }

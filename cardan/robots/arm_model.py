@@ -213,6 +213,26 @@ class ArmModel(NamedTuple):
         words = f"{len(bare)} of {len(self.solid_links)} links have no body: {', '.join(bare)}"
         return "; ".join((words, *self.missing_meshes))
 
+    def without(self, other: ArmModel) -> ArmModel:
+        """Without what `other`, an arm of the same robot, moves: links that are held here."""
+        theirs = {shape.name for shape in other.shapes if shape.body > 0}
+        kept = [
+            number
+            for number, shape in enumerate(self.shapes)
+            if shape.body > 0 or shape.name not in theirs
+        ]
+        now = {number: index for index, number in enumerate(kept)}
+
+        def renumbered(pairs: frozenset[tuple[int, int]]) -> frozenset[tuple[int, int]]:
+            return frozenset((now[a], now[b]) for a, b in pairs if a in now and b in now)
+
+        return self._replace(
+            shapes=tuple(self.shapes[number] for number in kept),
+            disabled_shapes=renumbered(self.disabled_shapes),
+            touching_shapes=renumbered(self.touching_shapes),
+            held_rows=tuple(row for row in self.held_rows if row[0] not in other.joint_names),
+        )
+
     def require_bodies(self, key: str) -> None:
         """Raise ConfigurationError of the setting `key` where links have no body."""
         if bare := self.links_without_body():

@@ -18,6 +18,7 @@ from cardan.gateway.arm.body import (
     FollowingError,
 )
 from cardan.gateway.arm.gate import GateLimits
+from cardan.gateway.arm.neighbours import NeighbourBodies
 from cardan.gateway.kinematics.base import FloatArray, Kinematics, short_way, to_pose
 from cardan.gateway.motion.reference import Reference
 from cardan.gateway.servo.choice import AnyServo
@@ -80,11 +81,13 @@ class ArmBody(Body):
         *,
         sent_as: Kinematics | None = None,
         tcp_tolerance_m: float | None = None,
+        neighbours: Sequence[NeighbourBodies] = (),
     ) -> None:
         """`kinds` are the commands that the robot takes, at least one of PREFERRED; `lag_s` is how
         far it may be behind them in good order. `sent_as`: the kinematics whose TCP the robot's
         own controller knows, where that is not the servo's. `tcp_tolerance_m`: most that the
-        robot's TCP may differ from the model's; None: by the kind of command.
+        robot's TCP may differ from the model's; None: by the kind of command. `neighbours`: other
+        arms, whose bodies are the movers of the servo's collision model, in this order.
         """
         self.servo = servo
         self.kind = next((kind for kind in PREFERRED if kind in kinds), None)
@@ -98,6 +101,7 @@ class ArmBody(Body):
         self._fastest: list[float] = self._highest.tolist()
         self._continuous: list[bool] = servo.kinematics.continuous.tolist()
         self._still = np.zeros(servo.joints)
+        self.neighbours = neighbours
         self._sent: FloatArray | None = None
         self._relaxed = getattr(servo.kinematics, "relaxed", None)
         self._lag = ResponseLag(lag_s, servo.kinematics.continuous)
@@ -152,6 +156,10 @@ class ArmBody(Body):
             tuple(bounds.velocity.tolist()),
             tuple(bounds.acceleration.tolist()),
         )
+
+    def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
+        first = sum(len(each.shapes) for each in self.neighbours[:index])
+        self.servo.move(first, self.neighbours[index].frames(joints), ways_m)
 
     # -- what is measured ------------------------------------------------------------------------
 

@@ -7,7 +7,7 @@ that is sent poses and has no model moves as a free pose.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
@@ -126,6 +126,11 @@ class Body(ABC):
 
         `new`: the robot was not commanded before, so tool and model are compared as well.
         """
+
+    def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
+        """Keep away from the neighbour of this number where it is at `joints` (rad or m), though
+        each of its bodies may go as far as `ways_m` says. Only an arm's model has neighbours."""
+        raise IndexError(f"there is no neighbour {index}")
 
     @abstractmethod
     def measured(self, state: RobotState) -> Pose:

@@ -13,6 +13,7 @@ that ends in a braking ramp and a hold, and going on takes a deliberate act.
 from __future__ import annotations
 
 import contextlib
+import json
 import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
@@ -308,6 +309,14 @@ class ArmController:
         if reason != self._held_off:
             self.note("hold_off", reason)
         self._held_off = reason
+
+    def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
+        """From the next tick on keep away from a neighbour where it is at `joints`, as
+        :class:`cardan.gateway.arm.arm_body.ArmBody` does."""
+        with self.lock:
+            if self.witness is not None:
+                self.note("place_neighbour", json.dumps((index, joints, ways_m)))
+            self.body.place_neighbour(index, joints, ways_m)
 
     def suspend(self) -> None:
         """Ignore the operator's motion in the next tick; after it, teleoperation goes on as

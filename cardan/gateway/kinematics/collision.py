@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from cardan.common.arm_libraries import coal, np, pin
 from cardan.errors import below
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.base import FloatArray
+from cardan.gateway.kinematics.base import SE3, FloatArray
 from cardan.robots import ArmModel, BodyShape, Box, Capsule, JointKind, Shape
 from cardan.robots.arm_bodies import coal_shape
 from cardan.spatial import norm
@@ -71,24 +71,35 @@ class CollisionModel:
         kinematics: ArmKinematics,
         obstacles: Iterable[Obstacle] = (),
         tool: Iterable[BodyShape] = (),
+        movers: Iterable[BodyShape] = (),
+        ignored: Collection[tuple[str, str]] = (),
     ) -> None:
-        """`tool` are further shapes of the arm's bodies, as a gripper is of the last."""
+        """`tool` are further shapes of the arm's bodies, as a gripper is of the last; `movers`
+        those of what others move, each in a frame that is at the base until `move`.
+        `ignored`: names of a mover and of a shape of the arm that are not kept apart."""
         self.kinematics = kinematics
         arm, n = kinematics.arm, kinematics.joints
         self._geometry: Any = pin.GeometryModel()
         self.solids: list[Solid] = []
-        """The arm's shapes, the tool's, and the obstacles."""
+        """The arm's shapes, the tool's, the obstacles, and what others move."""
         for shape in (*arm.shapes, *tool):
             self._add(shape.name, shape.body, shape.shape)
         fixed_to_base = len(self.solids)
         for obstacle in obstacles:
             self._add(obstacle.name, 0, obstacle.shape)
-        reach = _reach(arm, (*arm.shapes, *tool))
+        self.first_mover = len(self.solids)
+        """Where in `solids` the movers begin; they are the last."""
+        for mover in movers:
+            self._add(mover.name, 0, mover.shape)
+        self._local = [_coal_shape(each.shape)[1] for each in self.solids[self.first_mover :]]
+        self._solid_grown_m = [0.0] * len(self.solids)
+        reach = reach_of(arm, (*arm.shapes, *tool))
         pairs = [
             (first, second)
             for first in range(len(self.solids))
             for second in range(first + 1, len(self.solids))
             if self._can_touch(first, second, fixed_to_base)
+            and (self.solids[second].name, self.solids[first].name) not in ignored
         ]
         # The body that moves more is the second of its pair.
         bodies = [solid.body for solid in self.solids]
@@ -105,6 +116,8 @@ class CollisionModel:
         """Where in `solids` the two of each pair are."""
         self.with_obstacle = np.array([b >= fixed_to_base or a >= fixed_to_base for a, b in pairs])
         """True for pairs of which one is an obstacle, False within the arm."""
+        self.grown_m: list[float] = [0.0] * len(pairs)
+        """How much farther apart than others each pair is kept, for what moves by itself, m."""
         self._masks = masks
         self.sweeps = sweeps
         """How much nearer each pair can come per motion of each joint, at most; pairs × n."""
@@ -131,6 +144,15 @@ class CollisionModel:
             return True  # An obstacle against a body of the arm.
         return self.kinematics.arm.keeps_apart(bodies, (first, second))
 
+    def move(self, first: int, frames: Sequence[SE3], grown_m: Sequence[float]) -> None:
+        """Put movers, from `first` of them on, where the `frames` that they are in are now, in the
+        base, and keep each farther away by `grown_m`."""
+        objects = self._geometry.geometryObjects
+        for index, (frame, grown) in enumerate(zip(frames, grown_m, strict=True), first):
+            objects[self.first_mover + index].placement = frame * self._local[index]
+            self._solid_grown_m[self.first_mover + index] = grown
+        self.grown_m = [self._solid_grown_m[one] for one, _ in self.pair_solids]
+
     def update(self) -> list[float]:
         """Distances of all pairs where the kinematics was last updated, m; negative: overlap."""
         pin.updateGeometryPlacements(
@@ -146,11 +168,13 @@ class CollisionModel:
         return list(map(_MIN_DISTANCE, self._results))
 
     def closest(self) -> Closest:
-        """The nearest pair of the last `update`."""
+        """The nearest pair of the last `update`; what others move counts as near as it is less
+        how much farther away it is kept."""
         if not self.distances:
             return Closest(math.inf, ("", ""))
-        distance = min(self.distances)
-        return Closest(distance, self.pairs[self.distances.index(distance)])
+        left = list(map(operator.sub, self.distances, self.grown_m))
+        nearest = left.index(min(left))
+        return Closest(self.distances[nearest], self.pairs[nearest])
 
     def gradients(self, pairs: list[int], out: FloatArray) -> None:
         """How fast the distance of each of `pairs` grows per joint speed, where last updated.
@@ -214,7 +238,7 @@ def _coal_shape(shape: Shape | HalfSpace) -> tuple[Any, Any]:
     return coal_shape(shape)
 
 
-def _reach(arm: ArmModel, shapes: tuple[BodyShape, ...]) -> FloatArray:
+def reach_of(arm: ArmModel, shapes: tuple[BodyShape, ...]) -> FloatArray:
     """Farthest any point of each shape can be from each joint's axis (1.0 for a prismatic one:
     metres per metre), whatever the joints between them do. n × shapes."""
     n = len(arm.joints)

@@ -96,6 +96,8 @@ class CompiledServo:
         self._numbers = layout.CState.goal_position.offset
         self._pose_joints = layout.CState.pose_joints.offset
         self._joints = struct.Struct(f"{n}d")
+        movers = 0 if collision is None else len(collision.solids) - collision.first_mover
+        self._placements, self._grown_m = np.zeros((movers, 12)), np.zeros(movers)
         self.policy = options.policy
         self._tool: Pose | None = None
         self._take_tool()
@@ -128,6 +130,24 @@ class CompiledServo:
             self._take_tool()
         if not self._library.kernel_place(self._handle, self._checked("joint positions", q)):
             raise ValueError(f"joint positions {list(q)} are not numbers of at most 1e9")
+
+    def move(self, first: int, frames: Sequence[SE3], grown_m: Sequence[float]) -> None:
+        """As CollisionModel.move, between two ticks: of the kernel's bodies, not of `collision`,
+        which the kernel does not ask. Raises ValueError for what is no placement or distance."""
+        if self.collision is None:
+            return
+        placements, grown = self._placements[: len(frames)], self._grown_m[: len(grown_m)]
+        for row, frame in zip(placements, frames, strict=True):
+            row[:9], row[9:] = frame.rotation.ravel(), frame.translation
+        grown[:] = grown_m
+        if not self._library.kernel_move(
+            self._handle,
+            self.collision.first_mover + first,
+            len(frames),
+            placements.ctypes.data,
+            grown.ctypes.data,
+        ):
+            raise ValueError("a body cannot be where numbers are none, or be kept closer")
 
     @property
     def placement(self) -> SE3:

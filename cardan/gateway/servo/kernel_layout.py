@@ -11,6 +11,9 @@ UNKNOWNS, CONSTRAINTS = MAX_JOINTS + MAX_PARTS, MAX_JOINTS + MAX_PARTS + MAX_ROW
 _JOINTS = c_double * MAX_JOINTS
 _THREE, _FOUR, _SIX, _NINE = c_double * 3, c_double * 4, c_double * 6, c_double * 9
 
+MAX_SHAPES, MAX_PAIRS = 256, 4096
+"""Most that it keeps apart."""
+
 CAPSULE, BOX, HALF_SPACE = range(3)
 
 SLIDE, WITH_RATE = 1, 2

@@ -36,6 +36,7 @@ def kernel_library() -> Any:
         ("kernel_set_tool", c_int32, (c_void_p, numbers, numbers)),
         ("kernel_place", c_int32, (c_void_p, numbers)),
         ("kernel_move_at", c_int32, (c_void_p, numbers)),
+        ("kernel_move", c_int32, (c_void_p, c_size_t, c_size_t, c_void_p, c_void_p)),
         ("kernel_tick", c_double, (c_void_p, c_double, c_int32)),
         ("kernel_tick_joints", c_double, (c_void_p, c_double)),
         ("kernel_brake", None, (c_void_p, c_double)),

@@ -182,6 +182,11 @@ class Servo:
         self._closing_m_s2 = closing_deceleration(options, self.bounds)
         self._safety = [] if collision is None else safety_distances(options, collision)
 
+    def move(self, first: int, frames: Sequence[SE3], grown_m: Sequence[float]) -> None:
+        """As CollisionModel.move, between two ticks."""
+        if self.collision is not None:
+            self.collision.move(first, frames, grown_m)
+
     def place(self, q: FloatArray) -> None:
         """Start from the joint positions `q`, at rest. Only while nothing is commanded."""
         self.q = np.array(q, dtype=float)
@@ -465,17 +470,20 @@ class Servo:
         self._nearest_m = min(distances)
         influence = options.influence_distance_m
         deceleration = self._closing_m_s2
-        safety = self._safety
+        safety, grown = self._safety, collision.grown_m
+        most_grown = max(grown)
+        if most_grown > 0.0:
+            safety = [kept + more for kept, more in zip(safety, grown, strict=True)]
         fastest = collision.fastest_closing(self.v)
         stop = fastest * (fastest / (2.0 * deceleration) + dt_s)
-        farthest = max(influence, options.safety_distance_m + stop)
+        farthest = max(influence, options.safety_distance_m + stop) + most_grown
         near = [pair for pair, distance in enumerate(distances) if distance < farthest]
         if farthest > influence and near:
             closing = collision.sweep(self.v)
             near = [
                 pair
                 for pair in near
-                if distances[pair] < influence
+                if distances[pair] < influence + grown[pair]
                 or distances[pair] - safety[pair]
                 < closing[pair] * (closing[pair] / (2.0 * deceleration) + dt_s)
             ]

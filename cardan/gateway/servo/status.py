@@ -27,7 +27,8 @@ class ServoStatus(NamedTuple):
     limiting_joints: tuple[str, ...]
     """Joints at a bound of speed, acceleration or range."""
     distance_m: float
-    """Distance of the nearest pair of bodies; infinite without any."""
+    """Distance of the nearest pair of bodies; infinite without any. What others move counts as
+    near as they may come."""
     nearest_pair: tuple[str, str]
     active_pairs: int
     error_m: float

@@ -58,6 +58,7 @@ from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.hand.mapping import AXES, GripperOptions, MappingOptions, Mode, TwistMapping
 from cardan.gateway.hand.position import mirrors, unfollowed
 from cardan.gateway.hand.source import HandSource
+from cardan.gateway.servo.kernel_layout import MAX_PAIRS, MAX_SHAPES
 from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.servo.status import SINGULAR
 from cardan.gateway.session.config import (
@@ -82,10 +83,13 @@ from cardan.types import (
 
 if TYPE_CHECKING:
     from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.arm.neighbours import NeighbourBodies
     from cardan.gateway.arm.options import ControllerOptions
     from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.base import Kinematics
-    from cardan.gateway.kinematics.collision import Obstacle
+    from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+    from cardan.gateway.session.neighbours import SessionNeighbours
     from cardan.gateway.session.network import SessionNetwork
 
 Part = TypeVar("Part")
@@ -307,7 +311,7 @@ def make_verbs(
     table, body = config.arm, controller.body
     assert table is not None
     assert isinstance(body, ArmBody)
-    model = narrowed(load_arm(table.model), robot.capabilities)
+    model = narrowed(_own_model(config), robot.capabilities)
     joints = tuple(
         joint._replace(
             velocity=joint.velocity * table.speed_share,
@@ -379,6 +383,21 @@ def make_network(
     return SessionNetwork(options, names, description, tool, offer, full, tables, around)
 
 
+def make_neighbours(
+    config: SessionConfig, robot: RobotDriver, controller: ArmController
+) -> SessionNeighbours | None:
+    """What hears the neighbours of a session's arm, not open yet; None without any."""
+    if not config.neighbours:
+        return None
+    from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.session.neighbours import SessionNeighbours
+
+    body = controller.body
+    assert isinstance(body, ArmBody)
+    period_s = robot.capabilities.period_s
+    return SessionNeighbours(config.neighbours, body.neighbours, controller, period_s)
+
+
 def has_output(table: GripperOptions, robot: RobotCapabilities) -> bool:
     """Whether the robot has the output that the gripper is on."""
     if isinstance(table.output, str):
@@ -411,29 +430,32 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     from cardan.common.arm_libraries import np
     from cardan.gateway.arm.arm_body import ArmBody
     from cardan.gateway.kinematics.arm import ArmKinematics
-    from cardan.gateway.kinematics.collision import CollisionModel
     from cardan.gateway.kinematics.soft_neck import SOFT_NECKS, SoftNeck, load_soft_neck
     from cardan.gateway.servo.choice import choose_servo
 
     kinematics: Kinematics
-    collision, posture = None, None
+    arm, collision, posture = None, None, None
+    neighbours = make_neighbour_bodies(config)
     try:
         if table.model in SOFT_NECKS:
             kinematics, weights = SoftNeck(load_soft_neck(table.model)), SoftNeck.TASK
-            if table.tool() != IDENTITY_POSE or config.obstacles:
-                raise ConfigurationError("", f"{table.model} takes neither tool nor obstacles")
+            if table.tool() != IDENTITY_POSE or config.obstacles or neighbours:
+                raise ConfigurationError(
+                    "", f"{table.model} takes neither tool nor obstacles nor neighbours"
+                )
         else:
-            model = load_arm(table.model)
+            model = _own_model(config)
             kinematics = arm = ArmKinematics(model, table.tool())
             weights = model.task.weights
-            if config.obstacles and not table.i_accept_links_without_bodies:
+            if (config.obstacles or neighbours) and not table.i_accept_links_without_bodies:
                 model.require_bodies("")
-            if table.collisions:
-                collision = CollisionModel(arm, [_obstacle(each) for each in config.obstacles])
             if len(model.joints) > FREE_JOINTS:
                 posture = np.array(model.home)
     except ConfigurationError as error:
         raise ConfigurationError("arm.model", str(error)) from None
+    if arm is not None and table.collisions:
+        collision = _collision(config, arm, neighbours)
+        _check_count(collision, bool(neighbours))
     able = robot.capabilities
     if able.joints != kinematics.joints:
         raise ConfigurationError(
@@ -445,7 +467,87 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     _take_limits(kinematics, able)
     servo = choose_servo(kinematics, collision, _servo_options(table), weights)
     servo.posture = posture
-    return ArmBody(servo, able.commands, able.lag_s, tcp_tolerance_m=table.tcp_tolerance_m)
+    body = ArmBody(
+        servo,
+        able.commands,
+        able.lag_s,
+        tcp_tolerance_m=table.tcp_tolerance_m,
+        neighbours=neighbours,
+    )
+    for index, each in enumerate(neighbours):
+        body.place_neighbour(index, each.model.home, [0.0] * len(each.shapes))
+    return body
+
+
+def make_neighbour_bodies(config: SessionConfig) -> list[NeighbourBodies]:
+    """The bodies of the arms of ``[[neighbours]]``."""
+    if not config.neighbours or config.arm is None:
+        return []
+    from cardan.gateway.arm.neighbours import NeighbourBodies
+
+    found = []
+    for index, table in enumerate(config.neighbours):
+        key = f"neighbours.{index}.model"
+        model = load_arm(table.model, key)
+        if not config.arm.i_accept_links_without_bodies:
+            model.require_bodies(key)
+        made = NeighbourBodies(table.name, model, table.base(), table.acceleration_share)
+        if not made.shapes:
+            raise ConfigurationError(key, f"no link of {table.model!r} that moves has a body")
+        found.append(made)
+    return found
+
+
+def _own_model(config: SessionConfig) -> ArmModel:
+    """Of a session's rigid arm, without the links of the same robot that a neighbour moves."""
+    assert config.arm is not None
+    model = load_arm(config.arm.model)
+    for each in config.neighbours:
+        if each.base_xyz_m is None:
+            model = model.without(load_arm(each.model))
+    return model
+
+
+def _collision(
+    config: SessionConfig, arm: ArmKinematics, neighbours: Sequence[NeighbourBodies]
+) -> CollisionModel:
+    """Of a session's arm, of the obstacles around it, and of its neighbours."""
+    from cardan.gateway.kinematics.collision import CollisionModel
+
+    ignored = set()
+    for index, (table, each) in enumerate(zip(config.neighbours, neighbours, strict=True)):
+        own = [shape.name for shape in arm.arm.shapes if shape.body > 0]
+        theirs = [shape.name for shape in each.model.shapes]
+        for pair in table.ignore:
+            for name, known, what in zip(
+                pair, (own, theirs), ("this arm that moves", f"{table.model!r}"), strict=True
+            ):
+                if name not in known:
+                    raise ConfigurationError(
+                        f"neighbours.{index}.ignore",
+                        f"there is no body {name!r} of {what}; allowed: "
+                        f"{', '.join(dict.fromkeys(known))}" + suggestion(name, known),
+                    )
+            ignored.add((each.label(pair[1]), pair[0]))
+    return CollisionModel(
+        arm,
+        [_obstacle(each) for each in config.obstacles],
+        movers=[shape for each in neighbours for shape in each.shapes],
+        ignored=ignored,
+    )
+
+
+def _check_count(collision: CollisionModel, neighbours: bool) -> None:
+    for count, most, what in (
+        (len(collision.solids), MAX_SHAPES, "bodies"),
+        (len(collision.pairs), MAX_PAIRS, "pairs of bodies"),
+    ):
+        if neighbours and count > most:
+            raise ConfigurationError(
+                "neighbours",
+                f"with them there are {count} {what} to keep apart, and at most {most} can be: set "
+                'fit = "coarse" in [collision] of the arms\' .toml files, or leave some out',
+            )
 
 
 def _servo_options(table: ArmTable) -> ServoOptions:
@@ -681,10 +783,12 @@ def cautions(config: SessionConfig) -> list[str]:
         for words in make_driver(table, key).cautions()
     ]
     if config.arm is not None and has_rigid_arm(config):
-        model = load_arm(config.arm.model, "arm.model")
+        load_arm(config.arm.model, "arm.model")
+        model = _own_model(config)
         obstacles = [_obstacle(each) for each in config.obstacles]
         words = arm_cautions(model, obstacles, config.arm.collisions)
         found += [f"arm: {each}" for each in words]
+        found += _touching_neighbours(config, model)
     return found
 
 
@@ -731,6 +835,32 @@ def _touching(model: ArmModel, obstacles: Sequence[Obstacle]) -> list[str]:
             f"motions there: {remedy}, or give another home_deg"
         )
     return found
+
+
+def _touching_neighbours(config: SessionConfig, model: ArmModel) -> list[str]:
+    """Bodies of neighbours that overlap with the arm's where both arms are at home."""
+    if not config.neighbours:
+        return []
+    from cardan.common.arm_libraries import np
+    from cardan.gateway.kinematics.arm import ArmKinematics
+
+    neighbours = make_neighbour_bodies(config)
+    bodies, first = _collision(config, ArmKinematics(model), neighbours), 0
+    for each in neighbours:
+        bodies.move(first, each.frames(each.model.home), [0.0] * len(each.shapes))
+        first += len(each.shapes)
+    least: dict[tuple[str, str], float] = {}
+    for names, (one, _), distance in zip(
+        bodies.pairs, bodies.pair_solids, bodies.at(np.array(model.home)), strict=True
+    ):
+        if one >= bodies.first_mover and distance < min(0.0, least.get(names, 0.0)):
+            least[names] = distance
+    return [
+        f"neighbours: at home {theirs} and {own} overlap by {distance * -1e3:.1f} mm, which ends "
+        "motions there: check base_xyz_m, or name the two in `ignore` if they do so in every "
+        "posture"
+        for (theirs, own), distance in least.items()
+    ]
 
 
 def _unbent(model: ArmModel) -> list[str]:

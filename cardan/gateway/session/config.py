@@ -16,7 +16,7 @@ from cardan.common.bounds import Angles, Coordinate, Direction
 from cardan.common.options import Options
 from cardan.common.tables import read_table
 from cardan.drivers.registry import DriverTable
-from cardan.errors import ConfigurationError
+from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.arm.arrival import ArrivalOptions
 from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.supervision import Watchdogs
@@ -34,6 +34,7 @@ from cardan.gateway.hand.filters.registry import FilterTable
 from cardan.gateway.hand.mapping import GripperAction, GripperOptions, MappingOptions, Mode
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import Policy, ServoOptions
+from cardan.protocols.ros2.names import RosNameError, checked_name
 from cardan.robots import SolidTable
 from cardan.spatial import from_euler_zyx
 from cardan.types import Pose, Vector3
@@ -96,6 +97,49 @@ class ObstacleTable(SolidTable):
 
 
 @dataclass(frozen=True, kw_only=True)
+class NeighbourTable(Options):
+    """One of ``[[neighbours]]``: another arm, whose moving bodies this one keeps away from."""
+
+    name: str
+    model: Annotated[str, bounds.ARM_FILE]
+    """One of our arms, or the path of a .toml or .urdf file."""
+    topic: str
+    """Of its joint states on the network: "/right/joint_states"."""
+    base_xyz_m: tuple[Coordinate, Coordinate, Coordinate] | None = None
+    """Where its model's base is in this arm's; None: both are arms of one robot, and their models
+    begin at the same link."""
+    base_rpy_deg: Angles = (0.0, 0.0, 0.0)
+    acceleration_share: Annotated[float, bounds.SHARE] = ServoOptions.acceleration_share
+    """Of its joints' accelerations, as its own session's [arm] has it: how late it stops."""
+    ignore: tuple[tuple[str, str], ...] = ()
+    """Pairs that are not kept apart, as they always touch: a body of this arm and one of it."""
+    max_age_s: Annotated[float, bounds.BLIND_S] = 0.15
+    """While its newest joint states are older, this arm brakes and is not moved."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.name:
+            raise OptionError("name", self.name, 'a name for messages: "right"')
+        try:
+            checked_name(self.topic)
+        except RosNameError:
+            raise OptionError(
+                "topic", self.topic, 'the name of a topic: "/right/joint_states"'
+            ) from None
+        if any(self.base_rpy_deg) and self.base_xyz_m is None:
+            raise OptionError(
+                "base_rpy_deg", self.base_rpy_deg, "given with base_xyz_m, where the base is"
+            )
+
+    def base(self) -> Pose | None:
+        """Of the neighbour in this arm's base; None: theirs is one."""
+        if self.base_xyz_m is None:
+            return None
+        x, y, z = (math.radians(angle) for angle in self.base_rpy_deg)
+        return Pose(Vector3(*self.base_xyz_m), from_euler_zyx(x, y, z))
+
+
+@dataclass(frozen=True, kw_only=True)
 class HapticConfig(Options):
     """What ``cardan haptic`` reads of a file: no robot is needed."""
 
@@ -136,6 +180,7 @@ class SessionConfig(Options):
     arm: ArmTable | None = None
     authority: AuthorityOptions = field(default_factory=AuthorityOptions)
     obstacles: tuple[ObstacleTable, ...] = ()
+    neighbours: tuple[NeighbourTable, ...] = ()
     mapping: MappingOptions = field(default_factory=MappingOptions)
     filters: tuple[FilterTable, ...] = ()
     """Shared control, applied in this order."""
@@ -175,6 +220,19 @@ class SessionConfig(Options):
                 "obstacles",
                 "only an arm's model keeps away from them: add [arm] with its model, and leave "
                 "arm.collisions on",
+            )
+        if self.neighbours and (self.arm is None or not self.arm.collisions):
+            raise ConfigurationError(
+                "neighbours",
+                "only an arm's model keeps away from them: add [arm] with its model, and leave "
+                "arm.collisions on",
+            )
+        names = [each.name for each in self.neighbours]
+        if len(set(names)) < len(names):
+            raise ConfigurationError("neighbours", "two have one name: name each differently")
+        if self.neighbours and self.network is None:
+            raise ConfigurationError(
+                "neighbours", "their joint states come from the network: add the table [network]"
             )
         self._check_buttons()
         self._check_limits()

@@ -48,6 +48,7 @@ from cardan.types import DeviceLink, DeviceState, Pose, RobotLink, RobotState, V
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
     from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.session.neighbours import SessionNeighbours
 
 _log = logging.getLogger(__name__)
 
@@ -135,10 +136,13 @@ class SessionNetwork:
         robot: RobotDriver,
         device: OperatorDevice | None,
         force: ForceSource | None = None,
+        neighbours: SessionNeighbours | None = None,
     ) -> None:
-        """Join the bus; `force`: the source of the session's measured force. Raises DriverError,
-        ConfigurationError, or ExtraMissingError."""
+        """Join the bus; `force`: the source of the session's measured force; `neighbours` are heard
+        there. Raises DriverError, ConfigurationError, or ExtraMissingError."""
         self._node.join()
+        if neighbours is not None:
+            neighbours.open(self._node)
         self._twins = Twins(self._node)
         self._twins.begin()
         if self.options.device and device is not None:

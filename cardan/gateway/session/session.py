@@ -52,6 +52,7 @@ from cardan.gateway.session.assembly import (
     make_controller,
     make_device,
     make_force,
+    make_neighbours,
     make_network,
     make_robot,
     make_verbs,
@@ -74,6 +75,7 @@ from cardan.types import (
 )
 
 if TYPE_CHECKING:  # Imports the messages of the network, which most sessions do without.
+    from cardan.gateway.session.neighbours import SessionNeighbours
     from cardan.gateway.session.network import SessionNetwork
 
 SNAPSHOT_PERIOD_S = 0.1
@@ -134,6 +136,8 @@ class Session:
             )
             worker = self._requests
             self._network = make_network(config, robot, worker.offer, lambda: worker.full)
+        self._neighbours = make_neighbours(config, robot, controller)
+        self._supervisor_fault = ""
         self._channel = channel
         self._force = force
         self._ticks = LatencyHistogram()
@@ -178,7 +182,7 @@ class Session:
                 opened.callback(self._network.close)
                 measured = None if self._force is None else self._force.measured
                 source = None if measured is None else measured.source
-                self._network.open(controller, self.robot, device, source)
+                self._network.open(controller, self.robot, device, source, self._neighbours)
             # The loop makes no cycles of references worth collecting, and a collection in it
             # costs milliseconds. All this comes before the robot is opened, because its
             # datagrams do not wait.
@@ -246,7 +250,10 @@ class Session:
         monotonic, tick_cost = time.monotonic, self._ticks.add
         input_age, live = self._input_ages.add, DeviceLink.LIVE
         requests, network = self._requests, self._network
+        neighbours = self._neighbours
         start_s = monotonic()
+        if neighbours is not None:
+            self._heed(neighbours, start_s)
         heartbeat = None
         if self._channel is not None:
             heartbeat = Heartbeat(controller.supervision.watchdogs.heartbeat_s, start_s)
@@ -296,6 +303,9 @@ class Session:
                 self._listen(heartbeat, now_s)
                 asked = requests is not None and requests.busy
                 next_listen_s = now_s if asked else now_s + LISTEN_PERIOD_S
+            if neighbours is not None:
+                neighbours.hear(now_s, time.time_ns())
+                self._heed(neighbours, now_s)
             if network is not None:
                 network.poll(now_s)
                 if hand is not None:
@@ -344,7 +354,14 @@ class Session:
                 pass
             except OSError:
                 pass  # _tell() finds out the same and ends the session.
-        self.controller.hold_off(heartbeat.fault(now_s))
+        self._supervisor_fault = heartbeat.fault(now_s)
+        if self._neighbours is None:
+            self.controller.hold_off(self._supervisor_fault)
+
+    def _heed(self, neighbours: SessionNeighbours, now_s: float) -> None:
+        """Place the neighbours; without them no source moves the arm either."""
+        fault = neighbours.turn(now_s)
+        self.controller.hold_off(self._supervisor_fault or fault)
 
     def _tcp(self, state: RobotState) -> Pose | None:
         """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or
@@ -479,6 +496,8 @@ class Session:
             s.diagnosis += [line for line in self._force.diagnosis() if line not in said]
             for name, value in self._force.report().items():
                 setattr(s, name, value)
+        if self._neighbours is not None:
+            s.diagnosis += self._neighbours.diagnosis()
         if self._network is not None:
             s.diagnosis += self._network.diagnosis()
             self._network.tell(s, time.monotonic(), time.time_ns())

@@ -17,6 +17,7 @@ from cardan.gateway.daemon.layout import read_layout
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from tests.gateway.daemon.test_serve import Lab
 from tests.programs import Program
+from tests.serving import free_endpoint
 from tests.waiting import until
 
 # Whole programs, which begin one after the other; all bounds are generous.
@@ -170,6 +171,36 @@ def test_two_mice_drive_two_arms_and_unplugging_one_stops_one(lab):
     left.do("set_axes", UP)
     lab.until_moved("left")
     assert lab.snapshot("right")["trips"] == 0
+
+
+def test_two_arms_that_know_each_other_move_while_they_hear_each_other(lab):
+    (left,) = lab.plug("left")
+    endpoint = free_endpoint()
+    text = (EXAMPLE / "neighbours.toml").read_text(encoding="utf-8")
+    text = text.replace("[faces.router]", f'[faces.router]\nendpoint = ["{endpoint}"]')
+    network = "[sessions.network]\n"
+    assert text.count(network) == 2
+    (lab.folder / "arms.toml").write_text(
+        text.replace(network, f'{network}router = "{endpoint}"\n')
+    )
+    lab.start(lab.folder / "arms.toml", EXAMPLE / "simulated-mice.toml")
+    # A state that is heard is what takes the words about the neighbour away.
+    lab.until_snapshot(
+        "left", lambda s: s["message"] and "neighbour" not in s["message"], "the neighbour's states"
+    )
+    lab.arm("left", left)
+    left.do("set_axes", UP)
+    lab.until_moved("left")
+    lab.ask("stop", "right")
+    lab.until_snapshot(
+        "left",
+        lambda s: s["phase"] == "disarmed" and "the neighbour right" in s["message"],
+        "the stop",
+    )
+    at = lab.snapshot("left")["joints_rad"]
+    lab.ask("start", "right")
+    lab.until_snapshot("left", lambda s: "neighbour" not in s["message"], "the return")
+    assert lab.snapshot("left")["joints_rad"] == pytest.approx(at, abs=1e-3)
 
 
 @pytest.mark.parametrize(("mice", "by"), [("mice", "serial"), ("simulated-mice", "path")])

@@ -151,8 +151,9 @@ static bool take_memory(Kernel *kernel, size_t shapes, size_t pairs)
     kernel->separations = calloc(pairs + 1, sizeof *kernel->separations);
     kernel->near = calloc(pairs + 1, sizeof *kernel->near);
     kernel->room = calloc(pairs + 1, sizeof *kernel->room);
+    kernel->grown_m = calloc(shapes + 1, sizeof *kernel->grown_m);
     return kernel->shapes && kernel->bodies && kernel->ahead && kernel->pairs &&
-           kernel->separations && kernel->near && kernel->room;
+           kernel->separations && kernel->near && kernel->room && kernel->grown_m;
 }
 
 Kernel *kernel_create(const KernelArm *arm, const KernelOptions *options,
@@ -217,7 +218,33 @@ void kernel_destroy(Kernel *kernel)
     free(kernel->separations);
     free(kernel->near);
     free(kernel->room);
+    free(kernel->grown_m);
     free(kernel);
+}
+
+int32_t kernel_move(Kernel *kernel, size_t first, size_t count, const double *placements,
+                    const double *grown_m)
+{
+    if (first > kernel->shape_count || count > kernel->shape_count - first ||
+        !all_within(grown_m, count, 0.0, LARGEST))
+        return false;
+    for (size_t i = 0; i < count; i++)
+        if (kernel->shapes[first + i].body != 0 || !is_rotation(placements + 12 * i) ||
+            !all_within(placements + 12 * i + 9, 3, -LARGEST, LARGEST))
+            return false;
+    for (size_t i = 0; i < count; i++) {
+        Placement placement;
+        memcpy(placement.rotation, placements + 12 * i, sizeof placement.rotation);
+        copy3(placements + 12 * i + 9, placement.position);
+        size_t shape = first + i;
+        body_place(&kernel->shapes[shape], &placement, &kernel->bodies[shape]);
+        kernel->ahead[shape] = kernel->bodies[shape];
+        kernel->grown_m[shape] = grown_m[i];
+    }
+    kernel->most_grown_m = 0.0;
+    for (size_t i = 0; i < kernel->shape_count; i++)
+        kernel->most_grown_m = fmax(kernel->most_grown_m, kernel->grown_m[i]);
+    return true;
 }
 
 KernelState *kernel_state(Kernel *kernel)

@@ -36,6 +36,8 @@ struct Kernel {
     size_t shape_count, pair_count;
     double farthest[MAX_JOINTS]; /* of all pairs' sweeps */
     double nearest_m;
+    double *grown_m; /* of each shape: how much farther away than its pairs' distance it is kept */
+    double most_grown_m;
     int ending, held; /* a joint's range bounds it; and is what slows the motion */
     double task[MAX_UNKNOWNS][6], back[6]; /* columns of the task, and the feedback, weighed */
     KernelShape *shapes;
@@ -47,7 +49,8 @@ struct Kernel {
 };
 
 /* Distances of all pairs at `kernel->pose`: that of the nearest, and those below `far_m`, exact; the
- * others are larger than both, and no more is known of them. */
+ * others are larger than both, and no more is known of them. What others move counts as near as it
+ * is less how much farther away it is kept. */
 void kernel_separate(Kernel *kernel, double far_m);
 
 #endif

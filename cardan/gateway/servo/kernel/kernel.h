@@ -128,6 +128,13 @@ KERNEL_API int32_t kernel_place(Kernel *kernel, const double *q);
 /* Go on at `v`. Likewise. */
 KERNEL_API int32_t kernel_move_at(Kernel *kernel, const double *v);
 
+/* Put `count` shapes of the base, from `first` on, elsewhere: for each the rotation (row by row) and
+ * position of the frame that it is in, and how much farther away than its pairs' distance it is
+ * kept. Not half-spaces, which stay. False, and nothing is changed, where a shape is another body's,
+ * a placement is none or a distance is not 0 or more. */
+KERNEL_API int32_t kernel_move(Kernel *kernel, size_t first, size_t count, const double *placements,
+                               const double *grown_m);
+
 /* Servo.tick, Servo.tick_joints and Servo.brake. The path speed. */
 KERNEL_API double kernel_tick(Kernel *kernel, double dt_s, int32_t flags);
 KERNEL_API double kernel_tick_joints(Kernel *kernel, double dt_s);

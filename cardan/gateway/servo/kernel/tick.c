@@ -53,12 +53,15 @@ static void separate(Kernel *kernel, const ChainPose *pose, Body *bodies)
             body_place(&kernel->shapes[i], &pose->bodies[kernel->shapes[i].body], &bodies[i]);
 }
 
+/* What its distance leaves of how much farther away it is kept than others. */
 static double separate_pair(Kernel *kernel, size_t i, double far_m)
 {
     const KernelPair *pair = &kernel->pairs[i];
     Separation *found = &kernel->separations[i];
-    body_separation(&kernel->bodies[pair->first], &kernel->bodies[pair->second], far_m, found);
-    return found->distance_m;
+    double grown_m = kernel->grown_m[pair->first];
+    body_separation(&kernel->bodies[pair->first], &kernel->bodies[pair->second], far_m + grown_m,
+                    found);
+    return found->distance_m - grown_m;
 }
 
 void kernel_separate(Kernel *kernel, double far_m)
@@ -68,17 +71,21 @@ void kernel_separate(Kernel *kernel, double far_m)
     int32_t before = kernel->state.nearest;
     bool known = before >= 0 && (size_t)before < kernel->pair_count;
     double least = known ? separate_pair(kernel, (size_t)before, INFINITY) : INFINITY;
-    kernel->state.nearest = -1;
-    kernel->state.distance_m = INFINITY;
+    if (!known)
+        kernel->state.nearest = -1;
     for (size_t i = 0; i < kernel->pair_count; i++) {
-        const Separation *found = &kernel->separations[i];
-        if (!known || i != (size_t)before)
-            least = fmin(least, separate_pair(kernel, i, fmax(far_m, least)));
-        if (found->distance_m < kernel->state.distance_m) {
-            kernel->state.distance_m = found->distance_m;
+        if (known && i == (size_t)before)
+            continue;
+        double left = separate_pair(kernel, i, fmax(far_m, least));
+        if (left < least) {
+            least = left;
             kernel->state.nearest = (int32_t)i;
         }
     }
+    kernel->nearest_m = least;
+    bool any = kernel->state.nearest >= 0;
+    kernel->state.distance_m =
+        any ? kernel->separations[kernel->state.nearest].distance_m : INFINITY;
 }
 
 static double closing(const Kernel *kernel, size_t pair, const double *v)
@@ -95,6 +102,12 @@ static double fastest_closing(const Kernel *kernel, const double *v)
     for (int i = 0; i < kernel->n; i++)
         sum += kernel->farthest[i] * fabs(v[i]);
     return sum;
+}
+
+/* How far apart a pair is kept: only the first, which moves less, may be a body that others move. */
+static double kept_m(const Kernel *kernel, size_t pair)
+{
+    return kernel->pairs[pair].safety_m + kernel->grown_m[kernel->pairs[pair].first];
 }
 
 /* How fast the distance of a pair grows per joint speed: the nearest points of both bodies lie on
@@ -126,7 +139,7 @@ static void keep_most_urgent(Kernel *kernel, int count)
     for (int i = 0; i < count; i++) {
         size_t pair = (size_t)kernel->near[i];
         double speed = closing(kernel, pair, kernel->state.v);
-        kernel->room[i] = kernel->separations[pair].distance_m - kernel->pairs[pair].safety_m -
+        kernel->room[i] = kernel->separations[pair].distance_m - kept_m(kernel, pair) -
                           speed * speed / (2.0 * deceleration);
     }
     for (int i = 0; i < MAX_ROWS; i++) {
@@ -155,17 +168,18 @@ static void add_rows(Kernel *kernel, double dt_s)
     double deceleration = options->closing_deceleration_m_s2;
     double fastest = fastest_closing(kernel, state->v);
     double stop = fastest * (fastest / (2.0 * deceleration) + dt_s);
-    double farthest = fmax(options->influence_distance_m, options->safety_distance_m + stop);
+    double farthest = fmax(options->influence_distance_m, options->safety_distance_m + stop) +
+                      kernel->most_grown_m;
     kernel_separate(kernel, farthest);
-    kernel->nearest_m = state->distance_m;
     int count = 0;
     for (size_t i = 0; i < kernel->pair_count; i++) {
         double distance = kernel->separations[i].distance_m;
         if (!(distance < farthest))
             continue;
-        if (!(distance < options->influence_distance_m)) {
+        double grown = kernel->grown_m[kernel->pairs[i].first];
+        if (!(distance < options->influence_distance_m + grown)) {
             double speed = closing(kernel, i, state->v);
-            if (!(distance - kernel->pairs[i].safety_m <
+            if (!(distance - kernel->pairs[i].safety_m - grown <
                   speed * (speed / (2.0 * deceleration) + dt_s)))
                 continue;
         }
@@ -182,8 +196,7 @@ static void add_rows(Kernel *kernel, double dt_s)
             programme->row[r][i] = 0.0;
         programme->row_name[r] = (int)pair;
         programme->least[r] = -stopping_speed(
-            kernel->separations[pair].distance_m - kernel->pairs[pair].safety_m, deceleration,
-            dt_s);
+            kernel->separations[pair].distance_m - kept_m(kernel, pair), deceleration, dt_s);
     }
     state->active = programme->rows = count;
 }

@@ -1,0 +1,242 @@
+"""Another arm beside this one that moves by itself: its bodies, and what is known of its state.
+
+No I/O: time comes in as an argument. Monotonic time of this computer in s, times since the epoch,
+which messages have in their stamps, in ns.
+
+A neighbour is where its newest joint states have it, and by now may be elsewhere. So each of its
+bodies is kept farther away than an obstacle at rest, by the way that it may go until this arm moves
+next, and by that in which it stops: u·t + u²/(2·a). Of a body, u is the speed of its fastest point,
+and a·t that it may gain; t is the age of the state and a cycle; a is the deceleration that a servo
+expects of bodies that close in. So even one at rest is kept away some mm more than an obstacle.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter
+from collections.abc import Sequence
+
+from cardan.common.arm_libraries import np, pin
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.base import SE3, FloatArray, short_way, to_se3
+from cardan.gateway.kinematics.collision import reach_of
+from cardan.gateway.servo.bounds import JointBounds
+from cardan.gateway.servo.options import ServoOptions
+from cardan.gateway.servo.servo import closing_deceleration
+from cardan.robots import ArmModel, Capsule, Shape
+from cardan.spatial import add, rotate
+from cardan.types import IDENTITY_POSE, NEVER_S, Pose, Vector3
+
+NS = 1_000_000_000
+
+CLOCKS_S = 0.01
+"""The clocks of two computers may differ by so much: every state counts as older by that, and one
+from farther ahead is not believed. NTP keeps them nearer on one network."""
+
+OUTSIDE_RANGE = 0.1
+"""A joint farther outside its range than this, rad or m, is another joint's, or in other units."""
+
+FASTEST = 1e3
+"""rad/s or m/s."""
+
+FARTHEST_M = 1e3
+"""Nothing is kept farther away."""
+
+
+class NeighbourBodies:
+    """Where the bodies of another arm are, in the base of this one."""
+
+    def __init__(
+        self, name: str, model: ArmModel, base: Pose | None = None, acceleration_share: float = 1.0
+    ) -> None:
+        """`base`: the neighbour's base in this arm's; None: they are arms of one robot whose models
+        begin at one base, and what does not move with the joints is this arm's already.
+
+        `acceleration_share`: of its joints' accelerations what it may use.
+        """
+        self.name, self.model = name, model
+        self._kinematics = arm = ArmKinematics(model)
+        self.names = model.joint_names
+        shapes = [each for each in model.shapes if base is not None or each.body > 0]
+        self.shapes = tuple(each._replace(name=self.label(each.name)) for each in shapes)
+        """Each in the frame of its body."""
+        self._base = to_se3(IDENTITY_POSE if base is None else base)
+        self._reach = reach_of(model, self.shapes)
+        self._moves = (self._reach > 0.0).any(axis=0)
+        hulls = [_hull(each.shape) for each in self.shapes]
+        counts = [len(points) for points, _ in hulls]
+        self._points = np.array([point for points, _ in hulls for point in points])
+        self._point_bodies = np.repeat([each.body for each in self.shapes], counts)
+        self._around_m = np.repeat([radius_m for _, radius_m in hulls], counts)
+        self._first_points = np.cumsum([0, *counts[:-1]])
+        options = ServoOptions(acceleration_share=acceleration_share)
+        bounds = JointBounds(arm, options.speed_share, options.acceleration_share)
+        self._deceleration_m_s2 = closing_deceleration(options, bounds)
+        self.lower, self.upper = arm.lower, arm.upper
+        self.velocity, self.continuous = arm.velocity, arm.continuous
+
+    def label(self, shape: str) -> str:
+        """What a body of its model is called here."""
+        return f"{self.name}'s {shape}"
+
+    def frames(self, joints: Sequence[float]) -> list[SE3]:
+        """The frame of the body of each of `shapes`, in this arm's base."""
+        self._kinematics.update(np.array(joints))
+        placed = self._kinematics._data.oMi
+        bodies = [self._base * placed[body] for body in range(len(joints) + 1)]
+        return [bodies[shape.body] for shape in self.shapes]
+
+    @property
+    def fastest_m_s(self) -> FloatArray:
+        """No point of each of `shapes` is ever faster."""
+        fastest: FloatArray = self.velocity.dot(self._reach)
+        return fastest
+
+    def speeds_m_s(self, joints: FloatArray, velocities: FloatArray) -> FloatArray:
+        """Of the fastest point of each of `shapes`."""
+        kinematics = self._kinematics
+        pin.forwardKinematics(kinematics.model, kinematics._spare, joints, velocities)
+        motions = np.array([motion.vector for motion in kinematics._spare.v])[self._point_bodies]
+        linear, angular = motions[:, :3], motions[:, 3:]
+        speeds = np.linalg.norm(linear + np.cross(angular, self._points), axis=1)
+        speeds += np.linalg.norm(angular, axis=1) * self._around_m
+        found: FloatArray = np.maximum.reduceat(speeds, self._first_points)
+        return found
+
+    def ways_m(self, speeds_m_s: FloatArray, time_s: float) -> list[float]:
+        """How far each of `shapes` may go in `time_s` at its speed, and until it stops then."""
+        deceleration_m_s2 = self._deceleration_m_s2
+        speeds = speeds_m_s + deceleration_m_s2 * time_s * self._moves
+        way = speeds * time_s + speeds * speeds / (2.0 * deceleration_m_s2)
+        found: list[float] = np.minimum(way, FARTHEST_M).tolist()
+        return found
+
+
+def _hull(shape: Shape) -> tuple[list[Vector3], float]:
+    """Points around which a ball of the radius sweeps the convex shape."""
+    if isinstance(shape, Capsule):
+        return [shape.start, shape.end], shape.radius_m
+    half = [0.5 * size for size in shape.size_m]
+    corners = itertools.product(*((-each, each) for each in half))
+    turn, at = shape.pose.orientation, shape.pose.position
+    return [add(at, rotate(turn, Vector3(*corner))) for corner in corners], 0.0
+
+
+class NeighbourWatch:
+    """Judges the joint states of a neighbour: which are believed, how fast and how old they are."""
+
+    def __init__(self, bodies: NeighbourBodies, topic: str, max_age_s: float) -> None:
+        """`max_age_s`: of a state that is older this arm must not be moved."""
+        self._bodies, self._max_age_s = bodies, max_age_s
+        self._who, self._topic = f"the neighbour {bodies.name}", topic
+        self._names = bodies.names
+        self._order: tuple[tuple[str, ...], tuple[int, ...]] = (), ()
+        self.joints: tuple[float, ...] = bodies.model.home
+        """Those of the newest state; home before the first."""
+        self.speeds_m_s = bodies.fastest_m_s
+        """Of its bodies; as fast as they can be where a single state is known."""
+        self.refused: Counter[str] = Counter()
+        """Messages that were not believed, by the reason."""
+        self._problem = ""
+        """Of the newest message, where it was not believed."""
+        self._stamp_ns = 0
+        self._state_s = NEVER_S
+
+    def age_s(self, now_s: float) -> float:
+        """Of what is known, at most; infinite before the first state."""
+        return now_s - self._state_s
+
+    def refuse(self, reason: str, details: str = "") -> None:
+        """A message is not believed. `reason` is counted."""
+        self.refused[reason] += 1
+        self._problem = f"{reason}{details}"
+
+    def take(
+        self,
+        names: Sequence[str],
+        positions: Sequence[float],
+        velocities: Sequence[float],
+        stamp_ns: int,
+        now_s: float,
+        now_ns: int,
+    ) -> None:
+        """Joint states of the neighbour, of further joints, too; `velocities` may be empty."""
+        found = self._order_of(tuple(names))
+        if isinstance(found, str):
+            self.refuse(found)
+            return
+        if len(positions) != len(names) or len(velocities) not in (0, len(names)):
+            self.refuse("joint states with other numbers of values than of joints")
+            return
+        joints = np.array([positions[index] for index in found])
+        reported = np.array([velocities[index] for index in found] if velocities else 0.0)
+        if not (np.isfinite(joints).all() and np.isfinite(reported).all()):
+            self.refuse("joint states that are not numbers")
+            return
+        if np.abs(reported).max() > FASTEST:
+            self.refuse("joint states with speeds that no joint has")
+            return
+        bodies = self._bodies
+        outside = np.maximum(bodies.lower - joints, joints - bodies.upper)
+        if (worst := int(np.argmax(outside))) >= 0 and outside[worst] > OUTSIDE_RANGE:
+            self.refuse(
+                "joint states outside the joints' ranges",
+                f": {self._names[worst]} at {joints[worst]:.4g}; check that its `model` is that "
+                "arm's, and the units",
+            )
+            return
+        late_s = (now_ns - stamp_ns) / NS
+        if late_s < -CLOCKS_S:
+            self.refuse(
+                "joint states from the future",
+                f": by {-late_s:.3g} s; synchronize the clocks of the computers (NTP)",
+            )
+            return
+        if late_s + CLOCKS_S > self._max_age_s:
+            self.refuse(
+                "joint states that are old",
+                f": their stamp is {late_s:.3g} s old; let it stamp them, and synchronize the "
+                "clocks of the computers (NTP)",
+            )
+            return
+        known = self.age_s(now_s) <= self._max_age_s
+        if known and stamp_ns <= self._stamp_ns:
+            self.refuse("joint states with the stamp of earlier ones")
+            return
+        if known:
+            way = short_way(joints - np.array(self.joints), bodies.continuous)
+            self.speeds_m_s = bodies.speeds_m_s(joints, way * NS / (stamp_ns - self._stamp_ns))
+            if velocities:
+                self.speeds_m_s = np.maximum(self.speeds_m_s, bodies.speeds_m_s(joints, reported))
+        else:
+            self.speeds_m_s = bodies.fastest_m_s
+        self.joints = tuple(joints.tolist())
+        self._stamp_ns, self._problem = stamp_ns, ""
+        self._state_s = now_s - max(0.0, late_s) - CLOCKS_S
+
+    def _order_of(self, names: tuple[str, ...]) -> tuple[int, ...] | str:
+        """Where its joints are in `names`; or why they are not."""
+        if names == self._order[0]:
+            return self._order[1]
+        missing = [each for each in self._names if each not in names]
+        if len(missing) == len(self._names):
+            return "joint states of other joints"
+        if missing:
+            return f"joint states without {', '.join(missing)}"
+        if len(set(names)) < len(names):
+            return "joint states with a joint twice"
+        self._order = names, tuple(map(names.index, self._names))
+        return self._order[1]
+
+    def fault(self, now_s: float) -> str:
+        """Why this arm must not be moved, and what to do; empty while the neighbour is known."""
+        age_s = self.age_s(now_s)
+        if age_s <= self._max_age_s:
+            return ""
+        what = f"nothing was heard of {self._who} yet"
+        if age_s < math.inf:
+            what = f"where {self._who} is was last known {age_s:.1f} s ago"
+        if self._problem:
+            return f"{what}: on {self._topic} come {self._problem}"
+        return f"{what}: start what publishes its joint states on {self._topic}"

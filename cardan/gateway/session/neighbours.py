@@ -1,0 +1,93 @@
+"""The neighbours of a session's arm: hears their joint states, and tells the controller where their
+bodies are. All methods are for the loop's thread."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from cardan.bus.node import BusNode, Received, Subscription
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.neighbours import NS, NeighbourBodies, NeighbourWatch
+from cardan.gateway.session.config import NeighbourTable
+from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.names import dds_type
+
+STATE_TYPE = "sensor_msgs/msg/JointState"
+
+MESSAGES_AT_ONCE = 4
+"""Most that are read of a neighbour in one cycle, the newest: a flood costs no deadline."""
+
+
+class SessionNeighbours:
+    """All neighbours of one arm."""
+
+    def __init__(
+        self,
+        tables: Sequence[NeighbourTable],
+        bodies: Sequence[NeighbourBodies],
+        controller: ArmController,
+        period_s: float,
+    ) -> None:
+        """`bodies` of each of `tables`; `period_s` of the robot."""
+        self._tables, self._bodies = tables, bodies
+        self._watches = [
+            NeighbourWatch(each, table.topic, table.max_age_s)
+            for table, each in zip(tables, bodies, strict=True)
+        ]
+        self._controller, self._period_s = controller, period_s
+        self._codec, self._dds_type = codec_of(STATE_TYPE), dds_type(STATE_TYPE)
+        self._subscriptions: list[Subscription] = []
+
+    def open(self, node: BusNode) -> None:
+        """Subscribe. Raises InterfaceError or RosNameError."""
+        self._subscriptions = [
+            node.subscription(each.topic, STATE_TYPE, MESSAGES_AT_ONCE) for each in self._tables
+        ]
+
+    def hear(self, now_s: float, now_ns: int) -> None:
+        """Take what has come."""
+        for watch, subscription in zip(self._watches, self._subscriptions, strict=True):
+            for _ in range(MESSAGES_AT_ONCE):
+                received = subscription.poll()
+                if received is None:
+                    break
+                self.take(watch, received, now_s, now_ns)
+
+    def take(self, watch: NeighbourWatch, received: Received, now_s: float, now_ns: int) -> None:
+        """Take one message."""
+        if received.key.split("/")[-2:-1] != [self._dds_type]:
+            watch.refuse(f"messages of another type than {STATE_TYPE}")
+            return
+        message = self._codec.decode(received.data)
+        if isinstance(message, Malformed):
+            watch.refuse(message.reason)
+            return
+        stamp = message["header"]["stamp"]
+        watch.take(
+            message["name"],
+            message["position"],
+            message["velocity"],
+            stamp["sec"] * NS + stamp["nanosec"],
+            now_s,
+            now_ns,
+        )
+
+    def turn(self, now_s: float) -> str:
+        """Put the bodies where they are, for the next cycle. Returns why the arm must not be moved;
+        empty where all neighbours are known."""
+        faults = []
+        for index, (watch, bodies) in enumerate(zip(self._watches, self._bodies, strict=True)):
+            faults.append(watch.fault(now_s))
+            if (age_s := watch.age_s(now_s)) < math.inf:
+                ways_m = bodies.ways_m(watch.speeds_m_s, age_s + self._period_s)
+                self._controller.place_neighbour(index, watch.joints, ways_m)
+        return "; ".join(filter(None, faults))
+
+    def diagnosis(self) -> list[str]:
+        """What was not believed, in words."""
+        return [
+            f"the neighbour {bodies.name}: refused {count} {reason}"
+            for watch, bodies in zip(self._watches, self._bodies, strict=True)
+            for reason, count in watch.refused.items()
+        ]

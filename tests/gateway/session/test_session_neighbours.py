@@ -1,0 +1,375 @@
+"""Two arms that know each other's bodies, in virtual time: sessions' controllers on simulated arms,
+and the joint states of each as the other's session hears them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from cardan.bus.node import Received
+from cardan.errors import ConfigurationError
+from cardan.gateway.arm.neighbours import NS
+from cardan.gateway.arm.status import Phase
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.collision import CollisionModel
+from cardan.gateway.session.assembly import (
+    cautions,
+    make_controller,
+    make_neighbours,
+    make_robot,
+)
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.neighbours import MESSAGES_AT_ONCE
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import default_message
+from cardan.protocols.ros2.names import dds_type
+from cardan.recording.engine import REPEATED
+from cardan.robots import load_arm
+from cardan.types import DeviceLink, DeviceState
+
+STATE = "sensor_msgs/msg/JointState"
+KEY = f"0/joint_states/{dds_type(STATE)}/hash"
+PERIOD_S = 0.01
+EPOCH_NS = 1_700_000_000 * NS
+SAFETY_M = 0.02
+REST = (0.0,) * 6
+
+
+FACING = {"base_xyz_m": [1.4, 0.0, 0.0], "base_rpy_deg": [0.0, 0.0, 180.0]}
+"""Two arms of a cell, each with its TCP before it: along x they go towards each other."""
+
+
+def table(own="ur5", other="ur5", name="right", neighbour=FACING, **more):
+    neighbour = {
+        "name": name,
+        "model": other,
+        "topic": f"/{name}/joint_states",
+        **neighbour,
+    }
+    return {
+        "device": {"driver": "spacemouse"},
+        "robot": {
+            "driver": "sim_arm",
+            "robot": own,
+            "pacing": "virtual",
+            "drive": "ideal",
+            "period_s": PERIOD_S,
+        },
+        "arm": {"model": own, "safety_distance_m": SAFETY_M},
+        "limits": {"linear_speed_m_s": 0.25, "linear_acceleration_m_s2": 1.0},
+        "mapping": {"linear_speed_m_s": 0.25, "deadman": "left"},
+        "network": {},
+        "neighbours": [neighbour],
+        **more,
+    }
+
+
+class Topic:
+    """A topic of joint states, whose messages arrive late."""
+
+    def __init__(self, names):
+        self._names, self._codec = names, codec_of(STATE)
+        self._waiting, self._there = [], []
+
+    def say(self, joints, velocities=(), *, stamp_s, at_s, names=None, key=KEY):
+        stamp_ns = EPOCH_NS + round(stamp_s * NS)
+        message = default_message(STATE) | {
+            "header": {"stamp": {"sec": stamp_ns // NS, "nanosec": stamp_ns % NS}, "frame_id": ""},
+            "name": list(names or self._names),
+            "position": list(joints),
+            "velocity": list(velocities),
+        }
+        self._waiting.append((at_s, Received(self._codec.encode(message), key, None, None)))
+
+    def junk(self, data, at_s):
+        self._waiting.append((at_s, Received(data, KEY, None, None)))
+
+    def arrive(self, now_s):
+        self._there += [each for at_s, each in self._waiting if at_s <= now_s]
+        del self._there[:-MESSAGES_AT_ONCE]
+        self._waiting = [each for each in self._waiting if each[0] > now_s]
+
+    def poll(self):
+        return self._there.pop(0) if self._there else None
+
+
+class Session:
+    """One arm's session, without its process and its bus: a scripted hand, and a topic."""
+
+    def __init__(self, **config):
+        self.config = parse_config(table(**config))
+        self.robot = make_robot(self.config)
+        self.core = make_controller(self.config, self.robot)
+        self.neighbours = make_neighbours(self.config, self.robot, self.core)
+        self.topic = Topic(load_arm(self.config.neighbours[0].model).joint_names)
+        self.neighbours._subscriptions = [self.topic]
+        self.robot.open()
+        self.cycles = self.robot.cycles()
+        self.state = None
+        self.core.hold_off(self.neighbours.turn(0.0))
+
+    def cycle(self, axes=REST, held=True):
+        self.state = state = next(self.cycles)
+        hand = DeviceState(
+            state.stamp_s, DeviceLink.LIVE, axes, frozenset(("left",) if held else ())
+        )
+        self.robot.send(self.core.tick(state, hand))
+        now_s = state.stamp_s
+        self.topic.arrive(now_s)
+        self.neighbours.hear(now_s, EPOCH_NS + round(now_s * NS))
+        self.core.hold_off(self.neighbours.turn(now_s))
+
+    @property
+    def q(self):
+        return np.array(self.state.joints)
+
+    @property
+    def message(self):
+        return self.core.status().message
+
+
+class Between:
+    """The true distance of two arms of one robot, by Coal."""
+
+    def __init__(self, session):
+        self._bodies = session.core.body.neighbours[0]
+        own = ArmKinematics(load_arm(session.config.arm.model))
+        self._model = CollisionModel(own, movers=self._bodies.shapes)
+        self._pairs = [
+            pair
+            for pair, (one, _) in enumerate(self._model.pair_solids)
+            if one >= self._model.first_mover
+        ]
+
+    def __call__(self, own, other):
+        frames = self._bodies.frames(other)
+        self._model.move(0, frames, [0.0] * len(frames))
+        distances = self._model.at(np.array(own))
+        return min(distances[pair] for pair in self._pairs)
+
+
+HOME = np.array(load_arm("ur5").home)
+INWARD = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""The device of either pushed towards the other arm."""
+
+
+def hear(session, joints, age_s, velocities=(), **more):
+    now_s = session.state.stamp_s if session.state else 0.0
+    session.topic.say(joints, velocities, stamp_s=now_s - age_s, at_s=now_s, **more)
+
+
+def armed(joints=HOME, age_s=0.0):
+    session = Session()
+    for _ in range(5):
+        session.cycle(held=False)
+        hear(session, joints, age_s)
+    for _ in range(3):
+        session.cycle()
+        hear(session, joints, age_s)
+    assert session.core.phase is Phase.HOLDING, session.message
+    return session
+
+
+SWING = np.array((0.0, 1.0, -0.6, 0.0, 0.0, 0.0))
+"""Joint motion that takes the neighbour's hand towards this arm."""
+
+
+@pytest.mark.matrix
+@pytest.mark.parametrize("age_s", [0.0, 0.03, 0.1])
+@pytest.mark.parametrize("speed", [0.0, 0.1, 0.3])
+def test_an_arm_driven_at_the_other_stops_before_it_at_rest_or_moving(age_s, speed):
+    """The neighbour swings to and fro, and brakes where the arm would have to; states are late."""
+    session, between = armed(age_s=age_s), None
+    between = Between(session)
+    history, other, v, nearest, least = [], HOME.copy(), 0.0, math.inf, math.inf
+    late = round(age_s / PERIOD_S)
+    for step in range(600):
+        goal_v = speed * math.cos(step * PERIOD_S * 2.0)
+        if between(session.q, other) < 0.15:
+            goal_v = 0.0  # It knows this arm as well.
+        limit = 0.8 * PERIOD_S
+        v += min(max(goal_v - v, -limit), limit)
+        other = other + v * PERIOD_S * SWING
+        history.append((other, v * SWING))
+        q, qv = history[max(0, len(history) - 1 - late)]
+        hear(session, q, age_s, qv)
+        session.cycle(INWARD)
+        nearest = min(nearest, between(session.q, other))
+        least = min(least, session.core.status().arm.distance_m)
+    assert SAFETY_M <= nearest < 0.15
+    assert session.core.trips == 0
+
+
+def test_two_arms_that_are_driven_at_each_other_both_stop():
+    left, right = Session(), Session(name="left")
+    between, nearest = Between(left), math.inf
+    moved = {}
+    for step in range(700):
+        driven = step >= 10
+        for one, other, axes in ((left, right, INWARD), (right, left, INWARD)):
+            one.cycle(axes if driven else REST, held=step >= 5)
+            if step == 5:
+                moved[id(one)] = one.q
+            now_s = one.state.stamp_s
+            # As a session publishes, every second cycle, over a network.
+            if step % 2 == 0:
+                other.topic.say(one.q, one.state.velocities, stamp_s=now_s, at_s=now_s + 0.005)
+        nearest = min(nearest, between(left.q, right.q))
+    for one in (left, right):
+        assert one.core.phase is not Phase.DISARMED, one.message
+        assert np.abs(one.q - moved[id(one)]).max() > 0.05
+        assert not one.core.body.moving
+    assert SAFETY_M <= nearest < 0.12
+
+
+def test_one_that_comes_moves_no_arm_at_rest_and_the_words_say_so():
+    session = armed()
+    between, before, comes = Between(session), session.q, load_arm("ur5").home
+    at = session.core.body.neighbours[0]
+    arm, q = ArmKinematics(load_arm("ur5")), np.array(comes)
+    for _ in range(500):
+        arm.update(q)
+        ahead = np.linalg.solve(
+            arm.jacobian,
+            np.concatenate(
+                (arm.placement.rotation.T @ np.array((0.001, -0.0006, 0.0)), np.zeros(3))
+            ),
+        )
+        if between(session.q, q) < 0.005:
+            break
+        q = q + ahead
+        hear(session, q, 0.0)
+        session.cycle()
+        assert np.abs(session.q - before).max() < 1e-6
+    there = between(session.q, q)
+    assert there < 0.006
+    for _ in range(30):
+        hear(session, q, 0.0)
+        session.cycle(INWARD)
+        assert between(session.q, q) >= there - 1e-5
+    assert f"{at.name}'s " in session.message
+    assert "mm apart" in session.message
+
+
+def test_before_anything_is_heard_nothing_moves_and_the_words_say_what_to_do():
+    session = Session()
+    for step in range(40):
+        session.cycle(INWARD, held=step > 5)
+        if step == 0:
+            before = session.q
+    assert (session.q == before).all()
+    assert session.core.phase is Phase.DISARMED
+    assert "start what publishes its joint states on /right/joint_states" in session.message
+
+
+def flood(session, step):
+    for _ in range(50):
+        session.topic.junk(bytes(40), session.state.stamp_s)
+
+
+SILENCES = {
+    "silence": lambda session, step: None,
+    "numbers that are none": lambda session, step: hear(session, HOME * math.nan, 0.0),
+    "stamps that lie": lambda session, step: hear(session, HOME, -5.0),
+    "stamps that stay": lambda session, step: hear(session, HOME, 0.01 * step + 0.02),
+    "other joints": lambda session, step: hear(session, HOME, 0.0, names=list("abcdef")),
+    "another type": lambda session, step: hear(session, HOME, 0.0, key="0/joint_states/x/hash"),
+    "a flood of junk": flood,
+}
+
+
+@pytest.mark.parametrize("silence", SILENCES)
+def test_an_arm_that_moves_brakes_and_stays_until_it_is_armed_again(silence):
+    session = armed()
+    for _ in range(30):
+        hear(session, HOME, 0.0)
+        session.cycle(INWARD)
+    assert session.core.phase is Phase.MOVING
+    before = sum(session.neighbours._watches[0].refused.values())
+    for step in range(60):
+        SILENCES[silence](session, step)
+        session.cycle(INWARD)
+    assert session.core.phase is Phase.DISARMED
+    assert not session.core.body.moving
+    assert session.core.trips == 1
+    assert "the neighbour right" in session.message
+    refused = sum(session.neighbours._watches[0].refused.values())
+    assert (refused > before) == (silence != "silence")
+    there = session.q
+    for _ in range(20):  # Known again, but the operator still holds on.
+        hear(session, HOME, 0.0)
+        session.cycle(INWARD)
+    assert np.abs(session.q - there).max() < 1e-6
+    for held in (False, True, True):
+        hear(session, HOME, 0.0)
+        session.cycle(held=held)
+    assert session.core.phase is Phase.HOLDING
+
+
+def test_a_flood_beside_the_true_states_costs_no_cycle_more_than_four_messages():
+    session = armed()
+    flood(session, 0)
+    session.topic.arrive(session.state.stamp_s)
+    before = sum(session.neighbours._watches[0].refused.values())
+    session.neighbours.hear(session.state.stamp_s, EPOCH_NS)
+    assert sum(session.neighbours._watches[0].refused.values()) - before <= MESSAGES_AT_ONCE
+
+
+def test_a_record_places_the_neighbours_where_they_were():
+    session, said = armed(), []
+    session.core.witness = lambda _ticks, what, text: said.append((what, text))
+    hear(session, HOME + 0.1 * SWING, 0.0)
+    session.cycle()
+    name, text = next(each for each in said if each[0] == "place_neighbour")
+    again = Session()
+    REPEATED[name](again.core, text)
+    for one in (session, again):
+        one.core.body.brake(PERIOD_S)
+    found = [one.core.body.servo.status().distance_m for one in (session, again)]
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"network": None}, "neighbours: their joint states come from the network"),
+        ({"arm": {"model": "ur5", "collisions": False}}, "neighbours: only an arm's"),
+        ({"neighbour": {"topic": "/a b"}}, "topic"),
+        ({"neighbour": {"name": ""}}, "name"),
+        ({"neighbour": {"base_rpy_deg": [0.0, 0.0, 9.0]}}, "given with base_xyz_m"),
+        ({"neighbour": {"model": "ur55"}}, "neighbours.0.model.*ur5"),
+        ({"neighbour": {"ignore": [["wrist_3_link", "link_9"]]}}, "neighbours.0.ignore.*link_9"),
+        ({"neighbour": {"ignore": [["base", "wrist_3_link"]]}}, "neighbours.0.ignore.*'base'"),
+    ],
+)
+def test_what_cannot_be_is_refused(changes, words):
+    given = {key: value for key, value in {**table(), **changes}.items() if value is not None}
+    if "neighbour" in changes:
+        given = table(**changes)
+
+    def made():
+        config = parse_config(given)
+        return make_controller(config, make_robot(config))
+
+    with pytest.raises(ConfigurationError, match=words):
+        made()
+
+
+def test_too_many_pairs_are_refused_and_the_remedy_is_said():
+    one = table()["neighbours"][0]
+    many = [{**one, "name": f"arm {number}"} for number in range(40)]
+    config = parse_config({**table(), "neighbours": many})
+    with pytest.raises(ConfigurationError, match=r'at most 256 can be: set fit = "coarse"'):
+        make_controller(config, make_robot(config))
+
+
+def test_bodies_that_overlap_at_home_are_said_and_can_be_ignored():
+    pan = ["l_shoulder_pan_link", "r_shoulder_pan_link"]
+    found = []
+    for ignore in ([], [pan]):
+        neighbour = {"ignore": ignore}
+        arms = table("pr2_left_arm", "pr2_right_arm", neighbour=neighbour)
+        found.append([w for w in cautions(parse_config(arms)) if w.startswith("neighbours")])
+    assert len(found[0]) == 1
+    assert "right's r_shoulder_pan_link and l_shoulder_pan_link overlap by" in found[0][0]
+    assert not found[1]
