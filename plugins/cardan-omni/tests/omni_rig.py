@@ -1,11 +1,11 @@
 """The driver's core beside the compiled tick, in virtual time: no library and no thread."""
 
 from cardan.common.haptics import Calibration
-from cardan.drivers.omni.core import Identity, OmniCore
-from cardan.drivers.omni.options import OmniOptions
-from cardan.drivers.omni.tick import Tick
-from cardan.drivers.omni.values import StylusSample
 from cardan.types import ZERO3, DeviceLink, Vector3
+from cardan_omni.driver.core import Identity, OmniCore
+from cardan_omni.driver.options import OmniOptions
+from cardan_omni.driver.tick import Tick
+from cardan_omni.driver.values import StylusSample
 
 TICK_S = 0.001
 LOOK_S = 0.01

@@ -23,10 +23,10 @@ from cardan.common.haptics import (
     Viscous,
     WorldMap,
 )
-from cardan.drivers.omni.limits import UncheckedLimits
-from cardan.drivers.omni.tick import Tick
-from cardan.drivers.omni.values import StylusSample
 from cardan.types import ZERO3, Vector3
+from cardan_omni.driver.limits import UncheckedLimits
+from cardan_omni.driver.tick import Tick
+from cardan_omni.driver.values import StylusSample
 
 PERIOD_S = 1e-3
 ROOM = {"workspace_lower_m": (-1.0, -1.0, -1.0), "workspace_upper_m": (1.0, 1.0, 1.0)}

@@ -24,7 +24,7 @@ from typing import Any
 
 import pytest
 
-from cardan.sim_peers.omni import available, library_path
+from cardan_omni.peer import available, library_path
 
 needs_library = pytest.mark.skipif(not available(), reason="the C parts were not compiled")
 

@@ -4,14 +4,14 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.common.haptics import Calibration
-from cardan.drivers.omni.calibration import (
+from cardan_omni.driver.calibration import (
     SETTLE_S,
     SLOW_S,
     UPDATE_AGAIN_S,
     CalibrationWatch,
     style_of,
 )
-from cardan.protocols.hdapi import CalibrationStyle
+from cardan_omni.protocol import CalibrationStyle
 
 OK, UPDATE = Calibration.OK, Calibration.NEEDS_UPDATE
 MANUAL, UNKNOWN = Calibration.NEEDS_MANUAL_INPUT, Calibration.UNKNOWN

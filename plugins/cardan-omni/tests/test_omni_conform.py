@@ -6,7 +6,7 @@ import pytest
 
 from cardan.conform import Level, Outcome, registry, run
 from cardan.errors import DeviceNotFoundError
-from cardan.sim_peers.omni import OmniSettings, SimulatedOmni, available
+from cardan_omni.peer import OmniSettings, SimulatedOmni, available
 
 needs_library = pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled")
 TIMED = {"HDAPI-116", "HDAPI-117", "HDAPI-118", "HDAPI-119"}
@@ -38,8 +38,8 @@ def test_a_library_is_judged_in_real_time():
 @needs_library
 def test_the_force_never_exceeds_what_is_harmless():
     """Whatever a course asks for, and whatever becomes of the program that asked."""
-    from cardan.conform.hdapi.calls import FORCE, GREATEST_N, HdCalls, request
-    from cardan.drivers.omni.library import load
+    from cardan_omni.conform.calls import FORCE, GREATEST_N, HdCalls, request
+    from cardan_omni.driver.library import load
 
     device = SimulatedOmni(OmniSettings(virtual=True))
     calls = HdCalls(load(str(device.path)), lambda: device.now_s)

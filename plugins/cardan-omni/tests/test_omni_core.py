@@ -6,10 +6,10 @@ import pytest
 
 from cardan import spatial
 from cardan.common.haptics import Calibration, HapticCommand, HapticState, OperatingState
-from cardan.drivers.omni.core import BUTTONS, OmniCore
-from cardan.drivers.omni.options import OmniOptions
 from cardan.types import NEVER_S, ZERO3, DeviceLink, Pose, Quaternion, Vector3
-from tests.drivers.omni_rig import LOOK_S, TOUCH, Rig
+from cardan_omni.driver.core import BUTTONS, OmniCore
+from cardan_omni.driver.options import OmniOptions
+from omni_rig import LOOK_S, TOUCH, Rig
 
 NEUTRAL = (0.0,) * 6
 

@@ -16,9 +16,6 @@ from cardan import spatial
 from cardan.common.haptics import HapticCommand, OperatingState, Sphere
 from cardan.drivers import access
 from cardan.drivers.ihaptic import IHapticDevice
-from cardan.drivers.omni import BUTTONS, Omni, OmniOptions, device, library
-from cardan.drivers.omni.servo import Servo
-from cardan.drivers.omni.tick import Tick
 from cardan.drivers.udev import udev_rules
 from cardan.errors import (
     CommandError,
@@ -26,15 +23,6 @@ from cardan.errors import (
     DeviceNotFoundError,
     DriverError,
     NotOpenError,
-)
-from cardan.protocols.hdapi import Capability, Error, State
-from cardan.sim_peers.omni import (
-    OmniFault,
-    OmniSettings,
-    SimulatedOmni,
-    available,
-    library_path,
-    load_motion,
 )
 from cardan.types import (
     IDENTITY,
@@ -47,6 +35,18 @@ from cardan.types import (
     Vector3,
     Wrench,
 )
+from cardan_omni.driver import BUTTONS, Omni, OmniOptions, device, library
+from cardan_omni.driver.servo import Servo
+from cardan_omni.driver.tick import Tick
+from cardan_omni.peer import (
+    OmniFault,
+    OmniSettings,
+    SimulatedOmni,
+    available,
+    library_path,
+    load_motion,
+)
+from cardan_omni.protocol import Capability, Error, State
 from tests.waiting import until
 
 pytestmark = [
@@ -55,7 +55,7 @@ pytestmark = [
 ]
 
 PATIENCE_S = 5.0
-PAGE = Path(__file__).parents[2] / "docs" / "omni.md"
+PAGE = Path(__file__).parents[3] / "docs" / "omni.md"
 
 
 class Bench:
@@ -792,7 +792,7 @@ def test_close_takes_the_force_down_and_opens_again(bench):
 FORGETFUL = """
 import sys, time
 from cardan.drivers.ihaptic import IHapticDevice
-from cardan.drivers.omni import Omni, OmniOptions
+from cardan_omni.driver import Omni, OmniOptions
 from cardan.errors import CommandError
 omni = Omni(OmniOptions(engage_ramp_s=0.02, stale_after_s=0.1))
 omni.open()

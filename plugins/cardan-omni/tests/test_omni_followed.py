@@ -12,14 +12,14 @@ import pytest
 from cardan import spatial
 from cardan.common.haptics import HapticCommand
 from cardan.drivers import registry
-from cardan.drivers.omni.limits import TickLimits
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
-from cardan.sim_peers.omni import OmniSettings
 from cardan.types import ZERO3, Vector3
+from cardan_omni.driver.limits import TickLimits
+from cardan_omni.peer import OmniSettings
+from omni_virtual import LibHD, needs_library
 from studies.haptics.loop import Rig
-from tests.gateway.force.test_omni import TABLE, VirtualOmni
-from tests.sim_peers.omni_virtual import LibHD, needs_library
+from test_omni_session import TABLE, VirtualOmni
 
 pytestmark = [needs_library, pytest.mark.matrix]
 

@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, reject, strategies as st
 
 from cardan.errors import ScriptError
-from cardan.protocols.hdapi import rotation_to_hand, to_hand
 from cardan.sim_peers.base import parse_script
-from cardan.sim_peers.omni import (
+from cardan.spatial import from_euler_zyx
+from cardan.types import Vector3
+from cardan_omni.peer import (
     INKWELL_M,
     SCRIPT_VERBS,
     SCRIPTS,
@@ -19,8 +20,7 @@ from cardan.sim_peers.omni import (
     compile_script,
     load_motion,
 )
-from cardan.spatial import from_euler_zyx
-from cardan.types import Vector3
+from cardan_omni.protocol import rotation_to_hand, to_hand
 
 pytestmark = pytest.mark.matrix
 

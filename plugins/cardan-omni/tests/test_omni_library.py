@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from cardan.drivers.omni import library
-from cardan.drivers.omni.library import SIGNATURES, SOMETIMES, ErrorInfo, LibHD, error_words
 from cardan.errors import DeviceAccessError, DeviceNotFoundError
-from cardan.protocols.hdapi import ERROR_INFO, Capability, Error, Info
+from cardan_omni.driver import library
+from cardan_omni.driver.library import SIGNATURES, SOMETIMES, ErrorInfo, LibHD, error_words
+from cardan_omni.protocol import ERROR_INFO, Capability, Error, Info
 
 pytestmark = pytest.mark.matrix
 
@@ -89,7 +89,7 @@ def compiled(folder, name, source, *flags):
     path = folder / name
     text = folder / f"{name}.c"
     text.write_text(source, encoding="utf-8")
-    header = library.__file__.rsplit("/drivers/", 1)[0] + "/protocols/hdapi"
+    header = library.__file__.rsplit("/driver/", 1)[0] + "/protocol"
     command = [COMPILER, "-shared", "-fPIC", "-w", f"-I{header}", "-o", path, text, *flags]
     subprocess.run(command, check=True, timeout=30)
     return str(path)

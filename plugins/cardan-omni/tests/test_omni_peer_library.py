@@ -19,9 +19,9 @@ from typing import Any
 
 import pytest
 
-from cardan.protocols.hdapi import Calibration, Capability, Error, Info, State
-from cardan.sim_peers.omni import library_path
-from tests.sim_peers.omni_virtual import (
+from cardan_omni.peer import library_path
+from cardan_omni.protocol import Calibration, Capability, Error, Info, State
+from omni_virtual import (
     CHECK_STATUS,
     CONTINUE,
     DONE,

@@ -12,9 +12,9 @@ import numpy.typing as npt
 import pytest
 from hypothesis import example, given, settings, strategies as st
 
-from cardan.protocols.hdapi import Error, Info, State
+from cardan_omni.protocol import Error, Info, State
+from omni_virtual import LibHD, needs_library, program
 from tests.examples import examples
-from tests.sim_peers.omni_virtual import LibHD, needs_library, program
 
 pytestmark = [needs_library, pytest.mark.matrix]
 

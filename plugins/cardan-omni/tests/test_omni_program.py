@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from cardan.errors import ConfigurationError, DeviceNotFoundError
-from cardan.sim_peers import omni
-from cardan.sim_peers.omni import OmniSettings, environment, library_path
+from cardan_omni import peer as omni
+from cardan_omni.peer import OmniSettings, environment, library_path
 
 pytestmark = pytest.mark.matrix
 
@@ -38,8 +38,15 @@ def cardan(*arguments, code=0):
 def test_what_it_can_be_asked_without_the_library():
     assert "comm-error" in cardan("--list-faults")
     scripts = cardan("--list-scripts")
+    assert "a file has a line a step" in scripts
     assert "drawing" in scripts
     assert "stiffness KX KY KZ [over SECONDS]" in scripts
+
+
+def test_it_says_how_much_it_logs():
+    said = cardan("--help")
+    assert "--verbose" in said
+    assert "--log-level" in said
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,10 @@ from pathlib import Path
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.protocols import hdapi
-from cardan.protocols.hdapi import (
+from cardan.spatial import conjugate, from_rotation_vector, multiply, rotate
+from cardan.types import Vector3
+from cardan_omni import protocol as hdapi
+from cardan_omni.protocol import (
     Button,
     Calibration,
     CalibrationStyle,
@@ -22,8 +24,6 @@ from cardan.protocols.hdapi import (
     State,
     WaitCode,
 )
-from cardan.spatial import conjugate, from_rotation_vector, multiply, rotate
-from cardan.types import Vector3
 
 HEADER = Path(hdapi.__file__).with_name("hdapi.h")
 

@@ -18,13 +18,13 @@ import numpy as np
 import pytest
 
 from cardan.common.haptics import Calibration, HapticCommand, HapticState, OperatingState, Plane
-from cardan.drivers.omni.limits import UncheckedLimits
-from cardan.drivers.omni.native import kinematics
-from cardan.drivers.omni.servo import FUNCTIONS, Servo
-from cardan.drivers.omni.tick import Tick
 from cardan.errors import DriverError
-from cardan.protocols.hdapi import Error, Info, State
 from cardan.types import ZERO3, Vector3
+from cardan_omni.driver.limits import UncheckedLimits
+from cardan_omni.driver.native import kinematics
+from cardan_omni.driver.servo import FUNCTIONS, Servo
+from cardan_omni.driver.tick import Tick
+from cardan_omni.protocol import Error, Info, State
 
 DONE, CONTINUE = 0, 1
 OK, NEEDS_UPDATE = 0x5000, 0x5001

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from cardan.drivers import registry
-from cardan.drivers.omni.limits import TickLimits
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
-from cardan.sim_peers.omni.library import available
 from cardan.types import DeviceLink, DeviceState
+from cardan_omni.driver.limits import TickLimits
+from cardan_omni.peer.library import available
 from studies.haptics.loop import Rig
 from tests.gateway.force.fakes import REST, FakeHaptic
 

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import OptionError, ScriptError
-from cardan.sim_peers.omni import (
+from cardan.types import Vector3
+from cardan_omni.peer import (
     FAULTS,
     HandMotion,
     OmniFault,
@@ -16,7 +17,6 @@ from cardan.sim_peers.omni import (
     Waypoint,
     parse_omni_faults,
 )
-from cardan.types import Vector3
 
 
 def lines(settings, word):

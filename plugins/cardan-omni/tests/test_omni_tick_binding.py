@@ -9,14 +9,14 @@ from typing import Any
 import pytest
 
 from cardan.common.haptics import IDENTITY3, OperatingState
-from cardan.drivers.omni import native, structures
-from cardan.drivers.omni.limits import TickLimits
-from cardan.drivers.omni.native import NativeMissingError, available, library_path
-from cardan.drivers.omni.tick import Tick
-from cardan.drivers.omni.values import haptic_state, tick_details
 from cardan.errors import DriverError
 from cardan.types import ZERO3, Pose, Quaternion, Vector3
-from tests.drivers.tick_rig import (
+from cardan_omni.driver import native, structures
+from cardan_omni.driver.limits import TickLimits
+from cardan_omni.driver.native import NativeMissingError, available, library_path
+from cardan_omni.driver.tick import Tick
+from cardan_omni.driver.values import haptic_state, tick_details
+from omni_tick_rig import (
     ROOM,
 )
 

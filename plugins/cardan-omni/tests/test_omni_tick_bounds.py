@@ -18,10 +18,10 @@ from cardan.common.haptics import (
     OperatingState,
     WorldMap,
 )
-from cardan.drivers.omni.tick import Tick
 from cardan.errors import CommandError
 from cardan.types import ZERO3, Vector3
-from tests.drivers.tick_rig import (
+from cardan_omni.driver.tick import Tick
+from omni_tick_rig import (
     ABOVE,
     BARE,
     BELOW,

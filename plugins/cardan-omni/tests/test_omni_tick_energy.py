@@ -15,9 +15,9 @@ from cardan.common.haptics import (
     MeasuredForce,
     WorldMap,
 )
-from cardan.drivers.omni.limits import TickLimits
 from cardan.types import ZERO3, Vector3
-from tests.drivers.tick_rig import (
+from cardan_omni.driver.limits import TickLimits
+from omni_tick_rig import (
     ABOVE,
     BELOW,
     FIXTURES,

@@ -18,12 +18,12 @@ from cardan.common.haptics import (
     Spring,
     WorldMap,
 )
-from cardan.drivers.omni import native, structures
-from cardan.drivers.omni.limits import TickLimits, UncheckedLimits
-from cardan.drivers.omni.tick import Tick
 from cardan.errors import CommandError, OptionError
 from cardan.types import ZERO3, Vector3
-from tests.drivers.tick_rig import (
+from cardan_omni.driver import native, structures
+from cardan_omni.driver.limits import TickLimits, UncheckedLimits
+from cardan_omni.driver.tick import Tick
+from omni_tick_rig import (
     BARE,
     FLOOR,
     NAN,
@@ -276,3 +276,7 @@ def test_limits_can_change_while_it_runs() -> None:
     rig.tick.set_limits(dataclasses.replace(rig.limits, clamp_n=1.0))
     force = rig.run(0.01)
     assert size(force) == pytest.approx(1.0)
+
+
+def test_a_list_is_taken_as_the_tuple_that_it_stands_for():
+    assert UncheckedLimits(workspace_lower_m=[-9.0] * 3).workspace_lower_m == (-9.0,) * 3

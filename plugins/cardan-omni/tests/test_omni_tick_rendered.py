@@ -19,9 +19,9 @@ from cardan.common.haptics import (
     Viscous,
     WorldMap,
 )
-from cardan.drivers.omni.native import kinematics
 from cardan.types import ZERO3, Vector3
-from tests.drivers.tick_rig import (
+from cardan_omni.driver.native import kinematics
+from omni_tick_rig import (
     BARE,
     BELOW,
     FLOOR,

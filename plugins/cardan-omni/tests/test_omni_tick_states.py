@@ -9,10 +9,10 @@ from cardan.common.haptics import (
     Calibration,
     OperatingState,
 )
-from cardan.drivers.omni import values
 from cardan.errors import CommandError
 from cardan.types import ZERO3, Vector3
-from tests.drivers.tick_rig import (
+from cardan_omni.driver import values
+from omni_tick_rig import (
     NAN,
     Rig,
     rotation,

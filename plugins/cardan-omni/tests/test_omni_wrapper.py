@@ -14,18 +14,9 @@ from pathlib import Path
 import pytest
 
 from cardan.errors import ScriptError
-from cardan.protocols import hdapi
-from cardan.protocols.hdapi import (
-    MAX_SCHEDULER_PRIORITY,
-    Calibration,
-    CalibrationStyle,
-    CallbackCode,
-    Capability,
-    State,
-)
-from cardan.sim_peers import omni
 from cardan.sim_peers.base import parse_script
-from cardan.sim_peers.omni import (
+from cardan_omni import peer as omni, protocol as hdapi
+from cardan_omni.peer import (
     FAULTS,
     SCRIPT_VERBS,
     SCRIPTS,
@@ -36,13 +27,21 @@ from cardan.sim_peers.omni import (
     load_motion,
     run_program,
 )
+from cardan_omni.protocol import (
+    MAX_SCHEDULER_PRIORITY,
+    Calibration,
+    CalibrationStyle,
+    CallbackCode,
+    Capability,
+    State,
+)
 
 pytestmark = [
     pytest.mark.skipif(not omni.available(), reason="the C parts were not compiled"),
     pytest.mark.matrix,
 ]
 
-PAGE = Path(__file__).parents[2] / "docs" / "simulated-devices.md"
+PAGE = Path(__file__).parents[3] / "docs" / "simulated-devices.md"
 CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)
 
 

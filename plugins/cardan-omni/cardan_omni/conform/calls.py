@@ -15,8 +15,8 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from cardan.drivers.omni.library import MOST_ERRORS, SIGNATURES, ErrorInfo, LibHD
-from cardan.protocols.hdapi import (
+from cardan_omni.driver.library import MOST_ERRORS, SIGNATURES, ErrorInfo, LibHD
+from cardan_omni.protocol import (
     DEFAULT_SCHEDULER_PRIORITY,
     INVALID_HANDLE,
     CallbackCode,

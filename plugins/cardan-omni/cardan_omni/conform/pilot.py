@@ -8,11 +8,11 @@ from functools import partial
 
 from cardan.conform.conduct import Act, Pilot, Script, Wait, ask, mark, open_, send
 from cardan.conform.hands import HAND_S
-from cardan.conform.hdapi.calls import END_CALLBACK, ERROR_STACK, FORCE, GREATEST_N, request
 from cardan.conform.requirements import Level
 from cardan.conform.timeline import Event, Kind
-from cardan.drivers.omni.library import RATE_HZ
-from cardan.protocols.hdapi import INVALID_HANDLE, Capability, Error, Info, State, WaitCode
+from cardan_omni.conform.calls import END_CALLBACK, ERROR_STACK, FORCE, GREATEST_N, request
+from cardan_omni.driver.library import RATE_HZ
+from cardan_omni.protocol import INVALID_HANDLE, Capability, Error, Info, State, WaitCode
 
 NOBODY = "cardan: there is no such device"
 NO_ENUM = 0x2FFF

@@ -6,9 +6,6 @@ import math
 from collections.abc import Iterable
 from itertools import pairwise
 
-from cardan.conform.hdapi.calls import ERROR_STACK, GREATEST_N
-from cardan.conform.hdapi.pilot import DOUBLES, NO_ENUM, NO_HANDLE, NOBODY, STRINGS
-from cardan.conform.hdapi.seen import Answer, HdapiSeen, Tick
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
@@ -17,8 +14,11 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.drivers.omni.library import RATE_HZ, SIGNATURES
-from cardan.protocols.hdapi import (
+from cardan_omni.conform.calls import ERROR_STACK, GREATEST_N
+from cardan_omni.conform.pilot import DOUBLES, NO_ENUM, NO_HANDLE, NOBODY, STRINGS
+from cardan_omni.conform.seen import Answer, HdapiSeen, Tick
+from cardan_omni.driver.library import RATE_HZ, SIGNATURES
+from cardan_omni.protocol import (
     INVALID_HANDLE,
     Calibration,
     Capability,

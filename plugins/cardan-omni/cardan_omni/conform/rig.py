@@ -6,11 +6,11 @@ import math
 from collections.abc import Mapping
 
 from cardan.conform.conduct import Act, Conduct
-from cardan.conform.hdapi.calls import HdCalls
 from cardan.conform.timeline import Kind
-from cardan.drivers.omni.library import load
-from cardan.sim_peers.omni import OmniFault, OmniSettings, SimulatedOmni
 from cardan.types import ZERO3, Vector3
+from cardan_omni.conform.calls import HdCalls
+from cardan_omni.driver.library import load
+from cardan_omni.peer import OmniFault, OmniSettings, SimulatedOmni
 
 LONGEST_S = 60.0
 """Of a simulated run; a script that waits for what never comes ends before."""

@@ -7,16 +7,16 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from cardan.conform.conduct import Conduct
-from cardan.conform.hdapi.pilot import HdapiPilot
-from cardan.conform.hdapi.requirements import requires
-from cardan.conform.hdapi.rig import HdapiRig
-from cardan.conform.hdapi.seen import HdapiSeen
-from cardan.conform.hdapi.wire import Library
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event, Kind, Timeline
 from cardan.conform.wires import Wires
-from cardan.protocols.hdapi import Info
+from cardan_omni.conform.pilot import HdapiPilot
+from cardan_omni.conform.requirements import requires
+from cardan_omni.conform.rig import HdapiRig
+from cardan_omni.conform.seen import HdapiSeen
+from cardan_omni.conform.wire import Library
+from cardan_omni.protocol import Info
 
 _SERIAL = re.compile(
     rb'("hdGetString", "arguments": \[%d\], "returns": ")([^"]*)(")' % Info.DEVICE_SERIAL_NUMBER

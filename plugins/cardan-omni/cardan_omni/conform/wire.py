@@ -7,9 +7,9 @@ import os
 import time
 from collections.abc import Iterator
 
-from cardan.conform.hdapi.calls import HdCalls
 from cardan.conform.wires import LARGEST_READ, Wire, Wires
-from cardan.drivers.omni.library import load
+from cardan_omni.conform.calls import HdCalls
+from cardan_omni.driver.library import load
 
 TOLD_EVERY = 20
 """Ticks between two times that the reader is woken: a thread that wakes takes time from the

@@ -1,16 +1,16 @@
 """The Phantom Omni, Geomagic and 3D Systems Touch as operator devices that give force back."""
 
-from cardan.drivers.omni.core import (
+from cardan_omni.driver.core import (
     BUTTONS as BUTTONS,
     Identity as Identity,
     OmniCore as OmniCore,
 )
-from cardan.drivers.omni.device import (
+from cardan_omni.driver.device import (
     Omni as Omni,
 )
-from cardan.drivers.omni.options import (
+from cardan_omni.driver.options import (
     OmniOptions as OmniOptions,
 )
-from cardan.drivers.omni.values import (
+from cardan_omni.driver.values import (
     TickDetails as TickDetails,
 )

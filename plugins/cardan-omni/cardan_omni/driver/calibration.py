@@ -8,7 +8,7 @@ may jump when it does: force is allowed only after the answer has been "calibrat
 from __future__ import annotations
 
 from cardan.common.haptics import Calibration
-from cardan.protocols.hdapi import CalibrationStyle
+from cardan_omni.protocol import CalibrationStyle
 
 SETTLE_S = 0.1
 UPDATE_AGAIN_S = 0.5

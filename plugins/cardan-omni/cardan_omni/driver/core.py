@@ -17,10 +17,10 @@ from typing import NamedTuple
 from cardan import spatial
 from cardan.common.haptics import Calibration, HapticState, OperatingState
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.omni.calibration import CalibrationWatch
-from cardan.drivers.omni.options import OmniOptions
 from cardan.drivers.shaping import Shaper
 from cardan.types import NEUTRAL, NEVER_S, ZERO3, Axes, DeviceLink, Pose, Vector3
+from cardan_omni.driver.calibration import CalibrationWatch
+from cardan_omni.driver.options import OmniOptions
 
 BUTTONS = ("button_1", "button_2")
 """button_1 is the front one (dark), button_2 the rear one (white)."""

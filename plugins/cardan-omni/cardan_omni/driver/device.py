@@ -19,18 +19,9 @@ from cardan.common.haptics import FeedbackLimits, HapticCommand, HapticState, Op
 from cardan.drivers.access import UDEV_HINT, usb_devices
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.haptic import HapticDevice
-from cardan.drivers.omni import library
-from cardan.drivers.omni.core import BUTTONS, Identity, OmniCore
-from cardan.drivers.omni.library import LibHD, error_words
-from cardan.drivers.omni.limits import WORKSPACE_LOWER_M, WORKSPACE_UPPER_M, TickLimits
-from cardan.drivers.omni.options import OmniOptions
-from cardan.drivers.omni.servo import Servo
-from cardan.drivers.omni.tick import Tick
-from cardan.drivers.omni.values import TickDetails
 from cardan.drivers.reading import ReadDevice
 from cardan.drivers.simulated import LAUNCHED
 from cardan.errors import CommandError, DeviceAccessError, DriverError, NotOpenError
-from cardan.protocols.hdapi import Capability, Info, State, to_hand
 from cardan.types import (
     ZERO3,
     DeviceCapabilities,
@@ -40,6 +31,15 @@ from cardan.types import (
     Pose,
     Vector3,
 )
+from cardan_omni.driver import library
+from cardan_omni.driver.core import BUTTONS, Identity, OmniCore
+from cardan_omni.driver.library import LibHD, error_words
+from cardan_omni.driver.limits import WORKSPACE_LOWER_M, WORKSPACE_UPPER_M, TickLimits
+from cardan_omni.driver.options import OmniOptions
+from cardan_omni.driver.servo import Servo
+from cardan_omni.driver.tick import Tick
+from cardan_omni.driver.values import TickDetails
+from cardan_omni.protocol import Capability, Info, State, to_hand
 
 WATCH_PERIOD_S = 0.01
 """How often the thread looks at the tick, the calibration, and whether it is to stop."""
@@ -239,7 +239,7 @@ class Omni(ReadDevice[OmniCore], HapticDevice):
     def feedback_limits(self) -> FeedbackLimits:
         """By the options and the device's own nominal forces."""
         limits = self._limits()
-        return FeedbackLimits(limits.clamp_n, limits.torque_limit_n_m)
+        return FeedbackLimits(limits.clamp_n, limits.torque_limit_n_m, limits.energy_budget_j)
 
     def enable(self, wait_s: float = 0.0) -> None:
         """Let force out; after a latched fault this tries again.

@@ -30,7 +30,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
-from cardan.protocols.hdapi import INVALID_HANDLE, MAX_SCHEDULER_PRIORITY, Error, WaitCode
+from cardan_omni.protocol import INVALID_HANDLE, MAX_SCHEDULER_PRIORITY, Error, WaitCode
 
 ENVIRONMENT = "CARDAN_LIBHD"
 """Names the library where the option `library` does not."""

@@ -10,9 +10,9 @@ from typing import Any
 
 from cardan.common.haptics import Matrix3
 from cardan.common.native import NativePartError, load_library
-from cardan.drivers.omni.structures import C_MATRIX3, C_VECTOR3, expected_layout
 from cardan.errors import DriverError
 from cardan.types import Vector3
+from cardan_omni.driver.structures import C_MATRIX3, C_VECTOR3, expected_layout
 
 
 class NativeMissingError(DriverError):
@@ -37,7 +37,9 @@ def available() -> bool:
 def tick_library() -> Any:
     """The compiled tick, loaded once. Raises NativeMissingError, saying what to install."""
     try:
-        loaded = load_library(library_path(), "the compiled tick", "tick_layout", expected_layout())
+        loaded = load_library(
+            library_path(), "the compiled tick", "tick_layout", expected_layout(), "cardan-omni"
+        )
     except NativePartError as error:
         raise NativeMissingError(str(error)) from None
     for name, result, arguments in (

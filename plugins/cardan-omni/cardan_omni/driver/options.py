@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan.common import bounds
-from cardan.drivers.omni.limits import TickLimits
 from cardan.drivers.shaping import ShapingOptions
+from cardan_omni.driver.limits import TickLimits
 
 CALIBRATION_WAIT_S = bounds.Range(0.0, 600.0, "s", "a longer wait does not help")
 STALE_AFTER_S = bounds.Range(0.005, 0.1, "s", "ticks come every 1 ms; a hand moves 10 cm in 0.1 s")

@@ -6,9 +6,9 @@ import ctypes
 from collections.abc import Mapping
 from ctypes import c_void_p
 
-from cardan.drivers.omni.native import tick_library
-from cardan.drivers.omni.tick import Tick
 from cardan.errors import DriverError
+from cardan_omni.driver.native import tick_library
+from cardan_omni.driver.tick import Tick
 
 FUNCTIONS = (
     "hdBeginFrame",

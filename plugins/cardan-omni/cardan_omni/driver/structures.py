@@ -10,8 +10,8 @@ from operator import itemgetter
 from typing import Any, Generic, NamedTuple, TypeVar, get_type_hints
 
 from cardan.common.haptics import MAX_FIXTURES
-from cardan.drivers.omni.limits import TickLimits, UncheckedLimits
 from cardan.types import Vector3
+from cardan_omni.driver.limits import TickLimits, UncheckedLimits
 
 T = TypeVar("T", bound=NamedTuple)
 

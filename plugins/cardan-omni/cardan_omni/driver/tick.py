@@ -11,10 +11,12 @@ import struct
 import threading
 
 from cardan.common.haptics import MAX_FIXTURES, HapticCommand, HapticState, Matrix3, OperatingState
-from cardan.drivers.omni.limits import TickLimits
-from cardan.drivers.omni.native import kinematics, tick_library
-from cardan.drivers.omni.structures import CCommand, COutput, CSample, CSnapshot, c_limits
-from cardan.drivers.omni.values import (
+from cardan.errors import CommandError, DriverError
+from cardan.types import Vector3
+from cardan_omni.driver.limits import TickLimits
+from cardan_omni.driver.native import kinematics, tick_library
+from cardan_omni.driver.structures import CCommand, COutput, CSample, CSnapshot, c_limits
+from cardan_omni.driver.values import (
     STATES,
     StylusSample,
     TickDetails,
@@ -23,8 +25,6 @@ from cardan.drivers.omni.values import (
     pack_sample,
     tick_details,
 )
-from cardan.errors import CommandError, DriverError
-from cardan.types import Vector3
 
 _ENABLE, _DISABLE, _PAUSE, _RESUME = range(4)
 _TAKEN, _DROPPED = 0, 1

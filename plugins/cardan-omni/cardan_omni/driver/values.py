@@ -21,9 +21,9 @@ from cardan.common.haptics import (
     Spring,
     Viscous,
 )
-from cardan.drivers.omni.structures import CCommand, CFixture, CSample, CSnapshot, Flat, Reader
 from cardan.errors import CommandError
 from cardan.types import NEVER_S, ZERO3, Pose, Quaternion, Vector3
+from cardan_omni.driver.structures import CCommand, CFixture, CSample, CSnapshot, Flat, Reader
 
 
 class StylusSample(NamedTuple):

@@ -3,13 +3,13 @@
 libHD.so is compiled from the C sources beside this file; any program that loads libHD can load it.
 """
 
-from cardan.sim_peers.omni.hand import (
+from cardan_omni.peer.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
     compile_script as compile_script,
     load_motion as load_motion,
 )
-from cardan.sim_peers.omni.library import (
+from cardan_omni.peer.library import (
     LIBRARY_NAMES as LIBRARY_NAMES,
     LIBRARY_VARIABLE as LIBRARY_VARIABLE,
     SETTINGS_VARIABLE as SETTINGS_VARIABLE,
@@ -18,12 +18,12 @@ from cardan.sim_peers.omni.library import (
     available as available,
     library_path as library_path,
 )
-from cardan.sim_peers.omni.program import (
+from cardan_omni.peer.program import (
     environment as environment,
     missing_log as missing_log,
     run_program as run_program,
 )
-from cardan.sim_peers.omni.settings import (
+from cardan_omni.peer.settings import (
     FAULTS as FAULTS,
     GIMBAL_NOISE_LSB as GIMBAL_NOISE_LSB,
     INKWELL_M as INKWELL_M,

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from cardan.errors import ConfigurationError
 from cardan.sim_peers.command import PeerCommand, option
-from cardan.sim_peers.omni.hand import SCRIPT_VERBS, SCRIPTS, load_motion
-from cardan.sim_peers.omni.library import library_path
-from cardan.sim_peers.omni.program import missing_log, run_program
-from cardan.sim_peers.omni.settings import FAULTS, OmniSettings
+from cardan_omni.peer.hand import SCRIPT_VERBS, SCRIPTS, load_motion
+from cardan_omni.peer.library import library_path
+from cardan_omni.peer.program import missing_log, run_program
+from cardan_omni.peer.settings import FAULTS, OmniSettings
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -13,12 +13,12 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from cardan.errors import ScriptError
-from cardan.protocols.hdapi import rotation_to_device, to_device, to_hand
 from cardan.sim_peers.base import ScriptStep, load_script
-from cardan.sim_peers.omni.settings import INKWELL_M, HandMotion, Waypoint
 from cardan.sim_peers.scripted import StepWords
 from cardan.spatial import from_euler_zyx, to_euler_zyx
 from cardan.types import ZERO3, Vector3
+from cardan_omni.peer.settings import INKWELL_M, HandMotion, Waypoint
+from cardan_omni.protocol import rotation_to_device, to_device, to_hand
 
 SAMPLE_S = 0.01
 """Waypoints are this far apart while the hand moves."""

@@ -12,12 +12,13 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
+from cardan.common.native import advice
 from cardan.errors import DeviceNotFoundError, ScriptError
-from cardan.protocols.hdapi import rotation_to_device, to_device, to_hand
 from cardan.sim_peers.base import check_faults
-from cardan.sim_peers.omni.settings import FAULTS, OmniSettings
 from cardan.spatial import from_euler_zyx, to_euler_zyx
 from cardan.types import ZERO3, Vector3
+from cardan_omni.peer.settings import FAULTS, OmniSettings
+from cardan_omni.protocol import rotation_to_device, to_device, to_hand
 
 SETTINGS_VARIABLE = "CARDAN_OMNI"
 """Names the settings file of a program that loads the library without knowing what it is."""
@@ -32,9 +33,7 @@ def library_path() -> Path:
     path = Path(__file__).with_name("libHD.so")
     if not path.exists():
         raise DeviceNotFoundError(
-            f"the simulated libHD ({path}) was not compiled: install a C compiler (Debian: "
-            "apt-get install gcc libc6-dev) and install cardan again; in a source tree, run "
-            "tools/native"
+            f"the simulated libHD ({path}) was not compiled: {advice('cardan-omni')}"
         )
     return path
 

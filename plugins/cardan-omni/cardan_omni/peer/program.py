@@ -13,13 +13,13 @@ from types import FrameType
 from cardan.common.files import create_file
 from cardan.common.signals import ENDING_SIGNALS, on_ending
 from cardan.errors import ConfigurationError
-from cardan.sim_peers.omni.library import (
+from cardan_omni.peer.library import (
     LIBRARY_NAMES,
     LIBRARY_VARIABLE,
     SETTINGS_VARIABLE,
     library_path,
 )
-from cardan.sim_peers.omni.settings import OmniSettings
+from cardan_omni.peer.settings import OmniSettings
 
 GRACE_S = 5.0
 """Time that a program has to end on request."""

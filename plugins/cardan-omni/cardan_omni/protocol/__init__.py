@@ -3,7 +3,7 @@
 hdapi.h, beside this file, has the same for C.
 """
 
-from cardan.protocols.hdapi.constants import (
+from cardan_omni.protocol.constants import (
     DEFAULT_SCHEDULER_PRIORITY as DEFAULT_SCHEDULER_PRIORITY,
     ERROR_INFO as ERROR_INFO,
     HD_FALSE as HD_FALSE,
@@ -27,7 +27,7 @@ from cardan.protocols.hdapi.constants import (
     is_force_error as is_force_error,
     is_scheduler_fatal as is_scheduler_fatal,
 )
-from cardan.protocols.hdapi.frames import (
+from cardan_omni.protocol.frames import (
     HAND_FROM_DEVICE as HAND_FROM_DEVICE,
     rotation_to_device as rotation_to_device,
     rotation_to_hand as rotation_to_hand,
