@@ -339,7 +339,6 @@ KINDS = {
     "ExtraMissingError": "run the command that it names",
     "ExtraImportError": "run the command that it names",
     "ExtraNameError": "run the command that it names",
-    "NativeMissingError": "install gcc, and cardan-omni anew",
     "NativePartError": "install gcc, and Cardan anew",
     "ScriptError": "correct it: `--list-scripts`, `--list-faults`",
     "CaptureError": "check the file",

@@ -34,18 +34,17 @@ def load_library(
     Its functions hold the interpreter's lock: each is far shorter than letting go of it and taking
     it back. Raises NativePartError that says what to do.
     """
+    todo = advice(distribution)
     if not path.exists():
-        raise NativePartError(f"{what} {path.name} is not there: {advice(distribution)}")
+        raise NativePartError(f"{what} {path.name} is not there: {todo}")
     try:
         loaded: Any = ctypes.PyDLL(str(path))
         function = getattr(loaded, layout)
     except (OSError, AttributeError) as error:
-        raise NativePartError(
-            f"{what} cannot be loaded ({error}): {advice(distribution)}"
-        ) from None
+        raise NativePartError(f"{what} cannot be loaded ({error}): {todo}") from None
     function.argtypes, function.restype = (POINTER(POINTER(c_size_t)),), c_size_t
     values = POINTER(c_size_t)()
     count = function(ctypes.byref(values))
     if values[:count] != list(expected):
-        raise NativePartError(f"{what} is of other sources: {advice(distribution)}")
+        raise NativePartError(f"{what} is of other sources: {todo}")
     return loaded

@@ -12,7 +12,6 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
-from cardan.common.native import advice
 from cardan.errors import DeviceNotFoundError, ScriptError
 from cardan.sim_peers.base import check_faults
 from cardan.spatial import from_euler_zyx, to_euler_zyx
@@ -33,7 +32,9 @@ def library_path() -> Path:
     path = Path(__file__).with_name("libHD.so")
     if not path.exists():
         raise DeviceNotFoundError(
-            f"the simulated libHD ({path}) was not compiled: {advice('cardan-omni')}"
+            f"the simulated libHD ({path}) was not compiled: install a C compiler (Debian: "
+            "apt-get install gcc libc6-dev) and install cardan-omni anew, or run tools/native in "
+            "its sources"
         )
     return path
 
