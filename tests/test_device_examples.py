@@ -30,6 +30,9 @@ MOVED_M = 1e-3
 GOES_ON_S = 1.5
 """How long a session goes on then: as long as the first strokes of every short script."""
 
+PRESSED_N = 0.4
+"""What is felt at least of a hand that presses against something; for plugins/."""
+
 SCRIPTS = {
     "gamepad-ur5-simulated.toml": "short",
     "keyboard-ur5-simulated.toml": "short",

@@ -21,11 +21,9 @@ from cardan.gateway.session.session import EXIT_OK
 from cardan.sim_peers import registry as peers
 from cardan_omni.driver import Omni, OmniOptions
 from tests.demos.test_demo import DRAWN, pretend
-from tests.test_device_examples import port_of_its_own, supervised
+from tests.test_device_examples import PRESSED_N, port_of_its_own, supervised
 
 EXAMPLES = Path(cardan_omni.__file__).parent / "examples"
-PRESSED_N = 0.4
-"""What is felt of an example's hand that presses against something, at least."""
 
 
 def test_all_of_it_is_found_by_name():
