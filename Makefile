@@ -20,7 +20,8 @@ FAULT_OPTIONS ?=
 EVALUATE ?=
 BIN := $(VENV)/bin
 C_SOURCES := $(wildcard cardan/*/*/*.c cardan/*/*/*.h cardan/*/*/*/*.c cardan/*/*/*/*.h \
-	cardan/*/*/*/*/*.c cardan/*/*/*/*/*.h)
+	cardan/*/*/*/*/*.c cardan/*/*/*/*/*.h plugins/*/*/*/*.c plugins/*/*/*/*.h)
+NATIVE := tools/native $(wildcard plugins/*/tools/native)
 
 # Where the environment forbids to keep compiled modules, each of the hundreds of programs that the
 # tests start compiles them anew, and so does each worker with the tests: minutes.
@@ -74,9 +75,10 @@ help:
 	@echo "make clean   remove the environment and caches"
 
 # Versions and hashes are those of locks/; NEWEST=1 installs the newest instead, in a new environment.
-$(VENV)/.cardan: pyproject.toml studies/pyproject.toml $(wildcard plugins/cardan-*/pyproject.toml) hatch_build.py tools/environment tools/install tools/native \
+$(VENV)/.cardan: pyproject.toml studies/pyproject.toml $(wildcard plugins/cardan-*/pyproject.toml) \
+		hatch_build.py $(wildcard plugins/*/hatch_build.py) tools/environment tools/install $(NATIVE) \
 		locks/make.txt locks/uv.txt locks/arm.txt $(C_SOURCES)
-	tools/native & native=$$!; tools/environment "$(PYTHON)" "$(VENV)" && \
+	{ $(NATIVE:%=% &&) :; } & native=$$!; tools/environment "$(PYTHON)" "$(VENV)" && \
 		{ ! wait $$native || export CARDAN_NATIVE=compiled; } && \
 		tools/install "$(VENV)" --editable arm
 	@touch $@
@@ -193,7 +195,7 @@ $(VENV)/.cardan-docs: $(VENV)/.cardan locks/docs.txt
 lint: $(VENV)/.cardan-dev
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	tools/native -Werror
+	$(NATIVE:%=% -Werror &&) :
 
 types: $(VENV)/.cardan-dev
 	$(BIN)/mypy
@@ -263,4 +265,4 @@ clean:
 	rm -rf $(VENV) .venv-3.* .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 	rm -rf console/node_modules cardan/gateway/faces/console/page docs/api
-	find cardan -name '*.so' -delete
+	find cardan plugins -name '*.so' -delete

@@ -21,9 +21,7 @@ from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 LIBRARIES = (
     "cardan/drivers/abb_egm/libcardan_egm.so",
-    "cardan/drivers/omni/libcardan_omni.so",
     "cardan/gateway/servo/libcardan_servo.so",
-    "cardan/sim_peers/omni/libHD.so",
 )
 PAGE = "cardan/gateway/faces/console/page/*"
 NO_COMPILER = NO_NPM = 3
@@ -59,9 +57,7 @@ class BuiltParts(BuildHookInterface):  # type: ignore[type-arg]
         if os.environ.get("CARDAN_NATIVE") != "compiled":
             done = subprocess.run([Path(self.root, "tools", "native")], check=False)
             if done.returncode == NO_COMPILER:
-                self.app.display_warning(
-                    "cardan is built without the driver for haptic devices and the compiled servo"
-                )
+                self.app.display_warning("cardan is built without the compiled servo")
                 return
             done.check_returncode()
         platform = sysconfig.get_platform().replace("-", "_").replace(".", "_")

@@ -67,7 +67,6 @@ if TYPE_CHECKING:
     from cardan.drivers.gamepad import Gamepad as Gamepad
     from cardan.drivers.keyboard import Keyboard as Keyboard
     from cardan.drivers.motoros import Motoros as Motoros
-    from cardan.drivers.omni import Omni as Omni
     from cardan.drivers.phone import Phone as Phone
     from cardan.drivers.ros2_arm import Ros2Arm as Ros2Arm
     from cardan.drivers.ros2_joy import Ros2Joy as Ros2Joy
@@ -105,8 +104,6 @@ def open_device(
 def open_device(driver: Literal["phone"], /, options: Any = None, **keywords: Any) -> Phone: ...
 @overload
 def open_device(driver: Literal["xr"], /, options: Any = None, **keywords: Any) -> Xr: ...
-@overload
-def open_device(driver: Literal["omni"], /, options: Any = None, **keywords: Any) -> Omni: ...
 @overload
 def open_device(driver: str, /, options: Any = None, **keywords: Any) -> OperatorDevice: ...
 def open_device(driver: str, /, options: Any = None, **keywords: Any) -> OperatorDevice:

@@ -19,7 +19,6 @@ of each when it comes and what to do.
     |   +-- ExtraMissingError     a package that only some need is not installed
     |   |   +-- ExtraImportError      the same, also an ImportError
     |   |   +-- ExtraNameError        the same of a module's name, also an AttributeError
-    |   +-- NativeMissingError    cardan.drivers.omni.native: the compiled force loop is missing
     +-- ScriptError           a simulated peer's script or fault switch is wrong
     +-- NativePartError       cardan.common.native: a compiled part is missing or of other sources
     +-- CaptureError          a capture file cannot be read

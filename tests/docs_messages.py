@@ -131,7 +131,7 @@ PAGES = {
             _driver("JR3 force-torque sensor", "cardan-jr3/cardan_jr3/driver", "jr3.md"),
             _driver(
                 "Phantom Omni and Touch",
-                "omni",
+                "cardan-omni/cardan_omni/driver",
                 "omni.md",
                 "drivers/haptic.py",
                 "common/haptics.py",
@@ -253,6 +253,7 @@ PAGES = {
                     "sim_peers",
                     "cardan-jr3/cardan_jr3/peer",
                     "cardan-leap/cardan_leap/peer",
+                    "cardan-omni/cardan_omni/peer",
                     "cardan-wiimote/cardan_wiimote/peer",
                 ),
                 "`cardan sim NAME --help`; [simulated peers](../simulated-peers.md)",
@@ -268,6 +269,7 @@ PAGES = {
                     "conform",
                     "cardan-jr3/cardan_jr3/conform",
                     "cardan-leap/cardan_leap/conform",
+                    "cardan-omni/cardan_omni/conform",
                     "cardan-serial-mice/cardan_serial_mice/conform",
                     "cardan-spnav-server/cardan_spnav_server/conform",
                     "cardan-wiimote/cardan_wiimote/conform",
@@ -281,6 +283,7 @@ PAGES = {
                     "cardan-foxglove/cardan_foxglove/protocol.py",
                     "cardan-jr3/cardan_jr3/protocol",
                     "cardan-leap/cardan_leap/protocol",
+                    "cardan-omni/cardan_omni/protocol",
                     "cardan-wiimote/cardan_wiimote/protocol",
                 ),
                 "what was to be encoded or decoded breaks the protocol: its page says the bytes",
@@ -290,7 +293,7 @@ PAGES = {
 }
 """By the name of the file. The doctor's findings have a page of their own, docs/doctor.md."""
 
-DOCTOR = Part("The doctor", ("doctor",), "")
+DOCTOR = Part("The doctor", ("doctor", "cardan-omni/cardan_omni/check.py"), "")
 
 ADVICE = {
     r"not seen at rest yet": "let go of the device once: nothing moves by what was held when it was opened",
@@ -336,7 +339,6 @@ KINDS = {
     "ExtraMissingError": "run the command that it names",
     "ExtraImportError": "run the command that it names",
     "ExtraNameError": "run the command that it names",
-    "NativeMissingError": "install gcc, and Cardan anew",
     "NativePartError": "install gcc, and Cardan anew",
     "ScriptError": "correct it: `--list-scripts`, `--list-faults`",
     "CaptureError": "check the file",

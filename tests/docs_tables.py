@@ -197,6 +197,7 @@ TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/simulated-devices.md", "peers"): _peers("simulated-devices.md"),
     ("docs/simulated-devices.md", "faults of jr3"): _faults("jr3"),
     ("docs/simulated-devices.md", "faults of leap"): _faults("leap"),
+    ("docs/simulated-devices.md", "faults of omni"): _faults("omni"),
     ("docs/simulated-devices.md", "faults of serial devices"): _faults("spacemouse-serial"),
     ("docs/simulated-devices.md", "faults of wiimote"): _faults("wiimote"),
     **FAULTS,

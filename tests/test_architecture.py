@@ -234,7 +234,13 @@ def outside(path):
 def test_what_stands_on_the_package_is_there():
     assert {"studies", "lerobot_robot_cardan", "cardan_dds", "cardan_foxglove"} < BESIDE
     assert {"cardan_serial_mice", "cardan_spnav_server"} < BESIDE
-    assert {"cardan_jr3", "cardan_leap", "cardan_learning", "cardan_wiimote"} < BESIDE
+    assert {
+        "cardan_jr3",
+        "cardan_leap",
+        "cardan_learning",
+        "cardan_omni",
+        "cardan_wiimote",
+    } < BESIDE
     for name in BESIDE:
         assert [*SOURCE_TREE.glob(f"{name}*"), *SOURCE_TREE.glob(f"plugins/*/{name}")], name
 

@@ -34,7 +34,7 @@ def names(offered):
 
 def test_demos_and_drivers_and_verbs():
     assert names(completion.demos("go")) == ["gofa"]
-    assert {"omni", "omni-ur5"} <= {*names(completion.demos("omni"))}
+    assert {"ros2", "ros2-ur5"} <= {*names(completion.demos("ros2"))}
     assert names(completion.drivers("spa")) == ["spacemouse", "spacemouse_serial"]
     assert names(completion.verbs("mov")) == ["movj", "movl", "movv"]
 
@@ -129,7 +129,7 @@ def complete(*words, **environment):
     ("words", "found"),
     [
         (("doc",), ["doctor"]),
-        (("demo", "omni-"), ["omni-jr3", "omni-sphere", "omni-ur5"]),
+        (("demo", "ros2-"), ["ros2-joy", "ros2-pr2", "ros2-spacenav", "ros2-ur5"]),
         (("face", "ro"), ["rosbridge", "router"]),
         (("sim", "sp"), ["spacemouse", "spacemouse-serial"]),
         (("drivers", "ga"), ["gamepad"]),
@@ -187,9 +187,9 @@ def test_bash_completes_by_what_was_installed(tmp_path):
     (folder / "cardan").write_text(f'#!/bin/sh\nexec {sys.executable} -m cardan "$@"\n')
     (folder / "cardan").chmod(0o755)
     environment["PATH"] = f"{folder}:{os.environ['PATH']}"
-    typed = "COMP_WORDS=(cardan demo omni-); COMP_CWORD=2; _cardan_completion cardan\n"
+    typed = "COMP_WORDS=(cardan demo ros2-); COMP_CWORD=2; _cardan_completion cardan\n"
     done = subprocess.run(
         ["bash", "--norc", "-c", f"{shown}\n{typed}echo ${{COMPREPLY[@]}}"],
         env=environment, capture_output=True, text=True, check=False,
     )  # fmt: skip
-    assert done.stdout == "omni-jr3 omni-sphere omni-ur5\n", done.stderr
+    assert done.stdout == "ros2-joy ros2-pr2 ros2-spacenav ros2-ur5\n", done.stderr

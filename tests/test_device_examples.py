@@ -11,9 +11,7 @@ from pathlib import Path
 import pytest
 
 from cardan.demos.examples import free_ports
-from cardan.drivers.omni import OmniOptions
 from cardan.gateway.session.assembly import load_config
-from cardan.gateway.session.launched import launched
 from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.supervisor import supervise
 from cardan.sim_peers import registry as peers
@@ -32,16 +30,8 @@ MOVED_M = 1e-3
 GOES_ON_S = 1.5
 """How long a session goes on then: as long as the first strokes of every short script."""
 
-FELT = {
-    "omni-force-node-simulated.toml",
-    "omni-gofa-simulated.toml",
-    "omni-sphere-simulated.toml",
-    "omni-ur5-simulated.toml",
-}
-"""Of a haptic device whose hand presses against something."""
-
 PRESSED_N = 0.4
-"""What it feels then, at least."""
+"""What is felt at least of a hand that presses against something; for plugins/."""
 
 SCRIPTS = {
     "gamepad-ur5-simulated.toml": "short",
@@ -64,7 +54,7 @@ TESTED_ELSEWHERE = {
 DEVICES = {
     path.name: SCRIPTS.get(path.name, "demo")
     for path in sorted(EXAMPLES.glob("*-simulated.toml"))
-    if path.name not in {*FELT, *TESTED_ELSEWHERE}
+    if path.name not in TESTED_ELSEWHERE
 }
 """All others, and the script whose hand moves each device."""
 
@@ -151,44 +141,6 @@ def test_the_example_runs(run, name):
     assert last.path_m > 1e-4, (last.message, last.device_reason, last.diagnosis)
 
 
-@pytest.mark.parametrize("name", sorted(FELT))
-def test_the_haptic_example_runs_and_is_felt(name, tmp_path, monkeypatch):
-    text = port_of_its_own((EXAMPLES / name).read_text(encoding="utf-8"))
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / name).write_text(text, encoding="utf-8")
-    (tmp_path / "examples").symlink_to(EXAMPLES)
-    device, dashes, run = re.findall(r"^#   (cardan .*)$", text, re.MULTILINE)[-1].partition(" -- ")
-    assert (dashes, run) == (" -- ", f"cardan run examples/{name}")
-    through = (sys.executable, "-m", *shlex.split(device), "--")
-    with contextlib.ExitStack() as peers:
-        for command in commands(text):
-            words = shlex.split(command)
-            if words[0] == "force":
-                peers.enter_context(waiting(words))
-            else:
-                to = re.search(r"listen_port = (\d+)", text)[1]
-                peers.enter_context(launched(*words, "--to", f"127.0.0.1:{to}", "--seconds", "40"))
-        outcome = supervised(name, lambda seen: seen.force_peak_n > PRESSED_N, through=through)
-    last = outcome.last
-    assert (outcome.exit_code, last.error, last.trips) == (EXIT_OK, "", 0), last.message
-    assert PRESSED_N < last.force_peak_n <= OmniOptions().clamp_n, last.diagnosis
-    assert last.haptic_state == "enabled", last.haptic_reason
-
-
-@contextlib.contextmanager
-def waiting(words):
-    """A command that waits for a session that comes later, and ends with it."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "cardan", *words, "--seconds", "40"], stdout=subprocess.DEVNULL
-    )
-    try:
-        yield
-        assert process.wait(5.0) == EXIT_OK
-    finally:
-        process.kill()
-        process.wait()
-
-
 @contextlib.contextmanager
 def served(words, said):
     """A command that prints READY; what it says on standard error goes to the end of `said`."""
@@ -224,6 +176,5 @@ def test_no_example_is_forgotten():
     assert SCRIPTS.keys() <= DEVICES.keys()
     assert {path.name for path in EXAMPLES.glob("*-simulated.toml")} == {
         *DEVICES,
-        *FELT,
         *TESTED_ELSEWHERE,
     }

@@ -15,11 +15,10 @@ import pytest
 from cardan.drivers.spnav import SpnavCore, SpnavOptions, core as spnav
 from cardan.protocols.connexion import model_by_key
 from cardan.protocols.spnav import encode_button, encode_motion
-from cardan.types import DeviceLink, Vector3
+from cardan.types import DeviceLink
 from tests.drivers import (
     evdev_bench,
     handheld_rig,
-    omni_rig,
     ros2_node_rig,
 )
 from tests.drivers.test_spacemouse_simulated import Bench as SpaceMouseBench
@@ -245,37 +244,6 @@ class Keyboard(Gamepad):
         self.rig.release("space", "a")
 
 
-class Omni(Intercepted):
-    """What passes is the tick's snapshot: without a position, or with one that is no number."""
-
-    name = "Omni and Touch"
-    method = "on_snapshot"
-    step_s = omni_rig.LOOK_S
-
-    def make(self):
-        return omni_rig.Rig().live()
-
-    def shortened(self, report):
-        return report._replace(pose=None)
-
-    def garbled(self, report):
-        position = Vector3(self._rng.random(), float("nan"), float("inf"))
-        return report._replace(pose=report.pose._replace(position=position))
-
-    def deflect(self):
-        self.rig.position = (0.03, 0.0, 0.05)
-        self.rig.buttons = 1
-        self.rig.run(0.1)
-
-    def let_go(self):
-        self.rig.position = (0.0, 0.0, 0.0)
-        self.rig.buttons = 0
-        self.rig.run(0.1)
-
-    def replug(self):
-        self.core.on_opened(omni_rig.TOUCH, self.now_s)
-
-
 class SpacenavNode(Subject):
     name = "spacenav_node, Zenoh"
     node = "spacenav"
@@ -342,7 +310,6 @@ class XrPage(PhonePage):
 SUBJECTS = (
     SpaceMouse,
     Spnav,
-    Omni,
     Gamepad,
     Keyboard,
     SpacenavNode,

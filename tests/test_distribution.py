@@ -126,7 +126,10 @@ def test_one_wheel_serves_every_python(wheel: Path) -> None:
 def test_neither_knows_the_machine_it_was_made_on(wheel: Path, sdist: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         contents = {name: archive.read(name) for name in archive.namelist()}
-    assert {"cardan/sim_peers/omni/libHD.so", "cardan/examples/verbs.py"} <= contents.keys()
+    assert {
+        "cardan/gateway/servo/libcardan_servo.so",
+        "cardan/examples/verbs.py",
+    } <= contents.keys()
     with tarfile.open(sdist) as archive_:
         for member in archive_:
             if (file := archive_.extractfile(member)) is not None:
@@ -203,7 +206,6 @@ def test_every_driver_is_imported_without_an_arms_model(light: Installation) -> 
         ("gamepad", "--events", "gamepad.sock"),
         ("keyboard", "--events", "keyboard.sock"),
         ("motoman-gp8", "--base-port", "{port}"),
-        ("omni", "--", sys.executable, "-c", "print('READY')"),
         ("spacemouse", "--hid", "spacemouse.sock"),
     ],
     ids=" ".join,
@@ -212,8 +214,7 @@ def test_simulated_peers_serve_without_an_arms_model(
     light: Installation, words: tuple[str, ...]
 ) -> None:
     words = tuple(word.format(port=free_udp_port()) for word in words)
-    seconds = () if "--" in words else ("--seconds", "0.5")
-    assert "READY" in light.cardan("sim", *words, *seconds)
+    assert "READY" in light.cardan("sim", *words, "--seconds", "0.5")
 
 
 def test_a_session_without_an_arms_model_runs(light: Installation) -> None:
@@ -261,6 +262,6 @@ def test_the_source_archive_is_whole(tmp_path_factory: pytest.TempPathFactory, s
     installed = Installation(tmp_path_factory.mktemp("source"), sdist)
     installed.demo()
     assert "True" in installed.python(
-        "from cardan.drivers.omni import native; from cardan.sim_peers import omni;"
-        "print(native.available() and omni.available())"
+        "from cardan.drivers.abb_egm import compiled; from cardan.gateway.servo import native;"
+        "print(bool(compiled.egm_library() and native.kernel_library()))"
     )

@@ -423,9 +423,7 @@ def test_closed_streams_are_no_robot_s_sockets():
 # -- what is logged -------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "words", [("run",), ("demo",), ("spnav",), ("force",), ("sim", "arm"), ("sim", "omni")]
-)
+@pytest.mark.parametrize("words", [("run",), ("demo",), ("spnav",), ("force",), ("sim", "arm")])
 def test_every_command_that_runs_on_says_how_much_it_logs(words):
     with Program(*words, "--help") as program:
         assert program.end() == 0

@@ -60,7 +60,6 @@ def test_every_corpus_file_has_a_target_and_its_inputs_names():
 TARGETS = Path(__file__).parents[1] / "fuzz" / "targets"
 
 NOT_FUZZED = {
-    "hdapi": "names and values of a C library: it has no bytes",
     "rate": "counts messages",
 }
 """Protocols that no target is of, and why."""

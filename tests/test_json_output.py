@@ -97,7 +97,7 @@ def printed(capsys):
 def test_lists_and_checks_as_json(printed):
     assert "gofa" in {row["demo"] for row in printed("demo", "--list", "--json")}
     assert "metrics" in {row["face"] for row in printed("face", "--list", "--json")}
-    assert "omni" in {row["peer"] for row in printed("sim", "--json", "--list")}
+    assert "arm" in {row["peer"] for row in printed("sim", "--json", "--list")}
     assert printed("drivers", "abb_egm", "--json")[0]["table"] == "[robot]"
     assert isinstance(printed("devices", "--json"), list)
     found = printed("check", "examples/verbs-ur5-simulated.toml", "--json")

@@ -3,12 +3,12 @@
 import os
 import shutil
 
-from cardan.drivers.omni import native
-from cardan.sim_peers import omni
+from cardan.drivers.abb_egm import compiled
+from cardan.gateway.servo import native
 
 
 def test_the_c_parts_were_compiled():
     if shutil.which(os.environ.get("CC", "cc")) is None:
         return  # Then the package is built without, and says so; the other tests skip aloud.
-    assert native.available(), "run tools/native"
-    assert omni.available(), "run tools/native"
+    assert native.kernel_library(), "run tools/native"
+    assert compiled.egm_library(), "run tools/native"

@@ -27,7 +27,6 @@ from cardan.common.options import (
 )
 from cardan.drivers import registry as driver_registry
 from cardan.drivers.abb_egm import AbbEgm
-from cardan.drivers.omni.limits import UncheckedLimits
 from cardan.errors import ConfigurationError, OptionError, shown
 from cardan.gateway.hand.filters import registry as filter_registry
 from cardan.gateway.hand.mapping import MappingOptions
@@ -365,7 +364,6 @@ def test_limits_cannot_be_taken_from_under_a_robot():
     lower[2] = math.nan
     assert robot.options.workspace_lower_m == (0.0, 0.0, 0.0)
     assert MappingOptions(device_centre_m=[0.0, 0.0, 0.0]) == MappingOptions()
-    assert UncheckedLimits(workspace_lower_m=[-9.0] * 3).workspace_lower_m == (-9.0,) * 3
 
 
 # -- values in messages ----------------------------------------------------------------------------

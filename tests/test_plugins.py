@@ -224,6 +224,7 @@ def plugins_entry_points():
     """What is found by each group's entry points: of the groups of this source tree's own."""
     words = {
         "cardan.buses": "transport",
+        "cardan.checks": "check",
         "cardan.commands": "command",
         "cardan.conform": "protocol",
         "cardan.dissect": "dissector",

@@ -189,8 +189,8 @@ def demo(
     log_level: Level = None,
 ) -> None:
     """Run an example against simulated peers, with no hardware: gofa (a SpaceMouse drives an ABB
-    GoFa over EGM), gp8 (a Motoman GP8 over MotoROS), omni (a Phantom Omni draws with the GoFa's pen
-    and feels its board), and more."""
+    GoFa over EGM), gp8 (a Motoman GP8 over MotoROS), ur5e (a UR5e over RTDE), and more, also
+    those of installed plug-ins."""
     from cardan.demos.demo import check_length, choose_demo, run_demo
     from cardan.demos.examples import find_demos
 

@@ -179,6 +179,8 @@ class FeedbackLimits(NamedTuple):
     """Norm of the force."""
     joint_torque_n_m: float | None = None
     """Of each joint; None: it does not accept joint torques."""
+    energy_j: float | None = None
+    """Net energy that one engagement may give to the hand; None: it keeps no such bound."""
 
 
 class HapticState(NamedTuple):

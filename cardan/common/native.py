@@ -10,32 +10,41 @@ from typing import Any
 
 from cardan.errors import CardanError
 
-ADVICE = (
-    "install a C compiler (Debian: apt-get install gcc libc6-dev) and install cardan anew, or "
-    "run tools/native in its sources"
-)
+
+def advice(distribution: str) -> str:
+    """What to do where a compiled part of a distribution is missing."""
+    return (
+        "install a C compiler (Debian: apt-get install gcc libc6-dev) and install "
+        f"{distribution} anew, or run tools/native in its sources"
+    )
+
+
+ADVICE = advice("cardan")
 
 
 class NativePartError(CardanError):
     """A compiled part is missing, cannot be loaded, or was compiled from other sources."""
 
 
-def load_library(path: Path, what: str, layout: str, expected: Sequence[int]) -> Any:
+def load_library(
+    path: Path, what: str, layout: str, expected: Sequence[int], distribution: str = "cardan"
+) -> Any:
     """The library at `path`, whose function `layout` must give the sizes and offsets `expected`.
 
     Its functions hold the interpreter's lock: each is far shorter than letting go of it and taking
     it back. Raises NativePartError that says what to do.
     """
+    todo = advice(distribution)
     if not path.exists():
-        raise NativePartError(f"{what} {path.name} is not there: {ADVICE}")
+        raise NativePartError(f"{what} {path.name} is not there: {todo}")
     try:
         loaded: Any = ctypes.PyDLL(str(path))
         function = getattr(loaded, layout)
     except (OSError, AttributeError) as error:
-        raise NativePartError(f"{what} cannot be loaded ({error}): {ADVICE}") from None
+        raise NativePartError(f"{what} cannot be loaded ({error}): {todo}") from None
     function.argtypes, function.restype = (POINTER(POINTER(c_size_t)),), c_size_t
     values = POINTER(c_size_t)()
     count = function(ctypes.byref(values))
     if values[:count] != list(expected):
-        raise NativePartError(f"{what} is of other sources: {ADVICE}")
+        raise NativePartError(f"{what} is of other sources: {todo}")
     return loaded

@@ -25,9 +25,11 @@ T = TypeVar("T")
 
 _JR3 = "plugins/cardan-jr3"
 _LEAP = "plugins/cardan-leap"
+_OMNI = "plugins/cardan-omni"
 _SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spnav-server"
 _WIIMOTE = "plugins/cardan-wiimote"
 IN_SOURCE_TREE = {
+    "check": {"compiled": _OMNI},
     "command": {"evaluate": "studies", "spnav": _SPNAV_SERVER},
     "dissector": {
         "jr3_can": _JR3,
@@ -36,6 +38,7 @@ IN_SOURCE_TREE = {
     "driver": {
         "jr3_can": _JR3,
         "leap": _LEAP,
+        "omni": _OMNI,
         "spacemouse_serial": _SERIAL_MICE,
         "wiimote": _WIIMOTE,
     },
@@ -45,6 +48,7 @@ IN_SOURCE_TREE = {
         "spnav": _SPNAV_SERVER,
     },
     "protocol": {
+        "hdapi": _OMNI,
         "jr3": _JR3,
         "leap": _LEAP,
         **dict.fromkeys(("magellan", "spaceball", "spaceorb"), _SERIAL_MICE),
@@ -54,6 +58,7 @@ IN_SOURCE_TREE = {
     "simulated peer": {
         "jr3": _JR3,
         "leap": _LEAP,
+        "omni": _OMNI,
         "spacemouse-serial": _SERIAL_MICE,
         "wiimote": _WIIMOTE,
     },

@@ -13,7 +13,6 @@ BUILT_IN = {
     "3dconnexion": "cardan.conform.connexion.suite:Connexion",
     "egm": "cardan.conform.egm.suite:Egm",
     "egm-driver": "cardan.conform.egm_driver.suite:EgmDriver",
-    "hdapi": "cardan.conform.hdapi.suite:Hdapi",
     "joint-stream": "cardan.conform.joint_stream.suite:JointStream",
     "joint-stream-driver": "cardan.conform.joint_stream_driver.suite:JointStreamDriver",
     "joint-trajectory": "cardan.conform.joint_trajectory.suite:JointTrajectory",

@@ -12,14 +12,14 @@ import sys
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
+from cardan.common.haptics import FeedbackLimits
 from cardan.common.tables import resolved
 from cardan.demos.examples import Demo, find_demos, read_demo
 from cardan.demos.pauses import Pauses
 from cardan.demos.peers import Peers
 from cardan.demos.unattended import check_unattended, check_words
-from cardan.drivers.omni.limits import TickLimits
+from cardan.drivers.haptic import HapticDevice
 from cardan.errors import ConfigurationError, DriverError
 from cardan.gateway.session.assembly import make_device
 from cardan.gateway.session.config import SessionConfig, parse_config
@@ -107,11 +107,15 @@ def served_faces(
 
 
 def find_problems(
-    last: Snapshot, device_options: Any = None, *, may_rest: bool = False, paused_s: float = 0.0
+    last: Snapshot,
+    felt: FeedbackLimits | None = None,
+    *,
+    may_rest: bool = False,
+    paused_s: float = 0.0,
 ) -> list[str]:
     """The problems of a demo, by its last snapshot; empty when there were none.
 
-    `device_options` are those of the device: a haptic one's force is held against its limits.
+    `felt` is what a haptic device lets out at most: its force is held against that.
     `may_rest`: nobody need move the arm. `paused_s`: for how long this computer stood still at
     most (see Pauses); what comes of that is no problem of the demo, but a remark.
     """
@@ -125,17 +129,17 @@ def find_problems(
             f"the robot was up to {last.error_max_m * 1e3:.1f} mm away from its reference "
             f"(expected: {WELL_FOLLOWED_M * 1e3:.0f} mm)"
         )
-    if isinstance(device_options, TickLimits):
-        found += _force_problems(last, device_options)
-    return found if paused_s > PAUSE_S else found + _interruptions(last, device_options)
+    if felt is not None:
+        found += _force_problems(last, felt)
+    return found if paused_s > PAUSE_S else found + _interruptions(last, felt)
 
 
-def _interruptions(last: Snapshot, device_options: Any) -> list[str]:
+def _interruptions(last: Snapshot, felt: FeedbackLimits | None) -> list[str]:
     """What comes of a computer that stands still for a moment, too."""
     found = []
     if last.trips:
         found.append(f"teleoperation was disengaged {last.trips} times")
-    if not isinstance(device_options, TickLimits):
+    if felt is None:
         return found
     if last.force_losses:
         found.append(f"{last.force_losses} times there was no force: {last.force_lost_reason}")
@@ -152,7 +156,9 @@ def _interruptions(last: Snapshot, device_options: Any) -> list[str]:
     return found
 
 
-def find_remarks(last: Snapshot, device_options: Any = None, *, paused_s: float = 0.0) -> list[str]:
+def find_remarks(
+    last: Snapshot, felt: FeedbackLimits | None = None, *, paused_s: float = 0.0
+) -> list[str]:
     """What a demo says of the computer that it ran on, by what find_problems takes: no problem of
     the demo."""
     found = []
@@ -160,11 +166,11 @@ def find_remarks(last: Snapshot, device_options: Any = None, *, paused_s: float 
         found.append(f"{missed} of {last.cycles} cycles were missed: is this machine very busy?")
     if paused_s > PAUSE_S:
         stood_still = f"not judged, as this computer stood still for {paused_s * 1e3:.0f} ms: "
-        found += [stood_still + problem for problem in _interruptions(last, device_options)]
+        found += [stood_still + problem for problem in _interruptions(last, felt)]
     return found
 
 
-def _force_problems(last: Snapshot, limits: TickLimits) -> list[str]:
+def _force_problems(last: Snapshot, felt: FeedbackLimits) -> list[str]:
     """The problems of the force feedback."""
     found = []
     if last.contact_target_n is not None:
@@ -178,28 +184,30 @@ def _force_problems(last: Snapshot, limits: TickLimits) -> list[str]:
             )
     if last.force_peak_n == 0.0:
         found.append("no force was rendered to the hand")
-    if last.force_peak_n > limits.clamp_n * (1.0 + 1e-6):
-        found.append(f"the force was {last.force_peak_n:.2f} N, above {limits.clamp_n:g} N")
-    if last.energy_given_peak_j > limits.energy_budget_j:
+    if last.force_peak_n > felt.force_n * (1.0 + 1e-6):
+        found.append(f"the force was {last.force_peak_n:.2f} N, above {felt.force_n:g} N")
+    if felt.energy_j is not None and last.energy_given_peak_j > felt.energy_j:
         found.append(
             f"the hand was given up to {last.energy_given_peak_j * 1e3:.1f} mJ in one engagement "
-            f"(bound: {limits.energy_budget_j * 1e3:g} mJ)"
+            f"(bound: {felt.energy_j * 1e3:g} mJ)"
         )
     if last.haptic_state != "enabled":
         found.append(f"the force was {last.haptic_state} at the end: {last.haptic_reason}")
     return found
 
 
-def _success(demo: Demo, last: Snapshot, device_options: Any) -> str:
+def _success(demo: Demo, last: Snapshot, felt: FeedbackLimits | None) -> str:
     """The message of a demo without problems."""
     if last.path_m == 0.0:
         return "nobody moved the arm"
-    if not isinstance(device_options, TickLimits):
+    if felt is None:
         return demo.success_message
+    said = f"{demo.success_message}, {last.force_peak_n:.2f} N at most"
+    if felt.energy_j is None:
+        return said
     return (
-        f"{demo.success_message}, {last.force_peak_n:.2f} N at most: "
-        f"it was given at most {last.energy_given_peak_j * 1e3:.2f} mJ in one engagement, of the "
-        f"{device_options.energy_budget_j * 1e3:g} mJ that passivity allows"
+        f"{said}: it was given at most {last.energy_given_peak_j * 1e3:.2f} mJ in one engagement, "
+        f"of the {felt.energy_j * 1e3:g} mJ that passivity allows"
     )
 
 
@@ -252,12 +260,13 @@ def run_demo(seconds: float, name: str = "gofa", picture_of: Callable[[str], str
     if not outcome.last.finished or outcome.last.ending == STOPPED_ON_REQUEST:
         view.console.print("ended early: not judged")
         return EXIT_OK
-    options = make_device(config).options if config.device is not None else None
+    device = make_device(config) if config.device is not None else None
+    felt = device.feedback_limits if isinstance(device, HapticDevice) else None
     problems = find_problems(
-        outcome.last, options, may_rest=bool(demo.invitation), paused_s=pauses.longest_s
+        outcome.last, felt, may_rest=bool(demo.invitation), paused_s=pauses.longest_s
     )
-    for line in (*find_remarks(outcome.last, options, paused_s=pauses.longest_s), *problems):
+    for line in (*find_remarks(outcome.last, felt, paused_s=pauses.longest_s), *problems):
         print(f"cardan demo: {line}", file=sys.stderr)
     if not problems:
-        view.console.print(_success(demo, outcome.last, options), markup=False)
+        view.console.print(_success(demo, outcome.last, felt), markup=False)
     return EXIT_INCOMPLETE if problems else EXIT_OK

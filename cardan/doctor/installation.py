@@ -1,4 +1,4 @@
-"""Checks of the installation: packages, compiled parts, plug-ins."""
+"""Checks of the installation: packages, plug-ins."""
 
 from __future__ import annotations
 
@@ -14,7 +14,6 @@ from cardan.common.plugins import Loaded
 from cardan.doctor.base import Check, Finding, Subject, caution, failure, good
 from cardan.drivers import registry as drivers
 from cardan.drivers.hid import load_hid
-from cardan.drivers.omni.native import NativeMissingError, tick_library
 from cardan.errors import DriverError, install_command
 from cardan.gateway.faces import registry as faces
 from cardan.gateway.hand.filters import registry as filters
@@ -159,24 +158,6 @@ class Packages(Check):
         except DriverError as error:
             why = "devices by hidraw, such as a SpaceMouse, are read by it"
             yield failure("hidapi", str(error), why, "pip install --force-reinstall hidapi")
-
-
-class Compiled(Check):
-    """The compiled loop of haptic devices."""
-
-    group, tells = GROUP, ("compiled",)
-
-    @classmethod
-    def look(cls, subject: Subject) -> Iterable[Finding]:
-        try:
-            tick_library()
-        except NativeMissingError as error:
-            wanted = any(each.name == "omni" for each in subject.used())
-            make = failure if wanted else caution
-            mend = "sudo apt-get install gcc libc6-dev && pip install --force-reinstall cardan"
-            why = "haptic devices need it" + ("" if wanted else "; nothing else does")
-            return [make("compiled", str(error).partition(": ")[0], why, mend)]
-        return [good("compiled", "the compiled force loop can be loaded")]
 
 
 class PlugIns(Check):

@@ -10,7 +10,6 @@ ENTRY_POINT_GROUP = "cardan.checks"
 _HERE = "cardan.doctor"
 BUILT_IN = {
     "packages": f"{_HERE}.installation:Packages",
-    "compiled": f"{_HERE}.installation:Compiled",
     "plug-ins": f"{_HERE}.installation:PlugIns",
     "scheduling": f"{_HERE}.system:Scheduling",
     "memory-lock": f"{_HERE}.system:MemoryLock",

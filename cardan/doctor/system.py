@@ -9,6 +9,7 @@ from typing import Final
 
 from cardan.common.realtime import FIFO_PRIORITY
 from cardan.doctor.base import Check, Finding, Subject, caution, good
+from cardan.drivers.haptic import HapticDevice
 
 GROUP = "system"
 
@@ -123,7 +124,7 @@ def judge_load(load: float, processors: int) -> Finding:
 
 
 def _is_haptic(subject: Subject) -> bool:
-    return any(each.name == "omni" for each in subject.used())
+    return any(isinstance(each.driver, HapticDevice) for each in subject.used())
 
 
 def _limit(name: str) -> int:

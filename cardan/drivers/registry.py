@@ -19,7 +19,6 @@ BUILT_IN = {
     "spnav": "cardan.drivers.spnav:Spnav",
     "gamepad": "cardan.drivers.gamepad:Gamepad",
     "keyboard": "cardan.drivers.keyboard:Keyboard",
-    "omni": "cardan.drivers.omni:Omni",
     "ros2_spacenav": "cardan.drivers.ros2_spacenav:Ros2Spacenav",
     "ros2_joy": "cardan.drivers.ros2_joy:Ros2Joy",
     "phone": "cardan.drivers.phone:Phone",

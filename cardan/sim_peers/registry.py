@@ -15,7 +15,6 @@ BUILT_IN = {
     "gamepad": "cardan.sim_peers.evdev.command:Gamepad",
     "keyboard": "cardan.sim_peers.evdev.command:Keyboard",
     "motoman-gp8": "cardan.sim_peers.motoros_controller.command:MotomanGp8",
-    "omni": "cardan.sim_peers.omni.command:Omni",
     "phone": "cardan.sim_peers.handheld.command:PhonePage",
     "ros2-arm": "cardan.sim_peers.ros2_arm.command:Ros2Arm",
     "ros2-device": "cardan.sim_peers.ros2_device.command:Ros2Device",

@@ -51,7 +51,6 @@ PROTOCOLS = (
     "egm",
     "evdev",
     "handheld",
-    "hdapi",
     "joint_stream",
     "rosbridge",
     "simple_message",

@@ -20,14 +20,14 @@ from cardan.sim_peers.motoros_controller import (
     MotorosControllerOptions,
     MotorosServers,
 )
-from cardan.sim_peers.omni import hand as omni_hand
-from cardan.sim_peers.omni.settings import parse_omni_faults
 from cardan.sim_peers.spacemouse import SimulatedSpaceMouse, hand as mouse_hand
 from cardan.sim_peers.spacemouse.usb import SpaceMouseUsb
 from cardan_jr3.peer import SimulatedJr3, hand as jr3_hand, socketcand
 from cardan_jr3.protocol import TEO_SENSORS
 from cardan_leap.peer import hand as leap_hand
 from cardan_leap.peer.core import SimulatedLeapService
+from cardan_omni.peer import hand as omni_hand
+from cardan_omni.peer.settings import parse_omni_faults
 from cardan_serial_mice.peer.core import simulated_serial_puck
 from cardan_serial_mice.protocol import models
 from cardan_spnav_server.core import SpnavServerCore

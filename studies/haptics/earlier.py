@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 from cardan.common.arm_libraries import np
 from cardan.common.haptics import HapticCommand
-from cardan.drivers.omni.limits import TickLimits
-from cardan.sim_peers.omni.settings import HandMotion, Waypoint
 from cardan.types import ZERO3, Vector3
+from cardan_omni.driver.limits import TickLimits
+from cardan_omni.peer.settings import HandMotion, Waypoint
 from studies.haptics.loop import TICK_S, Rig, Trace
 from studies.haptics.remote import Link, RemoteWall, Wall
 from studies.haptics.stability import (
@@ -31,7 +31,7 @@ from studies.haptics.stability import (
 )
 
 SURPLUS_J = 0.05
-"""The most that the tick keeps of what it took in; by cardan/drivers/omni/tick.h."""
+"""The most that the tick keeps of what it took in; by tick.h of cardan_omni.driver."""
 STIR_M_S = 0.2
 """RMS speed in free air."""
 STIR_M = 0.05

@@ -20,13 +20,13 @@ from cardan.common.haptics import (
     Plane,
     WorldMap,
 )
-from cardan.drivers.omni import library as libhd
-from cardan.drivers.omni.limits import TickLimits
 from cardan.errors import CommandError
-from cardan.protocols.hdapi.constants import State
-from cardan.sim_peers.omni.library import library_path
-from cardan.sim_peers.omni.settings import INKWELL_M, HandMotion, OmniSettings, Waypoint
 from cardan.types import ZERO3, Vector3
+from cardan_omni.driver import library as libhd
+from cardan_omni.driver.limits import TickLimits
+from cardan_omni.peer.library import library_path
+from cardan_omni.peer.settings import INKWELL_M, HandMotion, OmniSettings, Waypoint
+from cardan_omni.protocol.constants import State
 from studies.haptics.loop import TICK_S, Array, Rig, Trace
 
 FAULT_S = 2.0

@@ -14,15 +14,15 @@ from typing import NamedTuple
 
 from cardan.common.arm_libraries import np, npt
 from cardan.common.haptics import OperatingState
-from cardan.drivers.omni import library as libhd
-from cardan.drivers.omni.limits import TickLimits
-from cardan.drivers.omni.native import kinematics
-from cardan.drivers.omni.servo import Servo
-from cardan.drivers.omni.tick import Tick
-from cardan.protocols.hdapi.constants import Capability
-from cardan.sim_peers.omni.library import SimulatedOmni
-from cardan.sim_peers.omni.settings import OmniSettings
 from cardan.types import ZERO3, Vector3
+from cardan_omni.driver import library as libhd
+from cardan_omni.driver.limits import TickLimits
+from cardan_omni.driver.native import kinematics
+from cardan_omni.driver.servo import Servo
+from cardan_omni.driver.tick import Tick
+from cardan_omni.peer.library import SimulatedOmni
+from cardan_omni.peer.settings import OmniSettings
+from cardan_omni.protocol.constants import Capability
 
 Array = npt.NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 from cardan.common.arm_libraries import np
 from cardan.common.haptics import HapticCommand, Plane
-from cardan.drivers.omni.limits import TickLimits, UncheckedLimits
-from cardan.sim_peers.omni.settings import HandMotion, OmniSettings, Waypoint
 from cardan.types import ZERO3, Vector3
+from cardan_omni.driver.limits import TickLimits, UncheckedLimits
+from cardan_omni.peer.settings import HandMotion, OmniSettings, Waypoint
 from studies.haptics.loop import TICK_S, Array, Rig, Trace
 from studies.haptics.remote import Link, RemoteWall, Wall
 from studies.side_by_side import side_by_side

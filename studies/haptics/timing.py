@@ -25,16 +25,16 @@ from typing import Any, NamedTuple
 from cardan.common.arm_libraries import np
 from cardan.common.haptics import Fixture, HapticCommand, MeasuredForce, Plane
 from cardan.demos.demo import choose_demo, simulated_hardware
-from cardan.drivers.omni import library as libhd
-from cardan.drivers.omni.limits import TickLimits
-from cardan.drivers.omni.servo import Servo
-from cardan.drivers.omni.tick import Tick
 from cardan.gateway.session.supervisor import supervise
-from cardan.protocols import hdapi
-from cardan.protocols.hdapi.constants import CallbackCode, Capability, State
-from cardan.sim_peers.omni.library import SimulatedOmni
-from cardan.sim_peers.omni.settings import HandMotion, OmniSettings, Waypoint
 from cardan.types import Vector3
+from cardan_omni import protocol as hdapi
+from cardan_omni.driver import library as libhd
+from cardan_omni.driver.limits import TickLimits
+from cardan_omni.driver.servo import Servo
+from cardan_omni.driver.tick import Tick
+from cardan_omni.peer.library import SimulatedOmni
+from cardan_omni.peer.settings import HandMotion, OmniSettings, Waypoint
+from cardan_omni.protocol.constants import CallbackCode, Capability, State
 from studies.haptics.loop import Array
 
 PERIOD_S = 0.001

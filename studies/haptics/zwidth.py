@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.common.arm_libraries import np
-from cardan.drivers.omni.limits import TickLimits
+from cardan_omni.driver.limits import TickLimits
 from studies.haptics import theory
 from studies.haptics.loop import TICK_S
 from studies.haptics.stability import (

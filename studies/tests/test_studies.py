@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from cardan.demos.demo import choose_demo
-from cardan.drivers.omni.limits import TickLimits
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.gateway.session.supervisor import Outcome
+from cardan_omni.driver.limits import TickLimits
 from studies.cartesian import study as cartesian
 from studies.cartesian.command import Delays
 from studies.devices import arms, sessions

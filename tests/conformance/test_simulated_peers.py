@@ -7,7 +7,7 @@ import pytest
 from cardan.conform import Level, Outcome, registry
 from cardan.conform.requirements import ID
 from cardan.conform.run import simulated
-from cardan.sim_peers.omni import available
+from cardan_omni.peer import available
 from tests import conformance_tables as tables
 
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(300)]

@@ -25,10 +25,9 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMOS = find_demos()
 RUNS = re.compile(r"(run|serve) (examples/|\S+-simulated\.toml)")
 NO_DEMO = {
-    # Each needs a program that simulates nothing: one that sends sensors' datagrams, a force node,
-    # and one that commands the arm.
+    # Each needs a program that simulates nothing: one that sends sensors' datagrams, and one that
+    # commands the arm.
     "shared-control-simulated.toml",
-    "omni-force-node-simulated.toml",
     "verbs-ur5-simulated.toml",
 }
 
@@ -36,7 +35,7 @@ NO_DEMO = {
 def test_every_example_without_hardware_is_a_demo():
     files = [file.name for file in EXAMPLES.glob("*-simulated.toml")]
     assert {file for file in files if read_demo(EXAMPLES / file) is None} == NO_DEMO
-    assert {"gofa", "gp8", "omni"} <= set(DEMOS)
+    assert {"gofa", "gp8", "ur5e"} <= set(DEMOS)
     ours = {file for file in example_files() if file.parent == EXAMPLES}
     assert ours == set(EXAMPLES.glob("*.toml"))
 

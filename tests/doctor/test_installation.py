@@ -1,4 +1,4 @@
-"""Packages and extras, compiled parts, plug-ins."""
+"""Packages and extras, plug-ins."""
 
 import pytest
 
@@ -6,7 +6,6 @@ from cardan.common.plugins import Loaded
 from cardan.doctor.base import Subject
 from cardan.doctor.files import read_files
 from cardan.doctor.installation import (
-    Compiled,
     Packages,
     PlugIns,
     Requirement,
@@ -136,28 +135,3 @@ def test_what_an_extra_brings_is_no_failure_without_it():
 def test_here():
     for check in (Packages, PlugIns):
         assert {level for level, _ in told(check, check.look(Subject()))} <= {"good", "caution"}
-
-
-def test_a_compiled_part_that_is_missing(monkeypatch, tmp_path):
-    from cardan.doctor import installation
-    from cardan.drivers.omni.native import NativeMissingError
-
-    def missing():
-        raise NativeMissingError("the compiled tick x.so is not there: install a compiler")
-
-    assert told(Compiled, Compiled.look(Subject())) in (
-        [("good", "compiled")],
-        [("caution", "compiled")],
-    )
-    monkeypatch.setattr(installation, "tick_library", missing)
-    found = list(Compiled.look(Subject()))
-    assert told(Compiled, found) == [("caution", "compiled")]
-    assert found[0].what == "the compiled tick x.so is not there"
-    file = tmp_path / "omni.toml"
-    file.write_text(
-        '[device]\ndriver = "omni"\n[mapping]\nmode = "position"\n'
-        'deadman = "button_2"\n[robot]\ndriver = "abb_egm"\n'
-    )
-    layout, wrong = read_files([file])
-    assert not wrong
-    assert told(Compiled, Compiled.look(Subject((file,), layout))) == [("failure", "compiled")]

@@ -12,8 +12,8 @@ import cardan
 from cardan.drivers import base, registry
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import NotOpenError, OptionError
-from cardan.sim_peers.omni import OmniSettings, SimulatedOmni, available, library_path
 from cardan.types import NEUTRAL, DeviceCapabilities, DeviceLink, DeviceState
+from cardan_omni.peer import OmniSettings, SimulatedOmni, available, library_path
 from tests.docs_tables import ours
 from tests.serving import demo_of, demonstrated, served
 

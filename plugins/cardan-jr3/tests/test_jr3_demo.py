@@ -11,14 +11,14 @@ import cardan_jr3
 from cardan.conform import registry as suites
 from cardan.demos.examples import find_demos, free_ports
 from cardan.drivers import registry as drivers
-from cardan.drivers.omni import OmniOptions
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.launched import launched
 from cardan.gateway.session.session import EXIT_OK
 from cardan.sim_peers import registry as peers
-from cardan.sim_peers.omni.library import available
 from cardan_jr3.driver import Jr3
 from cardan_jr3.protocol import CanFrame
+from cardan_omni.driver import OmniOptions
+from cardan_omni.peer.library import available
 from tests.test_device_examples import MOVED_M, PRESSED_N, served, supervised
 
 EXAMPLES = Path(cardan_jr3.__file__).parent / "examples"

@@ -14,14 +14,14 @@ import pytest
 import jr3_rig
 from cardan.drivers import registry
 from cardan.drivers.base import OperatorDevice
-from cardan.drivers.omni.limits import TickLimits
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
-from cardan.sim_peers.omni.library import available
 from cardan.spatial import from_euler_zyx
 from cardan.types import DeviceCapabilities
 from cardan_jr3.driver import Jr3Options
 from cardan_jr3.peer import Jr3Peer, Jr3PeerOptions
+from cardan_omni.driver.limits import TickLimits
+from cardan_omni.peer.library import available
 from studies.haptics.loop import Rig
 from tests.gateway.force.fakes import PERIOD_S, robot_state
 from tests.gateway.force.test_session import ScriptedRobot, drivers, session as fake_session  # noqa: F401

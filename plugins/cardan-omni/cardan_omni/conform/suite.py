@@ -1,0 +1,57 @@
+"""The suite of an HDAPI library."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import ClassVar
+
+from cardan.conform.conduct import Conduct
+from cardan.conform.requirements import Level
+from cardan.conform.suite import Suite, Transport
+from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.conform.wires import Wires
+from cardan_omni.conform.pilot import HdapiPilot
+from cardan_omni.conform.requirements import requires
+from cardan_omni.conform.rig import HdapiRig
+from cardan_omni.conform.seen import HdapiSeen
+from cardan_omni.conform.wire import Library
+from cardan_omni.protocol import Info
+
+_SERIAL = re.compile(
+    rb'("hdGetString", "arguments": \[%d\], "returns": ")([^"]*)(")' % Info.DEVICE_SERIAL_NUMBER
+)
+
+
+class Hdapi(Suite[HdapiSeen]):
+    """A libHD of OpenHaptics 3, and the Phantom Omni or Touch behind it."""
+
+    name = "hdapi"
+    judges = "the library"
+    speaks = "calls of C functions, and 1000 callbacks a second"
+    target = "the path of libHD.so"
+    peer = "omni"
+    requirements = requires.all()
+    transport = Transport("other")
+    seconds = 0.4
+    # Longer than a gap may be; more than ticks may be early and late.
+    tried_with: ClassVar[Mapping[str, float]] = {"late-tick": 20.0, "jitter": 1000.0}
+
+    def see(self, timeline: Timeline) -> HdapiSeen:
+        return HdapiSeen(timeline)
+
+    def pilot(self, level: Level, seconds: float) -> HdapiPilot:
+        return HdapiPilot(level, seconds)
+
+    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+        HdapiRig(conduct, faults, seed).run()
+
+    def wires(self, target: str) -> Wires:
+        return Library(target)
+
+    def redacted(self, event: Event) -> Event:
+        """One of the strings is the device's serial number."""
+        if event.kind is not Kind.DATA or b"hdGetString" not in event.data:
+            return event
+        hidden = _SERIAL.sub(lambda m: m[1] + b"X" * len(m[2]) + m[3], event.data)
+        return event._replace(data=hidden)

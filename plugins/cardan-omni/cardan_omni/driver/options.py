@@ -1,0 +1,80 @@
+"""What can be set about the Phantom Omni driver."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from cardan.common import bounds
+from cardan.drivers.shaping import ShapingOptions
+from cardan_omni.driver.limits import TickLimits
+
+CALIBRATION_WAIT_S = bounds.Range(0.0, 600.0, "s", "a longer wait does not help")
+STALE_AFTER_S = bounds.Range(0.005, 0.1, "s", "ticks come every 1 ms; a hand moves 10 cm in 0.1 s")
+RANGE_M = bounds.Range(0.001, 1.0, "m", "a hand on a desk reaches no farther")
+RANGE_DEG = bounds.Range(1.0, 180.0, "deg", "half a turn to either side is all there is")
+
+_LIBRARY = bounds.Located("(?P<path>.*/.*)", is_read=False)
+"""A name without / is the system loader's to find."""
+
+_Desk = Annotated[float, bounds.DESK_M]
+_Angle = Annotated[float, bounds.ANGLE_DEG]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OmniOptions(ShapingOptions, TickLimits):
+    """Options of :class:`Omni`. Raises OptionError for a value that is not allowed.
+
+    The limits of the tick are among them, with its defaults: docs/omni.md has the reason of each.
+    The device's own nominal forces are never exceeded, whatever is set here, and the workspace is
+    the device's own unless it is set.
+    """
+
+    device: str = ""
+    """The device's name in the vendor's setup tool; empty: the first one."""
+    library: Annotated[str, _LIBRARY] = ""
+    """Path or name of libHD; empty: $CARDAN_LIBHD, else where the system's loader finds it."""
+    force_mode: Literal["cartesian", "joint"] = "cartesian"
+    """What set_feedback takes at first: forces at the stylus, or torques of the three joints."""
+    drive_by: Literal["force", "joint_torques"] = "force"
+    """How the force loop hands a force to the library: as a force at the gimbal's centre, which
+    the library turns into torques of the motors, or as torques of the three joints, which the
+    loop has made of it (transposed Jacobian, each within `torque_limit_n_m`)."""
+    inkwell_switch: bool = True
+    """No pose and no force while the stylus is in its inkwell. False: the pose ignores the inkwell
+    switch (for a unit where it is broken); the tick still gives no force."""
+    status_light: bool = True
+    """Feedback "led" sets the device's status light, where it has one that can be set."""
+    calibration_wait_s: Annotated[float, CALIBRATION_WAIT_S] = 0.0
+    """Longest wait of open() for the calibration, s; it succeeds either way."""
+    stale_after_s: Annotated[float, STALE_AFTER_S] = 0.02
+    """Time without a tick after which the pose does not count any more, s."""
+    centre_m: tuple[_Desk, _Desk, _Desk] = (0.0, 0.0, 0.0)
+    """Rate mode: where the axes are zero, hand frame, m."""
+    range_m: Annotated[float, RANGE_M] = 0.06
+    """Rate mode: the displacement from there that is a full deflection, m."""
+    centre_rpy_deg: tuple[_Angle, _Angle, _Angle] = (0.0, 0.0, 0.0)
+    """Rate mode: the orientation in which the axes of rotation are zero: Rz(yaw)·Ry(pitch)·Rx(roll)
+    of the hand frame."""
+    range_deg: Annotated[float, RANGE_DEG] = 35.0
+    """Rate mode: the turn from there that is a full deflection."""
+    dead_zone: Annotated[float, bounds.DEAD_ZONE] = 0.15
+    """Rate mode: share of the full deflection that counts as rest."""
+    dead_zone_shape: Literal["axis", "radial"] = "radial"
+    """axis: each axis by itself; radial: the lengths of translation and rotation."""
+    rotation: bool = False
+    """Rate mode: the stylus's orientation deflects the axes of rotation, too."""
+    realtime: bool = True
+    """Ask for real-time priority for the force loop; without the permission it goes on without."""
+    wait_for_device: bool = False
+    """open() succeeds without a device or its library, which are picked up once they are there."""
+
+    def __post_init__(self) -> None:
+        TickLimits.__post_init__(self)
+
+    def limits(self) -> TickLimits:
+        """The limits of the tick."""
+        return TickLimits(
+            **{field.name: getattr(self, field.name) for field in dataclasses.fields(TickLimits)}
+        )

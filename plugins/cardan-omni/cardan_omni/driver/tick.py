@@ -1,0 +1,178 @@
+"""The compiled law of the force feedback: tick.h says what it is and what it guarantees.
+
+Calls here never wait for a step in progress, and the step never waits for them.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import struct
+import threading
+
+from cardan.common.haptics import MAX_FIXTURES, HapticCommand, HapticState, Matrix3, OperatingState
+from cardan.errors import CommandError, DriverError
+from cardan.types import Vector3
+from cardan_omni.driver.limits import TickLimits
+from cardan_omni.driver.native import kinematics, tick_library
+from cardan_omni.driver.structures import CCommand, COutput, CSample, CSnapshot, c_limits
+from cardan_omni.driver.values import (
+    STATES,
+    StylusSample,
+    TickDetails,
+    haptic_state,
+    pack_command,
+    pack_sample,
+    tick_details,
+)
+
+_ENABLE, _DISABLE, _PAUSE, _RESUME = range(4)
+_TAKEN, _DROPPED = 0, 1
+_WRONG = {
+    2: "a number in it is not finite",
+    3: "a rotation in it is no rotation (orthonormal, determinant +1)",
+    4: f"it has more than {MAX_FIXTURES} fixtures",
+    5: "a plane's normal or a cylinder's axis is not of length 1",
+    6: "a length, stiffness, damping, cap or scale in it is negative",
+}
+_STAMP_IN_FUTURE = 8
+_NO_MATRIX: Matrix3 = (0.0,) * 9
+
+
+class Tick:
+    """The law of the force feedback, compiled.
+
+    One thread steps it: libHD's through a :class:`Servo`, or the caller's own through step(). The
+    other methods may be called from any thread. Raises NativeMissingError where it was not
+    compiled.
+    """
+
+    def __init__(self, limits: TickLimits | None = None) -> None:
+        self._library = tick_library()
+        self._writing, self._reading = threading.Lock(), threading.Lock()
+        self._command = bytearray(ctypes.sizeof(CCommand))
+        self._snapshot = bytearray(ctypes.sizeof(CSnapshot))
+        self._sample = bytearray(ctypes.sizeof(CSample))
+        self._output = COutput()
+        # The buffers' addresses: they live as long as this does.
+        self._command_at = _address(self._command)
+        self._snapshot_at = _address(self._snapshot)
+        self._sample_at = _address(self._sample)
+        self._output_at = ctypes.addressof(self._output)
+        self._jacobian_of: Vector3 | None = None
+        self._jacobian: Matrix3 = _NO_MATRIX
+        limits = limits or TickLimits()
+        self._pointer = self._library.tick_create(ctypes.byref(c_limits(limits)))
+        if not self._pointer:
+            raise DriverError(f"the tick does not take {limits}")
+        self.limits = limits
+        """The limits in force."""
+
+    def set_limits(self, limits: TickLimits) -> None:
+        """Use `limits` from the next step on."""
+        with self._writing:
+            if self._library.tick_set_limits(self.pointer(), ctypes.byref(c_limits(limits))):
+                raise DriverError(f"the tick does not take {limits}")
+            self.limits = limits
+
+    def command(self, command: HapticCommand, now_s: float | None = None) -> bool:
+        """Render `command` from the next step on; False: it was dropped as stale.
+
+        `now_s`: the time, where the caller knows it; else the newest step's counts. Raises
+        CommandError for what is not finite, no rotation, negative where that makes no sense, too
+        much, or stamped in the future; the command before it then stays.
+        """
+        if len(command.fixtures) > MAX_FIXTURES:
+            raise CommandError(f"a haptic command cannot be taken: {_WRONG[4]}")
+        with self._writing:
+            tick = self.pointer()
+            try:
+                pack_command(self._command, command)
+            except (struct.error, TypeError, OverflowError) as error:
+                raise CommandError(f"a haptic command cannot be taken: {error}") from None
+            result: int = self._library.tick_command(
+                tick, self._command_at, math.nan if now_s is None else now_s
+            )
+        if result == _STAMP_IN_FUTURE:
+            raise CommandError(
+                f"a haptic command cannot be taken: its stamp, {command.stamp_s:.3f} s, is in "
+                "the future: stamps are of the monotonic clock, time.monotonic()"
+            )
+        if result > _DROPPED:
+            raise CommandError(f"a haptic command cannot be taken: {_WRONG[result]}")
+        return result == _TAKEN
+
+    def step(self, sample: StylusSample) -> Vector3:
+        """One step of the law, in the caller's time: the force to send, N, hand frame."""
+        if sample.joints_rad != self._jacobian_of:
+            self._jacobian_of = sample.joints_rad
+            self._jacobian = kinematics(sample.joints_rad)[1]
+        pack_sample(self._sample, sample, self._jacobian)
+        self._library.tick_step(self.pointer(), self._sample_at, self._output_at)
+        x, y, z = self._output.force
+        return Vector3(x, y, z)
+
+    def snapshot(self) -> HapticState:
+        """The newest snapshot, whole. Its maxima are since the one read before."""
+        with self._reading:
+            tick = self.pointer()
+            self._library.tick_snapshot(tick, self._snapshot_at)
+            dropped: int = self._library.tick_dropped(tick)
+            return haptic_state(self._snapshot, dropped)
+
+    def details(self) -> TickDetails:
+        """The rest of what snapshot() read last."""
+        with self._reading:
+            return tick_details(self._snapshot)
+
+    @property
+    def state(self) -> OperatingState:
+        """The operating state now."""
+        return STATES[self._library.tick_state(self.pointer()) & 0xFF]
+
+    def enable(self) -> None:
+        """Let force out, after a fault too. Raises CommandError when paused."""
+        self._request(_ENABLE, "enable")
+
+    def disable(self) -> None:
+        """No force until enable()."""
+        self._request(_DISABLE, "disable")
+
+    def pause(self) -> None:
+        """No force until resume(). Raises CommandError unless enabled or paused."""
+        self._request(_PAUSE, "pause")
+
+    def resume(self) -> None:
+        """Go on after a pause. Raises CommandError unless paused."""
+        self._request(_RESUME, "resume")
+
+    def lose(self) -> None:
+        """Nothing steps it any more: a latched fault, whatever the state was."""
+        self._library.tick_lose(self.pointer())
+
+    def allow(self, allowed: bool) -> None:
+        """Whether the motors are on; they are at first. While they are not it asks for no force,
+        and what comes then engages anew: so they are switched at zero force only."""
+        self._library.tick_allow(self.pointer(), allowed)
+
+    def _request(self, verb: int, name: str) -> None:
+        if self._library.tick_request(self.pointer(), verb):
+            raise CommandError(f"{name} is not possible in state {self.state.value}")
+
+    def close(self) -> None:
+        """Free it. Nothing may step it any more: its Servo must be closed before."""
+        with self._writing, self._reading:
+            pointer, self._pointer = self._pointer, None
+        if pointer:
+            self._library.tick_destroy(pointer)
+
+    def pointer(self) -> int:
+        """Address of the C structure, for the functions of tick.h. DriverError after close()."""
+        pointer: int | None = self._pointer
+        if not pointer:
+            raise DriverError("the tick was closed")
+        return pointer
+
+
+def _address(buffer: bytearray) -> int:
+    return ctypes.addressof((ctypes.c_char * len(buffer)).from_buffer(buffer))

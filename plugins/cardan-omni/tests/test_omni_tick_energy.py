@@ -1,0 +1,308 @@
+"""The energy an engagement may give to the hand, in virtual time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from cardan.common.haptics import (
+    Fixture,
+    MeasuredForce,
+    WorldMap,
+)
+from cardan.types import ZERO3, Vector3
+from cardan_omni.driver.limits import TickLimits
+from omni_tick_rig import (
+    ABOVE,
+    BELOW,
+    FIXTURES,
+    FLOOR,
+    PERIOD_S,
+    VECTORS,
+    Rig,
+    size,
+)
+from tests.examples import examples
+
+pytestmark = pytest.mark.matrix
+
+
+class Ledger:
+    """The energy given to a hand, from what was sent and where the stylus went; and the bound.
+
+    `given_j` if places are measured at once, `given_late_j` if they are a tick old when measured.
+    """
+
+    def __init__(self, limits: TickLimits) -> None:
+        fall = limits.slew_fall_n_s * PERIOD_S
+        self.factor = limits.clamp_n * (math.ceil(limits.clamp_n / fall - 1e-9) + 3) / 2
+        self.limits = limits
+        self.given_j = self.given_late_j = self.worst_j = self.excess_m = 0.0
+        self.force = self.force_before = self.moved = np.zeros(3)
+        self.at: Any = None
+
+    def step(self, position: Any, force: Any) -> None:
+        if self.at is not None:
+            moved = position - self.at
+            now_j, late_j = float(self.force @ moved), float(self.force_before @ moved)
+            self.given_j += now_j
+            self.given_late_j += late_j
+            self.worst_j += max(now_j, late_j)
+            self.excess_m += max(
+                0.0, float(np.linalg.norm(moved - self.moved)) - self.limits.prediction_error_m
+            )
+            self.moved = moved
+        self.at, self.force_before, self.force = position, self.force, force
+
+    @property
+    def bound_j(self) -> float:
+        return self.limits.energy_budget_j + self.factor * self.excess_m
+
+    @property
+    def kept(self) -> bool:
+        return max(self.given_j, self.given_late_j) <= self.bound_j + 1e-9
+
+
+class Hand:
+    """A mass with a damper and perhaps a spring, which the force moves."""
+
+    def __init__(self, mass_kg: float, damping: float, stiffness: float, at: Any) -> None:
+        self.mass_kg, self.damping, self.stiffness = mass_kg, damping, stiffness
+        self.target = np.array(at, dtype=float)
+        self.position, self.velocity = self.target.copy(), np.zeros(3)
+
+    def move(self, force: Any) -> Any:
+        for _ in range(4):
+            total = (
+                force
+                - self.damping * self.velocity
+                + self.stiffness * (self.target - self.position)
+            )
+            self.velocity = self.velocity + total * (PERIOD_S / 4 / self.mass_kg)
+            self.position = self.position + self.velocity * (PERIOD_S / 4)
+        return self.position
+
+
+HANDS = st.tuples(st.floats(0.045, 0.5), st.floats(0.05, 8.0), st.floats(0.0, 500.0))
+
+
+def live(
+    hand: Hand,
+    scene: Callable[[int], dict[str, Any]],
+    ticks: int,
+    *,
+    quantum_m: float = 0.0,
+    **limits: Any,
+) -> tuple[Rig, Ledger]:
+    """Engage in free space, then let the hand live in a scene of commands; returns the account."""
+    rig = Rig(engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32, **limits)
+    rig.tick.enable()
+    ledger = Ledger(rig.limits)
+
+    def read() -> Any:
+        at = hand.position
+        return np.round(at / quantum_m) * quantum_m if quantum_m else at.copy()
+
+    rig.send()
+    for _ in range(8):
+        at = read()
+        ledger.step(at, np.array(rig.step(position=Vector3(*at))))
+    for k in range(ticks):
+        change = scene(k)
+        if change:
+            rig.send(**change)
+        hand.move(ledger.force)
+        at = read()
+        force = np.array(rig.step(position=Vector3(*at)))
+        ledger.step(at, force)
+        assert ledger.kept, k
+        assert np.linalg.norm(force) <= rig.limits.clamp_n
+    return rig, ledger
+
+
+@settings(max_examples=examples(25))
+@given(st.lists(FIXTURES, min_size=1, max_size=4), HANDS, VECTORS)
+def test_energy_is_bounded_in_any_scene(
+    fixtures: list[Fixture], hand: tuple[float, ...], at: Vector3
+) -> None:
+    live(Hand(*hand, at), lambda k: {"fixtures": tuple(fixtures)} if k == 0 else {}, 400)
+
+
+@settings(max_examples=examples(25))
+@given(
+    FIXTURES,
+    HANDS,
+    st.floats(0.5, 30.0),
+    st.floats(0.0, 0.04),
+    st.integers(1, 50),
+    st.floats(0.0, 0.005),
+)
+def test_energy_is_bounded_when_fixtures_move(
+    fixture: Fixture,
+    hand: tuple[float, ...],
+    frequency_hz: float,
+    amplitude_m: float,
+    every: int,
+    budget_j: float,
+) -> None:
+    """The world is shaken, seen every so many ticks."""
+
+    def scene(k: int) -> dict[str, Any]:
+        if k % every:
+            return {}
+        shift = amplitude_m * math.sin(2 * math.pi * frequency_hz * k * PERIOD_S)
+        return {"fixtures": (fixture,), "world": WorldMap(offset=Vector3(shift, 0.0, shift))}
+
+    live(Hand(*hand, ZERO3), scene, 400, energy_budget_j=budget_j)
+
+
+@settings(max_examples=examples(25))
+@given(
+    HANDS,
+    st.floats(10.0, 3000.0),
+    st.integers(0, 100),
+    st.integers(1, 40),
+    st.booleans(),
+    st.floats(0.3, 3.0),
+)
+def test_energy_is_bounded_behind_a_delay(
+    hand: tuple[float, ...],
+    stiffness: float,
+    delay: int,
+    every: int,
+    quantised: bool,
+    push_n: float,
+) -> None:
+    """A remote wall, felt as a force that is late and held: what goes unstable without the law."""
+    body = Hand(*hand, ZERO3)
+    past: list[float] = []
+
+    def scene(k: int) -> dict[str, Any]:
+        past.append(float(body.position[2]))
+        body.velocity[2] -= push_n * PERIOD_S / body.mass_kg * (k < 200)
+        late = past[max(0, k - delay)]
+        if k % every:
+            return {}
+        force = Vector3(0.0, 0.0, max(0.0, -stiffness * late))
+        return {"measured": MeasuredForce(force, 100.0 + (9 + k) * PERIOD_S)}
+
+    live(body, scene, 500, quantum_m=6e-5 if quantised else 0.0)
+
+
+@settings(max_examples=examples(25))
+@given(
+    st.integers(0, 2**32 - 1),
+    HANDS,
+    st.lists(FIXTURES, min_size=1, max_size=3),
+)
+def test_energy_is_bounded_through_interruptions(
+    seed: int, hand: tuple[float, ...], fixtures: list[Fixture]
+) -> None:
+    """Silence, late ticks, the inkwell and force that comes and goes: one engagement, one bound."""
+    random = np.random.default_rng(seed)
+    rig = Rig(engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32)
+    rig.tick.enable()
+    rig.send()
+    body, ledger = Hand(*hand, ZERO3), Ledger(rig.limits)
+    silent = docked = 0
+    for _ in range(600):
+        if random.random() < 0.01:
+            force = Vector3(*random.normal(0.0, 1.0, 3))
+            rig.send(fixtures=tuple(fixtures) if random.random() < 0.5 else (), force=force)
+        if random.random() < 0.01:
+            rig.send(fixtures=(), force=ZERO3)
+        silent = int(random.integers(1, 60)) if random.random() < 0.01 else max(0, silent - 1)
+        docked = int(random.integers(1, 20)) if random.random() < 0.01 else max(0, docked - 1)
+        at = body.move(ledger.force).copy()
+        force = rig.step(silent=silent > 0, position=Vector3(*at), inkwell=docked > 0)
+        ledger.step(at, np.array(force))
+        assert ledger.kept
+
+
+def test_every_engagement_has_a_budget_of_its_own() -> None:
+    rig = Rig(engage_ramp_s=0.0)
+    rig.tick.enable()
+    for _ in range(3):
+        rig.send(force=ZERO3, engaged=True)
+        rig.run(0.02)
+        before = rig.state
+        assert before.energy_j == pytest.approx(0.0, abs=1e-6)
+        rig.send(force=Vector3(0.5, 0.0, 0.0))
+        start = rig.sample.position
+        rig.glide(start._replace(x=start.x + 0.02), 0.5)
+        after = rig.state
+        assert 0.003 < after.delivered_j - before.delivered_j <= 0.005
+        rig.send(engaged=False)
+        rig.run(0.02)
+
+
+def test_a_plain_loop_would_have_given_energy() -> None:
+    """The same late wall with the controller off: the bound is one that is needed."""
+
+    def given(passivity: bool) -> float:
+        body, past = Hand(0.1, 0.1, 0.0, ZERO3), []
+        rig = Rig(
+            engage_ramp_s=0.0, velocity_gate_m_s=1e9, oscillation_reversals=32, passivity=passivity
+        )
+        rig.tick.enable()
+        rig.send()
+        rig.run(0.01)
+        ledger = Ledger(rig.limits)
+        for k in range(1000):
+            past.append(float(body.position[2]))
+            rig.send(force=Vector3(0.0, 0.0, -500.0 * past[max(0, k - 20)]))
+            body.velocity[2] += 0.01 * (k == 0)
+            at = body.move(ledger.force).copy()
+            ledger.step(at, np.array(rig.step(position=Vector3(*at))))
+        state = rig.state
+        assert state.delivered_j == pytest.approx(ledger.worst_j, abs=1e-9)
+        return ledger.given_j
+
+    assert given(False) > 0.05
+    assert given(True) <= 0.005
+
+
+def test_a_still_hand_feels_all_of_a_wall() -> None:
+    """Passivity takes nothing from a wall that is pressed and left again as people do."""
+    rig = Rig(engage_ramp_s=0.1)
+    rig.press()
+    for _ in range(5):
+        rig.glide(ABOVE, 0.15)
+        force = rig.glide(BELOW, 0.15)
+        assert force.z == pytest.approx(1.5, abs=0.1)
+        state = rig.state
+        assert state.passivity_damping_n_s_m == 0.0
+        assert state.energy_j >= 0.0
+
+
+def test_an_empty_tank_damps_first() -> None:
+    """A force pushes the hand away: the observer sees it, alpha is tried, then it is let go."""
+    rig = Rig(engage_ramp_s=0.0)
+    rig.engage()
+    rig.send(force=Vector3(1.0, 0.0, 0.0))
+    alphas, position = [], 0.0
+    for k in range(200):
+        position += min(k, 100) * 1e-6
+        rig.step(position=Vector3(position, 0.0, 0.0))
+        alphas.append(rig.state.passivity_damping_n_s_m)
+    state = rig.state
+    assert max(alphas) == pytest.approx(4.0)
+    assert state.reason == "limited to stay passive"
+    assert size(state.force) < 0.6
+    assert state.delivered_j <= 0.005
+    assert state.energy_j >= -0.005
+
+
+def test_the_observer_counts_what_is_sent() -> None:
+    rig = Rig(passivity=False, engage_ramp_s=0.0)
+    rig.engage(fixtures=(FLOOR,))
+    ledger = Ledger(rig.limits)
+    for k in range(1000):
+        at = np.array([0.0, 0.0, 0.004 * math.sin(0.01 * k)])
+        ledger.step(at, np.array(rig.step(position=Vector3(*at))))
+    assert rig.state.delivered_j == pytest.approx(ledger.worst_j, abs=1e-12)
