@@ -202,11 +202,11 @@ class _Capture:
             for packet in file:
                 if begins and packet.time_ns < last_ns:
                     self._late.append(file.path)
-                number, last_ns, link_type, _, data, wire_bytes, _ = packet
                 begins = False
+                number, last_ns, link_type, _, data, wire_bytes, _ = packet
                 if wire_bytes > len(data):
                     self._cut[len(data)] += 1
-                if number % PROGRESS_PACKETS == 0:
+                if not number % PROGRESS_PACKETS:
                     progress(number, file.share)
                 yield network.unwrapped(packet) if link_type in network.COOKED_BYTES else packet
 
@@ -245,18 +245,16 @@ class _Capture:
         if isinstance(found, Note):
             return ()
         self.messages[dissector.name] += 1
-        decoded = found.decoded
-        title = decoded.title or type(decoded.value).__name__
+        if found.decoded.fault:
+            self._malformed[dissector.name] += 1
         key = dissector, found.where
         figures = self._figures.get(key)
         if figures is None:
+            other_way = self._figures.get((dissector, found.other_way))
             if len(self._figures) >= MOST_FIGURES:
-                key = dissector, "others"
-            figures = self._figures.setdefault(key, Figures())
-        remarks = figures.add(found, title, self._figures.get((dissector, found.other_way)))
-        if decoded.fault:
-            self._malformed[dissector.name] += 1
-        return remarks
+                key, other_way = (dissector, "others"), None
+            figures = self._figures.setdefault(key, Figures(other_way))
+        return figures.add(found)
 
     def fold(self) -> None:
         """Keeps the most frequent of the other packets, and the number of the rest."""
