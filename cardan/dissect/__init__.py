@@ -107,7 +107,7 @@ def dissect_file(
 
     try:
         for packet in capture.read(paths, progress):
-            if limit is not None and capture.messages.total() >= limit:
+            if limit is not None and capture.messages >= limit:
                 stopped = True
                 break
             capture.packets += 1
@@ -176,8 +176,7 @@ class _Capture:
         self.dissectors = {kind: kind(self._numbers) for kind in self._kinds if kind.always}
         self._offered: dict[int, list[Dissector]] = {}
         self.packets = 0
-        self.messages: Counter[str] = Counter()
-        self._malformed: Counter[str] = Counter()
+        self.messages = 0
         self.others: Counter[str] = Counter()
         self.hints = Hints()
         self._figures: dict[tuple[Dissector, str], Figures] = {}
@@ -202,11 +201,11 @@ class _Capture:
             for packet in file:
                 if begins and packet.time_ns < last_ns:
                     self._late.append(file.path)
-                begins = False
                 number, last_ns, link_type, _, data, wire_bytes, _ = packet
+                begins = False
                 if wire_bytes > len(data):
                     self._cut[len(data)] += 1
-                if not number % PROGRESS_PACKETS:
+                if number % PROGRESS_PACKETS == 0:
                     progress(number, file.share)
                 yield network.unwrapped(packet) if link_type in network.COOKED_BYTES else packet
 
@@ -244,9 +243,7 @@ class _Capture:
         """Count a message; what is to be said of it besides its values."""
         if isinstance(found, Note):
             return ()
-        self.messages[dissector.name] += 1
-        if found.decoded.fault:
-            self._malformed[dissector.name] += 1
+        self.messages += 1
         key = dissector, found.where
         figures = self._figures.get(key)
         if figures is None:
@@ -264,11 +261,15 @@ class _Capture:
 
     def counts(self) -> Counts:
         """How much of everything there was."""
-        names = [kind.name for kind in self.dissectors]
+        messages = {kind.name: 0 for kind in self.dissectors}
+        malformed = dict(messages)
+        for (dissector, _), figures in self._figures.items():
+            messages[dissector.name] += figures.messages
+            malformed[dissector.name] += figures.malformed
         return Counts(
             self.packets,
-            {name: self.messages[name] for name in names},
-            {name: self._malformed[name] for name in names},
+            messages,
+            malformed,
             self.others.total() + self._copies,
         )
 

@@ -54,6 +54,8 @@ LINK_CAN = 227
 SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, PACKET = 0x0A0D0D0A, 1, 2, 3, 6
 OPTION_END, OPTION_RESOLUTION, OPTION_OFFSET = 0, 9, 14
 
+_new = tuple.__new__
+
 
 class Direction(enum.Enum):
     """Which way something went. The device is the operator's, the robot controller, the simulated
@@ -229,8 +231,7 @@ class Capture:
         if not 0 <= time_ns < MAX_TIME_NS:
             raise self._damaged("damaged: a time stamp out of range")
         self._count += 1
-        fields = self._count, time_ns, link_type, order, data, wire_bytes, interface
-        return tuple.__new__(CapturedPacket, fields)
+        return CapturedPacket(self._count, time_ns, link_type, order, data, wire_bytes, interface)
 
     def _can_log(self, frames: Iterator[can_log.Logged]) -> Iterator[CapturedPacket]:
         try:
@@ -249,8 +250,12 @@ class Capture:
             data = read(size) if size <= PIECE_BYTES else self._exactly(stream, size)
             if len(data) < size:
                 raise self._damaged(ENDS_INSIDE)
-            time_ns = seconds * 10**9 + units * unit_ns
-            yield self._captured(time_ns, link_type, order, data, wire_bytes)
+            time_ns = seconds * 10**9 + units * unit_ns  # never out of range
+            self._count += 1
+            yield _new(
+                CapturedPacket,
+                (self._count, time_ns, link_type, order, data, wire_bytes, None),
+            )
 
     def _pcapng(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
         order, interfaces, time_ns = "<", list[_Interface](), 0

@@ -168,6 +168,7 @@ class Figures:
         """Those of the messages that are answered."""
         if other_way is not None:
             other_way._other_way = self
+        self.messages = 0
         self._kinds: dict[str, _Kind] = {}
         self._malformed: Counter[str] = Counter()
         self._remarks: Counter[str] = Counter()
@@ -179,10 +180,12 @@ class Figures:
 
     def add(self, message: Message) -> tuple[str, ...]:
         """One more; what is to be said of it."""
-        (_, time_ns, *_), _, (value, title, fault, seqno, asks, answers, remarks), data, _ = message
+        packet, _, (value, title, fault, seqno, asks, answers, remarks), data, _ = message
+        self.messages += 1
         if fault:
             count(self._malformed, fault.partition(":")[0])
             return ()
+        time_ns = packet.time_ns
         title = title or type(value).__name__
         kind = self._kinds.get(title)
         if kind is None:
@@ -216,9 +219,13 @@ class Figures:
                 self._answers.add((time_ns - asked_ns) / 1e9)
         return (f"SEQUENCE {verdict.upper()}",) if verdict else ()
 
+    @property
+    def malformed(self) -> int:
+        """How many of the messages are."""
+        return self._malformed.total()
+
     def __iter__(self) -> Iterator[str]:
-        count = self._malformed.total() + sum(kind.count for kind in self._kinds.values())
-        yield f"  {count} messages"
+        yield f"  {self.messages} messages"
         for title, kind in sorted(self._kinds.items(), key=lambda each: -each[1].count):
             intervals = kind.intervals if title != OTHERS else ""
             sequence = f", {kind.sequence}" if kind.sequence is not None else ""
