@@ -107,7 +107,7 @@ def dissect_file(
 
     try:
         for packet in capture.read(paths, progress):
-            if limit is not None and capture.messages.total() >= limit:
+            if limit is not None and capture.messages >= limit:
                 stopped = True
                 break
             capture.packets += 1
@@ -176,8 +176,7 @@ class _Capture:
         self.dissectors = {kind: kind(self._numbers) for kind in self._kinds if kind.always}
         self._offered: dict[int, list[Dissector]] = {}
         self.packets = 0
-        self.messages: Counter[str] = Counter()
-        self._malformed: Counter[str] = Counter()
+        self.messages = 0
         self.others: Counter[str] = Counter()
         self.hints = Hints()
         self._figures: dict[tuple[Dissector, str], Figures] = {}
@@ -244,19 +243,15 @@ class _Capture:
         """Count a message; what is to be said of it besides its values."""
         if isinstance(found, Note):
             return ()
-        self.messages[dissector.name] += 1
-        decoded = found.decoded
-        title = decoded.title or type(decoded.value).__name__
+        self.messages += 1
         key = dissector, found.where
         figures = self._figures.get(key)
         if figures is None:
+            other_way = self._figures.get((dissector, found.other_way))
             if len(self._figures) >= MOST_FIGURES:
-                key = dissector, "others"
-            figures = self._figures.setdefault(key, Figures())
-        remarks = figures.add(found, title, self._figures.get((dissector, found.other_way)))
-        if decoded.fault:
-            self._malformed[dissector.name] += 1
-        return remarks
+                key, other_way = (dissector, "others"), None
+            figures = self._figures.setdefault(key, Figures(other_way))
+        return figures.add(found)
 
     def fold(self) -> None:
         """Keeps the most frequent of the other packets, and the number of the rest."""
@@ -266,11 +261,15 @@ class _Capture:
 
     def counts(self) -> Counts:
         """How much of everything there was."""
-        names = [kind.name for kind in self.dissectors]
+        messages = {kind.name: 0 for kind in self.dissectors}
+        malformed = dict(messages)
+        for (dissector, _), figures in self._figures.items():
+            messages[dissector.name] += figures.messages
+            malformed[dissector.name] += figures.malformed
         return Counts(
             self.packets,
-            {name: self.messages[name] for name in names},
-            {name: self._malformed[name] for name in names},
+            messages,
+            malformed,
             self.others.total() + self._copies,
         )
 

@@ -17,7 +17,7 @@ from collections.abc import Iterator
 from contextlib import AbstractContextManager
 from typing import Any, BinaryIO, NamedTuple, cast
 
-from cardan.common.files import open_file, read_up_to
+from cardan.common.files import PIECE_BYTES, open_file, read_up_to
 from cardan.dissect import can_log
 from cardan.errors import CaptureError
 
@@ -53,6 +53,8 @@ LINK_CAN = 227
 """LINKTYPE_CAN_SOCKETCAN, of frames out of a log."""
 SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, PACKET = 0x0A0D0D0A, 1, 2, 3, 6
 OPTION_END, OPTION_RESOLUTION, OPTION_OFFSET = 0, 9, 14
+
+_new = tuple.__new__
 
 
 class Direction(enum.Enum):
@@ -186,25 +188,24 @@ class Capture:
                 f"`{command} {shlex.quote(file)} | cardan dissect -`"
             )
         if magic in PCAP_MAGICS:
-            yield from self._pcap(stream, *PCAP_MAGICS[magic])
-        elif magic == PCAPNG_MAGIC:
-            yield from self._pcapng(stream)
-        elif log := can_log.reader(magic):
-            yield from self._can_log(log(io.BufferedReader(_Again(magic, stream))))
-        elif not magic:
+            return self._pcap(stream, *PCAP_MAGICS[magic])
+        if magic == PCAPNG_MAGIC:
+            return self._pcapng(stream)
+        if log := can_log.reader(magic):
+            return self._can_log(log(io.BufferedReader(_Again(magic, stream))))
+        if not magic:
             raise CaptureError(f"{self.path}: the file is empty")
-        elif magic == MCAP_MAGIC:
+        if magic == MCAP_MAGIC:
             file = shlex.quote(self.path)
             raise CaptureError(
                 f"{self.path}: it is a record (MCAP) and no capture: `cardan replay {file}` "
                 f"publishes it, `cardan plot {file}` draws it, `cardan export {file}` makes a data "
                 "set of it"
             )
-        else:
-            raise CaptureError(
-                f"{self.path}: not a pcap or pcapng capture, and no log of a CAN bus (it begins "
-                f"with {magic.hex(' ')}); record one with tcpdump -w or Wireshark"
-            )
+        raise CaptureError(
+            f"{self.path}: not a pcap or pcapng capture, and no log of a CAN bus (it begins "
+            f"with {magic.hex(' ')}); record one with tcpdump -w or Wireshark"
+        )
 
     def _damaged(self, what: str) -> CaptureError:
         self._is_capture = True
@@ -230,8 +231,7 @@ class Capture:
         if not 0 <= time_ns < MAX_TIME_NS:
             raise self._damaged("damaged: a time stamp out of range")
         self._count += 1
-        fields = self._count, time_ns, link_type, order, data, wire_bytes, interface
-        return tuple.__new__(CapturedPacket, fields)
+        return CapturedPacket(self._count, time_ns, link_type, order, data, wire_bytes, interface)
 
     def _can_log(self, frames: Iterator[can_log.Logged]) -> Iterator[CapturedPacket]:
         try:
@@ -242,14 +242,20 @@ class Capture:
 
     def _pcap(self, stream: BinaryIO, order: str, unit_ns: int) -> Iterator[CapturedPacket]:
         link_type = struct.unpack(f"{order}16xI", self._exactly(stream, 20))[0] & 0xFFFF
-        unpack = struct.Struct(f"{order}4I").unpack
-        while head := read_up_to(stream, 16):
+        unpack, read = struct.Struct(f"{order}4I").unpack, stream.read
+        while head := read(16):
             if len(head) < 16:
                 raise self._damaged(ENDS_INSIDE)
             seconds, units, size, wire_bytes = unpack(head)
-            data = self._exactly(stream, size)
-            time_ns = seconds * 10**9 + units * unit_ns
-            yield self._captured(time_ns, link_type, order, data, wire_bytes)
+            data = read(size) if size <= PIECE_BYTES else self._exactly(stream, size)
+            if len(data) < size:
+                raise self._damaged(ENDS_INSIDE)
+            time_ns = seconds * 10**9 + units * unit_ns  # never out of range
+            self._count += 1
+            yield _new(
+                CapturedPacket,
+                (self._count, time_ns, link_type, order, data, wire_bytes, None),
+            )
 
     def _pcapng(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
         order, interfaces, time_ns = "<", list[_Interface](), 0

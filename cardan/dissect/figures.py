@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict, deque
+import math
+from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 
 from cardan.common.histogram import LatencyHistogram
@@ -13,7 +14,7 @@ HALF = MODULUS // 2
 RESTART_JUMP = 2**16
 """A number this far ahead is of another session, not loss: over four minutes at 250 Hz."""
 REMEMBERED = 1024
-"""Datagrams remembered to tell duplicates and late ones; four seconds at 250 Hz."""
+"""Numbers remembered to tell duplicates and late ones; four seconds at 250 Hz."""
 PENDING = 256
 """Messages that an answer is looked for among: one second at 250 Hz."""
 MOST_TEXTS = 64
@@ -27,7 +28,7 @@ class Intervals:
     def __init__(self) -> None:
         self._last_ns: int | None = None
         self._count = self._sum_ns = self._max_ns = 0
-        self._min_ns: int | None = None
+        self._min_ns = math.inf
 
     def add(self, time_ns: int) -> None:
         """One more instant."""
@@ -39,7 +40,7 @@ class Intervals:
         self._sum_ns += interval
         if interval > self._max_ns:
             self._max_ns = interval
-        if self._min_ns is None or interval < self._min_ns:
+        if interval < self._min_ns:
             self._min_ns = interval
 
     def pause(self) -> None:
@@ -47,7 +48,7 @@ class Intervals:
         self._last_ns = None
 
     def __str__(self) -> str:
-        if self._min_ns is None:
+        if not self._count:
             return ""
         mean = milliseconds(self._sum_ns / self._count)
         extremes = f"min {milliseconds(self._min_ns)} max {milliseconds(self._max_ns)}"
@@ -60,7 +61,8 @@ class Sequence:
     def __init__(self) -> None:
         self.duplicates = self.repeated = self.late = self.restarts = 0
         self._last: int | None = None
-        self._seen: OrderedDict[int, int] = OrderedDict()  # seqno -> hash of its datagram
+        self._seen: dict[int, int] = {}
+        """Hashes of the datagrams, by their numbers modulo REMEMBERED."""
         self._missing: deque[int] = deque(maxlen=REMEMBERED)
         self._steps: Counter[int] = Counter()
         self.step = 1
@@ -68,12 +70,15 @@ class Sequence:
         self._recovered = 0
 
     def add(self, seqno: int, datagram: bytes) -> str:
-        """One more datagram: "first", "next", "gap", "duplicate", "repeated" (the seqno, with
-        other content), "late" or "restart"."""
-        content = hash(datagram)
+        """One more datagram: "" (as usual), "gap", "duplicate", "repeated" (the seqno, with other
+        content), "late" or "restart"."""
+        content, verdict = hash(datagram), ""
         last = self._last
         if last is None:
-            self._last, verdict = seqno, "first"
+            self._last = seqno
+        elif seqno - last == self.step == 1:
+            self._last = seqno
+            self._steps[1] += 1
         else:
             step = seqno - last
             if not 0 < step < RESTART_JUMP:
@@ -82,10 +87,7 @@ class Sequence:
                 self._last, verdict = seqno, self._ahead(last, step)
             else:
                 verdict = self._odd(seqno, step, content)
-        seen = self._seen
-        seen[seqno] = content
-        if len(seen) > REMEMBERED:
-            seen.popitem(last=False)
+        self._seen[seqno % REMEMBERED] = content
         return verdict
 
     def _ahead(self, last: int, step: int) -> str:
@@ -95,10 +97,10 @@ class Sequence:
                 self._missing.append((last + skipped) % MODULUS)
         if step != self.step:
             self.step = self._steps.most_common(1)[0][0]
-        return "next" if step == self.step else "gap"
+        return "" if step == self.step else "gap"
 
     def _odd(self, seqno: int, step: int, content: int) -> str:
-        if self._seen.get(seqno) == content:
+        if self._seen.get(seqno % REMEMBERED) == content:
             self.duplicates += 1
             return "duplicate"
         if step == 0:
@@ -161,8 +163,12 @@ class _Kind:
 class Figures:
     """How many messages there were, how often, what was lost, and how long answers took."""
 
-    def __init__(self) -> None:
-        self._messages = 0
+    def __init__(self, other_way: Figures | None) -> None:
+        self._other_way = other_way
+        """Those of the messages that are answered."""
+        if other_way is not None:
+            other_way._other_way = self
+        self.messages = 0
         self._kinds: dict[str, _Kind] = {}
         self._malformed: Counter[str] = Counter()
         self._remarks: Counter[str] = Counter()
@@ -172,14 +178,15 @@ class Figures:
         self._newest_ns: int | None = None
         """When the newest of them came."""
 
-    def add(self, message: Message, title: str, other_way: Figures | None) -> tuple[str, ...]:
+    def add(self, message: Message) -> tuple[str, ...]:
         """One more; what is to be said of it."""
-        time_ns = message.packet.time_ns
-        _, _, fault, seqno, asks, answers, remarks = message.decoded
-        self._messages += 1
+        packet, _, (value, title, fault, seqno, asks, answers, remarks), data, _ = message
+        self.messages += 1
         if fault:
             count(self._malformed, fault.partition(":")[0])
             return ()
+        time_ns = packet.time_ns
+        title = title or type(value).__name__
         kind = self._kinds.get(title)
         if kind is None:
             title = bounded(self._kinds, title)
@@ -191,7 +198,7 @@ class Figures:
         if seqno is not None:
             if kind.sequence is None:
                 kind.sequence = Sequence()
-            verdict = kind.sequence.add(seqno, message.data)
+            verdict = kind.sequence.add(seqno, data)
         if verdict == "restart":
             kind.intervals.pause()
         if verdict not in ("duplicate", "repeated", "late"):
@@ -202,6 +209,7 @@ class Figures:
                 if len(self._asked_ns) >= PENDING:
                     del self._asked_ns[next(iter(self._asked_ns))]
             self._newest_ns = time_ns
+        other_way = self._other_way
         if other_way is not None:
             if answers is not None:
                 asked_ns = other_way._asked_ns.pop(answers, None)
@@ -209,10 +217,15 @@ class Figures:
                 asked_ns, other_way._newest_ns = other_way._newest_ns, None
             if asked_ns is not None:
                 self._answers.add((time_ns - asked_ns) / 1e9)
-        return () if verdict in ("", "first", "next") else (f"SEQUENCE {verdict.upper()}",)
+        return (f"SEQUENCE {verdict.upper()}",) if verdict else ()
+
+    @property
+    def malformed(self) -> int:
+        """How many of the messages are."""
+        return self._malformed.total()
 
     def __iter__(self) -> Iterator[str]:
-        yield f"  {self._messages} messages"
+        yield f"  {self.messages} messages"
         for title, kind in sorted(self._kinds.items(), key=lambda each: -each[1].count):
             intervals = kind.intervals if title != OTHERS else ""
             sequence = f", {kind.sequence}" if kind.sequence is not None else ""

@@ -147,7 +147,7 @@ class DatagramDissector(Dissector):
         """A datagram; None: it is another protocol's."""
 
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
-        if not isinstance(network, Segment) or network.protocol != "UDP":
+        if isinstance(network, str) or network.protocol != "UDP":
             return ()
         decoded = self.decode(network)
         if decoded is None:

@@ -32,8 +32,9 @@ def fed(dissector, listed, period_s):
             lines.append(each.text)
             continue
         decoded = each.decoded
-        mine = figures.setdefault(each.where, Figures())
-        mine.add(each, decoded.title, figures.get(each.other_way))
+        if each.where not in figures:
+            figures[each.where] = Figures(figures.get(each.other_way))
+        figures[each.where].add(each)
         title = decoded.title or dissector.name
         fault = f"MALFORMED {title}: {decoded.fault} {excerpt(each.data)}"
         lines.append(fault if decoded.fault else describe(decoded))

@@ -34,7 +34,8 @@ HEARD = {
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     RESULTS: STRING,
 }
-MET_S = 0.3
+AGAIN_S = 2.0
+"""A command of which nothing was said for so long was lost, and is given again."""
 
 
 class Lab(NamedTuple):
@@ -118,14 +119,22 @@ class Operator(JudgeNode):
     def advertise(self, topic: str, kind: str) -> None:
         self.do("advertise", topic=topic, kind=kind)
         self.wait("matched", topic=topic)
-        # It has met the face, which may not have met it: what it sends at once may be lost.
-        time.sleep(MET_S)
 
     def tell(self, verb: str, kind: str = EMPTY, **message: Any) -> None:
-        """Publish a command, once."""
+        """Give a command, again while the arm says nothing of it: it has met the face, which may
+        not have met it, so what it sends first may be lost."""
         topic = f"{ARM}/command/{verb}"
         self.advertise(topic, kind)
-        self.do("publish", topic=topic, message=completed(kind, message) if message else {})
+        known, due_s = len(self.results()), 0.0
+
+        def answered() -> bool:
+            nonlocal due_s
+            if time.monotonic() >= due_s:
+                due_s = time.monotonic() + AGAIN_S
+                self.do("publish", topic=topic, message=completed(kind, message) if message else {})
+            return any(command == verb for command, _ in self.results()[known:])
+
+        until(answered, f"a word on {verb}")
 
     def tell_and_wait(self, verb: str) -> None:
         self.tell(verb)

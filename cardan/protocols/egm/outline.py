@@ -25,23 +25,21 @@ _from_bytes = int.from_bytes
 class Outline(NamedTuple):
     """What datagrams of a certain length have in common, each as a number, little-endian."""
 
-    mask: int
-    """What must be the same: ones."""
-    fixed: int
-    exponents: int
-    """Those of the doubles."""
+    looked_at: int
+    """What must be the same, and the exponents of the doubles: ones."""
     lowest: int
     """Added to an exponent of ones, which infinity and NaN have, it carries into the sign."""
-    signs: int
+    mask: int
+    """What must be the same, and the signs of the doubles."""
+    fixed: int
     seqno: slice
     tm: slice
 
     def header(self, data: bytes) -> tuple[int, int] | None:
         """Sequence number and clock (ms; 0 where absent) of a datagram that is as sound as the one
         learned; None for another."""
-        mask, fixed, exponents, lowest, signs, seqno, tm = self
-        n = _from_bytes(data, "little")
-        if n & mask != fixed or (n & exponents) + lowest & signs:
+        looked_at, lowest, mask, fixed, seqno, tm = self
+        if (_from_bytes(data, "little") & looked_at) + lowest & mask != fixed:
             return None
         return number(data[seqno]) & 0xFFFFFFFF, number(data[tm]) & 0xFFFFFFFF
 
@@ -71,6 +69,6 @@ def outline(data: bytes, value: EgmRobot | EgmSensor | EgmSensorPathCorr) -> Out
         return None
     ones = _from_bytes(mask, "little")
     lowest = exponents & ~(exponents << 1)
-    signs = lowest << 11
     fixed = _from_bytes(data, "little") & ones
-    return Outline(ones, fixed, exponents, lowest, signs, places[_SEQNO], places[_TM])
+    mask = ones | lowest << 11
+    return Outline(ones | exponents, lowest, mask, fixed, places[_SEQNO], places[_TM])
