@@ -39,6 +39,7 @@ REQUIRED = {
     "robot": {"driver": "sim_arm"},
     "sensor": {"driver": "jr3_can"},
     "model": "ur5",
+    "topic": "/right/joint_states",
     "name": "table",
     "driver": "sim_arm",
     "filter": "camera",

@@ -16,7 +16,7 @@ from cardan.common import certificates, tables
 from cardan.demos.examples import example_files, read_demo
 from cardan.doctor import ports
 from cardan.errors import CardanError, ConfigurationError
-from cardan.gateway.arm import cycle_record, requests
+from cardan.gateway.arm import cycle_record, requests, verb_table
 from cardan.gateway.daemon import control
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.events import read_events
@@ -188,7 +188,7 @@ def _requests() -> tuple[bytes, ...]:
         *({}, {"vel": 0.1}, [[1, 0.5]], [[0.0] * 6] * 3, None),
         {"frame": "base", "linear": [0.1, 0, 0], "angular": [0, 0, 0]},
     )
-    for verb in requests.ARGUMENTS:
+    for verb in verb_table.IN_PACKETS:
         for value in values:
             table = {"id": 7, "source": "verbs", "verb": verb, "value": value}
             data = json.dumps(table).encode()

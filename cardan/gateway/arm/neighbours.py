@@ -128,8 +128,8 @@ class NeighbourWatch:
 
     def __init__(self, bodies: NeighbourBodies, topic: str, max_age_s: float) -> None:
         """`max_age_s`: of a state that is older this arm must not be moved."""
-        self._bodies, self._max_age_s = bodies, max_age_s
-        self._who, self._topic = f"the neighbour {bodies.name}", topic
+        self.bodies, self._max_age_s = bodies, max_age_s
+        self._who, self.topic = f"the neighbour {bodies.name}", topic
         self._names = bodies.names
         self._order: tuple[tuple[str, ...], tuple[int, ...]] = (), ()
         self.joints: tuple[float, ...] = bodies.model.home
@@ -177,7 +177,7 @@ class NeighbourWatch:
         if np.abs(reported).max() > FASTEST:
             self.refuse("joint states with speeds that no joint has")
             return
-        bodies = self._bodies
+        bodies = self.bodies
         outside = np.maximum(bodies.lower - joints, joints - bodies.upper)
         if (worst := int(np.argmax(outside))) >= 0 and outside[worst] > OUTSIDE_RANGE:
             self.refuse(
@@ -238,5 +238,5 @@ class NeighbourWatch:
         if age_s < math.inf:
             what = f"where {self._who} is was last known {age_s:.1f} s ago"
         if self._problem:
-            return f"{what}: on {self._topic} come {self._problem}"
-        return f"{what}: start what publishes its joint states on {self._topic}"
+            return f"{what}: on {self.topic} come {self._problem}"
+        return f"{what}: start what publishes its joint states on {self.topic}"

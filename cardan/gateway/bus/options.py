@@ -18,6 +18,15 @@ DEFAULT_NAME = "cartesian_control_server_ros2"
 RATE_HZ = Range(0.1, 1000.0, "Hz", "slower is no state; no robot has faster cycles")
 
 
+def is_topic(name: str) -> bool:
+    """Whether ROS 2 allows a topic of this name."""
+    try:
+        checked_name(name)
+    except RosNameError:
+        return False
+    return True
+
+
 @dataclass(frozen=True, kw_only=True)
 class NetworkOptions(BusOptions):
     """``[network]`` of a session: what it publishes of its arm, and what it takes."""

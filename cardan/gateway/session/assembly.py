@@ -86,10 +86,10 @@ if TYPE_CHECKING:
     from cardan.gateway.arm.neighbours import NeighbourBodies
     from cardan.gateway.arm.options import ControllerOptions
     from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.bus.neighbours import ArmNeighbours
     from cardan.gateway.kinematics.arm import ArmKinematics
     from cardan.gateway.kinematics.base import Kinematics
     from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
-    from cardan.gateway.session.neighbours import SessionNeighbours
     from cardan.gateway.session.network import SessionNetwork
 
 Part = TypeVar("Part")
@@ -385,17 +385,21 @@ def make_network(
 
 def make_neighbours(
     config: SessionConfig, robot: RobotDriver, controller: ArmController
-) -> SessionNeighbours | None:
+) -> ArmNeighbours | None:
     """What hears the neighbours of a session's arm, not open yet; None without any."""
     if not config.neighbours:
         return None
     from cardan.gateway.arm.arm_body import ArmBody
-    from cardan.gateway.session.neighbours import SessionNeighbours
+    from cardan.gateway.arm.neighbours import NeighbourWatch
+    from cardan.gateway.bus.neighbours import ArmNeighbours
 
     body = controller.body
     assert isinstance(body, ArmBody)
-    period_s = robot.capabilities.period_s
-    return SessionNeighbours(config.neighbours, body.neighbours, controller, period_s)
+    watches = [
+        NeighbourWatch(each, table.topic, table.max_age_s)
+        for table, each in zip(config.neighbours, body.neighbours, strict=True)
+    ]
+    return ArmNeighbours(watches, controller, robot.capabilities.period_s)
 
 
 def has_output(table: GripperOptions, robot: RobotCapabilities) -> bool:

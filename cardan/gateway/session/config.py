@@ -20,7 +20,7 @@ from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.arm.arrival import ArrivalOptions
 from cardan.gateway.arm.authority import AuthorityOptions
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.bus.options import NetworkOptions
+from cardan.gateway.bus.options import NetworkOptions, is_topic
 from cardan.gateway.force.tables import (
     FixtureTables,
     ForceTables,
@@ -34,7 +34,6 @@ from cardan.gateway.hand.filters.registry import FilterTable
 from cardan.gateway.hand.mapping import GripperAction, GripperOptions, MappingOptions, Mode
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.options import Policy, ServoOptions
-from cardan.protocols.ros2.names import RosNameError, checked_name
 from cardan.robots import SolidTable
 from cardan.spatial import from_euler_zyx
 from cardan.types import Pose, Vector3
@@ -120,12 +119,8 @@ class NeighbourTable(Options):
         super().__post_init__()
         if not self.name:
             raise OptionError("name", self.name, 'a name for messages: "right"')
-        try:
-            checked_name(self.topic)
-        except RosNameError:
-            raise OptionError(
-                "topic", self.topic, 'the name of a topic: "/right/joint_states"'
-            ) from None
+        if not is_topic(self.topic):
+            raise OptionError("topic", self.topic, 'the name of a topic: "/right/joint_states"')
         if any(self.base_rpy_deg) and self.base_xyz_m is None:
             raise OptionError(
                 "base_rpy_deg", self.base_rpy_deg, "given with base_xyz_m, where the base is"

@@ -48,7 +48,7 @@ from cardan.types import DeviceLink, DeviceState, Pose, RobotLink, RobotState, V
 
 if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
     from cardan.gateway.arm.verbs import ArmVerbs
-    from cardan.gateway.session.neighbours import SessionNeighbours
+    from cardan.gateway.bus.neighbours import ArmNeighbours
 
 _log = logging.getLogger(__name__)
 
@@ -136,7 +136,7 @@ class SessionNetwork:
         robot: RobotDriver,
         device: OperatorDevice | None,
         force: ForceSource | None = None,
-        neighbours: SessionNeighbours | None = None,
+        neighbours: ArmNeighbours | None = None,
     ) -> None:
         """Join the bus; `force`: the source of the session's measured force; `neighbours` are heard
         there. Raises DriverError, ConfigurationError, or ExtraMissingError."""

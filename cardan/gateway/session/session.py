@@ -75,7 +75,7 @@ from cardan.types import (
 )
 
 if TYPE_CHECKING:  # Imports the messages of the network, which most sessions do without.
-    from cardan.gateway.session.neighbours import SessionNeighbours
+    from cardan.gateway.bus.neighbours import ArmNeighbours
     from cardan.gateway.session.network import SessionNetwork
 
 SNAPSHOT_PERIOD_S = 0.1
@@ -358,7 +358,7 @@ class Session:
         if self._neighbours is None:
             self.controller.hold_off(self._supervisor_fault)
 
-    def _heed(self, neighbours: SessionNeighbours, now_s: float) -> None:
+    def _heed(self, neighbours: ArmNeighbours, now_s: float) -> None:
         """Place the neighbours; without them no source moves the arm either."""
         fault = neighbours.turn(now_s)
         self.controller.hold_off(self._supervisor_fault or fault)

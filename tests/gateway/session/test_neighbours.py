@@ -10,6 +10,7 @@ from cardan.bus.node import Received
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.neighbours import NS
 from cardan.gateway.arm.status import Phase
+from cardan.gateway.bus.neighbours import MESSAGES_AT_ONCE
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.gateway.session.assembly import (
@@ -19,7 +20,6 @@ from cardan.gateway.session.assembly import (
     make_robot,
 )
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.neighbours import MESSAGES_AT_ONCE
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.names import dds_type

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 
 from cardan.bus.node import BusNode, Received, Subscription
 from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.neighbours import NS, NeighbourBodies, NeighbourWatch
-from cardan.gateway.session.config import NeighbourTable
+from cardan.gateway.arm.neighbours import NS, NeighbourWatch
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.names import dds_type
 
@@ -19,22 +18,14 @@ MESSAGES_AT_ONCE = 4
 """Most that are read of a neighbour in one cycle, the newest: a flood costs no deadline."""
 
 
-class SessionNeighbours:
+class ArmNeighbours:
     """All neighbours of one arm."""
 
     def __init__(
-        self,
-        tables: Sequence[NeighbourTable],
-        bodies: Sequence[NeighbourBodies],
-        controller: ArmController,
-        period_s: float,
+        self, watches: Sequence[NeighbourWatch], controller: ArmController, period_s: float
     ) -> None:
-        """`bodies` of each of `tables`; `period_s` of the robot."""
-        self._tables, self._bodies = tables, bodies
-        self._watches = [
-            NeighbourWatch(each, table.topic, table.max_age_s)
-            for table, each in zip(tables, bodies, strict=True)
-        ]
+        """`period_s` of the robot."""
+        self._watches = watches
         self._controller, self._period_s = controller, period_s
         self._codec, self._dds_type = codec_of(STATE_TYPE), dds_type(STATE_TYPE)
         self._subscriptions: list[Subscription] = []
@@ -42,7 +33,7 @@ class SessionNeighbours:
     def open(self, node: BusNode) -> None:
         """Subscribe. Raises InterfaceError or RosNameError."""
         self._subscriptions = [
-            node.subscription(each.topic, STATE_TYPE, MESSAGES_AT_ONCE) for each in self._tables
+            node.subscription(each.topic, STATE_TYPE, MESSAGES_AT_ONCE) for each in self._watches
         ]
 
     def hear(self, now_s: float, now_ns: int) -> None:
@@ -77,17 +68,17 @@ class SessionNeighbours:
         """Put the bodies where they are, for the next cycle. Returns why the arm must not be moved;
         empty where all neighbours are known."""
         faults = []
-        for index, (watch, bodies) in enumerate(zip(self._watches, self._bodies, strict=True)):
+        for index, watch in enumerate(self._watches):
             faults.append(watch.fault(now_s))
             if (age_s := watch.age_s(now_s)) < math.inf:
-                ways_m = bodies.ways_m(watch.speeds_m_s, age_s + self._period_s)
+                ways_m = watch.bodies.ways_m(watch.speeds_m_s, age_s + self._period_s)
                 self._controller.place_neighbour(index, watch.joints, ways_m)
         return "; ".join(filter(None, faults))
 
     def diagnosis(self) -> list[str]:
         """What was not believed, in words."""
         return [
-            f"the neighbour {bodies.name}: refused {count} {reason}"
-            for watch, bodies in zip(self._watches, self._bodies, strict=True)
+            f"the neighbour {watch.bodies.name}: refused {count} {reason}"
+            for watch in self._watches
             for reason, count in watch.refused.items()
         ]
