@@ -45,9 +45,10 @@ def evaluate(
         ),
     ] = None,
 ) -> None:
-    """Repeat the measurements of the papers that Cardan follows, with simulated devices and robots,
-    and write one report: published figures beside ours, pictures, machine, versions, load and
-    seeds. What is in real time needs a quiet machine."""
+    """Repeat the measurements of the papers that Cardan follows.
+
+    With simulated devices and robots; writes one report: published figures beside ours, pictures,
+    machine, versions, load and seeds. What is in real time needs a quiet machine."""
     if compare is not None:
         if quick or only:
             raise ConfigurationError("--compare", "measures nothing: leave --quick and --only out")

@@ -257,7 +257,7 @@ def run(
     verbose: Verbose = False,
     log_level: Level = None,
 ) -> None:
-    """Join the device and the robot of a configuration file until Ctrl-C."""
+    """Join the device and the robot of a file, until Ctrl-C."""
     from cardan.gateway.session.assembly import cautions, load_config
     from cardan.gateway.session.recorded import recorded, why_incomplete
     from cardan.gateway.session.supervisor import supervise
@@ -322,8 +322,9 @@ def _final_problem(last: Snapshot) -> str:
 
 @app.command()
 def check(file: ConfigFile, as_json: AsJson = False) -> None:
-    """Check a configuration file, of a session or of the daemon, without opening anything, and say
-    what it would do."""
+    """Check a configuration file without opening anything.
+
+    Of a session or of the daemon; says what it would do."""
     from cardan.common.tables import read_toml
     from cardan.gateway.daemon.layout import is_of_daemon, read_layout
     from cardan.gateway.session.assembly import cautions, load_config
@@ -461,7 +462,7 @@ def drivers(
 
 @app.command()
 def devices(as_json: AsJson = False) -> None:
-    """List the operator devices that are plugged in, and what stands in their way."""
+    """List plugged-in operator devices, and what stands in their way."""
     from cardan import api
 
     found = api.devices()
@@ -506,7 +507,7 @@ def _merged(found: Sequence[FoundDevice]) -> list[FoundDevice]:
 
 @app.command()
 def udev() -> None:
-    """Print the udev rules that let the user at the console open the devices."""
+    """Print udev rules that let the user at the console open devices."""
     from cardan.drivers.udev import udev_rules
 
     print(udev_rules(), end="")

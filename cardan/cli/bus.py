@@ -102,8 +102,9 @@ def network(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Join the bus, print the nodes, topics and services that there are after two seconds, and what
-    to do where nobody was met."""
+    """List the nodes, topics and services that are on the bus.
+
+    Joins it, looks for two seconds, and says what to do where nobody was met."""
     from cardan.bus.survey import remedies, survey, unseen
 
     options = bus_options(file)
@@ -182,7 +183,9 @@ def hz(
     router: Router = "",
     as_json: AsJson = False,
 ) -> None:
-    """Print how often a topic is published, and how evenly, once a second until Ctrl-C."""
+    """Print how often and how evenly a topic is published.
+
+    Once a second, until Ctrl-C."""
     from cardan.common.histogram import LatencyHistogram
 
     gaps = LatencyHistogram()
@@ -249,8 +252,10 @@ def messages(
         Path, typer.Argument(metavar="FOLDER", help="Of a workspace: its src. Made if need be.")
     ],
 ) -> None:
-    """Write the packages of messages that no distribution of ROS 2 has, for colcon to build: then
-    its own programs can use all that an arm offers."""
+    """Write the ROS 2 packages of Cardan's own messages.
+
+    No distribution has them: colcon builds them, and then stock programs can use all that an arm
+    offers."""
     from cardan.bus.message_packages import write_packages
 
     for place in write_packages(folder):

@@ -84,7 +84,9 @@ def serve(
         ),
     ] = None,
 ) -> None:
-    """Run many sessions and faces, each in a process of its own, until Ctrl-C: one that dies comes
+    """Run many sessions and faces, each in its own process.
+
+    Until Ctrl-C: one that dies comes
     back, its arm disarmed. Prints READY and the path of its socket once it serves."""
     from cardan.common.signals import on_ending
     from cardan.gateway.daemon.daemon import Daemon
@@ -136,8 +138,9 @@ def top(
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show what `cardan ps` does, live, until Ctrl-C, as JSON an array a line; the daemon goes on
-    after it."""
+    """Show what `cardan ps` does, live.
+
+    Until Ctrl-C; as JSON an array a line. The daemon goes on after it."""
     from rich.console import Console
 
     from cardan.gateway.daemon.client import ControlClient
@@ -173,12 +176,14 @@ def _order(order: str, name: str, socket: str, as_json: bool) -> None:
 
 
 def start(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
-    """Start a session or a face that the daemon has stopped, or given up."""
+    """Start a session or a face that the daemon stopped or gave up."""
     _order("start", name, socket, as_json)
 
 
 def stop(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
-    """Stop a session (its arm brakes, holds, and is left) or a face of the daemon."""
+    """Stop a session or a face of the daemon.
+
+    The arm of a session brakes, holds, and is left."""
     _order("stop", name, socket, as_json)
 
 
@@ -207,8 +212,9 @@ def switch(
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
-    """Pass an operator device that several sessions share on to another one, as soon as the arm of
-    the one that has it rests."""
+    """Pass a shared operator device on to another session.
+
+    As soon as the arm of the one that has it rests."""
     from cardan.gateway.daemon.client import ControlClient
 
     with ControlClient(socket) as client:
@@ -309,7 +315,7 @@ def arm(
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
-    """Have an arm of the daemon carry out a verb of the Cartesian interface: `stat`, `stop`, `movl
+    """Have an arm of the daemon carry out a verb: `stat`, `stop`, `movl
     0.4 0 0.4 3.14 0 0 --wait` (m, then a rotation vector in rad), `get_parameters`,
     `set_parameter gain 0.1`. A motion that does not end by itself ends with this command."""
     from cardan.cli.verbs import as_plain, carry_out, in_words

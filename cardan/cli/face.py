@@ -41,7 +41,7 @@ def _face(
     list_: Annotated[bool, typer.Option("--list", help="Print the faces, then end.")] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Show the bus of the sessions in another protocol, or keep it together."""
+    """Show the sessions' bus in another protocol, or keep it together."""
     listed(context, list_, registry, ("face", "what it does"), as_json)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,17 @@ if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
 
 ENTRY_POINT_GROUP = "cardan.commands"
+
+GROUPS = {
+    "Run": "demo check run arm",
+    "Devices and robots": "devices drivers udev doctor robots force haptic spnav",
+    "Network": "network echo hz messages face",
+    "Record": "record replay plot export",
+    "Daemon": "serve ps top log events start stop restart switch reload service",
+    "Test": "sim conform dissect evaluate",
+}
+"""The help's groups of commands, in order."""
+OTHERS = "Of other packages"
 
 
 def _installed() -> EntryPoints:
@@ -44,8 +56,19 @@ class CardanCommands(TyperGroup):
         self._others = Commands(finder, "command", _command)
 
     def list_commands(self, ctx: Any) -> list[str]:
-        own = super().list_commands(ctx)
-        return [*own, *(name for name in self._others if name not in own)]
+        there = dict.fromkeys((*super().list_commands(ctx), *self._others))
+        grouped = (name for names in GROUPS.values() for name in names.split())
+        return [*dict.fromkeys(name for name in (*grouped, *there) if name in there)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        return super().get_command(ctx, cmd_name) or self._others.get(cmd_name)
+        command: Any = super().get_command(ctx, cmd_name) or self._others.get(cmd_name)
+        if command is not None:
+            groups = (group for group, names in GROUPS.items() if cmd_name in names.split())
+            command.rich_help_panel = next(groups, OTHERS)
+            command.short_help = _first_sentence(command.help or "")
+        return command
+
+
+def _first_sentence(text: str) -> str:
+    """The first of a docstring, or what comes before its colon, on one line."""
+    return re.split(r"[.:](?=\s|$)", " ".join(text.split()), maxsplit=1)[0]

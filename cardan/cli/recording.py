@@ -107,7 +107,9 @@ def replay(
     verbose: Verbose = False,
     log_level: Level = None,
 ) -> None:
-    """Publish a record onto the network, under its own names, with its own spacing."""
+    """Publish a record onto the network.
+
+    Under its own names, with its own spacing."""
     if engine:
         _replay_engine(file)
         return

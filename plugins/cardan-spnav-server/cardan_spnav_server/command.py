@@ -32,7 +32,9 @@ def spnav(
     verbose: Verbose = False,
     log_level: Level = None,
 ) -> None:
-    """Serve an operator device to stock programs that use libspnav, as spacenavd does: version 0
+    """Serve an operator device to programs that use libspnav.
+
+    As spacenavd does: version 0
     and 1 of its protocol. Prints READY and the socket's path once it serves."""
     from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
     from cardan.gateway.session.assembly import make_device, read_part
