@@ -165,6 +165,11 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=left_out)
 
 
+GARBAGE = (10_000, 20, 20)
+"""New objects until garbage is looked for, and how many such looks until longer ones: Python's own
+700, 10, 10 are for programs that keep less."""
+
+
 @pytest.hookimpl(hookwrapper=True)
 def pytest_collection() -> Generator[None, None, None]:
     """Let garbage collection pass over what collecting makes, which stays until the end: it would
@@ -173,6 +178,7 @@ def pytest_collection() -> Generator[None, None, None]:
     yield
     gc.collect()
     gc.freeze()
+    gc.set_threshold(*GARBAGE)
     gc.enable()
 
 
