@@ -12,7 +12,10 @@ from cardan.conform.egm.seen import Answer, EgmSeen, Robot, step
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
+    at_most,
     failed,
+    met,
+    none_wrong,
     not_applicable,
     not_seen,
     passed,
@@ -35,8 +38,8 @@ SPEED_M_S, SPEED_RAD_S = 1e-6, 1e-6
 FAREWELLS = 3
 SILENT_AFTER_S = 0.1
 
-requires: Requirements[EgmSeen] = Requirements("EGMPC")
 _NOTHING = "no answers came"
+requires: Requirements[EgmSeen] = Requirements("EGMPC", _NOTHING)
 
 
 class Pair(NamedTuple):
@@ -63,13 +66,6 @@ def _pairs(seen: EgmSeen, *phases: str) -> list[Pair]:
         return found
     inside = [seen.phases[name] for name in phases if name in seen.phases]
     return [p for p in found if any(i.first <= p.robot.number < i.end for i in inside)]
-
-
-def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
-    wrong = list(found)
-    if wrong:
-        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
-    return passed(good) if of else not_seen(nothing)
 
 
 def _planned(answer: Answer) -> EgmMotion | None:
@@ -107,7 +103,7 @@ def the_run_is_answered(seen: EgmSeen) -> Verdict:
         return failed("none came") if found else not_seen("nothing was sent")
     share = sum(bool(each.answers) for each in found[began:-1]) / max(1, len(found[began:-1]))
     said = f"{100 * share:.1f} %"
-    return passed(said) if share >= ANSWERED_SHARE else failed(said)
+    return met(share >= ANSWERED_SHARE, said)
 
 
 @requires(102, SCHEMA)
@@ -115,7 +111,7 @@ def answers_are_messages(seen: EgmSeen) -> Verdict:
     """Every answer is one whole EgmSensor or EgmSensorPathCorr, all of whose numbers are finite."""
     count = len(seen.answers) + len(seen.refused)
     wrong = ((each.number, each.malformed.detail) for each in seen.refused)
-    return _bad(wrong, count, f"{count} answers")
+    return none_wrong(wrong, count, f"{count} answers", _NOTHING)
 
 
 @requires(103, f"{SCHEMA}, EgmHeader.mtype")
@@ -128,7 +124,7 @@ def answers_have_their_type(seen: EgmSeen) -> Verdict:
         mtype = None if each.message.header is None else each.message.header.mtype
         if mtype != wanted:
             wrong.append((each.number, f"mtype {mtype}"))
-    return _bad(wrong, len(seen.answers), f"{len(seen.answers)} answers")
+    return none_wrong(wrong, len(seen.answers), f"{len(seen.answers)} answers", _NOTHING)
 
 
 @requires(104, f"{SCHEMA}, EgmHeader.seqno")
@@ -145,7 +141,7 @@ def answers_count_up_by_one(seen: EgmSeen) -> Verdict:
         count += 1
         if step(a.seqno, b.seqno) != 1:
             wrong.append((other.number, f"{b.seqno} after {a.seqno}"))
-    return _bad(wrong, count, f"{count} messages")
+    return none_wrong(wrong, count, f"{count} messages", _NOTHING)
 
 
 @requires(105, f"{MANUAL}: the controller takes one message in a cycle, oldest first")
@@ -160,7 +156,9 @@ def one_answer_is_enough(seen: EgmSeen) -> Verdict:
     # An answer that was just late stands beside the next one.
     if len(wrong) <= 0.01 * len(found):
         wrong = []
-    return _bad(wrong, sum(bool(e.answers) for e in found), f"{len(found)} datagrams")
+    return none_wrong(
+        wrong, sum(bool(e.answers) for e in found), f"{len(found)} datagrams", _NOTHING
+    )
 
 
 @requires(106, f"{MANUAL}: the controller reads what is there in its next cycle")
@@ -187,9 +185,7 @@ def answers_are_in_time(seen: EgmSeen) -> Verdict:
     times.sort()
     late_s, number = times[int(0.99 * (len(times) - 1))]
     said = f"99 of 100 within {late_s * 1e3:.2f} ms"
-    if late_s > ANSWER_WITHIN_S:
-        return failed(said, [number], late_s * 1e3, "ms")
-    return passed(said, late_s * 1e3, "ms")
+    return at_most(ANSWER_WITHIN_S * 1e3, late_s * 1e3, "ms", said, [number])
 
 
 @requires(107, f"{SCHEMA}; {MANUAL}: planned or speedRef of the mode, else the last one counts")
@@ -204,7 +200,7 @@ def every_answer_has_a_reference(seen: EgmSeen) -> Verdict:
         speed = m.speed_ref is not None and (m.speed_ref.joints or m.speed_ref.cartesians)
         if not position and not speed:
             wrong.append((each.number, "neither position nor speed"))
-    return _bad(wrong, len(seen.answers), f"{len(seen.answers)} answers")
+    return none_wrong(wrong, len(seen.answers), f"{len(seen.answers)} answers", _NOTHING)
 
 
 @requires(108, f"{SCHEMA}, EgmQuaternion")
@@ -221,7 +217,7 @@ def quaternions_are_normal(seen: EgmSeen) -> Verdict:
                 wrong.append((each.number, f"length {length:.4f}"))
     if seen.answers and not count:
         return not_applicable("no quaternion is sent")
-    return _bad(wrong, count, f"{count} quaternions")
+    return none_wrong(wrong, count, f"{count} quaternions", _NOTHING)
 
 
 def _first_answers(seen: EgmSeen) -> Iterator[tuple[Robot, Answer]]:
@@ -248,7 +244,7 @@ def a_session_begins_where_the_arm_is(seen: EgmSeen) -> Verdict:
                 wrong.append((answer.number, f"{far_m * 1e3:.2f} mm away"))
         if _speed(answer) > SPEED_M_S:
             wrong.append((answer.number, f"with a speed of {_speed(answer):.3g}"))
-    return _bad(wrong, count, f"{count} sessions")
+    return none_wrong(wrong, count, f"{count} sessions", _NOTHING)
 
 
 @requires(110, LAW)
@@ -265,7 +261,7 @@ def references_do_not_leap(seen: EgmSeen) -> Verdict:
         far_m, far_rad = _far(*pos), _far(a.joints, b.joints)
         if far_m > LEAP_M or far_rad > LEAP_RAD:
             wrong.append((other.number, f"{far_m * 1e3:.1f} mm"))
-    return _bad(wrong, count, f"{count} steps")
+    return none_wrong(wrong, count, f"{count} steps", _NOTHING)
 
 
 @requires(111, f"{LAW}; {LIBEGM} repeats its last reference there")
@@ -283,7 +279,9 @@ def it_follows_while_commands_do_not_act(seen: EgmSeen) -> Verdict:
             far_m, far_rad = (0.0, 0.0) if motion is None else _apart(motion, pair.robot)
             if far_m > NEAR_M or far_rad > NEAR_RAD or _speed(answer) > SPEED_M_S:
                 wrong.append((answer.number, f"{far_m * 1e3:.2f} mm away"))
-    return _bad(wrong, count, f"{count} answers", "it did not answer while commands do not act")
+    return none_wrong(
+        wrong, count, f"{count} answers", "it did not answer while commands do not act"
+    )
 
 
 @requires(112, f"{SCHEMA}: whatever comes to a UDP port; ABBRobotEGM ended at it")
@@ -294,7 +292,7 @@ def junk_does_not_end_it(seen: EgmSeen) -> Verdict:
         return not_seen("none were sent, or it never answered")
     share = sum(bool(each.answers) for each in found) / len(found)
     said = f"{len(seen.junk)} of them; {100 * share:.1f} % answered"
-    return passed(said) if share > 0.9 else failed(said, [seen.junk[0][0]])
+    return met(share > 0.9, said, [seen.junk[0][0]])
 
 
 @requires(113, f"{SCHEMA}, EgmHeader.seqno: old datagrams are none to act on")
@@ -322,7 +320,7 @@ def old_datagrams_are_not_answered(seen: EgmSeen) -> Verdict:
     fresh = len({each.seqno for each in seen.during("old")})
     said = f"{len(inside)} answers to {fresh} new datagrams"
     # The last answer before may have been late.
-    return failed(said, [inside[-1].number]) if len(inside) > fresh + 1 else passed(said)
+    return met(len(inside) <= fresh + 1, said, [each.number for each in inside[-1:]])
 
 
 @requires(114, f"{MANUAL}: what is sent waits in the controller for its next run")
@@ -337,7 +335,7 @@ def silence_is_not_answered(seen: EgmSeen) -> Verdict:
         if phase.first <= each.number < phase.end and each.time_s > phase.start_s + SILENT_AFTER_S
     ]
     said = f"{len(found)} messages"
-    return failed(said, found) if len(found) > FAREWELLS else passed(said)
+    return met(len(found) <= FAREWELLS, said, found)
 
 
 @requires(115, f"{MANUAL}, Local Port Number: 0 is any, and another one after a restart")
@@ -348,7 +346,7 @@ def a_new_port_is_followed(seen: EgmSeen) -> Verdict:
         return not_seen("there was no restart, or it never answered")
     share = sum(bool(each.answers) for each in found[10:-1]) / len(found[10:-1])
     said = f"{100 * share:.1f} % of its datagrams are answered"
-    return passed(said) if share > 0.9 else failed(said, [found[-1].robot.number])
+    return met(share > 0.9, said, [found[-1].robot.number])
 
 
 @requires(116, "cardan.dissect: a second description of the protocol")
@@ -378,4 +376,4 @@ def it_leaves_without_speed(seen: EgmSeen) -> Verdict:
     if phase.end_s - last.time_s < 0.5:
         return not_seen("it still answers")
     said = f"{_speed(last):.3g} m/s or rad/s"
-    return passed(said) if _speed(last) <= SPEED_M_S else failed(said, [last.number])
+    return met(_speed(last) <= SPEED_M_S, said, [last.number])

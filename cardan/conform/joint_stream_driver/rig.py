@@ -33,7 +33,7 @@ JOINTS_AT = 7
 class JointStreamDriverRig(DriverRig):
     """Gives the driver's core what the pilot sends, and the pilot what it answers."""
 
-    def __init__(self, conduct: Conduct, faults: Mapping[str, float]) -> None:
+    def __init__(self, conduct: Conduct, faults: Mapping[str, float], seed: int = 0) -> None:
         super().__init__(conduct, faults, FAULTS)
         options = SimArmOptions(robot=ROBOT, period_s=PERIOD_S)
         self._session = SimArmSession(options)

@@ -11,7 +11,9 @@ from cardan.conform.motoros.seen import Exchange, MotorosSeen
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
+    at_most,
     failed,
+    met,
     none_wrong,
     not_applicable,
     not_seen,
@@ -64,7 +66,7 @@ def states_come_unasked(seen: MotorosSeen) -> Verdict:
     """The state port sends feedback and status to whoever connects."""
     count, states = len(seen.feedback("listen")), len(seen.statuses("listen"))
     said = f"{count} feedbacks, {states} statuses"
-    return passed(said) if count and states else failed(said)
+    return met(count > 0 and states > 0, said)
 
 
 @requires(2, f"{MESSAGES}: prefix, header, body")
@@ -83,7 +85,7 @@ def the_state_cycle_is_25_ms(seen: MotorosSeen) -> Verdict:
         return not_seen("fewer than 10 statuses")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
     said = f"{period_s * 1e3:.2f} ms"
-    return passed(said) if abs(period_s - PERIOD_S) < PERIOD_TOLERANCE_S else failed(said)
+    return met(abs(period_s - PERIOD_S) < PERIOD_TOLERANCE_S, said)
 
 
 @requires(4, f"{STATES}; a client stops its stream after three missed cycles")
@@ -97,9 +99,7 @@ def no_three_cycles_are_missed(seen: MotorosSeen) -> Verdict:
     gaps.append((last_phase.end_s - found[-1][0].time_s, found[-1][0].number))
     longest, index = max(gaps)
     said = f"longest {longest * 1e3:.0f} ms"
-    if longest > MISSED_S:
-        return failed(said, [index], longest * 1e3, "ms")
-    return passed(said, longest * 1e3, "ms")
+    return at_most(MISSED_S * 1e3, longest * 1e3, "ms", said, [index])
 
 
 @requires(5, f"{STATES}: JOINT_FEEDBACK of each group, then ROBOT_STATUS")
@@ -240,9 +240,7 @@ def answers_are_quick(seen: MotorosSeen) -> Verdict:
         return not_seen("nothing was answered")
     late_s, index = times[int(0.9 * (len(times) - 1))]
     said = f"nine of ten within {late_s * 1e3:.1f} ms"
-    if late_s > REPLY_WITHIN_S:
-        return failed(said, [index], late_s * 1e3, "ms")
-    return passed(said, late_s * 1e3, "ms")
+    return at_most(REPLY_WITHIN_S * 1e3, late_s * 1e3, "ms", said, [index])
 
 
 @requires(103, f"{SERVER}: group, sequence and command are echoed")
@@ -295,8 +293,7 @@ def _refused(seen: MotorosSeen, msg_type: int, subcode: int) -> Verdict:
         return not_seen("it was not answered by a motion reply")
     reply = found[0].motion
     said = f"result {reply.result}, subcode {reply.subcode}, command {reply.command}"
-    good = (reply.result, reply.subcode) == (R.INVALID, subcode)
-    return passed(said) if good else failed(said, [found[0].number])
+    return met((reply.result, reply.subcode) == (R.INVALID, subcode), said, [found[0].number])
 
 
 def _endian(seen: MotorosSeen) -> str:
@@ -327,8 +324,7 @@ def points_are_refused_before_the_start(seen: MotorosSeen) -> Verdict:
         return not_seen("it was not answered by a motion reply")
     reply = found[0].motion
     said = f"result {reply.result}, subcode {reply.subcode}"
-    good = reply.result in (R.NOT_READY, R.INVALID)
-    return passed(said) if good else failed(said, [found[0].number])
+    return met(reply.result in (R.NOT_READY, R.INVALID), said, [found[0].number])
 
 
 @requires(109, f"{CONTROLLER}: the first NOT_READY reason that applies")
@@ -358,7 +354,7 @@ def inputs_and_outputs_are_read(seen: MotorosSeen) -> Verdict:
     good, bad = replies[:2]
     said = f"results {good.result} and {bad.result}"
     right = (good.result, bad.result) == (IoResult.OK, IoResult.READ_ADDRESS_INVALID)
-    return passed(said) if right and good.value in (0, 1) else failed(said, [found[-1].number])
+    return met(right and good.value in (0, 1), said, [found[-1].number])
 
 
 @requires(111, "RFC 9293: TCP keeps no borders of messages; MotionServer.c loses torn ones")
@@ -372,7 +368,7 @@ def torn_messages_are_understood(seen: MotorosSeen) -> Verdict:
         return failed("no answer", [found[-1].number])
     msg_type = replies[0].message.msg_type
     said = f"answered with type {msg_type}"
-    return passed(said) if msg_type == T.PING else failed(said, [replies[0].number])
+    return met(msg_type == T.PING, said, [replies[0].number])
 
 
 @requires(112, f"{CONTROLLER}, START_TRAJ_MODE")
@@ -438,7 +434,7 @@ def the_first_point_is_taken(seen: MotorosSeen) -> Verdict:
     feedback = [body.pos for _, body in seen.feedback("hold")]
     far = max((abs(a - b) for pos in feedback for a, b in zip(pos, feedback[0], strict=True)))
     said = f"{math.degrees(far):.4f} degrees at most"
-    return passed(said) if far < STILL_RAD else failed(said, [found[0].number])
+    return met(far < STILL_RAD, said, [found[0].number])
 
 
 @requires(116, f"{GROUP}: the number of increments")
@@ -485,7 +481,7 @@ def the_velocity_mode_says_what_it_is(seen: MotorosSeen) -> Verdict:
         good = good and all(info.v_max[n] > 0.0 and info.a_max[n] > 0.0 for n in axes)
         good = good and all(info.pos_min[n] < info.pos_max[n] for n in axes)
         said = f"version {info.version}, {info.ipc_us} us, {info.axes} axes"
-        return passed(said) if good else failed(said)
+        return met(good, said)
     return _refused(seen, T.MOTO_VELOCITY_INFO, InvalidSubcode.MSGTYPE)
 
 
@@ -512,8 +508,9 @@ def the_watchdog_latches(seen: MotorosSeen) -> Verdict:
     if reply is None:
         return not_seen("it was not answered")
     said = f"result {reply.result}, subcode {reply.subcode}"
-    good = (reply.result, reply.subcode) == (R.NOT_READY, N.VEL_WATCHDOG)
-    return passed(said) if good else failed(said, [found[1].number])
+    return met(
+        (reply.result, reply.subcode) == (R.NOT_READY, N.VEL_WATCHDOG), said, [found[1].number]
+    )
 
 
 @requires(123, f"{VELOCITY}, starting and stopping")
@@ -530,8 +527,9 @@ def modes_exclude_each_other(seen: MotorosSeen) -> Verdict:
     if reply is None:
         return not_seen("it was not answered")
     said = f"result {reply.result}, subcode {reply.subcode}"
-    good = (reply.result, reply.subcode) == (R.NOT_READY, N.OTHER_MODE_ACTIVE)
-    return passed(said) if good else failed(said, [found[0].number])
+    return met(
+        (reply.result, reply.subcode) == (R.NOT_READY, N.OTHER_MODE_ACTIVE), said, [found[0].number]
+    )
 
 
 @requires(124, f"{VELOCITY}, sequence")
@@ -544,8 +542,11 @@ def old_velocities_are_refused(seen: MotorosSeen) -> Verdict:
     if reply is None:
         return not_seen("it was not answered")
     said = f"result {reply.result}, subcode {reply.subcode}"
-    good = (reply.result, reply.subcode) == (R.INVALID, InvalidSubcode.VEL_SEQUENCE)
-    return passed(said) if good else failed(said, [found[-1].number])
+    return met(
+        (reply.result, reply.subcode) == (R.INVALID, InvalidSubcode.VEL_SEQUENCE),
+        said,
+        [found[-1].number],
+    )
 
 
 # -- level 2: micro-motion ------------------------------------------------------------------------
@@ -574,7 +575,7 @@ def a_point_is_taken(seen: MotorosSeen) -> Verdict:
     if reply is None:
         return not_seen("it was not answered")
     said = f"result {reply.result}, subcode {reply.subcode}"
-    return passed(said) if reply.result == R.SUCCESS else failed(said, [found.number])
+    return met(reply.result == R.SUCCESS, said, [found.number])
 
 
 @requires(202, f"{GROUP}: one increment in each interpolation period")
@@ -598,9 +599,7 @@ def a_trajectory_takes_its_time(seen: MotorosSeen) -> Verdict:
         return failed("it never was", [point.number])
     took_s = empty[0] - point.time_s
     said = f"after {took_s:.3f} s"
-    if took_s > STEP_S + PLAYED_LATE_S:
-        return failed(said, [point.number], took_s, "s")
-    return passed(said, took_s, "s")
+    return at_most(STEP_S + PLAYED_LATE_S, took_s, "s", said, [point.number])
 
 
 def _turned(seen: MotorosSeen, phase: str) -> float | None:
@@ -620,9 +619,7 @@ def a_point_is_reached(seen: MotorosSeen) -> Verdict:
     if taken is None or taken.motion is None or far is None:
         return not_seen("no point was taken")
     said = f"{math.degrees(far):.3f} degrees"
-    return (
-        passed(said) if abs(far / STEP_RAD - 1.0) < REACHED_SHARE else failed(said, [taken.number])
-    )
+    return met(abs(far / STEP_RAD - 1.0) < REACHED_SHARE, said, [taken.number])
 
 
 @requires(204, f"{CONTROLLER}: motion stays possible after motion")
@@ -659,9 +656,7 @@ def it_comes_back(seen: MotorosSeen) -> Verdict:
     if taken is None or taken.motion is None or far is None:
         return not_seen("no second point was taken")
     said = f"{math.degrees(far):.3f} degrees"
-    return (
-        passed(said) if abs(far / STEP_RAD - 1.0) < REACHED_SHARE else failed(said, [taken.number])
-    )
+    return met(abs(far / STEP_RAD - 1.0) < REACHED_SHARE, said, [taken.number])
 
 
 @requires(211, f"{VELOCITY}, law of one interpolation period")
@@ -675,8 +670,7 @@ def velocities_move_it(seen: MotorosSeen) -> Verdict:
         return not_seen("no feedback came")
     far = max(abs(b - a) for a, b in zip(before[0], after[-1], strict=True))
     said = f"{math.degrees(far):.3f} degrees"
-    good = 0.2 * STEP_RAD < far < 1.2 * STEP_RAD
-    return passed(said) if good else failed(said)
+    return met(0.2 * STEP_RAD < far < 1.2 * STEP_RAD, said)
 
 
 @requires(212, f"{VELOCITY}, the watchdog")
@@ -695,7 +689,7 @@ def silence_stops_it(seen: MotorosSeen) -> Verdict:
     reply = asked[0].motion
     latched = reply is not None and reply.subcode == N.VEL_WATCHDOG
     said = f"{math.degrees(far):.4f} degrees more, {'' if latched else 'not '}latched"
-    return passed(said) if far < STEP_RAD / 50 and latched else failed(said, [asked[0].number])
+    return met(far < STEP_RAD / 50 and latched, said, [asked[0].number])
 
 
 # -- level 3: by hand -----------------------------------------------------------------------------
@@ -720,8 +714,11 @@ def an_emergency_stop_is_the_reason(seen: MotorosSeen) -> Verdict:
     if reply is None:
         return not_seen("it was not answered")
     said = f"result {reply.result}, subcode {reply.subcode}"
-    good = reply.result == R.FAILURE and reply.subcode in (N.ALARM, N.ERROR, N.ESTOP)
-    return passed(said) if good else failed(said, [found[0].number])
+    return met(
+        reply.result == R.FAILURE and reply.subcode in (N.ALARM, N.ERROR, N.ESTOP),
+        said,
+        [found[0].number],
+    )
 
 
 @requires(303, f"{CONTROLLER}: START_TRAJ_MODE is needed again")

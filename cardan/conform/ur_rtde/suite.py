@@ -9,7 +9,7 @@ from typing import ClassVar
 from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Event, Timeline
+from cardan.conform.timeline import Event
 from cardan.conform.ur_rtde import interfaces, sending  # noqa: F401 - enter what they require
 from cardan.conform.ur_rtde.pilot import ASKING, REVERSE_PORT, WORDED, UrPilot
 from cardan.conform.ur_rtde.requirements import requires
@@ -93,6 +93,7 @@ class UrRtde(Suite[UrSeen]):
     peer = "ur"
     requirements = requires.all()
     transport = Transport("tcp", {**_PORTS, REVERSE: REVERSE_PORT}, frozenset((REVERSE,)))
+    sees = UrSeen
     seconds = 3.0
     # While it is held; before that most would only keep the program from being begun.
     tried_with: ClassVar[Mapping[str, float]] = dict.fromkeys(
@@ -112,9 +113,6 @@ class UrRtde(Suite[UrSeen]):
         ),
         7.0,
     )
-
-    def see(self, timeline: Timeline) -> UrSeen:
-        return UrSeen(timeline)
 
     def pilot(self, level: Level, seconds: float) -> UrPilot:
         return UrPilot(level, seconds, self.home)
