@@ -23,10 +23,10 @@ from cardan.conform.ur_rtde.pilot import (
     INPUTS,
     LAST_JOINT,
     NONSENSE,
-    OPTIONS,
     POWER_S,
     REPORT,
     SAYS,
+    SERVOING,
     SLEEP_S,
     SPARE_INPUT,
     STEP_RAD,
@@ -45,9 +45,9 @@ from cardan.conform.ur_rtde.requirements import (
     requires,
 )
 from cardan.conform.ur_rtde.seen import State, Upload, UrSeen
-from cardan.drivers.ur_rtde.program import Report
 from cardan.protocols.ur import dashboard
 from cardan.protocols.ur.primary import MessageKind
+from cardan.protocols.ur.program import Report
 from cardan.protocols.ur.rtde import IN_USE, NOT_FOUND, PacketType
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.protocols.ur.variables import INPUTS as INPUT_TYPES
@@ -400,7 +400,7 @@ def _watchdog(seen: UrSeen, phase: str) -> Verdict:
     if report != Report.ENDED_BY_WATCHDOG:
         return failed(f"it reports {report}", [state.number])
     said = f"after {took_s * 1e3:.0f} ms"
-    if took_s > OPTIONS.watchdog_s + WATCHDOG_LATE_S:
+    if took_s > SERVOING.watchdog_s + WATCHDOG_LATE_S:
         return failed(said, [state.number], took_s * 1e3, "ms")
     last = seen.during(phase)[-1]
     if last.values[RUNTIME] != RuntimeState.STOPPED:
@@ -548,10 +548,10 @@ def deserted_in_motion_it_stops(seen: UrSeen) -> Verdict:
     far = abs(_last_joint(found)[-1])
     after = [each for each in found if each.time_s > ended[1].time_s + 0.1]
     rest = abs(_last_joint(after)[-1]) if after else math.inf
-    most = 1.5 * DESERTED_RAD_S * (OPTIONS.watchdog_s + OPTIONS.lookahead_s)
+    most = 1.5 * DESERTED_RAD_S * (SERVOING.watchdog_s + SERVOING.lookahead_s)
     said = f"{verdict.said}, {math.degrees(far):.3f} degrees, {math.degrees(rest):.4f} at the end"
     return met(
-        0.3 * DESERTED_RAD_S * OPTIONS.watchdog_s < far < most and rest < STILL_RAD / 10.0,
+        0.3 * DESERTED_RAD_S * SERVOING.watchdog_s < far < most and rest < STILL_RAD / 10.0,
         said,
         [found[-1].number],
     )

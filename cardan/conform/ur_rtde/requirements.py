@@ -17,10 +17,16 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.ur_rtde.pilot import FUTURE_VERSION, OPTIONS, OUTPUTS, REPLY_S, SLOWER, UNKNOWN
+from cardan.conform.ur_rtde.pilot import (
+    FUTURE_VERSION,
+    OUTPUTS,
+    REPLY_S,
+    SLOWER,
+    STATE_TIMEOUT_S,
+    UNKNOWN,
+)
 from cardan.conform.ur_rtde.second import readings_differ
 from cardan.conform.ur_rtde.seen import RTDE, SECOND, Exchange, State, Stream, UrSeen
-from cardan.drivers.ur_rtde.feed import control_rate_hz
 from cardan.protocols.ur import dashboard
 from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, read_mode
 from cardan.protocols.ur.rtde import (
@@ -30,6 +36,7 @@ from cardan.protocols.ur.rtde import (
     ControllerVersion,
     PacketType,
     Request,
+    control_rate_hz,
 )
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyBit, SafetyMode, StatusBit
 from cardan.protocols.ur.variables import OUTPUTS as OUTPUT_TYPES
@@ -44,8 +51,6 @@ FEWEST = 30
 PERIOD_SHARE = 0.02
 JITTER_S, JITTER_SHARE = 0.0015, 0.05
 LEFT_OUT_SHARE = 0.01
-SILENCE_S = OPTIONS.state_timeout_s
-"""The driver takes the link for lost then."""
 WHOLE_WITHIN_S = 0.0005
 CLOCK_SHARE, CLOCK_S = 0.01, 0.02
 STATE_PERIOD_S, STATE_PERIOD_SHARE = 0.1, 0.1
@@ -259,7 +264,7 @@ def it_is_never_silent(seen: UrSeen) -> Verdict:
         return not_seen("nothing was started")
     longest_s, number = max(gaps)
     said = f"longest {longest_s * 1e3:.1f} ms"
-    return at_most(1e3 * SILENCE_S, 1e3 * longest_s, "ms", said, [number])
+    return at_most(1e3 * STATE_TIMEOUT_S, 1e3 * longest_s, "ms", said, [number])
 
 
 @requires(13, f"{GUIDE}: a package in each control cycle")
