@@ -127,12 +127,14 @@ class Requirement(Generic[V]):
     source: str
     text: str
     judge: Callable[[V], Verdict]
+    unless: Callable[[V], Verdict | None] | None
+    """Why it cannot be judged, where it cannot."""
     late_s: float
     """Where this computer was later than this, what seems a failure may be its own."""
 
     def verdict(self, seen: V, late_s: float) -> Verdict:
         """On `seen`, taken by a computer that was late by up to `late_s`."""
-        found = self.judge(seen)
+        found = (self.unless and self.unless(seen)) or self.judge(seen)
         if found.outcome is Outcome.FAILED and late_s > self.late_s:
             late_ms = late_s * 1e3
             return not_seen(f"not judged: this computer was late by {late_ms:.0f} ms; {found.said}")
@@ -147,13 +149,19 @@ class Requirements(Generic[V]):
         self._found: dict[int, Requirement[V]] = {}
 
     def __call__(
-        self, number: int, source: str, *, late_s: float = math.inf
+        self,
+        number: int,
+        source: str,
+        *,
+        unless: Callable[[V], Verdict | None] | None = None,
+        late_s: float = math.inf,
     ) -> Callable[[Callable[[V], Verdict]], Callable[[V], Verdict]]:
-        """Decorates the judge of requirement `number`, whose hundreds are its level. `late_s` is
-        what this computer may be late by for a failure to be the other side's."""
+        """Decorates the judge of requirement `number`, whose hundreds are its level. Where `unless`
+        gives a verdict, that is the verdict. `late_s` is what this computer may be late by for a
+        failure to be the other side's."""
 
         def enter(judge: Callable[[V], Verdict]) -> Callable[[V], Verdict]:
-            self._enter(number, source, judge, inspect.getdoc(judge), late_s)
+            self._enter(number, source, judge, inspect.getdoc(judge), unless, late_s)
             return judge
 
         return enter
@@ -180,9 +188,6 @@ class Requirements(Generic[V]):
 
         def enter(wrong: Callable[[Item], str | None]) -> Callable[[Item], str | None]:
             def judge(seen: V) -> Verdict:
-                verdict = unless(seen) if unless is not None else None
-                if verdict is not None:
-                    return verdict
                 found = [(item, why) for item in over(seen) if (why := wrong(item)) is not None]
                 if not found and isinstance(nothing, Verdict):
                     return nothing
@@ -190,7 +195,7 @@ class Requirements(Generic[V]):
                 bad = ((number_of(item), why) for item, why in found if why)
                 return none_wrong(bad, len(found), good.format(len(found)), words, what)
 
-            self._enter(number, source, judge, inspect.getdoc(wrong), late_s)
+            self._enter(number, source, judge, inspect.getdoc(wrong), unless, late_s)
             return wrong
 
         return enter
@@ -201,13 +206,16 @@ class Requirements(Generic[V]):
         source: str,
         judge: Callable[[V], Verdict],
         doc: str | None,
+        unless: Callable[[V], Verdict | None] | None,
         late_s: float,
     ) -> None:
         name = f"{self._prefix}-{number:03}"
         if number in self._found:
             raise ValueError(f"{name} is there already")
         text = " ".join((doc or "").split())
-        self._found[number] = Requirement(name, Level(number // 100), source, text, judge, late_s)
+        self._found[number] = Requirement(
+            name, Level(number // 100), source, text, judge, unless, late_s
+        )
 
     def all(self) -> tuple[Requirement[V], ...]:
         """In the order of their numbers."""

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
+from cardan.conform.controllers import had_ended
 from cardan.conform.joint_stream.seen import Command, JointStreamSeen, State
 from cardan.conform.requirements import (
     Requirements,
@@ -48,6 +49,13 @@ STOPPED_STATES = 10
 
 _NOTHING = "no commands came"
 requires: Requirements[JointStreamSeen] = Requirements("JSPC", _NOTHING)
+
+ASKS = {"run": "JSPC-106", "junk": "JSPC-115", "again": "JSPC-120"}
+"""Phases in which it is to answer, and what requires it."""
+
+
+def _ended_before(phase: str) -> Callable[[JointStreamSeen], Verdict | None]:
+    return lambda seen: had_ended(seen, phase, seen.states, seen.commands, ASKS)
 
 
 class Said(NamedTuple):
@@ -349,7 +357,11 @@ def speeds_are_those_of_the_positions(seen: JointStreamSeen) -> Verdict:
     return none_wrong([] if few else wrong, count, f"{count} steps", _NOTHING)
 
 
-@requires(114, f"{RULES} 5: every command is ignored, and the next acts when that is over")
+@requires(
+    114,
+    f"{RULES} 5: every command is ignored, and the next acts when that is over",
+    unless=_ended_before("estop"),
+)
 def a_stopped_arm_is_followed(seen: JointStreamSeen) -> Verdict:
     """While states say why commands do not act, it holds, or commands the measured position without
     speed."""
@@ -364,7 +376,9 @@ def a_stopped_arm_is_followed(seen: JointStreamSeen) -> Verdict:
     return none_wrong(wrong, len(found), f"{len(found)} commands", "it did not answer then")
 
 
-@requires(115, f"{RULES} 6: malformed as a whole, and changes nothing")
+@requires(
+    115, f"{RULES} 6: malformed as a whole, and changes nothing", unless=_ended_before("junk")
+)
 def junk_does_not_end_it(seen: JointStreamSeen) -> Verdict:
     """Datagrams that are no states end nothing: it goes on answering 90 % of the states."""
     return _answered_if_ever(seen, "junk")
@@ -380,7 +394,7 @@ def _ever_answers(seen: JointStreamSeen, phase: str) -> bool:
     return any(not _greets(e.value) for e in _said(seen, phase))
 
 
-@requires(116, f"{RULES} 3: what is not newer is dropped")
+@requires(116, f"{RULES} 3: what is not newer is dropped", unless=_ended_before("old"))
 def old_states_are_not_answered(seen: JointStreamSeen) -> Verdict:
     """A state that is old, or comes again, is not answered."""
     if not _ever_answers(seen, "old"):
@@ -405,7 +419,9 @@ def _fresh(seen: JointStreamSeen, phase: str) -> list[State]:
     return found
 
 
-@requires(117, f"{RULES} 2: sessions count up; what was before is void")
+@requires(
+    117, f"{RULES} 2: sessions count up; what was before is void", unless=_ended_before("earlier")
+)
 def earlier_sessions_are_not_answered(seen: JointStreamSeen) -> Verdict:
     """A state of an earlier session, on its way for long, is not answered."""
     if not _ever_answers(seen, "earlier"):
@@ -415,7 +431,9 @@ def earlier_sessions_are_not_answered(seen: JointStreamSeen) -> Verdict:
     return met(len(found) <= fresh + 1, said, [found[-1].number])
 
 
-@requires(118, f"{RULES} 4: an arm that hears nothing brakes and holds")
+@requires(
+    118, f"{RULES} 4: an arm that hears nothing brakes and holds", unless=_ended_before("silence")
+)
 def silence_is_not_commanded(seen: JointStreamSeen) -> Verdict:
     """While the arm is silent it is sent holds only, which keep it from forgetting its client."""
     phase = seen.phase("silence")
@@ -428,7 +446,9 @@ def silence_is_not_commanded(seen: JointStreamSeen) -> Verdict:
     return none_wrong(wrong, max(1, len(found)), f"{len(found)} holds", _NOTHING)
 
 
-@requires(119, f"{RULES} 1: a client that is silent for 1 s is forgotten")
+@requires(
+    119, f"{RULES} 1: a client that is silent for 1 s is forgotten", unless=_ended_before("silence")
+)
 def a_silent_arm_is_greeted(seen: JointStreamSeen) -> Verdict:
     """A silent arm is greeted again, once a second at least: it may have forgotten its client, or
     restarted."""
@@ -448,13 +468,15 @@ def a_silent_arm_is_greeted(seen: JointStreamSeen) -> Verdict:
     return passed(f"after {longest_s:.2f} s")
 
 
-@requires(120, f"{RULES} 4: the next command acts again")
+@requires(120, f"{RULES} 4: the next command acts again", unless=_ended_before("again"))
 def it_goes_on_after_silence(seen: JointStreamSeen) -> Verdict:
     """The arm heard again, 90 % of its states are answered."""
     return _answered_if_ever(seen, "again")
 
 
-@requires(121, f"{RULES} 2: a restart of the controller is a new session")
+@requires(
+    121, f"{RULES} 2: a restart of the controller is a new session", unless=_ended_before("anew")
+)
 def a_restart_is_followed(seen: JointStreamSeen) -> Verdict:
     """After a restart of the arm 90 % of the states of its new session are answered."""
     if seen.phase("anew") is None or not _ever_answers(seen, "run"):
@@ -485,7 +507,9 @@ def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
     return passed(f"{len(chosen)} commands read twice")
 
 
-@requires(301, f"{RULES} 4: the arm goes on at the last speeds for 0.1 s")
+@requires(
+    301, f"{RULES} 4: the arm goes on at the last speeds for 0.1 s", unless=_ended_before("ended")
+)
 def it_leaves_at_rest(seen: JointStreamSeen) -> Verdict:
     """When the client's program ends, its last command is a hold, or one without speed."""
     phase, found = seen.phase("ended"), _said(seen)

@@ -179,7 +179,7 @@ class JointStreamDriverRig(DriverRig):
 
     def _by_hand(self, what: str) -> None:
         """The driver's program ends."""
-        if "leaves-moving" not in self._faults:
+        if "leaves-moving" not in self._faults and not self._ended:
             words = self._session.farewell(self._now_s)
             if words is not None:
                 self._say(words)
