@@ -212,6 +212,24 @@ def test_imports_point_one_way(name):
     assert [strange for path in paths for strange in strange_imports(path)] == []
 
 
+def test_the_judge_never_imports_what_it_judges():
+    """Drivers are run by the rigs of their suites, which are loaded only where one is simulated.
+    The suite of HDAPI judges a library through the driver's bindings of it."""
+    judges = [path for path in MODULES if room(path) == "conform" and path.parent.name != "hdapi"]
+    strange = [
+        f"{path.relative_to(PACKAGE)} imports {name}"
+        for path in judges
+        for name in imported(path)
+        if name.endswith(".rig") or (name.startswith("cardan.drivers") and not runs_a_driver(path))
+    ]
+    assert strange == []
+
+
+def runs_a_driver(path):
+    """Whether a module of a suite is the rig of a driver."""
+    return path.name == "rig.py" and path.parent.name.endswith("_driver")
+
+
 def strange_imports(path):
     """What a module may not import, in words."""
     folder = str(path.relative_to(PACKAGE).parent)

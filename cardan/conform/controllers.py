@@ -5,10 +5,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from cardan.conform.conduct import Act, Conduct, Pilot, Script, Wait, send
-from cardan.conform.timeline import Kind
+from cardan.conform.requirements import Verdict, not_seen
+from cardan.conform.timeline import Kind, Numbered, Seen
 from cardan.sim_peers.base import FaultSwitch, check_faults
 
 LONGEST_S = 300.0
@@ -20,6 +21,33 @@ COME = 6.0
 """A driver has so many times the length of a phase to come, or to answer for the first time."""
 KEPT = 3
 """Datagrams that a cyclic controller remembers."""
+
+UNANSWERED = 10
+"""A driver that leaves the last so many datagrams of a phase unanswered, and all that come later,
+has ended."""
+
+
+def had_ended(
+    seen: Seen,
+    phase: str,
+    asked: Iterable[Numbered],
+    answers: Sequence[Numbered],
+    asks: Mapping[str, str],
+) -> Verdict | None:
+    """That a driver which had ended before a phase began is not judged by it; None: it had not.
+
+    `asks` has the phases in which it is to answer what is `asked`, and the requirement's id of
+    each: the first that was left unanswered is said to be why.
+    """
+    began = seen.phase(phase)
+    if began is None or not answers:
+        return None
+    last = max(each.number for each in answers)
+    missed = [each.number for each in seen.within(asked, *asks) if last < each.number < began.first]
+    if last > began.first or len(missed) < UNANSWERED:
+        return None
+    why = next(asks[name] for name in asks if seen.inside(missed[0], name))
+    return not_seen(f"not judged: it had ended ({why})")
 
 
 class CyclicController(Pilot):

@@ -26,7 +26,7 @@ add theirs by an entry point of the same form."""
 
 
 FINDER: Finder[Suite[Any]] = Finder(
-    Suite,  # type: ignore[type-abstract]
+    Suite,
     "protocol",
     BUILT_IN,
     lambda: entry_points(group=ENTRY_POINT_GROUP),

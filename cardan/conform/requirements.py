@@ -8,10 +8,12 @@ import math
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 V = TypeVar("V")
 """What a suite makes of a timeline for its judges to look at."""
+Item = TypeVar("Item")
+"""One of what a requirement says something of."""
 
 
 class Level(enum.IntEnum):
@@ -53,6 +55,8 @@ class Verdict(NamedTuple):
 
 
 EVIDENCE_AT_MOST = 5
+NOTHING = "nothing came"
+"""Why nothing was seen, where a suite or a requirement does not say it otherwise."""
 
 
 def passed(said: str, figure: float | None = None, unit: str = "") -> Verdict:
@@ -67,6 +71,11 @@ def failed(
     return Verdict(Outcome.FAILED, said, tuple(evidence)[:EVIDENCE_AT_MOST], figure, unit)
 
 
+def met(good: bool, said: str, evidence: Iterable[int] = ()) -> Verdict:
+    """Passed where it is `good`; else failed with the first few of `evidence`."""
+    return passed(said) if good else failed(said, evidence)
+
+
 def at_most(
     limit: float, figure: float, unit: str, said: str, evidence: Iterable[int] = ()
 ) -> Verdict:
@@ -77,12 +86,16 @@ def at_most(
     return passed(said, figure, unit)
 
 
-def none_wrong(wrong: Iterable[tuple[int, str]], of: int, good: str, nothing: str) -> Verdict:
-    """Failed by the first of what is `wrong`, each an event's number and why; else `good`, or not
-    seen where there was `nothing` that could have been wrong."""
+def none_wrong(
+    wrong: Iterable[tuple[int, str]], of: int, good: str, nothing: str = NOTHING, what: str = ""
+) -> Verdict:
+    """Failed by the first of what is `wrong`, each an event's number and why, of so many that could
+    have been and are called `what`; else `good`, or not seen where there was `nothing`."""
     found = list(wrong)
     if found:
-        return failed(f"{len(found)} of {of}: {found[0][1]}", (n for n, _ in found))
+        return failed(
+            f"{len(found)} of {of}{what and ' ' + what}: {found[0][1]}", (n for n, _ in found)
+        )
     return passed(good) if of else not_seen(nothing)
 
 
@@ -96,6 +109,14 @@ def not_applicable(said: str) -> Verdict:
     return Verdict(Outcome.NOT_APPLICABLE, said)
 
 
+def number_of(item: Any) -> int:
+    """The number of the event by which `item` came; of a tuple of several, of the last of them."""
+    number = getattr(item, "number", None)
+    if number is None:
+        number = next(each.number for each in reversed(item) if hasattr(each, "number"))
+    return int(number)
+
+
 @dataclass(frozen=True)
 class Requirement(Generic[V]):
     """One thing that the other side must do."""
@@ -106,12 +127,14 @@ class Requirement(Generic[V]):
     source: str
     text: str
     judge: Callable[[V], Verdict]
+    unless: Callable[[V], Verdict | None] | None
+    """Why it cannot be judged, where it cannot."""
     late_s: float
     """Where this computer was later than this, what seems a failure may be its own."""
 
     def verdict(self, seen: V, late_s: float) -> Verdict:
         """On `seen`, taken by a computer that was late by up to `late_s`."""
-        found = self.judge(seen)
+        found = (self.unless and self.unless(seen)) or self.judge(seen)
         if found.outcome is Outcome.FAILED and late_s > self.late_s:
             late_ms = late_s * 1e3
             return not_seen(f"not judged: this computer was late by {late_ms:.0f} ms; {found.said}")
@@ -121,26 +144,78 @@ class Requirement(Generic[V]):
 class Requirements(Generic[V]):
     """The requirements of a suite, in order. A judge's docstring is the requirement's text."""
 
-    def __init__(self, prefix: str) -> None:
-        self._prefix = prefix
+    def __init__(self, prefix: str, nothing: str = NOTHING) -> None:
+        self._prefix, self._nothing = prefix, nothing
         self._found: dict[int, Requirement[V]] = {}
 
     def __call__(
-        self, number: int, source: str, *, late_s: float = math.inf
+        self,
+        number: int,
+        source: str,
+        *,
+        unless: Callable[[V], Verdict | None] | None = None,
+        late_s: float = math.inf,
     ) -> Callable[[Callable[[V], Verdict]], Callable[[V], Verdict]]:
-        """Decorates the judge of requirement `number`, whose hundreds are its level. `late_s` is
-        what this computer may be late by for a failure to be the other side's."""
+        """Decorates the judge of requirement `number`, whose hundreds are its level. Where `unless`
+        gives a verdict, that is the verdict. `late_s` is what this computer may be late by for a
+        failure to be the other side's."""
 
         def enter(judge: Callable[[V], Verdict]) -> Callable[[V], Verdict]:
-            if number in self._found:
-                raise ValueError(f"{self._prefix}-{number:03} is there already")
-            text = " ".join((inspect.getdoc(judge) or "").split())
-            self._found[number] = Requirement(
-                f"{self._prefix}-{number:03}", Level(number // 100), source, text, judge, late_s
-            )
+            self._enter(number, source, judge, inspect.getdoc(judge), unless, late_s)
             return judge
 
         return enter
+
+    def each(
+        self,
+        number: int,
+        source: str,
+        over: Callable[[V], Iterable[Item]],
+        good: str,
+        *,
+        what: str = "",
+        nothing: str | Verdict | None = None,
+        unless: Callable[[V], Verdict | None] | None = None,
+        late_s: float = math.inf,
+    ) -> Callable[[Callable[[Item], str | None]], Callable[[Item], str | None]]:
+        """Decorates what says of one of `over` why it is wrong: words, empty where it is right,
+        None where it is none of those that the requirement is about.
+
+        `good` is said where none is wrong, with their count for ``{}``; `what` the wrong ones are
+        called; `nothing` where there was none, words or a verdict, by default the suite's words.
+        Where `unless` gives a verdict, that is the verdict.
+        """
+
+        def enter(wrong: Callable[[Item], str | None]) -> Callable[[Item], str | None]:
+            def judge(seen: V) -> Verdict:
+                found = [(item, why) for item in over(seen) if (why := wrong(item)) is not None]
+                if not found and isinstance(nothing, Verdict):
+                    return nothing
+                words = nothing if isinstance(nothing, str) else self._nothing
+                bad = ((number_of(item), why) for item, why in found if why)
+                return none_wrong(bad, len(found), good.format(len(found)), words, what)
+
+            self._enter(number, source, judge, inspect.getdoc(wrong), unless, late_s)
+            return wrong
+
+        return enter
+
+    def _enter(
+        self,
+        number: int,
+        source: str,
+        judge: Callable[[V], Verdict],
+        doc: str | None,
+        unless: Callable[[V], Verdict | None] | None,
+        late_s: float,
+    ) -> None:
+        name = f"{self._prefix}-{number:03}"
+        if number in self._found:
+            raise ValueError(f"{name} is there already")
+        text = " ".join((doc or "").split())
+        self._found[number] = Requirement(
+            name, Level(number // 100), source, text, judge, unless, late_s
+        )
 
     def all(self) -> tuple[Requirement[V], ...]:
         """In the order of their numbers."""

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
-from typing import TYPE_CHECKING, ClassVar, Generic, Literal, NamedTuple
+import importlib
+from collections.abc import Callable, Iterable, Mapping
+from typing import ClassVar, Generic, Literal, NamedTuple
 
 from cardan.conform.conduct import Conduct, Pilot
 from cardan.conform.requirements import Level, Requirement, V
 from cardan.conform.timeline import Event, Timeline
+from cardan.conform.wires import Listen, ListenTcp, SendTo, TcpPorts, Wires, host_and_port
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import FaultSwitch, parse_faults
-
-if TYPE_CHECKING:
-    from cardan.conform.wires import Wires
 
 
 class Transport(NamedTuple):
@@ -27,8 +25,9 @@ class Transport(NamedTuple):
     """Of `ports`: those that we listen at, where the other side is the client."""
 
 
-class Suite(ABC, Generic[V]):
-    """The conformance of one side of one protocol. It is never given bytes but by timelines."""
+class Suite(Generic[V]):
+    """The conformance of one side of one protocol: a declaration. It is never given bytes but by
+    timelines."""
 
     name: ClassVar[str]
     """As ``cardan conform NAME`` has it."""
@@ -54,27 +53,46 @@ class Suite(ABC, Generic[V]):
     off_the_wire: ClassVar[Mapping[str, str]] = {}
     """Fault switches that no requirement can catch, and why."""
 
-    @abstractmethod
-    def see(self, timeline: Timeline) -> V:
-        """What the judges look at."""
-
-    @abstractmethod
-    def pilot(self, level: Level, seconds: float) -> Pilot:
-        """Asks on every level up to `level`, each for about `seconds`."""
-
+    sees: Callable[[Timeline], V]
+    """Makes of a timeline what the judges look at."""
+    asks: Callable[[Level, float], Pilot]
+    """Makes the pilot that asks on every level up to one, each for about so many seconds."""
+    rig: ClassVar[str]
+    """``package.module:Class`` of what carries between a pilot and the simulated peer, which is
+    made of a conduct, faults and a seed, and `run`. A target is judged without it."""
     seconds: ClassVar[float]
     """How long a level of a simulated run takes, s of virtual time."""
+    own_faults: ClassVar[tuple[FaultSwitch, ...] | None] = None
+    """The fault switches of what is judged without a target; None: the simulated peer's."""
 
-    @abstractmethod
+    def see(self, timeline: Timeline) -> V:
+        """What the judges look at."""
+        return self.sees(timeline)
+
+    def pilot(self, level: Level, seconds: float) -> Pilot:
+        """Asks on every level up to `level`, each for about `seconds`."""
+        return self.asks(level, seconds)
+
     def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
         """Run `conduct` against the simulated peer with these faults, in virtual time."""
+        module, _, name = self.rig.partition(":")
+        getattr(importlib.import_module(module), name)(conduct, faults, seed).run()
 
-    @abstractmethod
     def wires(self, target: str) -> Wires:
-        """The wires to `target`; nothing is opened yet. ConfigurationError says what it takes."""
+        """The wires to `target`, ``HOST[:PORT]`` of the first of the transport's ports; nothing is
+        opened yet. ConfigurationError says what it takes."""
+        kind, known, ours = self.transport
+        first = next(iter(known.values()))
+        host, port = host_and_port(target, "--target", first)
+        if kind == "udp":
+            return Listen(host or "0.0.0.0", port) if ours else SendTo(host, port)
+        ports = {name: port + each - first for name, each in known.items()}
+        return ListenTcp(host or "0.0.0.0", ports) if ours else TcpPorts(host, ports)
 
     def switches(self) -> tuple[FaultSwitch, ...]:
-        """The fault switches of the simulated peer."""
+        """The fault switches of what is judged without a target."""
+        if self.own_faults is not None:
+            return self.own_faults
         return tuple(registry.load(self.peer).faults)
 
     def faults(self, words: Iterable[str]) -> dict[str, float]:

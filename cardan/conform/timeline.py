@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator
-from typing import NamedTuple
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple, Protocol, TypeVar
 
 
 class Kind(enum.Enum):
@@ -87,3 +87,37 @@ class Timeline:
                 end, end_s = len(self.events), self.end_s
             found[event.note] = Phase(event.note, first, end, event.time_s, end_s)
         return found
+
+
+class Numbered(Protocol):
+    """Something that came, or was sent, by an event of a timeline."""
+
+    @property
+    def number(self) -> int:
+        """Of its event."""
+
+
+N = TypeVar("N", bound=Numbered)
+
+
+class Seen:
+    """What the judges of any protocol look at: a timeline's phases. Of a protocol it is the base
+    of what has the decoded messages."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self.phases = timeline.phases()
+        self.end_s = timeline.end_s
+
+    def phase(self, name: str) -> Phase | None:
+        """The phase of that name, if the pilot came to it."""
+        return self.phases.get(name)
+
+    def inside(self, number: int, *names: str) -> bool:
+        """Whether an event is one of these phases."""
+        found = (self.phases[name] for name in names if name in self.phases)
+        return any(phase.first <= number < phase.end for phase in found)
+
+    def within(self, found: Iterable[N], *names: str) -> list[N]:
+        """What of `found` came, or was sent, in these phases."""
+        inside = [self.phases[name] for name in names if name in self.phases]
+        return [each for each in found if any(p.first <= each.number < p.end for p in inside)]

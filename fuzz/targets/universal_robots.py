@@ -8,10 +8,10 @@ from functools import cache
 from typing import Any
 
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
-from cardan.drivers.ur_rtde.program import program
 from cardan.drivers.ur_rtde.session import CHANNELS, UrSession
 from cardan.protocols.ur import dashboard, primary, robot_state, rtde
 from cardan.protocols.ur.framing import ScriptReader
+from cardan.protocols.ur.program import Servoing, program
 from cardan.protocols.ur.script import LARGEST, Program, parse
 from cardan.protocols.ur.states import RobotMode, SafetyMode
 from cardan.protocols.ur.variables import INPUTS, OUTPUTS
@@ -248,7 +248,7 @@ def _script(data: bytes) -> object:
 def _scripts() -> Iterator[bytes]:
     yield _LIVELY.encode()
     yield _WIDE.encode()
-    yield program(UrRtdeOptions(), 77, 0.002).encode()
+    yield program(Servoing(), 77, 0.002).encode()
 
 
 def _session(packets: Packets) -> object:

@@ -22,7 +22,7 @@ from cardan.types import HoldCommand
 def outcomes(mode):
     suite = registry.load("motoros-driver")
     conduct = Conduct(suite.pilot(Level.BY_HAND, suite.seconds))
-    MotorosDriverRig(conduct, {}, MotorosOptions(mode=mode)).run()
+    MotorosDriverRig(conduct, {}, options=MotorosOptions(mode=mode)).run()
     report = judged(suite, conduct.timeline, Level.BY_HAND, version="")
     assert report.failed == (), report.as_text()
     return {each.id: each.outcome for each in report.results}

@@ -9,9 +9,12 @@ import pytest
 
 from cardan.conform import Event, Kind, Level, Outcome, judged, registry, run
 from cardan.conform.conduct import Conduct
+from cardan.conform.ur_rtde import pilot
 from cardan.conform.ur_rtde.rig import UrRig
 from cardan.conform.wires import TcpPorts
 from cardan.dissect import dissect_file
+from cardan.drivers.ur_rtde import feed
+from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.errors import ConfigurationError
 from cardan.protocols.ur import rtde
 from cardan.sim_peers.ur_controller import UrControllerOptions, UrControllerPeer
@@ -20,9 +23,17 @@ SUITE = registry.load("ur-rtde")
 OTHER = "def other():\n  while True:\n    sync()\n  end\nend\n"
 
 
+def test_it_asks_for_what_our_driver_asks_for():
+    """The suite does not import the driver, and judges what the driver needs."""
+    options = UrRtdeOptions()
+    assert pilot.STATES == feed.STATES
+    assert options.servoing == pilot.SERVOING
+    assert options.state_timeout_s == pilot.STATE_TIMEOUT_S
+
+
 def ran(level, rig=UrRig, seconds=1.0, **options):
     conduct = Conduct(SUITE.pilot(level, seconds))
-    made = rig(conduct, UrControllerOptions(**options))
+    made = rig(conduct, {}, options=UrControllerOptions(**options))
     made.run()
     report = judged(SUITE, conduct.timeline, level)
     return report, conduct.timeline, made

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from cardan.drivers.ur_rtde import UrRtdeOptions
-from cardan.drivers.ur_rtde.program import FIRST_WAIT_S, Order, program
 from cardan.drivers.ur_rtde.session import UrSession
 from cardan.errors import CommandError, OptionError
 from cardan.protocols.ur.primary import text_message
+from cardan.protocols.ur.program import FIRST_WAIT_S, Order, program
 from cardan.protocols.ur.script import Program, parse
 from cardan.protocols.ur.states import SafetyMode
 from cardan.types import (
@@ -283,7 +283,7 @@ def test_the_program_is_understood_with_every_option():
         UrRtdeOptions(),
         UrRtdeOptions(registers="lower", watchdog_s=0.5, gain=2000, lookahead_s=0.2),
     ):
-        assert isinstance(parse(program(options, 2**31 - 1, 0.002)), Program)
+        assert isinstance(parse(program(options.servoing, 2**31 - 1, 0.002)), Program)
 
 
 # -- what stops it ---------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from itertools import pairwise
 
 from cardan.conform.connexion.second import readings_differ
@@ -11,6 +10,8 @@ from cardan.conform.requirements import (
     Requirements,
     Verdict,
     failed,
+    met,
+    none_wrong,
     not_applicable,
     not_seen,
     passed,
@@ -58,15 +59,8 @@ LOW_PERCENT = 10
 ZEROS_AT_MOST = 8
 HELD = ("push-held", "twist-held")
 
-requires: Requirements[ConnexionSeen] = Requirements("HID3D")
 _NOTHING = "no reports came"
-
-
-def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
-    wrong = list(found)
-    if wrong:
-        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
-    return passed(good) if of else not_seen(nothing)
+requires: Requirements[ConnexionSeen] = Requirements("HID3D", _NOTHING)
 
 
 @requires(1, "the system's HID driver")
@@ -92,7 +86,7 @@ def report_ids_are_known(seen: ConnexionSeen) -> Verdict:
         for each in seen.reports
         if isinstance(each.value, MalformedReport) and each.value.reason == UNKNOWN_ID
     )
-    return _bad(wrong, len(seen.reports), f"{len(seen.reports)} reports")
+    return none_wrong(wrong, len(seen.reports), f"{len(seen.reports)} reports", _NOTHING)
 
 
 @requires(4, DESCRIPTOR)
@@ -103,7 +97,7 @@ def reports_are_not_short(seen: ConnexionSeen) -> Verdict:
         for each in seen.reports
         if isinstance(each.value, MalformedReport) and each.value.reason != UNKNOWN_ID
     )
-    return _bad(wrong, len(seen.reports), f"{len(seen.reports)} reports")
+    return none_wrong(wrong, len(seen.reports), f"{len(seen.reports)} reports", _NOTHING)
 
 
 @requires(5, DESCRIPTOR)
@@ -114,7 +108,7 @@ def reports_are_not_padded(seen: ConnexionSeen) -> Verdict:
         for each in seen.reports
         if each.raw and len(each.raw) > max(LENGTHS.get(each.raw[0], {len(each.raw)}))
     )
-    return _bad(wrong, len(seen.reports), f"{len(seen.reports)} reports")
+    return none_wrong(wrong, len(seen.reports), f"{len(seen.reports)} reports", _NOTHING)
 
 
 @requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")
@@ -135,9 +129,7 @@ def the_family_is_the_models(seen: ConnexionSeen) -> Verdict:
     if seen.family is None:
         return not_seen(_NOTHING)
     said = f"{seen.model.name}: {seen.family.value}"
-    return (
-        passed(said) if seen.family is seen.model.family else failed(said, [seen.motions[0].number])
-    )
+    return met(seen.family is seen.model.family, said, [seen.motions[0].number])
 
 
 def _moving(seen: ConnexionSeen) -> list[list[Report]]:
@@ -157,7 +149,7 @@ def halves_take_turns(seen: ConnexionSeen) -> Verdict:
             count += 1
             if type(one.value) is type(other.value):
                 wrong.append((other.number, f"two {type(one.value).__name__.lower()}s in a row"))
-    return _bad(wrong, count, f"{count} in turn")
+    return none_wrong(wrong, count, f"{count} in turn", _NOTHING)
 
 
 @requires(9, RATE)
@@ -169,8 +161,7 @@ def the_rate_is_the_families(seen: ConnexionSeen) -> Verdict:
     periods = [(m[-1].time_s - m[0].time_s) / (len(m) - 1) for m in moving]
     worst = max(periods, key=lambda each: abs(each - PERIOD_S[family]))
     said = f"{worst * 1e3:.2f} ms"
-    good = abs(worst / PERIOD_S[family] - 1.0) < PERIOD_TOLERANCE
-    return passed(said) if good else failed(said)
+    return met(abs(worst / PERIOD_S[family] - 1.0) < PERIOD_TOLERANCE, said)
 
 
 @requires(10, f"{RATE}: while deflected the device keeps sending")
@@ -210,7 +201,7 @@ def the_last_value_is_zero(seen: ConnexionSeen) -> Verdict:
         least = 2 if seen.family is Family.SPLIT else 1
         if not least <= zeros <= ZEROS_AT_MOST:
             wrong.append((found[-1].number, f"{zeros} zeros at the end"))
-    return _bad(wrong, count, f"{count} motions", "it was never deflected")
+    return none_wrong(wrong, count, f"{count} motions", "it was never deflected")
 
 
 @requires(13, f"{DESCRIPTOR}: logical range -350 to 350")
@@ -243,8 +234,7 @@ def axes_have_their_signs(seen: ConnexionSeen) -> Verdict:
     if not push or not twist:
         return not_seen("it was not pushed and twisted")
     said = f"X {push[0]:.0f}, Rz {twist[2]:.0f} counts"
-    good = push[0] == max(push, key=abs) > 0 and twist[2] == max(twist, key=abs) > 0
-    return passed(said) if good else failed(said)
+    return met(push[0] == max(push, key=abs) > 0 and twist[2] == max(twist, key=abs) > 0, said)
 
 
 @requires(15, DESCRIPTOR)
@@ -281,7 +271,7 @@ def the_battery_is_not_empty(seen: ConnexionSeen) -> Verdict:
     if not found:
         return not_applicable("no battery was told of")
     wrong = ((each.number, f"{percent} %") for each, percent in found if percent < LOW_PERCENT)
-    return _bad(wrong, len(found), f"{found[-1][1]} %")
+    return none_wrong(wrong, len(found), f"{found[-1][1]} %", _NOTHING)
 
 
 @requires(17, "the system's HID driver")

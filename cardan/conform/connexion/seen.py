@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.conform.timeline import Kind, Seen, Timeline
 from cardan.protocols.connexion import (
     Family,
     InputReport,
@@ -36,11 +36,11 @@ class Report(NamedTuple):
         return tuple(self.value) if isinstance(self.value, (Translation, Rotation, Motion)) else ()
 
 
-class ConnexionSeen:
+class ConnexionSeen(Seen):
     """The reports of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:
-        self.phases = timeline.phases()
+        super().__init__(timeline)
         self.reports: list[Report] = []
         self.lost: list[int] = []
         """Events by which the device went."""
@@ -73,11 +73,6 @@ class ConnexionSeen:
         whole = isinstance(motions[0].value, Motion)
         return Family.ONE if whole else Family.SPLIT
 
-    def phase(self, name: str) -> Phase | None:
-        """The phase of that name, if the pilot came to it."""
-        return self.phases.get(name)
-
     def during(self, *names: str) -> list[Report]:
         """The reports of these phases."""
-        found = [self.phases[name] for name in names if name in self.phases]
-        return [r for r in self.reports if any(p.first <= r.number < p.end for p in found)]
+        return self.within(self.reports, *names)

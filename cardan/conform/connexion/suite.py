@@ -5,14 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
 from cardan.conform.connexion.pilot import ConnexionPilot
 from cardan.conform.connexion.requirements import requires
-from cardan.conform.connexion.rig import ConnexionRig
 from cardan.conform.connexion.seen import ConnexionSeen
-from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Timeline
 from cardan.conform.wires import DeviceFile, Wires
 
 
@@ -26,6 +22,9 @@ class Connexion(Suite[ConnexionSeen]):
     peer = "spacemouse"
     requirements = requires.all()
     transport = Transport("other")
+    sees = ConnexionSeen
+    asks = ConnexionPilot
+    rig = "cardan.conform.connexion.rig:ConnexionRig"
     seconds = 1.2
     # Before it is let go for the first time; and without an end.
     tried_with: ClassVar[Mapping[str, float]] = {"silence": 0.9, "unplug": 1.0, "replug": 1.5}
@@ -33,15 +32,6 @@ class Connexion(Suite[ConnexionSeen]):
         "newest-lost": "the queue is the host's, and only a host that does not read sees which "
         "of its reports are lost",
     }
-
-    def see(self, timeline: Timeline) -> ConnexionSeen:
-        return ConnexionSeen(timeline)
-
-    def pilot(self, level: Level, seconds: float) -> ConnexionPilot:
-        return ConnexionPilot(level, seconds)
-
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
-        ConnexionRig(conduct, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         return DeviceFile(target)

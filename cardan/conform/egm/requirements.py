@@ -12,7 +12,10 @@ from cardan.conform.egm.seen import EgmSeen, Robot, step
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
+    at_most,
     failed,
+    met,
+    none_wrong,
     not_applicable,
     not_seen,
     passed,
@@ -51,19 +54,8 @@ MOVED_M, MOVED_RAD = 2e-5, math.radians(4e-3)
 ENOUGH = 50
 """Datagrams without which a rate says nothing."""
 
-requires: Requirements[EgmSeen] = Requirements("EGM")
-
 _NOTHING = "no datagrams of the controller"
-
-
-def _bad(
-    found: Iterable[tuple[int, str]], of: int, what: str, good: str, nothing: str = _NOTHING
-) -> Verdict:
-    """Failed with the first of `found`, which are numbers of events and words; of `of` in all."""
-    wrong = list(found)
-    if wrong:
-        return failed(f"{len(wrong)} of {of} {what}: {wrong[0][1]}", (n for n, _ in wrong))
-    return passed(good) if of else not_seen(nothing)
+requires: Requirements[EgmSeen] = Requirements("EGM", _NOTHING)
 
 
 @requires(1, f"{MANUAL}, UdpUc: the controller is the client")
@@ -79,7 +71,7 @@ def datagrams_are_messages(seen: EgmSeen) -> Verdict:
     """Every datagram is one whole EgmRobot, with nothing before, after or between."""
     wrong = ((each.number, each.malformed.detail) for each in seen.refused)
     count = len(seen.robots) + len(seen.refused)
-    return _bad(wrong, count, "datagrams are none", f"{count} datagrams")
+    return none_wrong(wrong, count, f"{count} datagrams", _NOTHING, "datagrams are none")
 
 
 @requires(3, f"{SCHEMA}; {LIBEGM}")
@@ -92,11 +84,11 @@ def headers_are_whole(seen: EgmSeen) -> Verdict:
             wrong.append((each.number, "seqno or tm is missing"))
         elif header.mtype != MessageType.DATA:
             wrong.append((each.number, f"mtype {header.mtype:d}"))
-    return _bad(wrong, len(seen.robots), "headers", f"{len(seen.robots)} headers")
+    return none_wrong(wrong, len(seen.robots), f"{len(seen.robots)} headers", _NOTHING, "headers")
 
 
 def _sequence(seen: EgmSeen, wrong: Iterable[tuple[int, str]], what: str) -> Verdict:
-    return _bad(wrong, sum(map(len, seen.sessions)), what, "every one", _NOTHING)
+    return none_wrong(wrong, sum(map(len, seen.sessions)), "every one", _NOTHING, what)
 
 
 @requires(4, f"{SCHEMA}, EgmHeader.seqno", late_s=FULL_S)
@@ -227,7 +219,9 @@ def the_ms_clock_runs(seen: EgmSeen) -> Verdict:
             wrong.append((last.number, f"{step(one, other)} ms in {passed_s:.3f} s"))
     if not seen.sessions:
         return not_seen(_NOTHING)
-    return _bad(wrong, len(seen.sessions), "sessions", f"off by {worst * 1e3:.1f} ms at most")
+    return none_wrong(
+        wrong, len(seen.sessions), f"off by {worst * 1e3:.1f} ms at most", _NOTHING, "sessions"
+    )
 
 
 @requires(12, f"{SCHEMA}, EgmFeedBack.time (since RobotWare 6.07)")
@@ -245,7 +239,9 @@ def the_wall_clock_runs(seen: EgmSeen) -> Verdict:
             if abs(leap_s) > CLOCK_STEP_S:
                 wrong.append((each.number, f"by {leap_s:.3f} s"))
         before = now
-    return _bad(wrong, count, "clocks leap", f"{count} times", "no datagram has feedBack.time")
+    return none_wrong(
+        wrong, count, f"{count} times", "no datagram has feedBack.time", "clocks leap"
+    )
 
 
 def _complete(motion: EgmMotion | None, name: str) -> str:
@@ -269,7 +265,9 @@ def both_motions_are_whole(seen: EgmSeen) -> Verdict:
         lack = _complete(m.feed_back, "feedBack") or _complete(m.planned, "planned")
         if lack:
             wrong.append((each.number, lack))
-    return _bad(wrong, len(seen.robots), "datagrams", f"{len(seen.robots)} datagrams")
+    return none_wrong(
+        wrong, len(seen.robots), f"{len(seen.robots)} datagrams", _NOTHING, "datagrams"
+    )
 
 
 @requires(14, LIBEGM)
@@ -281,7 +279,9 @@ def the_states_are_there(seen: EgmSeen) -> Verdict:
         found = (m.motor_state, m.mci_state, m.rapid_exec_state, m.mci_convergence_met)
         if None in found:
             wrong.append((each.number, "one of them is missing"))
-    return _bad(wrong, len(seen.robots), "datagrams", f"{len(seen.robots)} datagrams")
+    return none_wrong(
+        wrong, len(seen.robots), f"{len(seen.robots)} datagrams", _NOTHING, "datagrams"
+    )
 
 
 def _poses(seen: EgmSeen) -> Iterator[tuple[Robot, EgmMotion]]:
@@ -303,7 +303,7 @@ def quaternions_are_normal(seen: EgmSeen) -> Verdict:
             length = math.sqrt(sum(u * u for u in orient))
             if abs(length - 1.0) > 1e-3:
                 wrong.append((each.number, f"length {length:.4f}"))
-    return _bad(wrong, count, "quaternions", f"{count} quaternions", "no quaternion came")
+    return none_wrong(wrong, count, f"{count} quaternions", "no quaternion came", "quaternions")
 
 
 @requires(16, f"{SCHEMA}, EgmEuler; {LIBEGM}")
@@ -323,7 +323,7 @@ def euler_agrees(seen: EgmSeen) -> Verdict:
             wrong.append((each.number, f"{apart:.2f} degrees apart"))
     if not count:
         return not_applicable("no Euler angles are sent")
-    return _bad(wrong, count, "poses", f"{count} poses")
+    return none_wrong(wrong, count, f"{count} poses", _NOTHING, "poses")
 
 
 @requires(17, f"{SCHEMA}, EgmMeasuredForce in both layouts")
@@ -336,7 +336,9 @@ def forces_have_six_values(seen: EgmSeen) -> Verdict:
     wrong = ((i, f"{len(force.force)} values") for i, force in forces if len(force.force) != 6)
     layouts = {force.fc_active is None for _, force in forces}
     names = " and ".join("RobotWare 6" if old else "RobotWare 7" for old in sorted(layouts))
-    return _bad(wrong, len(forces), "forces", f"{len(forces)} forces in the layout of {names}")
+    return none_wrong(
+        wrong, len(forces), f"{len(forces)} forces in the layout of {names}", _NOTHING, "forces"
+    )
 
 
 @requires(18, f"{SCHEMA}: fields since 6.10, 7.6, 7.7, 7.16")
@@ -356,7 +358,9 @@ def fields_are_of_one_release(seen: EgmSeen) -> Verdict:
             # RAPID data are sent only where the program asks for them.
             wrong.append((each.number, "a later field without an earlier one"))
         release = ("6.08", "6.10", "7.6", "7.7", "7.16")[max(known, 4 if has[3] else 0)]
-    return _bad(wrong, len(seen.robots), "datagrams", f"as RobotWare {release} or later sends")
+    return none_wrong(
+        wrong, len(seen.robots), f"as RobotWare {release} or later sends", _NOTHING, "datagrams"
+    )
 
 
 @requires(19, f"{SCHEMA}: the longest message with every field")
@@ -367,7 +371,7 @@ def datagrams_are_short(seen: EgmSeen) -> Verdict:
         return not_seen(_NOTHING)
     longest, index = max(lengths)
     said = f"{longest} B"
-    return failed(said, [index]) if longest > LARGEST_BYTES else passed(said)
+    return met(longest <= LARGEST_BYTES, said, [index])
 
 
 @requires(20, "cardan.dissect: a second description of the protocol, written from the schema")
@@ -416,7 +420,7 @@ def holding_is_undisturbed(seen: EgmSeen) -> Verdict:
             wrong.append((each.number, "the motors went off"))
         elif not each.running:
             wrong.append((each.number, f"the MCI's state is {each.message.mci_state}"))
-    return _bad(wrong, len(found), "datagrams", f"{len(found)} datagrams")
+    return none_wrong(wrong, len(found), f"{len(found)} datagrams", _NOTHING, "datagrams")
 
 
 @requires(103, f"{SCHEMA}, EgmRapidCtrlExecState; {LIBEGM}: UNDEFINED is a known defect")
@@ -428,7 +432,9 @@ def the_program_is_said_to_run(seen: EgmSeen) -> Verdict:
         for each in running
         if each.message.rapid_exec_state != RapidState.RUNNING
     )
-    return _bad(wrong, len(running), "datagrams", f"{len(running)} datagrams", "the MCI never ran")
+    return none_wrong(
+        wrong, len(running), f"{len(running)} datagrams", "the MCI never ran", "datagrams"
+    )
 
 
 def _apart(one: tuple[float, ...], other: tuple[float, ...]) -> float:
@@ -478,7 +484,7 @@ def silence_does_not_slow_it(seen: EgmSeen) -> Verdict:
     period_s = (found[-1].time_s - found[0].time_s) / cycles
     off = min(abs(period_s / (n * p) - 1.0) for p in PERIODS_S for n in range(1, 25))
     said = f"{period_s * 1e3:.3f} ms"
-    return failed(said, [found[-1].number]) if off > 0.01 else passed(said)
+    return met(off <= 0.01, said, [found[-1].number])
 
 
 @requires(107, "ros-industrial/abb_libegm: sequence number 0 is the start of a session")
@@ -488,7 +494,7 @@ def a_new_run_counts_from_0(seen: EgmSeen) -> Verdict:
     if not later:
         return not_seen("there was one session only")
     wrong = ((each.number, f"the first is {each.seqno}") for each in later if each.seqno)
-    return _bad(wrong, len(later), "sessions", f"{len(later)} sessions")
+    return none_wrong(wrong, len(later), f"{len(later)} sessions", _NOTHING, "sessions")
 
 
 @requires(
@@ -509,7 +515,7 @@ def junk_changes_nothing(seen: EgmSeen) -> Verdict:
         return failed("the run ended", stopped)
     far_m = max(_apart(before[-1].position, each.position) for each in found)
     said = f"{len(seen.junk)} datagrams, moved {far_m * 1e3:.3f} mm"
-    return failed(said, [found[-1].number]) if far_m > HELD_WITHIN_M else passed(said)
+    return met(far_m <= HELD_WITHIN_M, said, [found[-1].number])
 
 
 def _progress(found: list[Robot], still: Robot) -> Iterator[tuple[Robot, float]]:
@@ -550,9 +556,7 @@ def a_reference_acts_soon(seen: EgmSeen) -> Verdict:
         if moved:
             after_ms = (each.time_s - sent) * 1e3
             said = f"after {after_ms:.1f} ms"
-            if after_ms > ACTS_WITHIN_S * 1e3:
-                return failed(said, [each.number], after_ms, "ms")
-            return passed(said, after_ms, "ms")
+            return at_most(ACTS_WITHIN_S * 1e3, after_ms, "ms", said, [each.number])
     return failed("it never moved", [found[-1].number])
 
 
@@ -564,7 +568,7 @@ def a_reference_is_reached(seen: EgmSeen) -> Verdict:
         return not_seen(_NO_STEP)
     *_, (last, share) = _progress(stepped[1], stepped[0])
     said = f"{100 * share:.0f} % of the step"
-    return passed(said) if abs(share - 1.0) < 0.15 else failed(said, [last.number])
+    return met(abs(share - 1.0) < 0.15, said, [last.number])
 
 
 @requires(203, LAW)
@@ -575,7 +579,7 @@ def a_step_does_not_overshoot(seen: EgmSeen) -> Verdict:
         return not_seen(_NO_STEP)
     far, most = max(_progress(stepped[1], stepped[0]), key=lambda each: each[1])
     said = f"{100 * most:.0f} % at most"
-    return passed(said) if most < 1.2 else failed(said, [far.number])
+    return met(most < 1.2, said, [far.number])
 
 
 @requires(204, LAW)
@@ -587,7 +591,7 @@ def it_comes_back(seen: EgmSeen) -> Verdict:
         return not_seen(_NO_STEP)
     *_, (last, share) = _progress(back, stepped[0])
     said = f"{100 * share:.0f} % of the step is left"
-    return passed(said) if share < 0.15 else failed(said, [last.number])
+    return met(share < 0.15, said, [last.number])
 
 
 @requires(301, f"{SCHEMA}, EgmMotorState, EgmMCIState")
@@ -610,4 +614,4 @@ def it_goes_on_where_it_stood(seen: EgmSeen) -> Verdict:
         return not_seen("it was not started again")
     far_m = max(_apart(before[-1].position, each.position) for each in after)
     said = f"{far_m * 1e3:.3f} mm away"
-    return passed(said) if far_m < 1e-3 else failed(said, [after[-1].number])
+    return met(far_m < 1e-3, said, [after[-1].number])

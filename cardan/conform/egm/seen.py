@@ -7,7 +7,7 @@ from functools import cached_property
 from itertools import pairwise
 from typing import Any, NamedTuple
 
-from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.conform.timeline import Kind, Seen, Timeline
 from cardan.protocols.egm import (
     EgmRobot,
     EgmSensor,
@@ -83,12 +83,11 @@ class Refused(NamedTuple):
     malformed: Malformed
 
 
-class EgmSeen:
+class EgmSeen(Seen):
     """The datagrams of a timeline; `robot_sends` says whether we are the controller."""
 
-    def __init__(self, timeline: Timeline, robot_sends: bool) -> None:
-        self.phases = timeline.phases()
-        self.end_s = timeline.end_s
+    def __init__(self, timeline: Timeline, robot_sends: bool = False) -> None:
+        super().__init__(timeline)
         self.robots: list[Robot] = []
         self.answers: list[Answer] = []
         self.refused: list[Refused] = []
@@ -117,16 +116,9 @@ class EgmSeen:
             else:
                 self.answers.append(Answer(index, event.time_s, message))
 
-    def phase(self, name: str) -> Phase | None:
-        """The phase of that name, if the pilot came to it."""
-        return self.phases.get(name)
-
-    def during(self, name: str) -> list[Robot]:
-        """The controller's datagrams of a phase."""
-        phase = self.phase(name)
-        if phase is None:
-            return []
-        return [each for each in self.robots if phase.first <= each.number < phase.end]
+    def during(self, *names: str) -> list[Robot]:
+        """The controller's datagrams of these phases."""
+        return self.within(self.robots, *names)
 
     @cached_property
     def sessions(self) -> list[list[Robot]]:

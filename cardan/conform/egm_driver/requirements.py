@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
+from cardan.conform.controllers import had_ended
 from cardan.conform.egm.seen import Answer, EgmSeen, Robot, step
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
+    at_most,
     failed,
+    met,
+    none_wrong,
     not_applicable,
     not_seen,
     passed,
@@ -35,8 +39,19 @@ SPEED_M_S, SPEED_RAD_S = 1e-6, 1e-6
 FAREWELLS = 3
 SILENT_AFTER_S = 0.1
 
-requires: Requirements[EgmSeen] = Requirements("EGMPC")
 _NOTHING = "no answers came"
+requires: Requirements[EgmSeen] = Requirements("EGMPC", _NOTHING)
+
+ASKS = {"run": "EGMPC-101", "junk": "EGMPC-112"}
+"""Phases in which it is to answer, and what requires it."""
+
+
+def _ended_before(phase: str) -> Callable[[EgmSeen], Verdict | None]:
+    return lambda seen: had_ended(seen, phase, seen.robots, seen.answers, ASKS)
+
+
+def _answers(seen: EgmSeen) -> list[Answer]:
+    return seen.answers
 
 
 class Pair(NamedTuple):
@@ -63,13 +78,6 @@ def _pairs(seen: EgmSeen, *phases: str) -> list[Pair]:
         return found
     inside = [seen.phases[name] for name in phases if name in seen.phases]
     return [p for p in found if any(i.first <= p.robot.number < i.end for i in inside)]
-
-
-def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
-    wrong = list(found)
-    if wrong:
-        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
-    return passed(good) if of else not_seen(nothing)
 
 
 def _planned(answer: Answer) -> EgmMotion | None:
@@ -107,7 +115,7 @@ def the_run_is_answered(seen: EgmSeen) -> Verdict:
         return failed("none came") if found else not_seen("nothing was sent")
     share = sum(bool(each.answers) for each in found[began:-1]) / max(1, len(found[began:-1]))
     said = f"{100 * share:.1f} %"
-    return passed(said) if share >= ANSWERED_SHARE else failed(said)
+    return met(share >= ANSWERED_SHARE, said)
 
 
 @requires(102, SCHEMA)
@@ -115,20 +123,16 @@ def answers_are_messages(seen: EgmSeen) -> Verdict:
     """Every answer is one whole EgmSensor or EgmSensorPathCorr, all of whose numbers are finite."""
     count = len(seen.answers) + len(seen.refused)
     wrong = ((each.number, each.malformed.detail) for each in seen.refused)
-    return _bad(wrong, count, f"{count} answers")
+    return none_wrong(wrong, count, f"{count} answers", _NOTHING)
 
 
-@requires(103, f"{SCHEMA}, EgmHeader.mtype")
-def answers_have_their_type(seen: EgmSeen) -> Verdict:
+@requires.each(103, f"{SCHEMA}, EgmHeader.mtype", _answers, "{} answers")
+def answers_have_their_type(answer: Answer) -> str:
     """mtype is CORRECTION, or PATH_CORRECTION of a path correction."""
-    wrong = []
-    for each in seen.answers:
-        path = isinstance(each.message, EgmSensorPathCorr)
-        wanted = MessageType.PATH_CORRECTION if path else MessageType.CORRECTION
-        mtype = None if each.message.header is None else each.message.header.mtype
-        if mtype != wanted:
-            wrong.append((each.number, f"mtype {mtype}"))
-    return _bad(wrong, len(seen.answers), f"{len(seen.answers)} answers")
+    path = isinstance(answer.message, EgmSensorPathCorr)
+    wanted = MessageType.PATH_CORRECTION if path else MessageType.CORRECTION
+    mtype = None if answer.message.header is None else answer.message.header.mtype
+    return "" if mtype == wanted else f"mtype {mtype}"
 
 
 @requires(104, f"{SCHEMA}, EgmHeader.seqno")
@@ -145,7 +149,7 @@ def answers_count_up_by_one(seen: EgmSeen) -> Verdict:
         count += 1
         if step(a.seqno, b.seqno) != 1:
             wrong.append((other.number, f"{b.seqno} after {a.seqno}"))
-    return _bad(wrong, count, f"{count} messages")
+    return none_wrong(wrong, count, f"{count} messages", _NOTHING)
 
 
 @requires(105, f"{MANUAL}: the controller takes one message in a cycle, oldest first")
@@ -160,7 +164,9 @@ def one_answer_is_enough(seen: EgmSeen) -> Verdict:
     # An answer that was just late stands beside the next one.
     if len(wrong) <= 0.01 * len(found):
         wrong = []
-    return _bad(wrong, sum(bool(e.answers) for e in found), f"{len(found)} datagrams")
+    return none_wrong(
+        wrong, sum(bool(e.answers) for e in found), f"{len(found)} datagrams", _NOTHING
+    )
 
 
 @requires(106, f"{MANUAL}: the controller reads what is there in its next cycle")
@@ -187,24 +193,23 @@ def answers_are_in_time(seen: EgmSeen) -> Verdict:
     times.sort()
     late_s, number = times[int(0.99 * (len(times) - 1))]
     said = f"99 of 100 within {late_s * 1e3:.2f} ms"
-    if late_s > ANSWER_WITHIN_S:
-        return failed(said, [number], late_s * 1e3, "ms")
-    return passed(said, late_s * 1e3, "ms")
+    return at_most(ANSWER_WITHIN_S * 1e3, late_s * 1e3, "ms", said, [number])
 
 
-@requires(107, f"{SCHEMA}; {MANUAL}: planned or speedRef of the mode, else the last one counts")
-def every_answer_has_a_reference(seen: EgmSeen) -> Verdict:
+@requires.each(
+    107,
+    f"{SCHEMA}; {MANUAL}: planned or speedRef of the mode, else the last one counts",
+    _answers,
+    "{} answers",
+)
+def every_answer_has_a_reference(answer: Answer) -> str:
     """Every answer has a position or a speed, in joints or of the TCP, or a path correction."""
-    wrong = []
-    for each in seen.answers:
-        m = each.message
-        if isinstance(m, EgmSensorPathCorr):
-            continue
-        position = m.planned is not None and (m.planned.joints or m.planned.cartesian)
-        speed = m.speed_ref is not None and (m.speed_ref.joints or m.speed_ref.cartesians)
-        if not position and not speed:
-            wrong.append((each.number, "neither position nor speed"))
-    return _bad(wrong, len(seen.answers), f"{len(seen.answers)} answers")
+    m = answer.message
+    if isinstance(m, EgmSensorPathCorr):
+        return ""
+    position = m.planned is not None and (m.planned.joints or m.planned.cartesian)
+    speed = m.speed_ref is not None and (m.speed_ref.joints or m.speed_ref.cartesians)
+    return "" if position or speed else "neither position nor speed"
 
 
 @requires(108, f"{SCHEMA}, EgmQuaternion")
@@ -221,7 +226,7 @@ def quaternions_are_normal(seen: EgmSeen) -> Verdict:
                 wrong.append((each.number, f"length {length:.4f}"))
     if seen.answers and not count:
         return not_applicable("no quaternion is sent")
-    return _bad(wrong, count, f"{count} quaternions")
+    return none_wrong(wrong, count, f"{count} quaternions", _NOTHING)
 
 
 def _first_answers(seen: EgmSeen) -> Iterator[tuple[Robot, Answer]]:
@@ -235,58 +240,78 @@ def _first_answers(seen: EgmSeen) -> Iterator[tuple[Robot, Answer]]:
                 break
 
 
-@requires(109, f"{LAW}; a stale target after a restart is a jump")
-def a_session_begins_where_the_arm_is(seen: EgmSeen) -> Verdict:
+def _beyond(far_m: float, far_rad: float, most_m: float, most_rad: float) -> str:
+    """What of a way is more than it may be, and by how much; empty: nothing."""
+    found = []
+    if far_m > most_m:
+        found.append(f"{far_m * 1e3:.2f} of at most {most_m * 1e3:g} mm")
+    if far_rad > most_rad:
+        far, most = math.degrees(far_rad), math.degrees(most_rad)
+        found.append(f"{far:.2f} of at most {most:.3g} degrees")
+    return " and ".join(found)
+
+
+def _strays(robot: Robot, answer: Answer) -> str:
+    """How an answer is not the measured position without speed; empty: it is."""
+    motion = _planned(answer)
+    if motion is not None and (far := _beyond(*_apart(motion, robot), NEAR_M, NEAR_RAD)):
+        return f"away by {far}"
+    speed = _speed(answer)
+    return f"with a speed of {speed:.3g} m/s or rad/s" if speed > SPEED_M_S else ""
+
+
+@requires.each(
+    109, f"{LAW}; a stale target after a restart is a jump", _first_answers, "{} sessions"
+)
+def a_session_begins_where_the_arm_is(each: tuple[Robot, Answer]) -> str:
     """The first answer of every session is the measured position, with no speed."""
-    wrong, count = [], 0
-    for robot, answer in _first_answers(seen):
-        motion = _planned(answer)
-        count += 1
-        if motion is not None:
-            far_m, far_rad = _apart(motion, robot)
-            if far_m > NEAR_M or far_rad > NEAR_RAD:
-                wrong.append((answer.number, f"{far_m * 1e3:.2f} mm away"))
-        if _speed(answer) > SPEED_M_S:
-            wrong.append((answer.number, f"with a speed of {_speed(answer):.3g}"))
-    return _bad(wrong, count, f"{count} sessions")
+    return _strays(*each)
 
 
-@requires(110, LAW)
-def references_do_not_leap(seen: EgmSeen) -> Verdict:
-    """From answer to answer the reference goes no further than 4 mm and 1 degree."""
-    wrong, count = [], 0
-    starts = {session[0].number for session in seen.sessions}
+def _neighbours(seen: EgmSeen) -> Iterator[tuple[Answer, Answer]]:
+    """Answers that follow each other, without a session that began between them."""
+    starts = [session[0].number for session in seen.sessions]
     for one, other in pairwise(seen.answers):
-        a, b = _planned(one), _planned(other)
-        if a is None or b is None or any(one.number < s < other.number for s in starts):
-            continue
-        count += 1
-        pos = [m.cartesian.pos if m.cartesian is not None else None for m in (a, b)]
-        far_m, far_rad = _far(*pos), _far(a.joints, b.joints)
-        if far_m > LEAP_M or far_rad > LEAP_RAD:
-            wrong.append((other.number, f"{far_m * 1e3:.1f} mm"))
-    return _bad(wrong, count, f"{count} steps")
+        if not any(one.number < start < other.number for start in starts):
+            yield one, other
 
 
-@requires(111, f"{LAW}; {LIBEGM} repeats its last reference there")
-def it_follows_while_commands_do_not_act(seen: EgmSeen) -> Verdict:
+@requires.each(110, LAW, _neighbours, "{} steps")
+def references_do_not_leap(each: tuple[Answer, Answer]) -> str | None:
+    """From answer to answer the reference goes no further than 4 mm and 1 degree."""
+    a, b = map(_planned, each)
+    if a is None or b is None:
+        return None
+    one, other = (m.cartesian.pos if m.cartesian is not None else None for m in (a, b))
+    return _beyond(_far(one, other), _far(a.joints, b.joints), LEAP_M, LEAP_RAD)
+
+
+def _while_stopped(seen: EgmSeen) -> Iterator[tuple[Robot, Answer]]:
+    """Answers while the MCI is not RUNNING. The first ones may have been on their way."""
+    for pair in _pairs(seen, "stopped")[25:]:
+        if not pair.robot.running:
+            yield from ((pair.robot, answer) for answer in pair.answers)
+
+
+@requires.each(
+    111,
+    f"{LAW}; {LIBEGM} repeats its last reference there",
+    _while_stopped,
+    "{} answers",
+    nothing="it did not answer while commands do not act",
+    unless=_ended_before("stopped"),
+)
+def it_follows_while_commands_do_not_act(each: tuple[Robot, Answer]) -> str:
     """While the MCI is not RUNNING, answers are the measured position without speed, so that
     going on is no jump."""
-    wrong, count = [], 0
-    # The first ones may have been on their way.
-    for pair in _pairs(seen, "stopped")[25:]:
-        for answer in pair.answers:
-            if pair.robot.running:
-                continue
-            count += 1
-            motion = _planned(answer)
-            far_m, far_rad = (0.0, 0.0) if motion is None else _apart(motion, pair.robot)
-            if far_m > NEAR_M or far_rad > NEAR_RAD or _speed(answer) > SPEED_M_S:
-                wrong.append((answer.number, f"{far_m * 1e3:.2f} mm away"))
-    return _bad(wrong, count, f"{count} answers", "it did not answer while commands do not act")
+    return _strays(*each)
 
 
-@requires(112, f"{SCHEMA}: whatever comes to a UDP port; ABBRobotEGM ended at it")
+@requires(
+    112,
+    f"{SCHEMA}: whatever comes to a UDP port; ABBRobotEGM ended at it",
+    unless=_ended_before("junk"),
+)
 def junk_does_not_end_it(seen: EgmSeen) -> Verdict:
     """Datagrams that are not EGM end nothing: it goes on answering."""
     found = _pairs(seen, "junk")
@@ -294,10 +319,12 @@ def junk_does_not_end_it(seen: EgmSeen) -> Verdict:
         return not_seen("none were sent, or it never answered")
     share = sum(bool(each.answers) for each in found) / len(found)
     said = f"{len(seen.junk)} of them; {100 * share:.1f} % answered"
-    return passed(said) if share > 0.9 else failed(said, [seen.junk[0][0]])
+    return met(share > 0.9, said, [seen.junk[0][0]])
 
 
-@requires(113, f"{SCHEMA}, EgmHeader.seqno: old datagrams are none to act on")
+@requires(
+    113, f"{SCHEMA}, EgmHeader.seqno: old datagrams are none to act on", unless=_ended_before("old")
+)
 def old_datagrams_are_not_answered(seen: EgmSeen) -> Verdict:
     """A datagram that is old, or comes again, is not answered."""
     phase = seen.phase("old")
@@ -322,10 +349,14 @@ def old_datagrams_are_not_answered(seen: EgmSeen) -> Verdict:
     fresh = len({each.seqno for each in seen.during("old")})
     said = f"{len(inside)} answers to {fresh} new datagrams"
     # The last answer before may have been late.
-    return failed(said, [inside[-1].number]) if len(inside) > fresh + 1 else passed(said)
+    return met(len(inside) <= fresh + 1, said, [each.number for each in inside[-1:]])
 
 
-@requires(114, f"{MANUAL}: what is sent waits in the controller for its next run")
+@requires(
+    114,
+    f"{MANUAL}: what is sent waits in the controller for its next run",
+    unless=_ended_before("silence"),
+)
 def silence_is_not_answered(seen: EgmSeen) -> Verdict:
     """While the controller is silent it is sent no more than three messages."""
     phase = seen.phase("silence")
@@ -337,10 +368,14 @@ def silence_is_not_answered(seen: EgmSeen) -> Verdict:
         if phase.first <= each.number < phase.end and each.time_s > phase.start_s + SILENT_AFTER_S
     ]
     said = f"{len(found)} messages"
-    return failed(said, found) if len(found) > FAREWELLS else passed(said)
+    return met(len(found) <= FAREWELLS, said, found)
 
 
-@requires(115, f"{MANUAL}, Local Port Number: 0 is any, and another one after a restart")
+@requires(
+    115,
+    f"{MANUAL}, Local Port Number: 0 is any, and another one after a restart",
+    unless=_ended_before("restarted"),
+)
 def a_new_port_is_followed(seen: EgmSeen) -> Verdict:
     """After a restart of the controller, which has another port then, that one is answered."""
     found = _pairs(seen, "restarted")
@@ -348,7 +383,7 @@ def a_new_port_is_followed(seen: EgmSeen) -> Verdict:
         return not_seen("there was no restart, or it never answered")
     share = sum(bool(each.answers) for each in found[10:-1]) / len(found[10:-1])
     said = f"{100 * share:.1f} % of its datagrams are answered"
-    return passed(said) if share > 0.9 else failed(said, [found[-1].robot.number])
+    return met(share > 0.9, said, [found[-1].robot.number])
 
 
 @requires(116, "cardan.dissect: a second description of the protocol")
@@ -368,7 +403,11 @@ def both_descriptions_agree(seen: EgmSeen) -> Verdict:
     return passed(f"{len(chosen)} answers read twice")
 
 
-@requires(301, f"{MANUAL}: the controller goes on at the last speed until CommTimeout")
+@requires(
+    301,
+    f"{MANUAL}: the controller goes on at the last speed until CommTimeout",
+    unless=_ended_before("ended"),
+)
 def it_leaves_without_speed(seen: EgmSeen) -> Verdict:
     """When the driver's program ends, the last message says no speed."""
     phase = seen.phase("ended")
@@ -378,4 +417,4 @@ def it_leaves_without_speed(seen: EgmSeen) -> Verdict:
     if phase.end_s - last.time_s < 0.5:
         return not_seen("it still answers")
     said = f"{_speed(last):.3g} m/s or rad/s"
-    return passed(said) if _speed(last) <= SPEED_M_S else failed(said, [last.number])
+    return met(_speed(last) <= SPEED_M_S, said, [last.number])

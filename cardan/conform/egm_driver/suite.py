@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
 from cardan.conform.egm.seen import EgmSeen
 from cardan.conform.egm.suite import PORT
 from cardan.conform.egm_driver.faults import FAULTS
 from cardan.conform.egm_driver.pilot import FIRST, SECOND, ControllerPilot
 from cardan.conform.egm_driver.requirements import requires
-from cardan.conform.egm_driver.rig import EgmDriverRig
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Timeline
-from cardan.conform.wires import SendTo, Wires, host_and_port
-from cardan.sim_peers.base import FaultSwitch
 
 
 class EgmDriver(Suite[EgmSeen]):
@@ -30,22 +26,10 @@ class EgmDriver(Suite[EgmSeen]):
     harmless = Level.HOLD
     requirements = requires.all()
     transport = Transport("udp", {FIRST: PORT, SECOND: PORT})
+    sees = partial(EgmSeen, robot_sends=True)
+    asks = ControllerPilot
+    rig = "cardan.conform.egm_driver.rig:EgmDriverRig"
+    own_faults = FAULTS
     seconds = 0.6
     # Seen where it is ended, which only level 3 does.
     tried_on: ClassVar[Mapping[str, Level]] = {"leaves-moving": Level.BY_HAND}
-
-    def see(self, timeline: Timeline) -> EgmSeen:
-        return EgmSeen(timeline, robot_sends=True)
-
-    def pilot(self, level: Level, seconds: float) -> ControllerPilot:
-        return ControllerPilot(level, seconds)
-
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
-        EgmDriverRig(conduct, faults, seed).run()
-
-    def wires(self, target: str) -> Wires:
-        host, port = host_and_port(target, "--target", PORT)
-        return SendTo(host, port)
-
-    def switches(self) -> tuple[FaultSwitch, ...]:
-        return FAULTS

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Iterable
 from itertools import pairwise
 
 from cardan.conform.joint_stream.pilot import SPEED_RAD_S, STEP_RAD
@@ -12,7 +11,10 @@ from cardan.conform.joint_stream.seen import JointStreamSeen, State
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
+    at_most,
     failed,
+    met,
+    none_wrong,
     not_applicable,
     not_seen,
     passed,
@@ -48,15 +50,8 @@ COMMANDED = (
     "speed",
 )
 
-requires: Requirements[JointStreamSeen] = Requirements("JS")
 _NOTHING = "no states came"
-
-
-def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
-    wrong = list(found)
-    if wrong:
-        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
-    return passed(good) if of else not_seen(nothing)
+requires: Requirements[JointStreamSeen] = Requirements("JS", _NOTHING)
 
 
 @requires(1, f"{RULES} 1: the client begins")
@@ -78,7 +73,9 @@ def a_greeting_is_answered(seen: JointStreamSeen) -> Verdict:
 @requires(102, f"{RULES} 6")
 def datagrams_are_states(seen: JointStreamSeen) -> Verdict:
     """Every datagram is one whole state: no other length, mode or number of joints, all finite."""
-    return _bad(seen.refused, len(seen.states) + len(seen.refused), f"{len(seen.states)} states")
+    return none_wrong(
+        seen.refused, len(seen.states) + len(seen.refused), f"{len(seen.states)} states", _NOTHING
+    )
 
 
 def _gaps(seen: JointStreamSeen) -> list[tuple[State, State]]:
@@ -102,7 +99,7 @@ def none_is_missing(seen: JointStreamSeen) -> Verdict:
         missing = max(numbers) - min(numbers) + 1 - len(numbers)
         if missing:
             wrong.append((session[-1].number, f"{missing} of a session"))
-    return _bad(wrong, count, "every one")
+    return none_wrong(wrong, count, "every one", _NOTHING)
 
 
 @requires(104, f"{PAGE}, header: sequence")
@@ -114,7 +111,7 @@ def they_come_once_and_in_order(seen: JointStreamSeen) -> Verdict:
         for a, b in pairwise(session)
         if b.value.sequence <= a.value.sequence
     ]
-    return _bad(wrong, len(seen.states), "every one")
+    return none_wrong(wrong, len(seen.states), "every one", _NOTHING)
 
 
 @requires(105, f"{STATE}: the controller's cycle")
@@ -127,8 +124,7 @@ def the_period_is_the_one_told(seen: JointStreamSeen) -> Verdict:
     period_s = (found[-1].time_s - found[0].time_s) / max(1, cycles)
     told_s = found[0].value.period_s
     said = f"{period_s * 1e3:.3f} ms, told {told_s * 1e3:.3f}"
-    good = abs(period_s / told_s - 1.0) < PERIOD_SHARE
-    return passed(said) if good else failed(said)
+    return met(abs(period_s / told_s - 1.0) < PERIOD_SHARE, said)
 
 
 @requires(106, f"{STATE}: one state in each cycle")
@@ -159,7 +155,7 @@ def there_are_no_pauses(seen: JointStreamSeen) -> Verdict:
     found = seen.during("hold")
     if hold is not None and found and hold.end_s - found[-1].time_s > 0.1:
         wrong.append((found[-1].number, f"{hold.end_s - found[-1].time_s:.2f} s at the end"))
-    return _bad(wrong, len(seen.states), f"longest {longest:.1f} periods")
+    return none_wrong(wrong, len(seen.states), f"longest {longest:.1f} periods", _NOTHING)
 
 
 @requires(108, f"{RULES} 2: a restart is a new session")
@@ -193,9 +189,9 @@ def commands_are_acknowledged_soon(seen: JointStreamSeen) -> Verdict:
     delays.sort()
     late_s, number = delays[len(delays) // 2]
     said = f"{late_s * 1e3:.1f} ms in the median"
-    if late_s > ACK_PERIODS * found[0].value.period_s + ACK_S:
-        return failed(said, [number], late_s * 1e3, "ms")
-    return passed(said, late_s * 1e3, "ms")
+    return at_most(
+        (ACK_PERIODS * found[0].value.period_s + ACK_S) * 1e3, late_s * 1e3, "ms", said, [number]
+    )
 
 
 @requires(110, f"{STATE}: why commands do not act; empty when they do")
@@ -207,7 +203,7 @@ def holding_is_undisturbed(seen: JointStreamSeen) -> Verdict:
         for each in found
         if each.value.reason or each.value.mode is not ControlMode.POSITION
     ]
-    return _bad(wrong, len(found), f"{len(found)} states", "it was not held")
+    return none_wrong(wrong, len(found), f"{len(found)} states", "it was not held")
 
 
 @requires(111, f"{RULES} 4")
@@ -222,9 +218,7 @@ def an_arm_that_is_held_stays(seen: JointStreamSeen) -> Verdict:
         for each in found
     )
     said = f"{math.degrees(far):.3f} degrees"
-    if far > HELD_RAD:
-        return failed(said, [number], math.degrees(far), "degrees")
-    return passed(said, math.degrees(far), "degrees")
+    return at_most(math.degrees(HELD_RAD), math.degrees(far), "degrees", said, [number])
 
 
 @requires(112, f"{STATE}: positions")
@@ -236,9 +230,9 @@ def an_arm_that_is_held_stands(seen: JointStreamSeen) -> Verdict:
     rows = zip(*(each.value.positions for each in found), strict=True)
     most = max(statistics.pstdev(joint) for joint in rows)
     said = f"{math.degrees(most):.5f} degrees"
-    if most > STANDING_RAD:
-        return failed(said, [found[-1].number], math.degrees(most), "degrees")
-    return passed(said, math.degrees(most), "degrees")
+    return at_most(
+        math.degrees(STANDING_RAD), math.degrees(most), "degrees", said, [found[-1].number]
+    )
 
 
 @requires(113, f"{RULES} 6: malformed as a whole, and changes nothing")
@@ -248,7 +242,7 @@ def junk_changes_nothing(seen: JointStreamSeen) -> Verdict:
     if not found:
         return not_seen("none was sent")
     wrong = [(e.number, e.value.reason) for e in found if e.value.reason]
-    return _bad(wrong, len(found), f"{len(found)} states")
+    return none_wrong(wrong, len(found), f"{len(found)} states", _NOTHING)
 
 
 @requires(114, f"{RULES} 2: the arm ignores other sessions")
@@ -268,7 +262,7 @@ def another_session_is_ignored(seen: JointStreamSeen) -> Verdict:
         for each in seen.during("foreign", "beyond")
         if each.value.acknowledged in foreign or each.value.mode is ControlMode.VELOCITY
     ]
-    return _bad(wrong, len(seen.during("foreign")), f"{len(foreign)} commands")
+    return none_wrong(wrong, len(seen.during("foreign")), f"{len(foreign)} commands", _NOTHING)
 
 
 @requires(115, f"{RULES} 5: refused, the arm holds, and the reason is in the states")
@@ -307,7 +301,7 @@ def silence_makes_it_hold(seen: JointStreamSeen) -> Verdict:
         for each in late
         if each.value.mode is not ControlMode.HOLD
     ]
-    return _bad(wrong, len(late), f"{len(late)} states")
+    return none_wrong(wrong, len(late), f"{len(late)} states", _NOTHING)
 
 
 @requires(118, f"{STATE}: unit quaternion, norm within 0.001 of 1")
@@ -324,7 +318,7 @@ def figures_are_plausible(seen: JointStreamSeen) -> Verdict:
             # A forgotten client gets no states, and no sequence is used up.
             if off < -0.5 * a.value.period_s:
                 wrong.append((b.number, f"{off * 1e3:.2f} ms off"))
-    return _bad(wrong, count, f"{count} states")
+    return none_wrong(wrong, count, f"{count} states", _NOTHING)
 
 
 @requires(119, "cardan.dissect: a second description of the protocol")
@@ -370,7 +364,7 @@ def a_step_is_made_by_every_joint(seen: JointStreamSeen) -> Verdict:
     shares = [each / STEP_RAD for each in found[0]]
     worst = max(range(len(shares)), key=lambda n: abs(shares[n] - 1.0))
     said = f"joint {worst + 1} by {100 * shares[worst]:.0f} % of it"
-    return passed(said) if abs(shares[worst] - 1.0) < REACHED else failed(said, [found[1]])
+    return met(abs(shares[worst] - 1.0) < REACHED, said, [found[1]])
 
 
 @requires(202, f"{RULES} 4")
@@ -381,7 +375,7 @@ def it_comes_back(seen: JointStreamSeen) -> Verdict:
         return not_seen(_NOT_MOVED)
     left = max(map(abs, found[0])) / STEP_RAD
     said = f"{100 * left:.0f} % of the step is left"
-    return passed(said) if left < REACHED else failed(said, [found[1]])
+    return met(left < REACHED, said, [found[1]])
 
 
 @requires(203, f"{PAGE}, command: velocity")
@@ -393,8 +387,7 @@ def a_speed_is_reached(seen: JointStreamSeen) -> Verdict:
     last = found[-1].value.velocities
     worst = max(last, key=lambda v: abs(v / SPEED_RAD_S - 1.0))
     said = f"{100 * worst / SPEED_RAD_S:.0f} % of it at worst"
-    good = abs(worst / SPEED_RAD_S - 1.0) < REACHED
-    return passed(said) if good else failed(said, [found[-1].number])
+    return met(abs(worst / SPEED_RAD_S - 1.0) < REACHED, said, [found[-1].number])
 
 
 @requires(204, f"{RULES} 4: without a command for 0.1 s the arm brakes and holds")
@@ -411,7 +404,7 @@ def a_deserted_motion_ends(seen: JointStreamSeen) -> Verdict:
         for each in late
         if max(map(abs, each.value.velocities)) > 0.2 * SPEED_RAD_S
     ]
-    return _bad(wrong, len(late), f"{len(late)} states")
+    return none_wrong(wrong, len(late), f"{len(late)} states", _NOTHING)
 
 
 @requires(301, f"{RULES} 5: in an emergency stop the reason says so")

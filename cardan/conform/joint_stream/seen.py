@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.conform.timeline import Kind, Seen, Timeline
 from cardan.protocols.joint_stream import (
     ArmCommand,
     ArmState,
@@ -30,11 +30,11 @@ class Command(NamedTuple):
     value: ArmCommand | None
 
 
-class JointStreamSeen:
+class JointStreamSeen(Seen):
     """The datagrams of a timeline in which we are the client, or the arm where `arm_sends`."""
 
     def __init__(self, timeline: Timeline, arm_sends: bool = False) -> None:
-        self.phases = timeline.phases()
+        super().__init__(timeline)
         self.states: list[State] = []
         self.commands: list[Command] = []
         self.refused: list[tuple[int, str]] = []
@@ -60,19 +60,13 @@ class JointStreamSeen:
             else:
                 self.refused.append((number, command.reason))
 
-    def phase(self, name: str) -> Phase | None:
-        """The phase of that name, if the pilot came to it."""
-        return self.phases.get(name)
-
     def during(self, *names: str) -> list[State]:
         """The states of these phases."""
-        found = [self.phases[name] for name in names if name in self.phases]
-        return [s for s in self.states if any(p.first <= s.number < p.end for p in found)]
+        return self.within(self.states, *names)
 
     def sent_during(self, *names: str) -> list[Command]:
         """The commands of these phases."""
-        found = [self.phases[name] for name in names if name in self.phases]
-        return [s for s in self.commands if any(p.first <= s.number < p.end for p in found)]
+        return self.within(self.commands, *names)
 
     @property
     def sessions(self) -> list[list[State]]:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
+from cardan.conform.controllers import had_ended
 from cardan.conform.joint_stream.seen import Command, JointStreamSeen, State
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
+    at_most,
     failed,
+    met,
+    none_wrong,
     not_applicable,
     not_seen,
     passed,
@@ -43,15 +47,15 @@ ON_THEIR_WAY_S = 0.05
 GREETS_WITHIN_S = 1.0
 STOPPED_STATES = 10
 
-requires: Requirements[JointStreamSeen] = Requirements("JSPC")
 _NOTHING = "no commands came"
+requires: Requirements[JointStreamSeen] = Requirements("JSPC", _NOTHING)
+
+ASKS = {"run": "JSPC-106", "junk": "JSPC-115", "again": "JSPC-120"}
+"""Phases in which it is to answer, and what requires it."""
 
 
-def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
-    wrong = list(found)
-    if wrong:
-        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
-    return passed(good) if of else not_seen(nothing)
+def _ended_before(phase: str) -> Callable[[JointStreamSeen], Verdict | None]:
+    return lambda seen: had_ended(seen, phase, seen.states, seen.commands, ASKS)
 
 
 class Said(NamedTuple):
@@ -122,7 +126,7 @@ def it_greets(seen: JointStreamSeen) -> Verdict:
 def datagrams_are_commands(seen: JointStreamSeen) -> Verdict:
     """Every datagram is one whole command: no other length, mode or number of joints, all
     finite."""
-    return _bad(seen.refused, len(seen.raw), f"{len(seen.raw)} datagrams")
+    return none_wrong(seen.refused, len(seen.raw), f"{len(seen.raw)} datagrams", _NOTHING)
 
 
 @requires(103, f"{HEADER}: number of joints of the arm, in a hold too")
@@ -134,7 +138,7 @@ def the_joints_are_the_arms(seen: JointStreamSeen) -> Verdict:
         for e in found
         if seen.raw[e.number][JOINTS_AT] != JOINTS
     ]
-    return _bad(wrong, len(found), f"{len(found)} commands")
+    return none_wrong(wrong, len(found), f"{len(found)} commands", _NOTHING)
 
 
 @requires(104, f"{HEADER}: sequence, from 1; {RULES} 2: from a greeting it may count anew")
@@ -148,7 +152,7 @@ def commands_count_up_by_one(seen: JointStreamSeen) -> Verdict:
         count += 1
         if (b.value.sequence - a.value.sequence) & 0xFFFFFFFF != 1:
             wrong.append((b.number, f"{b.value.sequence} after {a.value.sequence}"))
-    return _bad(wrong, count, f"{count} commands")
+    return none_wrong(wrong, count, f"{count} commands", _NOTHING)
 
 
 @requires(105, f"{RULES} 2: the session of the newest state")
@@ -160,7 +164,7 @@ def the_session_is_the_newest(seen: JointStreamSeen) -> Verdict:
         for e in found
         if e.state is not None and e.value.session != e.state.value.session
     ]
-    return _bad(wrong, len(found), f"{len(found)} commands")
+    return none_wrong(wrong, len(found), f"{len(found)} commands", _NOTHING)
 
 
 class Pair(NamedTuple):
@@ -194,7 +198,7 @@ def _answered(seen: JointStreamSeen, phase: str, least: float) -> Verdict:
         return failed("none came") if found else not_seen("there were no states")
     share = sum(bool(each.commands) for each in found[began:]) / len(found[began:])
     said = f"{100 * share:.1f} %"
-    return passed(said) if share >= least else failed(said, [found[-1].state.number])
+    return met(share >= least, said, [found[-1].state.number])
 
 
 @requires(106, f"{RULES} 4: where none comes in a cycle the arm goes on by itself")
@@ -214,7 +218,7 @@ def one_command_is_enough(seen: JointStreamSeen) -> Verdict:
     ]
     if len(wrong) <= 0.01 * len(found):
         wrong = []
-    return _bad(wrong, sum(bool(e.commands) for e in found), f"{len(found)} states")
+    return none_wrong(wrong, sum(bool(e.commands) for e in found), f"{len(found)} states", _NOTHING)
 
 
 @requires(108, f"{RULES} 4: a command acts in the cycle that it comes in")
@@ -236,9 +240,7 @@ def commands_are_in_time(seen: JointStreamSeen) -> Verdict:
         return not_seen("it was never silent, or it never answered")
     late_s, number = max(times)
     said = f"{late_s * 1e3:.2f} ms"
-    if late_s > PERIOD_S:
-        return failed(said, [number], late_s * 1e3, "ms")
-    return passed(said, late_s * 1e3, "ms")
+    return at_most(PERIOD_S * 1e3, late_s * 1e3, "ms", said, [number])
 
 
 @requires(109, f"{HEADER}: stamp, the sender's clock, s")
@@ -253,8 +255,7 @@ def stamps_advance_as_time_does(seen: JointStreamSeen) -> Verdict:
     passes_s = found[-1].time_s - found[0].time_s
     told_s = found[-1].value.stamp_s - found[0].value.stamp_s
     said = f"{told_s:.3f} s in {passes_s:.3f} s"
-    good = abs(told_s - passes_s) <= CLOCK_SHARE * passes_s
-    return passed(said) if good else failed(said, [found[-1].number])
+    return met(abs(told_s - passes_s) <= CLOCK_SHARE * passes_s, said, [found[-1].number])
 
 
 def _begins(seen: JointStreamSeen) -> Iterator[Said]:
@@ -280,7 +281,7 @@ def motion_begins_where_the_arm_is(seen: JointStreamSeen) -> Verdict:
             wrong.append((each.number, f"at {_speed(each):.3g} rad/s"))
     if _said(seen) and not found:
         return not_applicable("it only holds")
-    return _bad(wrong, len(found), f"{len(found)} beginnings")
+    return none_wrong(wrong, len(found), f"{len(found)} beginnings", _NOTHING)
 
 
 def _outside(value: ArmCommand) -> str:
@@ -304,7 +305,7 @@ def commands_are_within_the_arm(seen: JointStreamSeen) -> Verdict:
     """Positions are within the joints' ranges, and speeds within what the joints can do."""
     found = _said(seen)
     wrong = [(e.number, why) for e in found for why in [_outside(e.value)] if why]
-    return _bad(wrong, len(found), f"{len(found)} commands")
+    return none_wrong(wrong, len(found), f"{len(found)} commands", _NOTHING)
 
 
 def _steps(seen: JointStreamSeen) -> Iterator[tuple[Said, Said, float]]:
@@ -332,7 +333,7 @@ def positions_do_not_leap(seen: JointStreamSeen) -> Verdict:
                 break
     if _said(seen) and not count:
         return not_applicable("it commands no positions")
-    return _bad(wrong, count, f"{count} steps")
+    return none_wrong(wrong, count, f"{count} steps", _NOTHING)
 
 
 @requires(113, f"{PAGE}, command: speeds at the positions, 0 for none; {RULES} 4")
@@ -353,10 +354,14 @@ def speeds_are_those_of_the_positions(seen: JointStreamSeen) -> Verdict:
     few = len(wrong) <= 0.02 * count
     if _said(seen) and not count:
         return not_applicable("it commands no positions")
-    return _bad([] if few else wrong, count, f"{count} steps")
+    return none_wrong([] if few else wrong, count, f"{count} steps", _NOTHING)
 
 
-@requires(114, f"{RULES} 5: every command is ignored, and the next acts when that is over")
+@requires(
+    114,
+    f"{RULES} 5: every command is ignored, and the next acts when that is over",
+    unless=_ended_before("estop"),
+)
 def a_stopped_arm_is_followed(seen: JointStreamSeen) -> Verdict:
     """While states say why commands do not act, it holds, or commands the measured position without
     speed."""
@@ -368,10 +373,12 @@ def a_stopped_arm_is_followed(seen: JointStreamSeen) -> Verdict:
             continue
         if _away(each) > NEAR_RAD or _speed(each) > STILL_RAD_S:
             wrong.append((each.number, f"{math.degrees(_away(each)):.2f} degrees away"))
-    return _bad(wrong, len(found), f"{len(found)} commands", "it did not answer then")
+    return none_wrong(wrong, len(found), f"{len(found)} commands", "it did not answer then")
 
 
-@requires(115, f"{RULES} 6: malformed as a whole, and changes nothing")
+@requires(
+    115, f"{RULES} 6: malformed as a whole, and changes nothing", unless=_ended_before("junk")
+)
 def junk_does_not_end_it(seen: JointStreamSeen) -> Verdict:
     """Datagrams that are no states end nothing: it goes on answering 90 % of the states."""
     return _answered_if_ever(seen, "junk")
@@ -387,7 +394,7 @@ def _ever_answers(seen: JointStreamSeen, phase: str) -> bool:
     return any(not _greets(e.value) for e in _said(seen, phase))
 
 
-@requires(116, f"{RULES} 3: what is not newer is dropped")
+@requires(116, f"{RULES} 3: what is not newer is dropped", unless=_ended_before("old"))
 def old_states_are_not_answered(seen: JointStreamSeen) -> Verdict:
     """A state that is old, or comes again, is not answered."""
     if not _ever_answers(seen, "old"):
@@ -396,7 +403,7 @@ def old_states_are_not_answered(seen: JointStreamSeen) -> Verdict:
     found = _said(seen, "old")
     said = f"{len(found)} commands to {fresh} new states"
     # The last answer before may have been late.
-    return failed(said, [found[-1].number]) if len(found) > fresh + 1 else passed(said)
+    return met(len(found) <= fresh + 1, said, [found[-1].number])
 
 
 def _fresh(seen: JointStreamSeen, phase: str) -> list[State]:
@@ -412,17 +419,21 @@ def _fresh(seen: JointStreamSeen, phase: str) -> list[State]:
     return found
 
 
-@requires(117, f"{RULES} 2: sessions count up; what was before is void")
+@requires(
+    117, f"{RULES} 2: sessions count up; what was before is void", unless=_ended_before("earlier")
+)
 def earlier_sessions_are_not_answered(seen: JointStreamSeen) -> Verdict:
     """A state of an earlier session, on its way for long, is not answered."""
     if not _ever_answers(seen, "earlier"):
         return not_seen("none were sent, or it did not answer")
     fresh, found = len(_fresh(seen, "earlier")), _said(seen, "earlier")
     said = f"{len(found)} commands to {fresh} new states"
-    return failed(said, [found[-1].number]) if len(found) > fresh + 1 else passed(said)
+    return met(len(found) <= fresh + 1, said, [found[-1].number])
 
 
-@requires(118, f"{RULES} 4: an arm that hears nothing brakes and holds")
+@requires(
+    118, f"{RULES} 4: an arm that hears nothing brakes and holds", unless=_ended_before("silence")
+)
 def silence_is_not_commanded(seen: JointStreamSeen) -> Verdict:
     """While the arm is silent it is sent holds only, which keep it from forgetting its client."""
     phase = seen.phase("silence")
@@ -432,10 +443,12 @@ def silence_is_not_commanded(seen: JointStreamSeen) -> Verdict:
     wrong = [
         (e.number, e.value.mode.name.lower()) for e in found if e.value.mode is not ControlMode.HOLD
     ]
-    return _bad(wrong, max(1, len(found)), f"{len(found)} holds")
+    return none_wrong(wrong, max(1, len(found)), f"{len(found)} holds", _NOTHING)
 
 
-@requires(119, f"{RULES} 1: a client that is silent for 1 s is forgotten")
+@requires(
+    119, f"{RULES} 1: a client that is silent for 1 s is forgotten", unless=_ended_before("silence")
+)
 def a_silent_arm_is_greeted(seen: JointStreamSeen) -> Verdict:
     """A silent arm is greeted again, once a second at least: it may have forgotten its client, or
     restarted."""
@@ -455,13 +468,15 @@ def a_silent_arm_is_greeted(seen: JointStreamSeen) -> Verdict:
     return passed(f"after {longest_s:.2f} s")
 
 
-@requires(120, f"{RULES} 4: the next command acts again")
+@requires(120, f"{RULES} 4: the next command acts again", unless=_ended_before("again"))
 def it_goes_on_after_silence(seen: JointStreamSeen) -> Verdict:
     """The arm heard again, 90 % of its states are answered."""
     return _answered_if_ever(seen, "again")
 
 
-@requires(121, f"{RULES} 2: a restart of the controller is a new session")
+@requires(
+    121, f"{RULES} 2: a restart of the controller is a new session", unless=_ended_before("anew")
+)
 def a_restart_is_followed(seen: JointStreamSeen) -> Verdict:
     """After a restart of the arm 90 % of the states of its new session are answered."""
     if seen.phase("anew") is None or not _ever_answers(seen, "run"):
@@ -492,7 +507,9 @@ def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
     return passed(f"{len(chosen)} commands read twice")
 
 
-@requires(301, f"{RULES} 4: the arm goes on at the last speeds for 0.1 s")
+@requires(
+    301, f"{RULES} 4: the arm goes on at the last speeds for 0.1 s", unless=_ended_before("ended")
+)
 def it_leaves_at_rest(seen: JointStreamSeen) -> Verdict:
     """When the client's program ends, its last command is a hold, or one without speed."""
     phase, found = seen.phase("ended"), _said(seen)
@@ -502,5 +519,6 @@ def it_leaves_at_rest(seen: JointStreamSeen) -> Verdict:
     if phase.end_s - last.time_s < 3.0 * PERIOD_S:
         return not_seen("it still answers")
     said = f"{last.value.mode.name.lower()}, {_speed(last):.3g} rad/s"
-    good = last.value.mode is ControlMode.HOLD or _speed(last) <= STILL_RAD_S
-    return passed(said) if good else failed(said, [last.number])
+    return met(
+        last.value.mode is ControlMode.HOLD or _speed(last) <= STILL_RAD_S, said, [last.number]
+    )

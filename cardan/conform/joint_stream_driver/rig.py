@@ -33,7 +33,7 @@ JOINTS_AT = 7
 class JointStreamDriverRig(DriverRig):
     """Gives the driver's core what the pilot sends, and the pilot what it answers."""
 
-    def __init__(self, conduct: Conduct, faults: Mapping[str, float]) -> None:
+    def __init__(self, conduct: Conduct, faults: Mapping[str, float], seed: int = 0) -> None:
         super().__init__(conduct, faults, FAULTS)
         options = SimArmOptions(robot=ROBOT, period_s=PERIOD_S)
         self._session = SimArmSession(options)
@@ -179,7 +179,7 @@ class JointStreamDriverRig(DriverRig):
 
     def _by_hand(self, what: str) -> None:
         """The driver's program ends."""
-        if "leaves-moving" not in self._faults:
+        if "leaves-moving" not in self._faults and not self._ended:
             words = self._session.farewell(self._now_s)
             if words is not None:
                 self._say(words)

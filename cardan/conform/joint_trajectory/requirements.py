@@ -13,6 +13,7 @@ from cardan.conform.requirements import (
     Verdict,
     at_most,
     failed,
+    met,
     none_wrong,
     not_applicable,
     not_seen,
@@ -57,7 +58,7 @@ def a_goal_is_accepted(seen: TrajectorySeen) -> Verdict:
     if not found:
         return not_seen(_NOTHING)
     said = "it was accepted" if found[0].accepted else found[0].became
-    return passed(said) if found[0].accepted else failed(said, [found[0].number])
+    return met(found[0].accepted is True, said, [found[0].number])
 
 
 def _succeeded(goals: list[Goal]) -> Verdict:

@@ -127,8 +127,7 @@ class TrajectorySeen(RosArmSeen):
 
     def sent_in(self, phase: str) -> list[Goal]:
         """The goals of a phase."""
-        found = self.phase(phase)
-        return [g for g in self.goals if found and found.first <= g.number < found.end]
+        return self.within(self.goals, phase)
 
     def off(self, state: State, positions: dict[str, float]) -> dict[str, float]:
         """How far joints are from `positions`, of continuous ones by the short way."""

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from cardan.conform.conduct import Conduct
 from cardan.conform.joint_trajectory.faults import FAULTS
 from cardan.conform.joint_trajectory.names import ACTION, channels_of
 from cardan.conform.joint_trajectory.pilot import TrajectoryPilot
 from cardan.conform.joint_trajectory.requirements import requires
-from cardan.conform.joint_trajectory.rig import ActionRig
 from cardan.conform.joint_trajectory.seen import TrajectorySeen
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Timeline
 from cardan.conform.wires import Wires
 from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.names import RosNameError, checked_name
-from cardan.sim_peers.base import FaultSwitch
 
 
 class JointTrajectory(Suite[TrajectorySeen]):
@@ -34,19 +28,16 @@ class JointTrajectory(Suite[TrajectorySeen]):
     levels = Level.MOVE
     requirements = requires.all()
     transport = Transport("other")
+    sees = TrajectorySeen
+    rig = "cardan.conform.joint_trajectory.rig:ActionRig"
+    own_faults = FAULTS
     seconds = 0.5
 
     def __init__(self) -> None:
         self._joints: tuple[str, ...] = ()
 
-    def see(self, timeline: Timeline) -> TrajectorySeen:
-        return TrajectorySeen(timeline)
-
     def pilot(self, level: Level, seconds: float) -> TrajectoryPilot:
         return TrajectoryPilot(level, seconds, self._joints)
-
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
-        ActionRig(conduct, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         # Zenoh comes with the extra cardan[network].
@@ -58,6 +49,3 @@ class JointTrajectory(Suite[TrajectorySeen]):
             return RosWires(router, channels_of(checked_name(action or ACTION)))
         except RosNameError as error:
             raise ConfigurationError("--target", str(error)) from None
-
-    def switches(self) -> tuple[FaultSwitch, ...]:
-        return FAULTS

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from itertools import pairwise
 
 from cardan.conform.motoros.pilot import STEP_RAD, STEP_S, UNKNOWN_TYPE
 from cardan.conform.motoros.second import readings_differ
-from cardan.conform.motoros.seen import Exchange, MotorosSeen
+from cardan.conform.motoros.seen import Exchange, Heard, MotorosSeen
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
+    at_most,
     failed,
+    met,
     none_wrong,
     not_applicable,
     not_seen,
@@ -31,6 +34,7 @@ from cardan.protocols.simple_message import (
     NotReadySubcode as N,
     ReadIoReply,
     ReplyCode,
+    RobotStatus,
     ValidFields,
     VelocityInfo,
 )
@@ -64,7 +68,7 @@ def states_come_unasked(seen: MotorosSeen) -> Verdict:
     """The state port sends feedback and status to whoever connects."""
     count, states = len(seen.feedback("listen")), len(seen.statuses("listen"))
     said = f"{count} feedbacks, {states} statuses"
-    return passed(said) if count and states else failed(said)
+    return met(count > 0 and states > 0, said)
 
 
 @requires(2, f"{MESSAGES}: prefix, header, body")
@@ -83,7 +87,7 @@ def the_state_cycle_is_25_ms(seen: MotorosSeen) -> Verdict:
         return not_seen("fewer than 10 statuses")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
     said = f"{period_s * 1e3:.2f} ms"
-    return passed(said) if abs(period_s - PERIOD_S) < PERIOD_TOLERANCE_S else failed(said)
+    return met(abs(period_s - PERIOD_S) < PERIOD_TOLERANCE_S, said)
 
 
 @requires(4, f"{STATES}; a client stops its stream after three missed cycles")
@@ -97,9 +101,7 @@ def no_three_cycles_are_missed(seen: MotorosSeen) -> Verdict:
     gaps.append((last_phase.end_s - found[-1][0].time_s, found[-1][0].number))
     longest, index = max(gaps)
     said = f"longest {longest * 1e3:.0f} ms"
-    if longest > MISSED_S:
-        return failed(said, [index], longest * 1e3, "ms")
-    return passed(said, longest * 1e3, "ms")
+    return at_most(MISSED_S * 1e3, longest * 1e3, "ms", said, [index])
 
 
 @requires(5, f"{STATES}: JOINT_FEEDBACK of each group, then ROBOT_STATUS")
@@ -158,18 +160,20 @@ def feedback_has_speeds(seen: MotorosSeen) -> Verdict:
     return passed(f"{len(found)} feedbacks") if found else not_seen("no feedback came")
 
 
-@requires(9, f"{MESSAGES}, ROBOT_STATUS: MotoROS sends no unknowns")
-def statuses_are_plausible(seen: MotorosSeen) -> Verdict:
+@requires.each(
+    9,
+    f"{MESSAGES}, ROBOT_STATUS: MotoROS sends no unknowns",
+    MotorosSeen.statuses,
+    "{} statuses",
+    nothing="no status came",
+)
+def statuses_are_plausible(each: tuple[Heard, RobotStatus]) -> str:
     """Switches of a status are 0 or 1, and the mode is 1 (teach) or 2 (play)."""
-    wrong = []
-    found = seen.statuses()
-    for each, s in found:
-        switches = (s.drives_powered, s.e_stopped, s.in_error, s.motion_possible)
-        if not set(switches) <= {0, 1} or s.in_motion not in (-1, 0, 1):
-            wrong.append((each.number, f"switches {switches}"))
-        elif s.mode not in (ControllerMode.MANUAL, ControllerMode.AUTO):
-            wrong.append((each.number, f"mode {s.mode}"))
-    return none_wrong(wrong, len(found), f"{len(found)} statuses", "no status came")
+    s = each[1]
+    switches = (s.drives_powered, s.e_stopped, s.in_error, s.motion_possible)
+    if not set(switches) <= {0, 1} or s.in_motion not in (-1, 0, 1):
+        return f"switches {switches}"
+    return "" if s.mode in (ControllerMode.MANUAL, ControllerMode.AUTO) else f"mode {s.mode}"
 
 
 @requires(10, f"{STATES}: each message in one send()")
@@ -203,6 +207,14 @@ def _control(seen: MotorosSeen, command: C, phase: str = "") -> list[Exchange]:
         if each.request is not None
         and isinstance(each.request.body, MotionCtrl)
         and each.request.body.command == command
+    ]
+
+
+def _points(seen: MotorosSeen, phase: str) -> list[Exchange]:
+    return [
+        each
+        for each in seen.exchanges(phase)
+        if each.request is not None and isinstance(each.request.body, JointTrajPtFull)
     ]
 
 
@@ -240,9 +252,7 @@ def answers_are_quick(seen: MotorosSeen) -> Verdict:
         return not_seen("nothing was answered")
     late_s, index = times[int(0.9 * (len(times) - 1))]
     said = f"nine of ten within {late_s * 1e3:.1f} ms"
-    if late_s > REPLY_WITHIN_S:
-        return failed(said, [index], late_s * 1e3, "ms")
-    return passed(said, late_s * 1e3, "ms")
+    return at_most(REPLY_WITHIN_S * 1e3, late_s * 1e3, "ms", said, [index])
 
 
 @requires(103, f"{SERVER}: group, sequence and command are echoed")
@@ -295,8 +305,7 @@ def _refused(seen: MotorosSeen, msg_type: int, subcode: int) -> Verdict:
         return not_seen("it was not answered by a motion reply")
     reply = found[0].motion
     said = f"result {reply.result}, subcode {reply.subcode}, command {reply.command}"
-    good = (reply.result, reply.subcode) == (R.INVALID, subcode)
-    return passed(said) if good else failed(said, [found[0].number])
+    return met((reply.result, reply.subcode) == (R.INVALID, subcode), said, [found[0].number])
 
 
 def _endian(seen: MotorosSeen) -> str:
@@ -318,17 +327,12 @@ def short_messages_are_refused(seen: MotorosSeen) -> Verdict:
 @requires(108, f"{SERVER}: NOT_READY before GROUPNO")
 def points_are_refused_before_the_start(seen: MotorosSeen) -> Verdict:
     """A point before START_TRAJ_MODE, of a group that is not there, is refused and does nothing."""
-    found = [
-        each
-        for each in seen.exchanges("ask")
-        if each.request is not None and isinstance(each.request.body, JointTrajPtFull)
-    ]
+    found = _points(seen, "ask")
     if not found or found[0].motion is None:
         return not_seen("it was not answered by a motion reply")
     reply = found[0].motion
     said = f"result {reply.result}, subcode {reply.subcode}"
-    good = reply.result in (R.NOT_READY, R.INVALID)
-    return passed(said) if good else failed(said, [found[0].number])
+    return met(reply.result in (R.NOT_READY, R.INVALID), said, [found[0].number])
 
 
 @requires(109, f"{CONTROLLER}: the first NOT_READY reason that applies")
@@ -358,7 +362,7 @@ def inputs_and_outputs_are_read(seen: MotorosSeen) -> Verdict:
     good, bad = replies[:2]
     said = f"results {good.result} and {bad.result}"
     right = (good.result, bad.result) == (IoResult.OK, IoResult.READ_ADDRESS_INVALID)
-    return passed(said) if right and good.value in (0, 1) else failed(said, [found[-1].number])
+    return met(right and good.value in (0, 1), said, [found[-1].number])
 
 
 @requires(111, "RFC 9293: TCP keeps no borders of messages; MotionServer.c loses torn ones")
@@ -372,7 +376,7 @@ def torn_messages_are_understood(seen: MotorosSeen) -> Verdict:
         return failed("no answer", [found[-1].number])
     msg_type = replies[0].message.msg_type
     said = f"answered with type {msg_type}"
-    return passed(said) if msg_type == T.PING else failed(said, [replies[0].number])
+    return met(msg_type == T.PING, said, [replies[0].number])
 
 
 @requires(112, f"{CONTROLLER}, START_TRAJ_MODE")
@@ -392,26 +396,30 @@ def trajectory_mode_starts(seen: MotorosSeen) -> Verdict:
     return passed(f"after {took_s:.2f} s", took_s, "s")
 
 
-@requires(113, f"{STATES}, ROBOT_STATUS; {CONTROLLER}: what ends motion")
-def holding_is_undisturbed(seen: MotorosSeen) -> Verdict:
+def _held(seen: MotorosSeen) -> Verdict | None:
+    possible = any(s.motion_possible for _, s in seen.statuses("hold"))
+    return None if possible else not_seen("motion was never possible")
+
+
+@requires.each(
+    113,
+    f"{STATES}, ROBOT_STATUS; {CONTROLLER}: what ends motion",
+    lambda seen: seen.statuses("hold"),
+    "{} statuses",
+    unless=_held,
+)
+def holding_is_undisturbed(each: tuple[Heard, RobotStatus]) -> str:
     """Held in trajectory mode, the drives have power, play is on, no stop or alarm, motion is
     possible."""
-    found = seen.statuses("hold")
-    if not found or not any(s.motion_possible for _, s in found):
-        return not_seen("motion was never possible")
-    wrong = []
-    for each, s in found:
-        for bad, words in (
-            (s.e_stopped, "emergency stop"),
-            (s.in_error, f"alarm {s.error_code}"),
-            (s.mode != ControllerMode.AUTO, "not in play"),
-            (not s.drives_powered, "drives without power"),
-            (not s.motion_possible, "motion is not possible"),
-        ):
-            if bad:
-                wrong.append((each.number, words))
-                break
-    return none_wrong(wrong, len(found), f"{len(found)} statuses", "")
+    s = each[1]
+    causes = (
+        (s.e_stopped, "emergency stop"),
+        (s.in_error, f"alarm {s.error_code}"),
+        (s.mode != ControllerMode.AUTO, "not in play"),
+        (not s.drives_powered, "drives without power"),
+        (not s.motion_possible, "motion is not possible"),
+    )
+    return next((words for bad, words in causes if bad), "")
 
 
 @requires(114, f"{SERVER}: one client is served until it leaves")
@@ -425,11 +433,7 @@ def connections_last(seen: MotorosSeen) -> Verdict:
 @requires(115, f"{GROUP}: 30 pulses around the command")
 def the_first_point_is_taken(seen: MotorosSeen) -> Verdict:
     """Point 0 at the measured position is taken, and nothing moves."""
-    found = [
-        each
-        for each in seen.exchanges("hold")
-        if each.request is not None and isinstance(each.request.body, JointTrajPtFull)
-    ]
+    found = _points(seen, "hold")
     reply = found[0].motion if found else None
     if reply is None or reply.command != T.JOINT_TRAJ_PT_FULL:
         return not_seen("no point was answered")
@@ -438,7 +442,7 @@ def the_first_point_is_taken(seen: MotorosSeen) -> Verdict:
     feedback = [body.pos for _, body in seen.feedback("hold")]
     far = max((abs(a - b) for pos in feedback for a, b in zip(pos, feedback[0], strict=True)))
     said = f"{math.degrees(far):.4f} degrees at most"
-    return passed(said) if far < STILL_RAD else failed(said, [found[0].number])
+    return met(far < STILL_RAD, said, [found[0].number])
 
 
 @requires(116, f"{GROUP}: the number of increments")
@@ -485,67 +489,56 @@ def the_velocity_mode_says_what_it_is(seen: MotorosSeen) -> Verdict:
         good = good and all(info.v_max[n] > 0.0 and info.a_max[n] > 0.0 for n in axes)
         good = good and all(info.pos_min[n] < info.pos_max[n] for n in axes)
         said = f"version {info.version}, {info.ipc_us} us, {info.axes} axes"
-        return passed(said) if good else failed(said)
+        return met(good, said)
     return _refused(seen, T.MOTO_VELOCITY_INFO, InvalidSubcode.MSGTYPE)
 
 
-def _in_velocity_mode(seen: MotorosSeen, phase: str) -> Verdict | None:
-    """Why nothing can be judged of it; None: it can."""
-    if seen.phase(phase) is None:
-        return not_seen("it was not tried")
-    if _info(seen) is None:
-        return not_applicable(_NO_VELOCITY)
-    found = _control(seen, C.START_VEL_MODE, phase)
-    reply = found[0].motion if found else None
-    if reply is None or reply.result != R.SUCCESS:
-        return not_seen("START_VEL_MODE did not succeed")
-    return None
+def _in_velocity_mode(phase: str) -> Callable[[MotorosSeen], Verdict | None]:
+    """Why nothing can be judged of velocities in a phase; None: it can."""
+
+    def why(seen: MotorosSeen) -> Verdict | None:
+        if seen.phase(phase) is None:
+            return not_seen("it was not tried")
+        if _info(seen) is None:
+            return not_applicable(_NO_VELOCITY)
+        found = _control(seen, C.START_VEL_MODE, phase)
+        reply = found[0].motion if found else None
+        if reply is None or reply.result != R.SUCCESS:
+            return not_seen("START_VEL_MODE did not succeed")
+        return None
+
+    return why
 
 
-@requires(122, f"{VELOCITY}, the watchdog")
+def _answered(asked: Exchange | None, *wanted: tuple[int, int]) -> Verdict:
+    """Whether a request was answered by one of these results and subcodes."""
+    reply = None if asked is None else asked.motion
+    if asked is None or reply is None:
+        return not_seen("it was not answered")
+    said = f"result {reply.result}, subcode {reply.subcode}"
+    return met((reply.result, reply.subcode) in wanted, said, [asked.number])
+
+
+@requires(122, f"{VELOCITY}, the watchdog", unless=_in_velocity_mode("velocity"))
 def the_watchdog_latches(seen: MotorosSeen) -> Verdict:
     """After a silence longer than the watchdog waits a velocity is answered NOT_READY with 5041."""
-    if (why := _in_velocity_mode(seen, "velocity")) is not None:
-        return why
     found = _velocities(seen, "velocity")
-    reply = found[1].motion if len(found) > 1 else None
-    if reply is None:
-        return not_seen("it was not answered")
-    said = f"result {reply.result}, subcode {reply.subcode}"
-    good = (reply.result, reply.subcode) == (R.NOT_READY, N.VEL_WATCHDOG)
-    return passed(said) if good else failed(said, [found[1].number])
+    return _answered(found[1] if len(found) > 1 else None, (R.NOT_READY, N.VEL_WATCHDOG))
 
 
-@requires(123, f"{VELOCITY}, starting and stopping")
+@requires(123, f"{VELOCITY}, starting and stopping", unless=_in_velocity_mode("velocity"))
 def modes_exclude_each_other(seen: MotorosSeen) -> Verdict:
     """In velocity mode a point is answered NOT_READY with 5042."""
-    if (why := _in_velocity_mode(seen, "velocity")) is not None:
-        return why
-    found = [
-        each
-        for each in seen.exchanges("velocity")
-        if each.request is not None and isinstance(each.request.body, JointTrajPtFull)
-    ]
-    reply = found[0].motion if found else None
-    if reply is None:
-        return not_seen("it was not answered")
-    said = f"result {reply.result}, subcode {reply.subcode}"
-    good = (reply.result, reply.subcode) == (R.NOT_READY, N.OTHER_MODE_ACTIVE)
-    return passed(said) if good else failed(said, [found[0].number])
+    found = _points(seen, "velocity")
+    return _answered(found[0] if found else None, (R.NOT_READY, N.OTHER_MODE_ACTIVE))
 
 
-@requires(124, f"{VELOCITY}, sequence")
+@requires(124, f"{VELOCITY}, sequence", unless=_in_velocity_mode("velocity"))
 def old_velocities_are_refused(seen: MotorosSeen) -> Verdict:
     """A sequence that is not newer than the last is answered INVALID with 3040."""
-    if (why := _in_velocity_mode(seen, "velocity")) is not None:
-        return why
     found = _velocities(seen, "velocity")
-    reply = found[-1].motion if len(found) >= 5 else None
-    if reply is None:
-        return not_seen("it was not answered")
-    said = f"result {reply.result}, subcode {reply.subcode}"
-    good = (reply.result, reply.subcode) == (R.INVALID, InvalidSubcode.VEL_SEQUENCE)
-    return passed(said) if good else failed(said, [found[-1].number])
+    asked = found[-1] if len(found) >= 5 else None
+    return _answered(asked, (R.INVALID, InvalidSubcode.VEL_SEQUENCE))
 
 
 # -- level 2: micro-motion ------------------------------------------------------------------------
@@ -574,7 +567,7 @@ def a_point_is_taken(seen: MotorosSeen) -> Verdict:
     if reply is None:
         return not_seen("it was not answered")
     said = f"result {reply.result}, subcode {reply.subcode}"
-    return passed(said) if reply.result == R.SUCCESS else failed(said, [found.number])
+    return met(reply.result == R.SUCCESS, said, [found.number])
 
 
 @requires(202, f"{GROUP}: one increment in each interpolation period")
@@ -598,9 +591,7 @@ def a_trajectory_takes_its_time(seen: MotorosSeen) -> Verdict:
         return failed("it never was", [point.number])
     took_s = empty[0] - point.time_s
     said = f"after {took_s:.3f} s"
-    if took_s > STEP_S + PLAYED_LATE_S:
-        return failed(said, [point.number], took_s, "s")
-    return passed(said, took_s, "s")
+    return at_most(STEP_S + PLAYED_LATE_S, took_s, "s", said, [point.number])
 
 
 def _turned(seen: MotorosSeen, phase: str) -> float | None:
@@ -620,9 +611,7 @@ def a_point_is_reached(seen: MotorosSeen) -> Verdict:
     if taken is None or taken.motion is None or far is None:
         return not_seen("no point was taken")
     said = f"{math.degrees(far):.3f} degrees"
-    return (
-        passed(said) if abs(far / STEP_RAD - 1.0) < REACHED_SHARE else failed(said, [taken.number])
-    )
+    return met(abs(far / STEP_RAD - 1.0) < REACHED_SHARE, said, [taken.number])
 
 
 @requires(204, f"{CONTROLLER}: motion stays possible after motion")
@@ -659,31 +648,24 @@ def it_comes_back(seen: MotorosSeen) -> Verdict:
     if taken is None or taken.motion is None or far is None:
         return not_seen("no second point was taken")
     said = f"{math.degrees(far):.3f} degrees"
-    return (
-        passed(said) if abs(far / STEP_RAD - 1.0) < REACHED_SHARE else failed(said, [taken.number])
-    )
+    return met(abs(far / STEP_RAD - 1.0) < REACHED_SHARE, said, [taken.number])
 
 
-@requires(211, f"{VELOCITY}, law of one interpolation period")
+@requires(211, f"{VELOCITY}, law of one interpolation period", unless=_in_velocity_mode("stream"))
 def velocities_move_it(seen: MotorosSeen) -> Verdict:
     """0.1 s of velocities turn the axis, and by no more than 0.2 degrees."""
-    if (why := _in_velocity_mode(seen, "stream")) is not None:
-        return why
     before = [body.pos for _, body in seen.feedback("stream")]
     after = [body.pos for _, body in seen.feedback("deserted")]
     if not before or not after:
         return not_seen("no feedback came")
     far = max(abs(b - a) for a, b in zip(before[0], after[-1], strict=True))
     said = f"{math.degrees(far):.3f} degrees"
-    good = 0.2 * STEP_RAD < far < 1.2 * STEP_RAD
-    return passed(said) if good else failed(said)
+    return met(0.2 * STEP_RAD < far < 1.2 * STEP_RAD, said)
 
 
-@requires(212, f"{VELOCITY}, the watchdog")
+@requires(212, f"{VELOCITY}, the watchdog", unless=_in_velocity_mode("stream"))
 def silence_stops_it(seen: MotorosSeen) -> Verdict:
     """Without further velocities the axis stands within 0.3 s, and the watchdog is latched."""
-    if (why := _in_velocity_mode(seen, "stream")) is not None:
-        return why
     phase, found = seen.phase("deserted"), seen.feedback("deserted")
     asked = _velocities(seen, "deserted")
     if phase is None or not found or not asked:
@@ -695,7 +677,7 @@ def silence_stops_it(seen: MotorosSeen) -> Verdict:
     reply = asked[0].motion
     latched = reply is not None and reply.subcode == N.VEL_WATCHDOG
     said = f"{math.degrees(far):.4f} degrees more, {'' if latched else 'not '}latched"
-    return passed(said) if far < STEP_RAD / 50 and latched else failed(said, [asked[0].number])
+    return met(far < STEP_RAD / 50 and latched, said, [asked[0].number])
 
 
 # -- level 3: by hand -----------------------------------------------------------------------------
@@ -716,12 +698,8 @@ def an_emergency_stop_is_the_reason(seen: MotorosSeen) -> Verdict:
     """CHECK_MOTION_READY then is FALSE with 5003, or with an alarm or an error, which come before
     it."""
     found = _control(seen, C.CHECK_MOTION_READY, "estop")
-    reply = found[0].motion if found else None
-    if reply is None:
-        return not_seen("it was not answered")
-    said = f"result {reply.result}, subcode {reply.subcode}"
-    good = reply.result == R.FAILURE and reply.subcode in (N.ALARM, N.ERROR, N.ESTOP)
-    return passed(said) if good else failed(said, [found[0].number])
+    reasons = ((R.FAILURE, each) for each in (N.ALARM, N.ERROR, N.ESTOP))
+    return _answered(found[0] if found else None, *reasons)
 
 
 @requires(303, f"{CONTROLLER}: START_TRAJ_MODE is needed again")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.timeline import Event, Kind, Phase, Timeline
+from cardan.conform.timeline import Event, Kind, Seen, Timeline
 from cardan.protocols.simple_message import (
     ByteOrder,
     FrameReader,
@@ -55,11 +55,11 @@ class Exchange(NamedTuple):
         return body if isinstance(body, MotionReply) else None
 
 
-class MotorosSeen:
+class MotorosSeen(Seen):
     """The messages of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:
-        self.phases = timeline.phases()
+        super().__init__(timeline)
         self.heard: list[Heard] = []
         self.unread: list[Unread] = []
         self.asked: list[Exchange] = []
@@ -126,34 +126,22 @@ class MotorosSeen:
         known = None if isinstance(request, Malformed) else request
         self.asked.append(Exchange(number, sent.time_s, sent.channel, known, sent.data, reply))
 
-    def phase(self, name: str) -> Phase | None:
-        """The phase of that name, if the pilot came to it."""
-        return self.phases.get(name)
-
-    def inside(self, name: str, index: int) -> bool:
-        """Whether an event is one of a phase."""
-        phase = self.phases.get(name)
-        return phase is not None and phase.first <= index < phase.end
-
     def exchanges(self, phase: str) -> list[Exchange]:
         """What was asked in a phase."""
-        return [each for each in self.asked if self.inside(phase, each.number)]
+        return self.within(self.asked, phase)
 
     def statuses(self, phase: str = "") -> list[tuple[Heard, RobotStatus]]:
         """Those of a phase; empty: all."""
         return [
             (each, each.message.body)
-            for each in self.heard
+            for each in (self.within(self.heard, phase) if phase else self.heard)
             if isinstance(each.message.body, RobotStatus)
-            and (not phase or self.inside(phase, each.number))
         ]
 
     def feedback(self, phase: str = "", group: int = 0) -> list[tuple[Heard, JointFeedback]]:
         """That of a group in a phase; empty: all."""
         return [
             (each, each.message.body)
-            for each in self.heard
-            if isinstance(each.message.body, JointFeedback)
-            and each.message.body.group == group
-            and (not phase or self.inside(phase, each.number))
+            for each in (self.within(self.heard, phase) if phase else self.heard)
+            if isinstance(each.message.body, JointFeedback) and each.message.body.group == group
         ]

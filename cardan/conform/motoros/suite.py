@@ -5,15 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
 from cardan.conform.motoros.pilot import MotorosPilot
 from cardan.conform.motoros.requirements import requires
-from cardan.conform.motoros.rig import MotorosRig
 from cardan.conform.motoros.seen import MotorosSeen
-from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Timeline
-from cardan.conform.wires import TcpPorts, Wires, host_and_port
 from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
 
 
@@ -27,6 +22,9 @@ class Motoros(Suite[MotorosSeen]):
     peer = "motoman-gp8"
     requirements = requires.all()
     transport = Transport("tcp", {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT})
+    sees = MotorosSeen
+    asks = MotorosPilot
+    rig = "cardan.conform.motoros.rig:MotorosRig"
     seconds = 3.2
     # The functional safety unit's limit must lie below the speed of a micro-motion.
     tried_with: ClassVar[Mapping[str, float]] = {"fsu": 0.001}
@@ -34,17 +32,3 @@ class Motoros(Suite[MotorosSeen]):
         "merge": "TCP keeps no borders of writes: a reader cannot tell one write of two messages "
         "from two writes that it read at once",
     }
-
-    def see(self, timeline: Timeline) -> MotorosSeen:
-        return MotorosSeen(timeline)
-
-    def pilot(self, level: Level, seconds: float) -> MotorosPilot:
-        return MotorosPilot(level, seconds)
-
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
-        MotorosRig(conduct, faults, seed).run()
-
-    def wires(self, target: str) -> Wires:
-        host, port = host_and_port(target, "--target", MOTION_PORT)
-        ports = {"motion": port, "state": port + 1, "io": port + 2}
-        return TcpPorts(host, ports)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
@@ -11,11 +12,12 @@ from cardan.conform.motoros_driver.pilot import (
     ROBOT,
     STOPS,
 )
-from cardan.conform.motoros_driver.seen import DriverSeen, Link, Said
+from cardan.conform.motoros_driver.seen import DriverSeen, Link, Neighbours, Said
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
     failed,
+    none_wrong,
     not_applicable,
     not_seen,
     passed,
@@ -25,14 +27,17 @@ from cardan.errors import ExtraMissingError
 from cardan.protocols.simple_message import (
     CommType,
     InvalidSubcode,
+    JointFeedback,
     Joints,
     JointTrajPtFull,
+    JointVelocity,
     MessageType as T,
     MotionCommand as C,
     MotionCtrl,
     MotionResult as R,
     NotReadySubcode as N,
     ReplyCode,
+    RobotStatus,
     ValidFields,
     VelocityInfo,
 )
@@ -89,16 +94,27 @@ VELOCITY_COMMANDS = frozenset((C.START_VEL_MODE, C.STOP_VEL_MODE))
 LEAVES = frozenset((C.STOP_TRAJ_MODE, C.STOP_VEL_MODE, C.STOP_SERVOS, C.DISCONNECT))
 
 requires: Requirements[DriverSeen] = Requirements("MOTOPC")
-_NOTHING = "nothing came"
 _NO_POINTS = "no points were sent"
 _NO_SPEEDS = "no speeds were sent"
 
 
-def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
-    wrong = list(found)
-    if wrong:
-        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
-    return passed(good) if of else not_seen(nothing)
+def _said(seen: DriverSeen) -> list[Said]:
+    return seen.said
+
+
+def _points(seen: DriverSeen) -> list[tuple[Said, JointTrajPtFull]]:
+    return seen.points
+
+
+def _speeds(seen: DriverSeen) -> list[tuple[Said, JointVelocity]]:
+    return seen.velocities
+
+
+def _in_stock(seen: DriverSeen) -> Iterator[tuple[Said, str]]:
+    """What it said, and the name of the phase in which its controller came; empty before any."""
+    stock = seen.named("connect")
+    for each in seen.said:
+        yield each, next((p.name for p in reversed(stock) if p.first <= each.number), "")
 
 
 # -- the wire --------------------------------------------------------------------------------------
@@ -116,7 +132,7 @@ def it_connects(seen: DriverSeen) -> Verdict:
 def bytes_are_messages(seen: DriverSeen) -> Verdict:
     """All that it sends is whole messages: right prefixes, each of the length of its type."""
     count = len(seen.said) + len(seen.malformed)
-    return _bad(seen.malformed, count, f"{len(seen.said)} messages")
+    return none_wrong(seen.malformed, count, f"{len(seen.said)} messages")
 
 
 @requires(103, f"{SERVER}: the bytes of one recv are taken for one message")
@@ -124,33 +140,33 @@ def a_message_is_one_piece(seen: DriverSeen) -> Verdict:
     """Each message comes by itself and in one piece; speeds sent as topics may come together."""
     count = len(seen.said)
     few = len(seen.pieces) <= PIECES_SHARE * count
-    return _bad([] if few else seen.pieces, count, f"{count} messages")
+    return none_wrong([] if few else seen.pieces, count, f"{count} messages")
 
 
-@requires(104, f"{SERVER}: a second message in the buffer can be lost; {MANUAL}")
-def one_request_at_a_time(seen: DriverSeen) -> Verdict:
+@requires.each(
+    104, f"{SERVER}: a second message in the buffer can be lost; {MANUAL}", _said, "{} requests"
+)
+def one_request_at_a_time(said: Said) -> str | None:
     """No request is sent before the one before is answered; speeds sent as topics are none."""
-    found = [each for each in seen.said if not each.is_topic]
-    wrong = ((each.number, f"{each.owed} were open") for each in found if each.owed)
-    return _bad(wrong, len(found), f"{len(found)} requests")
+    if said.is_topic:
+        return None
+    return f"{said.owed} were open" if said.owed else ""
 
 
 @requires(105, f"{MANUAL}: the byte order is that of the controller's CPU")
 def the_byte_order_is_the_controllers(seen: DriverSeen) -> Verdict:
     """What it sends has the byte order that the states have, of an FS100 too."""
-    return _bad(seen.disordered, len(seen.said), f"{len(seen.said)} messages")
+    return none_wrong(seen.disordered, len(seen.said), f"{len(seen.said)} messages")
 
 
-@requires(106, f"{MESSAGES}, comm_type and reply_code: 2 and 0 of a request")
-def requests_are_requests(seen: DriverSeen) -> Verdict:
+@requires.each(
+    106, f"{MESSAGES}, comm_type and reply_code: 2 and 0 of a request", _said, "{} messages"
+)
+def requests_are_requests(said: Said) -> str:
     """Everything is a service request with reply code 0; speeds may be topics."""
-    wrong = []
-    for each in seen.said:
-        message = each.message
-        head = (message.comm_type, message.reply_code)
-        if head != (CommType.SERVICE_REQUEST, ReplyCode.INVALID) and not each.is_topic:
-            wrong.append((each.number, f"comm_type {head[0]}, reply_code {head[1]}"))
-    return _bad(wrong, len(seen.said), f"{len(seen.said)} messages")
+    head = said.message.comm_type, said.message.reply_code
+    good = said.is_topic or head == (CommType.SERVICE_REQUEST, ReplyCode.INVALID)
+    return "" if good else f"comm_type {head[0]}, reply_code {head[1]}"
 
 
 @requires(107, f"{STATES}: nothing is ever read there")
@@ -162,23 +178,20 @@ def the_state_port_is_left_alone(seen: DriverSeen) -> Verdict:
     return failed(f"{count} pieces", seen.strays) if count else passed("nothing came")
 
 
-@requires(108, f"{SERVER}: an unknown command is answered with the reply before")
-def commands_are_known(seen: DriverSeen) -> Verdict:
+@requires.each(
+    108, f"{SERVER}: an unknown command is answered with the reply before", _in_stock, "{} messages"
+)
+def commands_are_known(each: tuple[Said, str]) -> str:
     """Types and commands are such as MotoROS has; the velocity mode's are used where it is."""
-    wrong = []
-    stock = seen.named("connect")
-    for each in seen.said:
-        kind, command = each.message.msg_type, each.command
-        known = kind in KNOWN_TYPES | VELOCITY_TYPES
-        if not known:
-            wrong.append((each.number, f"type {kind}"))
-        elif isinstance(each.message.body, MotionCtrl) and command not in set(C):
-            wrong.append((each.number, f"command {command}"))
-        elif kind in VELOCITY_TYPES or command in VELOCITY_COMMANDS:
-            of = [phase for phase in stock if phase.first <= each.number]
-            if of and not of[-1].name.startswith("velocity"):
-                wrong.append((each.number, "there is no velocity mode"))
-    return _bad(wrong, len(seen.said), f"{len(seen.said)} messages")
+    said, controller = each
+    kind, command = said.message.msg_type, said.command
+    if kind not in KNOWN_TYPES | VELOCITY_TYPES:
+        return f"type {kind}"
+    if isinstance(said.message.body, MotionCtrl) and command not in set(C):
+        return f"command {command}"
+    of_velocity = kind in VELOCITY_TYPES or command in VELOCITY_COMMANDS
+    stock = controller and not controller.startswith("velocity")
+    return "there is no velocity mode" if of_velocity and stock else ""
 
 
 @requires(109, f"{SERVER}: what a connection before left in the queue goes on with the next one")
@@ -195,7 +208,7 @@ def stop_motion_comes_first(seen: DriverSeen) -> Verdict:
                 if not stopped:
                     wrong.append((each.number, "motion begins without one"))
                 break
-    return _bad(wrong, count, f"{count} connections", "motion was never started")
+    return none_wrong(wrong, count, f"{count} connections", "motion was never started")
 
 
 def _started(messages: list[Said]) -> Iterator[tuple[Said, str]]:
@@ -231,7 +244,7 @@ def motion_is_started_first(seen: DriverSeen) -> Verdict:
             # A topic may have been on its way while the answer was.
             if mode != wanted and not (each.is_topic and _answered_lately(each, messages)):
                 wrong.append((each.number, f"{wanted} in mode {mode or 'none'}"))
-    return _bad(wrong, count, f"{count} points and speeds", "motion was never started")
+    return none_wrong(wrong, count, f"{count} points and speeds", "motion was never started")
 
 
 def _answered_lately(said: Said, messages: list[Said]) -> bool:
@@ -255,55 +268,63 @@ def a_refused_start_is_taken_for_one(seen: DriverSeen) -> Verdict:
 # -- trajectories ----------------------------------------------------------------------------------
 
 
-@requires(120, f"{SERVER}: else DATA_INSUFFICIENT")
-def points_are_complete(seen: DriverSeen) -> Verdict:
+@requires.each(120, f"{SERVER}: else DATA_INSUFFICIENT", _points, "{} points", nothing=_NO_POINTS)
+def points_are_complete(each: tuple[Said, JointTrajPtFull]) -> str:
     """Every point has a time, positions and velocities, and says so; all are finite."""
-    wrong = []
-    for said, point in seen.points:
-        if point.valid_fields & POINT_FIELDS != POINT_FIELDS:
-            wrong.append((said.number, f"valid_fields {point.valid_fields}"))
-        elif not all(map(math.isfinite, (point.time, *point.pos, *point.vel))):
-            wrong.append((said.number, "a number that is not finite"))
-    return _bad(wrong, len(seen.points), f"{len(seen.points)} points", _NO_POINTS)
+    point = each[1]
+    if point.valid_fields & POINT_FIELDS != POINT_FIELDS:
+        return f"valid_fields {point.valid_fields}"
+    finite = all(map(math.isfinite, (point.time, *point.pos, *point.vel)))
+    return "" if finite else "a number that is not finite"
 
 
-@requires(121, f"{SERVER}: within 30 pulses of the commanded position, else DATA_START_POS")
-def a_trajectory_begins_where_the_arm_is(seen: DriverSeen) -> Verdict:
+@requires.each(
+    121,
+    f"{SERVER}: within 30 pulses of the commanded position, else DATA_START_POS",
+    lambda seen: [(*each, seen.feedback_before(each[0].number)) for each in seen.points],
+    "{} trajectories",
+    nothing=_NO_POINTS,
+)
+def a_trajectory_begins_where_the_arm_is(
+    each: tuple[Said, JointTrajPtFull, JointFeedback | None],
+) -> str | None:
     """The first point (sequence 0) is the measured position, to 0.001 rad, with no speed."""
-    wrong, count = [], 0
-    for said, point in seen.points:
-        measured = seen.feedback_before(said.number)
-        if point.sequence or measured is None:
-            continue
-        count += 1
-        far = max(abs(a - b) for a, b in zip(point.pos, measured.pos, strict=True))
-        if far > NEAR_RAD:
-            wrong.append((said.number, f"{far:.4f} rad away"))
-        elif max(map(abs, point.vel)) > STILL_RAD_S:
-            wrong.append((said.number, f"at {max(map(abs, point.vel)):.3g} rad/s"))
-    return _bad(wrong, count, f"{count} trajectories", _NO_POINTS)
+    _, point, measured = each
+    if point.sequence or measured is None:
+        return None
+    far = max(abs(a - b) for a, b in zip(point.pos, measured.pos, strict=True))
+    if far > NEAR_RAD:
+        return f"{far:.4f} rad away"
+    speed = max(map(abs, point.vel))
+    return f"at {speed:.3g} rad/s" if speed > STILL_RAD_S else ""
 
 
-@requires(122, f"{CLIENT}: the index of the point; {SERVER}: 0 begins, below 0 is refused")
-def points_count_up(seen: DriverSeen) -> Verdict:
+@requires.each(
+    122,
+    f"{CLIENT}: the index of the point; {SERVER}: 0 begins, below 0 is refused",
+    DriverSeen.neighbours,
+    "{} points",
+    nothing=_NO_POINTS,
+)
+def points_count_up(each: Neighbours) -> str:
     """The sequence goes up by one from point to point of a trajectory."""
-    wrong, count = [], 0
-    for _, one, said, point in seen.neighbours():
-        count += 1
-        if point.sequence != one.sequence + 1:
-            wrong.append((said.number, f"{point.sequence} after {one.sequence}"))
-    return _bad(wrong, count, f"{count} points", _NO_POINTS)
+    _, one, _, point = each
+    up = point.sequence == one.sequence + 1
+    return "" if up else f"{point.sequence} after {one.sequence}"
 
 
-@requires(123, f"{SERVER}: of a point that is not later nothing is queued, and it is SUCCESS")
-def time_goes_on(seen: DriverSeen) -> Verdict:
+@requires.each(
+    123,
+    f"{SERVER}: of a point that is not later nothing is queued, and it is SUCCESS",
+    DriverSeen.neighbours,
+    "{} points",
+    nothing=_NO_POINTS,
+)
+def time_goes_on(each: Neighbours) -> str:
     """From point to point of a trajectory the time rises by a whole millisecond at least."""
-    wrong, count = [], 0
-    for _, one, said, point in seen.neighbours():
-        count += 1
-        if int(point.time * 1e3) <= int(one.time * 1e3):
-            wrong.append((said.number, f"{point.time:.4f} s after {one.time:.4f}"))
-    return _bad(wrong, count, f"{count} points", _NO_POINTS)
+    _, one, _, point = each
+    later = int(point.time * 1e3) > int(one.time * 1e3)
+    return "" if later else f"{point.time:.4f} s after {one.time:.4f}"
 
 
 def _outside(positions: Joints) -> str:
@@ -322,16 +343,16 @@ def _too_fast(speeds: Iterable[float], share: float = 1.0) -> str:
     return ""
 
 
-@requires(124, f"{SERVER}: DATA_SPEED of a speed; positions are not checked there")
-def points_are_within_the_arm(seen: DriverSeen) -> Verdict:
+@requires.each(
+    124,
+    f"{SERVER}: DATA_SPEED of a speed; positions are not checked there",
+    _points,
+    "{} points",
+    nothing=_NO_POINTS,
+)
+def points_are_within_the_arm(each: tuple[Said, JointTrajPtFull]) -> str:
     """Positions are within the joints' ranges, and speeds within what the joints can do."""
-    wrong = [
-        (said.number, why)
-        for said, point in seen.points
-        for why in [_outside(point.pos) or _too_fast(point.vel)]
-        if why
-    ]
-    return _bad(wrong, len(seen.points), f"{len(seen.points)} points", _NO_POINTS)
+    return _outside(each[1].pos) or _too_fast(each[1].vel)
 
 
 def _steepest(one: JointTrajPtFull, other: JointTrajPtFull) -> list[float]:
@@ -348,16 +369,16 @@ def _steepest(one: JointTrajPtFull, other: JointTrajPtFull) -> list[float]:
     return found
 
 
-@requires(125, f"{SERVER}: increments beyond an axis's speed are refused, INC_MOVE_ERROR")
-def the_way_between_is_within_the_arm(seen: DriverSeen) -> Verdict:
+@requires.each(
+    125,
+    f"{SERVER}: increments beyond an axis's speed are refused, INC_MOVE_ERROR",
+    DriverSeen.neighbours,
+    "{} points",
+    nothing=_NO_POINTS,
+)
+def the_way_between_is_within_the_arm(each: Neighbours) -> str:
     """On the cubic from point to point no joint is more than a tenth faster than it can be."""
-    wrong, count = [], 0
-    for _, one, said, point in seen.neighbours():
-        count += 1
-        why = _too_fast(_steepest(one, point), TOO_FAST)
-        if why:
-            wrong.append((said.number, why))
-    return _bad(wrong, count, f"{count} points", _NO_POINTS)
+    return _too_fast(_steepest(each[1], each[3]), TOO_FAST)
 
 
 def _next_point(said: Said, messages: list[Said]) -> Said | None:
@@ -380,7 +401,7 @@ def a_busy_point_is_sent_again(seen: DriverSeen) -> Verdict:
                 wrong.append((after.number, "another point follows"))
     if seen.points and not count:
         return not_seen("no point was answered BUSY")
-    return _bad(wrong, count, f"{count} busy answers", _NO_POINTS)
+    return none_wrong(wrong, count, f"{count} busy answers", _NO_POINTS)
 
 
 @requires(127, f"{SERVER}: a first point that is refused is kept, and the next goes on from it")
@@ -398,7 +419,7 @@ def a_refused_first_point_is_not_gone_on_from(seen: DriverSeen) -> Verdict:
                 wrong.append((after.number, f"point {after.point.sequence} follows"))
     if seen.points and not count:
         return not_seen("no first point was refused")
-    return _bad(wrong, count, f"{count} of them", _NO_POINTS)
+    return none_wrong(wrong, count, f"{count} of them", _NO_POINTS)
 
 
 @requires(128, f"{SERVER}: an empty queue stops the command dead, without a ramp")
@@ -419,45 +440,46 @@ def the_queue_does_not_run_empty(seen: DriverSeen) -> Verdict:
             if late_s > 0.0:
                 wrong.append((said.number, f"{late_s * 1e3:.0f} ms too late"))
         ends_s = max(ends_s, said.answered.time_s) + point.time - one.time
-    return _bad(wrong, count, f"{count} points", "no points were sent in motion")
+    return none_wrong(wrong, count, f"{count} points", "no points were sent in motion")
 
 
-@requires(129, f"{SERVER}: InvalidSubcode; {MANUAL}")
-def points_are_taken(seen: DriverSeen) -> Verdict:
+@requires.each(129, f"{SERVER}: InvalidSubcode; {MANUAL}", _points, "{} points", nothing=_NO_POINTS)
+def points_are_taken(each: tuple[Said, JointTrajPtFull]) -> str:
     """No point is answered INVALID, but a first one where the arm sags."""
-    wrong = [
-        (said.number, f"subcode {said.reply.subcode}")
-        for said, point in seen.points
-        if said.reply is not None
-        and said.reply.result == R.INVALID
-        and not (point.sequence == 0 and said.reply.subcode == InvalidSubcode.DATA_START_POS)
-    ]
-    return _bad(wrong, len(seen.points), f"{len(seen.points)} points", _NO_POINTS)
+    reply = each[0].reply
+    if reply is None or reply.result != R.INVALID:
+        return ""
+    sags = each[1].sequence == 0 and reply.subcode == InvalidSubcode.DATA_START_POS
+    return "" if sags else f"subcode {reply.subcode}"
 
 
-@requires(130, f"{SERVER}: a new point 0 splices nothing; in_motion of ROBOT_STATUS")
-def a_trajectory_begins_at_rest(seen: DriverSeen) -> Verdict:
+@requires.each(
+    130,
+    f"{SERVER}: a new point 0 splices nothing; in_motion of ROBOT_STATUS",
+    lambda seen: [(*each, seen.status_before(each[0].number)) for each in seen.points],
+    "{} trajectories",
+    nothing=_NO_POINTS,
+)
+def a_trajectory_begins_at_rest(
+    each: tuple[Said, JointTrajPtFull, RobotStatus | None],
+) -> str | None:
     """No first point is sent while the newest status says that the arm is in motion."""
-    wrong, count = [], 0
-    for said, point in seen.points:
-        status = seen.status_before(said.number)
-        if point.sequence or status is None:
-            continue
-        count += 1
-        if status.in_motion == 1:
-            wrong.append((said.number, "it is in motion"))
-    return _bad(wrong, count, f"{count} trajectories", _NO_POINTS)
+    _, point, status = each
+    if point.sequence or status is None:
+        return None
+    return "it is in motion" if status.in_motion == 1 else ""
 
 
 # -- the velocity mode -----------------------------------------------------------------------------
 
 
-def _unused(seen: DriverSeen) -> bool:
+def _unused(seen: DriverSeen) -> Verdict | None:
     """The client moves the arm, and does not by the velocity mode."""
-    return bool(seen.points) and not seen.velocities
+    unused = bool(seen.points) and not seen.velocities
+    return not_applicable("it does not use the velocity mode") if unused else None
 
 
-_OTHER_MODE = "it does not use the velocity mode"
+of_speeds = functools.partial(requires.each, unless=_unused, nothing=_NO_SPEEDS)
 
 
 @requires(140, f"{VELOCITY}, finding out")
@@ -473,104 +495,78 @@ def the_velocity_mode_is_asked_for(seen: DriverSeen) -> Verdict:
                 count += 1
                 if not known:
                     wrong.append((each.number, "without having asked"))
-    if _unused(seen):
-        return not_applicable(_OTHER_MODE)
-    return _bad(wrong, count, f"{count} starts", _NO_SPEEDS)
+    return _unused(seen) or none_wrong(wrong, count, f"{count} starts", _NO_SPEEDS)
 
 
-@requires(141, f"{VELOCITY}, starting and stopping: 0, or 20 to 500 ms; 0, or 0.01 to 1")
-def the_watchdog_can_be_had(seen: DriverSeen) -> Verdict:
+@of_speeds(
+    141,
+    f"{VELOCITY}, starting and stopping: 0, or 20 to 500 ms; 0, or 0.01 to 1",
+    _said,
+    "{} starts",
+)
+def the_watchdog_can_be_had(said: Said) -> str | None:
     """START_VEL_MODE asks for a watchdog and for a scale of acceleration that there are."""
-    wrong, count = [], 0
-    for each in seen.said:
-        body = each.message.body
-        if not isinstance(body, MotionCtrl) or each.command != C.START_VEL_MODE:
-            continue
-        count += 1
-        watchdog_ms, scale = body.data[:2]
-        if not (watchdog_ms == 0.0 or 20.0 <= watchdog_ms <= 500.0):
-            wrong.append((each.number, f"a watchdog of {watchdog_ms:g} ms"))
-        elif not (scale == 0.0 or 0.01 <= scale <= 1.0):
-            wrong.append((each.number, f"a scale of {scale:g}"))
-    if _unused(seen):
-        return not_applicable(_OTHER_MODE)
-    return _bad(wrong, count, f"{count} starts", _NO_SPEEDS)
+    body = said.message.body
+    if not isinstance(body, MotionCtrl) or said.command != C.START_VEL_MODE:
+        return None
+    watchdog_ms, scale = body.data[:2]
+    if not (watchdog_ms == 0.0 or 20.0 <= watchdog_ms <= 500.0):
+        return f"a watchdog of {watchdog_ms:g} ms"
+    return "" if scale == 0.0 or 0.01 <= scale <= 1.0 else f"a scale of {scale:g}"
 
 
-def _streams(seen: DriverSeen) -> Iterator[list[Said]]:
-    """Speeds from one START_VEL_MODE, or sequence 0, to the next."""
+def _streams(seen: DriverSeen) -> Iterator[tuple[Said, JointVelocity, JointVelocity | None]]:
+    """Speeds, and those before them since START_VEL_MODE, or sequence 0."""
     for messages in seen.motion.values():
-        found: list[Said] = []
+        before = None
         for each in messages:
             body = each.velocity
-            begins = each.command == C.START_VEL_MODE or (body is not None and not body.sequence)
-            if begins and found:
-                yield found
-                found = []
+            if each.command == C.START_VEL_MODE or (body is not None and not body.sequence):
+                before = None
             if body is not None:
-                found.append(each)
-        if found:
-            yield found
+                yield each, body, before
+                before = body
 
 
-@requires(142, f"{VELOCITY}, sequence: 0 arms, then strictly rising, modulo 2^31")
-def speeds_count_up(seen: DriverSeen) -> Verdict:
+@of_speeds(
+    142, f"{VELOCITY}, sequence: 0 arms, then strictly rising, modulo 2^31", _streams, "{} messages"
+)
+def speeds_count_up(each: tuple[Said, JointVelocity, JointVelocity | None]) -> str:
     """The first speeds after a start have sequence 0, and from there on it rises."""
-    wrong = []
-    for stream in _streams(seen):
-        before = None
-        for each in stream:
-            body = each.velocity
-            assert body is not None
-            if before is None and body.sequence:
-                wrong.append((each.number, f"{body.sequence} is the first"))
-            elif before is not None and not 0 < (body.sequence - before) % 2**31 < 2**30:
-                wrong.append((each.number, f"{body.sequence} after {before}"))
-            before = body.sequence
-    if _unused(seen):
-        return not_applicable(_OTHER_MODE)
-    return _bad(wrong, len(seen.velocities), f"{len(seen.velocities)} messages", _NO_SPEEDS)
+    _, body, before = each
+    if before is None:
+        return f"{body.sequence} is the first" if body.sequence else ""
+    rises = 0 < (body.sequence - before.sequence) % 2**31 < 2**30
+    return "" if rises else f"{body.sequence} after {before.sequence}"
 
 
-@requires(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION")
-def speeds_are_complete(seen: DriverSeen) -> Verdict:
+@of_speeds(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION", _speeds, "{} messages")
+def speeds_are_complete(each: tuple[Said, JointVelocity]) -> str:
     """Speeds say that they are, and no positions; all are finite."""
-    wrong = []
-    for said, body in seen.velocities:
-        fields = body.valid_fields
-        if not fields & ValidFields.VELOCITY or fields & ValidFields.POSITION:
-            wrong.append((said.number, f"valid_fields {fields}"))
-        elif not all(map(math.isfinite, body.vel)):
-            wrong.append((said.number, "a number that is not finite"))
-    if _unused(seen):
-        return not_applicable(_OTHER_MODE)
-    return _bad(wrong, len(seen.velocities), f"{len(seen.velocities)} messages", _NO_SPEEDS)
+    fields = each[1].valid_fields
+    if not fields & ValidFields.VELOCITY or fields & ValidFields.POSITION:
+        return f"valid_fields {fields}"
+    return "" if all(map(math.isfinite, each[1].vel)) else "a number that is not finite"
 
 
-@requires(144, f"{VELOCITY}, MOTO_VELOCITY_INFO: v_max")
-def speeds_are_within_the_arm(seen: DriverSeen) -> Verdict:
+@of_speeds(144, f"{VELOCITY}, MOTO_VELOCITY_INFO: v_max", _speeds, "{} messages")
+def speeds_are_within_the_arm(each: tuple[Said, JointVelocity]) -> str:
     """No speed is higher than the controller said that it can be."""
-    wrong = [
-        (said.number, why) for said, body in seen.velocities for why in [_too_fast(body.vel)] if why
-    ]
-    if _unused(seen):
-        return not_applicable(_OTHER_MODE)
-    return _bad(wrong, len(seen.velocities), f"{len(seen.velocities)} messages", _NO_SPEEDS)
+    return _too_fast(each[1].vel)
 
 
-@requires(145, f"{VELOCITY}: the newest command wins; nobody stands still at another one")
-def a_stream_begins_at_rest(seen: DriverSeen) -> Verdict:
+@of_speeds(
+    145,
+    f"{VELOCITY}: the newest command wins; nobody stands still at another one",
+    _speeds,
+    "{} streams",
+)
+def a_stream_begins_at_rest(each: tuple[Said, JointVelocity]) -> str | None:
     """The first speeds, of sequence 0, are zero."""
-    wrong, count = [], 0
-    for said, body in seen.velocities:
-        if body.sequence:
-            continue
-        count += 1
-        if max(map(abs, body.vel)) > STILL_RAD_S:
-            wrong.append((said.number, f"{max(map(abs, body.vel)):.3g} rad/s"))
-    if _unused(seen):
-        return not_applicable(_OTHER_MODE)
-    return _bad(wrong, count, f"{count} streams", _NO_SPEEDS)
+    speed = max(map(abs, each[1].vel))
+    if each[1].sequence:
+        return None
+    return f"{speed:.3g} rad/s" if speed > STILL_RAD_S else ""
 
 
 @requires(146, f"{VELOCITY}, safety: the watchdog")
@@ -587,8 +583,8 @@ def the_watchdog_is_fed(seen: DriverSeen) -> Verdict:
     for each in seen.said:
         if each.command == C.START_VEL_MODE and each.reply and not each.reply.result:
             watchdog_s = each.reply.data[2] * 1e-3
-    if _unused(seen):
-        return not_applicable(_OTHER_MODE)
+    if (unused := _unused(seen)) is not None:
+        return unused
     if not gaps:
         return not_seen(_NO_SPEEDS)
     longest_s, number = max(gaps)
@@ -607,11 +603,11 @@ def speeds_are_taken(seen: DriverSeen) -> Verdict:
         for said, reply in found
         if reply.result == R.INVALID or reply.subcode == N.VEL_WATCHDOG
     ]
-    if _unused(seen):
-        return not_applicable(_OTHER_MODE)
+    if (unused := _unused(seen)) is not None:
+        return unused
     if seen.velocities and not found:
         return not_applicable("it never asks what became of its speeds")
-    return _bad(wrong, len(found), f"{len(found)} answers", _NO_SPEEDS)
+    return none_wrong(wrong, len(found), f"{len(found)} answers", _NO_SPEEDS)
 
 
 # -- what befalls it -------------------------------------------------------------------------------
@@ -640,7 +636,7 @@ def _stopped(seen: DriverSeen, what: str) -> Verdict:
         for each in seen.after(phase, 0.0)
         if each.command in POWER
     ]
-    return _bad(wrong, len(phases), f"{len(phases)} of them", "it did not move the arm")
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them", "it did not move the arm")
 
 
 @requires(150, f"{ENDS}; e_stopped of ROBOT_STATUS")
@@ -686,7 +682,7 @@ def it_does_not_start_by_itself(seen: DriverSeen) -> Verdict:
     phases = seen.named(*names)
     found = [(e.number, f"command {e.command}") for e in seen.during(*names) if e.command in POWER]
     found += _moves(seen.during(*names))
-    return _bad(found, len(phases), f"{len(phases)} of them", "it did not move the arm")
+    return none_wrong(found, len(phases), f"{len(phases)} of them", "it did not move the arm")
 
 
 @requires(157, f"{STATES}: a cycle every 25 ms; without states nobody sees what the arm does")
@@ -694,7 +690,7 @@ def without_states_it_stops(seen: DriverSeen) -> Verdict:
     """When the state port falls silent, no motion is commanded from 0.3 s on."""
     phases = seen.named("silence")
     wrong = [each for phase in phases for each in _moves(seen.after(phase, BLIND_WITHIN_S))]
-    return _bad(wrong, len(phases), f"{len(phases)} of them", "it did not move the arm")
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them", "it did not move the arm")
 
 
 @requires(158, f"{SERVER}: a request is answered within its 5 s at most, or never")
@@ -714,7 +710,7 @@ def an_unanswered_request_ends_the_connection(seen: DriverSeen) -> Verdict:
             for e in seen.after(phase, 0.0)
             if e.owed and not e.is_topic and e.channel == link.channel
         ]
-    return _bad(wrong, len(phases), f"{len(phases)} of them", "it did not move the arm")
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them", "it did not move the arm")
 
 
 def _link_in(seen: DriverSeen, phase: Phase) -> Link | None:
@@ -744,7 +740,7 @@ def the_reply_before_is_not_the_answer(seen: DriverSeen) -> Verdict:
             if (reply.sequence, reply.command) != (asked, named):
                 count += 1
                 wrong_s = min(wrong_s, each.answered.time_s)
-    return _bad(wrong, count, f"{count} of them", "no request was answered so")
+    return none_wrong(wrong, count, f"{count} of them", "no request was answered so")
 
 
 def _came_again(seen: DriverSeen, what: str, port: str) -> Verdict:
@@ -762,7 +758,7 @@ def _came_again(seen: DriverSeen, what: str, port: str) -> Verdict:
             wrong.append((phase.first, "it did not come again"))
     inside = seen.during(what, f"{what} over")
     wrong += [(e.number, f"command {e.command}") for e in inside if e.command in MOVING]
-    return _bad(wrong, count, f"{count} of them")
+    return none_wrong(wrong, count, f"{count} of them")
 
 
 @requires(160, f"{SERVER}: the place is free at once; {ENDS}")
@@ -792,7 +788,7 @@ def messages_in_pieces_are_read(seen: DriverSeen) -> Verdict:
             wrong.append((phase.first, "it ceased to command"))
         ended = [e for e in seen.links if phase.first < e.ended < phase.end]
         wrong += [(e.ended, f"{e.channel} was closed") for e in ended if not e.by_us]
-    return _bad(wrong, len(phases), f"{len(phases)} of them")
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them")
 
 
 @requires(163, f"{STATES}, {SERVER}: after power-up the ports are there anew")
@@ -807,7 +803,7 @@ def a_restart_is_followed(seen: DriverSeen) -> Verdict:
         missing = sorted({"motion", "state"} - found)
         if missing:
             wrong.append((phase.first, f"not to {' and '.join(missing)}"))
-    return _bad(wrong, len(phases), f"{len(phases)} of them")
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them")
 
 
 @requires(164, "cardan.dissect: a second description of the protocol")
@@ -818,7 +814,7 @@ def both_descriptions_agree(seen: DriverSeen) -> Verdict:
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     if not seen.said:
-        return not_seen(_NOTHING)
+        return not_seen("nothing came")
     chosen = seen.said[:: max(1, len(seen.said) // 40)]
     for each in chosen:
         layer = SimpleMessage(each.raw)
@@ -840,14 +836,12 @@ def it_leaves_at_rest(seen: DriverSeen) -> Verdict:
     """When the program ends, its last point or speeds are at rest."""
     phases, wrong = seen.named("end"), []
     for phase in phases:
-        found = [s for s in seen.said if s.number < phase.end and (s.point or s.velocity)]
-        last = found[-1]
+        last = [s for s in seen.said if s.number < phase.end and (s.point or s.velocity)][-1]
         body = last.point or last.velocity
-        assert body is not None
-        vel = body.vel
-        if max(map(abs, vel)) > STILL_RAD_S:
-            wrong.append((last.number, f"{max(map(abs, vel)):.3g} rad/s"))
-    return _bad(wrong, len(phases), f"{len(phases)} of them", _NOT_ENDED)
+        speed = max(map(abs, body.vel)) if body is not None else 0.0
+        if speed > STILL_RAD_S:
+            wrong.append((last.number, f"{speed:.3g} rad/s"))
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them", _NOT_ENDED)
 
 
 @requires(302, f"{SERVER}: INIT_ROS keeps waiting for increments after a connection")
@@ -860,7 +854,7 @@ def it_leaves_the_mode(seen: DriverSeen) -> Verdict:
         good = [s for s in found if s.reply is None or s.reply.result == R.SUCCESS]
         if not good:
             wrong.append((phase.first, f"{len(found)} were sent and refused"))
-    return _bad(wrong, len(phases), f"{len(phases)} of them", _NOT_ENDED)
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them", _NOT_ENDED)
 
 
 @requires(303, f"{SERVER}: one client at a time, and nothing but TCP tells that it has gone")
@@ -870,4 +864,4 @@ def it_closes_its_connections(seen: DriverSeen) -> Verdict:
     for phase in phases:
         left = [e for e in seen.links if e.number < phase.end and e.closed_s > phase.end_s + 1e-9]
         wrong += [(e.number, f"{e.channel} is open") for e in left]
-    return _bad(wrong, len(phases), f"{len(phases)} of them", _NOT_ENDED)
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them", _NOT_ENDED)

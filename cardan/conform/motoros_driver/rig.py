@@ -68,6 +68,7 @@ class MotorosDriverRig(DriverRig):
         self,
         conduct: Conduct,
         faults: Mapping[str, float],
+        seed: int = 0,
         options: MotorosOptions = OPTIONS,
     ) -> None:
         super().__init__(conduct, faults, FAULTS)

@@ -12,7 +12,7 @@ from functools import cached_property
 from typing import NamedTuple, TypeVar
 
 from cardan.conform.motoros_driver.pilot import port_of
-from cardan.conform.timeline import Event, Kind, Phase, Timeline
+from cardan.conform.timeline import Event, Kind, Phase, Seen, Timeline
 from cardan.protocols.simple_message import (
     ByteOrder,
     CommType,
@@ -99,6 +99,10 @@ class Said(NamedTuple):
         return body if isinstance(body, JointVelocity) else None
 
 
+Neighbours = tuple[Said, JointTrajPtFull, Said, JointTrajPtFull]
+"""Two points of a trajectory, one after the other, and what said them."""
+
+
 class Link(NamedTuple):
     """A connection of the client."""
 
@@ -117,11 +121,11 @@ class Link(NamedTuple):
         return port_of(self.channel)
 
 
-class DriverSeen:
+class DriverSeen(Seen):
     """The messages of a timeline in which we are the controller."""
 
     def __init__(self, timeline: Timeline) -> None:
-        self.phases = timeline.phases()
+        super().__init__(timeline)
         self.said: list[Said] = []
         self.malformed: list[tuple[int, str]] = []
         self.disordered: list[tuple[int, str]] = []
@@ -255,8 +259,7 @@ class DriverSeen:
 
     def during(self, *names: str) -> list[Said]:
         """What was said in phases of these names."""
-        inside = self.named(*names)
-        return [s for s in self.said if any(p.first <= s.number < p.end for p in inside)]
+        return self.within(self.said, *(phase.name for phase in self.named(*names)))
 
     def after(self, phase: Phase, seconds: float) -> list[Said]:
         """What was said in a phase from so many seconds on."""
@@ -284,7 +287,7 @@ class DriverSeen:
         """All speeds."""
         return [(each, body) for each in self.said if (body := each.velocity) is not None]
 
-    def neighbours(self) -> Iterator[tuple[Said, JointTrajPtFull, Said, JointTrajPtFull]]:
+    def neighbours(self) -> Iterator[Neighbours]:
         """Points of one trajectory that were accepted one after the other."""
         for messages in self.motion.values():
             before: tuple[Said, JointTrajPtFull] | None = None

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 from itertools import pairwise
 
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
+    at_most,
     failed,
+    met,
+    none_wrong,
     not_applicable,
     not_seen,
     passed,
@@ -33,15 +35,8 @@ HELD_RAD = math.radians(0.6)
 REACHED = 0.3
 ACTS_PERIODS = 3.0
 
-requires: Requirements[RosArmSeen] = Requirements("ROS2ARM")
 _NOTHING = "no joint states came"
-
-
-def _bad(found: Iterable[tuple[int, str]], of: int, good: str, nothing: str = _NOTHING) -> Verdict:
-    wrong = list(found)
-    if wrong:
-        return failed(f"{len(wrong)} of {of}: {wrong[0][1]}", (n for n, _ in wrong))
-    return passed(good) if of else not_seen(nothing)
+requires: Requirements[RosArmSeen] = Requirements("ROS2ARM", _NOTHING)
 
 
 @requires(1, f"{BROADCASTER}: /joint_states")
@@ -52,7 +47,7 @@ def states_come(seen: RosArmSeen) -> Verdict:
         return failed(f"{len(found)} of them")
     rate = (len(found) - 1) / (found[-1].time_s - found[0].time_s)
     said = f"{rate:.1f} a second"
-    return passed(said) if RATE_HZ[0] <= rate <= RATE_HZ[1] else failed(said)
+    return met(RATE_HZ[0] <= rate <= RATE_HZ[1], said)
 
 
 @requires(2, JOINT_STATE)
@@ -60,7 +55,9 @@ def messages_are_whole(seen: RosArmSeen) -> Verdict:
     """Every message is one of its type, with a position for each name, and no name twice."""
     wrong = [*seen.malformed]
     wrong += [(e.number, "names and positions do not fit") for e in seen.states if not e.whole]
-    return _bad(wrong, len(seen.states) + len(seen.malformed), f"{len(seen.states)} states")
+    return none_wrong(
+        wrong, len(seen.states) + len(seen.malformed), f"{len(seen.states)} states", _NOTHING
+    )
 
 
 @requires(3, JOINT_STATE)
@@ -72,7 +69,7 @@ def positions_are_numbers(seen: RosArmSeen) -> Verdict:
         for name, value in each.positions.items()
         if not math.isfinite(value)
     ]
-    return _bad(wrong, len(seen.states), f"{len(seen.states)} states")
+    return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", _NOTHING)
 
 
 @requires(4, f"{JOINT_STATE}: rad or m")
@@ -84,7 +81,7 @@ def positions_are_plausible(seen: RosArmSeen) -> Verdict:
         for name, value in each.positions.items()
         if math.isfinite(value) and abs(value) > FAR_RAD
     ]
-    return _bad(wrong, len(seen.states), f"{len(seen.states)} states")
+    return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", _NOTHING)
 
 
 @requires(5, f"{BROADCASTER}: the joints of its parameters, in one order")
@@ -98,7 +95,7 @@ def names_stay(seen: RosArmSeen) -> Verdict:
             for each in found
             if set(each.positions) != first
         ]
-    return _bad(sorted(wrong), len(seen.states), f"{len(seen.states)} states")
+    return none_wrong(sorted(wrong), len(seen.states), f"{len(seen.states)} states", _NOTHING)
 
 
 @requires(6, f"{DESCRIPTION}; {BROADCASTER}")
@@ -143,7 +140,7 @@ def none_is_missing(seen: RosArmSeen) -> Verdict:
     if seen.states and not found:
         return not_applicable("the transport does not count")
     wrong = ((b.number, f"{n - 1} are missing") for _, b, n in found if n > 1)
-    return _bad(wrong, len(found), f"{len(found)} messages")
+    return none_wrong(wrong, len(found), f"{len(found)} messages", _NOTHING)
 
 
 @requires(9, f"{ZENOH}: sequence number")
@@ -153,7 +150,7 @@ def they_come_once_and_in_order(seen: RosArmSeen) -> Verdict:
     if seen.states and not found:
         return not_applicable("the transport does not count")
     wrong = ((b.number, f"{b.sequence} after {a.sequence}") for a, b, n in found if n <= 0)
-    return _bad(wrong, len(found), f"{len(found)} messages")
+    return none_wrong(wrong, len(found), f"{len(found)} messages", _NOTHING)
 
 
 def _usual(found: list[State]) -> float:
@@ -192,9 +189,7 @@ def there_are_no_pauses(seen: RosArmSeen) -> Verdict:
     gaps.append(((hand or last).start_s - found[-1].time_s, found[-1].number))
     longest, number = max(gaps)
     said = f"longest {longest * 1e3:.0f} ms"
-    if longest > SILENT_PERIODS * usual:
-        return failed(said, [number], longest * 1e3, "ms")
-    return passed(said, longest * 1e3, "ms")
+    return at_most(SILENT_PERIODS * usual * 1e3, longest * 1e3, "ms", said, [number])
 
 
 @requires(12, f"{JOINT_STATE}, header.stamp: when it was recorded")
@@ -203,7 +198,7 @@ def states_are_stamped(seen: RosArmSeen) -> Verdict:
     # A gripper's node may leave it out: that is another publisher.
     found = seen.states
     wrong = ((each.number, "it is zero") for each in found if not each.stamp_s)
-    return _bad(wrong, len(found), f"{len(found)} states")
+    return none_wrong(wrong, len(found), f"{len(found)} states", _NOTHING)
 
 
 @requires(13, f"{JOINT_STATE}, header.stamp")
@@ -216,7 +211,7 @@ def stamps_go_up(seen: RosArmSeen) -> Verdict:
         for a, b in stamped
         if b.stamp_s <= a.stamp_s
     ]
-    return _bad(wrong, len(stamped), f"{len(stamped)} states", "no stamps came")
+    return none_wrong(wrong, len(stamped), f"{len(stamped)} states", "no stamps came")
 
 
 @requires(14, f"{JOINT_STATE}, header.stamp; REP 103: ROS time")
@@ -229,7 +224,7 @@ def stamps_do_not_leap(seen: RosArmSeen) -> Verdict:
         leap_s = (b.stamp_s - a.stamp_s) - (b.time_s - a.time_s)
         if abs(leap_s) > STAMP_LEAP_S:
             wrong.append((b.number, f"by {leap_s:.0f} s"))
-    return _bad(wrong, len(stamped), f"{len(stamped)} states", "no stamps came")
+    return none_wrong(wrong, len(stamped), f"{len(stamped)} states", "no stamps came")
 
 
 @requires(15, f"{JOINT_STATE}: the state of a joint, which is in one place")
@@ -247,7 +242,7 @@ def a_joint_has_one_publisher_at_a_time(seen: RosArmSeen) -> Verdict:
         for (_, last), (first, _) in pairwise(there):
             if first.number < last.number:
                 wrong.append((first.number, f"{name} has two"))
-    return _bad(wrong, len(spans), f"{len(spans)} joints")
+    return none_wrong(wrong, len(spans), f"{len(spans)} joints", _NOTHING)
 
 
 _NOT_HELD = "it was not held"
@@ -267,9 +262,7 @@ def an_arm_that_is_held_stays(seen: RosArmSeen) -> Verdict:
         return not_seen(_NOT_HELD)
     far, number = max((_far(before[-1], each), each.number) for each in found)
     said = f"{math.degrees(far):.3f} degrees"
-    if far > HELD_RAD:
-        return failed(said, [number], math.degrees(far), "degrees")
-    return passed(said, math.degrees(far), "degrees")
+    return at_most(math.degrees(HELD_RAD), math.degrees(far), "degrees", said, [number])
 
 
 def _last(seen: RosArmSeen, phase: str) -> dict[str, float] | None:
@@ -290,8 +283,7 @@ def a_step_is_made_by_every_joint(seen: RosArmSeen) -> Verdict:
     shares = {n: (after[n] - before[n]) / STEP_RAD for n in before if n in after}
     worst = max(shares, key=lambda name: abs(shares[name] - 1.0))
     said = f"{worst} by {100 * shares[worst]:.0f} % of it"
-    good = abs(shares[worst] - 1.0) < REACHED
-    return passed(said) if good else failed(said, [seen.during("out")[-1].number])
+    return met(abs(shares[worst] - 1.0) < REACHED, said, [seen.during("out")[-1].number])
 
 
 @requires(202, FORWARD)
@@ -302,7 +294,7 @@ def it_comes_back(seen: RosArmSeen) -> Verdict:
         return not_seen("it was not moved")
     left = max(abs(after[n] - before[n]) for n in before if n in after) / STEP_RAD
     said = f"{100 * left:.0f} % of the step is left"
-    return passed(said) if left < REACHED else failed(said, [seen.during("back")[-1].number])
+    return met(left < REACHED, said, [seen.during("back")[-1].number])
 
 
 @requires(203, f"{FORWARD}: in the next cycle of the controller manager")
@@ -319,9 +311,7 @@ def a_command_acts_soon(seen: RosArmSeen) -> Verdict:
         return failed("it never did", [found[-1].number])
     after_s = moved[0].time_s - sent
     said = f"after {after_s * 1e3:.0f} ms"
-    if after_s > ACTS_PERIODS * _usual(held):
-        return failed(said, [moved[0].number], after_s * 1e3, "ms")
-    return passed(said, after_s * 1e3, "ms")
+    return at_most(ACTS_PERIODS * _usual(held) * 1e3, after_s * 1e3, "ms", said, [moved[0].number])
 
 
 @requires(301, f"{BROADCASTER}: states end with their node")
@@ -333,4 +323,4 @@ def what_has_ended_is_silent(seen: RosArmSeen) -> Verdict:
     found = seen.during("gone")
     quiet_s = phase.end_s - (found[-1].time_s if found else phase.start_s)
     said = f"silent for the last {quiet_s:.1f} s"
-    return passed(said) if quiet_s > 0.3 else failed(said, [found[-1].number])
+    return met(quiet_s > 0.3, said, [each.number for each in found[-1:]])

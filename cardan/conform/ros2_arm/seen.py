@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.conform.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
-from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.conform.timeline import Kind, Seen, Timeline
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 
 
@@ -23,11 +23,11 @@ class State(NamedTuple):
     """As many positions as names."""
 
 
-class RosArmSeen:
+class RosArmSeen(Seen):
     """The messages of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:
-        self.phases = timeline.phases()
+        super().__init__(timeline)
         self.states: list[State] = []
         self.malformed: list[tuple[int, str]] = []
         self.commands: list[tuple[int, float]] = []
@@ -64,14 +64,9 @@ class RosArmSeen:
                     )
                 )
 
-    def phase(self, name: str) -> Phase | None:
-        """The phase of that name, if the pilot came to it."""
-        return self.phases.get(name)
-
     def during(self, *names: str) -> list[State]:
         """The states of these phases."""
-        found = [self.phases[name] for name in names if name in self.phases]
-        return [s for s in self.states if any(p.first <= s.number < p.end for p in found)]
+        return self.within(self.states, *names)
 
     def publishers(self) -> dict[str, list[State]]:
         """The states of each publisher."""

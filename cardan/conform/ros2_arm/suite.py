@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
-from cardan.conform.requirements import Level
 from cardan.conform.ros2_arm.names import TOPICS
 from cardan.conform.ros2_arm.pilot import RosArmPilot
 from cardan.conform.ros2_arm.requirements import requires
 from cardan.conform.ros2_arm.seen import RosArmSeen
 from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Timeline
 from cardan.conform.wires import Wires
 
 
@@ -26,6 +23,9 @@ class Ros2Arm(Suite[RosArmSeen]):
     peer = "ros2-arm"
     requirements = requires.all()
     transport = Transport("other")
+    sees = RosArmSeen
+    asks = RosArmPilot
+    rig = "cardan.conform.ros2_arm.rig:RosArmRig"
     seconds = 2.6
     tried_with: ClassVar[Mapping[str, float]] = {
         "restart": 1.5,
@@ -34,18 +34,6 @@ class Ros2Arm(Suite[RosArmSeen]):
         "missing": 1.5,
         "inactive": 1.5,
     }
-
-    def see(self, timeline: Timeline) -> RosArmSeen:
-        return RosArmSeen(timeline)
-
-    def pilot(self, level: Level, seconds: float) -> RosArmPilot:
-        return RosArmPilot(level, seconds)
-
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
-        # The simulated arm needs the extra cardan[arm]; a real one does not.
-        from cardan.conform.ros2_arm.rig import RosArmRig
-
-        RosArmRig(conduct, faults, seed).run()
 
     def wires(self, target: str) -> Wires:
         # Zenoh comes with the extra cardan[network].

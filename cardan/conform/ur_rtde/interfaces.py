@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 
-from cardan.conform.requirements import Verdict, failed, none_wrong, not_seen, passed
+from cardan.conform.requirements import Verdict, failed, met, none_wrong, not_seen
 from cardan.conform.ur_rtde.pilot import OLD_OUTPUTS, WORDED, published
 from cardan.conform.ur_rtde.requirements import (
     BOARD,
@@ -104,8 +104,7 @@ def the_secondary_interface_tells_states(seen: UrSeen) -> Verdict:
         return failed(f"{len(times)} robot states")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
     said = f"{period_s * 1e3:.1f} ms"
-    good = abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE
-    return passed(said) if good else failed(said)
+    return met(abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE, said)
 
 
 @requires(30, f"{CLIENT}: sub-packages of a robot state")
@@ -150,7 +149,7 @@ def the_real_time_interface_keeps_time(seen: UrSeen) -> Verdict:
         return failed(f"{size} bytes, not {least}", [found[0].number])
     period_s = (found[-1].time_s - found[0].time_s) / (len(found) - 1)
     said = f"{size} bytes, {period_s * 1e3:.3f} ms"
-    return passed(said) if abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE else failed(said)
+    return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said)
 
 
 def _same(told: Sequence[float], other: Sequence[float]) -> bool:

@@ -1,6 +1,6 @@
 """Asks a Universal Robots controller: reads its states, sends programs, turns one joint a little.
 
-The program that follows registers is the driver's own.
+The program that follows registers is the one that our driver sends.
 """
 
 from __future__ import annotations
@@ -21,11 +21,17 @@ from cardan.conform.ur_rtde.seen import (
     SECOND,
     SECONDARY,
 )
-from cardan.drivers.ur_rtde.feed import STATES, control_rate_hz
-from cardan.drivers.ur_rtde.motion import nobody
-from cardan.drivers.ur_rtde.options import JOINTS, UrRtdeOptions
-from cardan.drivers.ur_rtde.program import Order, Report, input_names, program, report_names
 from cardan.protocols.ur import dashboard
+from cardan.protocols.ur.program import (
+    JOINTS,
+    Order,
+    Report,
+    Servoing,
+    input_names,
+    nobody,
+    program,
+    report_names,
+)
 from cardan.protocols.ur.rtde import (
     VERSION,
     Accepted,
@@ -41,15 +47,31 @@ from cardan.protocols.ur.rtde import (
     ask_inputs,
     ask_outputs,
     ask_version,
+    control_rate_hz,
     packet,
     read_reply,
 )
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.protocols.ur.variables import OUTPUT_VARIABLES
 
-OPTIONS = UrRtdeOptions()
-"""As the driver is when nothing is chosen: its registers, its program's watchdog."""
-FIRST = OPTIONS.first_register
+SERVOING = Servoing()
+"""As the driver's when nothing is chosen: its registers, its program's watchdog."""
+STATES = (
+    "timestamp",
+    "target_q",
+    "target_qd",
+    "actual_q",
+    "actual_qd",
+    "robot_mode",
+    "safety_mode",
+    "runtime_state",
+    "speed_scaling",
+    "target_speed_fraction",
+)
+"""What the driver asks for."""
+STATE_TIMEOUT_S = 0.1
+"""The driver takes the link for lost then, when nothing is chosen."""
+FIRST = SERVOING.first_register
 INPUTS = input_names(FIRST)
 TOKEN, REPORT, BEAT = report_names(FIRST)
 LAST_JOINT = INPUTS[3 + JOINTS - 1]
@@ -594,7 +616,7 @@ class UrPilot(Pilot):
         yield send(self._inputs.pack(nobody(self._beat)), RTDE)
         yield Wait(0.02)
         period_s = 1.0 / control_rate_hz(self._version)
-        yield send(program(OPTIONS, self._token, period_s).encode(), PRIMARY)
+        yield send(program(SERVOING, self._token, period_s).encode(), PRIMARY)
         yield Wait(BEGIN_S, lambda: self._follows() or RTDE in self._lost)
         if self._values:
             self._base = self._values["target_q"]

@@ -11,6 +11,7 @@ from cardan.conform.requirements import (
     Verdict,
     at_most,
     failed,
+    met,
     none_wrong,
     not_applicable,
     not_seen,
@@ -22,10 +23,10 @@ from cardan.conform.ur_rtde.pilot import (
     INPUTS,
     LAST_JOINT,
     NONSENSE,
-    OPTIONS,
     POWER_S,
     REPORT,
     SAYS,
+    SERVOING,
     SLEEP_S,
     SPARE_INPUT,
     STEP_RAD,
@@ -44,9 +45,9 @@ from cardan.conform.ur_rtde.requirements import (
     requires,
 )
 from cardan.conform.ur_rtde.seen import State, Upload, UrSeen
-from cardan.drivers.ur_rtde.program import Report
 from cardan.protocols.ur import dashboard
 from cardan.protocols.ur.primary import MessageKind
+from cardan.protocols.ur.program import Report
 from cardan.protocols.ur.rtde import IN_USE, NOT_FOUND, PacketType
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.protocols.ur.variables import INPUTS as INPUT_TYPES
@@ -114,7 +115,7 @@ def what_a_client_had_is_free_when_it_goes(seen: UrSeen) -> Verdict:
         return not_seen("it was not taken")
     exchange, _, reply = again[0]
     said = f"recipe {reply.recipe}, {', '.join(reply.types)}"
-    return passed(said) if reply.recipe else failed(said, [exchange.number])
+    return met(reply.recipe != 0, said, [exchange.number])
 
 
 @requires(105, "RFC 9293: TCP keeps no borders of packets")
@@ -259,8 +260,7 @@ def runtime_state_says_what_runs(seen: UrSeen) -> Verdict:
     took_s = playing[-1].time_s - playing[0].time_s
     last = states[-1].values["runtime_state"]
     said = f"PLAYING for {took_s:.2f} s, then {RuntimeState(last).name}"
-    good = took_s > 0.9 * SLEEP_S and last == RuntimeState.STOPPED
-    return passed(said) if good else failed(said, [playing[-1].number])
+    return met(took_s > 0.9 * SLEEP_S and last == RuntimeState.STOPPED, said, [playing[-1].number])
 
 
 @requires(112, f"{CLIENT}: key message")
@@ -376,7 +376,7 @@ def held_it_stands(seen: UrSeen) -> Verdict:
         return not_seen("it was not held")
     far = _farthest(found)
     said = f"{math.degrees(far):.4f} degrees at most"
-    return passed(said) if far < STILL_RAD else failed(said)
+    return met(far < STILL_RAD, said)
 
 
 def _ended(seen: UrSeen, phase: str) -> tuple[float, State] | None:
@@ -400,7 +400,7 @@ def _watchdog(seen: UrSeen, phase: str) -> Verdict:
     if report != Report.ENDED_BY_WATCHDOG:
         return failed(f"it reports {report}", [state.number])
     said = f"after {took_s * 1e3:.0f} ms"
-    if took_s > OPTIONS.watchdog_s + WATCHDOG_LATE_S:
+    if took_s > SERVOING.watchdog_s + WATCHDOG_LATE_S:
         return failed(said, [state.number], took_s * 1e3, "ms")
     last = seen.during(phase)[-1]
     if last.values[RUNTIME] != RuntimeState.STOPPED:
@@ -423,8 +423,11 @@ def an_order_ends_the_program(seen: UrSeen) -> Verdict:
         return not_seen("no program followed then")
     last = seen.during("order")[-1].values
     said = f"report {last[REPORT]}, runtime state {last[RUNTIME]}"
-    good = (last[REPORT], last[RUNTIME]) == (Report.ENDED_BY_ORDER, RuntimeState.STOPPED)
-    return passed(said) if good else failed(said, [found[1].number])
+    return met(
+        (last[REPORT], last[RUNTIME]) == (Report.ENDED_BY_ORDER, RuntimeState.STOPPED),
+        said,
+        [found[1].number],
+    )
 
 
 @requires(119, f"{CLIENT}: a program takes the place of the one that runs")
@@ -487,8 +490,7 @@ def it_gets_there(seen: UrSeen) -> Verdict:
         return found
     far = _last_joint(found)[-1]
     said = f"{math.degrees(far):.3f} degrees"
-    good = abs(far / STEP_RAD - 1.0) < REACHED_SHARE
-    return passed(said) if good else failed(said, [found[-1].number])
+    return met(abs(far / STEP_RAD - 1.0) < REACHED_SHARE, said, [found[-1].number])
 
 
 @requires(203, f"{SCRIPT}: servoj, lookahead_time and gain")
@@ -499,7 +501,7 @@ def it_does_not_overshoot(seen: UrSeen) -> Verdict:
         return found
     beyond = max(_last_joint(found)) / STEP_RAD - 1.0
     said = f"{100.0 * max(beyond, 0.0):.1f} %"
-    return passed(said) if beyond < BEYOND_SHARE else failed(said)
+    return met(beyond < BEYOND_SHARE, said)
 
 
 @requires(204, f"{SCRIPT}: servoj")
@@ -513,7 +515,7 @@ def the_other_joints_stand(seen: UrSeen) -> Verdict:
         abs(a - b) for s in found for a, b in zip(s.values["actual_q"][:-1], first, strict=True)
     )
     said = f"{math.degrees(far):.4f} degrees at most"
-    return passed(said) if far < AWAY_SHARE * STEP_RAD else failed(said)
+    return met(far < AWAY_SHARE * STEP_RAD, said)
 
 
 @requires(205, f"{GUIDE}: actual_qd, target_qd")
@@ -546,10 +548,13 @@ def deserted_in_motion_it_stops(seen: UrSeen) -> Verdict:
     far = abs(_last_joint(found)[-1])
     after = [each for each in found if each.time_s > ended[1].time_s + 0.1]
     rest = abs(_last_joint(after)[-1]) if after else math.inf
-    most = 1.5 * DESERTED_RAD_S * (OPTIONS.watchdog_s + OPTIONS.lookahead_s)
+    most = 1.5 * DESERTED_RAD_S * (SERVOING.watchdog_s + SERVOING.lookahead_s)
     said = f"{verdict.said}, {math.degrees(far):.3f} degrees, {math.degrees(rest):.4f} at the end"
-    good = 0.3 * DESERTED_RAD_S * OPTIONS.watchdog_s < far < most and rest < STILL_RAD / 10.0
-    return passed(said) if good else failed(said, [found[-1].number])
+    return met(
+        0.3 * DESERTED_RAD_S * SERVOING.watchdog_s < far < most and rest < STILL_RAD / 10.0,
+        said,
+        [found[-1].number],
+    )
 
 
 @requires(207, f"{SCRIPT}: servoj; a program begun anew starts where the arm is")
@@ -562,8 +567,7 @@ def it_comes_back(seen: UrSeen) -> Verdict:
         return not_seen("no program followed then")
     left = back[-1].values["actual_q"][-1] - there[0].values["actual_q"][-1]
     said = f"{math.degrees(left):.4f} degrees off"
-    good = abs(left) < REACHED_SHARE * STEP_RAD
-    return passed(said) if good else failed(said, [back[-1].number])
+    return met(abs(left) < REACHED_SHARE * STEP_RAD, said, [back[-1].number])
 
 
 # -- level 3: by hand -----------------------------------------------------------------------------
@@ -577,7 +581,7 @@ def the_speed_slider_is_told(seen: UrSeen) -> Verdict:
         return not_seen(NO_STATES)
     values = [found[-1].values["target_speed_fraction"] for found in (half, full)]
     said = f"{values[0]:.2f}, then {values[1]:.2f}"
-    return passed(said) if 0.3 < values[0] < 0.7 and values[1] > 0.95 else failed(said)
+    return met(0.3 < values[0] < 0.7 and values[1] > 0.95, said)
 
 
 def _never_local(seen: UrSeen) -> Verdict | None:
@@ -603,7 +607,7 @@ def local_control_is_told(seen: UrSeen) -> Verdict:
         for name in ("local", "remote")
     ]
     said = " then ".join(str(each[-1]) if each else "nothing" for each in found)
-    return passed(said) if said == "false then true" else failed(said)
+    return met(said == "false then true", said)
 
 
 @requires(303, "UR's user manual, e-Series: remote control")
@@ -647,8 +651,7 @@ def an_emergency_stop_takes_the_power(seen: UrSeen) -> Verdict:
         return not_seen("no state told of one")
     mode = found[-1].values["robot_mode"]
     said = RobotMode(mode).name if mode in RobotMode._value2member_map_ else str(mode)
-    good = mode != RobotMode.RUNNING
-    return passed(said) if good else failed(said, [found[-1].number])
+    return met(mode != RobotMode.RUNNING, said, [found[-1].number])
 
 
 @requires(306, f"{DRIVER}: after a stop nothing starts by itself")

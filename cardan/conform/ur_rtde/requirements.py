@@ -12,14 +12,21 @@ from cardan.conform.requirements import (
     Verdict,
     at_most,
     failed,
+    met,
     none_wrong,
     not_seen,
     passed,
 )
-from cardan.conform.ur_rtde.pilot import FUTURE_VERSION, OPTIONS, OUTPUTS, REPLY_S, SLOWER, UNKNOWN
+from cardan.conform.ur_rtde.pilot import (
+    FUTURE_VERSION,
+    OUTPUTS,
+    REPLY_S,
+    SLOWER,
+    STATE_TIMEOUT_S,
+    UNKNOWN,
+)
 from cardan.conform.ur_rtde.second import readings_differ
 from cardan.conform.ur_rtde.seen import RTDE, SECOND, Exchange, State, Stream, UrSeen
-from cardan.drivers.ur_rtde.feed import control_rate_hz
 from cardan.protocols.ur import dashboard
 from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, read_mode
 from cardan.protocols.ur.rtde import (
@@ -29,6 +36,7 @@ from cardan.protocols.ur.rtde import (
     ControllerVersion,
     PacketType,
     Request,
+    control_rate_hz,
 )
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyBit, SafetyMode, StatusBit
 from cardan.protocols.ur.variables import OUTPUTS as OUTPUT_TYPES
@@ -43,8 +51,6 @@ FEWEST = 30
 PERIOD_SHARE = 0.02
 JITTER_S, JITTER_SHARE = 0.0015, 0.05
 LEFT_OUT_SHARE = 0.01
-SILENCE_S = OPTIONS.state_timeout_s
-"""The driver takes the link for lost then."""
 WHOLE_WITHIN_S = 0.0005
 CLOCK_SHARE, CLOCK_S = 0.01, 0.02
 STATE_PERIOD_S, STATE_PERIOD_SHARE = 0.1, 0.1
@@ -123,7 +129,7 @@ def it_says_its_version(seen: UrSeen) -> Verdict:
     if found is None:
         return failed("it was not told")
     said = ".".join(map(str, found))
-    return passed(said) if found.major >= 3 else failed(said)
+    return met(found.major >= 3, said)
 
 
 @requires(5, f"{GUIDE}: each request has its return")
@@ -168,8 +174,7 @@ def refused(seen: UrSeen, kind: PacketType, name: str, word: str, *phases: str) 
     exchange, asked, reply = found[-1]
     types = dict(zip(asked.names, reply.types, strict=False))
     said = f"recipe {reply.recipe}, {types.get(name, 'no type')}"
-    good = not reply.recipe and types.get(name) == word
-    return passed(said) if good else failed(said, [exchange.number])
+    return met(not reply.recipe and types.get(name) == word, said, [exchange.number])
 
 
 @requires(7, f"{GUIDE}: NOT_FOUND")
@@ -209,8 +214,7 @@ def the_period_is_the_control_loop_s(seen: UrSeen) -> Verdict:
         return not_seen("too few states")
     period_s = (found[-1].time_s - found[0].time_s) / (len(found) - 1)
     said = f"{period_s * 1e3:.3f} ms"
-    good = abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE
-    return passed(said) if good else failed(said, [found[-1].number])
+    return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said, [found[-1].number])
 
 
 @requires(10, f"{GUIDE}: a controller that is busy leaves packages out")
@@ -260,7 +264,7 @@ def it_is_never_silent(seen: UrSeen) -> Verdict:
         return not_seen("nothing was started")
     longest_s, number = max(gaps)
     said = f"longest {longest_s * 1e3:.1f} ms"
-    return at_most(1e3 * SILENCE_S, 1e3 * longest_s, "ms", said, [number])
+    return at_most(1e3 * STATE_TIMEOUT_S, 1e3 * longest_s, "ms", said, [number])
 
 
 @requires(13, f"{GUIDE}: a package in each control cycle")
@@ -376,7 +380,7 @@ def the_primary_interface_begins_with_a_version(seen: UrSeen) -> Verdict:
         return failed(f"first a package of type {first.package.kind}", [first.number])
     count = sum(each.package.kind == ROBOT_STATE for each in seen.told)
     said = f"{first.message.text}, {count} states"
-    return passed(said) if count else failed(said)
+    return met(count > 0, said)
 
 
 @requires(22, f"{CLIENT}: 10 Hz")
@@ -387,8 +391,7 @@ def robot_states_come_ten_times_a_second(seen: UrSeen) -> Verdict:
         return not_seen("too few robot states")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
     said = f"{period_s * 1e3:.1f} ms"
-    good = abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE
-    return passed(said) if good else failed(said)
+    return met(abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE, said)
 
 
 def near(seen: UrSeen, time_s: float) -> list[State]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 from cardan.conform.conduct import Conduct
 from cardan.conform.tcp_rig import TcpRig
 from cardan.conform.timeline import Kind
@@ -9,12 +12,21 @@ from cardan.conform.ur_rtde.seen import REVERSE
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
 from cardan.sim_peers.ur_controller.servers import PortKind
 
+OPTIONS = UrControllerOptions()
+
 
 class UrRig(TcpRig[PortKind]):
     """The ports of an e-Series, or of another controller by its `options`, and one of ours that
     programs come to."""
 
-    def __init__(self, conduct: Conduct, options: UrControllerOptions) -> None:
+    def __init__(
+        self,
+        conduct: Conduct,
+        faults: Mapping[str, float],
+        seed: int = 0,
+        options: UrControllerOptions = OPTIONS,
+    ) -> None:
+        options = replace(options, faults=faults, seed=seed)
         self._controller = UrController(options)
         super().__init__(conduct, UrServers(self._controller, options))
         self._listening = False

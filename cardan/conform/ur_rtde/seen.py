@@ -6,7 +6,7 @@ from __future__ import annotations
 import re
 from typing import Any, NamedTuple
 
-from cardan.conform.timeline import Event, Kind, Phase, Timeline
+from cardan.conform.timeline import Event, Kind, Seen, Timeline
 from cardan.protocols.ur.dashboard import LineReader
 from cardan.protocols.ur.primary import Package, PackageReader, RobotMessage, read_message
 from cardan.protocols.ur.realtime import RealtimeReader
@@ -134,11 +134,11 @@ class _Connection:
         self.stream_s = 0.0
 
 
-class UrSeen:
+class UrSeen(Seen):
     """The bytes of a timeline."""
 
     def __init__(self, timeline: Timeline) -> None:
-        self.phases = timeline.phases()
+        super().__init__(timeline)
         self.end_s = timeline.end_s
         self.heard: list[Heard] = []
         self.unread: list[tuple[int, str]] = []
@@ -373,22 +373,13 @@ class UrSeen:
 
     # -- looking ----------------------------------------------------------------------------------
 
-    def phase(self, name: str) -> Phase | None:
-        """The phase of that name, if the pilot came to it."""
-        return self.phases.get(name)
-
-    def inside(self, number: int, *names: str) -> bool:
-        """Whether an event is one of these phases."""
-        found = (self.phases[name] for name in names if name in self.phases)
-        return any(each.first <= number < each.end for each in found)
-
     def during(self, *names: str) -> list[State]:
         """The states of these phases."""
-        return [each for each in self.states if self.inside(each.number, *names)]
+        return self.within(self.states, *names)
 
     def sent_during(self, *names: str) -> list[State]:
         """The commands of these phases."""
-        return [each for each in self.commands if self.inside(each.number, *names)]
+        return self.within(self.commands, *names)
 
     def exchanges(self, kind: PacketType, *names: str) -> list[Exchange]:
         """Requests of a kind in these phases; without any, in all."""

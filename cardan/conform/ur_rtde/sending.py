@@ -3,7 +3,7 @@ a driver: level 1."""
 
 from __future__ import annotations
 
-from cardan.conform.requirements import Verdict, failed, none_wrong, not_seen, passed
+from cardan.conform.requirements import Verdict, failed, met, none_wrong, not_seen, passed
 from cardan.conform.timeline import Kind
 from cardan.conform.ur_rtde.pilot import (
     ANSWER,
@@ -77,7 +77,7 @@ def runtime_exceptions_are_told(seen: UrSeen) -> Verdict:
     if not told:
         return failed(f"nothing was said of {RAISES}", [found[0].number])
     said = f"line {told[0].line}: {told[0].text!r}"
-    return passed(said) if told[0].line == RAISES_AT else failed(said)
+    return met(told[0].line == RAISES_AT, said)
 
 
 @requires(123, f"{SCRIPT}: socket_open, socket_send_line, socket_read_line")

@@ -6,14 +6,12 @@ import socket
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
-from cardan.conform.timeline import Event, Timeline
+from cardan.conform.timeline import Event
 from cardan.conform.ur_rtde import interfaces, sending  # noqa: F401 - enter what they require
 from cardan.conform.ur_rtde.pilot import ASKING, REVERSE_PORT, WORDED, UrPilot
 from cardan.conform.ur_rtde.requirements import requires
-from cardan.conform.ur_rtde.rig import UrRig
 from cardan.conform.ur_rtde.seen import (
     OLD,
     PRIMARY,
@@ -30,7 +28,6 @@ from cardan.protocols.ur.dashboard import DASHBOARD_PORT, request
 from cardan.protocols.ur.primary import PRIMARY_PORT, SECONDARY_PORT
 from cardan.protocols.ur.realtime import REALTIME_PORT
 from cardan.protocols.ur.rtde import RTDE_PORT, PacketType
-from cardan.sim_peers.ur_controller import UrControllerOptions
 
 _HARMLESS = frozenset(
     (
@@ -93,6 +90,8 @@ class UrRtde(Suite[UrSeen]):
     peer = "ur"
     requirements = requires.all()
     transport = Transport("tcp", {**_PORTS, REVERSE: REVERSE_PORT}, frozenset((REVERSE,)))
+    sees = UrSeen
+    rig = "cardan.conform.ur_rtde.rig:UrRig"
     seconds = 3.0
     # While it is held; before that most would only keep the program from being begun.
     tried_with: ClassVar[Mapping[str, float]] = dict.fromkeys(
@@ -113,14 +112,8 @@ class UrRtde(Suite[UrSeen]):
         7.0,
     )
 
-    def see(self, timeline: Timeline) -> UrSeen:
-        return UrSeen(timeline)
-
     def pilot(self, level: Level, seconds: float) -> UrPilot:
         return UrPilot(level, seconds, self.home)
-
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
-        UrRig(conduct, UrControllerOptions(faults=faults, seed=seed)).run()
 
     def wires(self, target: str) -> Wires:
         host, port = host_and_port(target, "--target", RTDE_PORT)

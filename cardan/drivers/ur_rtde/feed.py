@@ -11,8 +11,8 @@ from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY, Range
 from cardan.drivers.lost_time import SIMULATED_TIME, AgreedTime
 from cardan.drivers.robot_core import outside
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
-from cardan.drivers.ur_rtde.program import input_names, report_names
 from cardan.errors import shown
+from cardan.protocols.ur.program import input_names, report_names
 from cardan.protocols.ur.rtde import (
     IN_USE,
     NOT_FOUND,
@@ -29,6 +29,7 @@ from cardan.protocols.ur.rtde import (
     ask_inputs,
     ask_outputs,
     ask_version,
+    control_rate_hz,
     packet,
     read_reply,
 )
@@ -36,12 +37,8 @@ from cardan.protocols.ur.states import RobotMode, RuntimeState
 from cardan.protocols.ur.variables import OUTPUTS
 from cardan.types import NEVER_S
 
-E_SERIES_RATE_HZ: Final = 500.0
-CB3_RATE_HZ: Final = 125.0
 _TIME_S: Final = Range(-1e10, 1e10, "s", "no controller was on for so long")
 _SCALE: Final = Range(-10.0, 10.0, "", "no controller's time passes so fast")
-_CB3_MAJOR: Final = 3
-"""PolyScope 3 is a CB3; 5 and later are e-Series and what came after."""
 
 
 class Package(NamedTuple):
@@ -99,11 +96,6 @@ def _implausible(values: Package) -> str:
 
 _USUAL = min(JOINT_POSITION.highest, JOINT_VELOCITY.highest)
 _SCALES, _TIMES_S = _SCALE.highest, _TIME_S.highest
-
-
-def control_rate_hz(version: ControllerVersion | None) -> float:
-    """Of the control loop of a controller; before its version is known an e-Series' is taken."""
-    return CB3_RATE_HZ if version is not None and version.major <= _CB3_MAJOR else E_SERIES_RATE_HZ
 
 
 class RtdeFeed:

@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from cardan.drivers.limiters import JointLimiter
 from cardan.drivers.lost_time import LostTime
-from cardan.drivers.ur_rtde.options import JOINTS, UrRtdeOptions
-from cardan.drivers.ur_rtde.program import Order
+from cardan.drivers.ur_rtde.options import UrRtdeOptions
+from cardan.protocols.ur.program import JOINTS, Order
 from cardan.types import JointCommand, JointVelocityCommand, RobotCommand
 
 _BEATS: Final = 1 << 30
@@ -92,8 +92,3 @@ class Motion:
         self.beat = (self.beat + 1) % _BEATS
         limiter = self._limiter
         return [self._token, self.beat, order, *limiter.reference, *limiter.velocity]
-
-
-def nobody(beat: int) -> list[Any]:
-    """Registers' values that no program obeys."""
-    return [0, beat, int(Order.END), *(0.0,) * (2 * JOINTS)]

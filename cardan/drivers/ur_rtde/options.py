@@ -10,12 +10,11 @@ from cardan.common.bounds import LONGEST_BLIND_S, Range
 from cardan.common.options import Options, require_each
 from cardan.protocols.ur.dashboard import DASHBOARD_PORT
 from cardan.protocols.ur.primary import PRIMARY_PORT
+from cardan.protocols.ur.program import JOINTS, Servoing
 from cardan.protocols.ur.rtde import RTDE_PORT
 from cardan.protocols.ur.variables import UPPER_REGISTERS
 from cardan.robots import load_arm
 from cardan.types import JointLimits
-
-JOINTS = 6
 
 RATE_HZ = Range(
     50.0, 500.0, "Hz", "no controller sends more; with less an operator feels the steps"
@@ -112,3 +111,10 @@ class UrRtdeOptions(Options):
     def first_register(self) -> int:
         """Of those that are used."""
         return UPPER_REGISTERS if self.registers == "upper" else 0
+
+    @property
+    def servoing(self) -> Servoing:
+        """How the program at the controller follows."""
+        return Servoing(
+            self.first_register, self.watchdog_s, self.lookahead_s, self.gain, self.stop_rad_s2
+        )

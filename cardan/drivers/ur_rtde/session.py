@@ -20,9 +20,8 @@ from cardan.drivers.robot_core import (
 )
 from cardan.drivers.tcp_robot import Connection
 from cardan.drivers.ur_rtde.feed import IMPLAUSIBLE, Package, RtdeFeed
-from cardan.drivers.ur_rtde.motion import Motion, nobody
-from cardan.drivers.ur_rtde.options import JOINTS, UrRtdeOptions
-from cardan.drivers.ur_rtde.program import Report, program
+from cardan.drivers.ur_rtde.motion import Motion
+from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.starting import Starting
 from cardan.drivers.ur_rtde.words import (
     ENDS,
@@ -34,6 +33,7 @@ from cardan.drivers.ur_rtde.words import (
 )
 from cardan.protocols.ur.dashboard import UNLOCK_PROTECTIVE_STOP, LineReader, refusal, request
 from cardan.protocols.ur.primary import MessageKind, PackageReader, RobotMessage, read_message
+from cardan.protocols.ur.program import JOINTS, Report, nobody, program
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.types import (
     NEVER_S,
@@ -498,7 +498,7 @@ class UrSession:
             self._out.append(("dashboard", request(asked)))
         elif starting.uploads and self._links["primary"].up:
             starting.uploads, starting.uploaded = False, True
-            text = program(self.options, starting.token, 1.0 / self.feed.control_rate_hz)
+            text = program(self.options.servoing, starting.token, 1.0 / self.feed.control_rate_hz)
             self._out.append(("primary", text.encode()))
 
     def _started(self, values: Package, now_s: float) -> None:

@@ -6,7 +6,8 @@ import re
 from collections.abc import Mapping
 from typing import Final
 
-from cardan.drivers.ur_rtde.program import Report
+from cardan.protocols.ur.program import Report
+from cardan.protocols.ur.rtde import CB3_MAJOR
 from cardan.protocols.ur.states import RobotMode, SafetyMode
 
 SAFETY: Final[Mapping[int, str]] = {
@@ -79,7 +80,6 @@ REDUCED: Final = (
 )
 
 _CB3: Final = frozenset({"ur3", "ur5", "ur10"})
-_CB3_MAJOR: Final = 3
 
 
 _NUMBER: Final = re.compile(r"ur(\d+)", re.ASCII | re.IGNORECASE)
@@ -94,12 +94,12 @@ def other_arm(robot: str, major: int, model: str) -> str:
             f"the controller's arm is a UR{theirs[1]}, and is driven as {robot}: poses and limits "
             f"are wrong; set robot to the model of a UR{theirs[1]}"
         )
-    if major <= _CB3_MAJOR and robot.removesuffix("e") in _CB3 and robot.endswith("e"):
+    if major <= CB3_MAJOR and robot.removesuffix("e") in _CB3 and robot.endswith("e"):
         return (
             f"the controller is a CB3 (PolyScope {major}), and {robot} is an e-Series arm: poses "
             f'and limits are wrong; set robot = "{robot.removesuffix("e")}"'
         )
-    if major > _CB3_MAJOR and robot in _CB3:
+    if major > CB3_MAJOR and robot in _CB3:
         return (
             f"the controller is an e-Series (PolyScope {major}), and {robot} is an arm of a CB3: "
             f'poses and limits are wrong; set robot = "{robot}e"'

@@ -81,6 +81,17 @@ class ControllerVersion(NamedTuple):
     build: int
 
 
+E_SERIES_RATE_HZ: Final = 500.0
+CB3_RATE_HZ: Final = 125.0
+CB3_MAJOR: Final = 3
+"""PolyScope 3 is a CB3; 5 and later are e-Series and what came after."""
+
+
+def control_rate_hz(version: ControllerVersion | None) -> float:
+    """Of the control loop of a controller; before its version is known an e-Series' is taken."""
+    return CB3_RATE_HZ if version is not None and version.major <= CB3_MAJOR else E_SERIES_RATE_HZ
+
+
 class Text(NamedTuple):
     """A message in words."""
 

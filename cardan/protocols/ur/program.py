@@ -1,26 +1,29 @@
-"""The program that the driver runs at the controller, and the registers between them.
+"""A program that a client runs at the controller to have joints followed, and the registers between
+them.
 
 It servos to the joints that the registers hold. When no command comes it goes on at the last
-speeds, as the driver assumes when it comes back, and stops the arm and ends after the watchdog's
-time. It obeys one run of the driver only: the one whose token it was made with.
+speeds, as the client assumes when it comes back, and stops the arm and ends after the watchdog's
+time. It obeys one run of the client only: the one whose token it was made with.
 """
 
 from __future__ import annotations
 
 import enum
-from typing import Final
+from typing import Any, Final, NamedTuple
 
-from cardan.drivers.ur_rtde.options import JOINTS, UrRtdeOptions
+from cardan.protocols.ur.variables import UPPER_REGISTERS
+
+JOINTS: Final = 6
 
 FIRST_WAIT_S: Final = 2.0
 """For the first command the program waits so long."""
 LARGEST_JUMP_RAD: Final = 0.15
 """A command farther from the one before, or from where the program has gone on to, is none of the
-driver's: while the driver stands still both go on at a speed that both know."""
+client's: while the client stands still both go on at a speed that both know."""
 
 
 class Order(enum.IntEnum):
-    """What the driver wants, in an input register."""
+    """What the client wants, in an input register."""
 
     FOLLOW = 1
     END = 2
@@ -38,7 +41,7 @@ class Report(enum.IntEnum):
 
 
 def input_names(first: int) -> tuple[str, ...]:
-    """Token, beat, order, joints and joint speeds: the registers that the driver writes."""
+    """Token, beat, order, joints and joint speeds: the registers that the client writes."""
     return (
         *(f"input_int_register_{first + n}" for n in range(3)),
         *(f"input_double_register_{first + n}" for n in range(2 * JOINTS)),
@@ -54,15 +57,35 @@ def report_names(first: int) -> tuple[str, str, str]:
     )
 
 
-def program(options: UrRtdeOptions, token: int, control_period_s: float) -> str:
+def nobody(beat: int) -> list[Any]:
+    """Registers' values that no program obeys."""
+    return [0, beat, int(Order.END), *(0.0,) * (2 * JOINTS)]
+
+
+class Servoing(NamedTuple):
+    """How a program follows, and what ends it."""
+
+    first_register: int = UPPER_REGISTERS
+    """Of those between the client and the program."""
+    watchdog_s: float = 0.1
+    """Time without a command after which it stops the arm and ends."""
+    lookahead_s: float = 0.03
+    """servoj's `lookahead_time`."""
+    gain: int = 500
+    """servoj's `gain`."""
+    stop_rad_s2: float = 5.0
+    """Deceleration at its end, of the joint that is fastest."""
+
+
+def program(servoing: Servoing, token: int, control_period_s: float) -> str:
     """The program's text, for a controller whose control loop has this period."""
-    first = options.first_register
+    first = servoing.first_register
     joints = range(JOINTS)
     goal = ", ".join(f"read_input_float_register({first + n})" for n in joints)
     speeds = ", ".join(f"read_input_float_register({first + JOINTS + n})" for n in joints)
     jump = " or ".join(f"norm(new[{n}] - q[{n}]) > {LARGEST_JUMP_RAD:g}" for n in joints)
     drift = "\n".join(f"      q[{n}] = q[{n}] + v[{n}] * {control_period_s:g}" for n in joints)
-    most = round(options.watchdog_s / control_period_s)
+    most = round(servoing.watchdog_s / control_period_s)
     waits = round(FIRST_WAIT_S / control_period_s)
     return f"""\
 def cardan():
@@ -99,10 +122,10 @@ def cardan():
       end
     end
     if report == {Report.FOLLOWS:d}:
-      servoj(q, 0, 0, {control_period_s:g}, {options.lookahead_s:g}, {options.gain:d})
+      servoj(q, 0, 0, {control_period_s:g}, {servoing.lookahead_s:g}, {servoing.gain:d})
     end
   end
   write_output_integer_register({first + 1}, report)
-  stopj({options.stop_rad_s2:g})
+  stopj({servoing.stop_rad_s2:g})
 end
 """

@@ -1,0 +1,74 @@
+"""What is said of drivers that end, and of references that leap."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from cardan.conform import Level, Outcome, registry
+from cardan.conform.egm.seen import Answer, Robot
+from cardan.conform.egm_driver.requirements import (
+    a_session_begins_where_the_arm_is,
+    references_do_not_leap,
+)
+from cardan.conform.run import simulated
+from cardan.protocols.egm import EgmHeader, EgmMotion, EgmRobot, EgmSensor, MessageType
+from cardan.protocols.egm.messages import EgmPose
+from cardan.spatial import Quaternion, Vector3
+
+
+def answer(joint_deg=0.0, x_m=0.0):
+    """One that commands this position of the first joint and of the TCP."""
+    joints = (math.radians(joint_deg), *(0.0,) * 5)
+    pose = EgmPose(Vector3(x_m, 0.0, 0.0), Quaternion(1.0, 0.0, 0.0, 0.0))
+    header = EgmHeader(1, 1, MessageType.CORRECTION)
+    return Answer(2, 0.0, EgmSensor(header, EgmMotion(joints, pose)))
+
+
+@pytest.mark.parametrize(
+    ("after", "words"),
+    [
+        (answer(joint_deg=5.0), "5.00 of at most 1 degrees"),
+        (answer(x_m=0.02), "20.00 of at most 4 mm"),
+        (answer(5.0, 0.02), "20.00 of at most 4 mm and 5.00 of at most 1 degrees"),
+        (answer(0.9, 0.003), ""),
+    ],
+)
+def test_a_leap_is_told_in_what_was_exceeded(after, words):
+    assert references_do_not_leap((answer(), after)) == words
+
+
+def test_joints_away_from_the_arm_are_told_in_degrees():
+    measured = Robot(1, 0.0, "", EgmRobot(feed_back=answer().message.planned))
+    words = a_session_begins_where_the_arm_is((measured, answer(joint_deg=5.0)))
+    assert words == "away by 5.00 of at most 0.05 degrees"
+
+
+@pytest.mark.parametrize(
+    ("suite", "why", "later"),
+    [
+        ("egm-driver", "EGMPC-112", (113, 114, 115, 301)),
+        ("joint-stream-driver", "JSPC-115", (116, 117, 118, 119, 120, 121, 301)),
+    ],
+)
+def test_a_driver_that_has_ended_is_not_judged_by_what_comes_later(suite, why, later):
+    report, _ = simulated(registry.load(suite), Level.BY_HAND, {"gives-up": 1.0})
+    assert report.failed == (why,)
+    found = {each.id: each for each in report.results}
+    for number in later:
+        verdict = found[f"{why.partition('-')[0]}-{number}"]
+        assert verdict.outcome is Outcome.NOT_SEEN
+        assert verdict.said == f"not judged: it had ended ({why})"
+
+
+@pytest.mark.parametrize(
+    ("suite", "fault", "failed"),
+    [
+        ("egm-driver", "one-port", ("EGMPC-115",)),
+        ("joint-stream-driver", "greets-once", ("JSPC-119", "JSPC-121")),
+    ],
+)
+def test_a_driver_that_only_does_not_follow_is_judged(suite, fault, failed):
+    report, _ = simulated(registry.load(suite), Level.HOLD, {fault: 1.0})
+    assert report.failed == failed
