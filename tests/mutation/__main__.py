@@ -37,9 +37,9 @@ from tests.mutation.areas import AREAS, NO_SURVIVORS, TESTS, equivalents
 from tests.mutation.mutants import ROOT, Mutant, instrumented, mutants_of, mutated
 
 PREPARED = (
-    "numpy pinocchio coal daqp scipy typer rich websockets serial google.protobuf zenoh cbor2 "
-    "asyncio unittest.mock"
-).split()
+    *("numpy", "pinocchio", "coal", "daqp", "scipy", "typer", "rich", "websockets", "serial"),
+    *("google.protobuf", "zenoh", "cbor2", "asyncio", "unittest.mock"),
+)
 """What many tests import: loaded once, before processes are forked. Nothing of the package."""
 
 KILLED, SURVIVED, ENDLESS, UNSUITED = "killed", "survived", "endless", "unsuited"
@@ -53,9 +53,9 @@ MEMORY_BYTES = 4 << 30
 """More than this is refused to the tests of a mutant."""
 
 OPTIONS = (
-    "-x -q -o addopts= --strict-markers --part computing --tb native "
-    "-p no:cacheprovider -p no:xdist"
-).split()
+    *("-q", "-o", "addopts=", "--strict-markers", "--part", "computing", "--tb", "native"),
+    *("-p", "no:cacheprovider", "-p", "no:xdist"),
+)
 
 Found = dict[str, object]
 
@@ -277,7 +277,7 @@ class Runs:
                 told.append((number, now_s - began_s, sorted(hits.copy())))
             else:
                 told.append((number, -1.0, []))
-            began_s, session.testsfailed, session.shouldfail = now_s, 0, False
+            began_s, session.testsfailed = now_s, 0
             hits.clear()
         tell(json.dumps(told))
         return 0
@@ -338,7 +338,7 @@ def try_anew(
     def work(path: str, tree: ast.Module | None) -> int:
         if tree is not None:
             sys.meta_path.insert(0, Anew(path, tree))
-        code = pytest.main([*OPTIONS, *but, *(files.get(path) or tests)], plugins=[Profile()])
+        code = pytest.main([*OPTIONS, "-x", *but, *(files.get(path) or tests)], plugins=[Profile()])
         return 0 if code == 0 else 1
 
     def check(path: str, outcome: str) -> None:
@@ -398,7 +398,7 @@ def matching(only: Sequence[str]) -> list[str]:
     return sorted(found)
 
 
-def tests_for(paths: Iterable[str]) -> list[str]:
+def with_tests(paths: Iterable[str]) -> list[str]:
     """Where the tests are of the files."""
     found: dict[str, None] = {}
     for path in paths:
@@ -435,7 +435,7 @@ def main() -> int:
     if asked.list:
         print(*(f"{m.path}:{m.line} {m.name.partition('::')[2]}" for m in mutants), sep="\n")
         return 0
-    return carry_out(mutants, asked.tests or tests_for(paths), asked.jobs, asked.report)
+    return carry_out(mutants, asked.tests or with_tests(paths), asked.jobs, asked.report)
 
 
 def carry_out(mutants: list[Mutant], tests: list[str], jobs: int, report: Path | None) -> int:

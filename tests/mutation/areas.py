@@ -17,10 +17,7 @@ AREAS: dict[str, tuple[str, ...]] = {
         "cardan/drivers/omni/limits.py",
         "cardan/gateway/force/guard.py",
     ),
-    "access": tuple(
-        f"{FACES}/{name}.py"
-        for name in ("tokens", "door", "guessing", "allowed", "console/address")
-    ),
+    "access": tuple(f"{FACES}/{name}.py" for name in ("tokens", "door", "guessing", "allowed")),
     "arm": ("cardan/gateway/arm",),
     "operator": ("cardan/gateway/hand",),
     "motion": ("cardan/gateway/motion",),

@@ -41,6 +41,9 @@ OPERATORS: dict[type[ast.AST], tuple[type[ast.AST], ...]] = {
 
 NAMES = {"min": "max", "max": "min", "any": "all", "all": "any"}
 
+SYMMETRIC = frozenset({"min", "max", "suppress", "compare_digest", "hypot", "dist", "dot"})
+"""Functions whose arguments mean the same in any order."""
+
 FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
@@ -101,7 +104,9 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
         yield changed(targets=[ast.Name("_left_out", ast.Store())])
     elif isinstance(node, ast.Call):
         args = node.args
-        if len(args) > 1 and not any(isinstance(each, ast.Starred) for each in args[:2]):
+        called = ast.unparse(node.func).rpartition(".")[2]
+        starred = any(isinstance(each, ast.Starred) for each in args[:2])
+        if len(args) > 1 and not starred and called not in SYMMETRIC:
             yield changed(args=[args[1], args[0], *args[2:]])
         if isinstance(node.func, ast.Name) and node.func.id in NAMES:
             yield changed(func=ast.Name(NAMES[node.func.id], ast.Load()))
