@@ -55,3 +55,16 @@ def test_a_file_is_read_up_to_its_limit(own_file):
     own_file.write_text(words + "#" * (FILE_BYTES - len(words) + 1))
     with pytest.raises(ConfigurationError, match="longer than"):
         tokens.read_tokens(own_file)
+
+
+@pytest.mark.parametrize(
+    ("roles", "found"),
+    [
+        ({"a": Role.VIEWER, "b": Role.ADMIN, "c": Role.OPERATOR, "d": Role.OPERATOR}, "c"),
+        ({"a": Role.VIEWER, "b": Role.ADMIN}, "b"),
+        ({"a": Role.VIEWER}, "a"),
+        ({}, ""),
+    ],
+)
+def test_who_starts_the_server_is_told_an_operators_token_rather_than_an_admins(roles, found):
+    assert tokens.Tokens(roles).for_starter() == found
