@@ -36,7 +36,7 @@ unexport PYTHONDONTWRITEBYTECODE
 help:
 	@echo "make demo    run a demo against simulated peers, DEMO_ROBOT=$(DEMO_ROBOT) ($(DEMO_SECONDS) s)"
 	@echo "make test    the tests of every change: what computes, and one of each mechanism that is real"
-	@echo "make test-matrix  all the others, and all demos, part by part: MATRIX=\"tests studies plugins browser docs demos pythons neighbours kernel lerobot\""
+	@echo "make test-matrix  all the others, and all demos, part by part: MATRIX=\"tests studies plugins browser docs demos pythons mutants neighbours kernel lerobot\""
 	@echo "make page    the console's page, where the one that is there is not of these sources"
 	@echo "make lock    the versions that make installs, in locks/ (NEWEST=1: the newest of everything)"
 	@echo "make test-kernel  the drivers against the real Linux kernel, in a virtual machine"

@@ -92,8 +92,6 @@ class Authority:
     def expire(self, now_s: float, busy: bool) -> None:
         """Free the authority of an owner that has not renewed it; one whose motion is `busy`
         keeps it."""
-        if not self._owner:
-            return
         if busy:
             self._renewed_s = now_s
         elif now_s - self._renewed_s > self.lease_s:

@@ -4,6 +4,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 
+from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.arm.authority import (
     HAND,
     LEASE_S,
@@ -216,3 +217,18 @@ def test_only_a_network_is_reserved_for_with_its_nodes():
     assert authority.take("ros2 /joystick", 0.0)
     authority = Authority(AuthorityOptions(policy=AuthorityPolicy.NAMED, named="ros2"), "ros2")
     assert authority.take("ros2 /joystick", 0.0) == ""
+
+
+@pytest.mark.parametrize(
+    ("policy", "named"),
+    [(AuthorityPolicy.NAMED, ""), (AuthorityPolicy.HAND, "pendant"), (AuthorityPolicy.FIRST, HAND)],
+)
+def test_the_policy_that_reserves_it_says_for_whom_and_no_other_does(policy, named):
+    with pytest.raises(ConfigurationError, match='policy = "named" needs the source'):
+        AuthorityOptions(policy=policy, named=named)
+
+
+@pytest.mark.parametrize("lease_s", [0.0, -1.0, 10.1, float("nan"), float("inf")])
+def test_a_lease_that_never_ends_or_at_once_is_refused(lease_s):
+    with pytest.raises(OptionError, match="lease_s"):
+        AuthorityOptions(lease_s=lease_s)

@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
+from cardan.errors import OptionError
 from cardan.gateway.hand.mapping import AXES, GripperOptions, MappingOptions, Mode, TwistMapping
 from cardan.spatial import norm
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState, Frame
@@ -104,3 +105,29 @@ def test_where_the_pose_is_followed_deflections_do_not_keep_the_robot_from_being
     options = MappingOptions(mode=Mode.POSITION, clutch="button_2", enable="right")
     mapping = TwistMapping(options)
     assert mapping.asks_to_enable(state()._replace(axes=(0.3,) * 6), edges("right"), 0.1)
+
+
+def test_axes_drive_joints_either_way():
+    mapping = TwistMapping(MappingOptions(joints={"x": "a", "-ry": "b"}, joint_speed_rad_s=0.5))
+    assert mapping.drives_joints
+    rates = mapping.joint_rates((1.0, 0.0, 0.0, 0.0, 0.4, 0.0))
+    assert rates == {"a": pytest.approx(0.5), "b": pytest.approx(-0.2)}
+    assert not TwistMapping(MappingOptions()).drives_joints
+
+
+@pytest.mark.parametrize("deadman", [("",), ("left", "")])
+def test_a_dead_man_without_a_name_is_refused(deadman):
+    with pytest.raises(OptionError, match="deadman"):
+        MappingOptions(deadman=deadman)
+
+
+@pytest.mark.parametrize(
+    ("deadman", "buttons"), [("", ()), ("left", ("left",)), (("a", "b"), ("a", "b"))]
+)
+def test_which_buttons_are_the_dead_man(deadman, buttons):
+    options = MappingOptions(deadman=deadman)
+    assert options.deadman_buttons == buttons
+    mapping = TwistMapping(options)
+    for held in ((), ("c",), ("a",), ("left", "c")):
+        device = DeviceState(0.0, DeviceLink.LIVE, (0.0,) * 6, frozenset(held), None)
+        assert mapping.deadman_held(device) is (not buttons or bool({*buttons} & {*held}))

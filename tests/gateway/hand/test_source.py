@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.gateway.hand.mapping import MappingOptions, Mode, TwistMapping
-from cardan.gateway.hand.source import CLUTCH_WITHIN_S, HandSource, HandView
+from cardan.gateway.hand.source import CLUTCH_WITHIN_S, NO_REQUEST, HandSource, HandView
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.types import (
     IDENTITY,
@@ -18,6 +18,7 @@ from cardan.types import (
     Pose,
     RobotLink,
     RobotState,
+    Twist,
     Vector3,
 )
 
@@ -315,3 +316,18 @@ def test_a_button_that_the_device_has_not_is_told_in_place_of_an_act_that_cannot
     assert asked.advice == asked.source.complaint
     asked.tick(link=DeviceLink.LOST)
     assert asked.advice != asked.source.complaint
+
+
+@pytest.mark.parametrize(
+    ("linear", "angular", "rates", "asks"),
+    [
+        (0.0, 0.0, {}, False),
+        (0.1, 0.0, {}, True),
+        (0.0, -0.1, {}, True),
+        (0.0, 0.0, {"a": 0.0, "b": 0.0}, False),
+        (0.0, 0.0, {"a": 0.0, "b": -0.1}, True),
+    ],
+)
+def test_motion_of_any_kind_is_asked_for(linear, angular, rates, asks):
+    twist = Twist(Vector3(0.0, linear, 0.0), Vector3(0.0, 0.0, angular), ZERO_TWIST.frame)
+    assert NO_REQUEST._replace(twist=twist, rates=rates).asks is asks

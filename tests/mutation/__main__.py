@@ -1,0 +1,505 @@
+"""Whether the tests notice changes of the package: ``python -m tests.mutation`` (tools/mutants).
+
+Tests are read once. A run with counters says which of them run which statement. Then, for each
+mutant, a forked process has the code of its function replaced and runs the tests that run the
+statement, until one fails. A mutant outside functions acts when its module is imported, and has
+its tests read anew. Nothing in the working tree is touched.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import builtins
+import contextlib
+import gc
+import importlib
+import importlib.machinery
+import importlib.util
+import json
+import os
+import random
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+import types
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+
+import pytest
+
+from tests.mutation.areas import AREAS, NO_SURVIVORS, TESTS, equivalents
+from tests.mutation.mutants import ROOT, Mutant, instrumented, mutants_of, mutated
+
+PREPARED = (
+    *("numpy", "pinocchio", "coal", "daqp", "scipy", "typer", "rich", "websockets", "serial"),
+    *("google.protobuf", "zenoh", "cbor2", "asyncio", "unittest.mock"),
+)
+"""What many tests import: loaded once, before processes are forked. Nothing of the package."""
+
+KILLED, SURVIVED, ENDLESS, UNSUITED = "killed", "survived", "endless", "unsuited"
+"""ENDLESS: longer than the time limit, which counts as killed. UNSUITED: not to be exchanged in a
+function that is there; it is tried with its module imported anew."""
+
+SLACK_S, SLACK = 15.0, 8.0
+"""A mutant may take so many times as long as its tests without it, and so much more."""
+
+MEMORY_BYTES = 4 << 30
+"""More than this is refused to the tests of a mutant."""
+
+OPTIONS = (
+    *("-q", "-o", "addopts=", "--strict-markers", "--part", "computing", "--tb", "native"),
+    *("-p", "no:cacheprovider", "-p", "no:xdist"),
+)
+
+Found = dict[str, object]
+
+
+class Profile:
+    """Plug-in: the same examples for each mutant, and no search for the smallest that fails."""
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_configure(self) -> None:
+        import hypothesis  # By pytest, which is to rewrite it.
+
+        phases = (hypothesis.Phase.explicit, hypothesis.Phase.generate)
+        hypothesis.settings.register_profile(
+            "mutants",
+            deadline=None,
+            database=None,
+            derandomize=True,
+            max_examples=25,
+            phases=phases,
+            suppress_health_check=list(hypothesis.HealthCheck),
+        )
+        hypothesis.settings.load_profile("mutants")
+
+
+Functions = dict[tuple[str, tuple[str, int, str]], list[types.FunctionType]]
+
+
+def functions_that_are_there() -> Functions:
+    """All, by file and by name, first line and scope."""
+    found: Functions = defaultdict(list)
+    gc.unfreeze()  # What collecting made: conftest.py.
+    for each in gc.get_objects():
+        if type(each) is types.FunctionType:
+            found[each.__code__.co_filename, _key(each.__code__)].append(each)
+    gc.freeze()
+    return found
+
+
+def _key(code: types.CodeType) -> tuple[str, int, str]:
+    return code.co_name, code.co_firstlineno, getattr(code, "co_qualname", "")
+
+
+def codes_of(code: types.CodeType) -> Iterator[types.CodeType]:
+    """Those within it."""
+    for each in code.co_consts:
+        if isinstance(each, types.CodeType):
+            yield each
+            yield from codes_of(each)
+
+
+def exchange(functions: Functions, path: str, tree: ast.Module) -> bool:
+    """Give the functions of the file the code of `tree`; whether that could be done."""
+    file, done = str(ROOT / path), False
+    for code in codes_of(compile(tree, file, "exec", dont_inherit=True)):
+        for function in functions.get((file, _key(code)), ()):
+            if function.__code__ != code:
+                try:
+                    function.__code__ = code
+                except ValueError:  # It has other free variables.
+                    return False
+                done = True
+    return done
+
+
+class Anew(importlib.machinery.SourceFileLoader):
+    """Imports one module from a syntax tree; also the finder for it."""
+
+    def __init__(self, path: str, tree: ast.Module) -> None:
+        name = path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+        super().__init__(name, str(ROOT / path))
+        self._tree = tree
+
+    def find_spec(self, name: str, path: object = None, target: object = None):
+        return importlib.util.spec_from_loader(name, self) if name == self.name else None
+
+    def get_code(self, name: str) -> types.CodeType:
+        return compile(self._tree, self.path, "exec", dont_inherit=True)
+
+
+class Processes:
+    """Forked processes, a few at a time, each with an end of its own."""
+
+    def __init__(self, number: int, scratch: Path) -> None:
+        self._number, self._scratch = number, scratch
+        scratch.mkdir(parents=True)
+        self._running: dict[int, tuple[float, Path, Callable[[str, str], None]]] = {}
+        self._made = 0
+
+    def start(
+        self, work: Callable[[], int], limit_s: float, done: Callable[[str, str], None]
+    ) -> None:
+        """Have `work` done in a process; `done` is told its outcome, and what it wrote."""
+        while len(self._running) >= self._number:
+            self._wait()
+        self._made += 1
+        folder = self._scratch / str(self._made)
+        folder.mkdir()
+        pid = os.fork()
+        if pid == 0:
+            status = 70
+            try:
+                os.setsid()
+                self._prepare(folder)
+                status = work()
+            except BaseException:
+                say(traceback.format_exc())
+            finally:
+                os._exit(status)
+        self._running[pid] = time.monotonic() + limit_s, folder, done
+
+    @staticmethod
+    def _prepare(folder: Path) -> None:
+        os.environ["PYTEST_DEBUG_TEMPROOT"] = os.environ["TMPDIR"] = tempfile.tempdir = str(folder)
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (used + MEMORY_BYTES,) * 2)
+        silence()
+
+    def _wait(self) -> None:
+        while True:
+            for pid, (end_s, folder, done) in list(self._running.items()):
+                ended, status = os.waitpid(pid, os.WNOHANG)
+                late = time.monotonic() > end_s
+                if not ended and not late:
+                    continue
+                with contextlib.suppress(ProcessLookupError):  # With all that it started.
+                    os.killpg(pid, signal.SIGKILL)
+                if not ended:
+                    os.waitpid(pid, 0)
+                del self._running[pid]
+                code = os.waitstatus_to_exitcode(status) if ended else 0
+                text = folder / "told"
+                told = text.read_text() if text.exists() else ""
+                shutil.rmtree(folder, ignore_errors=True)
+                known = {0: SURVIVED, 3: UNSUITED}
+                done(known.get(code, KILLED) if ended else ENDLESS, told)
+                return
+            time.sleep(0.005)
+
+    def __enter__(self) -> Processes:
+        return self
+
+    def __exit__(self, kind: object, error: object, where: object) -> None:
+        """Wait for all, or end them where something went wrong."""
+        for pid in self._running if kind else ():
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(pid, signal.SIGKILL)
+        if not kind:
+            self.join()
+
+    def join(self) -> None:
+        """Wait for all."""
+        while self._running:
+            self._wait()
+
+
+def tell(text: str) -> None:
+    """Leave `text` for the process that forked this one."""
+    Path(os.environ["TMPDIR"], "told").write_text(text, encoding="utf-8")
+
+
+class Runs:
+    """Plug-in that runs the collected tests for each mutant instead of once."""
+
+    def __init__(self, mutants: Sequence[Mutant], processes: int, scratch: Path) -> None:
+        self.mutants, self.number, self.scratch = mutants, processes, scratch
+        self.hit: dict[tuple[str, int], set[int]] = defaultdict(set)
+        self.took_s: dict[int, float] = {}
+        self.results: dict[Mutant, tuple[str, str]] = {}
+        self.files: dict[str, list[str]] = {}
+        self.bad: list[str] = []
+
+    def pytest_internalerror(self, excrepr: object) -> None:
+        say(str(excrepr))
+
+    def pytest_runtestloop(self, session: pytest.Session) -> bool:
+        self.items, self.functions = session.items, functions_that_are_there()
+        session.testsfailed = 0
+        say(f"{len(self.items)} tests read; they are run once, counted")
+        with Processes(self.number, self.scratch / "counted") as processes:
+            for part in range(self.number):
+                processes.start(lambda p=part: self._count(session, p), 3600.0, self._counted)
+        self._summarize()
+        with Processes(self.number, self.scratch / "tried") as processes:
+            for mutant in self.mutants:
+                chosen = self._chosen(mutant)
+                if mutant.function and chosen:
+                    processes.start(
+                        lambda m=mutant, c=chosen: self._try(session, m, c),
+                        SLACK_S + SLACK * sum(self.took_s[each] for each in chosen),
+                        lambda outcome, told, m=mutant: self._note(m, outcome, told),
+                    )
+                else:
+                    self.results[mutant] = UNSUITED, ""
+        return True
+
+    def _run(self, session: pytest.Session, numbers: Sequence[int]) -> Iterator[int]:
+        for place, number in enumerate(numbers):
+            after = self.items[numbers[place + 1]] if place + 1 < len(numbers) else None
+            item = self.items[number]
+            item.config.hook.pytest_runtest_protocol(item=item, nextitem=after)
+            yield number
+
+    def _count(self, session: pytest.Session, part: int) -> int:
+        """Which statements each test runs; those that fail are left out."""
+        hits: set[tuple[str, int]] = set()
+        builtins._mutant_hit = lambda path, index: hits.add((path, index))  # type: ignore[attr-defined]
+        for path in {mutant.path for mutant in self.mutants}:
+            exchange(self.functions, path, instrumented(path))
+        # Neighbours share what is made once for a module.
+        files = sorted({str(item.path) for item in self.items})
+        mine = set(files[part :: self.number])
+        told = []
+        began_s = time.monotonic()
+        wanted = [n for n, item in enumerate(self.items) if str(item.path) in mine]
+        for number in self._run(session, wanted):
+            now_s = time.monotonic()
+            if not session.testsfailed:
+                told.append((number, now_s - began_s, sorted(hits.copy())))
+            else:
+                told.append((number, -1.0, []))
+            began_s, session.testsfailed = now_s, 0
+            hits.clear()
+        tell(json.dumps(told))
+        return 0
+
+    def _counted(self, outcome: str, told: str) -> None:
+        if outcome != SURVIVED or not told:
+            raise RuntimeError(f"the run without mutants did not end well: {outcome}")
+        for number, took_s, hits in json.loads(told):
+            if took_s < 0:
+                say(f"left out, as it fails when it is counted: {self.items[number].nodeid}")
+                self.bad.append(self.items[number].nodeid)
+                continue
+            self.took_s[number] = took_s
+            for path, index in hits:
+                self.hit[path, index].add(number)
+
+    def _summarize(self) -> None:
+        by_path = defaultdict(set)
+        for (path, _), numbers in self.hit.items():
+            by_path[path].update(str(self.items[number].path) for number in numbers)
+        self.files = {path: sorted(files) for path, files in by_path.items()}
+
+    def _chosen(self, mutant: Mutant) -> list[int]:
+        """The tests that run its statement: file by file, the quickest file first."""
+        numbers = self.hit.get((mutant.path, mutant.statement), ())
+        sums: dict[str, float] = defaultdict(float)
+        for number in numbers:
+            sums[str(self.items[number].path)] += self.took_s[number]
+        return sorted(numbers, key=lambda n: (sums[str(self.items[n].path)], n))
+
+    def _try(self, session: pytest.Session, mutant: Mutant, numbers: Sequence[int]) -> int:
+        if not exchange(self.functions, mutant.path, mutated(mutant)):
+            return 3
+        for number in self._run(session, numbers):
+            if session.testsfailed:
+                tell(self.items[number].nodeid)
+                return 1
+        return 0
+
+    def _note(self, mutant: Mutant, outcome: str, told: str) -> None:
+        self.results[mutant] = outcome, told
+        if outcome == SURVIVED:
+            say(f"survived: {mutant.path}:{mutant.line} {mutant.function}: {mutant.change}")
+
+
+def try_anew(
+    mutants: Sequence[Mutant],
+    files: dict[str, list[str]],
+    tests: list[str],
+    bad: Sequence[str],
+    processes: Processes,
+) -> dict[Mutant, tuple[str, str]]:
+    """Those that act when their module is imported; `files`: the tests of each file, `bad`: those
+    that are left out."""
+    results: dict[Mutant, tuple[str, str]] = {}
+    but = [word for name in bad for word in ("--deselect", name)]
+
+    def work(path: str, tree: ast.Module | None) -> int:
+        if tree is not None:
+            sys.meta_path.insert(0, Anew(path, tree))
+        code = pytest.main([*OPTIONS, "-x", *but, *(files.get(path) or tests)], plugins=[Profile()])
+        return 0 if code == 0 else 1
+
+    def check(path: str, outcome: str) -> None:
+        if outcome != SURVIVED:
+            raise SystemExit(f"the tests of {path} fail without a mutant")
+
+    def note(mutant: Mutant, outcome: str, told: str) -> None:
+        results[mutant] = outcome, told
+        if outcome == SURVIVED:
+            say(f"survived: {mutant.path}:{mutant.line} {mutant.function}: {mutant.change}")
+
+    took_s: dict[str, float] = {}
+    with processes:
+        for mutant in mutants:
+            path = mutant.path
+            if path not in took_s:
+                processes.join()
+                began_s = time.monotonic()
+                processes.start(
+                    lambda p=path: work(p, None), 900.0, lambda o, t, p=path: check(p, o)
+                )
+                processes.join()
+                took_s[path] = time.monotonic() - began_s
+            processes.start(
+                lambda m=mutant: work(m.path, mutated(m)),
+                SLACK_S + SLACK * took_s[path],
+                lambda o, t, m=mutant: note(m, o, t),
+            )
+    return results
+
+
+def silence() -> None:
+    """No input, and no output but by `say`."""
+    nothing = os.open(os.devnull, os.O_RDWR)
+    for number in (0, 1, 2):
+        os.dup2(nothing, number)
+
+
+def say(text: str) -> None:
+    """On the terminal, past what pytest captures."""
+    os.write(_OUT, f"{text}\n".encode())
+
+
+_OUT = os.dup(2)
+
+
+def matching(only: Sequence[str]) -> list[str]:
+    """Files of the areas, or those below the paths that are asked for."""
+    asked = only or [path for paths in AREAS.values() for path in paths]
+    found: set[str] = set()
+    for each in asked:
+        place = ROOT / each
+        if not place.exists():
+            raise SystemExit(f"{each}: there is no such file or folder in {ROOT}")
+        files = place.rglob("*.py") if place.is_dir() else [place]
+        found.update(str(file.relative_to(ROOT)) for file in files)
+    return sorted(found)
+
+
+def with_tests(paths: Iterable[str]) -> list[str]:
+    """Where the tests are of the files."""
+    found: dict[str, None] = {}
+    for path in paths:
+        for beginning, tests in TESTS.items():
+            if path.startswith(beginning):
+                found.update(dict.fromkeys(tests))
+                break
+        else:
+            raise SystemExit(f"{path}: tests/mutation/areas.py does not say which tests it has")
+    return list(found)
+
+
+def main() -> int:
+    """0: no mutant survived where none may."""
+    parser = argparse.ArgumentParser("tools/mutants", description=__doc__)
+    parser.add_argument("--sample", type=int, help="so many of the mutants; without it, all")
+    parser.add_argument("--seed", type=int, default=0, help="another seed: another sample")
+    parser.add_argument("--only", nargs="+", default=[], metavar="PATH", help="file or folder")
+    parser.add_argument("--area", nargs="+", default=[], choices=AREAS)
+    parser.add_argument("--tests", nargs="+", metavar="PATH", help="those that are run")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    parser.add_argument("--report", type=Path, help="write the outcome of each as JSON")
+    parser.add_argument("--list", action="store_true", help="only say which there are")
+    asked = parser.parse_args()
+    os.chdir(ROOT)
+    areas = [path for area in asked.area for path in AREAS[area]]
+    paths = matching([*asked.only, *areas])
+    equal = equivalents()
+    mutants = [m for path in paths for m in mutants_of(path) if m.name not in equal]
+    there = len(mutants)
+    if asked.sample is not None and asked.sample < there:
+        mutants = sorted(random.Random(asked.seed).sample(mutants, asked.sample))
+    say(f"{len(mutants)} of {there} mutants of {len(paths)} files")
+    if asked.list:
+        print(*(f"{m.path}:{m.line} {m.name.partition('::')[2]}" for m in mutants), sep="\n")
+        return 0
+    return carry_out(mutants, asked.tests or with_tests(paths), asked.jobs, asked.report)
+
+
+def carry_out(mutants: list[Mutant], tests: list[str], jobs: int, report: Path | None) -> int:
+    """Run, and say how it went."""
+    began_s = time.monotonic()
+    for name in PREPARED:
+        with contextlib.suppress(ImportError):
+            importlib.import_module(name)
+    with tempfile.TemporaryDirectory() as folder:
+        # What a mutant writes elsewhere than it should is not the user's.
+        for name in ("HOME", "XDG_STATE_HOME", "XDG_CACHE_HOME", "XDG_CONFIG_HOME"):
+            os.environ[name] = folder
+        scratch = Path(folder)
+        done = scratch / "functions.json"
+
+        pid = os.fork()
+        if pid == 0:
+            try:
+                silence()
+                runs = Runs(mutants, jobs, scratch / "functions")
+                pytest.main([*OPTIONS, *tests], plugins=[Profile(), runs])
+                if not runs.results:
+                    os._exit(1)
+                rows = [(list(each), *runs.results[each]) for each in mutants]
+                done.write_text(json.dumps([rows, runs.files, runs.bad]))
+            except BaseException:
+                say(traceback.format_exc())
+            finally:
+                os._exit(0)
+        os.waitpid(pid, 0)
+        if not done.exists():
+            raise SystemExit("the tests could not be read or run")
+        told, files, bad = json.loads(done.read_text())
+        results = {Mutant(*each): (outcome, by) for each, outcome, by in told}
+        later = [each for each in mutants if results[each][0] == UNSUITED]
+        say(f"{len(later)} act when their module is imported: their tests are read anew")
+        results |= try_anew(later, files, tests, bad, Processes(jobs, scratch / "anew"))
+    if report is not None:
+        rows: list[Found] = [
+            {**each._asdict(), "outcome": results[each][0], "by": results[each][1]}
+            for each in mutants
+        ]
+        report.write_text(json.dumps(rows, indent=1) + "\n")
+    return summary(mutants, results, time.monotonic() - began_s)
+
+
+def summary(
+    mutants: Sequence[Mutant], results: dict[Mutant, tuple[str, str]], took_s: float
+) -> int:
+    """Print the figures; 1 where one survived that must not."""
+    bad = 0
+    for area, paths in [*AREAS.items(), ("all", ("",))]:
+        mine = [m for m in mutants if any(m.path.startswith(path) for path in paths)]
+        alive = [m for m in mine if results[m][0] == SURVIVED]
+        if mine:
+            share = 100.0 * (len(mine) - len(alive)) / len(mine)
+            print(f"{area:12} {len(mine):6} run {share:6.1f} % killed {len(alive):4} survived")
+        bad += len(alive) if area in NO_SURVIVORS else 0
+    for mutant in mutants:
+        if results[mutant][0] == SURVIVED:
+            print(f"  {mutant.path}:{mutant.line} {mutant.function}: {mutant.change}")
+    print(f"{took_s:.0f} s")
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

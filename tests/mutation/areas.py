@@ -1,0 +1,53 @@
+"""What is mutated, which tests it has, and which mutants are no other program."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+FACES = "cardan/gateway/faces"
+
+AREAS: dict[str, tuple[str, ...]] = {
+    "arming": ("cardan/gateway/hand/source.py", "cardan/gateway/hand/mapping.py"),
+    "authority": ("cardan/gateway/arm/authority.py",),
+    "limits": (
+        "cardan/drivers/limiters.py",
+        "cardan/gateway/arm/gate.py",
+        "cardan/gateway/motion/reference.py",
+        "cardan/drivers/omni/limits.py",
+        "cardan/gateway/force/guard.py",
+    ),
+    "access": tuple(f"{FACES}/{name}.py" for name in ("tokens", "door", "guessing", "allowed")),
+    "arm": ("cardan/gateway/arm",),
+    "operator": ("cardan/gateway/hand",),
+    "motion": ("cardan/gateway/motion",),
+    "servo": ("cardan/gateway/servo", "cardan/gateway/kinematics"),
+    "drivers": ("cardan/drivers",),
+    "protocols": ("cardan/protocols",),
+}
+"""Files and folders; one may be part of a larger area, too."""
+
+NO_SURVIVORS = ("authority", "access")
+"""Where a mutant that no test notices is an error."""
+
+_GATEWAY = ("tests/gateway/arm", "tests/gateway/hand", "tests/gateway/motion")
+TESTS: dict[str, tuple[str, ...]] = {
+    "cardan/gateway/faces": ("tests/gateway/faces",),
+    "cardan/gateway/arm": (*_GATEWAY, "tests/test_values.py"),
+    "cardan/gateway/hand": _GATEWAY,
+    "cardan/gateway/motion": (*_GATEWAY, "tests/gateway/servo"),
+    "cardan/gateway/servo": (*_GATEWAY, "tests/gateway/servo"),
+    "cardan/gateway/kinematics": ("tests/gateway/kinematics", "tests/gateway/servo"),
+    "cardan/gateway/force": ("tests/gateway/force",),
+    "cardan/drivers": ("tests/drivers", "tests/test_device_faults.py", "tests/test_lost_time.py"),
+    "cardan/protocols": ("tests/protocols", "tests/drivers", "tests/sim_peers"),
+}
+"""Where the tests of files are that begin so; the first that fits. Of them, each mutant has those
+run that run its statement."""
+
+_EQUIVALENT = Path(__file__).with_name("equivalent.json")
+
+
+def equivalents() -> dict[str, str]:
+    """Mutants, by name, that no test can tell from the original, each with the reason."""
+    return json.loads(_EQUIVALENT.read_text(encoding="utf-8"))
