@@ -35,6 +35,7 @@ class RemoteClock:
         """`kept`: round trips that are remembered."""
         self._rounds: deque[_Round] = deque(maxlen=kept)
         self._best: _Round | None = None
+        self._took: deque[float] = deque(maxlen=kept)
         self.resets = 0
         """How often its clock was found to be another."""
 
@@ -49,6 +50,11 @@ class RemoteClock:
         return None if self._best is None else self._best.took_s
 
     @property
+    def quickest_s(self) -> float | None:
+        """The same, whatever its clock has said since: a round trip is measured by ours alone."""
+        return min(self._took, default=None)
+
+    @property
     def median_s(self) -> float | None:
         """Of the round trips of late."""
         took = sorted(each.took_s for each in self._rounds)
@@ -59,6 +65,7 @@ class RemoteClock:
         took_s = now_s - asked_s
         if not 0.0 <= took_s <= LONGEST_S:
             return
+        self._took.append(took_s)
         found = _Round(took_s, 0.5 * (asked_s + now_s) - there_s)
         best = self._best
         if best is not None:

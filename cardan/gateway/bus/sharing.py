@@ -109,6 +109,13 @@ class ShareCore:
         self._heard_s = NEVER_S
         self._edges: deque[Edge] = deque()
         self._number = 0
+        self._sent_s = NEVER_S
+        self._last: DeviceState | None = None
+        """What was published last."""
+        self._changed = False
+        """Whether there is another state since."""
+        self._asked = False
+        """Whether a claim is to be answered."""
         self.counts: Counter[str] = Counter()
         """Claims that were refused, and edges that were dropped, by kind."""
 
@@ -117,25 +124,26 @@ class ShareCore:
         self._expire(now_s)
         return "" if self._claim is None else self._claim.name or "a session"
 
-    def on_received(self, received: Received, now_s: float) -> bool:
-        """A claim came: whether it is to be answered at once. Never raises."""
+    def on_received(self, received: Received, now_s: float) -> None:
+        """A claim came. Never raises."""
         self._expire(now_s)
         attachment = received.attachment
         if attachment is None or received.key.split("/")[-2:-1] != [self._dds_type]:
             self.counts["claims that are none"] += 1
-            return False
+            return
         message = self._codec.decode(received.data)
         if isinstance(message, Malformed):
             self.counts["claims that are cut short"] += 1
-            return False
+            return
         try:
             claim = read_claim(message)
         except UnusableError as error:
             self.counts[f"claims {error}"] += 1
-            return False
-        return self._take(claim, attachment.gid, now_s)
+            return
+        self._asked |= self._take(claim, attachment.gid, now_s)
 
     def _take(self, claim: Claim, owner: bytes, now_s: float) -> bool:
+        """Whether it is to be answered."""
         known = self._claim
         if known is None:
             if not claim.wanted:
@@ -164,27 +172,33 @@ class ShareCore:
         self._claim, self._owner = None, b""
         self._edges.clear()
 
-    def on_edges(self, events: Iterable[ButtonEvent]) -> bool:
-        """Edges of buttons, oldest first: whether somebody has to be told."""
-        told = False
-        for event in events:
-            self._number += 1
-            if self._claim is None:
-                continue
-            if len(self._edges) == MOST_EDGES:
-                self._edges.popleft()
-                self.counts["edges that were not acknowledged in time"] += 1
-            self._edges.append(Edge(self._number, event.stamp_s, event.button, event.pressed))
-            told = True
-        return told
+    @property
+    def due_s(self) -> float:
+        """When a state is to be offered again, at the latest."""
+        return self._sent_s + self._wait_s(self._changed)
 
-    def shared(
-        self, state: DeviceState, capabilities: DeviceCapabilities | None, now_s: float
-    ) -> Shared:
-        """What to publish; `state` and edges were taken before `now_s`. `capabilities`: in answer
-        to a claim."""
+    def _wait_s(self, changed: bool) -> float:
+        if self._claim is None:
+            return FREE_S
+        return SHORTEST_S if changed else LONGEST_S
+
+    def offer(
+        self,
+        state: DeviceState,
+        edges: Iterable[ButtonEvent],
+        able: DeviceCapabilities,
+        now_s: float,
+    ) -> Shared | None:
+        """What to publish now, if it is time to; `state` and `edges`, oldest first, were taken
+        before `now_s`."""
         self._expire(now_s)
-        claim = self._claim
+        urgent = self._keep(edges) or self._asked
+        self._changed = state != self._last
+        if not urgent and now_s < self._sent_s + self._wait_s(self._changed):
+            return None
+        answer, claim = self._asked, self._claim
+        self._sent_s, self._last = now_s, state
+        self._changed = self._asked = False
         return Shared(
             self._run,
             now_s,
@@ -194,8 +208,22 @@ class ShareCore:
             state,
             tuple(self._edges),
             self._driver,
-            capabilities,
+            able if answer else None,
         )
+
+    def _keep(self, edges: Iterable[ButtonEvent]) -> bool:
+        """Keep edges for who has the device: whether there are new ones."""
+        told = False
+        for stamp_s, button, pressed in edges:
+            self._number += 1
+            if self._claim is None:
+                continue
+            if len(self._edges) == MOST_EDGES:
+                self._edges.popleft()
+                self.counts["edges that were not acknowledged in time"] += 1
+            self._edges.append(Edge(self._number, stamp_s, button, pressed))
+            told = True
+        return told
 
     def feedback(self, now_s: float) -> DeviceFeedback:
         """What the operator is to be given: nothing once nobody has the device."""
@@ -237,34 +265,21 @@ def share_until(
         ask_for_real_time()
         ready(topic)
         codec = codec_of(STATE_TYPE)
-        last_s = NEVER_S
         shown: DeviceFeedback | None = None
-        last: DeviceState | None = None
         lessee = ""
         refused: set[str] = set()
         while not stop.is_set() and (now_s := time.monotonic()) < end_s:
-            answer = False
-            period_s = LONGEST_S if lessee else FREE_S
-            due_s = min(last_s + period_s, end_s)
-            received = claims.wait(max(0.0, due_s - now_s))
+            received = claims.wait(max(0.0, min(core.due_s, end_s, now_s + FREE_S) - now_s))
             for _ in range(CLAIMS_KEPT):
                 if received is None:
                     break
-                answer |= core.on_received(received, time.monotonic())
+                core.on_received(received, time.monotonic())
                 received = claims.poll()
-            urgent = core.on_edges(device.button_events()) or answer
-            state = device.state()
+            edges, state = device.button_events(), device.state()
             now_s = time.monotonic()
-            least_s = SHORTEST_S if state != last and lessee else period_s
-            if not urgent and now_s < last_s + least_s:
-                if state != last and lessee:
-                    time.sleep(max(0.0, last_s + SHORTEST_S - now_s))
-                    claims.wake()
-                continue
-            able = device.capabilities if answer else None
-            last_s, last = now_s, state
-            data = codec.encode(shared_message(core.shared(state, able, now_s)))
-            publisher.put(data, time.time_ns())
+            shared = core.offer(state, edges, device.capabilities, now_s)
+            if shared is not None:
+                publisher.put(codec.encode(shared_message(shared)), time.time_ns())
             if (feedback := core.feedback(now_s)) != shown:
                 shown = feedback
                 _give(device, feedback)
