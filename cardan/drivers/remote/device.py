@@ -25,7 +25,7 @@ class Remote(BusDevice[RemoteCore]):
     Options: ClassVar[type[RemoteOptions]] = RemoteOptions
     summary = "any operator device of another computer, by `cardan share`"
     page = "remote.md"
-    peer = "ros2-device"
+    peer = "spacemouse"
     simulated = ({"port": OWN, "zenoh_config": ("",), "listen": (SIMULATED_LISTEN,)},)
     gives, suits = "what that device gives", "as for that device"
     takes_back = "light, rumble, where that device has them"
