@@ -41,6 +41,14 @@ def share(
             metavar="ENDPOINT", help="Without a router: the robot's side connects to this one."
         ),
     ] = "",
+    zenoh_config: Annotated[
+        str,
+        typer.Option(
+            metavar="PATH",
+            help="Zenoh configuration file (JSON5), used as it is instead: for TLS, passwords and "
+            "access control.",
+        ),
+    ] = "",
     name: Annotated[
         str, typer.Option(metavar="NAME", help="What the robot's side calls it; default: DRIVER.")
     ] = "",
@@ -51,16 +59,13 @@ def share(
     """Share an operator device with a session on another computer, whose driver is `remote`. Prints
     READY and the topic once it does."""
     from cardan.common.serving import interruptible
-    from cardan.drivers.base import OperatorDevice
-    from cardan.gateway.bus.sharing import ShareOptions, share_until
-    from cardan.gateway.session.assembly import make_driver
+    from cardan.gateway.bus.sharing import SharedConfig, ShareOptions, share_until
+    from cardan.gateway.session.assembly import make_device
 
     begin_serving(verbose, log_level)
     table = _table(device)
-    opened = make_driver(table, "device")
-    if not isinstance(opened, OperatorDevice):
-        raise ConfigurationError("driver", f"{table.driver!r} is no operator device")
-    bus = _bus(router, listen)
+    opened = make_device(SharedConfig(device=table))
+    bus = _bus(router, listen, zenoh_config)
     try:
         options = ShareOptions(name=name or table.driver, bus=bus)
     except OptionError as error:
@@ -91,13 +96,15 @@ def _table(given: str) -> DriverTable:
     return registry.DriverTable(driver=given, options=waits)
 
 
-def _bus(router: str, listen: str) -> BusOptions:
+def _bus(router: str, listen: str, zenoh_config: str) -> BusOptions:
     """How to be on the bus. Raises ConfigurationError."""
     from cardan.bus.options import BusOptions
 
-    if router and listen:
-        raise ConfigurationError("--router, --listen", "give one of them")
+    if sum(map(bool, (router, listen, zenoh_config))) > 1:
+        raise ConfigurationError("--router, --listen, --zenoh-config", "give one of them")
     try:
+        if zenoh_config:
+            return BusOptions(zenoh_config=zenoh_config)
         if listen:
             return BusOptions(router="", listen=(listen,))
         return BusOptions(router=router, mode="client") if router else BusOptions(mode="client")
