@@ -47,3 +47,12 @@ def test_drift_is_followed():
         now_s = 10.0 + 0.5 * step
         clock.heard(now_s, (now_s - 5.0) * (1.0 + 50e-6), now_s + 0.002)
     assert clock.here_s((now_s - 5.0) * (1.0 + 50e-6)) == pytest.approx(now_s, abs=0.003)
+
+
+def test_the_quickest_round_trip_is_kept_whatever_the_other_clock_says():
+    clock = RemoteClock()
+    clock.heard(10.0, 0.001, 10.002)
+    clock.heard(10.5, 90.0, 11.4)
+    assert clock.resets == 1
+    assert clock.round_s == pytest.approx(0.9)
+    assert clock.quickest_s == pytest.approx(0.002)

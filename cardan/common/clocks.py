@@ -7,6 +7,7 @@ question and answer: the quickest round trip of late tells best. Times are monot
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import NamedTuple
 
@@ -36,6 +37,8 @@ class RemoteClock:
         self._rounds: deque[_Round] = deque(maxlen=kept)
         self._best: _Round | None = None
         self._took: deque[float] = deque(maxlen=kept)
+        self.quickest_s = math.inf
+        """As `round_s`, whatever its clock has said since: our clock alone measures it."""
         self.resets = 0
         """How often its clock was found to be another."""
 
@@ -50,11 +53,6 @@ class RemoteClock:
         return None if self._best is None else self._best.took_s
 
     @property
-    def quickest_s(self) -> float | None:
-        """The same, whatever its clock has said since: a round trip is measured by ours alone."""
-        return min(self._took, default=None)
-
-    @property
     def median_s(self) -> float | None:
         """Of the round trips of late."""
         took = sorted(each.took_s for each in self._rounds)
@@ -66,6 +64,7 @@ class RemoteClock:
         if not 0.0 <= took_s <= LONGEST_S:
             return
         self._took.append(took_s)
+        self.quickest_s = min(self._took)
         found = _Round(took_s, 0.5 * (asked_s + now_s) - there_s)
         best = self._best
         if best is not None:

@@ -229,7 +229,7 @@ class RemoteCore(BusCore):
 
     def _age_s(self, now_s: float) -> float:
         """Of the newest state, at least what its round trip allows."""
-        echoed_s = self._echoed_s + CLAIM_PERIOD_S + (self._clock.quickest_s or 0.0)
+        echoed_s = self._echoed_s + CLAIM_PERIOD_S + self._clock.quickest_s
         return now_s - min(self._newest_s, echoed_s)
 
     def _watch(self, now_s: float) -> None:
