@@ -105,8 +105,9 @@ def check_words(demo: Demo, key: str, words: Sequence[str]) -> list[str]:
         return _checked_serving(demo, words)
     if len(words) < 2 or words[0] != "sim" or words[1].startswith("-"):
         what = shlex.join(words) or "nothing"
-        allowed = "`sim PEER ...`, or `spnav` or `share` with a FILE"
-        _refuse(demo, key, f"it starts {what!r}; allowed: {allowed}")
+        _refuse(
+            demo, key, f"it starts {what!r}; allowed: `sim PEER ...`, `spnav` or `share` of a FILE"
+        )
     options, rest = _options(demo, key, words[2:])
     if rest:
         _refuse(demo, key, f"{rest[0]!r} is no option of a peer: a demo runs no other program")
