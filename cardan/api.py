@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from cardan.drivers.keyboard import Keyboard as Keyboard
     from cardan.drivers.motoros import Motoros as Motoros
     from cardan.drivers.phone import Phone as Phone
+    from cardan.drivers.remote import Remote as Remote
     from cardan.drivers.ros2_arm import Ros2Arm as Ros2Arm
     from cardan.drivers.ros2_joy import Ros2Joy as Ros2Joy
     from cardan.drivers.ros2_spacenav import Ros2Spacenav as Ros2Spacenav
@@ -100,6 +101,8 @@ def open_device(
 def open_device(
     driver: Literal["ros2_joy"], /, options: Any = None, **keywords: Any
 ) -> Ros2Joy: ...
+@overload
+def open_device(driver: Literal["remote"], /, options: Any = None, **keywords: Any) -> Remote: ...
 @overload
 def open_device(driver: Literal["phone"], /, options: Any = None, **keywords: Any) -> Phone: ...
 @overload

@@ -63,6 +63,7 @@ PEER = re.compile(
 DAEMON = "tests/gateway/daemon"
 RECORDS = "tests/recording/test_commands.py"
 RUN = {
+    r"cardan share": "tests/gateway/session/test_remote_device.py",
     r"cardan run examples/ros2/": "tests/test_ros2_examples.py::test_the_programs_move_the_arm",
     r"cardan run examples/[\w-]+-simulated\.toml": "tests/test_device_examples.py::test_the_example_runs",
     r"cardan run \S+ --record \S+": f"{RECORDS}::test_a_session_is_recorded_while_it_runs_from_its_first_cycle_on",

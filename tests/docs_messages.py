@@ -144,6 +144,7 @@ PAGES = {
                 "drivers/ros2_joy",
                 "drivers/ros2_spacenav",
             ),
+            _driver("Devices on another computer", "remote", "remote.md"),
         ),
     ),
     "robots": Page(

@@ -115,13 +115,13 @@ class TokenWatch:
 class Publisher:
     """Publishes messages of one type on one topic. For one thread."""
 
-    def __init__(self, node: BusNode, entity: Entity, key: str) -> None:
+    def __init__(self, node: BusNode, entity: Entity, key: str, *, express: bool = False) -> None:
         self.entity = entity
         self._attachment = bytearray(ATTACHMENT.size)
         self._gid = gid_of(entity, node.options.domain)
         self._sequence = 0
         # Of a session: more than wait for a link one by one go together. It costs up to 1 ms.
-        self._publisher = node.declare_publisher(key, entity.qos, express=False)
+        self._publisher = node.declare_publisher(key, entity.qos, express=express)
         self._gone = contextlib.suppress(zenoh_module().ZError)
         """The bus is closed, while another thread publishes still."""
         self._token = node.declare_token(entity)
@@ -421,10 +421,13 @@ class BusNode:
 
     # -- endpoints -------------------------------------------------------------------------------
 
-    def publisher(self, name: str, type_name: str, qos: Qos = DEFAULT_QOS) -> Publisher:
-        """A publisher of a topic. Raises InterfaceError or RosNameError."""
+    def publisher(
+        self, name: str, type_name: str, qos: Qos = DEFAULT_QOS, *, express: bool = False
+    ) -> Publisher:
+        """A publisher of a topic; `express`: each message is sent by itself, at once. Raises
+        InterfaceError or RosNameError."""
         entity, key = self.endpoint(PUBLISHER, name, type_name, qos)
-        return Publisher(self, entity, key)
+        return Publisher(self, entity, key, express=express)
 
     def subscription(
         self, name: str, type_name: str, depth: int, qos: Qos = DEFAULT_QOS

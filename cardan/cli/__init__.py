@@ -40,6 +40,7 @@ from cardan.cli.face import face
 from cardan.cli.installed import CardanCommands
 from cardan.cli.recording import export, plot, record, replay
 from cardan.cli.robots import robots
+from cardan.cli.share import share
 from cardan.cli.sim import sim
 from cardan.common import output
 from cardan.common.logs import make_logs_printable
@@ -73,7 +74,8 @@ app.add_typer(face)
 app.add_typer(service)
 app.add_typer(robots)
 for _command in (
-    network, echo, hz, messages, record, replay, plot, export, *DAEMON_COMMANDS, doctor, conform,
+    network, echo, hz, messages, share, record, replay, plot, export, *DAEMON_COMMANDS, doctor,
+    conform,
 ):  # fmt: skip
     # Of an arm's verbs -0.1 is a number, and no option.
     _settings = {"ignore_unknown_options": _command is arm}

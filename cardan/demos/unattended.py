@@ -27,7 +27,10 @@ SIMULATED_BUSES = frozenset({"udp_multicast", "socketcand", "virtual"})
 """The only ways to a CAN bus that a launched peer may be given."""
 
 ADDRESSES = frozenset({"--host", "--listen", "--to"})
-"""Options of peers that are a host, or HOST:PORT."""
+"""Options of peers that are a host, or HOST:PORT; or an endpoint of Zenoh's by TCP."""
+
+SERVING = {"spnav": "--socket", "share": "--listen"}
+"""Commands that serve the device of a file, and where they have to be told to."""
 
 
 def check_unattended(
@@ -98,11 +101,13 @@ def _check_driver(
 def check_words(demo: Demo, key: str, words: Sequence[str]) -> list[str]:
     """The words of a launched command, each option joined to its value, so that none can be taken
     for a program to run. Raises ConfigurationError for a command that a demo may not start."""
-    if list(words[:1]) == ["spnav"] and key == "launch":
-        return _checked_spnav(demo, words)
+    if words and words[0] in SERVING and key == "launch":
+        return _checked_serving(demo, words)
     if len(words) < 2 or words[0] != "sim" or words[1].startswith("-"):
         what = shlex.join(words) or "nothing"
-        _refuse(demo, key, f"it starts {what!r}; allowed: `sim PEER ...` or `spnav ... FILE`")
+        _refuse(
+            demo, key, f"it starts {what!r}; allowed: `sim PEER ...`, `spnav` or `share` of a FILE"
+        )
     options, rest = _options(demo, key, words[2:])
     if rest:
         _refuse(demo, key, f"{rest[0]!r} is no option of a peer: a demo runs no other program")
@@ -129,7 +134,9 @@ def _options(demo: Demo, key: str, words: Sequence[str]) -> tuple[list[str], lis
         name, _, value = option.partition("=")
         if name in ("--uinput", "--uhid"):
             _refuse(demo, key, f"{name} makes a device of this computer: use a socket")
-        if name in ADDRESSES and not stays_here(value):
+        if name in ("--router", "--zenoh-config"):
+            _refuse(demo, key, f"{option} may be any network's: use --listen")
+        if name in ADDRESSES and not stays_here(value.removeprefix("tcp/")):
             _refuse(demo, key, f"{option} is not an address of this computer only")
         if name == "--interface" and value not in SIMULATED_BUSES:
             _refuse(demo, key, f"{option} may reach hardware; allowed: {sorted(SIMULATED_BUSES)}")
@@ -140,13 +147,14 @@ def _options(demo: Demo, key: str, words: Sequence[str]) -> tuple[list[str], lis
     return options, rest
 
 
-def _checked_spnav(demo: Demo, words: Sequence[str]) -> list[str]:
-    """The words of `cardan spnav`, of a file whose device is simulated: its paths are those of the
-    demo's own folder, where the command runs."""
+def _checked_serving(demo: Demo, words: Sequence[str]) -> list[str]:
+    """The words of a command of SERVING, of a file whose device is simulated: its paths are those
+    of the demo's own folder, where the command runs."""
+    command, needed = words[0], SERVING[words[0]]
     options, rest = _options(demo, "launch", words[1:])
-    named = any(option.startswith("--socket=") for option in options)
+    named = any(option.startswith(f"{needed}=") for option in options)
     if not named or len(rest) != 1 or not Path(rest[0]).is_absolute():
-        _refuse(demo, "launch", "spnav serves {examples}/FILE, and needs --socket PATH")
+        _refuse(demo, "launch", f"{command} serves {{examples}}/FILE, and needs {needed}")
     tables: Mapping[str, Any] = read_toml(Path(rest[0]))
     device = read_table(registry.DriverTable, tables.get("device"), "device")
     kind = registry.load(device.driver)
@@ -159,7 +167,7 @@ def _checked_spnav(demo: Demo, words: Sequence[str]) -> list[str]:
     option, why = why_not_simulated(kind, options_of, in_folder, launched=False)
     if why:
         _refuse(demo, f"launch: {rest[0]}: device.{option}", why)
-    return ["spnav", *options, *rest]
+    return [command, *options, *rest]
 
 
 def _refuse(demo: Demo, key: str, why: str) -> NoReturn:

@@ -21,6 +21,7 @@ BUILT_IN = {
     "keyboard": "cardan.drivers.keyboard:Keyboard",
     "ros2_spacenav": "cardan.drivers.ros2_spacenav:Ros2Spacenav",
     "ros2_joy": "cardan.drivers.ros2_joy:Ros2Joy",
+    "remote": "cardan.drivers.remote:Remote",
     "phone": "cardan.drivers.phone:Phone",
     "xr": "cardan.drivers.xr:Xr",
     "abb_egm": "cardan.drivers.abb_egm:AbbEgm",

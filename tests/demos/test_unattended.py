@@ -211,6 +211,16 @@ def test_what_may_reach_hardware_is_refused(tmp_path, block, tables, words):
         ("sim spacemouse-serial --port /dev/ttyUSB0", "is a device of this computer"),
         ("spnav --socket x", "spnav serves {examples}/FILE"),
         ("spnav {examples}/spacemouse-gofa.toml", "spnav serves {examples}/FILE, and needs"),
+        (
+            "share {examples}/spacemouse-gofa.toml",
+            "share serves {examples}/FILE, and needs --listen",
+        ),
+        (
+            "share --router tcp/127.0.0.1:7447 {examples}/x.toml",
+            "may be any network's: use --listen",
+        ),
+        ("share --listen tcp/0.0.0.0:7447 {examples}/x.toml", "is not an address of this computer"),
+        ("share --listen tcp/127.0.0.1:0 spacemouse", "share serves {examples}/FILE"),
     ],
 )
 def test_a_demo_starts_nothing_but_simulated_peers(tmp_path, command, words):

@@ -434,6 +434,48 @@ std_msgs/Header header
 string source
 string owner
 string answer
+@cardan_msgs/msg/DeviceEdge
+uint64 number
+float64 stamp
+string button
+bool pressed
+@cardan_msgs/msg/DeviceAbilities
+string driver
+bool gives_pose
+bool gives_axes
+bool gives_inertia
+bool battery
+string[] buttons
+string[] further_buttons
+string[] feedback
+@cardan_msgs/msg/SharedDevice
+uint8 version
+uint64 run
+float64 sent
+uint64 lessee
+string lessee_name
+float64 asked
+string link
+string reason
+float64 report
+float64[6] axes
+string[] buttons
+DeviceEdge[] edges
+geometry_msgs/Pose[] pose
+geometry_msgs/Wrench[] wrench
+bool wrench_in_tool
+geometry_msgs/Vector3[] inertia
+float64[] battery
+DeviceAbilities[] abilities
+@cardan_msgs/msg/DeviceClaim
+uint8 version
+uint64 lessee
+string lessee_name
+float64 asked
+bool wanted
+uint64 edges
+bool[] led
+float64[] rumble
 @cardan_msgs/msg/CommandResult
 std_msgs/Header header
 string command

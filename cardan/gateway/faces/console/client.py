@@ -16,6 +16,7 @@ from typing import Any, Final
 
 from cardan import __version__
 from cardan.bus.network import Handle, Network, NetworkError, Publisher
+from cardan.common.clocks import RemoteClock
 from cardan.errors import shown
 from cardan.gateway.arm.checks import LONGEST_NAME
 from cardan.gateway.faces.allowed import Allowed
@@ -33,7 +34,6 @@ from cardan.gateway.faces.console.channels import (
     RefusedError,
     SharedPublisher,
 )
-from cardan.gateway.faces.console.clocks import PageClock
 from cardan.gateway.faces.console.demos import Demos
 from cardan.gateway.faces.console.holding import FRESH_S, LONGEST_S, Hold
 from cardan.gateway.faces.console.jog import ASK_SERVICE, ArmJog, why_no_arm
@@ -142,7 +142,7 @@ class Operator:
         read what was sent; `records`, `cameras`, `demos`: of this machine; `hold_s`: how long an
         arm is jogged without a sign of the person."""
         self.source = self._nameless = source
-        self.clock = PageClock()
+        self.clock = RemoteClock()
         self.figures = Figures()
         self.channels: dict[int, Channel] = {}
         self._network, self._caller, self._mailbox = network, caller, mailbox

@@ -1,11 +1,9 @@
 """When a hand on a page holds, and what its clock says, in virtual time."""
 
 import math
-import random
 
 import pytest
 
-from cardan.gateway.faces.console.clocks import KEPT, PageClock
 from cardan.gateway.faces.console.holding import FRESH_S, LONGEST_S, Grip, Hold, Verdict
 from cardan.protocols.handheld import JogTwist, OperatorFrame
 from cardan.types import Vector3
@@ -119,51 +117,6 @@ def test_frames_of_an_unknown_clock_hold_nothing():
     assert hold.take(OperatorFrame(BODY, True, sequence=2), None, 1.0) is Verdict.DROPPED
     assert hold.take(OperatorFrame(BODY, True, sequence=3), 1.2, 1.0) is Verdict.DROPPED
     assert hold.counts["unknown"] == 2
-
-
-# -- the page's clock -----------------------------------------------------------------------------
-
-
-def test_the_quickest_round_trip_tells_the_time():
-    clock, chosen = PageClock(), random.Random(1)
-    assert clock.here_s(0.0) is None
-    offset_s = 1234.5
-    for step in range(200):
-        asked_s = 10.0 + 0.5 * step
-        there_s, back_s = (0.002 + chosen.expovariate(50.0) for _ in range(2))
-        said_s = asked_s + there_s - offset_s
-        clock.heard(asked_s, said_s, asked_s + there_s + back_s)
-        assert abs(clock.here_s(50.0) - 50.0 - offset_s) <= 0.5 * clock.round_s
-    assert clock.round_s < 0.02
-    assert clock.resets == 0
-
-
-def test_a_page_that_blocks_for_once_changes_nothing():
-    clock = PageClock()
-    clock.heard(10.0, 0.001, 10.002)
-    clock.heard(10.5, 0.501, 11.1)
-    assert clock.here_s(1.0) == pytest.approx(11.0)
-    clock.heard(11.0, 1.0, 13.0)
-    assert clock.round_s == pytest.approx(0.002)
-    assert clock.median_s == pytest.approx(0.6)
-
-
-def test_a_clock_that_stood_still_is_another_one():
-    clock = PageClock()
-    for step in range(10):
-        clock.heard(10.0 + step, 0.001 + step, 10.002 + step)
-    # The computer of the page slept for an hour, and its clock with it.
-    clock.heard(3620.0, 10.001, 3620.002)
-    assert clock.resets == 1
-    assert clock.here_s(10.001) == pytest.approx(3620.001)
-
-
-def test_drift_is_followed():
-    clock = PageClock()
-    for step in range(20 * KEPT):
-        now_s = 10.0 + 0.5 * step
-        clock.heard(now_s, (now_s - 5.0) * (1.0 + 50e-6), now_s + 0.002)
-    assert clock.here_s((now_s - 5.0) * (1.0 + 50e-6)) == pytest.approx(now_s, abs=0.003)
 
 
 def until_lost(hand, longest_s, moves=lambda hand, held_s: None):

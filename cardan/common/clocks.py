@@ -1,16 +1,19 @@
-"""What time it is on a page, by the clock here, and so how old what it sends is.
+"""What time it is on a page or on another computer, by the clock here, and so how old what it
+sends is.
 
-A page's clock has nothing in common with ours. Who asks it the time knows that it said it between
+Its clock has nothing in common with ours. Who asks it the time knows that it said it between
 question and answer: the quickest round trip of late tells best. Times are monotonic, s.
 """
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import NamedTuple
 
 KEPT = 60
-"""Round trips that are remembered: of half a minute, in which clocks drift by less than 2 ms."""
+"""Round trips that are remembered: of half a minute, in which clocks drift by less than 2 ms, where
+the other is asked twice a second."""
 
 LONGEST_S = 1.0
 """Slower round trips tell nothing that is of use."""
@@ -23,15 +26,19 @@ while its computer slept."""
 class _Round(NamedTuple):
     took_s: float
     offset_s: float
-    """Of our clock against the page's, as if both ways took the same time."""
+    """Of our clock against the other's, as if both ways took the same time."""
 
 
-class PageClock:
-    """One page's clock."""
+class RemoteClock:
+    """The clock of a page, or of another computer."""
 
-    def __init__(self) -> None:
-        self._rounds: deque[_Round] = deque(maxlen=KEPT)
+    def __init__(self, kept: int = KEPT) -> None:
+        """`kept`: round trips that are remembered."""
+        self._rounds: deque[_Round] = deque(maxlen=kept)
         self._best: _Round | None = None
+        self._took: deque[float] = deque(maxlen=kept)
+        self.quickest_s = math.inf
+        """As `round_s`, whatever its clock has said since: our clock alone measures it."""
         self.resets = 0
         """How often its clock was found to be another."""
 
@@ -51,12 +58,14 @@ class PageClock:
         took = sorted(each.took_s for each in self._rounds)
         return took[len(took) // 2] if took else None
 
-    def heard(self, asked_s: float, page_s: float, now_s: float) -> None:
-        """The page, asked at `asked_s`, said `page_s`; its answer came at `now_s`."""
+    def heard(self, asked_s: float, there_s: float, now_s: float) -> None:
+        """The other, asked at `asked_s`, said `there_s`; its answer came at `now_s`."""
         took_s = now_s - asked_s
         if not 0.0 <= took_s <= LONGEST_S:
             return
-        found = _Round(took_s, 0.5 * (asked_s + now_s) - page_s)
+        self._took.append(took_s)
+        self.quickest_s = min(self._took)
+        found = _Round(took_s, 0.5 * (asked_s + now_s) - there_s)
         best = self._best
         if best is not None:
             most_s = 0.5 * (best.took_s + took_s) + SLACK_S
@@ -66,6 +75,6 @@ class PageClock:
         self._rounds.append(found)
         self._best = min(self._rounds)
 
-    def here_s(self, page_s: float) -> float | None:
-        """A page's time by our clock; None while that is not known."""
-        return None if self._best is None else page_s + self._best.offset_s
+    def here_s(self, there_s: float) -> float | None:
+        """Its time by our clock; None while that is not known."""
+        return None if self._best is None else there_s + self._best.offset_s

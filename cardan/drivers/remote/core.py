@@ -1,0 +1,270 @@
+"""What the messages of a shared device mean, without any I/O and in the caller's time.
+
+A state counts by its age, not by its arrival. Each claim says when it was sent, by the clock here,
+and the first state that echoes it tells the clock there: between claim and echo, the quickest round
+trip of late deciding. So a state's age is known by its own stamp; and whatever that says, it is as
+old as the newest claim that it echoes, but for the time that a claim is on its way.
+
+- No state that is young enough: STALE. The sharer has left, or another session has the device:
+  LOST. Then deflections are zero, buttons released, and the device counts again from rest.
+- States that are too old are dropped. Their edges come again with younger ones, until they are
+  acknowledged; a press that is too old by then does not count until it was let go.
+- Of two computers that share under one name, the one that was heard first counts, while it speaks.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping
+from typing import ClassVar
+
+from cardan.common.clocks import SLACK_S, RemoteClock
+from cardan.drivers.remote.options import RemoteOptions
+from cardan.drivers.remote.shared import (
+    CLAIM_PERIOD_S,
+    STATE_TYPE,
+    Claim,
+    Shared,
+    UnusableError,
+    read_shared,
+)
+from cardan.drivers.ros2_nodes import BusCore
+from cardan.protocols.ros2.cdr import Message
+from cardan.types import (
+    NEUTRAL,
+    NEVER_S,
+    Axes,
+    DeviceCapabilities,
+    DeviceFeedback,
+    DeviceLink,
+    DeviceState,
+    Inertia,
+    Pose,
+    Wrench,
+)
+
+ROUNDS_KEPT = 1000
+"""Round trips that are remembered, of half a minute."""
+
+ECHOES_KEPT = 64
+"""Claims that may be echoed still, of two seconds: slower round trips tell nothing."""
+
+UNKNOWN = DeviceCapabilities(gives_pose=True, buttons=(), feedback=frozenset(), battery=False)
+"""Before the first state: it may give whatever the mapping takes."""
+
+_LINKS = {DeviceLink.CLOSED: DeviceLink.LOST, DeviceLink.STALE: DeviceLink.LOST}
+"""Links there that are another one here: STALE is when no state is young enough."""
+
+LET_GO = "it was lost, or its states were too old: let go of the device once"
+
+
+class RemoteCore(BusCore):
+    """The state of a device on another computer."""
+
+    message_type = STATE_TYPE
+
+    _counters: ClassVar[Mapping[str, str]] = {
+        "silences": "times that no state was young enough",
+        "late": "states that came twice or late, ignored",
+        "old": "states that were too long on their way, ignored",
+        "back": "states whose stamp went back, ignored",
+        "future": "states from the future by their stamp, ignored",
+        "old_presses": "presses that were too old to count, ignored until let go",
+        "missed_edges": "edges of buttons that came too often to be told of",
+        "others": "states of a second computer that shares under the same name, ignored: end one "
+        "of the two",
+    }
+
+    def __init__(self, options: RemoteOptions, lessee: int, name: str) -> None:
+        """`lessee`: a number that nobody else has, not 0; `name`: what others are told of it."""
+        super().__init__()
+        self._options = options
+        self._lessee, self._name = lessee, name
+        self._run = 0
+        self._asked: deque[float] = deque(maxlen=ECHOES_KEPT)
+        self._claimed_s = NEVER_S
+        self._forget_device()
+
+    def _forget_device(self) -> None:
+        """What is known of the clock and the device there is void."""
+        self._clock = RemoteClock(ROUNDS_KEPT)
+        self._echoed_s = self._sent_s = self._newest_s = NEVER_S
+        self._edge = 0
+        self._down: frozenset[str] = frozenset()
+        self._shared: DeviceState | None = None
+        self.capabilities = UNKNOWN
+        self.driver = ""
+        self.leased = False
+        """Whether the device is ours."""
+        self.taken_by = ""
+        """Who else has it; empty: nobody, as far as is known."""
+
+    # -- what it asks --------------------------------------------------------------------------
+
+    def claim(self, now_s: float, feedback: DeviceFeedback) -> Claim | None:
+        """The claim that is due now, if one is; `feedback`: what the operator is to be given."""
+        if not self._open or now_s < self._claimed_s + CLAIM_PERIOD_S:
+            return None
+        self._claimed_s = now_s
+        self._asked.append(now_s)
+        return Claim(self._lessee, self._name, now_s, True, self._edge, feedback)
+
+    def farewell(self, now_s: float) -> Claim:
+        """The claim that gives the device back."""
+        return Claim(self._lessee, self._name, now_s, False, self._edge, DeviceFeedback())
+
+    # -- what it hears -------------------------------------------------------------------------
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return self.capabilities.buttons
+
+    def on_opened(self, now_s: float) -> None:
+        """The device is shared (again)."""
+        self._forget_sender(now_s)
+        self._forget_device()
+        self._begin("not seen at rest yet: let go of the device", now_s)
+
+    def _on_other_sender(self) -> None:
+        self._forget_device()
+
+    def _on_message(self, message: Message, now_s: float) -> None:
+        try:
+            shared = read_shared(message)
+        except UnusableError as error:
+            self._on_malformed(str(error), -1)
+            return
+        if shared.run != self._run:
+            self._run = shared.run
+            self._forget_device()
+        if shared.lessee != self._lessee:
+            self._on_not_ours(shared, now_s)
+            return
+        if shared.sent_s < self._sent_s:
+            self._counts["back"] += 1
+            return
+        if shared.asked_s > self._echoed_s:
+            if shared.asked_s not in self._asked:
+                if shared.asked_s < self._claimed_s:
+                    self._counts["old"] += 1
+                else:
+                    self._on_malformed("that answer what was not asked", -1)
+                return
+            self._echoed_s = shared.asked_s
+            self._clock.heard(shared.asked_s, shared.sent_s, now_s)
+        round_s = self._clock.round_s
+        sent_s = self._clock.here_s(shared.sent_s)
+        if round_s is None or sent_s is None:
+            return
+        if sent_s > now_s + 0.5 * round_s + SLACK_S:
+            self._counts["future"] += 1
+            return
+        self._sent_s = shared.sent_s
+        self.leased, self.taken_by = True, ""
+        if shared.capabilities is not None:
+            self.capabilities, self.driver = shared.capabilities, shared.driver
+        self._newest_s = min(sent_s, now_s)
+        if self._age_s(now_s) > self._options.max_age_s:
+            self._counts["old"] += 1
+            return
+        self._take(shared, now_s)
+
+    def _on_not_ours(self, shared: Shared, now_s: float) -> None:
+        """Nobody has the device, or somebody else."""
+        self.taken_by = (shared.lessee_name or "another session") if shared.lessee else ""
+        if self.leased:
+            self.leased = False
+            self._invalidate_input(DeviceLink.LOST, self.refusal or "its lease has ended", now_s)
+
+    @property
+    def refusal(self) -> str:
+        """Why the device cannot be had; empty: nothing known."""
+        if not self.taken_by:
+            return ""
+        return f"{self._options.device} is used by {self.taken_by}: end that session first"
+
+    def _take(self, shared: Shared, now_s: float) -> None:
+        """A state that is young enough."""
+        state = shared.state
+        there = _LINKS.get(state.link, state.link)
+        if there is not DeviceLink.LIVE:
+            reason = f"at the operator's computer: {state.reason}"
+            if self._link is not there or self._reason != reason:
+                self._invalidate_input(there, reason, now_s)
+        elif not any(state.axes):
+            self._link = DeviceLink.LIVE
+        elif self._link is not DeviceLink.LIVE:
+            self._resume(LET_GO, 0.0, now_s)
+        self._heard = True
+        self._last_s = self._newest_s
+        self._take_edges(shared, now_s)
+        self._shared = state
+        self._battery = state.battery
+        stamp_s = self._clock.here_s(state.stamp_s)
+        self._stamp_s = now_s if stamp_s is None else min(stamp_s, now_s)
+        self._cached = None
+
+    def _take_edges(self, shared: Shared, now_s: float) -> None:
+        for edge in shared.edges:
+            if edge.number <= self._edge:
+                continue
+            if self._edge:
+                self._counts["missed_edges"] += edge.number - self._edge - 1
+            self._edge = edge.number
+            if not edge.pressed:
+                self._down -= {edge.button}
+            else:
+                self._down |= {edge.button}
+                pressed_s = self._clock.here_s(edge.stamp_s)
+                if pressed_s is None or now_s - pressed_s > self._options.max_age_s:
+                    self._counts["old_presses"] += 1
+                    self._buttons.mask([edge.button])
+            self._buttons.set(sorted(self._down), now_s)
+        # Of what was pressed before the lease, or was missed, nobody knows for how long.
+        self._buttons.mask(sorted(shared.state.buttons - self._down))
+        self._down = shared.state.buttons
+        self._buttons.set(sorted(self._down), now_s)
+
+    # -- its age -------------------------------------------------------------------------------
+
+    def _age_s(self, now_s: float) -> float:
+        """Of the newest state, at least what its round trip allows."""
+        echoed_s = self._echoed_s + CLAIM_PERIOD_S + self._clock.quickest_s
+        return now_s - min(self._newest_s, echoed_s)
+
+    def _watch(self, now_s: float) -> None:
+        longest_s = self._options.max_age_s
+        if not self._open or self._link in (DeviceLink.STALE, DeviceLink.LOST):
+            return
+        # Before the first state it is as old as the opening.
+        if now_s - self._last_s <= longest_s and not (
+            self._shared is not None and self._age_s(now_s) > longest_s
+        ):
+            return
+        round_s = self._clock.round_s
+        trip = "" if round_s is None else f" (quickest round trip {1e3 * round_s:.0f} ms)"
+        self._fall_silent(f"no state is younger than max_age_s, {longest_s:g} s{trip}", now_s)
+
+    def _drop_input(self, now_s: float) -> None:
+        self._shared = None
+
+    def _axes(self, now_s: float) -> Axes:
+        return NEUTRAL if self._shared is None else self._shared.axes
+
+    def _pose(self) -> Pose | None:
+        return None if self._shared is None else self._shared.pose
+
+    def _wrench(self) -> Wrench | None:
+        return None if self._shared is None else self._shared.wrench
+
+    def _inertia(self, now_s: float) -> Inertia | None:
+        return None if self._shared is None else self._shared.inertia
+
+    def _figures(self, now_s: float) -> dict[str, float]:
+        median_s = self._clock.median_s
+        return {
+            "age_s": self._age_s(now_s),
+            "round_trip_s": self._clock.round_s or float("nan"),
+            "round_trip_median_s": float("nan") if median_s is None else median_s,
+            "clock_resets": self._clock.resets,
+        }

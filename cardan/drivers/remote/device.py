@@ -1,0 +1,111 @@
+"""The driver of a device on another computer."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import time
+from typing import Any, ClassVar
+
+from cardan.bus.node import Publisher
+from cardan.drivers.node_options import SIMULATED_LISTEN
+from cardan.drivers.remote.core import RemoteCore
+from cardan.drivers.remote.options import RemoteOptions
+from cardan.drivers.remote.shared import CLAIM_TYPE, Claim, claim_message
+from cardan.drivers.ros2_nodes.device import LOOK_S, MEET_S, BusDevice
+from cardan.drivers.simulated import OWN
+from cardan.errors import DeviceAccessError
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.types import DeviceCapabilities, DeviceFeedback
+
+
+class Remote(BusDevice[RemoteCore]):
+    """An operator device of another computer, where `cardan share` publishes it."""
+
+    Options: ClassVar[type[RemoteOptions]] = RemoteOptions
+    summary = "any operator device of another computer, by `cardan share`"
+    page = "remote.md"
+    peer = "spacemouse"
+    simulated = ({"port": OWN, "zenoh_config": ("",), "listen": (SIMULATED_LISTEN,)},)
+    gives, suits = "what that device gives", "as for that device"
+    takes_back = "light, rumble, where that device has them"
+    options: RemoteOptions
+    _kind = "remote device"
+    _wait_s = 0.01
+
+    def __init__(self, options: RemoteOptions | None = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        name = f"{self.options.name} at {socket.gethostname()}"
+        self._core = RemoteCore(self.options, secrets.randbits(63) | 1, name)
+        self._claims: Publisher | None = None
+        self._given = DeviceFeedback()
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        """What the device has; known once it is open."""
+        with self._lock:
+            return self._core.capabilities
+
+    def _why_missing(self) -> str:
+        options = self.options
+        return (
+            f"nobody shares {options.device} by the router {self._on_bus.bus.router or 'none'}: "
+            "start `cardan share` on the operator's computer, with --router and --name as here"
+        )
+
+    def _why_gone(self) -> str:
+        return f"{self.options.device} is not shared any more"
+
+    def _feedback(self, feedback: DeviceFeedback) -> None:
+        self._check_open("feedback()")
+        led, rumble = feedback.led, feedback.rumble
+        if led is not None:
+            self._given = self._given._replace(led=led)
+        if rumble is not None:
+            self._given = self._given._replace(rumble=min(1.0, max(0.0, rumble)))
+
+    def _connect(self) -> None:
+        super()._connect()
+        bus, messages = self._bus, self._messages
+        assert bus is not None
+        assert messages is not None
+        self._claims = bus.publisher(self.options.claim_topic, CLAIM_TYPE, express=True)
+        until_s = time.monotonic() + MEET_S
+        while not self._core.leased:
+            if time.monotonic() >= until_s:
+                raise DeviceAccessError(
+                    self._core.refusal
+                    or f"{self.options.device} is shared, but does not answer: "
+                    + "; ".join(self.diagnosis())
+                )
+            self._renew()
+            received = messages.wait(LOOK_S)
+            if received is not None:
+                with self._lock:
+                    self._core.on_received(received, time.monotonic())
+
+    def _attend(self) -> None:
+        self._renew()
+        if refusal := self._core.refusal:
+            raise DeviceAccessError(refusal)
+
+    def _renew(self) -> None:
+        with self._lock:
+            claim = self._core.claim(time.monotonic(), self._given)
+        if claim is not None:
+            self._put(claim)
+
+    def _put(self, claim: Claim) -> None:
+        if self._claims is not None:
+            data = codec_of(CLAIM_TYPE).encode(claim_message(claim))
+            self._claims.put(data, time.time_ns())
+
+    def _release(self) -> None:
+        self._put(self._core.farewell(time.monotonic()))
+        self._claims = None
+        super()._release()
+
+    def close(self) -> None:
+        """Stop reading, and give the device back."""
+        super().close()
+        self._given = DeviceFeedback()

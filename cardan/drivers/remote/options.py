@@ -1,0 +1,51 @@
+"""What can be set about a device on another computer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from cardan.common.bounds import Range
+from cardan.common.options import require
+from cardan.drivers.node_options import NodeOptions
+from cardan.drivers.remote.shared import claim_topic, state_topic
+from cardan.errors import OptionError
+from cardan.protocols.ros2.names import RosNameError, checked_name
+
+MAX_AGE_S = Range(0.02, 0.5, "s", "a hand that is gone moves the arm for so long")
+
+
+@dataclass(frozen=True, kw_only=True)
+class RemoteOptions(NodeOptions):
+    """Options of :class:`Remote`."""
+
+    device: str = "spacemouse"
+    """The name under which `cardan share` publishes it."""
+    max_age_s: Annotated[float, MAX_AGE_S] = 0.15
+    """Age of its newest state at which the device counts as lost."""
+    mode: Literal["peer", "client"] = "client"
+    """"client": all goes through the router, which is what a router on another computer needs;
+    "peer": others on this computer connect directly."""
+    name: str = "cardan_device_driver"
+    """Name of this driver's node."""
+    wait_for_device: bool = False
+    """open() succeeds without the device, which is taken once it is shared and free."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require("/" not in self.device, "device", self.device, "a name without /")
+        for key, given in (("device", self.topic), ("name", f"/{self.name}")):
+            try:
+                checked_name(given)
+            except RosNameError as error:
+                raise OptionError(key, getattr(self, key), f"a name of ROS 2 ({error})") from None
+
+    @property
+    def topic(self) -> str:
+        """cardan_msgs/SharedDevice."""
+        return state_topic(self.device)
+
+    @property
+    def claim_topic(self) -> str:
+        """cardan_msgs/DeviceClaim."""
+        return claim_topic(self.device)

@@ -1,0 +1,318 @@
+"""The two messages between the computer that has a device and the one that uses it.
+
+cardan_msgs/SharedDevice has the newest state, and the edges of buttons that nobody has acknowledged
+yet. cardan_msgs/DeviceClaim asks for the device or renews its lease, says by its stamp when it was
+sent, acknowledges edges, and has the feedback. Times are monotonic, s, each by its sender's clock.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from cardan.protocols.ros2.cdr import Message
+from cardan.spatial import normalized
+from cardan.types import (
+    NEUTRAL,
+    NEVER_S,
+    Axes,
+    DeviceCapabilities,
+    DeviceFeedback,
+    DeviceLink,
+    DeviceState,
+    Frame,
+    Inertia,
+    Pose,
+    Quaternion,
+    Vector3,
+    Wrench,
+)
+
+STATE_TYPE, CLAIM_TYPE = "cardan_msgs/msg/SharedDevice", "cardan_msgs/msg/DeviceClaim"
+
+VERSION = 1
+"""Of both messages."""
+
+CLAIM_PERIOD_S = 0.03
+"""Between the claims of who has the device; each is answered by a state at once."""
+
+MOST_EDGES = 64
+"""Edges that wait to be acknowledged. A hand makes some ten a second."""
+
+MOST_BUTTONS = 256
+MOST_TEXT = 200
+LARGEST = 1e6
+"""No measurement is larger, in SI units."""
+
+FEEDBACK = frozenset({"led", "rumble"})
+"""What is passed back. Force needs a loop at the device: over a network it is not stable."""
+
+
+def state_topic(name: str) -> str:
+    """Where a shared device is published."""
+    return f"/shared/{name}/state"
+
+
+def claim_topic(name: str) -> str:
+    """Where it is asked for."""
+    return f"/shared/{name}/claim"
+
+
+class Edge(NamedTuple):
+    """One edge of one button, as numbered since the lease began, from 1."""
+
+    number: int
+    stamp_s: float
+    button: str
+    pressed: bool
+
+
+class Shared(NamedTuple):
+    """What one message says of a device."""
+
+    run: int
+    """Of the process that shares it: another number, another process."""
+    sent_s: float
+    lessee: int
+    """Who has it; 0: nobody."""
+    lessee_name: str
+    asked_s: float
+    """Stamp of that one's newest claim, by its clock."""
+    state: DeviceState
+    """Its stamp by the sender's clock."""
+    edges: tuple[Edge, ...] = ()
+    """Not acknowledged yet, oldest first."""
+    driver: str = ""
+    capabilities: DeviceCapabilities | None = None
+    """In answers to claims."""
+
+
+class Claim(NamedTuple):
+    """What one message says of who wants a device."""
+
+    lessee: int
+    name: str
+    asked_s: float
+    wanted: bool
+    """False: it is given back."""
+    edges: int
+    """Number of the newest edge that is known there."""
+    feedback: DeviceFeedback
+
+
+class UnusableError(ValueError):
+    """Why a message is not used: it goes behind "messages"."""
+
+
+def shared_message(shared: Shared) -> Message:
+    """As a cardan_msgs/SharedDevice."""
+    state, able = shared.state, shared.capabilities
+    inertia = state.inertia
+    measured = [] if inertia is None else [each for each in inertia if each is not None]
+    wrench = state.wrench
+    return {
+        "version": VERSION,
+        "run": shared.run,
+        "sent": shared.sent_s,
+        "lessee": shared.lessee,
+        "lessee_name": shared.lessee_name,
+        "asked": shared.asked_s,
+        "link": state.link.value,
+        "reason": state.reason[:MOST_TEXT],
+        "report": state.stamp_s,
+        "axes": state.axes,
+        "buttons": sorted(state.buttons),
+        "edges": [
+            {"number": number, "stamp": stamp_s, "button": button, "pressed": pressed}
+            for number, stamp_s, button, pressed in shared.edges
+        ],
+        "pose": [] if state.pose is None else [state.pose.to_ros()],
+        "wrench": [] if wrench is None else [wrench.to_ros()],
+        "wrench_in_tool": wrench is not None and wrench.frame is Frame.TOOL,
+        "inertia": [each.to_ros() for each in measured],
+        "battery": [] if state.battery is None else [state.battery],
+        "abilities": []
+        if able is None
+        else [
+            {
+                "driver": shared.driver,
+                "gives_pose": able.gives_pose,
+                "gives_axes": able.gives_axes,
+                "gives_inertia": able.gives_inertia,
+                "battery": able.battery,
+                "buttons": able.buttons,
+                "further_buttons": able.further_buttons,
+                "feedback": sorted(able.feedback & FEEDBACK),
+            }
+        ],
+    }
+
+
+def read_shared(message: Message) -> Shared:
+    """A cardan_msgs/SharedDevice. Raises UnusableError."""
+    _check_version(message)
+    sent_s = _time(message["sent"], "sent")
+    report_s = NEVER_S if message["report"] == NEVER_S else _time(message["report"], "report")
+    if report_s > sent_s:
+        raise UnusableError("with a report that is newer than they are")
+    try:
+        link = DeviceLink(message["link"])
+    except ValueError:
+        raise UnusableError(f"with a link {message['link'][:20]!r}") from None
+    battery = _at_most_one(message["battery"], "batteries")
+    inertia = [_vector(each, "inertia") for each in message["inertia"][:2]]
+    state = DeviceState(
+        report_s,
+        link,
+        _axes(message["axes"]),
+        frozenset(_names(message["buttons"], "buttons")),
+        _pose(_at_most_one(message["pose"], "poses")),
+        None if battery is None else _share(battery, "battery"),
+        message["reason"][:MOST_TEXT],
+        _wrench(_at_most_one(message["wrench"], "wrenches"), message["wrench_in_tool"]),
+        Inertia(*inertia) if inertia else None,
+    )
+    able = _at_most_one(message["abilities"], "abilities")
+    asked_s = message["asked"]
+    return Shared(
+        message["run"],
+        sent_s,
+        message["lessee"],
+        message["lessee_name"][:MOST_TEXT],
+        NEVER_S if asked_s == NEVER_S else _time(asked_s, "asked"),
+        state,
+        _edges(message["edges"], sent_s),
+        "" if able is None else able["driver"][:MOST_TEXT],
+        None if able is None else _capabilities(able),
+    )
+
+
+def claim_message(claim: Claim) -> Message:
+    """As a cardan_msgs/DeviceClaim."""
+    led, rumble = claim.feedback.led, claim.feedback.rumble
+    return {
+        "version": VERSION,
+        "lessee": claim.lessee,
+        "lessee_name": claim.name,
+        "asked": claim.asked_s,
+        "wanted": claim.wanted,
+        "edges": claim.edges,
+        "led": [] if led is None else [led],
+        "rumble": [] if rumble is None else [rumble],
+    }
+
+
+def read_claim(message: Message) -> Claim:
+    """A cardan_msgs/DeviceClaim. Raises UnusableError."""
+    _check_version(message)
+    if not message["lessee"]:
+        raise UnusableError("of nobody")
+    rumble = _at_most_one(message["rumble"], "rumbles")
+    return Claim(
+        message["lessee"],
+        message["lessee_name"][:MOST_TEXT],
+        _time(message["asked"], "asked"),
+        message["wanted"],
+        message["edges"],
+        DeviceFeedback(
+            _at_most_one(message["led"], "lights"),
+            None if rumble is None else _share(rumble, "rumble"),
+        ),
+    )
+
+
+def _check_version(message: Message) -> None:
+    if message["version"] != VERSION:
+        raise UnusableError(
+            f"of version {message['version']}, where this Cardan speaks {VERSION}: have the same "
+            "one on both computers"
+        )
+
+
+def _at_most_one(values: Sequence[Any], what: str) -> Any:
+    if len(values) > 1:
+        raise UnusableError(f"with several {what}")
+    return values[0] if values else None
+
+
+def _number(value: float, what: str) -> float:
+    if not abs(value) <= LARGEST:
+        raise UnusableError(f"with {what} that are no numbers")
+    return value
+
+
+def _time(value: float, what: str) -> float:
+    if not math.isfinite(value):
+        raise UnusableError(f"with a time {what} that is none")
+    return value
+
+
+def _share(value: float, what: str) -> float:
+    if not 0.0 <= value <= 1.0:
+        raise UnusableError(f"with a {what} beyond 0 to 1")
+    return value
+
+
+def _axes(values: Sequence[float]) -> Axes:
+    if not all(-1.0 <= each <= 1.0 for each in values):
+        raise UnusableError("with axes beyond -1 to 1, or that are no numbers")
+    x, y, z, roll, pitch, yaw = values
+    return Axes(x, y, z, roll, pitch, yaw) if any(values) else NEUTRAL
+
+
+def _vector(value: Message, what: str) -> Vector3:
+    return Vector3(*(_number(value[key], what) for key in ("x", "y", "z")))
+
+
+def _pose(value: Message | None) -> Pose | None:
+    if value is None:
+        return None
+    place, turn = value["position"], value["orientation"]
+    q = Quaternion(*(_number(turn[key], "a pose") for key in ("w", "x", "y", "z")))
+    if not 0.99 < math.hypot(*q) < 1.01:
+        raise UnusableError("with an orientation that is no unit quaternion")
+    return Pose(_vector(place, "a pose"), normalized(q))
+
+
+def _wrench(value: Message | None, in_tool: bool) -> Wrench | None:
+    if value is None:
+        return None
+    frame = Frame.TOOL if in_tool else Frame.BASE
+    return Wrench(_vector(value["force"], "a force"), _vector(value["torque"], "a torque"), frame)
+
+
+def _names(values: Sequence[str], what: str) -> tuple[str, ...]:
+    if len(values) > MOST_BUTTONS:
+        raise UnusableError(f"with more than {MOST_BUTTONS} {what}")
+    if not all(0 < len(each) <= MOST_TEXT for each in values):
+        raise UnusableError(f"with {what} that have no name, or too long a one")
+    return tuple(values)
+
+
+def _edges(values: Sequence[Message], sent_s: float) -> tuple[Edge, ...]:
+    if len(values) > MOST_EDGES:
+        raise UnusableError(f"with more than {MOST_EDGES} edges")
+    _names([each["button"] for each in values], "buttons")
+    edges = tuple(
+        Edge(each["number"], each["stamp"], each["button"], each["pressed"]) for each in values
+    )
+    numbers = [each.number for each in edges]
+    first = numbers[0] if numbers else 1
+    if first < 1 or numbers != list(range(first, first + len(numbers))):
+        raise UnusableError("with edges out of order")
+    if not all(each.stamp_s <= sent_s for each in edges):
+        raise UnusableError("with edges that are newer than they are")
+    return edges
+
+
+def _capabilities(value: Message) -> DeviceCapabilities:
+    return DeviceCapabilities(
+        gives_pose=value["gives_pose"],
+        buttons=_names(value["buttons"], "buttons"),
+        feedback=FEEDBACK & frozenset(value["feedback"]),
+        battery=value["battery"],
+        gives_axes=value["gives_axes"],
+        gives_inertia=value["gives_inertia"],
+        further_buttons=_names(value["further_buttons"], "buttons"),
+    )

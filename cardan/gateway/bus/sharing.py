@@ -1,0 +1,303 @@
+"""``cardan share``: an operator device for a session on another computer.
+
+The core decides who has the device, and keeps the edges of its buttons until they are acknowledged;
+it has no I/O, and its caller's time. One session has the device at a time: who claims it first,
+until it gives it back, or LEASE_S after its newest claim.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import secrets
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from cardan.bus.node import BusNode, Received
+from cardan.bus.options import BusOptions
+from cardan.common.options import Options, require
+from cardan.common.realtime import ask_for_real_time
+from cardan.drivers.base import OperatorDevice
+from cardan.drivers.registry import DriverTable
+from cardan.drivers.remote.shared import (
+    CLAIM_TYPE,
+    FEEDBACK,
+    MOST_EDGES,
+    STATE_TYPE,
+    Claim,
+    Edge,
+    Shared,
+    UnusableError,
+    claim_topic,
+    read_claim,
+    shared_message,
+    state_topic,
+)
+from cardan.errors import AddressError, DriverError, OptionError
+from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.names import RosNameError, checked_name, dds_type
+from cardan.protocols.ros2.zenoh import PUBLISHER
+from cardan.types import (
+    NEVER_S,
+    ButtonEvent,
+    DeviceCapabilities,
+    DeviceFeedback,
+    DeviceState,
+)
+
+LEASE_S = 1.0
+"""Silence of who has the device after which others may have it."""
+
+SHORTEST_S = 0.004
+"""Between two states, unless a button changes: a SpaceMouse reports each 8 to 16 ms."""
+
+LONGEST_S = 0.02
+"""Between two states of a device that somebody has: whether it is moved or not, its newest state
+has to be young."""
+
+FREE_S = 0.25
+"""Between those of one that nobody has, which only say so."""
+
+CLAIMS_KEPT = 32
+"""Claims that wait for their turn; of more, the oldest are dropped."""
+
+MEET_S = 0.5
+"""How long others that share under the same name are looked for: a router takes some 0.1 s to tell
+of them."""
+
+LOOK_S = 0.02
+
+
+@dataclass(frozen=True, kw_only=True)
+class SharedConfig(Options):
+    """What is read of a session's file: no robot is needed."""
+
+    device: DriverTable
+
+
+@dataclass(frozen=True, kw_only=True)
+class ShareOptions(Options):
+    """What is shared, and where."""
+
+    name: str
+    """What the robot's side calls it."""
+    bus: BusOptions = field(default_factory=BusOptions)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require("/" not in self.name, "name", self.name, "a name without /")
+        try:
+            checked_name(state_topic(self.name))
+        except RosNameError as error:
+            raise OptionError("name", self.name, f"a name of ROS 2 ({error})") from None
+
+
+class ShareCore:
+    """Who has a device, and what that one is told. Times are monotonic, s."""
+
+    def __init__(self, driver: str, run: int) -> None:
+        """`run`: a number that no other process has, not 0."""
+        self._driver, self._run = driver, run
+        self._codec, self._dds_type = codec_of(CLAIM_TYPE), dds_type(CLAIM_TYPE)
+        self._claim: Claim | None = None
+        """The newest one of who has it."""
+        self._owner = b""
+        """Id of that one's publisher."""
+        self._heard_s = NEVER_S
+        self._edges: deque[Edge] = deque()
+        self._number = 0
+        self._sent_s = NEVER_S
+        self._last: DeviceState | None = None
+        """What was published last."""
+        self._changed = False
+        """Whether there is another state since."""
+        self._asked = False
+        """Whether a claim is to be answered."""
+        self.counts: Counter[str] = Counter()
+        """Claims that were refused, and edges that were dropped, by kind."""
+
+    def lessee(self, now_s: float) -> str:
+        """Who has the device; empty: nobody."""
+        self._expire(now_s)
+        return "" if self._claim is None else self._claim.name or "a session"
+
+    def on_received(self, received: Received, now_s: float) -> None:
+        """A claim came. Never raises."""
+        self._expire(now_s)
+        attachment = received.attachment
+        if attachment is None or received.key.split("/")[-2:-1] != [self._dds_type]:
+            self.counts["claims that are none"] += 1
+            return
+        message = self._codec.decode(received.data)
+        if isinstance(message, Malformed):
+            self.counts["claims that are cut short"] += 1
+            return
+        try:
+            claim = read_claim(message)
+        except UnusableError as error:
+            self.counts[f"claims {error}"] += 1
+            return
+        self._asked |= self._take(claim, attachment.gid, now_s)
+
+    def _take(self, claim: Claim, owner: bytes, now_s: float) -> bool:
+        """Whether it is to be answered."""
+        known = self._claim
+        if known is None:
+            if not claim.wanted:
+                return False
+            self._edges.clear()
+        elif (claim.lessee, owner) != (known.lessee, self._owner):
+            self.counts["claims while another session has it"] += 1
+            return True
+        elif claim.asked_s <= known.asked_s:
+            self.counts["claims that came twice or late"] += 1
+            return False
+        if not claim.wanted:
+            self._end()
+            return True
+        self._claim, self._owner, self._heard_s = claim, owner, now_s
+        while self._edges and self._edges[0].number <= claim.edges:
+            self._edges.popleft()
+        return True
+
+    def _expire(self, now_s: float) -> None:
+        if self._claim is not None and now_s - self._heard_s > LEASE_S:
+            self.counts["leases that were not renewed"] += 1
+            self._end()
+
+    def _end(self) -> None:
+        self._claim, self._owner = None, b""
+        self._edges.clear()
+
+    @property
+    def due_s(self) -> float:
+        """When a state is to be offered again, at the latest."""
+        return self._sent_s + self._wait_s(self._changed)
+
+    def _wait_s(self, changed: bool) -> float:
+        if self._claim is None:
+            return FREE_S
+        return SHORTEST_S if changed else LONGEST_S
+
+    def offer(
+        self,
+        state: DeviceState,
+        edges: Iterable[ButtonEvent],
+        able: DeviceCapabilities,
+        now_s: float,
+    ) -> Shared | None:
+        """What to publish now, if it is time to; `state` and `edges`, oldest first, were taken
+        before `now_s`."""
+        self._expire(now_s)
+        urgent = self._keep(edges) or self._asked
+        self._changed = state != self._last
+        if not urgent and now_s < self._sent_s + self._wait_s(self._changed):
+            return None
+        answer, claim = self._asked, self._claim
+        self._sent_s, self._last = now_s, state
+        self._changed = self._asked = False
+        return Shared(
+            self._run,
+            now_s,
+            0 if claim is None else claim.lessee,
+            "" if claim is None else claim.name,
+            NEVER_S if claim is None else claim.asked_s,
+            state,
+            tuple(self._edges),
+            self._driver,
+            able if answer else None,
+        )
+
+    def _keep(self, edges: Iterable[ButtonEvent]) -> bool:
+        """Keep edges for who has the device: whether there are new ones."""
+        told = False
+        for stamp_s, button, pressed in edges:
+            self._number += 1
+            if self._claim is None:
+                continue
+            if len(self._edges) == MOST_EDGES:
+                self._edges.popleft()
+                self.counts["edges that were not acknowledged in time"] += 1
+            self._edges.append(Edge(self._number, stamp_s, button, pressed))
+            told = True
+        return told
+
+    def feedback(self, now_s: float) -> DeviceFeedback:
+        """What the operator is to be given: nothing once nobody has the device."""
+        self._expire(now_s)
+        return DeviceFeedback(False, 0.0) if self._claim is None else self._claim.feedback
+
+
+def share_until(
+    device: OperatorDevice,
+    driver: str,
+    options: ShareOptions,
+    ready: Callable[[str], None],
+    stop: threading.Event,
+    end_s: float = math.inf,
+    tell: Callable[[str], None] = lambda _words: None,
+) -> None:
+    """Open `device` and share it until `stop` is set, or the monotonic time `end_s`.
+
+    `ready` is called with the topic once it is shared, `tell` with a line for each change of who
+    has it, and of what is refused. Raises DriverError, ConfigurationError, or AddressError where
+    the name is taken.
+    """
+    core = ShareCore(driver, secrets.randbits(63) | 1)
+    topic = state_topic(options.name)
+    with contextlib.ExitStack() as stack:
+        node = stack.enter_context(BusNode(options.bus, f"cardan_share_{options.name}"))
+        others = node.presence(PUBLISHER, topic)
+        until_s = time.monotonic() + MEET_S
+        while time.monotonic() < until_s and not stop.wait(LOOK_S):
+            if there := others.others():
+                raise AddressError(
+                    f"{options.name} is shared already, by the node {there[0].full_node}: end "
+                    "that, or choose another --name"
+                )
+        stack.enter_context(device)
+        claims = node.waiting_subscription(claim_topic(options.name), CLAIM_TYPE, CLAIMS_KEPT)
+        publisher = node.publisher(topic, STATE_TYPE, express=True)
+        stack.callback(device.on_state(lambda _state: claims.wake()))
+        ask_for_real_time()
+        ready(topic)
+        codec = codec_of(STATE_TYPE)
+        shown: DeviceFeedback | None = None
+        lessee = ""
+        refused: set[str] = set()
+        while not stop.is_set() and (now_s := time.monotonic()) < end_s:
+            received = claims.wait(max(0.0, min(core.due_s, end_s, now_s + FREE_S) - now_s))
+            for _ in range(CLAIMS_KEPT):
+                if received is None:
+                    break
+                core.on_received(received, time.monotonic())
+                received = claims.poll()
+            edges, state = device.button_events(), device.state()
+            now_s = time.monotonic()
+            shared = core.offer(state, edges, device.capabilities, now_s)
+            if shared is not None:
+                publisher.put(codec.encode(shared_message(shared)), time.time_ns())
+            if (feedback := core.feedback(now_s)) != shown:
+                shown = feedback
+                _give(device, feedback)
+            if (name := core.lessee(now_s)) != lessee:
+                lessee = name
+                tell(f"used by {name}" if name else "used by nobody")
+            for what in core.counts.keys() - refused:
+                refused.add(what)
+                tell(f"refused: {what}")
+        _give(device, DeviceFeedback(False, 0.0))
+
+
+def _give(device: OperatorDevice, feedback: DeviceFeedback) -> None:
+    """Give `feedback` by the channels that the device has, and that are passed on."""
+    able = device.capabilities.feedback & FEEDBACK
+    given = DeviceFeedback(
+        feedback.led if "led" in able else None, feedback.rumble if "rumble" in able else None
+    )
+    if given != DeviceFeedback():
+        with contextlib.suppress(DriverError):  # A device that is unplugged shows nothing.
+            device.feedback(given)

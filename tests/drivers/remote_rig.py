@@ -1,0 +1,164 @@
+"""A device that is shared and the driver that uses it, joined by a network in virtual time."""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import random
+from typing import NamedTuple
+
+from cardan.bus.node import Received
+from cardan.drivers.remote import RemoteOptions
+from cardan.drivers.remote.core import RemoteCore
+from cardan.drivers.remote.shared import (
+    CLAIM_TYPE,
+    STATE_TYPE,
+    claim_message,
+    shared_message,
+)
+from cardan.gateway.bus.sharing import ShareCore
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.names import dds_type
+from cardan.protocols.ros2.zenoh import Attachment
+from cardan.types import (
+    NEUTRAL,
+    Axes,
+    ButtonEvent,
+    DeviceCapabilities,
+    DeviceFeedback,
+    DeviceLink,
+    DeviceState,
+)
+
+STEP_S = 0.002
+ABLE = DeviceCapabilities(False, ("hold", "grip"), frozenset({"led", "rumble"}), False)
+
+
+def received(kind, message, sequence=1, sender=1, key_type=None):
+    """A message as a subscription has it."""
+    key = f"0/shared/x/{dds_type(key_type or kind)}/RIHS01_0"
+    data = message if isinstance(message, bytes) else codec_of(kind).encode(message)
+    return Received(data, key, Attachment(sequence, sequence, bytes([sender]) * 16))
+
+
+class Link(NamedTuple):
+    """One direction of a network."""
+
+    delay_s: float = 0.0003
+    jitter_s: float = 0.0
+    loss: float = 0.0
+    twice: float = 0.0
+    in_order: bool = True
+
+
+LAN = Link()
+
+
+class Way:
+    """What is on its way in one direction."""
+
+    def __init__(self, link, chosen):
+        self.link, self._chosen = link, chosen
+        self._queue = []
+        self._numbers = itertools.count()
+        self._last_s = 0.0
+        self.stalled_until_s = 0.0
+        self.cut = False
+
+    def send(self, item, now_s):
+        link, chosen = self.link, self._chosen
+        if self.cut or chosen.random() < link.loss:
+            return
+        for _ in range(1 + (chosen.random() < link.twice)):
+            arrives_s = now_s + link.delay_s + chosen.uniform(0.0, link.jitter_s)
+            arrives_s = max(arrives_s, self.stalled_until_s)
+            if link.in_order:
+                arrives_s = self._last_s = max(arrives_s, self._last_s)
+            heapq.heappush(self._queue, (arrives_s, next(self._numbers), item))
+
+    def stall(self, until_s):
+        """Nothing arrives before that time; all of it then."""
+        self.stalled_until_s = until_s
+        self._queue = [(max(at_s, until_s), n, item) for at_s, n, item in self._queue]
+        heapq.heapify(self._queue)
+
+    def arrived(self, now_s):
+        while self._queue and self._queue[0][0] <= now_s:
+            yield heapq.heappop(self._queue)[2]
+
+
+class Bench:
+    """An operator's computer, a network, and a session's driver. `lie_s` is added to the clock
+    there."""
+
+    def __init__(self, down=LAN, up=None, seed=1, offset_s=1000.0, drift=0.0, **options):
+        chosen = random.Random(seed)
+        self.down, self.up = Way(down, chosen), Way(down if up is None else up, chosen)
+        self.offset_s, self.drift, self.lie_s = offset_s, drift, 0.0
+        self.now_s = 50.0
+        self.core = RemoteCore(RemoteOptions(device="x", **options), 7, "arm at robot")
+        self.numbers, self.sender = itertools.count(1), 1
+        self.share = ShareCore("spacemouse", 11)
+        self.device = DeviceState(self.there_s, DeviceLink.LIVE, NEUTRAL, frozenset())
+        self.edges = []
+        self.given = DeviceFeedback()
+        self.heard = []
+        """Edges that came out of the driver."""
+        self.mangle = lambda message: message
+        self.core.on_opened(self.now_s)
+
+    @property
+    def there_s(self):
+        """The time by the clock there."""
+        return self.now_s * (1.0 + self.drift) + self.offset_s + self.lie_s
+
+    @property
+    def state(self):
+        return self.core.state(self.now_s)
+
+    def count(self, name):
+        return self.core.metrics(self.now_s)[name]
+
+    def move(self, x=0.0, link=DeviceLink.LIVE, reason=""):
+        axes = Axes(x, 0.0, 0.0, 0.0, 0.0, 0.0)
+        buttons = self.device.buttons if link is DeviceLink.LIVE else frozenset()
+        self.device = DeviceState(self.there_s, link, axes, buttons, reason=reason)
+
+    def press(self, button="hold", pressed=True):
+        self.edges.append(ButtonEvent(self.there_s, button, pressed))
+        buttons = self.device.buttons
+        buttons = buttons | {button} if pressed else buttons - {button}
+        self.device = self.device._replace(stamp_s=self.there_s, buttons=buttons)
+
+    def run(self, seconds, each=lambda: None):
+        end_s = self.now_s + seconds
+        while self.now_s < end_s - 1e-9:
+            self.now_s += STEP_S
+            each()
+            self.operator()
+            for item in self.down.arrived(self.now_s):
+                self.core.on_received(item, self.now_s)
+            claim = self.core.claim(self.now_s, self.given)
+            if claim is not None:
+                self.up.send(self.claimed(claim), self.now_s)
+            self.heard += self.core.events()
+
+    def operator(self):
+        """A step of the computer that shares."""
+        for item in self.up.arrived(self.now_s):
+            self.share.on_received(item, self.there_s)
+        edges, self.edges = self.edges, []
+        shared = self.share.offer(self.device, edges, ABLE, self.there_s)
+        if shared is not None:
+            message = self.mangle(shared_message(shared))
+            item = received(STATE_TYPE, message, next(self.numbers), self.sender)
+            self.down.send(item, self.now_s)
+
+    def claimed(self, claim, sender=9):
+        return received(CLAIM_TYPE, claim_message(claim), next(self.numbers), sender)
+
+    def live(self):
+        """Run until it counts."""
+        self.run(1.0)
+        assert self.state.link is DeviceLink.LIVE, self.state.reason
+        return self

@@ -1,0 +1,510 @@
+"""A device on another computer: its age, its edges, and who has it."""
+
+import math
+
+import pytest
+
+from cardan.drivers.remote import Remote, RemoteOptions
+from cardan.drivers.remote.core import RemoteCore
+from cardan.drivers.remote.shared import (
+    CLAIM_PERIOD_S,
+    CLAIM_TYPE,
+    MOST_EDGES,
+    STATE_TYPE,
+    Claim,
+    claim_message,
+    read_claim,
+    read_shared,
+    shared_message,
+)
+from cardan.errors import DeviceNotFoundError, OptionError
+from cardan.gateway.bus.sharing import LEASE_S, ShareCore, ShareOptions
+from cardan.types import (
+    NEUTRAL,
+    DeviceFeedback,
+    DeviceLink,
+    DeviceState,
+    Frame,
+    Inertia,
+    Pose,
+    Quaternion,
+    Vector3,
+    Wrench,
+)
+from tests.drivers.remote_rig import ABLE, LAN, STEP_S, Bench, Link, received
+
+WIFI = Link(0.001, 0.015, loss=0.01, in_order=False, twice=0.01)
+LTE = Link(0.025, 0.04, loss=0.01, in_order=False)
+INTERNET = Link(0.110, 0.020, loss=0.005)
+BAD = Link(0.005, 0.030, loss=0.10, twice=0.10, in_order=False)
+NETWORKS = pytest.mark.parametrize(
+    ("link", "max_age_s"),
+    [(LAN, 0.15), (WIFI, 0.15), (LTE, 0.2), (INTERNET, 0.3), (BAD, 0.3)],
+    ids=["lan", "wifi", "lte", "internet", "bad"],
+)
+
+
+def in_age(bench, bound_s, seconds, each=lambda: None):
+    """Run while the deflection tells when the hand had it; check that what counts is no older than
+    `bound_s`. How often it counted."""
+    began_s, counted = bench.now_s, 0
+
+    def step():
+        nonlocal counted
+        each()
+        bench.move(0.1 + 0.8 * (bench.now_s - began_s) / seconds)
+        x = bench.state.axes.x
+        if x:
+            counted += 1
+            made_s = began_s + (x - 0.1) / 0.8 * seconds
+            assert bench.now_s - made_s <= bound_s, f"{bench.now_s - made_s:.3f} s old"
+
+    bench.run(seconds, step)
+    return counted
+
+
+@NETWORKS
+@pytest.mark.parametrize("offset_s", [-40.0, 1e6])
+def test_nothing_counts_that_is_too_old(link, max_age_s, offset_s):
+    bench = Bench(link, offset_s=offset_s, drift=50e-6, max_age_s=max_age_s).live()
+    error_s = 0.5 * (2.0 * link.delay_s + link.jitter_s) + 3 * STEP_S
+    assert in_age(bench, max_age_s + error_s, 4.0) > 1500
+    assert bench.count("clock_resets") == 0
+    assert bench.count("future") == bench.count("back") == 0
+
+
+@NETWORKS
+def test_every_edge_comes_once_and_in_order(link, max_age_s):
+    bench = Bench(link, max_age_s=max_age_s).live()
+    for number in range(40):
+        bench.press("hold" if number % 2 else "grip", True)
+        bench.run(0.03)
+        bench.press("hold" if number % 2 else "grip", False)
+        bench.run(0.05)
+    bench.run(1.0)
+    told = [(event.button, event.pressed) for event in bench.heard]
+    assert told == [
+        ("hold" if number % 2 else "grip", pressed)
+        for number in range(40)
+        for pressed in (True, False)
+    ]
+    assert bench.count("missed_edges") == 0
+
+
+def test_a_tap_within_one_state_has_both_edges():
+    bench = Bench().live()
+    bench.press()
+    bench.press(pressed=False)
+    bench.run(0.05)
+    assert [event.pressed for event in bench.heard] == [True, False]
+
+
+@pytest.mark.parametrize("stall_s", [0.3, 0.6, 5.0])
+def test_after_a_stall_nothing_is_caught_up(stall_s):
+    bench = Bench(Link(0.045, 0.020)).live()
+    bench.press()
+    bench.run(0.2)
+    assert bench.state.buttons == {"hold"}
+    fresh_s = bench.now_s
+    bench.down.stall(bench.now_s + stall_s)
+    seen = []
+    in_age(bench, 0.15 + 0.07, stall_s + 0.5, lambda: seen.append((bench.now_s, bench.state)))
+    lost_s = next(at_s for at_s, state in seen if state.link is DeviceLink.STALE)
+    assert lost_s - fresh_s <= 0.15 + 2 * STEP_S
+    # The hand went on meanwhile: nothing counts until it has let go, and the hold is pressed anew.
+    assert (bench.state.axes, bench.state.buttons) == (NEUTRAL, frozenset())
+    assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
+    assert "let go" in bench.state.reason
+    bench.move(0.0)
+    bench.run(0.2)
+    assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, frozenset())
+    bench.press(pressed=False)
+    bench.run(0.2)
+    bench.press()
+    bench.run(0.2)
+    assert bench.state.buttons == {"hold"}
+
+
+def test_a_press_that_is_too_old_arms_nothing_and_a_release_lets_go():
+    bench = Bench().live()
+    bench.press("grip")
+    bench.run(0.1)
+    bench.heard.clear()
+    # Only what has edges is lost, for as long as they are repeated.
+    bench.mangle = lambda message: message | {"edges": [], "buttons": ["grip"]}
+    bench.press("hold")
+    bench.press("grip", False)
+    bench.run(0.5)
+    bench.mangle = lambda message: message
+    bench.run(0.1)
+    assert bench.state.link is DeviceLink.LIVE
+    assert [(event.button, event.pressed) for event in bench.heard] == [("grip", False)]
+    assert (bench.state.buttons, bench.count("old_presses")) == (frozenset(), 1)
+    bench.press("hold", False)
+    bench.press("hold")
+    bench.run(0.1)
+    assert bench.state.buttons == {"hold"}
+
+
+def test_edges_beyond_the_most_that_wait_are_counted():
+    bench = Bench().live()
+    bench.press()
+    bench.press(pressed=False)
+    bench.run(0.1)
+    bench.up.cut = True
+    bench.down.cut = True
+    for _ in range(MOST_EDGES):
+        bench.press()
+        bench.press(pressed=False)
+    bench.run(0.3)
+    bench.up.cut = bench.down.cut = False
+    bench.run(0.3)
+    assert bench.count("missed_edges") == MOST_EDGES
+    assert bench.share.counts["edges that were not acknowledged in time"] == MOST_EDGES
+
+
+@pytest.mark.parametrize("way", ["up", "down"])
+def test_a_link_that_is_cut_in_one_direction_stops_in_time(way):
+    bench = Bench(LTE, max_age_s=0.2).live()
+    bench.move(0.5)
+    bench.run(0.3)
+    assert bench.state.axes.x == 0.5
+    getattr(bench, way).cut = True
+    bench.run(0.2 + CLAIM_PERIOD_S + 0.13)
+    assert (bench.state.link, bench.state.axes) == (DeviceLink.STALE, NEUTRAL)
+    bench.move(0.0)
+    getattr(bench, way).cut = False
+    bench.run(0.5)
+    assert bench.state.link is DeviceLink.LIVE
+
+
+# -- clocks that jump, or lie ---------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("link", [LAN, LTE], ids=["lan", "lte"])
+def test_no_clock_makes_a_state_younger_than_its_round_trip_allows(link, seed):
+    """The clock there jumps by what the network stalls, when that would hide it best."""
+    bench = Bench(link, seed=seed, max_age_s=0.15).live()
+    round_s = bench.core.metrics(bench.now_s)["round_trip_s"]
+    bound_s = 0.15 + CLAIM_PERIOD_S + round_s + 2 * STEP_S
+    began_s = bench.now_s
+    lies = {0.5: 0.4, 1.5: 0.9, 2.5: 2.0, 3.5: -0.3, 4.5: 0.14}
+
+    def lie():
+        for at_s, lie_s in lies.items():
+            if abs(bench.now_s - began_s - at_s) < 0.5 * STEP_S:
+                bench.down.stall(bench.now_s + abs(lie_s))
+                bench.lie_s += lie_s
+
+    assert in_age(bench, bound_s, 6.0, lie)
+
+
+def test_a_clock_that_runs_ahead_is_refused_until_a_round_trip_tells():
+    bench = Bench().live()
+    bench.up.cut = True
+    bench.lie_s = 0.5
+    bench.run(0.1)
+    assert bench.count("future") > 0
+    bench.up.cut = False
+    bench.run(0.5)
+    assert bench.count("clock_resets") == 1
+    assert bench.state.link is DeviceLink.LIVE
+
+
+def test_a_computer_that_slept_is_believed_again():
+    bench = Bench().live()
+    bench.down.cut = bench.up.cut = True
+    bench.run(20.0, lambda: setattr(bench, "lie_s", bench.lie_s - STEP_S * 0.9))
+    assert bench.state.link is DeviceLink.STALE
+    bench.down.cut = bench.up.cut = False
+    bench.run(1.0)
+    assert bench.state.link is DeviceLink.LIVE
+
+
+def test_stamps_that_go_back_are_refused():
+    bench = Bench().live()
+    bench.move(0.5)
+    bench.run(0.1)
+    bench.mangle = lambda message: (
+        message | {"sent": message["sent"] - 2.0, "edges": [], "report": message["report"] - 2.0}
+    )
+    bench.run(0.3)
+    assert bench.count("back") > 5
+    assert (bench.state.link, bench.state.axes) == (DeviceLink.STALE, NEUTRAL)
+
+
+def test_echoes_of_what_was_not_asked_are_refused():
+    bench = Bench().live()
+    bench.mangle = lambda message: message | {"asked": message["asked"] + 1.0}
+    bench.run(0.3)
+    assert bench.state.link is DeviceLink.STALE
+    assert any("answer what was not asked" in line for line in bench.core.diagnosis(bench.now_s))
+
+
+# -- what the device there does -------------------------------------------------------------------
+
+
+def test_a_device_that_is_lost_there_is_lost_here_with_its_reason():
+    bench = Bench().live()
+    bench.press()
+    bench.move(0.5)
+    bench.run(0.1)
+    bench.move(link=DeviceLink.LOST, reason="unplugged")
+    bench.press(pressed=False)
+    bench.run(0.1)
+    state = bench.state
+    assert (state.link, state.axes, state.buttons) == (DeviceLink.LOST, NEUTRAL, frozenset())
+    assert state.reason == "at the operator's computer: unplugged"
+    bench.move(0.5)
+    bench.run(0.1)
+    assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
+    bench.move(0.0)
+    bench.run(0.1)
+    assert bench.state.link is DeviceLink.LIVE
+
+
+def test_all_that_a_device_measures_comes():
+    bench = Bench().live()
+    pose = Pose(Vector3(0.1, 0.2, 0.3), Quaternion(0.0, 1.0, 0.0, 0.0))
+    wrench = Wrench(Vector3(1.0, 2.0, 3.0), Vector3(0.1, 0.2, 0.3), Frame.TOOL)
+    inertia = Inertia(Vector3(0.0, 0.0, 9.81), Vector3(0.1, 0.0, 0.0))
+    measured = {"pose": pose, "battery": 0.5, "wrench": wrench, "inertia": inertia}
+    bench.device = bench.device._replace(**measured)
+    bench.run(0.1)
+    assert {key: getattr(bench.state, key) for key in measured} == measured
+    assert bench.core.capabilities == ABLE
+    assert bench.core.driver == "spacemouse"
+    assert 0.0 <= bench.now_s - bench.state.stamp_s <= 1.2
+
+
+def test_force_is_not_passed_back():
+    able = ABLE._replace(feedback=frozenset({"wrench", "led"}))
+    share = ShareCore("omni", 1)
+    share.on_received(received(CLAIM_TYPE, claim_message(claim())), 1.0)
+    shared = share.offer(DeviceState(0.5, DeviceLink.LIVE, NEUTRAL, frozenset()), (), able, 1.0)
+    there = read_shared(shared_message(shared))
+    assert there.capabilities.feedback == {"led"}
+
+
+def test_light_and_rumble_go_back_and_end_with_the_lease():
+    bench = Bench()
+    bench.given = DeviceFeedback(led=True, rumble=0.5)
+    bench.live()
+    assert bench.share.feedback(bench.there_s) == DeviceFeedback(True, 0.5)
+    bench.up.cut = True
+    bench.run(LEASE_S + 0.1)
+    assert bench.share.feedback(bench.there_s) == DeviceFeedback(False, 0.0)
+
+
+# -- who has it -----------------------------------------------------------------------------------
+
+
+def claim(lessee=5, asked_s=1.0, wanted=True, **more):
+    return Claim(lessee, "arm b at robot", asked_s, wanted, 0, DeviceFeedback(**more))
+
+
+def test_the_second_is_refused_in_words_and_gets_it_once_it_is_free():
+    bench = Bench().live()
+    second = RemoteCore(RemoteOptions(device="x"), 8, "arm b")
+    second.on_opened(bench.now_s)
+    send = bench.down.send
+
+    def to_both(item, now_s):
+        send(item, now_s)
+        second.on_received(item, now_s)
+
+    bench.down.send = to_both
+
+    def ask():
+        if (asked := second.claim(bench.now_s, DeviceFeedback())) is not None:
+            bench.up.send(bench.claimed(asked, sender=8), bench.now_s)
+
+    bench.move(0.5)
+    bench.run(0.5, ask)
+    assert second.refusal == "x is used by arm at robot: end that session first"
+    assert not second.leased
+    assert second.state(bench.now_s).axes == NEUTRAL
+    assert bench.state.axes.x == 0.5
+    assert bench.share.counts["claims while another session has it"] > 5
+    bench.up.send(bench.claimed(bench.core.farewell(bench.now_s)), bench.now_s)
+    bench.core.on_closed(bench.now_s)
+    bench.move(0.0)
+    bench.run(0.5, ask)
+    assert second.leased
+    assert second.state(bench.now_s).link is DeviceLink.LIVE
+
+
+def test_a_lease_that_is_not_renewed_ends_and_is_had_again():
+    bench = Bench().live()
+    assert bench.share.lessee(bench.there_s) == "arm at robot"
+    bench.press()
+    bench.run(0.1)
+    bench.up.cut = True
+    bench.run(LEASE_S + 0.3)
+    assert bench.share.lessee(bench.there_s) == ""
+    assert (bench.state.link, bench.state.buttons) == (DeviceLink.LOST, frozenset())
+    bench.up.cut = False
+    bench.run(0.5)
+    assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, frozenset())
+    bench.press(pressed=False)
+    bench.run(0.1)
+    bench.press()
+    bench.run(0.1)
+    assert bench.state.buttons == {"hold"}
+
+
+def test_claims_of_a_stranger_under_the_same_number_count_for_nothing():
+    bench = Bench().live()
+    stolen = Claim(7, "thief", bench.now_s + 100.0, False, 99, DeviceFeedback())
+    bench.share.on_received(bench.claimed(stolen, sender=66), bench.there_s)
+    assert bench.share.lessee(bench.there_s) == "arm at robot"
+    assert bench.share.counts["claims while another session has it"] == 1
+
+
+def test_claims_that_come_twice_are_counted():
+    share = ShareCore("spacemouse", 1)
+    for asked_s in (1.0, 1.0, 0.5):
+        share.on_received(received(CLAIM_TYPE, claim_message(claim(asked_s=asked_s))), 1.0)
+    assert share.counts["claims that came twice or late"] == 2
+
+
+def test_giving_back_what_one_has_not_is_no_lease():
+    share = ShareCore("spacemouse", 1)
+    share.on_received(received(CLAIM_TYPE, claim_message(claim(wanted=False))), 1.0)
+    assert share.lessee(1.0) == ""
+
+
+def test_of_two_that_share_under_one_name_the_first_counts():
+    bench = Bench().live()
+    other = Bench(offset_s=5.0)
+    other.now_s = bench.now_s
+    other.sender, other.share = 2, ShareCore("gamepad", 12)
+    other.move(0.7)
+
+    def step():
+        other.now_s = bench.now_s
+        other.operator()
+        for item in other.down.arrived(bench.now_s + 1.0):
+            bench.core.on_received(item, bench.now_s)
+
+    asked = claim_message(Claim(7, "arm at robot", bench.now_s, True, 0, DeviceFeedback()))
+    other.share.on_received(received(CLAIM_TYPE, asked, sender=9), other.there_s)
+    bench.run(0.5, step)
+    assert (bench.state.link, bench.state.axes) == (DeviceLink.LIVE, NEUTRAL)
+    assert bench.count("others") > 5
+    assert any("a second computer" in line for line in bench.core.diagnosis(bench.now_s))
+
+
+def test_a_process_that_shares_anew_counts_from_rest():
+    bench = Bench().live()
+    bench.press()
+    bench.move(0.5)
+    bench.run(0.1)
+    bench.share, bench.lie_s = ShareCore("spacemouse", 99), -500.0
+    bench.run(0.5)
+    assert (bench.state.axes, bench.state.buttons) == (NEUTRAL, frozenset())
+    bench.move(0.0)
+    bench.run(0.1)
+    assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, frozenset())
+
+
+# -- bad input ------------------------------------------------------------------------------------
+
+MANY = [
+    {"number": n, "stamp": 0.0, "button": "a", "pressed": True} for n in range(1, MOST_EDGES + 2)
+]
+BAD_STATES = {
+    "version": ({"version": 2}, "of version 2, where this Cardan speaks 1"),
+    "axes": ({"axes": [math.nan] * 6}, "no numbers"),
+    "beyond": ({"axes": [2.0] + [0.0] * 5}, "beyond -1 to 1"),
+    "sent": ({"sent": math.nan}, "a time sent that is none"),
+    "report": ({"report": 1e12}, "newer than they are"),
+    "link": ({"link": "fine"}, "a link 'fine'"),
+    "battery": ({"battery": [math.nan]}, "a battery beyond"),
+    "batteries": ({"battery": [0.5, 0.5]}, "several batteries"),
+    "inertia": ({"inertia": [{"x": math.inf, "y": 0.0, "z": 0.0}]}, "inertia that are no numbers"),
+    "edges": ({"edges": MANY}, f"more than {MOST_EDGES} edges"),
+    "order": ({"edges": [MANY[1], MANY[0]]}, "edges out of order"),
+    "zero": ({"edges": [MANY[0] | {"number": 0}]}, "edges out of order"),
+    "early": ({"edges": [MANY[0] | {"stamp": 1e12}]}, "edges that are newer"),
+    "NaN edge": ({"edges": [MANY[0] | {"stamp": math.nan}]}, "edges that are newer"),
+    "nameless": ({"buttons": [""]}, "no name"),
+    "buttons": ({"buttons": ["a"] * 1000}, "more than 256 buttons"),
+    "orientation": (
+        {
+            "pose": [
+                {
+                    "position": {"x": 0.0, "y": 0.0, "z": 0.0},
+                    "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 0.0},
+                }
+            ]
+        },
+        "no unit quaternion",
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "words"), BAD_STATES.values(), ids=BAD_STATES)
+def test_states_that_mean_nothing_move_nothing_and_are_named(change, words):
+    bench = Bench().live()
+    bench.mangle = lambda message: message | change
+    bench.move(0.5)
+    bench.run(0.1)
+    assert bench.state.axes == NEUTRAL
+    assert bench.core.protocol_errors()["malformed"] > 0
+    assert any(words in line for line in bench.core.diagnosis(bench.now_s))
+
+
+BAD_CLAIMS = {
+    "version": ({"version": 0}, "of version 0"),
+    "nobody": ({"lessee": 0}, "of nobody"),
+    "asked": ({"asked": math.inf}, "a time asked that is none"),
+    "rumble": ({"rumble": [math.nan]}, "a rumble beyond 0 to 1"),
+    "lights": ({"led": [True, False]}, "several lights"),
+}
+
+
+@pytest.mark.parametrize(("change", "words"), BAD_CLAIMS.values(), ids=BAD_CLAIMS)
+def test_claims_that_mean_nothing_are_named(change, words):
+    share = ShareCore("spacemouse", 1)
+    share.on_received(received(CLAIM_TYPE, claim_message(claim()) | change), 1.0)
+    assert share.lessee(1.0) == ""
+    assert any(words in what for what in share.counts)
+
+
+def test_claims_that_are_none_are_counted():
+    share = ShareCore("spacemouse", 1)
+    whole = received(CLAIM_TYPE, claim_message(claim()))
+    share.on_received(whole._replace(data=whole.data[:9]), 1.0)
+    share.on_received(whole._replace(attachment=None), 1.0)
+    share.on_received(received(CLAIM_TYPE, claim_message(claim()), key_type=STATE_TYPE), 1.0)
+    assert share.counts == {"claims that are cut short": 1, "claims that are none": 2}
+    assert share.lessee(1.0) == ""
+
+
+def test_a_claim_is_read_as_it_was_written():
+    given = claim(led=True, rumble=0.25)
+    assert read_claim(claim_message(given)) == given
+
+
+@pytest.mark.parametrize(
+    ("kind", "given"),
+    [
+        (RemoteOptions, {"device": "a b"}),
+        (RemoteOptions, {"device": "a/b"}),
+        (RemoteOptions, {"max_age_s": 0.001}),
+        (RemoteOptions, {"name": "1"}),
+        (ShareOptions, {"name": "a b"}),
+        (ShareOptions, {"name": "a/b"}),
+    ],
+)
+def test_options(kind, given):
+    with pytest.raises(OptionError, match=next(iter(given))):
+        kind(**given)
+
+
+def test_who_does_not_share_is_told_how():
+    pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
+    with pytest.raises(DeviceNotFoundError, match="start `cardan share`"):
+        Remote(router="", mode="peer").open()

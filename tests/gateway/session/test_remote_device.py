@@ -1,0 +1,128 @@
+"""A robot whose operator device is shared by another process, through a router: what the arm does
+when that process is killed, stands still, or a stranger floods its topics."""
+
+import contextlib
+import signal
+import threading
+import time
+from typing import NamedTuple
+
+import pytest
+
+from bench.killed import REST_M_S, ROBOTS, WINDOW_S, Watch, driven
+from cardan.bus.node import BusNode
+from cardan.bus.options import BusOptions
+from cardan.drivers.remote import Remote
+from cardan.drivers.remote.shared import CLAIM_TYPE, STATE_TYPE, claim_topic, state_topic
+from cardan.errors import DeviceAccessError
+from tests.programs import Program
+from tests.serving import free_endpoint
+from tests.test_ending import toml
+
+pytestmark = [
+    pytest.mark.matrix,  # Whole programs, which move an arm.
+    pytest.mark.usefixtures("zenoh"),
+]
+
+ROBOT = "GP8, MotoROS velocity"
+"""It stands as soon as it is commanded to."""
+SPEED_M_S = 0.1
+MAX_AGE_S = 0.15
+BRAKES_S = 0.2
+BUSY_S = 0.25
+"""How much later a computer that has other work may do it."""
+FLOOD = 20_000
+"""Messages of a flood at most."""
+
+
+@pytest.fixture
+def zenoh():
+    pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
+
+
+class Joined(NamedTuple):
+    """A robot, and the device that moves it from another process."""
+
+    watch: Watch
+    router: str
+    share: Program
+
+    def wait_until_moving(self):
+        self.watch.until(lambda found: found > 0.8 * SPEED_M_S, 0.2)
+
+    def rests_in_time_after(self, at_s):
+        rested_s = self.watch.until(lambda found: found < REST_M_S, 1.0)
+        took_s = rested_s - WINDOW_S - at_s
+        assert took_s <= MAX_AGE_S + BRAKES_S + BUSY_S, f"{took_s:.3f} s"
+
+
+@pytest.fixture
+def joined(tmp_path):
+    router = free_endpoint()
+    with driven(ROBOT, SPEED_M_S, tmp_path) as (robot, tables), contextlib.ExitStack() as stack:
+        served = stack.enter_context(Program("face", "router", "--endpoint", router))
+        served.wait_for("READY")
+        operators = tmp_path / "operator.toml"
+        operators.write_text(toml({"device": tables["device"]}))
+        share = Program("share", operators, "--router", router, "--name", "hand")
+        stack.enter_context(share).wait_for("READY /shared/hand/state")
+        session = tmp_path / "session.toml"
+        remote = {"driver": "remote", "router": router, "device": "hand"}
+        session.write_text(toml({**tables, "device": remote | {"max_age_s": MAX_AGE_S}}))
+        run = stack.enter_context(Program("run", session))
+        found = Joined(Watch(ROBOTS[ROBOT].arm, robot.joints), router, share)
+        try:
+            found.wait_until_moving()
+        except TimeoutError as error:
+            raise AssertionError(run.out + run.err + share.err) from error
+        yield found
+
+
+@pytest.mark.real
+def test_a_killed_process_stops_the_arm_and_the_second_session_is_refused(joined):
+    with pytest.raises(DeviceAccessError, match=r"hand is used by cardan_device_driver at .*: end"):
+        Remote(router=joined.router, device="hand").open()
+    joined.share.wait_for("refused: claims while another session has it", "stderr")
+    joined.wait_until_moving()
+    at_s = time.monotonic()
+    joined.share.process.kill()
+    joined.rests_in_time_after(at_s)
+
+
+def test_a_process_that_stands_still_stops_the_arm_until_a_deliberate_act(joined):
+    joined.wait_until_moving()
+    at_s = time.monotonic()
+    joined.share.process.send_signal(signal.SIGSTOP)
+    joined.rests_in_time_after(at_s)
+    joined.share.process.send_signal(signal.SIGCONT)
+    joined.wait_until_moving()  # The hand lets go, and presses anew.
+
+
+def test_a_stranger_that_floods_with_old_states_neither_moves_the_arm_nor_keeps_it_moving(joined):
+    over = threading.Event()
+    options = BusOptions(router=joined.router, mode="client")
+    with BusNode(options, "stranger") as node:
+        heard = node.waiting_subscription(state_topic("hand"), STATE_TYPE, 1)
+        states = node.publisher(state_topic("hand"), STATE_TYPE)
+        claims = node.publisher(claim_topic("hand"), CLAIM_TYPE)
+        old = heard.wait(10.0)
+        assert old is not None
+        heard.close()
+
+        def flood():
+            for _ in range(FLOOD):
+                if over.wait(0.0005):
+                    return
+                states.put(old.data, time.time_ns())
+                claims.put(old.data, time.time_ns())
+
+        flooding = threading.Thread(target=flood)
+        flooding.start()
+        try:
+            joined.wait_until_moving()
+            at_s = time.monotonic()
+            joined.share.process.kill()
+            joined.rests_in_time_after(at_s)
+        finally:
+            over.set()
+            flooding.join()
