@@ -56,8 +56,9 @@ def share(
     verbose: Verbose = False,
     log_level: Level = None,
 ) -> None:
-    """Share an operator device with a session on another computer, whose driver is `remote`. Prints
-    READY and the topic once it does."""
+    """Share an operator device with a session on another computer.
+
+    The driver there is `remote`. Prints READY and the topic once it does."""
     from cardan.common.serving import interruptible
     from cardan.gateway.bus.sharing import SharedConfig, ShareOptions, share_until
     from cardan.gateway.session.assembly import make_device
