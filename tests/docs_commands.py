@@ -115,6 +115,7 @@ RUN = {
     r"python examples/say\.py": "tests/gateway/hand/filters/test_pages.py",
     r"python \w+\.py$": "tests/test_tutorials.py::test_the_tutorial_works",
     r"\S+/python -m fuzz": "tests/test_fuzz.py",
+    r"tools/mutants": "tests/test_mutants.py",
     r"ros2 (topic|service|param|action) .*(cartesian_control|servo|joint_states|diagnostics|cmd_vel|target_frame|state_command|delta)": "tests/test_ros2_examples.py::test_the_lines_of_ros2_do_what_the_page_says",
     r"ros2 topic (echo|pub).* /(spacenav|joy)": "tests/test_ros2_examples.py::test_a_device_of_ours_is_one_of_ros",
     r"ros2 (topic|service|param) .*/omni": "tests/gateway/bus/test_haptic_server.py",
