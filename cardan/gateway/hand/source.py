@@ -220,8 +220,8 @@ class HandSource:
         device, options, position = self._device, self.mapping.options, self._position
         if device is None:
             return why
-        if device.link is not DeviceLink.LIVE:
-            reason = device.reason or f"the device is {device.link.value}"
+        reason = _why_not_live(device)
+        if reason:
             return why + reason if reason not in why else reason
         if self.complaint:
             return why + self.complaint
@@ -246,19 +246,22 @@ class HandSource:
     def act_words(self) -> str:
         """The deliberate act, as an instruction."""
         options = self.mapping.options
+        reason = "" if self._device is None else _why_not_live(self._device)
+        first = f"wait for the device ({reason}), then " if reason else ""
         if options.clutch:
-            return f"press {options.clutch!r}"
+            return f"{first}press {options.clutch!r}"
         if options.deadman_buttons:
             deadman = " or ".join(repr(button) for button in options.deadman_buttons)
-            return f"let go of {deadman}, then press it"
-        return "move the device and let it go"
+            return f"{first}let go of {deadman}, then press it"
+        return f"{first}move the device and let it go"
 
     # -- faults ----------------------------------------------------------------------------------
 
     def _fault(self, device: DeviceState, now_s: float) -> str:
         """Why this device must not drive any longer."""
-        if device.link is not DeviceLink.LIVE:
-            return device.reason or f"the device is {device.link.value}"
+        reason = _why_not_live(device)
+        if reason:
+            return reason
         position = self._position
         if position is None and not is_finite(device.axes):
             return "the device gives values that are not numbers"
@@ -425,6 +428,13 @@ class HandSource:
             return ZERO_TWIST, fault
         asked = wanted.linear != ZERO3 or wanted.angular != ZERO3
         return (filtered if asked else wanted), ""
+
+
+def _why_not_live(device: DeviceState) -> str:
+    """Why the device's newest state is not usable; empty when it is."""
+    if device.link is DeviceLink.LIVE:
+        return ""
+    return device.reason or f"the device is {device.link.value}"
 
 
 def _status(each: TwistFilter) -> str:
