@@ -131,7 +131,8 @@ class HandSource:
         self._clutch_was_up = self._was_live = False
         """Whether the button that toggles the clutch was released, and the device live, before."""
         self._was_deflected = False
-        """Whether the device was deflected since `barred`, where no button is configured."""
+        """Whether the device was deflected while `barred`, and not let go since, where no button is
+        configured."""
         self._refusal = ""
         """Why the last deliberate act was refused."""
         self._device: DeviceState | None = None
@@ -314,9 +315,10 @@ class HandSource:
             return False, False
         at_rest = self._position is not None or device.axes == NO_DEFLECTION
         if not self.mapping.options.deadman_buttons:
-            self._was_deflected = bool(view.barred) and (self._was_deflected or not at_rest)
+            let_go = self._was_deflected and at_rest
+            self._was_deflected = bool(view.barred) and not at_rest
             if view.barred:
-                return self._was_deflected and at_rest, False
+                return let_go, False  # Once: staying at rest is no further act.
             return at_rest, at_rest and self._position is None
         if not held:
             self._deadman_was_up = self._deadman_was_up or at_rest

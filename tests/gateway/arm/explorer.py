@@ -12,9 +12,10 @@ from __future__ import annotations
 import copy
 import ctypes
 import re
+import sys
 import types
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -198,7 +199,9 @@ class World:
             servo.kinematics, servo.collision, servo.options, verbs.model.task.weights
         )
         ctypes.memmove(
-            ctypes.addressof(twin._state), ctypes.addressof(servo._state), ctypes.sizeof(servo._state)
+            ctypes.addressof(twin._state),
+            ctypes.addressof(servo._state),
+            ctypes.sizeof(servo._state),
         )
         shared = (
             verbs.model, verbs.planner, servo.kinematics, servo.collision, self.core.lock,
@@ -318,9 +321,7 @@ class World:
             self.stream()
 
     def stream(self) -> str:
-        refusal = self.verbs.stream(
-            "twist", (self.way * SPEED_M_S, 0, 0, 0, 0, 0), owner=STREAMER
-        )
+        refusal = self.verbs.stream("twist", (self.way * SPEED_M_S, 0, 0, 0, 0, 0), owner=STREAMER)
         self.heard = not refusal
         return refusal
 
@@ -466,9 +467,12 @@ class World:
     def hand(self, pressed: bool) -> None:
         if pressed != bool(self.device.buttons):
             self.events.append(ButtonEvent(self.now_s, "left", pressed))
+            self.recovered_m = 0.0
         self.device = self.device._replace(buttons=frozenset({"left"} if pressed else ()))
 
     def deflect(self, deflected: bool) -> None:
+        if deflected != self.deflected:
+            self.recovered_m = 0.0
         self.deflected = deflected
         self.device = self.device._replace(axes=(self.way if deflected else 0.0, *REST[1:]))
 
@@ -672,6 +676,7 @@ def stop(w):
 @event(lambda w: True)
 def acknowledge(w):
     w.verbs.acknowledge()
+    w.recovered_m = 0.0
 
 
 @event(lambda w: not w.held_off)
@@ -707,7 +712,7 @@ def commanded(w: World) -> tuple[object, ...]:
 
 
 def play(w: World, name: str) -> str:
-    """Let an event happen; the refusal, where it is refused, which must have changed nothing (e)."""
+    """Let an event happen; returns its refusal, which must have changed nothing (e)."""
     before = commanded(w)
     try:
         EVENTS[name][1](w)
@@ -731,10 +736,6 @@ def rests_when_left_alone(w: World) -> None:
         if rested > BRAKES_S / DT_S:
             return
     raise AssertionError("moves although nobody asks for it")
-
-
-def _up(w: World) -> None:
-    w.hand(False)
 
 
 def _rest(w: World) -> None:
@@ -786,12 +787,6 @@ def _device_back(w: World) -> None:
 
 def _fresh(w: World) -> None:
     w.stale = False
-
-
-def _plausible(w: World) -> None:
-    """The readings are right again, and rest."""
-    w.offset, w.pushed = 0.0, False
-    _wait(w)
 
 
 ADVICE: tuple[tuple[str, Callable[[World], bool], Event], ...] = (
@@ -879,7 +874,7 @@ class Found(NamedTuple):
         return max(self.states.values(), key=len)
 
 
-class Violation(AssertionError):
+class ViolationError(AssertionError):
     """What does not hold, and the way to it."""
 
 
@@ -909,21 +904,6 @@ def check_state(w: World) -> None:
     leads_to_motion(w.copy())
 
 
-def steps_from(w: World, most_faults: int) -> Iterator[tuple[str, World, str]]:
-    """Each event that changes something: its name, the world after it, and its refusal."""
-    for name, (applies, _) in EVENTS.items():
-        if not applies(w):
-            continue
-        after = w.copy()
-        try:
-            refusal = take(after, name)
-        except AssertionError as error:
-            raise Violation(f"{name}: {error}") from error
-        if after.faults > most_faults:
-            continue
-        yield name, after, refusal
-
-
 def explore(
     mapping: MappingOptions = BY_DEADMAN,
     most_faults: int = 1,
@@ -941,7 +921,7 @@ def explore(
 
     def failed(why: str, way: tuple[str, ...]) -> None:
         if told is None:
-            raise Violation(f"{why}, after {' '.join(way) or 'nothing'}")
+            raise ViolationError(f"{why}, after {' '.join(way) or 'nothing'}")
         told(why, way)
 
     def reached(w: World, way: tuple[str, ...]) -> bool:
@@ -985,3 +965,19 @@ def explore(
         except AssertionError as error:
             failed(str(error), (*way, "wait"))
     return Found(states, transitions, refusals)
+
+
+def main() -> None:
+    """Walk by the act, number of faults and of events that are named, and print what was found."""
+    act, most_faults, deepest = sys.argv[1:]
+
+    def told(why: str, way: tuple[str, ...]) -> None:
+        print(f"violated: {why}, after {' '.join(way)}", flush=True)
+
+    found = explore(MAPPINGS[act], int(most_faults), int(deepest), told=told)
+    print(f"states {len(found.states)}, transitions {found.transitions}, refused {found.refusals}")
+    print(f"deepest {len(found.deepest)}: {' '.join(found.deepest)}")
+
+
+if __name__ == "__main__":
+    main()
