@@ -247,14 +247,15 @@ class HandSource:
     def act_words(self) -> str:
         """The deliberate act, as an instruction."""
         options = self.mapping.options
-        reason = "" if self._device is None else _why_not_live(self._device)
-        first = f"wait for the device ({reason}), then " if reason else ""
         if options.clutch:
-            return f"{first}press {options.clutch!r}"
-        if options.deadman_buttons:
+            act = f"press {options.clutch!r}"
+        elif options.deadman_buttons:
             deadman = " or ".join(repr(button) for button in options.deadman_buttons)
-            return f"{first}let go of {deadman}, then press it"
-        return f"{first}move the device and let it go"
+            act = f"let go of {deadman}, then press it"
+        else:
+            act = "move the device and let it go"
+        reason = "" if self._device is None else _why_not_live(self._device)
+        return f"wait for the device ({reason}), then {act}" if reason else act
 
     # -- faults ----------------------------------------------------------------------------------
 
