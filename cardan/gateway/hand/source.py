@@ -131,7 +131,8 @@ class HandSource:
         self._clutch_was_up = self._was_live = False
         """Whether the button that toggles the clutch was released, and the device live, before."""
         self._was_deflected = False
-        """Whether the device was deflected since `barred`, where no button is configured."""
+        """Whether the device was deflected while `barred`, and not let go since, where no button is
+        configured."""
         self._refusal = ""
         """Why the last deliberate act was refused."""
         self._device: DeviceState | None = None
@@ -220,8 +221,8 @@ class HandSource:
         device, options, position = self._device, self.mapping.options, self._position
         if device is None:
             return why
-        if device.link is not DeviceLink.LIVE:
-            reason = device.reason or f"the device is {device.link.value}"
+        reason = _why_not_live(device)
+        if reason:
             return why + reason if reason not in why else reason
         if self.complaint:
             return why + self.complaint
@@ -247,18 +248,22 @@ class HandSource:
         """The deliberate act, as an instruction."""
         options = self.mapping.options
         if options.clutch:
-            return f"press {options.clutch!r}"
-        if options.deadman_buttons:
+            act = f"press {options.clutch!r}"
+        elif options.deadman_buttons:
             deadman = " or ".join(repr(button) for button in options.deadman_buttons)
-            return f"let go of {deadman}, then press it"
-        return "move the device and let it go"
+            act = f"let go of {deadman}, then press it"
+        else:
+            act = "move the device and let it go"
+        reason = "" if self._device is None else _why_not_live(self._device)
+        return f"wait for the device ({reason}), then {act}" if reason else act
 
     # -- faults ----------------------------------------------------------------------------------
 
     def _fault(self, device: DeviceState, now_s: float) -> str:
         """Why this device must not drive any longer."""
-        if device.link is not DeviceLink.LIVE:
-            return device.reason or f"the device is {device.link.value}"
+        reason = _why_not_live(device)
+        if reason:
+            return reason
         position = self._position
         if position is None and not is_finite(device.axes):
             return "the device gives values that are not numbers"
@@ -311,9 +316,10 @@ class HandSource:
             return False, False
         at_rest = self._position is not None or device.axes == NO_DEFLECTION
         if not self.mapping.options.deadman_buttons:
-            self._was_deflected = bool(view.barred) and (self._was_deflected or not at_rest)
+            let_go = self._was_deflected and at_rest
+            self._was_deflected = bool(view.barred) and not at_rest
             if view.barred:
-                return self._was_deflected and at_rest, False
+                return let_go, False  # Once: staying at rest is no further act.
             return at_rest, at_rest and self._position is None
         if not held:
             self._deadman_was_up = self._deadman_was_up or at_rest
@@ -425,6 +431,13 @@ class HandSource:
             return ZERO_TWIST, fault
         asked = wanted.linear != ZERO3 or wanted.angular != ZERO3
         return (filtered if asked else wanted), ""
+
+
+def _why_not_live(device: DeviceState) -> str:
+    """Why the device's newest state is not usable; empty when it is."""
+    if device.link is DeviceLink.LIVE:
+        return ""
+    return device.reason or f"the device is {device.link.value}"
 
 
 def _status(each: TwistFilter) -> str:

@@ -140,6 +140,18 @@ def test_without_a_dead_man_rest_arms_and_a_barred_one_takes_a_move_and_rest():
     assert request.acts
     assert not request.engages
     assert asked.source.act_words() == "move the device and let it go"
+    assert not asked.tick(REST, barred="held").acts  # Staying at rest is no further act.
+    assert not asked.tick(FORWARD, barred="held").acts
+    assert asked.tick(REST, barred="held").acts
+
+
+@pytest.mark.parametrize("options", [DEADMAN, CLUTCH, BARE])
+def test_the_act_begins_with_a_device_that_is_there(options):
+    asked = Asked(options)
+    asked.tick()
+    act = asked.source.act_words()
+    asked.tick(link=DeviceLink.LOST)
+    assert asked.source.act_words() == f"wait for the device (the device is lost), then {act}"
 
 
 def test_the_arm_is_not_moved_before_it_was_braked_for_somebody_else():
