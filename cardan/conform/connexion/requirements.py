@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from cardan.conform.connexion.second import readings_differ
 from cardan.conform.connexion.seen import ConnexionSeen, Report
 from cardan.conform.requirements import (
     Requirements,
@@ -16,6 +15,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.conform.second_reading import read_twice
 from cardan.conform.silences import never_silent
 from cardan.protocols.connexion import (
     Battery,
@@ -287,7 +287,21 @@ def it_stays(seen: ConnexionSeen) -> Verdict:
 @requires(18, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(seen: ConnexionSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same axes and buttons."""
-    return readings_differ(seen)
+
+    def differs(each: Report) -> str:
+        from cardan.dissect.connexion import ConnexionInput
+
+        layer = ConnexionInput(each.raw)
+        if layer.id != each.raw[0]:
+            return "another id"
+        for name, value in each.value._asdict().items():
+            read = getattr(layer, name, None)
+            if read is None or (tuple(read) if isinstance(value, tuple) else read) != value:
+                return f"another {name}"
+        return ""
+
+    found = [each for each in seen.reports if not isinstance(each.value, MalformedReport)]
+    return read_twice(found, differs, "reports", _NOTHING)
 
 
 @requires(101, f"{SPACENAVD}: output report 4")

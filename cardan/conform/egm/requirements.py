@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
 from cardan.conform.egm.pilot import STEP_M, STEP_RAD
-from cardan.conform.egm.second import readings_differ
 from cardan.conform.egm.seen import EgmSeen, Robot, step
 from cardan.conform.requirements import (
     Requirements,
@@ -20,6 +19,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.conform.second_reading import read_twice, refused
 from cardan.protocols.egm import MessageType, RapidState
 from cardan.protocols.egm.messages import EgmMotion
 from cardan.spatial import from_euler_zyx
@@ -377,7 +377,23 @@ def datagrams_are_short(seen: EgmSeen) -> Verdict:
 @requires(20, "cardan.dissect: a second description of the protocol, written from the schema")
 def both_descriptions_agree(seen: EgmSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same sequence numbers, clocks and joints."""
-    return readings_differ(seen)
+
+    def differs(each: Robot) -> str:
+        from cardan.dissect.egm import EgmRobot, malformed
+
+        layer = EgmRobot(seen.raw[each.number])
+        if wrong := refused(malformed(layer)):
+            return wrong
+        header = each.message.header
+        if header is not None and (layer.header.seqno, layer.header.tm) != header[:2]:
+            return "another seqno or tm"
+        joints = [math.radians(q) for q in layer.feedBack.joints.joints]
+        same = not each.joints or all(
+            math.isclose(a, b, abs_tol=1e-12) for a, b in zip(joints, each.joints, strict=True)
+        )
+        return "" if same else "other joints"
+
+    return read_twice(seen.robots, differs, "datagrams", _NOTHING, 40)
 
 
 def _hold(seen: EgmSeen) -> list[Robot]:

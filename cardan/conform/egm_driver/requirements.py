@@ -19,9 +19,8 @@ from cardan.conform.requirements import (
     none_wrong,
     not_applicable,
     not_seen,
-    passed,
 )
-from cardan.errors import ExtraMissingError
+from cardan.conform.second_reading import read_twice, refused
 from cardan.protocols.egm import EgmSensor, EgmSensorPathCorr, MessageType
 from cardan.protocols.egm.messages import EgmMotion
 
@@ -389,18 +388,13 @@ def a_new_port_is_followed(seen: EgmSeen) -> Verdict:
 @requires(116, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(seen: EgmSeen) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the answers either."""
-    try:
+
+    def differs(each: Answer) -> str:
         from cardan.dissect.egm import EgmFromPc, malformed
-    except ExtraMissingError as missing:
-        return not_applicable(str(missing))
-    if not seen.answers:
-        return not_seen(_NOTHING)
-    chosen = seen.answers[:: max(1, len(seen.answers) // 30)]
-    for each in chosen:
-        wrong = malformed(EgmFromPc(seen.raw[each.number]))
-        if wrong is not None:
-            return failed(f"the layers refuse it: {wrong}", [each.number])
-    return passed(f"{len(chosen)} answers read twice")
+
+        return refused(malformed(EgmFromPc(seen.raw[each.number])))
+
+    return read_twice(seen.answers, differs, "answers", _NOTHING, 30)
 
 
 @requires(

@@ -15,11 +15,10 @@ from cardan.conform.requirements import (
     failed,
     met,
     none_wrong,
-    not_applicable,
     not_seen,
     passed,
 )
-from cardan.errors import ExtraMissingError
+from cardan.conform.second_reading import read_twice, refused
 from cardan.protocols.joint_stream import ControlMode
 
 PAGE = "docs/protocols/joint-stream.md"
@@ -324,23 +323,18 @@ def figures_are_plausible(seen: JointStreamSeen) -> Verdict:
 @requires(119, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same states."""
-    try:
+
+    def differs(each: State) -> str:
         from cardan.dissect.joint_stream import JointStream, malformed
-    except ExtraMissingError as missing:
-        return not_applicable(str(missing))
-    if not seen.states:
-        return not_seen(_NOTHING)
-    chosen = seen.states[:: max(1, len(seen.states) // 30)]
-    for each in chosen:
+
         layer = JointStream(seen.raw[each.number])
-        wrong = malformed(layer)
-        if wrong is not None:
-            return failed(f"the layers refuse it: {wrong}", [each.number])
+        if wrong := refused(malformed(layer)):
+            return wrong
         if (layer.session, layer.sequence) != (each.value.session, each.value.sequence):
-            return failed("another session or sequence", [each.number])
-        if tuple(layer.positions) != each.value.positions:
-            return failed("other positions", [each.number])
-    return passed(f"{len(chosen)} states read twice")
+            return "another session or sequence"
+        return "" if tuple(layer.positions) == each.value.positions else "other positions"
+
+    return read_twice(seen.states, differs, "states", _NOTHING, 30)
 
 
 def _moved(seen: JointStreamSeen, before: str, after: str) -> tuple[list[float], int] | None:

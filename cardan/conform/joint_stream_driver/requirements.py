@@ -20,7 +20,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.errors import ExtraMissingError
+from cardan.conform.second_reading import read_twice, refused
 from cardan.protocols.joint_stream import ArmCommand, ControlMode, is_newer
 from cardan.robots import load_arm
 
@@ -489,22 +489,17 @@ def a_restart_is_followed(seen: JointStreamSeen) -> Verdict:
 @requires(122, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same commands."""
-    try:
+
+    def differs(each: Said) -> str:
         from cardan.dissect.joint_stream import JointStream, malformed
-    except ExtraMissingError as missing:
-        return not_applicable(str(missing))
-    found = _said(seen)
-    if not found:
-        return not_seen(_NOTHING)
-    chosen = found[:: max(1, len(found) // 30)]
-    for each in chosen:
+
         layer = JointStream(seen.raw[each.number])
-        wrong = malformed(layer)
-        if wrong is not None:
-            return failed(f"the layers refuse it: {wrong}", [each.number])
-        if (layer.session, layer.sequence) != (each.value.session, each.value.sequence):
-            return failed("another session or sequence", [each.number])
-    return passed(f"{len(chosen)} commands read twice")
+        if wrong := refused(malformed(layer)):
+            return wrong
+        same = (layer.session, layer.sequence) == (each.value.session, each.value.sequence)
+        return "" if same else "another session or sequence"
+
+    return read_twice(_said(seen), differs, "commands", _NOTHING, 30)
 
 
 @requires(

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from itertools import pairwise
 
 from cardan.conform.motoros.pilot import STEP_RAD, STEP_S, UNKNOWN_TYPE
-from cardan.conform.motoros.second import readings_differ
 from cardan.conform.motoros.seen import Exchange, Heard, MotorosSeen
 from cardan.conform.requirements import (
     Requirements,
@@ -20,6 +19,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.conform.second_reading import read_twice, refused
 from cardan.protocols.simple_message import (
     CommType,
     ControllerMode,
@@ -193,7 +193,39 @@ def messages_are_not_torn(seen: MotorosSeen) -> Verdict:
 @requires(11, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(seen: MotorosSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same types, groups and positions."""
-    return readings_differ(seen)
+
+    def differs(each: Heard) -> str:
+        from cardan.dissect.simple_message import SimpleMessage, malformed
+
+        layer = SimpleMessage(each.raw)
+        if wrong := refused(malformed(layer)):
+            return wrong
+        head = (layer.msg_type, layer.comm_type, layer.reply_code)
+        if head != each.message[:3]:
+            return "another header"
+        for name, other in _LAYERS_HAVE.items():
+            value = getattr(each.message.body, name, None)
+            if value is not None and hasattr(layer, other):
+                read = getattr(layer, other)
+                if (tuple(read) if isinstance(value, tuple) else read) != value:
+                    return f"another {name}"
+        return ""
+
+    return read_twice(seen.heard, differs, "messages")
+
+
+_LAYERS_HAVE = {
+    "group": "group",
+    "sequence": "sequence",
+    "command": "command_code",
+    "result": "result",
+    "subcode": "subcode",
+    "valid_fields": "valid_fields",
+    "pos": "positions",
+    "mode": "mode",
+    "motion_possible": "motion_possible",
+}
+"""Fields of the codec, and the layers' names for them."""
 
 
 # -- level 1: asked, and held ---------------------------------------------------------------------

@@ -22,8 +22,8 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.conform.second_reading import read_twice, refused
 from cardan.conform.timeline import Phase
-from cardan.errors import ExtraMissingError
 from cardan.protocols.simple_message import (
     CommType,
     InvalidSubcode,
@@ -809,21 +809,16 @@ def a_restart_is_followed(seen: DriverSeen) -> Verdict:
 @requires(164, "cardan.dissect: a second description of the protocol")
 def both_descriptions_agree(seen: DriverSeen) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the messages either."""
-    try:
+
+    def differs(each: Said) -> str:
         from cardan.dissect.simple_message import SimpleMessage, malformed
-    except ExtraMissingError as missing:
-        return not_applicable(str(missing))
-    if not seen.said:
-        return not_seen("nothing came")
-    chosen = seen.said[:: max(1, len(seen.said) // 40)]
-    for each in chosen:
+
         layer = SimpleMessage(each.raw)
-        wrong = malformed(layer)
-        if wrong is not None:
-            return failed(f"the layers refuse it: {wrong}", [each.number])
-        if layer.msg_type != each.message.msg_type:
-            return failed("another type", [each.number])
-    return passed(f"{len(chosen)} messages read twice")
+        if wrong := refused(malformed(layer)):
+            return wrong
+        return "" if layer.msg_type == each.message.msg_type else "another type"
+
+    return read_twice(seen.said, differs, "messages", compared=40)
 
 
 # -- its end ---------------------------------------------------------------------------------------

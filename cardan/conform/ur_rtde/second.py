@@ -2,36 +2,27 @@
 
 from __future__ import annotations
 
-from cardan.conform.requirements import Verdict, failed, not_applicable, not_seen, passed
+from cardan.conform.requirements import Verdict
+from cardan.conform.second_reading import COMPARED, read_twice
 from cardan.conform.ur_rtde.seen import OLD, Heard, UrSeen
-from cardan.errors import ExtraMissingError
 from cardan.protocols.ur.rtde import Data, SetupReply
-
-COMPARED = 60
-"""Data packets that are read twice, from all over the timeline; of the others there are few."""
 
 
 def readings_differ(seen: UrSeen) -> Verdict:
     """Whether the layers and the codec read the controller's packets alike."""
-    try:
+
+    def differs(each: Heard) -> str:
         from cardan.dissect.rtde import RtdeReply, malformed
-    except ExtraMissingError as missing:
-        return not_applicable(str(missing))
-    # The layers are of version 2.
+
+        layer = RtdeReply(each.raw)
+        return malformed(layer) or _difference(seen, each, layer)
+
+    # The layers are of version 2; of what is no data there is little.
     heard = [each for each in seen.heard if each.channel != OLD]
-    if not heard:
-        return not_seen("nothing came")
     data = [each for each in heard if isinstance(each.reply, Data)]
     chosen = [each for each in heard if not isinstance(each.reply, Data)]
     chosen += data[:: max(1, len(data) // COMPARED)]
-    for each in chosen:
-        layer = RtdeReply(each.raw)
-        wrong = malformed(layer)
-        if wrong is None:
-            wrong = _difference(seen, each, layer)
-        if wrong:
-            return failed(wrong, [each.number])
-    return passed(f"{len(chosen)} packets read twice")
+    return read_twice(chosen, differs, "packets", compared=max(1, len(chosen)))
 
 
 def _difference(seen: UrSeen, heard: Heard, layer: object) -> str:
