@@ -25,6 +25,7 @@ WITHOUT = {
     "messages": "writes files",
     "force": "lives until it is ended",
     "haptic": "lives until it is ended",
+    "share": "lives until it is ended",
     "echo": "prints JSON, nothing else",
     "record": "writes a file, and says in words what is missing",
     "replay": "likewise",

@@ -280,7 +280,7 @@ def test_every_demo_names_the_extras_that_it_needs():
     for each in find_demos().values():
         assert set(each.extras) <= known, each.name
         text = each.file.read_text(encoding="utf-8")
-        of_nodes = any(name.startswith(("phone", "ros2", "xr")) for name in each.drivers)
+        of_nodes = any(name.startswith(("phone", "remote", "ros2", "xr")) for name in each.drivers)
         on_a_network = of_nodes or "[network]" in text
         assert ("network" in each.extras) == on_a_network, each.name
         assert ("console" in each.extras) == ("console" in each.faces), each.name

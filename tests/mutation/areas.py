@@ -14,7 +14,6 @@ AREAS: dict[str, tuple[str, ...]] = {
         "cardan/drivers/limiters.py",
         "cardan/gateway/arm/gate.py",
         "cardan/gateway/motion/reference.py",
-        "cardan/drivers/omni/limits.py",
         "cardan/gateway/force/guard.py",
     ),
     "access": tuple(f"{FACES}/{name}.py" for name in ("tokens", "door", "guessing", "allowed")),
