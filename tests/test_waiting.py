@@ -27,6 +27,15 @@ def test_it_is_done_again_while_the_session_says_so():
     assert len(done) == 3
 
 
+def test_a_robot_that_moves_still_after_that_is_waited_for():
+    moves = MotionRefusedError("movj: wrist_3_joint moves already, at -0.105 rad/s")
+    act, done = acts(PAUSED, moves, moves, "arrived")
+    assert done_again(act) == "arrived"
+    assert len(done) == 4
+    with pytest.raises(MotionRefusedError, match="moves already"):
+        done_again(acts(moves, "arrived")[0])
+
+
 def test_another_outcome_is_the_tests():
     assert done_again(acts("out of reach", "")[0]) == "out of reach"
     with pytest.raises(MotionRefusedError, match="out of reach"):

@@ -16,6 +16,9 @@ PERIOD_S = 0.002
 STOOD_STILL = "stood still for"
 """In a session's words for why a motion has ended or has not begun: nobody served the arm for
 longer than `stall_s`, as the computer did nothing."""
+MOVES_STILL = "moves already"
+"""Of a robot that follows its last command for a moment."""
+BRAKES_S = 0.1
 TRIES = 10
 """Of an act that takes some seconds: a computer that cuts all of them short is none to test on."""
 ZERO_PERIOD_S = 0.05
@@ -34,18 +37,22 @@ def until(found: Callable[[], _T], what: str = "it", within_s: float = WITHIN_S)
 
 def done_again(act: Callable[[], _T], reason: Callable[[_T], str] = str) -> _T:
     """What `act` gives, which is done again while the session says by `reason` of it, or as an
-    error, that it was cut short as the computer stood still. Anything else said stays as it is."""
+    error, that it was cut short as the computer stood still, or, after that, that the robot is not
+    at rest yet. Anything else said stays as it is."""
+    said = ""
     for _ in range(TRIES):
+        again = (STOOD_STILL, MOVES_STILL) if said else (STOOD_STILL,)
         try:
             answer = act()
         except CardanError as error:
-            if STOOD_STILL not in str(error):
-                raise
             said = str(error)
+            if not any(each in said for each in again):
+                raise
         else:
             said = reason(answer)
-            if STOOD_STILL not in said:
+            if not any(each in said for each in again):
                 return answer
+        threading.Event().wait(BRAKES_S)
     raise AssertionError(f"{TRIES} times: {said}")
 
 
