@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from cardan.gateway.bus.commands import ACT_APART_S
 from cardan.protocols.ros2.messages import completed
 from tests.judge_node import JudgeNode
 from tests.ros2_packages import write_packages
@@ -34,7 +35,7 @@ HEARD = {
     DIAGNOSTICS: "diagnostic_msgs/msg/DiagnosticArray",
     RESULTS: STRING,
 }
-AGAIN_S = 2.0
+AGAIN_S = ACT_APART_S + 1.0
 """A command of which nothing was said for so long was lost, and is given again."""
 
 
@@ -77,6 +78,7 @@ class Operator(JudgeNode):
 
     def watch(self) -> None:
         """Hear what the arm tells of itself."""
+        self._since_s = time.time()
         for topic, kind in HEARD.items():
             self.do("subscribe", topic=topic, kind=kind)
         for topic in (POSES, JOINTS, DIAGNOSTICS):
@@ -93,10 +95,16 @@ class Operator(JudgeNode):
         return found
 
     def results(self) -> list[tuple[str, str]]:
-        """Commands and outcomes."""
+        """Commands and outcomes since it watches: over DDS one that comes after another was killed
+        may be sent what that one had not acknowledged."""
         samples = self.found("sample", topic=RESULTS)
         found = [json.loads(each["message"]["data"]) for each in samples]
-        return [(each["command"], each["outcome"]) for each in found]
+        return [
+            (each["command"], each["outcome"])
+            for each in found
+            if each["header"]["stamp"]["sec"] + 1e-9 * each["header"]["stamp"]["nanosec"]
+            > self._since_s
+        ]
 
     def status(self) -> dict[str, str]:
         """What `/diagnostics` says of the arm."""
