@@ -36,7 +36,7 @@ HEARD = {
     RESULTS: STRING,
 }
 AGAIN_S = ACT_APART_S + 1.0
-"""A command of which nothing was said for so long was lost, and is given again."""
+"""A command that is not taken for so long is given again."""
 
 
 class Lab(NamedTuple):
@@ -129,8 +129,8 @@ class Operator(JudgeNode):
         self.wait("matched", topic=topic)
 
     def tell(self, verb: str, kind: str = EMPTY, **message: Any) -> None:
-        """Give a command, again while the arm says nothing of it: it has met the face, which may
-        not have met it, so what it sends first may be lost."""
+        """Give a command, again while the arm does not take it: what is sent before the face has
+        met its publisher is lost, and before it knows its node's name refused."""
         topic = f"{ARM}/command/{verb}"
         self.advertise(topic, kind)
         known, due_s = len(self.results()), 0.0
@@ -140,9 +140,12 @@ class Operator(JudgeNode):
             if time.monotonic() >= due_s:
                 due_s = time.monotonic() + AGAIN_S
                 self.do("publish", topic=topic, message=completed(kind, message) if message else {})
-            return any(command == verb for command, _ in self.results()[known:])
+            return any(
+                command == verb and outcome != "refused"
+                for command, outcome in self.results()[known:]
+            )
 
-        until(answered, f"a word on {verb}")
+        until(answered, f"that {verb} is taken")
 
     def tell_and_wait(self, verb: str) -> None:
         self.tell(verb)
