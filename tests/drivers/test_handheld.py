@@ -417,7 +417,7 @@ def test_a_page_on_the_bus_moves_and_feels(driver, options):
         "zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]"
     )
     port = free_ports(1)
-    peer = PagePeer(options(port=port, script="short"))
+    peer = PagePeer(options(port=port, script="strokes"))
     with in_a_thread(peer), driver(port=port) as device:
         until(lambda: device.state().link is DeviceLink.LIVE, "it is live")
         device.feedback(DeviceFeedback(rumble=0.5))

@@ -207,11 +207,12 @@ def test_options_that_cannot_be(kind, options, words):
 def test_a_spacenav_node_is_met_on_the_bus_and_its_end_is_seen():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
     port = free_ports()
-    peer = NodePeer(NodePeerOptions(port=port, script="wiggle", faults={"exit": 2.0}))
+    peer = NodePeer(NodePeerOptions(port=port, script="wiggle"))
     with peer, Ros2Spacenav(port=port) as device:
         until(lambda: device.state().link is DeviceLink.LIVE, "operator")
         until(lambda: any(device.state().axes), "motion")
         assert device.capabilities.buttons == ("button-0", "button-1")
+        peer.device.exit()
         until(lambda: device.state().link is DeviceLink.LOST, "loss")
         assert "has ended" in device.state().reason or "nobody" in device.state().reason
         assert device.state().axes == NEUTRAL
