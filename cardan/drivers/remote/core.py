@@ -55,6 +55,7 @@ UNKNOWN = DeviceCapabilities(gives_pose=True, buttons=(), feedback=frozenset(), 
 _LINKS = {DeviceLink.CLOSED: DeviceLink.LOST, DeviceLink.STALE: DeviceLink.LOST}
 """Links there that are another one here: STALE is when no state is young enough."""
 
+ANEW = "`cardan share` was started anew on the operator's computer"
 LET_GO = "it was lost, or its states were too old: let go of the device once"
 
 
@@ -137,6 +138,8 @@ class RemoteCore(BusCore):
         if shared.run != self._run:
             self._run = shared.run
             self._forget_device()
+            if self._link in (DeviceLink.LIVE, DeviceLink.NEEDS_NEUTRAL):
+                self._invalidate_input(DeviceLink.LOST, ANEW, now_s)
         if shared.lessee != self._lessee:
             self._on_not_ours(shared, now_s)
             return

@@ -36,15 +36,18 @@ from cardan.drivers.remote.shared import (
     shared_message,
     state_topic,
 )
+from cardan.drivers.ros2_nodes.core import MOST_BYTES
 from cardan.errors import AddressError, DriverError, OptionError
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, dds_type
 from cardan.protocols.ros2.zenoh import PUBLISHER
 from cardan.types import (
+    NEUTRAL,
     NEVER_S,
     ButtonEvent,
     DeviceCapabilities,
     DeviceFeedback,
+    DeviceLink,
     DeviceState,
 )
 
@@ -69,6 +72,16 @@ MEET_S = 0.5
 of them."""
 
 LOOK_S = 0.02
+
+STOOD_STILL_S = 0.1
+"""Later than this a state is offered: this process, or its computer, stood still. What the device
+did meanwhile is read only then, as if it were new."""
+
+SETTLE_S = 0.1
+"""For so long after that what is read may be from before: a device's reader catches up."""
+
+MOST_KINDS = 32
+"""Kinds of refused claims that are told apart: a stranger chooses its own words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +129,12 @@ class ShareCore:
         """Whether there is another state since."""
         self._asked = False
         """Whether a claim is to be answered."""
+        self._offered_s, self._next_s = NEVER_S, math.inf
+        """When a state was offered last, and is to be again."""
+        self._settled_s, self._before_s = NEVER_S, NEVER_S
+        """It stood still: until when what is read may be old, and since when."""
+        self._still = ""
+        """Why the device counts as lost until then."""
         self.counts: Counter[str] = Counter()
         """Claims that were refused, and edges that were dropped, by kind."""
 
@@ -131,6 +150,9 @@ class ShareCore:
         if attachment is None or received.key.split("/")[-2:-1] != [self._dds_type]:
             self.counts["claims that are none"] += 1
             return
+        if len(received.data) > MOST_BYTES:
+            self.counts[f"claims of more than {MOST_BYTES} bytes"] += 1
+            return
         message = self._codec.decode(received.data)
         if isinstance(message, Malformed):
             self.counts["claims that are cut short"] += 1
@@ -138,7 +160,10 @@ class ShareCore:
         try:
             claim = read_claim(message)
         except UnusableError as error:
-            self.counts[f"claims {error}"] += 1
+            what = f"claims {error}"
+            if what not in self.counts and len(self.counts) >= MOST_KINDS:
+                what = "claims that are wrong in yet other ways"
+            self.counts[what] += 1
             return
         self._asked |= self._take(claim, attachment.gid, now_s)
 
@@ -192,6 +217,17 @@ class ShareCore:
         """What to publish now, if it is time to; `state` and `edges`, oldest first, were taken
         before `now_s`."""
         self._expire(now_s)
+        shared = self._offer(*self._settled(state, edges, now_s), able, now_s)
+        self._offered_s, self._next_s = now_s, self.due_s
+        return shared
+
+    def _offer(
+        self,
+        state: DeviceState,
+        edges: Iterable[ButtonEvent],
+        able: DeviceCapabilities,
+        now_s: float,
+    ) -> Shared | None:
         urgent = self._keep(edges) or self._asked
         self._changed = state != self._last
         if not urgent and now_s < self._sent_s + self._wait_s(self._changed):
@@ -210,6 +246,27 @@ class ShareCore:
             self._driver,
             able if answer else None,
         )
+
+    def _settled(
+        self, state: DeviceState, edges: Iterable[ButtonEvent], now_s: float
+    ) -> tuple[DeviceState, Iterable[ButtonEvent]]:
+        """The same, but for what may be from when this process stood still: the device counts as
+        lost, and edges as old."""
+        if now_s - self._next_s > STOOD_STILL_S:
+            # Where it stood still again meanwhile, what is read may be from the first time.
+            if now_s >= self._settled_s:
+                self._before_s = self._offered_s
+            self._settled_s = now_s + SETTLE_S
+            self._still = f"`cardan share` stood still for {now_s - self._offered_s:.1f} s"
+        if now_s >= self._settled_s:
+            return state, edges
+        if state.link is not DeviceLink.LOST:
+            state = DeviceState(
+                state.stamp_s, DeviceLink.STALE, NEUTRAL, frozenset(), reason=self._still
+            )
+        return state, [
+            event._replace(stamp_s=min(event.stamp_s, self._before_s)) for event in edges
+        ]
 
     def _keep(self, edges: Iterable[ButtonEvent]) -> bool:
         """Keep edges for who has the device: whether there are new ones."""
