@@ -20,6 +20,7 @@ from cardan.drivers.remote.shared import (
 from cardan.drivers.ros2_nodes.core import MOST_BYTES
 from cardan.errors import DeviceNotFoundError, OptionError
 from cardan.gateway.bus.sharing import LEASE_S, ShareCore, ShareOptions
+from cardan.gateway.session.assembly import cautions, checked_config
 from cardan.types import (
     NEUTRAL,
     ButtonEvent,
@@ -595,3 +596,23 @@ def test_who_does_not_share_is_told_how():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
     with pytest.raises(DeviceNotFoundError, match="start `cardan share`"):
         Remote(router="", mode="peer").open()
+
+
+@pytest.mark.parametrize(
+    ("device", "watchdogs", "cautioned"),
+    [
+        ({}, {}, False),  # On a LAN both defaults do.
+        ({"max_age_s": 0.3}, {}, True),
+        ({"max_age_s": 0.3}, {"device_age_s": 0.3}, False),
+    ],
+)
+def test_an_age_that_the_session_does_not_allow_is_named(device, watchdogs, cautioned):
+    tables = {
+        "device": {"driver": "remote", **device},
+        "robot": {"driver": "sim_arm", "robot": "ur5"},
+        "arm": {"model": "ur5"},
+        "mapping": {"deadman": "hold"},
+        "watchdogs": watchdogs,
+    }
+    found = [each for each in cautions(checked_config(tables)) if "device_age_s" in each]
+    assert bool(found) is cautioned

@@ -54,7 +54,16 @@ class Remote(BusDevice[RemoteCore]):
         )
 
     def _why_gone(self) -> str:
-        return f"{self.options.device} is not shared any more"
+        bus, options = self._bus, self._on_bus.bus
+        if bus is not None and options.mode == "client" and not bus.neighbours()[0]:
+            return (
+                f"the router {options.router} cannot be reached any more: start `cardan face "
+                "router` there again, or mend the network"
+            )
+        return (
+            f"{self.options.device} is not shared any more: `cardan share` has ended on the "
+            "operator's computer, or that is not connected"
+        )
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
         self._check_open("feedback()")

@@ -13,7 +13,7 @@ import secrets
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from cardan.bus.node import BusNode, Received
@@ -72,6 +72,9 @@ MEET_S = 0.5
 of them."""
 
 LOOK_S = 0.02
+
+NEWS_S = 0.5
+"""How often it is looked for the router, and for others of the same name."""
 
 STOOD_STILL_S = 0.1
 """Later than this a state is offered: this process, or its computer, stood still. What the device
@@ -288,6 +291,54 @@ class ShareCore:
         return DeviceFeedback(False, 0.0) if self._claim is None else self._claim.feedback
 
 
+class News:
+    """What the operator is told: a line for each change."""
+
+    def __init__(self, router: str, *, routed: bool) -> None:
+        """`router`: its endpoint; `routed`: whether it is connected to one."""
+        self._router, self._routed, self._has_router = router, routed, routed
+        self._lessee = self._missing = ""
+        self._told: set[str] = set()
+        self._others: set[str] = set()
+
+    def of(self, state: DeviceState, lessee: str, counts: Mapping[str, int]) -> list[str]:
+        """Of the device, of who has it, and of what `counts` has for the first time."""
+        lines = []
+        missing = state.reason or "lost" if state.link is DeviceLink.LOST else ""
+        if missing != self._missing:
+            self._missing = missing
+            lines.append(f"there is no device: {missing}" if missing else "the device is there")
+        if lessee != self._lessee:
+            self._lessee = lessee
+            lines.append(f"used by {lessee}" if lessee else "used by nobody")
+        new = [what for what in counts if what not in self._told]
+        self._told.update(new)
+        lines += [f"refused: {what}" if what.startswith("claims") else what for what in new]
+        return lines
+
+    def of_bus(self, others: Iterable[str], *, routed: bool) -> list[str]:
+        """Of the router, and of other nodes that share a device under the same name."""
+        lines = []
+        there = set(others)
+        lines += [
+            f"the node {each} shares under this name, too: the robot's side takes the one that it "
+            "heard first; end one of the two, or give it another --name"
+            for each in sorted(there - self._others)
+        ]
+        self._others = there
+        if self._has_router and routed is not self._routed:
+            where = f" {self._router}" if self._router else ""
+            lines.append(
+                f"the router{where} is there again"
+                if routed
+                else f"the router{where} cannot be reached, and nothing moves the arm: start it "
+                "again, or mend the network; this process then goes on by itself"
+            )
+        self._has_router = self._has_router or routed
+        self._routed = routed
+        return lines
+
+
 def share_until(
     device: OperatorDevice,
     driver: str,
@@ -299,9 +350,9 @@ def share_until(
 ) -> None:
     """Open `device` and share it until `stop` is set, or the monotonic time `end_s`.
 
-    `ready` is called with the topic once it is shared, `tell` with a line for each change of who
-    has it, and of what is refused. Raises DriverError, ConfigurationError, or AddressError where
-    the name is taken.
+    `ready` is called with the topic once it is shared, `tell` with a line for each change of the
+    device, of who has it, of what is refused, and of the router. Raises DriverError,
+    ConfigurationError, or AddressError where the name is taken.
     """
     core = ShareCore(driver, secrets.randbits(63) | 1)
     topic = state_topic(options.name)
@@ -318,13 +369,13 @@ def share_until(
         stack.enter_context(device)
         claims = node.waiting_subscription(claim_topic(options.name), CLAIM_TYPE, CLAIMS_KEPT)
         publisher = node.publisher(topic, STATE_TYPE, express=True)
+        news = News(options.bus.router, routed=bool(node.neighbours()[0]))
+        look_s = time.monotonic()
         stack.callback(device.on_state(lambda _state: claims.wake()))
         ask_for_real_time()
         ready(topic)
         codec = codec_of(STATE_TYPE)
         shown: DeviceFeedback | None = None
-        lessee = ""
-        refused: set[str] = set()
         while not stop.is_set() and (now_s := time.monotonic()) < end_s:
             received = claims.wait(max(0.0, min(core.due_s, end_s, now_s + FREE_S) - now_s))
             for _ in range(CLAIMS_KEPT):
@@ -340,12 +391,13 @@ def share_until(
             if (feedback := core.feedback(now_s)) != shown:
                 shown = feedback
                 _give(device, feedback)
-            if (name := core.lessee(now_s)) != lessee:
-                lessee = name
-                tell(f"used by {name}" if name else "used by nobody")
-            for what in core.counts.keys() - refused:
-                refused.add(what)
-                tell(f"refused: {what}")
+            lines = news.of(state, core.lessee(now_s), core.counts)
+            if now_s >= look_s:
+                look_s = now_s + NEWS_S
+                others_there = [each.full_node for each in others.others()]
+                lines += news.of_bus(others_there, routed=bool(node.neighbours()[0]))
+            for line in lines:
+                tell(line)
         _give(device, DeviceFeedback(False, 0.0))
 
 
