@@ -234,6 +234,38 @@ def test_no_clock_makes_a_state_younger_than_its_round_trip_allows(link, seed):
     assert in_age(bench, bound_s, 6.0, lie)
 
 
+@pytest.mark.parametrize("lie_s", [-0.6, -0.45, -0.4])
+def test_no_clock_that_goes_back_makes_a_press_younger(lie_s):
+    bench = Bench().live()
+    bench.down.cut = True
+    bench.press()
+    bench.run(0.5)
+    bench.lie_s = lie_s
+    bench.device = bench.device._replace(stamp_s=bench.there_s)
+    bench.down.cut = False
+    bench.run(0.2, lambda: bench.move(0.0))
+    # One whose edges seem to be of the future is not used until they are acknowledged, or past.
+    assert (bench.state.buttons, bench.heard) == (frozenset(), [])
+    bench.run(1.0)
+    assert (bench.state.buttons, bench.heard) == (frozenset(), [])
+    bench.press(pressed=False)
+    bench.run(0.1)
+    bench.press()
+    bench.run(0.1)
+    assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, {"hold"})
+
+
+@pytest.mark.parametrize("lie_s", [0.0, 0.06, 0.08, 0.095])
+def test_no_clock_makes_a_press_younger_than_the_claim_that_its_state_echoes_allows(lie_s):
+    bench = Bench().live()
+    bench.lie_s = lie_s
+    bench.down.stall(bench.now_s + 0.2)
+    bench.press()
+    bench.run(0.5)
+    assert (bench.state.buttons, bench.heard) == (frozenset(), [])
+    assert bench.count("old_presses") == 1
+
+
 def test_a_clock_that_runs_ahead_is_refused_until_a_round_trip_tells():
     bench = Bench().live()
     bench.up.cut = True

@@ -54,15 +54,10 @@ class Remote(BusDevice[RemoteCore]):
         )
 
     def _why_gone(self) -> str:
-        bus, options = self._bus, self._on_bus.bus
-        if bus is not None and options.mode == "client" and not bus.neighbours()[0]:
-            return (
-                f"the router {options.router} cannot be reached any more: start `cardan face "
-                "router` there again, or mend the network"
-            )
+        # Which of these it is, the next attempt to open it says.
         return (
             f"{self.options.device} is not shared any more: `cardan share` has ended on the "
-            "operator's computer, or that is not connected"
+            "operator's computer, or the router is gone, or the network between them"
         )
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
