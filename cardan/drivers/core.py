@@ -20,6 +20,9 @@ from cardan.types import (
     Wrench,
 )
 
+MOST_KINDS = 32
+"""Kinds of reports that mean nothing that are told apart: a foreign one chooses its own words."""
+
 
 class DeviceCore(ABC):
     """What a device's reports mean, without any I/O. Times are monotonic, s.
@@ -202,4 +205,7 @@ class DeviceCore(ABC):
     def _on_malformed(self, reason: str, report_id: int) -> None:
         """A report means nothing; `report_id` is -1 where it has none."""
         of_id = f" (id {report_id:#04x})" if report_id >= 0 else ""
-        self._malformed[f"reports {reason}{of_id}"] += 1
+        what = f"reports {reason}{of_id}"
+        if what not in self._malformed and len(self._malformed) >= MOST_KINDS:
+            what = "reports that are wrong in yet other ways"
+        self._malformed[what] += 1

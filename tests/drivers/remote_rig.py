@@ -104,6 +104,8 @@ class Bench:
         self.given = DeviceFeedback()
         self.heard = []
         """Edges that came out of the driver."""
+        self.frozen = False
+        """Whether the process that shares it stands still."""
         self.mangle = lambda message: message
         self.core.on_opened(self.now_s)
 
@@ -145,6 +147,8 @@ class Bench:
 
     def operator(self):
         """A step of the computer that shares."""
+        if self.frozen:
+            return
         for item in self.up.arrived(self.now_s):
             self.share.on_received(item, self.there_s)
         edges, self.edges = self.edges, []

@@ -17,10 +17,13 @@ from cardan.drivers.remote.shared import (
     read_shared,
     shared_message,
 )
+from cardan.drivers.ros2_nodes.core import MOST_BYTES
 from cardan.errors import DeviceNotFoundError, OptionError
 from cardan.gateway.bus.sharing import LEASE_S, ShareCore, ShareOptions
+from cardan.gateway.session.assembly import cautions, checked_config
 from cardan.types import (
     NEUTRAL,
+    ButtonEvent,
     DeviceFeedback,
     DeviceLink,
     DeviceState,
@@ -125,6 +128,37 @@ def test_after_a_stall_nothing_is_caught_up(stall_s):
     assert bench.state.buttons == {"hold"}
 
 
+@pytest.mark.parametrize("still_s", [0.3, 0.9, 3.0])
+def test_what_was_done_while_the_sharing_process_stood_still_counts_for_nothing(still_s):
+    """It reads all of it only then, with stamps that are new."""
+    bench = Bench().live()
+    bench.press()
+    bench.run(0.1)
+    assert bench.state.buttons == {"hold"}
+    bench.frozen = True
+    bench.run(still_s)
+    assert (bench.state.link, bench.state.buttons) == (DeviceLink.STALE, frozenset())
+    bench.heard.clear()
+    bench.frozen = False
+    bench.run(0.01)  # The loop comes before the reader of the device.
+    bench.press(pressed=False)
+    bench.press()
+    bench.press("grip")
+    bench.move(0.5)
+    seen = []
+    bench.run(0.5, lambda: seen.append(bench.state))
+    assert not [event for event in bench.heard if event.pressed]
+    assert not any(any(state.axes) or state.buttons for state in seen)
+    assert any("stood still for" in state.reason for state in seen)
+    assert (bench.state.link, bench.count("missed_edges")) == (DeviceLink.NEEDS_NEUTRAL, 0)
+    bench.move(0.0)
+    bench.press(pressed=False)
+    bench.run(0.1)
+    bench.press()
+    bench.run(0.1)
+    assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, {"hold"})
+
+
 def test_a_press_that_is_too_old_arms_nothing_and_a_release_lets_go():
     bench = Bench().live()
     bench.press("grip")
@@ -198,6 +232,38 @@ def test_no_clock_makes_a_state_younger_than_its_round_trip_allows(link, seed):
                 bench.lie_s += lie_s
 
     assert in_age(bench, bound_s, 6.0, lie)
+
+
+@pytest.mark.parametrize("lie_s", [-0.6, -0.45, -0.4])
+def test_no_clock_that_goes_back_makes_a_press_younger(lie_s):
+    bench = Bench().live()
+    bench.down.cut = True
+    bench.press()
+    bench.run(0.5)
+    bench.lie_s = lie_s
+    bench.device = bench.device._replace(stamp_s=bench.there_s)
+    bench.down.cut = False
+    bench.run(0.2, lambda: bench.move(0.0))
+    # One whose edges seem to be of the future is not used until they are acknowledged, or past.
+    assert (bench.state.buttons, bench.heard) == (frozenset(), [])
+    bench.run(1.0)
+    assert (bench.state.buttons, bench.heard) == (frozenset(), [])
+    bench.press(pressed=False)
+    bench.run(0.1)
+    bench.press()
+    bench.run(0.1)
+    assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, {"hold"})
+
+
+@pytest.mark.parametrize("lie_s", [0.0, 0.06, 0.08, 0.095])
+def test_no_clock_makes_a_press_younger_than_the_claim_that_its_state_echoes_allows(lie_s):
+    bench = Bench().live()
+    bench.lie_s = lie_s
+    bench.down.stall(bench.now_s + 0.2)
+    bench.press()
+    bench.run(0.5)
+    assert (bench.state.buttons, bench.heard) == (frozenset(), [])
+    assert bench.count("old_presses") == 1
 
 
 def test_a_clock_that_runs_ahead_is_refused_until_a_round_trip_tells():
@@ -396,14 +462,20 @@ def test_of_two_that_share_under_one_name_the_first_counts():
     assert any("a second computer" in line for line in bench.core.diagnosis(bench.now_s))
 
 
-def test_a_process_that_shares_anew_counts_from_rest():
+@pytest.mark.parametrize("lie_s", [-500.0, 0.0, 500.0])
+def test_a_process_that_shares_anew_counts_from_rest(lie_s):
     bench = Bench().live()
     bench.press()
     bench.move(0.5)
     bench.run(0.1)
-    bench.share, bench.lie_s = ShareCore("spacemouse", 99), -500.0
-    bench.run(0.5)
-    assert (bench.state.axes, bench.state.buttons) == (NEUTRAL, frozenset())
+    bench.share, bench.lie_s = ShareCore("spacemouse", 99), lie_s
+    bench.device = bench.device._replace(stamp_s=bench.there_s)
+    seen = []
+    bench.run(0.5, lambda: seen.append(bench.state))
+    # What came before is as old as max_age_s at most.
+    assert not any(any(state.axes) or state.buttons for state in seen[80:])
+    assert bench.state.link is DeviceLink.NEEDS_NEUTRAL
+    assert bench.core.protocol_errors()["malformed"] == 0
     bench.move(0.0)
     bench.run(0.1)
     assert (bench.state.link, bench.state.buttons) == (DeviceLink.LIVE, frozenset())
@@ -483,6 +555,54 @@ def test_claims_that_are_none_are_counted():
     assert share.lessee(1.0) == ""
 
 
+def test_a_message_that_is_longer_than_any_is_not_decoded():
+    """One of 8 MB takes seconds, in which the arm's loop waits for the state."""
+    bench, decoded = Bench().live(), []
+    for core in (bench.core, bench.share):
+        core._codec = Decoding(core._codec, decoded)
+    bench.core.on_received(received(STATE_TYPE, bytes(MOST_BYTES + 1), 10**6), bench.now_s)
+    bench.share.on_received(received(CLAIM_TYPE, bytes(MOST_BYTES + 1), 10**6), bench.there_s)
+    assert decoded == []
+    assert any("more than" in line for line in bench.core.diagnosis(bench.now_s))
+    assert bench.share.counts == {f"claims of more than {MOST_BYTES} bytes": 1}
+
+
+def test_the_longest_state_there_is_is_short_enough():
+    names = [f"{n:03}" + "x" * 60 for n in range(256)]
+    able = ABLE._replace(buttons=tuple(names), further_buttons=tuple(names))
+    edges = [ButtonEvent(1.0, name, True) for name in names[:MOST_EDGES]]
+    share = ShareCore("x", 1)
+    share.on_received(received(CLAIM_TYPE, claim_message(claim())), 1.0)
+    state = DeviceState(0.5, DeviceLink.LIVE, NEUTRAL, frozenset(names))
+    shared = share.offer(state, edges, able, 1.0)
+    data = received(STATE_TYPE, shared_message(shared)).data
+    assert 50_000 < len(data) < MOST_BYTES
+
+
+def test_a_stranger_cannot_fill_the_memory_with_words():
+    bench, many = Bench().live(), 200
+    for number in range(many):
+        bench.mangle = lambda message, n=number: message | {"version": n + 2}
+        bench.run(0.03)
+        asked = claim_message(claim(asked_s=bench.now_s)) | {"version": number + 2}
+        bench.share.on_received(received(CLAIM_TYPE, asked, sender=8), bench.there_s)
+    assert bench.core.protocol_errors()["malformed"] >= many
+    assert len(bench.core.diagnosis(bench.now_s)) < 50
+    assert bench.share.counts.total() >= many
+    assert len(bench.share.counts) < 50
+
+
+class Decoding:
+    """A codec that notes what it decodes."""
+
+    def __init__(self, codec, decoded):
+        self._codec, self._decoded = codec, decoded
+
+    def decode(self, data):
+        self._decoded.append(len(data))
+        return self._codec.decode(data)
+
+
 def test_a_claim_is_read_as_it_was_written():
     given = claim(led=True, rumble=0.25)
     assert read_claim(claim_message(given)) == given
@@ -508,3 +628,23 @@ def test_who_does_not_share_is_told_how():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
     with pytest.raises(DeviceNotFoundError, match="start `cardan share`"):
         Remote(router="", mode="peer").open()
+
+
+@pytest.mark.parametrize(
+    ("device", "watchdogs", "cautioned"),
+    [
+        ({}, {}, False),  # On a LAN both defaults do.
+        ({"max_age_s": 0.3}, {}, True),
+        ({"max_age_s": 0.3}, {"device_age_s": 0.3}, False),
+    ],
+)
+def test_an_age_that_the_session_does_not_allow_is_named(device, watchdogs, cautioned):
+    tables = {
+        "device": {"driver": "remote", **device},
+        "robot": {"driver": "sim_arm", "robot": "ur5"},
+        "arm": {"model": "ur5"},
+        "mapping": {"deadman": "hold"},
+        "watchdogs": watchdogs,
+    }
+    found = [each for each in cautions(checked_config(tables)) if "device_age_s" in each]
+    assert bool(found) is cautioned

@@ -55,6 +55,7 @@ UNKNOWN = DeviceCapabilities(gives_pose=True, buttons=(), feedback=frozenset(), 
 _LINKS = {DeviceLink.CLOSED: DeviceLink.LOST, DeviceLink.STALE: DeviceLink.LOST}
 """Links there that are another one here: STALE is when no state is young enough."""
 
+ANEW = "`cardan share` was started anew on the operator's computer"
 LET_GO = "it was lost, or its states were too old: let go of the device once"
 
 
@@ -89,6 +90,8 @@ class RemoteCore(BusCore):
         """What is known of the clock and the device there is void."""
         self._clock = RemoteClock(ROUNDS_KEPT)
         self._echoed_s = self._sent_s = self._newest_s = NEVER_S
+        self._resets = 0
+        """Of the clock there, when edges were taken last: earlier stamps are another clock's."""
         self._edge = 0
         self._down: frozenset[str] = frozenset()
         self._shared: DeviceState | None = None
@@ -137,6 +140,8 @@ class RemoteCore(BusCore):
         if shared.run != self._run:
             self._run = shared.run
             self._forget_device()
+            if self._link in (DeviceLink.LIVE, DeviceLink.NEEDS_NEUTRAL):
+                self._invalidate_input(DeviceLink.LOST, ANEW, now_s)
         if shared.lessee != self._lessee:
             self._on_not_ours(shared, now_s)
             return
@@ -215,11 +220,12 @@ class RemoteCore(BusCore):
                 self._down -= {edge.button}
             else:
                 self._down |= {edge.button}
-                pressed_s = self._clock.here_s(edge.stamp_s)
-                if pressed_s is None or now_s - pressed_s > self._options.max_age_s:
+                age_s = self._age_s(now_s) + shared.sent_s - edge.stamp_s
+                if age_s > self._options.max_age_s or self._clock.resets != self._resets:
                     self._counts["old_presses"] += 1
                     self._buttons.mask([edge.button])
             self._buttons.set(sorted(self._down), now_s)
+        self._resets = self._clock.resets
         # Of what was pressed before the lease, or was missed, nobody knows for how long.
         self._buttons.mask(sorted(shared.state.buttons - self._down))
         self._down = shared.state.buttons

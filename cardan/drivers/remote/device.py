@@ -54,7 +54,11 @@ class Remote(BusDevice[RemoteCore]):
         )
 
     def _why_gone(self) -> str:
-        return f"{self.options.device} is not shared any more"
+        # Which of these it is, the next attempt to open it says.
+        return (
+            f"{self.options.device} is not shared any more: `cardan share` has ended on the "
+            "operator's computer, or the router is gone, or the network between them"
+        )
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
         self._check_open("feedback()")

@@ -34,6 +34,10 @@ MOST_BUTTONS = 64
 LEAST_REST = 0.02
 """Deflection that counts as rest whatever the dead zone."""
 
+MOST_BYTES = 1 << 18
+"""No message of a device is longer. It is decoded while the arm's loop waits for the state, and one
+of 8 MB takes seconds."""
+
 SETTLE_S = 0.016
 """Rest this soon after a silence may be old messages that had queued up."""
 
@@ -79,6 +83,9 @@ class BusCore(DeviceCore):
             self._on_malformed(f"of another type than {self.message_type}", -1)
             return
         if not self._is_next(received):
+            return
+        if len(received.data) > MOST_BYTES:
+            self._on_malformed(f"of more than {MOST_BYTES} bytes", -1)
             return
         message = self._codec.decode(received.data)
         if isinstance(message, Malformed):

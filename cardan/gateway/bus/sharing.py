@@ -13,7 +13,7 @@ import secrets
 import threading
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from cardan.bus.node import BusNode, Received
@@ -36,15 +36,18 @@ from cardan.drivers.remote.shared import (
     shared_message,
     state_topic,
 )
+from cardan.drivers.ros2_nodes.core import MOST_BYTES
 from cardan.errors import AddressError, DriverError, OptionError
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, dds_type
 from cardan.protocols.ros2.zenoh import PUBLISHER
 from cardan.types import (
+    NEUTRAL,
     NEVER_S,
     ButtonEvent,
     DeviceCapabilities,
     DeviceFeedback,
+    DeviceLink,
     DeviceState,
 )
 
@@ -69,6 +72,19 @@ MEET_S = 0.5
 of them."""
 
 LOOK_S = 0.02
+
+NEWS_S = 0.5
+"""How often it is looked for the router, and for others of the same name."""
+
+STOOD_STILL_S = 0.1
+"""Later than this a state is offered: this process, or its computer, stood still. What the device
+did meanwhile is read only then, as if it were new."""
+
+SETTLE_S = 0.1
+"""For so long after that what is read may be from before: a device's reader catches up."""
+
+MOST_KINDS = 32
+"""Kinds of refused claims that are told apart: a stranger chooses its own words."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,6 +132,12 @@ class ShareCore:
         """Whether there is another state since."""
         self._asked = False
         """Whether a claim is to be answered."""
+        self._offered_s, self._next_s = NEVER_S, math.inf
+        """When a state was offered last, and is to be again."""
+        self._settled_s, self._before_s = NEVER_S, NEVER_S
+        """It stood still: until when what is read may be old, and since when."""
+        self._still = ""
+        """Why the device counts as lost until then."""
         self.counts: Counter[str] = Counter()
         """Claims that were refused, and edges that were dropped, by kind."""
 
@@ -131,6 +153,9 @@ class ShareCore:
         if attachment is None or received.key.split("/")[-2:-1] != [self._dds_type]:
             self.counts["claims that are none"] += 1
             return
+        if len(received.data) > MOST_BYTES:
+            self.counts[f"claims of more than {MOST_BYTES} bytes"] += 1
+            return
         message = self._codec.decode(received.data)
         if isinstance(message, Malformed):
             self.counts["claims that are cut short"] += 1
@@ -138,7 +163,10 @@ class ShareCore:
         try:
             claim = read_claim(message)
         except UnusableError as error:
-            self.counts[f"claims {error}"] += 1
+            what = f"claims {error}"
+            if what not in self.counts and len(self.counts) >= MOST_KINDS:
+                what = "claims that are wrong in yet other ways"
+            self.counts[what] += 1
             return
         self._asked |= self._take(claim, attachment.gid, now_s)
 
@@ -192,6 +220,17 @@ class ShareCore:
         """What to publish now, if it is time to; `state` and `edges`, oldest first, were taken
         before `now_s`."""
         self._expire(now_s)
+        shared = self._offer(*self._settled(state, edges, now_s), able, now_s)
+        self._offered_s, self._next_s = now_s, self.due_s
+        return shared
+
+    def _offer(
+        self,
+        state: DeviceState,
+        edges: Iterable[ButtonEvent],
+        able: DeviceCapabilities,
+        now_s: float,
+    ) -> Shared | None:
         urgent = self._keep(edges) or self._asked
         self._changed = state != self._last
         if not urgent and now_s < self._sent_s + self._wait_s(self._changed):
@@ -210,6 +249,27 @@ class ShareCore:
             self._driver,
             able if answer else None,
         )
+
+    def _settled(
+        self, state: DeviceState, edges: Iterable[ButtonEvent], now_s: float
+    ) -> tuple[DeviceState, Iterable[ButtonEvent]]:
+        """The same, but for what may be from when this process stood still: the device counts as
+        lost, and edges as old."""
+        if now_s - self._next_s > STOOD_STILL_S:
+            # Where it stood still again meanwhile, what is read may be from the first time.
+            if now_s >= self._settled_s:
+                self._before_s = self._offered_s
+            self._settled_s = now_s + SETTLE_S
+            self._still = f"`cardan share` stood still for {now_s - self._offered_s:.1f} s"
+        if now_s >= self._settled_s:
+            return state, edges
+        if state.link is not DeviceLink.LOST:
+            state = DeviceState(
+                state.stamp_s, DeviceLink.STALE, NEUTRAL, frozenset(), reason=self._still
+            )
+        return state, [
+            event._replace(stamp_s=min(event.stamp_s, self._before_s)) for event in edges
+        ]
 
     def _keep(self, edges: Iterable[ButtonEvent]) -> bool:
         """Keep edges for who has the device: whether there are new ones."""
@@ -231,6 +291,54 @@ class ShareCore:
         return DeviceFeedback(False, 0.0) if self._claim is None else self._claim.feedback
 
 
+class News:
+    """What the operator is told: a line for each change."""
+
+    def __init__(self, router: str, *, routed: bool) -> None:
+        """`router`: its endpoint; `routed`: whether it is connected to one."""
+        self._router, self._routed, self._has_router = router, routed, routed
+        self._lessee = self._missing = ""
+        self._told: set[str] = set()
+        self._others: set[str] = set()
+
+    def of(self, state: DeviceState, lessee: str, counts: Mapping[str, int]) -> list[str]:
+        """Of the device, of who has it, and of what `counts` has for the first time."""
+        lines = []
+        missing = state.reason or "lost" if state.link is DeviceLink.LOST else ""
+        if missing != self._missing:
+            self._missing = missing
+            lines.append(f"there is no device: {missing}" if missing else "the device is there")
+        if lessee != self._lessee:
+            self._lessee = lessee
+            lines.append(f"used by {lessee}" if lessee else "used by nobody")
+        new = [what for what in counts if what not in self._told]
+        self._told.update(new)
+        lines += [f"refused: {what}" if what.startswith("claims") else what for what in new]
+        return lines
+
+    def of_bus(self, others: Iterable[str], *, routed: bool) -> list[str]:
+        """Of the router, and of other nodes that share a device under the same name."""
+        lines = []
+        there = set(others)
+        lines += [
+            f"the node {each} shares under this name, too: the robot's side takes the one that it "
+            "heard first; end one of the two, or give it another --name"
+            for each in sorted(there - self._others)
+        ]
+        self._others = there
+        if self._has_router and routed is not self._routed:
+            where = f" {self._router}" if self._router else ""
+            lines.append(
+                f"the router{where} is there again"
+                if routed
+                else f"the router{where} cannot be reached, and nothing moves the arm: start it "
+                "again, or mend the network; this process then goes on by itself"
+            )
+        self._has_router = self._has_router or routed
+        self._routed = routed
+        return lines
+
+
 def share_until(
     device: OperatorDevice,
     driver: str,
@@ -242,9 +350,9 @@ def share_until(
 ) -> None:
     """Open `device` and share it until `stop` is set, or the monotonic time `end_s`.
 
-    `ready` is called with the topic once it is shared, `tell` with a line for each change of who
-    has it, and of what is refused. Raises DriverError, ConfigurationError, or AddressError where
-    the name is taken.
+    `ready` is called with the topic once it is shared, `tell` with a line for each change of the
+    device, of who has it, of what is refused, and of the router. Raises DriverError,
+    ConfigurationError, or AddressError where the name is taken.
     """
     core = ShareCore(driver, secrets.randbits(63) | 1)
     topic = state_topic(options.name)
@@ -261,13 +369,13 @@ def share_until(
         stack.enter_context(device)
         claims = node.waiting_subscription(claim_topic(options.name), CLAIM_TYPE, CLAIMS_KEPT)
         publisher = node.publisher(topic, STATE_TYPE, express=True)
+        news = News(options.bus.router, routed=bool(node.neighbours()[0]))
+        look_s = time.monotonic()
         stack.callback(device.on_state(lambda _state: claims.wake()))
         ask_for_real_time()
         ready(topic)
         codec = codec_of(STATE_TYPE)
         shown: DeviceFeedback | None = None
-        lessee = ""
-        refused: set[str] = set()
         while not stop.is_set() and (now_s := time.monotonic()) < end_s:
             received = claims.wait(max(0.0, min(core.due_s, end_s, now_s + FREE_S) - now_s))
             for _ in range(CLAIMS_KEPT):
@@ -283,12 +391,13 @@ def share_until(
             if (feedback := core.feedback(now_s)) != shown:
                 shown = feedback
                 _give(device, feedback)
-            if (name := core.lessee(now_s)) != lessee:
-                lessee = name
-                tell(f"used by {name}" if name else "used by nobody")
-            for what in core.counts.keys() - refused:
-                refused.add(what)
-                tell(f"refused: {what}")
+            lines = news.of(state, core.lessee(now_s), core.counts)
+            if now_s >= look_s:
+                look_s = now_s + NEWS_S
+                others_there = [each.full_node for each in others.others()]
+                lines += news.of_bus(others_there, routed=bool(node.neighbours()[0]))
+            for line in lines:
+                tell(line)
         _give(device, DeviceFeedback(False, 0.0))
 
 

@@ -786,6 +786,15 @@ def cautions(config: SessionConfig) -> list[str]:
         if table is not None
         for words in make_driver(table, key).cautions()
     ]
+    if config.device is not None:
+        # Of a device on another computer.
+        given_s = config.device.options.get("max_age_s", 0.0)
+        least_s = config.watchdogs.device_age_s
+        if given_s > least_s:
+            found.append(
+                f"device: max_age_s is {given_s:g} s, but what is older than {least_s:g} s moves "
+                "no arm: set device_age_s under [watchdogs], too"
+            )
     if config.arm is not None and has_rigid_arm(config):
         load_arm(config.arm.model, "arm.model")
         model = _own_model(config)
