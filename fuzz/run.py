@@ -82,7 +82,7 @@ def run(target: Target, seed: str, inputs: int, seconds: float = float("inf")) -
             _try(target, given, outcome, seen, places)
             watch.count += 1
         while outcome.inputs < inputs:
-            if not outcome.inputs & 0xF and time.process_time() - begin_s > seconds:
+            if not outcome.inputs & 0x3 and time.process_time() - begin_s > seconds:
                 break
             given = mutator.next()
             known = len(seen)

@@ -30,6 +30,21 @@ def test_good_kept_and_damaged_input_is_understood_or_refused(name):
     outcome = run(target_named(name), "short", SHORT_INPUTS, SHORT_S)
     assert not outcome.findings, _words(outcome)
     assert outcome.inputs >= len(runs.population_of(target_named(name)))
+
+
+GROWN_NOW = (
+    "connexion_serial.peer",
+    "faces.assets",
+    "leap.peer",
+    "recording.mcap",
+    "ros2_arm.peer",
+)
+"""Some that are quick, of bytes, text, and packets; the others in the matrix."""
+
+
+@pytest.mark.matrix(*(name for name in targets() if name not in GROWN_NOW))
+@pytest.mark.parametrize("name", targets())
+def test_time_and_memory_grow_no_faster_than_input(name):
     grown = check_growth(target_named(name), "short", 1)
     assert not grown.findings, _words(grown)
 

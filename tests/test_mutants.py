@@ -89,6 +89,7 @@ def test_there_are_enough_and_each_has_its_tests():
     assert set(NO_SURVIVORS) < set(AREAS)
 
 
+@pytest.mark.matrix
 def test_each_equivalent_mutant_is_there_and_has_a_reason():
     there = collections.Counter(each.name for path in matching([]) for each in mutants_of(path))
     for name, reason in equivalents().items():

@@ -67,6 +67,7 @@ def test_what_is_not_there_is_said_in_words(driver, tmp_path):
     device.close()
 
 
+@pytest.mark.matrix("phone", "ros2_spacenav")  # As xr and ros2_joy, with a second of waiting each.
 @pytest.mark.parametrize("driver", DEVICES)
 def test_it_can_be_waited_for(driver, tmp_path):
     device = driver(nowhere(driver, tmp_path, wait_for_device=True))

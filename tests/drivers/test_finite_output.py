@@ -231,7 +231,7 @@ def test_motoros_messages_are_finite(mode, limits, tuples, asked):
     def answer(state):
         return next(turns) if state.ready else HoldCommand()
 
-    run = Rig({"mode": mode, **limits, **tuples})
+    run = Rig({"mode": mode, **limits, **tuples}, tick_s=1e-3)
     run.ready()
     sent = motoros_messages(run)
     refuse, taken = run.session.command, []

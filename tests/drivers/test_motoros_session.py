@@ -267,6 +267,16 @@ HANDS = {
 }
 
 
+HANDS_LATER = [
+    f"{mode}-{words}"
+    for number, words in enumerate(HANDS)
+    for place, mode in enumerate(MODES)
+    if place != number % len(MODES)
+]
+"""In the matrix: each is tried in one mode with every change."""
+
+
+@pytest.mark.matrix(*HANDS_LATER)
 @pytest.mark.parametrize("words", HANDS)
 @pytest.mark.parametrize("mode", MODES)
 def test_a_hand_on_the_pendant_ends_motion_until_it_is_enabled_again(mode, words):
@@ -318,6 +328,7 @@ def misplace(run, times):
     return answers
 
 
+@pytest.mark.matrix("3-stream", "3-standard")
 @pytest.mark.parametrize("mode", ["stream", "standard"])
 @pytest.mark.parametrize("times", [1, 3, 1000])
 def test_a_refused_first_point_is_followed_by_no_other(mode, times):
@@ -372,6 +383,11 @@ def test_a_lost_motion_connection_comes_back_without_motion():
     assert run.session.metrics(run.now_s)["reconnects"] == 1.0
 
 
+@pytest.mark.matrix(
+    *("velocity-silent-1.0-no", "velocity-reset-1.0-", "velocity-drop-reply-0.2-no reply"),
+    *("velocity-stale-reply-0.2-answer to", "velocity-state-pause-0.3-state"),
+    "stream-cut-1.0-closed",
+)
 @pytest.mark.parametrize(
     ("fault", "value", "words"),
     [

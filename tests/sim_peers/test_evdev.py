@@ -207,6 +207,16 @@ def test_nonsense_never_raises(request_number, argument, written):
 # Scripts and faults
 
 
+LONG_LATER = [
+    f"{model}-gamepad-{name}"
+    for model in BY_KEY
+    for name in ("demo", "strokes")
+    if model != "xbox-360"
+]
+"""In the matrix: the long scripts with the other models."""
+
+
+@pytest.mark.matrix(*LONG_LATER)
 @pytest.mark.parametrize(("kind", "name"), [(k, n) for k, v in SCRIPTS.items() for n in v])
 @pytest.mark.parametrize("model", BY_KEY)
 def test_built_in_scripts_play_to_their_end_and_let_everything_go(kind, name, model):

@@ -24,7 +24,7 @@ from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment, data_key  # noq
 from cardan.robots import load_arm  # noqa: E402
 from tests.ros2_packages import write_packages  # noqa: E402
 from tests.serving import ARM_SESSION, free_endpoint  # noqa: E402
-from tests.waiting import done_again, until  # noqa: E402
+from tests.waiting import done_again, until, until_streamed  # noqa: E402
 
 pytestmark = pytest.mark.matrix
 
@@ -545,23 +545,36 @@ def streamed_and_killed(user):
     """Have another node stream twists; when it was killed while the arm moved."""
     assert user.set("preset_streaming_cmd", "twist")["successful"]
     script = f"""
-import sys, time
+import select, sys, time
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-twist = codec_of("{TWIST}").encode(completed("{TWIST}", {{"linear": {{"z": -0.03}}}}))
+down, zero = (
+    codec_of("{TWIST}").encode(completed("{TWIST}", {{"linear": {{"z": z}}}})) for z in (-0.03, 0.0)
+)
 with BusNode(BusOptions(router="{user.node.options.router}", listen=()), "streamer") as node:
     publisher = node.publisher("{ARM}/command/twist", "{TWIST}")
     while True:
-        for _ in range(100):
-            publisher.put(twist, time.time_ns())
-            time.sleep(0.02)
-        time.sleep(0.7)  # A stream that was ended as this computer stood still begins again.
+        asked, _, _ = select.select([sys.stdin.buffer.raw], (), (), 0.02)
+        publisher.put(zero if asked and sys.stdin.buffer.raw.read(1) else down, time.time_ns())
 """
-    with subprocess.Popen([sys.executable, "-c", script]) as streamer:
+    user.heard(f"{ARM}/result")
+    outcomes = []
+
+    def of_twists():
+        told = user.heard(f"{ARM}/result")
+        outcomes.extend(each["outcome"] for each in told if each["command"] == "twist")
+        return outcomes
+
+    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE) as streamer:
         try:
-            until(lambda: any(s["moving"] for s in user.heard(STATUS)), "the motion")
+            until_streamed(
+                lambda: any(s["moving"] for s in user.heard(STATUS)),
+                of_twists,
+                lambda: os.write(streamer.stdin.fileno(), b"0"),
+                "the motion",
+            )
         finally:
             streamer.kill()
     return time.time()
