@@ -2,12 +2,12 @@
 (Universal Robots) on TCP, 3Dconnexion reports on USB.
 
 What is printed of a message are the values of its codec in :mod:`cardan.protocols`. The protocols
-are declared in :mod:`cardan.dissect.dissectors`; other packages add theirs by an entry point, see
-:class:`cardan.dissect.reader.Dissector`.
+are declared in :mod:`cardan_dissect.dissectors`; other packages add theirs by an entry point, see
+:class:`cardan_dissect.reader.Dissector`.
 
-scapy layers, for building datagrams as well, are in :mod:`cardan.dissect.egm`,
-:mod:`cardan.dissect.joint_stream`, :mod:`cardan.dissect.simple_message`,
-:mod:`cardan.dissect.rtde` and :mod:`cardan.dissect.connexion`. They
+scapy layers, for building datagrams as well, are in :mod:`cardan_dissect.egm`,
+:mod:`cardan_dissect.joint_stream`, :mod:`cardan_dissect.simple_message`,
+:mod:`cardan_dissect.rtde` and :mod:`cardan_dissect.connexion`. They
 need the optional extra ``cardan[dissect]``, and are written from the protocols' documentation and
 not from the codecs, which they are held against.
 """
@@ -21,14 +21,14 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple, TextIO
 
 from cardan.common.printable import printable
-from cardan.dissect import network, registry
-from cardan.dissect.capture import Capture, CapturedPacket
-from cardan.dissect.figures import Figures, tally
-from cardan.dissect.hints import Hints
-from cardan.dissect.network import Segment
-from cardan.dissect.ports import EGM_PORTS, RTDE_PORTS, SIMPLE_MESSAGE_PORTS
-from cardan.dissect.reader import Dissector, Message, Note, describe, excerpt
 from cardan.errors import CaptureError, ConfigurationError
+from cardan_dissect import network, registry
+from cardan_dissect.capture import Capture, CapturedPacket
+from cardan_dissect.figures import Figures, tally
+from cardan_dissect.hints import Hints
+from cardan_dissect.network import Segment
+from cardan_dissect.ports import EGM_PORTS, RTDE_PORTS, SIMPLE_MESSAGE_PORTS
+from cardan_dissect.reader import Dissector, Message, Note, describe, excerpt
 
 __all__ = [
     "EGM_PORTS",

@@ -18,8 +18,8 @@ from contextlib import AbstractContextManager
 from typing import Any, BinaryIO, NamedTuple, cast
 
 from cardan.common.files import PIECE_BYTES, open_file, read_up_to
-from cardan.dissect import can_log
 from cardan.errors import CaptureError
+from cardan_dissect import can_log
 
 MAX_BLOCK_BYTES = 256 * 2**20
 """Twice what libpcap lets a USB capture have; a longer block is a damaged length."""

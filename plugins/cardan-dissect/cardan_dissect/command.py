@@ -15,7 +15,7 @@ from typer.core import TyperCommand
 from cardan.cli.declared import as_written
 
 if TYPE_CHECKING:
-    from cardan.dissect.reader import Numbers
+    from cardan_dissect.reader import Numbers
 
 
 PROGRESS_S = 0.5
@@ -23,11 +23,13 @@ PROGRESS_S = 0.5
 
 
 class Dissect(TyperCommand):
-    """Built on first use, so that other commands do not import dissectors of other packages."""
+    """Print a capture, field by field."""
+
+    # Built on first use, so that other commands do not import dissectors of other packages.
 
     @functools.cached_property
     def _made(self) -> Any:
-        from cardan.dissect import registry
+        from cardan_dissect import registry
 
         app = typer.Typer(add_completion=False, rich_markup_mode="rich")
         dissectors = registry.dissectors()
@@ -66,7 +68,7 @@ def _function(numbers: list[Numbers]) -> Any:
         ] = False,
         **given: list[int] | None,
     ) -> None:
-        from cardan.dissect import dissect_file
+        from cardan_dissect import dissect_file
 
         places = {key: found or () for key, found in given.items()}
         progress = _Progress(sys.stderr.isatty() and (summary or not sys.stdout.isatty()))

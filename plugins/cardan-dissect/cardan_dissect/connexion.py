@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from cardan.dissect._scapy import (
+from cardan_dissect._scapy import (
     BitField,
     ByteField,
     FieldListField,
@@ -25,7 +25,7 @@ from cardan.dissect._scapy import (
     StrField,
     XByteField,
 )
-from cardan.dissect.layers import (
+from cardan_dissect.layers import (
     BrokenReport as BrokenReport,
     Report,
     UnknownReport as UnknownReport,

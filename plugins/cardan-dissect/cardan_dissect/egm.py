@@ -15,9 +15,9 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from cardan.dissect._scapy import UDP, EDecimal, Packet, bind_bottom_up, bind_top_down
-from cardan.dissect.ports import EGM_PORTS
-from cardan.dissect.protobuf import (
+from cardan_dissect._scapy import UDP, EDecimal, Packet, bind_bottom_up, bind_top_down
+from cardan_dissect.ports import EGM_PORTS
+from cardan_dissect.protobuf import (
     TAIL,
     VARINT,
     Bool,

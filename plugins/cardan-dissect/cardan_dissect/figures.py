@@ -7,7 +7,7 @@ from collections import Counter, deque
 from collections.abc import Iterator, Mapping
 
 from cardan.common.histogram import LatencyHistogram
-from cardan.dissect.reader import Message
+from cardan_dissect.reader import Message
 
 MODULUS = 2**32
 HALF = MODULUS // 2

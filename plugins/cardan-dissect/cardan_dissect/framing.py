@@ -6,10 +6,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import ClassVar, NamedTuple
 
-from cardan.dissect import tcp
-from cardan.dissect.capture import CapturedPacket, Direction
-from cardan.dissect.network import TCP_ACK, TCP_SYN, Segment
-from cardan.dissect.reader import CUT, Decoded, Dissector, Found, Message, Note
+from cardan_dissect import tcp
+from cardan_dissect.capture import CapturedPacket, Direction
+from cardan_dissect.network import TCP_ACK, TCP_SYN, Segment
+from cardan_dissect.reader import CUT, Decoded, Dissector, Found, Message, Note
 
 MOST_FLOWS = 1024
 """Flows that are followed at once; for one more the one that was silent the longest is ended."""

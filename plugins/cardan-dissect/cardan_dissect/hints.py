@@ -6,9 +6,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
-from cardan.dissect.capture import CapturedPacket
-from cardan.dissect.network import TCP_ACK, TCP_SYN, Endpoint, Segment
-from cardan.dissect.reader import CUT, Dissector, Message
+from cardan_dissect.capture import CapturedPacket
+from cardan_dissect.network import TCP_ACK, TCP_SYN, Endpoint, Segment
+from cardan_dissect.reader import CUT, Dissector, Message
 
 MOST_FLOWS = 256
 """Flows that are looked at."""

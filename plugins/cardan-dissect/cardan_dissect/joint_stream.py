@@ -16,7 +16,7 @@ import struct
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from cardan.dissect._scapy import (
+from cardan_dissect._scapy import (
     UDP,
     ByteEnumField,
     ByteField,
@@ -31,8 +31,8 @@ from cardan.dissect._scapy import (
     bind_bottom_up,
     bind_top_down,
 )
-from cardan.dissect.layers import Block
-from cardan.dissect.ports import JOINT_STREAM_PORT
+from cardan_dissect.layers import Block
+from cardan_dissect.ports import JOINT_STREAM_PORT
 
 MAGIC = b"CJST"
 VERSION = 1

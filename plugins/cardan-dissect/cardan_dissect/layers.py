@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.dissect._scapy import Field, Packet, StrField, XByteField
+from cardan_dissect._scapy import Field, Packet, StrField, XByteField
 
 
 class Block(Packet):

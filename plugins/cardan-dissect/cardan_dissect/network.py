@@ -7,7 +7,7 @@ import ipaddress
 import struct
 from typing import NamedTuple
 
-from cardan.dissect.capture import LINK_CAN as CAN, CapturedPacket, Direction
+from cardan_dissect.capture import LINK_CAN as CAN, CapturedPacket, Direction
 
 NULL, ETHERNET, LOOP, RAW, LINUX_SLL, IPV4, IPV6, LINUX_SLL2 = 0, 1, 108, 101, 113, 228, 229, 276
 RAW_OF_BSD = (12, 14)

@@ -14,8 +14,8 @@ import struct
 from collections.abc import Callable, Iterator
 from typing import Any, ClassVar, NamedTuple
 
-from cardan.dissect._scapy import Field
-from cardan.dissect.layers import Block
+from cardan_dissect._scapy import Field
+from cardan_dissect.layers import Block
 
 VARINT, FIXED64, LENGTH, GROUP, GROUP_END, FIXED32 = range(6)
 MAX_VARINT_BYTES = 10

@@ -8,10 +8,10 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
-from cardan.dissect import network
-from cardan.dissect.capture import CapturedPacket
-from cardan.dissect.network import Endpoint, Segment
 from cardan.errors import ConfigurationError
+from cardan_dissect import network
+from cardan_dissect.capture import CapturedPacket
+from cardan_dissect.network import Endpoint, Segment
 
 CUT = "cut by the capture"
 """Why a message that is not whole in the capture is malformed."""
@@ -66,7 +66,7 @@ class Numbers(NamedTuple):
     """An option that adds numbers to those a protocol is looked for at: ports, nodes."""
 
     key: str
-    """The keyword of :func:`cardan.dissect.dissect_file`."""
+    """The keyword of :func:`cardan_dissect.dissect_file`."""
     flag: str
     """On the command line, without the leading dashes; it can be given several times."""
     metavar: str
@@ -117,7 +117,7 @@ class Dissector(ABC):
 
     @abstractmethod
     def feed(self, packet: CapturedPacket, network: Segment | str) -> Found:
-        """What is in a packet. `network` is what :func:`cardan.dissect.network.parse` says of it.
+        """What is in a packet. `network` is what :func:`cardan_dissect.network.parse` says of it.
 
         Messages can be those of earlier packets, which were held back.
         """

@@ -5,16 +5,16 @@ from __future__ import annotations
 import logging
 
 from cardan.common.plugins import Finder, entry_points
-from cardan.dissect.reader import Dissector
+from cardan_dissect.reader import Dissector
 
 ENTRY_POINT_GROUP = "cardan.dissect"
 
 BUILT_IN = {
-    "egm": "cardan.dissect.dissectors.datagrams:Egm",
-    "connexion": "cardan.dissect.dissectors.devices:Connexion",
-    "joint_stream": "cardan.dissect.dissectors.datagrams:JointStream",
-    "simple_message": "cardan.dissect.dissectors.streams:SimpleMessage",
-    "rtde": "cardan.dissect.dissectors.streams:Rtde",
+    "egm": "cardan_dissect.dissectors.datagrams:Egm",
+    "connexion": "cardan_dissect.dissectors.devices:Connexion",
+    "joint_stream": "cardan_dissect.dissectors.datagrams:JointStream",
+    "simple_message": "cardan_dissect.dissectors.streams:SimpleMessage",
+    "rtde": "cardan_dissect.dissectors.streams:Rtde",
 }
 """Our own. Packets are offered in this order, then to those of other packages by name: what goes to
 or from a port of EGM is EGM's, whatever it begins with."""

@@ -20,7 +20,7 @@ import struct
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from cardan.dissect._scapy import (
+from cardan_dissect._scapy import (
     TCP,
     ByteEnumField,
     ByteField,
@@ -33,7 +33,7 @@ from cardan.dissect._scapy import (
     bind_bottom_up,
     bind_top_down,
 )
-from cardan.dissect.ports import RTDE_PORTS
+from cardan_dissect.ports import RTDE_PORTS
 
 HEADER_BYTES = 3
 VERSION_TYPE, CONTROLLER_TYPE, TEXT_TYPE, DATA_TYPE = 86, 118, 77, 85

@@ -20,7 +20,7 @@ import struct
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from cardan.dissect._scapy import (
+from cardan_dissect._scapy import (
     TCP,
     UDP,
     EnumField,
@@ -30,7 +30,7 @@ from cardan.dissect._scapy import (
     bind_bottom_up,
     bind_top_down,
 )
-from cardan.dissect.ports import (
+from cardan_dissect.ports import (
     SIMPLE_MESSAGE_PORTS,
     SIMPLE_MESSAGE_RT_CONTROL_PORT,
     SIMPLE_MESSAGE_RT_PORT,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from cardan.dissect.network import TCP_FIN, TCP_RST, TCP_SYN, Segment
+from cardan_dissect.network import TCP_FIN, TCP_RST, TCP_SYN, Segment
 
 SEQUENCE_MODULUS = 2**32
 HELD_BYTES, HELD_NS = 2**16, 10**9

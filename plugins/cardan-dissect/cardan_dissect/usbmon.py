@@ -9,7 +9,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from cardan.dissect.capture import CapturedPacket, Direction
+from cardan_dissect.capture import CapturedPacket, Direction
 
 HEADER_BYTES = {189: 48, 220: 64}
 """By link type: LINKTYPE_USB_LINUX, LINKTYPE_USB_LINUX_MMAPPED."""

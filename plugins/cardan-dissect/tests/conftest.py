@@ -4,7 +4,7 @@ import functools
 
 import pytest
 
-from cardan.dissect import registry
+from cardan_dissect import registry
 
 
 @pytest.fixture(autouse=True, scope="module")

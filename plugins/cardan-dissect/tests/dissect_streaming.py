@@ -1,9 +1,9 @@
 """Segments of TCP, and what a dissector of streams makes of them."""
 
-from cardan.dissect.capture import CapturedPacket
-from cardan.dissect.figures import Figures
-from cardan.dissect.network import Segment
-from cardan.dissect.reader import Note, describe, excerpt
+from cardan_dissect.capture import CapturedPacket
+from cardan_dissect.figures import Figures
+from cardan_dissect.network import Segment
+from cardan_dissect.reader import Note, describe, excerpt
 
 
 def segments(parts, start, source, destination):

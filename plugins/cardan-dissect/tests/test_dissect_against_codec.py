@@ -8,12 +8,11 @@ import math
 import pytest
 from hypothesis import assume, example, given, strategies as st
 
-from cardan.dissect import connexion as hid_layers, egm as layers
-from cardan.dissect.protobuf import tagged
 from cardan.protocols import connexion, egm
 from cardan.types import Pose, Quaternion, Twist, Vector3
-
-from . import worked
+from cardan_dissect import connexion as hid_layers, egm as layers
+from cardan_dissect.protobuf import tagged
+from tests.protocols import worked
 
 u32 = st.integers(0, 2**32 - 1)
 number = st.floats(-1e4, 1e4)

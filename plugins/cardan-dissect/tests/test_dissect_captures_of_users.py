@@ -10,13 +10,15 @@ from types import SimpleNamespace
 import pytest
 from scapy.utils import RawPcapWriter
 
-from cardan.cli.dissect import _Progress
 from cardan.conform import Level, registry
 from cardan.conform.attachments import pcap
 from cardan.conform.run import simulated
-from cardan.dissect import dissect_file, network
-from cardan.dissect.capture import CapturedPacket
 from cardan.errors import CaptureError
+from cardan_dissect import dissect_file, network
+from cardan_dissect.capture import CapturedPacket
+from cardan_dissect.command import _Progress
+
+pytestmark = pytest.mark.matrix
 
 HEAD = struct.Struct("<IIII")
 
@@ -234,7 +236,7 @@ def test_what_comes_twice_on_one_interface_is_a_duplicate(tmp_path):
 
 def test_progress_is_told_and_taken_away(rtde, capsys, monkeypatch):
     told = []
-    monkeypatch.setattr("cardan.dissect.PROGRESS_PACKETS", 100)
+    monkeypatch.setattr("cardan_dissect.PROGRESS_PACKETS", 100)
     read(rtde, summary=True, progress=lambda packets, share: told.append((packets, share)))
     shares = [share for _, share in told]
     assert [number for number, _ in told] == [100 * (n + 1) for n in range(len(told))] != []

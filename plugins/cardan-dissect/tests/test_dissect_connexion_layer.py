@@ -3,7 +3,7 @@
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.dissect.connexion import (
+from cardan_dissect.connexion import (
     V3DK,
     BatteryReport,
     BrokenReport,
@@ -21,8 +21,7 @@ from cardan.dissect.connexion import (
     TranslationReport,
     UnknownReport,
 )
-
-from . import worked
+from tests.protocols import worked
 
 KEY_SLOTS = [0] * 4
 

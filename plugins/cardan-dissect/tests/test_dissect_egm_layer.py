@@ -6,9 +6,9 @@ import struct
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.dissect import EGM_PORTS
-from cardan.dissect._scapy import UDP, Packet
-from cardan.dissect.egm import (
+from cardan_dissect import EGM_PORTS
+from cardan_dissect._scapy import UDP, Packet
+from cardan_dissect.egm import (
     CORRECTION,
     DATA,
     PATH_CORRECTION,
@@ -40,9 +40,8 @@ from cardan.dissect.egm import (
     malformed,
     remarks,
 )
-from cardan.dissect.protobuf import ProtoMessage, faults, tagged, unknown_numbers, varint
-
-from . import worked
+from cardan_dissect.protobuf import ProtoMessage, faults, tagged, unknown_numbers, varint
+from tests.protocols import worked
 
 JOINTS = [0, 0, 0, 0, 30, 0]
 FORCE = [1.5, -2.25, 10, 0.125, 0, -0.5]

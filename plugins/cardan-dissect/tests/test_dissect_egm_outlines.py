@@ -1,16 +1,17 @@
 """EGM in a capture, read by likeness with a datagram before, held against reading each alone."""
 
+import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.dissect.dissectors.datagrams import Egm
-from cardan.dissect.network import Endpoint, Segment
-from cardan.dissect.reader import describe
 from cardan.protocols.egm import encode_path_corr, encode_robot, encode_sensor
+from cardan_dissect.dissectors.datagrams import Egm
+from cardan_dissect.network import Endpoint, Segment
+from cardan_dissect.reader import describe
 from tests.examples import examples
-from tests.protocols import egm_values as values
+from tests.protocols import egm_values as values, worked
 from tests.protocols.egm_wire import spoilt
 
-from . import worked
+pytestmark = pytest.mark.matrix
 
 CONTROLLER, PC = Endpoint("10.0.0.1", 50123), Endpoint("10.0.0.2", 6510)
 NUMBERS = {"egm_ports": frozenset({PC.port})}

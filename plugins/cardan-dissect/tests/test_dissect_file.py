@@ -15,8 +15,9 @@ from scapy.layers.l2 import ARP, CookedLinux, CookedLinuxV2, Dot1Q, Ether, Loopb
 from scapy.packet import Raw
 from scapy.utils import PcapWriter, RawPcapWriter, wrpcap, wrpcapng
 
-from cardan.dissect import EGM_PORTS, Counts, dissect_file
-from cardan.dissect.egm import (
+from cardan.errors import CaptureError
+from cardan_dissect import EGM_PORTS, Counts, dissect_file
+from cardan_dissect.egm import (
     CORRECTION,
     DATA,
     EgmFeedBack,
@@ -26,9 +27,9 @@ from cardan.dissect.egm import (
     EgmRobot,
     EgmSensor,
 )
-from cardan.errors import CaptureError
+from tests.protocols import worked
 
-from . import worked
+pytestmark = pytest.mark.matrix
 
 START_S = 1_700_000_000
 PERIOD_S = 0.004
@@ -474,7 +475,7 @@ def test_every_damaged_byte_is_read_or_refused(tmp_path):
 def test_captures_are_read_without_scapy(capture):
     program = (
         "import sys; sys.modules['scapy'] = None\n"
-        "from cardan.dissect import dissect_file\n"
+        "from cardan_dissect import dissect_file\n"
         "print(dissect_file(sys.argv[1], sys.stdout).messages['EGM'])\n"
     )
     done = subprocess.run(

@@ -10,16 +10,17 @@ import pytest
 from cardan.conform import Level, registry
 from cardan.conform.attachments import pcap
 from cardan.conform.run import simulated
-from cardan.dissect import dissect_file, network
-from cardan.dissect.capture import Capture
-from cardan.dissect.ports import (
+from cardan_dissect import dissect_file, network
+from cardan_dissect.capture import Capture
+from cardan_dissect.ports import (
     EGM_PORTS,
     JOINT_STREAM_PORT,
     RTDE_PORTS,
     SIMPLE_MESSAGE_PORTS,
 )
+from tests.captures import MOTOMAN, require
 
-from ..captures import MOTOMAN, require
+pytestmark = pytest.mark.matrix
 
 KNOWN = (*EGM_PORTS, JOINT_STREAM_PORT, *SIMPLE_MESSAGE_PORTS, *RTDE_PORTS)
 MOVED = 10_000

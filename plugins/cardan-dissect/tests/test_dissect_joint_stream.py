@@ -12,19 +12,19 @@ from scapy.layers.l2 import Ether
 from scapy.packet import Raw
 from scapy.utils import wrpcap
 
-from cardan.dissect import dissect_file, joint_stream as layers
-from cardan.dissect.joint_stream import (
+from cardan.protocols import joint_stream as codec
+from cardan.protocols.joint_stream import ArmCommand, ArmState, ControlMode, Malformed
+from cardan_dissect import dissect_file, joint_stream as layers
+from cardan_dissect.joint_stream import (
     JointStream,
     JointStreamBroken,
     JointStreamCommand,
     JointStreamState,
     malformed,
 )
-from cardan.dissect.ports import JOINT_STREAM_PORT
-from cardan.protocols import joint_stream as codec
-from cardan.protocols.joint_stream import ArmCommand, ArmState, ControlMode, Malformed
+from cardan_dissect.ports import JOINT_STREAM_PORT
 
-PAGE = Path(__file__).parents[2] / "docs" / "protocols" / "joint-stream.md"
+PAGE = Path(__file__).parents[3] / "docs" / "protocols" / "joint-stream.md"
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 u32 = st.integers(0, 2**32 - 1)

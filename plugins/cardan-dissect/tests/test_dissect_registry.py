@@ -15,11 +15,11 @@ from scapy.utils import wrpcap
 from typer.testing import CliRunner
 
 from cardan.cli import app
-from cardan.dissect import dissect_file, registry
-from cardan.dissect.reader import DatagramDissector, Decoded, Numbers
 from cardan.errors import ConfigurationError
+from cardan_dissect import dissect_file, registry
+from cardan_dissect.reader import DatagramDissector, Decoded, Numbers
 
-DOCS = Path(__file__).parents[2] / "docs"
+DOCS = Path(__file__).parents[3] / "docs"
 
 
 class Greetings(DatagramDissector):
@@ -149,7 +149,7 @@ def test_the_example_of_the_page(tmp_path, monkeypatch):
 def test_looking_at_dissectors_needs_no_scapy():
     code = (
         "import sys; sys.modules['scapy'] = None\n"
-        "from cardan.dissect import registry\n"
+        "from cardan_dissect import registry\n"
         "print(*(d.name for d in registry.dissectors()), sep=', ')"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

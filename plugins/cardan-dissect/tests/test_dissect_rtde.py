@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scapy.layers.inet import TCP
 
-from cardan.dissect import framing, rtde as layers
-from cardan.dissect.dissectors.streams import Rtde
-from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
-from cardan.dissect.rtde import RtdeReply, RtdeRequest, listed, malformed, values_of
+import dissect_streaming as streaming
 from cardan.protocols.ur import rtde as codec
-from tests.dissect import streaming
+from cardan_dissect import framing, rtde as layers
+from cardan_dissect.dissectors.streams import Rtde
+from cardan_dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
+from cardan_dissect.rtde import RtdeReply, RtdeRequest, listed, malformed, values_of
 from tests.examples import examples
 
 CONTROLLER, CLIENT = Endpoint("10.0.0.1", 30004), Endpoint("10.0.0.2", 40000)

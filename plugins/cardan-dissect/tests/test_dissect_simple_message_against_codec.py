@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.dissect import simple_message as layers
 from cardan.protocols import simple_message as sm
+from cardan_dissect import simple_message as layers
 from tests.protocols.test_simple_message_codec import BODIES, TYPES, WIRES
 
 NOT_ON_THE_WIRE = {"byte_order", "real_bytes", "prefix"}

@@ -11,12 +11,15 @@ from scapy.layers.l2 import Ether
 from scapy.packet import Raw
 from scapy.utils import wrpcap
 
-from cardan.dissect import dissect_file, simple_message as sm
-from cardan.dissect.dissectors.streams import SimpleMessage
-from cardan.dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
+import dissect_streaming as streaming
+from cardan_dissect import dissect_file, simple_message as sm
+from cardan_dissect.dissectors.streams import SimpleMessage
+from cardan_dissect.network import TCP_FIN, TCP_SYN, Endpoint, Segment
 from tests import captures
-from tests.dissect import streaming, worked
 from tests.examples import examples
+from tests.protocols import worked
+
+pytestmark = pytest.mark.matrix
 
 CONTROLLER, CLIENT = Endpoint("10.0.0.1", 50241), Endpoint("10.0.0.2", 40000)
 MOTION = Endpoint("10.0.0.1", 50240)

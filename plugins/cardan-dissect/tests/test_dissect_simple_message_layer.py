@@ -6,11 +6,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from scapy.layers.inet import TCP
 
-from cardan.dissect import simple_message as sm
-from cardan.dissect.simple_message import SimpleMessage, SimpleMessageBroken, malformed, remarks
+from cardan_dissect import simple_message as sm
+from cardan_dissect.simple_message import SimpleMessage, SimpleMessageBroken, malformed, remarks
 from tests.examples import examples
-
-from . import worked
+from tests.protocols import worked
 
 POSITIONS = [0.104, -0.2, 0.3, 0.0, -1.5707964]
 WORKED = [

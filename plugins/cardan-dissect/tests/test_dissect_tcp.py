@@ -2,10 +2,13 @@
 
 import itertools
 
+import pytest
 from hypothesis import given, strategies as st
 
-from cardan.dissect.network import TCP_FIN, TCP_RST, TCP_SYN, Endpoint, Segment
-from cardan.dissect.tcp import FARTHEST_BACK, HELD_BYTES, HELD_NS, Begin, Bytes, End, Gap, TcpStream
+from cardan_dissect.network import TCP_FIN, TCP_RST, TCP_SYN, Endpoint, Segment
+from cardan_dissect.tcp import FARTHEST_BACK, HELD_BYTES, HELD_NS, Begin, Bytes, End, Gap, TcpStream
+
+pytestmark = pytest.mark.matrix
 
 ENDS = Endpoint("10.0.0.1", 1), Endpoint("10.0.0.2", 2)
 

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple, TypeAlias
 
-from cardan.dissect.network import Endpoint, Segment
-from cardan.dissect.ports import EGM_PORTS, JOINT_STREAM_PORT
-from cardan.dissect.reader import DatagramDissector, Decoded, Message, Numbers, value_of
 from cardan.protocols import egm, joint_stream
+from cardan_dissect.network import Endpoint, Segment
+from cardan_dissect.ports import EGM_PORTS, JOINT_STREAM_PORT
+from cardan_dissect.reader import DatagramDissector, Decoded, Message, Numbers, value_of
 
 ROBOT_TYPES = (egm.MessageType.DATA,)
 PC_TYPES = (egm.MessageType.CORRECTION, egm.MessageType.PATH_CORRECTION)

@@ -7,14 +7,14 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from cardan.dissect import usbmon
-from cardan.dissect.capture import CapturedPacket, Direction
-from cardan.dissect.network import Segment
-from cardan.dissect.reader import CUT, Decoded, Dissector, Found, Message, Note
-from cardan.dissect.usbmon import Urb
 from cardan.protocols import connexion
 from cardan.protocols.connexion.devices import MULTI_AXIS_CONTROLLER
 from cardan.protocols.hid import EMPTY, TOO_SHORT, MalformedReport
+from cardan_dissect import usbmon
+from cardan_dissect.capture import CapturedPacket, Direction
+from cardan_dissect.network import Segment
+from cardan_dissect.reader import CUT, Decoded, Dissector, Found, Message, Note
+from cardan_dissect.usbmon import Urb
 
 MOST_COUNTS = 512
 """Largest deflection known of any device; nominal full scale is 350."""

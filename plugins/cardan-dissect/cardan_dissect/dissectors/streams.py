@@ -5,16 +5,6 @@ from __future__ import annotations
 import struct
 from collections.abc import Sequence
 
-from cardan.dissect.capture import CapturedPacket, Direction
-from cardan.dissect.framing import Conversation, Measured, StreamDissector
-from cardan.dissect.network import Endpoint, Segment
-from cardan.dissect.ports import (
-    RTDE_PORTS,
-    SIMPLE_MESSAGE_PORTS,
-    SIMPLE_MESSAGE_RT_CONTROL_PORT,
-    SIMPLE_MESSAGE_RT_PORT,
-)
-from cardan.dissect.reader import Decoded, Found, Message, Numbers, message_in
 from cardan.protocols import simple_message
 from cardan.protocols.simple_message import (
     LONGEST_PREFIX,
@@ -28,6 +18,16 @@ from cardan.protocols.simple_message import (
 )
 from cardan.protocols.simple_message.framing import HEADER_BYTES, PREFIX_BYTES
 from cardan.protocols.ur import rtde
+from cardan_dissect.capture import CapturedPacket, Direction
+from cardan_dissect.framing import Conversation, Measured, StreamDissector
+from cardan_dissect.network import Endpoint, Segment
+from cardan_dissect.ports import (
+    RTDE_PORTS,
+    SIMPLE_MESSAGE_PORTS,
+    SIMPLE_MESSAGE_RT_CONTROL_PORT,
+    SIMPLE_MESSAGE_RT_PORT,
+)
+from cardan_dissect.reader import Decoded, Found, Message, Numbers, message_in
 
 LARGEST_PREFIX = HEADER_BYTES + 8 + simple_message.MAX_GROUPS * (8 + 31 * 8)
 """Of any message known: a point for every group, with reals of 8 bytes."""
