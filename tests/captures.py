@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from cardan.dissect import network
-from cardan.dissect.capture import Capture
+from cardan_dissect import network
+from cardan_dissect.capture import Capture
 
 FOLDER = Path(__file__).parents[2] / "shared" / "captures"
 MOTOMAN = FOLDER / "motoman_single_group_simple_move.pcapng"

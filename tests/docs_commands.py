@@ -94,7 +94,7 @@ RUN = {
     r"cardan replay": "tests/recording/test_replay.py::test_topics_can_be_chosen",
     r"cardan export": "tests/recording/test_export.py::test_as_a_program",
     r"cardan plot": "tests/recording/test_plot.py::test_a_picture",
-    r"cardan dissect": "tests/dissect",
+    r"cardan dissect": "plugins/cardan-dissect/tests",
     r"cardan conform --(list|compare)": "tests/test_conform_command.py",
     r"cardan conform \w+ --target": "tests/conform/test_live.py",
     r"cardan conform \w+": "tests/test_conform_command.py",

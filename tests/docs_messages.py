@@ -261,7 +261,7 @@ PAGES = {
             ),
             Part(
                 "Captures",
-                ("dissect",),
+                ("cardan-dissect/cardan_dissect",),
                 "`cardan dissect` reads pcap, pcapng and logs of a CAN bus",
             ),
             Part(
@@ -381,7 +381,16 @@ SAID = re.compile(
 """Names of tables and constants whose texts are messages."""
 WRONG = re.compile(r"_?(wrong|error|refusal)")
 """Functions that make an error of their text."""
-RAISED_ONLY = ("sim_peers", "peer", "dissect", "protocols", "protocol", "cli", "studies")
+RAISED_ONLY = (
+    "sim_peers",
+    "peer",
+    "cardan_dissect",
+    "dissect",
+    "protocols",
+    "protocol",
+    "cli",
+    "studies",
+)
 """Folders and modules of which only errors are messages: their other texts are output, reports and scripts."""
 FEWEST_WORDS = 3
 

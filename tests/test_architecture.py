@@ -27,9 +27,17 @@ BESIDE = {
 PLUGINS = sorted(SOURCE_TREE.glob("plugins/cardan-*"))
 GROUPS = {
     "cardan.buses", "cardan.checks", "cardan.commands", "cardan.conform", "cardan.dissect",
-    "cardan.drivers", "cardan.faces", "cardan.filters", "cardan.sim_peers",
+    "cardan.drivers", "cardan.faces", "cardan.filters", "cardan.second_descriptions",
+    "cardan.sim_peers",
 }  # fmt: skip
-"""Entry points by which a plug-in may reach Cardan."""
+"""Entry points by which a plug-in may reach Cardan; ``cardan.dissect`` reaches cardan-dissect."""
+KNOW_DISSECTION = {
+    "cardan_jr3.capture", "cardan_jr3.dissect", "cardan_serial_mice.dissect",
+    "cardan_spnav_server.dissect", "cardan_wiimote.bluetooth", "cardan_wiimote.captures",
+    "cardan_wiimote.dissect",
+}  # fmt: skip
+"""Modules that import cardan-dissect, a plug-in as theirs is: entry points of its groups name them,
+and the rest of theirs does without."""
 LEAVES = {"common", "errors", "robots", "spatial", "types", "__init__", "__version__"}
 
 MAY_IMPORT = {
@@ -43,14 +51,12 @@ MAY_IMPORT = {
     "own_arm": {"own_arm", "gateway", *LEAVES},
     "demos": {"demos", "gateway", "drivers", "bus", *LEAVES},
     "sim_peers": {"sim_peers", "bus", "protocols", *LEAVES},
-    "dissect": {"dissect", *LEAVES},
-    "conform": {"bus", "conform", "dissect", "drivers", "protocols", "sim_peers", *LEAVES},
+    "conform": {"bus", "conform", "drivers", "protocols", "sim_peers", *LEAVES},
     "api": {"drivers", "gateway", *LEAVES},
     **dict.fromkeys(LEAVES, LEAVES),
     "__init__": {"api"},
 }
 EXCEPTIONS = {
-    "dissect/dissectors": ("cardan.protocols", "cardan.protocols.*"),
     "drivers/sim_arm": ("cardan.sim_peers", "cardan.sim_peers.arm", "cardan.sim_peers.base"),
     "gateway/bus": ("cardan.protocols", "cardan.protocols.ros2.*"),
     "recording": ("cardan.protocols", "cardan.protocols.ros2.*"),
@@ -70,14 +76,13 @@ EXCEPTIONS = {
         "cardan.protocols.rosbridge.*",
     ),
 }
-"""Captures are shown by the codecs, which the scapy layers beside them must not know. The simulated
-arm's driver has the simulated arm for its hardware, in the same process; and the
+"""The simulated arm's driver has the simulated arm for its hardware, in the same process; and the
 gateway serves rosbridge itself, to programs instead of a robot; the console reads cameras for its
 pages."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
 FREE_OF_CIRCLES = (
-    "bus", "common", "conform", "demos", "dissect", "doctor", "drivers", "gateway", "learning",
+    "bus", "common", "conform", "demos", "doctor", "drivers", "gateway", "learning",
     "own_arm", "protocols", "recording", "sim_peers",
 )  # fmt: skip
 
@@ -145,7 +150,7 @@ for name in {names!r}:
 
 
 NOT_AT_ONCE = {
-    "asyncio", "cardan.dissect", "getpass", "hmac", "numpy", "rich", "scapy", "secrets", "ssl",
+    "asyncio", "cardan_dissect", "getpass", "hmac", "numpy", "rich", "scapy", "secrets", "ssl",
     "websockets", "zenoh",
 }  # fmt: skip
 """What every command would begin later for, and only some need."""
@@ -179,8 +184,8 @@ def imported(path):
                 yield from (f"cardan.{alias.name}" for alias in node.names)
 
 
-def module_name(path):
-    parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+def module_name(path, root=SOURCE_TREE):
+    parts = path.relative_to(root).with_suffix("").parts
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
@@ -252,6 +257,7 @@ def outside(path):
 
 def test_what_stands_on_the_package_is_there():
     assert {"studies", "lerobot_robot_cardan", "cardan_dds", "cardan_foxglove"} < BESIDE
+    assert "cardan_dissect" in BESIDE
     assert {"cardan_serial_mice", "cardan_spnav_server"} < BESIDE
     assert {
         "cardan_jr3",
@@ -276,14 +282,46 @@ def test_a_plug_in_is_reached_by_its_entry_points_alone(folder):
     for target in (target for group in points.values() for target in group.values()):
         module, _, name = target.partition(":")
         assert module.partition(".")[0] == package.name
-        assert getattr(importlib.import_module(module), name)
+        loaded = importlib.import_module(module)
+        assert getattr(loaded, name) if name else loaded
     found = {
-        name
+        (module_name(path, folder), name.partition(".")[0])
         for path in package.rglob("*.py")
         for name in imported(path)
         if name.partition(".")[0] in BESIDE - {package.name}
     }
-    assert found == set()
+    known = {each for each in KNOW_DISSECTION if each.startswith(f"{package.name}.")}
+    assert found == {(module, "cardan_dissect") for module in known}
+
+
+def test_only_what_is_for_dissection_needs_it():
+    """Everything else of these plug-ins is imported where cardan-dissect is not installed."""
+    packages = {each.partition(".")[0] for each in KNOW_DISSECTION}
+    names = {
+        module_name(path, folder)
+        for folder in PLUGINS
+        for path in folder.glob("*/**/*.py")
+        if folder.name.replace("-", "_") in packages and "tests" not in path.parts
+    }
+    assert names > KNOW_DISSECTION
+    program = IMPORT_WITHOUT.format(
+        without=["cardan_dissect"], names=sorted(names - KNOW_DISSECTION)
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stdout) == (0, ""), done.stderr
+
+
+def test_a_second_description_knows_no_codec():
+    """The layers are written from the protocols' descriptions, and captures shown by the codecs."""
+    package = SOURCE_TREE / "plugins/cardan-dissect/cardan_dissect"
+    codecs = {
+        str(path.relative_to(package).parent)
+        for path in package.rglob("*.py")
+        if any(name.startswith("cardan.protocols") for name in imported(path))
+    }
+    assert codecs == {"dissectors"}
 
 
 def test_protocols_do_no_io_and_keep_no_clock():

@@ -22,7 +22,17 @@ NEEDED = [
         "from cardan.robots import load_arm; "
         "load_arm('examples/ros2/cardan_arm.ros2_control.xacro')",
     ),
-    ("scapy.fields", "dissect", "import cardan.dissect._scapy"),
+    ("scapy.fields", "dissect", "import cardan_dissect._scapy"),
+    (
+        "cardan_dissect",
+        "dissect",
+        "from cardan.conform.second_reading import second_description; second_description('egm')",
+    ),
+    (
+        "cardan_dissect",
+        "dissect",
+        "from cardan.conform.second_reading import second_description; second_description('jr3')",
+    ),
     ("cbor2", "network", "import cardan.protocols.rosbridge.forms"),
     ("zenoh", "network", "from cardan.bus.node import zenoh_module; zenoh_module()"),
     ("xxhash", "network", "from cardan.bus.node import gid_of_token; gid_of_token('token')"),

@@ -10,12 +10,12 @@ import pytest
 
 from cardan.common.files import TEXT_BYTES, cache_folder, create_file, read_text, state_folder
 from cardan.common.tables import read_toml
-from cardan.dissect.capture import Capture
 from cardan.errors import CaptureError, ConfigurationError, ScriptError
 from cardan.gateway.kinematics.soft_neck import load_soft_neck
 from cardan.gateway.session.assembly import load_config
 from cardan.robots import load_arm
 from cardan.sim_peers.base import load_script
+from cardan_dissect.capture import Capture
 
 THINGS = ["a pipe", "a device", "a directory", "a socket"]
 
@@ -49,7 +49,7 @@ PAIRS = [
     (reader, what)
     for reader in READERS
     for what in THINGS
-    # Captures are read from pipes, too: tests/dissect/test_captures_of_users.py.
+    # Captures are read from pipes, too: test_dissect_captures_of_users.py of cardan-dissect.
     if (reader, what) != ("capture", "a pipe")
 ]
 

@@ -129,10 +129,11 @@ def test_ours_have_their_names_first(cardan):
 @pytest.mark.parametrize(
     ("words", "folder"),
     [
+        (("dissect", "a.pcap"), "plugins/cardan-dissect"),
         (("evaluate", "--quick"), "studies"),
         (("spnav", "--socket", "x"), "plugins/cardan-spnav-server"),
     ],
-    ids=["evaluate", "spnav"],
+    ids=["dissect", "evaluate", "spnav"],
 )
 def test_a_command_of_the_source_tree_says_where_it_is(
     cardan, monkeypatch, tmp_path, words, folder

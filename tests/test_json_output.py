@@ -32,7 +32,6 @@ WITHOUT = {
     "plot": "writes a file",
     "export": "writes a data set, and says in words what of it is missing",
     "conform": "prints JSON by --format, as it has four of them",
-    "dissect": "prints captures field by field, for people",
     "robots": "list and show have it; add writes a file",
     "service": "show prints a file; the others do what their lines say",
 }

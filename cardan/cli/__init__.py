@@ -34,7 +34,6 @@ from cardan.cli.common import (
 )
 from cardan.cli.conform import conform
 from cardan.cli.daemon import COMMANDS as DAEMON_COMMANDS, arm, checked, service
-from cardan.cli.dissect import Dissect
 from cardan.cli.doctor import doctor
 from cardan.cli.face import face
 from cardan.cli.installed import CardanCommands
@@ -553,8 +552,3 @@ def haptic(
 
     begin_serving(verbose, log_level)
     serve_haptic(load_haptic(file), seconds)
-
-
-@app.command(cls=Dissect)
-def dissect() -> None:
-    """Print a capture, field by field."""

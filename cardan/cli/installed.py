@@ -1,13 +1,15 @@
-"""Commands of other packages: a function, as typer has it, for each entry point of the group."""
+"""Commands of other packages: for each entry point of the group a function, as typer has it, or a
+class of commands, which makes its options when it is asked for them."""
 
 from __future__ import annotations
 
+import inspect
 import re
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
 
 from cardan.cli.common import EPILOG
 from cardan.cli.declared import Commands
@@ -41,7 +43,9 @@ class _Functions(Finder[Any]):
             raise ConfigurationError(self._word, f"{of} is no function")
 
 
-def _command(name: str, function: Callable[..., None]) -> Any:
+def _command(name: str, function: Callable[..., Any]) -> Any:
+    if isinstance(function, type) and issubclass(function, TyperCommand):
+        return function(name, help=inspect.getdoc(function))
     app = typer.Typer(add_completion=False, rich_markup_mode="rich")
     app.command(name, epilog=EPILOG)(function)
     return typer.main.get_command(app)

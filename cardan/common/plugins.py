@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+_DISSECT = "plugins/cardan-dissect"
 _JR3 = "plugins/cardan-jr3"
 _LEAP = "plugins/cardan-leap"
 _OMNI = "plugins/cardan-omni"
@@ -30,7 +31,7 @@ _SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spna
 _WIIMOTE = "plugins/cardan-wiimote"
 IN_SOURCE_TREE = {
     "check": {"compiled": _OMNI},
-    "command": {"evaluate": "studies", "spnav": _SPNAV_SERVER},
+    "command": {"dissect": _DISSECT, "evaluate": "studies", "spnav": _SPNAV_SERVER},
     "dissector": {
         "jr3_can": _JR3,
         "wiimote": _WIIMOTE,

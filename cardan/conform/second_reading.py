@@ -1,16 +1,35 @@
-"""The scapy layers as a second judge, where scapy is installed: a second description of a protocol,
-which shares nothing with the codec."""
+"""A second description of a protocol, which shares nothing with the codec, as a second judge: scapy
+layers, where the plug-in cardan-dissect is installed."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
+from cardan.common.extras import missing_extra
+from cardan.common.plugins import entry_points
 from cardan.conform.requirements import NOTHING, Verdict, failed, not_applicable, not_seen, passed
 from cardan.conform.timeline import N
 from cardan.errors import ExtraMissingError
 
+ENTRY_POINT_GROUP = "cardan.second_descriptions"
+
 COMPARED = 60
 """Messages that are read twice, from all over the timeline: scapy takes a millisecond for one."""
+
+
+def second_description(name: str) -> Any:
+    """The module of layers that the entry point `name` gives. Raises ExtraMissingError where there
+    is none, or where it cannot be imported for want of a package."""
+    try:
+        for point in entry_points(ENTRY_POINT_GROUP):
+            if point.name == name:
+                return point.load()
+        raise ModuleNotFoundError(f"nothing installed describes {name} a second time")
+    except ModuleNotFoundError as error:
+        raise missing_extra(
+            "a second description of the protocol", "cardan-dissect", "dissect", error
+        ) from None
 
 
 def read_twice(
@@ -21,7 +40,7 @@ def read_twice(
     compared: int = COMPARED,
 ) -> Verdict:
     """Whether layers and codec read some of `found`, which are called `what`, alike. `differs`
-    imports the layers, and says what they read otherwise; empty: nothing."""
+    asks for the layers, and says what they read otherwise; empty: nothing."""
     if not found:
         return not_seen(nothing)
     chosen = found[:: max(1, len(found) // compared)]

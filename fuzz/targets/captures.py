@@ -11,8 +11,6 @@ from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
-from cardan.dissect import dissect_file, network, tcp, usbmon
-from cardan.dissect.capture import Capture, CapturedPacket
 from cardan.errors import CaptureError, ConfigurationError, OptionError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
@@ -25,11 +23,13 @@ from cardan.recording.mcap_file import (
     RecordWriter,
 )
 from cardan.recording.plot import read_series
+from cardan_dissect import dissect_file, network, tcp, usbmon
+from cardan_dissect.capture import Capture, CapturedPacket
 from cardan_jr3 import capture as jr3_capture
 from cardan_wiimote import bluetooth
 from fuzz.target import Form, Packets, Target
 from fuzz.targets import devices, robots
-from tests.dissect import worked
+from tests.protocols import worked
 
 _BASE = tempfile.TemporaryDirectory(prefix="cardan-fuzz-")
 

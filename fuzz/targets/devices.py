@@ -45,9 +45,9 @@ from fuzz.targets.common import (
     same,
     text_of,
 )
-from tests.dissect import worked
 from tests.drivers import evdev_bench
 from tests.plugin_rigs import jr3_rig, leap_frames, wiimote_bench
+from tests.protocols import worked
 
 _HANDHELD = Path(__file__).parents[2] / "tests/protocols/handheld_vectors.json"
 

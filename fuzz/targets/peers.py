@@ -35,7 +35,7 @@ from cardan_wiimote.peer import SimulatedWiimote, hand as wiimote_hand
 from fuzz.target import Form, Packets, Target
 from fuzz.targets import devices, robots
 from fuzz.targets.common import Clients, all_finite, text_of
-from tests.dissect import worked
+from tests.protocols import worked
 
 
 def _egm(packets: Packets) -> object:

@@ -25,8 +25,8 @@ from cardan.protocols.simple_message import io_addresses, messages
 from cardan.types import HoldCommand, Quaternion, RobotLink, Vector3
 from fuzz.target import Form, Target
 from fuzz.targets.common import near, pieces_of, same
-from tests.dissect import worked
 from tests.drivers.motoros_rig import Rig
+from tests.protocols import worked
 
 # -- EGM ------------------------------------------------------------------------------------------
 

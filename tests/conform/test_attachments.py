@@ -10,7 +10,7 @@ import pytest
 from cardan.conform import Event, Kind, Level, Timeline, registry
 from cardan.conform.attachments import pcap
 from cardan.conform.run import save, simulated
-from cardan.dissect import dissect_file
+from cardan_dissect import dissect_file
 
 
 @pytest.mark.parametrize(("suite", "said"), [("motoros", "ROBOT_STATUS"), ("egm", "EgmRobot")])

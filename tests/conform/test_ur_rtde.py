@@ -12,12 +12,12 @@ from cardan.conform.conduct import Conduct
 from cardan.conform.ur_rtde import pilot
 from cardan.conform.ur_rtde.rig import UrRig
 from cardan.conform.wires import TcpPorts
-from cardan.dissect import dissect_file
 from cardan.drivers.ur_rtde import feed
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.errors import ConfigurationError
 from cardan.protocols.ur import rtde
 from cardan.sim_peers.ur_controller import UrControllerOptions, UrControllerPeer
+from cardan_dissect import dissect_file
 
 SUITE = registry.load("ur-rtde")
 OTHER = "def other():\n  while True:\n    sync()\n  end\nend\n"

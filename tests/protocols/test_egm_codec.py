@@ -26,8 +26,8 @@ from cardan.protocols.egm import (
     RapidState,
 )
 from cardan.types import Frame, Pose, Quaternion, Twist, Vector3
-from tests.dissect.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
 from tests.examples import examples
+from tests.protocols.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
 
 from . import egm_values as values
 from .egm_wire import double, tagged, varint

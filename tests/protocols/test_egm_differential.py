@@ -7,8 +7,8 @@ from hypothesis import example, given, settings, strategies as st
 
 from cardan.protocols import egm
 from cardan.protocols.egm import Malformed
-from tests.dissect.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
 from tests.examples import examples
+from tests.protocols.worked import C1, F6, F7, R0, R1, S1, S2, S3, S4
 
 from . import egm_oracle as oracle, egm_values as values
 from .egm_wire import double, messages, spoilt, tagged, varint

@@ -25,8 +25,8 @@ from cardan.protocols.egm import (
     reader,
 )
 from cardan.spatial import from_euler_zyx
-from tests.dissect.worked import F6, F7, R0, R1
 from tests.examples import examples
+from tests.protocols.worked import F6, F7, R0, R1
 
 from . import egm_values as values
 from .egm_wire import double, messages, spoilt, tagged, varint

@@ -9,8 +9,8 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.protocols import egm
 from cardan.protocols.egm import schema
-from tests.dissect.worked import C1, F7, R0, R1, S1, S2, S3, S4
 from tests.examples import examples
+from tests.protocols.worked import C1, F7, R0, R1, S1, S2, S3, S4
 
 from . import egm_values as values
 

@@ -15,7 +15,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.second_reading import read_twice
+from cardan.conform.second_reading import read_twice, second_description
 from cardan.conform.silences import never_silent
 from cardan.protocols.connexion import (
     Battery,
@@ -289,9 +289,8 @@ def both_descriptions_agree(seen: ConnexionSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same axes and buttons."""
 
     def differs(each: Report) -> str:
-        from cardan.dissect.connexion import ConnexionInput
-
-        layer = ConnexionInput(each.raw)
+        layers = second_description("connexion")
+        layer = layers.ConnexionInput(each.raw)
         if layer.id != each.raw[0]:
             return "another id"
         for name, value in each.value._asdict().items():

@@ -19,7 +19,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.second_reading import read_twice, refused
+from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.protocols.egm import MessageType, RapidState
 from cardan.protocols.egm.messages import EgmMotion
 from cardan.spatial import from_euler_zyx
@@ -379,10 +379,9 @@ def both_descriptions_agree(seen: EgmSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same sequence numbers, clocks and joints."""
 
     def differs(each: Robot) -> str:
-        from cardan.dissect.egm import EgmRobot, malformed
-
-        layer = EgmRobot(seen.raw[each.number])
-        if wrong := refused(malformed(layer)):
+        layers = second_description("egm")
+        layer = layers.EgmRobot(seen.raw[each.number])
+        if wrong := refused(layers.malformed(layer)):
             return wrong
         header = each.message.header
         if header is not None and (layer.header.seqno, layer.header.tm) != header[:2]:

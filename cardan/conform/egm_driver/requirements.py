@@ -20,7 +20,7 @@ from cardan.conform.requirements import (
     not_applicable,
     not_seen,
 )
-from cardan.conform.second_reading import read_twice, refused
+from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.protocols.egm import EgmSensor, EgmSensorPathCorr, MessageType
 from cardan.protocols.egm.messages import EgmMotion
 
@@ -390,9 +390,8 @@ def both_descriptions_agree(seen: EgmSeen) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the answers either."""
 
     def differs(each: Answer) -> str:
-        from cardan.dissect.egm import EgmFromPc, malformed
-
-        return refused(malformed(EgmFromPc(seen.raw[each.number])))
+        layers = second_description("egm")
+        return refused(layers.malformed(layers.EgmFromPc(seen.raw[each.number])))
 
     return read_twice(seen.answers, differs, "answers", _NOTHING, 30)
 

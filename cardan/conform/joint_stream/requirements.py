@@ -18,7 +18,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.second_reading import read_twice, refused
+from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.protocols.joint_stream import ControlMode
 
 PAGE = "docs/protocols/joint-stream.md"
@@ -325,10 +325,9 @@ def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same states."""
 
     def differs(each: State) -> str:
-        from cardan.dissect.joint_stream import JointStream, malformed
-
-        layer = JointStream(seen.raw[each.number])
-        if wrong := refused(malformed(layer)):
+        layers = second_description("joint_stream")
+        layer = layers.JointStream(seen.raw[each.number])
+        if wrong := refused(layers.malformed(layer)):
             return wrong
         if (layer.session, layer.sequence) != (each.value.session, each.value.sequence):
             return "another session or sequence"

@@ -20,7 +20,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.second_reading import read_twice, refused
+from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.protocols.joint_stream import ArmCommand, ControlMode, is_newer
 from cardan.robots import load_arm
 
@@ -491,10 +491,9 @@ def both_descriptions_agree(seen: JointStreamSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same commands."""
 
     def differs(each: Said) -> str:
-        from cardan.dissect.joint_stream import JointStream, malformed
-
-        layer = JointStream(seen.raw[each.number])
-        if wrong := refused(malformed(layer)):
+        layers = second_description("joint_stream")
+        layer = layers.JointStream(seen.raw[each.number])
+        if wrong := refused(layers.malformed(layer)):
             return wrong
         same = (layer.session, layer.sequence) == (each.value.session, each.value.sequence)
         return "" if same else "another session or sequence"

@@ -19,7 +19,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.second_reading import read_twice, refused
+from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.protocols.simple_message import (
     CommType,
     ControllerMode,
@@ -195,10 +195,9 @@ def both_descriptions_agree(seen: MotorosSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same types, groups and positions."""
 
     def differs(each: Heard) -> str:
-        from cardan.dissect.simple_message import SimpleMessage, malformed
-
-        layer = SimpleMessage(each.raw)
-        if wrong := refused(malformed(layer)):
+        layers = second_description("simple_message")
+        layer = layers.SimpleMessage(each.raw)
+        if wrong := refused(layers.malformed(layer)):
             return wrong
         head = (layer.msg_type, layer.comm_type, layer.reply_code)
         if head != each.message[:3]:

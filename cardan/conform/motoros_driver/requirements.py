@@ -22,7 +22,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.second_reading import read_twice, refused
+from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.conform.timeline import Phase
 from cardan.protocols.simple_message import (
     CommType,
@@ -811,10 +811,9 @@ def both_descriptions_agree(seen: DriverSeen) -> Verdict:
     """A second reader, the scapy layers, finds nothing wrong in the messages either."""
 
     def differs(each: Said) -> str:
-        from cardan.dissect.simple_message import SimpleMessage, malformed
-
-        layer = SimpleMessage(each.raw)
-        if wrong := refused(malformed(layer)):
+        layers = second_description("simple_message")
+        layer = layers.SimpleMessage(each.raw)
+        if wrong := refused(layers.malformed(layer)):
             return wrong
         return "" if layer.msg_type == each.message.msg_type else "another type"
 

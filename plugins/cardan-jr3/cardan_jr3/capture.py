@@ -7,9 +7,9 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-from cardan.dissect.capture import CapturedPacket
-from cardan.dissect.network import Segment
-from cardan.dissect.reader import CUT, Decoded, Dissector, Found, Message, Numbers
+from cardan_dissect.capture import CapturedPacket
+from cardan_dissect.network import Segment
+from cardan_dissect.reader import CUT, Decoded, Dissector, Found, Message, Numbers
 from cardan_jr3 import protocol as jr3_can
 
 CAN_SOCKETCAN = 227

@@ -13,15 +13,15 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
-from cardan.dissect._scapy import (
+from cardan_dissect._scapy import (
     ByteEnumField,
     LEIntField,
     LEShortField,
     LESignedShortField,
     StrField,
 )
-from cardan.dissect.capture import Direction
-from cardan.dissect.layers import Block, LEFloatField
+from cardan_dissect.capture import Direction
+from cardan_dissect.layers import Block, LEFloatField
 
 FROM_BOARD = Direction.FROM_DEVICE
 OPCODE_MASK, NODE_MASK = 0x780, 0x07F

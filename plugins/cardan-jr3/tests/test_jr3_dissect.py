@@ -10,9 +10,9 @@ from hypothesis import example, given, strategies as st
 from scapy.layers.can import CAN
 from scapy.utils import RawPcapWriter
 
-from cardan.dissect import dissect_file
-from cardan.dissect.capture import Direction
 from cardan.errors import CaptureError, ConfigurationError, ExtraMissingError
+from cardan_dissect import dissect_file
+from cardan_dissect.capture import Direction
 from cardan_jr3 import dissect as layers, protocol as codec
 from cardan_jr3.dissect import BrokenFrame, UnknownFrame, dissect
 

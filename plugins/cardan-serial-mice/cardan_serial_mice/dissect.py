@@ -16,7 +16,7 @@ import functools
 import operator
 from typing import Any, ClassVar
 
-from cardan.dissect._scapy import (
+from cardan_dissect._scapy import (
     BitField,
     ByteField,
     Field,
@@ -26,7 +26,7 @@ from cardan.dissect._scapy import (
     StrField,
     StrFixedLenField,
 )
-from cardan.dissect.layers import Block
+from cardan_dissect.layers import Block
 
 CR = b"\r"
 

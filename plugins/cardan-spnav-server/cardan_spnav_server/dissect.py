@@ -14,7 +14,7 @@ import struct
 from collections.abc import Sequence
 from typing import Any
 
-from cardan.dissect._scapy import (
+from cardan_dissect._scapy import (
     ByteField,
     FieldListField,
     LEIntField,
@@ -24,7 +24,7 @@ from cardan.dissect._scapy import (
     StrField,
     XByteField,
 )
-from cardan.dissect.layers import Block, LEFloatField
+from cardan_dissect.layers import Block, LEFloatField
 
 RECORD_BYTES, WORD_BYTES = 32, 4
 HANDSHAKE = 0x7FAA5500

@@ -11,7 +11,7 @@ import struct
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from cardan.dissect.capture import CapturedPacket, Direction
+from cardan_dissect.capture import CapturedPacket, Direction
 
 H4, H4_WITH_DIRECTION = 187, 201
 LINK_TYPES = frozenset((H4, H4_WITH_DIRECTION))

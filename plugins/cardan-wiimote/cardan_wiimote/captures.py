@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from cardan.dissect.capture import CapturedPacket, Direction
-from cardan.dissect.dissectors.devices import hid_report
-from cardan.dissect.network import Segment
-from cardan.dissect.reader import Dissector, Found, Message, Note
+from cardan_dissect.capture import CapturedPacket, Direction
+from cardan_dissect.dissectors.devices import hid_report
+from cardan_dissect.network import Segment
+from cardan_dissect.reader import Dissector, Found, Message, Note
 from cardan_wiimote import bluetooth, protocol
 from cardan_wiimote.bluetooth import Links, Payload
 

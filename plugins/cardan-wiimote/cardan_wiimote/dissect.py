@@ -20,7 +20,7 @@ from __future__ import annotations
 import zlib
 from typing import Any, NamedTuple
 
-from cardan.dissect._scapy import (
+from cardan_dissect._scapy import (
     BitEnumField,
     BitField,
     ByteEnumField,
@@ -34,7 +34,7 @@ from cardan.dissect._scapy import (
     XByteField,
     XShortField,
 )
-from cardan.dissect.layers import (
+from cardan_dissect.layers import (
     Block,
     BrokenReport as BrokenReport,
     Report,

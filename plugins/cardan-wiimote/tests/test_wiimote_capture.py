@@ -16,7 +16,7 @@ from scapy.layers.bluetooth import (
 from scapy.packet import Raw
 from scapy.utils import RawPcapWriter
 
-from cardan.dissect import dissect_file
+from cardan_dissect import dissect_file
 
 HANDLE = 0x0B
 ADDRESS = bytes.fromhex("001f32abcdef")

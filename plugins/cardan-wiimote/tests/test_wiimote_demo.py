@@ -6,11 +6,11 @@ import pytest
 
 from cardan.conform import registry as suites
 from cardan.demos.examples import find_demos
-from cardan.dissect import registry as dissectors
 from cardan.drivers import registry as drivers
 from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.session import make_session
 from cardan.sim_peers import registry as peers
+from cardan_dissect import registry as dissectors
 from cardan_wiimote.driver import Wiimote
 from cardan_wiimote.peer import WiimotePeer, WiimotePeerOptions
 from tests import installed

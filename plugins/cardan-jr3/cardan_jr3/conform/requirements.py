@@ -13,6 +13,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
 from cardan_jr3.conform.pilot import PERIOD_US, SYNCS
 from cardan_jr3.conform.seen import Asked, Jr3Seen, Said
@@ -76,7 +77,7 @@ def frames_are_whole(seen: Jr3Seen) -> Verdict:
 def both_descriptions_agree(seen: Jr3Seen) -> Verdict:
     """A second reader, the scapy layers, finds the same frames wrong."""
     try:
-        from cardan_jr3.dissect import malformed
+        malformed = second_description("jr3").malformed
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     if not seen.frames:

@@ -1,10 +1,11 @@
-"""The scapy layers as a second judge of the daemon's records, where scapy is installed."""
+"""The scapy layers as a second judge of the daemon's records, where they are installed."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from cardan.conform.requirements import Verdict, failed, not_applicable, not_seen, passed
+from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
 from cardan.protocols.spnav import (
     RECORD_BYTES,
@@ -28,19 +29,19 @@ COMPARED = 2000
 def readings_differ(seen: SpnavSeen) -> Verdict:
     """Whether the layers cut and read the daemon's streams as the codec does."""
     try:
-        from cardan_spnav_server.dissect import SpnavBroken, SpnavFromServer, SpnavHandshake
+        layers = second_description("spnav")
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     count = 0
     for channel, stream in seen.streams.items():
         at = 0
         for each in seen.during(channel)[:COMPARED]:
-            word = SpnavFromServer(stream[at : at + WORD_BYTES])
-            greets = isinstance(word, SpnavHandshake)
+            word = layers.SpnavFromServer(stream[at : at + WORD_BYTES])
+            greets = isinstance(word, layers.SpnavHandshake)
             size = WORD_BYTES if greets else RECORD_BYTES
-            layer = word if greets else SpnavFromServer(stream[at : at + size])
+            layer = word if greets else layers.SpnavFromServer(stream[at : at + size])
             at += size
-            broken = isinstance(layer, SpnavBroken)
+            broken = isinstance(layer, layers.SpnavBroken)
             if broken != isinstance(each.value, Malformed):
                 return failed("one of them cannot read it", [each.number])
             if not broken and not _alike(each, _flat(layer.fields.values())):

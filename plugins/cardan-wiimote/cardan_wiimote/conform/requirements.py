@@ -14,6 +14,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
 from cardan_wiimote.conform.pilot import DATA_MODE, EXTENSION_MODE, LONG_READ
 from cardan_wiimote.conform.seen import Memory, Report, WiimoteSeen
@@ -122,7 +123,7 @@ def the_link_stays(seen: WiimoteSeen) -> Verdict:
 def both_descriptions_agree(seen: WiimoteSeen) -> Verdict:
     """A second reader, the scapy layers, knows every report, and builds the same bytes of it."""
     try:
-        from cardan_wiimote.dissect import WiimoteInput
+        layers = second_description("wiimote")
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     found = [each for each in seen.reports if not isinstance(each.value, MalformedReport)]
@@ -130,7 +131,7 @@ def both_descriptions_agree(seen: WiimoteSeen) -> Verdict:
         return not_seen(_NOTHING)
     chosen = found[:: max(1, len(found) // 40)]
     for each in chosen:
-        layer = WiimoteInput(each.raw)
+        layer = layers.WiimoteInput(each.raw)
         if layer.id != each.raw[0] or bytes(layer) != each.raw:
             return failed("it builds other bytes", [each.number])
     return passed(f"{len(chosen)} reports read twice")

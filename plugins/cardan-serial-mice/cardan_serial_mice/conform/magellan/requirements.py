@@ -10,6 +10,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
 from cardan_serial_mice.conform.magellan.pilot import UNKNOWN
 from cardan_serial_mice.conform.magellan.seen import MagellanSeen
@@ -112,11 +113,11 @@ def it_stays(seen: MagellanSeen) -> Verdict:
 def both_descriptions_agree(seen: MagellanSeen) -> Verdict:
     """A second reader, the scapy layers, sees packets where the first one does."""
     try:
-        from cardan_serial_mice.dissect import Broken, MagellanPacket
+        layers = second_description("serial_mice")
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     return judges.read_twice(
-        seen, judges.lines, lambda line: isinstance(MagellanPacket(line), Broken)
+        seen, judges.lines, lambda line: isinstance(layers.MagellanPacket(line), layers.Broken)
     )
 
 

@@ -14,6 +14,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
 from cardan_serial_mice.conform.puck import judges
 from cardan_serial_mice.conform.spaceball.tongue import UNKNOWN, BallSeen
@@ -121,11 +122,11 @@ def it_stays(seen: BallSeen) -> Verdict:
 def both_descriptions_agree(seen: BallSeen) -> Verdict:
     """A second reader, the scapy layers, finds as many broken packets as the first one."""
     try:
-        from cardan_serial_mice.dissect import Broken, SpaceballPacket
+        layers = second_description("serial_mice")
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
     return judges.read_twice(
-        seen, _pieces, lambda piece: isinstance(SpaceballPacket(piece), Broken)
+        seen, _pieces, lambda piece: isinstance(layers.SpaceballPacket(piece), layers.Broken)
     )
 
 

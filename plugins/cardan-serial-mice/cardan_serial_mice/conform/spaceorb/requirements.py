@@ -12,6 +12,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
+from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
 from cardan_serial_mice.conform.puck import judges
 from cardan_serial_mice.conform.spaceorb.tongue import NULL_REGION, POLL, OrbSeen
@@ -147,10 +148,12 @@ def it_stays(seen: OrbSeen) -> Verdict:
 def both_descriptions_agree(seen: OrbSeen) -> Verdict:
     """A second reader, the scapy layers, finds as many broken packets as the first one."""
     try:
-        from cardan_serial_mice.dissect import Broken, SpaceOrbPacket
+        layers = second_description("serial_mice")
     except ExtraMissingError as missing:
         return not_applicable(str(missing))
-    return judges.read_twice(seen, _pieces, lambda piece: isinstance(SpaceOrbPacket(piece), Broken))
+    return judges.read_twice(
+        seen, _pieces, lambda piece: isinstance(layers.SpaceOrbPacket(piece), layers.Broken)
+    )
 
 
 def _pieces(stream: bytes) -> list[bytes]:

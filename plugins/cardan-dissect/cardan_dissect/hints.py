@@ -1,0 +1,85 @@
+"""Says of flows that no dissector read which protocol they look like: the first packets of each are
+read on trial, with the port of either end given as the option of every dissector in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
+
+from cardan_dissect.capture import CapturedPacket
+from cardan_dissect.network import TCP_ACK, TCP_SYN, Endpoint, Segment
+from cardan_dissect.reader import CUT, Dissector, Message
+
+MOST_FLOWS = 256
+"""Flows that are looked at."""
+FLOW_PACKETS, FLOW_BYTES = 24, 16_384
+"""So much of the beginning of a flow is looked at."""
+LEAST_MESSAGES = 2
+"""What is read once can be read by chance."""
+
+
+class _Seen(NamedTuple):
+    """The first packets of a flow."""
+
+    packets: list[tuple[CapturedPacket, Segment]]
+    sizes: list[int]
+
+
+class Hints:
+    """The flows of a capture that nothing read."""
+
+    def __init__(self) -> None:
+        self._flows: dict[tuple[str, Endpoint, Endpoint], _Seen] = {}
+
+    def add(self, packet: CapturedPacket, segment: Segment) -> None:
+        """A packet that no dissector took."""
+        if not segment.payload and segment.flags & (TCP_SYN | TCP_ACK) != TCP_SYN:
+            return
+        low, high = sorted((segment.source, segment.destination))
+        key = segment.protocol, low, high
+        seen = self._flows.get(key)
+        if seen is None:
+            if len(self._flows) >= MOST_FLOWS:
+                return
+            seen = self._flows[key] = _Seen([], [])
+        if len(seen.sizes) < FLOW_PACKETS and sum(seen.sizes) < FLOW_BYTES:
+            seen.packets.append((packet._replace(data=b""), segment))
+            seen.sizes.append(len(segment.payload))
+
+    def lines(self, kinds: Iterable[type[Dissector]]) -> Iterator[str]:
+        """What to do to have the flows read: a line for each port that an option is wanted for."""
+        kinds = [kind for kind in kinds if kind.recognised is not Dissector.recognised]
+        more: dict[str, list[str]] = {}
+        for (_, *ends), seen in self._flows.items():
+            for kind in kinds:
+                found = [each for end in ends if (each := _likeness(kind, seen, end, ends))]
+                if not found:
+                    continue
+                sides = " or ".join(side for side, _ in found)
+                numbers = " or ".join(f"--{kind.options[0].flag} {number}" for _, number in found)
+                first = seen.packets[0][1]
+                flow = f"{first.source} > {first.destination}"
+                line = f"looks like {kind.name}, {sides}; read it with {numbers}"
+                more.setdefault(numbers, []).append(f"{flow}: {line}")
+        for line, *others in more.values():
+            yield line + (f" ({len(others)} more of these flows)" if others else "")
+
+
+def _likeness(
+    kind: type[Dissector], seen: _Seen, end: Endpoint, ends: list[Endpoint]
+) -> tuple[str, int] | None:
+    """What the dissector says of the flow when it is given the port of `end`, and that port."""
+    option = kind.options[0]
+    if end.port not in option.allowed:
+        return None
+    numbers = {each.key: frozenset[int]() for each in kind.options}
+    trial = kind({**numbers, option.key: frozenset((end.port,))})
+    found = [each for packet, segment in seen.packets for each in trial.feed(packet, segment)]
+    found += trial.finish()
+    messages = [each for each in found if isinstance(each, Message)]
+    if len(messages) < len(found) or any(m.decoded.fault not in ("", CUT) for m in messages):
+        return None
+    whole = [each for each in messages if not each.decoded.fault]
+    other = ends[0] if end == ends[1] else ends[1]
+    side = trial.recognised(whole, end, other) if len(whole) >= LEAST_MESSAGES else ""
+    return (side, end.port) if side else None

@@ -1,0 +1,55 @@
+"""What scapy layers of several protocols share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+from cardan_dissect._scapy import Field, Packet, StrField, XByteField
+
+
+class Block(Packet):
+    """Bytes with an end of their own: what follows is not the layer's payload."""
+
+    def extract_padding(self, s: bytes) -> tuple[bytes, bytes | None]:
+        return b"", s
+
+
+class Report(Block):
+    """A HID report, whose id is its first byte; bytes after it are padding."""
+
+    least_bytes: ClassVar[int] = 1
+    """The id counts."""
+
+
+class UnknownReport(Report):
+    """A report with an id that the device does not have."""
+
+    fields_desc = [XByteField("id", 0), StrField("data", b"")]
+
+
+class BrokenReport(Report):
+    """Bytes too few for their id; `reason` says which."""
+
+    fields_desc = [StrField("data", b"")]
+
+    @property
+    def reason(self) -> str:
+        if not self.data:
+            return "empty report"
+        return f"report 0x{self.data[0]:02x} of {len(self.data)} bytes"
+
+
+def choose_report(reports: Mapping[int, type[Report]], report: bytes) -> type[Report]:
+    """The layer of a report, by its id."""
+    if not report:
+        return BrokenReport
+    layer = reports.get(report[0], UnknownReport)
+    return layer if len(report) >= layer.least_bytes else BrokenReport
+
+
+class LEFloatField(Field[float, float]):
+    """f32, little-endian."""
+
+    def __init__(self, name: str, default: float) -> None:
+        Field.__init__(self, name, default, "<f")

@@ -1,0 +1,168 @@
+"""One direction of a TCP connection: segments in any order to bytes in order.
+
+Segments that overlap, come twice, come early or are missing in the capture are dealt with here; a
+protocol's reader cuts messages out of what comes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from cardan_dissect.network import TCP_FIN, TCP_RST, TCP_SYN, Segment
+
+SEQUENCE_MODULUS = 2**32
+HELD_BYTES, HELD_NS = 2**16, 10**9
+"""Bytes, and time, that follow a hole in a stream before it counts as missing in the capture."""
+FARTHEST_BACK = 2**20
+"""Farthest step back of a retransmission; beyond it is another connection."""
+
+
+class Begin(NamedTuple):
+    """A connection begins: the bytes that follow are its first."""
+
+
+class Bytes(NamedTuple):
+    """The next bytes of the stream."""
+
+    data: bytes
+    time_ns: int
+    """When they could be read: when the hole before them was filled, or, after a hole of the
+    capture, when they came."""
+
+
+class Gap(NamedTuple):
+    """Bytes that are missing in the capture."""
+
+    size: int
+
+
+class Cut(NamedTuple):
+    """Bytes that came and that the capture did not keep."""
+
+    size: int
+
+
+class End(NamedTuple):
+    """The connection has ended."""
+
+
+Event = Begin | Bytes | Gap | Cut | End
+
+
+class _Held(NamedTuple):
+    """A segment that came before the bytes in front of it."""
+
+    sequence: int
+    payload: bytes
+    missing: int
+    """Bytes after the payload that the capture cut off."""
+    time_ns: int
+
+
+class TcpStream:
+    """Puts the segments of one direction in order."""
+
+    def __init__(self) -> None:
+        self.segments = self.retransmitted = self.reordered = self.gaps = self.lost_bytes = 0
+        self.cut = 0
+        """Segments of which the capture lacks the end."""
+        self._next: int | None = None
+        self._begun = False
+        """Whether there were bytes since the connection's beginning."""
+        self._held: list[_Held] = []
+        self._held_since_ns = 0
+
+    def feed(self, segment: Segment, time_ns: int) -> Iterator[Event]:
+        """One segment; what can be read now."""
+        sequence, payload, missing = segment.sequence, segment.payload, segment.missing
+        if segment.flags & TCP_SYN:
+            start = (sequence + 1) % SEQUENCE_MODULUS
+            if start != self._next or self._begun:  # else the same SYN again
+                yield from self._end()
+                self._next = start
+                yield Begin()
+            sequence = start
+        if payload or missing:
+            self.segments += 1
+            self.cut += missing > 0
+            yield from self._take(_Held(sequence, payload, missing, time_ns))
+        if segment.flags & TCP_RST or (
+            segment.flags & TCP_FIN
+            and not self._held
+            and self._next == (sequence + len(payload) + missing) % SEQUENCE_MODULUS
+        ):
+            yield from self._end()
+
+    def flush(self) -> Iterator[Event]:
+        """Nothing more comes: give what is held back."""
+        while self._held:
+            yield from self._give_up()
+
+    def _take(self, segment: _Held) -> Iterator[Event]:
+        time_ns = segment.time_ns
+        ahead = self._ahead(segment.sequence)
+        if ahead < -FARTHEST_BACK:
+            yield from self._end()
+            ahead = self._ahead(segment.sequence)
+        if ahead > 0:
+            if not self._held:
+                self._held_since_ns = time_ns
+            self.reordered += 1
+            self._held.append(segment)
+        else:
+            yield from self._append(segment)
+            yield from self._release(time_ns)
+        if self._held and (
+            time_ns - self._held_since_ns > HELD_NS
+            or sum(len(held.payload) + held.missing for held in self._held) > HELD_BYTES
+        ):
+            yield from self._give_up()
+
+    def _ahead(self, sequence: int) -> int:
+        """How many bytes before it are missing, modulo 2**32; below 0: how many are known."""
+        if self._next is None:
+            self._next = sequence
+        half = SEQUENCE_MODULUS // 2
+        return (sequence - self._next + half) % SEQUENCE_MODULUS - half
+
+    def _advance(self, size: int) -> None:
+        self._next = ((self._next or 0) + size) % SEQUENCE_MODULUS
+
+    def _append(self, segment: _Held) -> Iterator[Event]:
+        """A segment that begins at or before what is expected next."""
+        known = -self._ahead(segment.sequence)
+        if known:
+            self.retransmitted += 1
+        fresh = segment.payload[known:]
+        if fresh:
+            self._advance(len(fresh))
+            self._begun = True
+            yield Bytes(fresh, segment.time_ns)
+        cut = segment.missing - max(0, known - len(segment.payload))
+        if cut > 0:
+            self._advance(cut)
+            self._begun = True
+            yield Cut(cut)
+
+    def _release(self, time_ns: int | None) -> Iterator[Event]:
+        """Held segments that are not ahead any more. They could not be read before `time_ns`, when
+        the hole was filled; None: it is the capture's, and they could as soon as they came."""
+        while ready := next((h for h in self._held if self._ahead(h.sequence) <= 0), None):
+            self._held.remove(ready)
+            when_ns = ready.time_ns if time_ns is None else time_ns
+            yield from self._append(ready._replace(time_ns=when_ns))
+
+    def _give_up(self) -> Iterator[Event]:
+        """Give up the missing bytes."""
+        nearest = min(self._ahead(held.sequence) for held in self._held)
+        self.gaps += 1
+        self.lost_bytes += nearest
+        self._advance(nearest)
+        yield Gap(nearest)
+        yield from self._release(None)
+
+    def _end(self) -> Iterator[Event]:
+        yield from self.flush()
+        yield End()
+        self._next, self._begun = None, False
