@@ -61,7 +61,8 @@ from cyclonedds.idl import IdlStruct
 from cyclonedds.pub import DataWriter
 from cyclonedds.topic import Topic
 
-DOMAIN, RUNS, WAITED_S, PERIOD_S = random.randrange(50, 100), 4, 6.0, 0.1
+DOMAIN, ALONE_RUNS, MOST_RUNS = random.randrange(50, 100), 4, 20
+STARTED_S, WAITED_S, PERIOD_S = 60.0, 8.0, 0.1
 NAMES = [f"topic_{number}" for number in range(10)]
 CONFIG = """<CycloneDDS xmlns="https://cdds.io/config"><Domain Id="any">
 <General><Interfaces><NetworkInterface name="lo" multicast="true"/></Interfaces></General>
@@ -83,15 +84,15 @@ def writer(participant, name):
     return DataWriter(participant, Topic(participant, f"rt/{name}", String), qos=QOS)
 
 
-def told(node, writers, most):
-    """How many lines the node tells, `most` at most, while all write, until nothing more comes."""
-    text, end_s = b"", time.monotonic() + WAITED_S
+def told(node, writers, most, within_s):
+    """How many lines the node tells, `most` at most, while all write, until none comes in time."""
+    text, end_s = b"", time.monotonic() + within_s
     while (count := text.count(b"\n")) < most and time.monotonic() < end_s:
         for each in writers:
             each.write(String("on"))
         if select.select([node.stdout], [], [], PERIOD_S)[0]:
             text += os.read(node.stdout.fileno(), 4096)
-            end_s = time.monotonic() + WAITED_S
+            end_s = time.monotonic() + within_s
     return count
 
 
@@ -102,7 +103,7 @@ def heard(joins):
     with subprocess.Popen(command, stdout=subprocess.PIPE) as node:
         try:
             writers = [writer(participant, "first")]
-            assert told(node, writers, 1) == 1
+            assert told(node, writers, 1, STARTED_S) == 1
             node.send_signal(signal.SIGSTOP)
             for name in NAMES:
                 if joins:
@@ -110,15 +111,17 @@ def heard(joins):
                 writers.append(writer(participant, name))
                 time.sleep(PERIOD_S)
             node.send_signal(signal.SIGCONT)
-            return told(node, writers, len(NAMES))
+            return told(node, writers, len(NAMES), WAITED_S)
         finally:
             node.kill()
 
 
 domain = Domain(DOMAIN, CONFIG)
-alone, joined = ([heard(joins) for _ in range(RUNS)] for joins in (False, True))
+alone, joined = [heard(False) for _ in range(ALONE_RUNS)], []
+while len(joined) < MOST_RUNS and sum(joined) == len(joined) * len(NAMES):
+    joined.append(heard(True))
 print("dora-rs", importlib.metadata.version("dora-rs"))
 print(f"heard, of {len(NAMES)}: {alone} with nobody else; {joined} where others join meanwhile")
 sys.stdout.flush()
-os._exit(not (sum(alone) == RUNS * len(NAMES) > sum(joined)))
+os._exit(not (sum(alone) == len(alone) * len(NAMES) and sum(joined) < len(joined) * len(NAMES)))
 PYTHON
