@@ -27,6 +27,16 @@ from cardan.gateway.arm.activities.recover import NO_WAY, Recover
 from cardan.gateway.arm.authority import HAND, Authority
 from cardan.gateway.arm.body import Body, FollowingError
 from cardan.gateway.arm.gate import Gate, GateLimits
+from cardan.gateway.arm.states import (
+    RESTING,
+    Event,
+    Facts,
+    Link,
+    Motion,
+    Readings,
+    Separation,
+    States,
+)
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdogs, step_s
 from cardan.gateway.hand.position import resting_pose
@@ -116,13 +126,13 @@ class ArmController:
         self._period_s = period_s
         self.not_ready = "nothing was heard of the robot yet"
         """Why the robot cannot be commanded now; empty when it can."""
+        self.state = States()
+        """What it is doing; assigned by `_enter` alone."""
         self._gate = Gate(gate or limits_of_free_body(limits))
         self.advanced_s = 0.0
         """Time by which the last tick advanced; lost time is not in it."""
         self._activity: Activity | None = None
-        self._braking = False
-        self._engaged = False
-        """Whether the robot is commanded; else it is sent a hold."""
+        """What moves the commanded arm, and comes with the state of motion."""
         self._armed = False
         """Whether the operator device may move the arm without another deliberate act."""
         self._claimed = False
@@ -135,15 +145,9 @@ class ArmController:
         self._tripped = False
         """Whether this tick ended a motion of some source, or placed the arm."""
         self._apart_reason = ""
-        """Why the command and its robot stay apart until a deliberate act; empty: they do not."""
-        self._recover = False
-        """Whether the command is to be brought back to its robot as soon as it rests."""
+        """Why the command and its robot are APART, where they are."""
         self._recovered_way = NO_WAY
         """Length of recoveries since the last deliberate act."""
-        self._recovery_cancelled = False
-        """Whether a button ended a recovery, so that none begins until motion is asked for."""
-        self._ready_elsewhere = False
-        """Whether the robot became ready elsewhere than commanded, and is placed by the act."""
         self._disengage_reason = self._held_off = ""
         self._stop_reason = ""
         self.stops, self.stopped_by = 0, ""
@@ -166,18 +170,30 @@ class ArmController:
     @property
     def braking(self) -> bool:
         """True while the activity was told to come to rest."""
-        return self._braking
+        return self.state.motion is Motion.BRAKING
 
     @property
     def recovering(self) -> bool:
         """True from a trip by the following error until the command is back at the arm."""
         activity = self._activity
-        return self._recover or (activity is not None and activity.recovers)
+        return self.state.separation is Separation.TO_RESYNCHRONIZE or (
+            activity is not None and activity.recovers
+        )
 
     @property
     def engaged(self) -> bool:
         """True while the robot is commanded, moving or not."""
-        return self._engaged
+        return self.state.motion is not Motion.UNCOMMANDED
+
+    @property
+    def apart(self) -> bool:
+        """True while command and robot stay apart until a deliberate act."""
+        return self.state.separation is Separation.APART
+
+    @property
+    def rejects(self) -> bool:
+        """True while the robot's readings are not believed."""
+        return self.state.readings is not Readings.ACCEPTED
 
     @property
     def trips(self) -> int:
@@ -232,7 +248,7 @@ class ArmController:
         """A snapshot for views and recorders."""
         with self.lock:
             body, hand = self.body, self.hand
-            placed = body.placed and self._engaged
+            placed = body.placed and self.engaged
             arm = body.status() if placed else None
             if arm is not None and not self._request.asks and self._activity_is_the_hands:
                 arm = arm._replace(path_speed=1.0)  # Nothing is asked, so nothing is slowed.
@@ -254,6 +270,29 @@ class ArmController:
     @property
     def _activity_is_the_hands(self) -> bool:
         return self._activity is None or self._activity.follows_hand
+
+    # -- states ----------------------------------------------------------------------------------
+
+    def _on(
+        self, event: Event, activity: Activity | None = None, moving: bool | None = None
+    ) -> None:
+        """Enter the states after `event`; `activity` is what moves the arm from now on. `moving`:
+        whether it moves, where that is not the body's."""
+        facts = Facts(
+            self.hand is not None,
+            self.body.moving if moving is None else moving,
+            not self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE),
+            self.supervision.watchdogs.recovery,
+        )
+        self._enter(self.state.after(event, facts), activity)
+
+    def _enter(self, states: States, activity: Activity | None = None) -> None:
+        """The one place where states are assigned, and the activity that moves the arm in them."""
+        self.state = states
+        if activity is not None:
+            self._activity = activity
+        elif states.motion in RESTING:
+            self._activity = None
 
     # -- requests --------------------------------------------------------------------------------
 
@@ -332,17 +371,17 @@ class ArmController:
             return self._acknowledge()
 
     def _acknowledge(self) -> str:
-        if self.supervision.distrust and not self.supervision.trustworthy:
-            return f"{self.supervision.distrust}; wait until the readings rest"
-        if self.supervision.distrust:
+        readings = self.state.readings
+        if readings is not Readings.ACCEPTED:
+            if not self.supervision.trustworthy:
+                return f"{self.supervision.distrust}; wait until the readings rest"
             self.supervision.trust()
-            if self._ready_elsewhere and self.robot is not None and not self.not_ready:
+            self._on(Event.BELIEVED)
+            elsewhere = readings is Readings.REJECTED_ELSEWHERE
+            if elsewhere and self.robot is not None and self.state.link is Link.READY:
                 self._place(self.robot)
-            self._ready_elsewhere = False
-        if self._apart_reason and self.supervision.watchdogs.recovery:
-            # One more leash's length towards the robot, where it is not near already.
-            self._recover = self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE)
-        self._apart_reason = ""
+        # One more leash's length towards the robot, where it is not near already.
+        self._on(Event.ACKNOWLEDGED)
         self._recovered_way = NO_WAY
         return ""
 
@@ -351,9 +390,9 @@ class ArmController:
         """Why no source can begin a motion now; empty when one can."""
         if self._stop_reason or self._held_off:
             return self._stop_reason or self._held_off
-        if self.supervision.distrust:
+        if self.rejects:
             return f"{self.supervision.distrust}: the reading is rejected"
-        if self._apart_reason:
+        if self.apart:
             return self._apart_reason
         if self.recovering:
             return f"coming back to the arm, {self._trip_reason}"
@@ -363,29 +402,29 @@ class ArmController:
         """Start an activity on an arm at rest."""
         with self.lock:
             self.note("begin", type(activity).__name__)
-            self._activity, self._braking = activity, False
+            self._on(Event.EXECUTES, activity)
             self._recovered_way = NO_WAY
 
     def drop(self) -> None:
         """Forget an activity that rests."""
         with self.lock:
-            self._activity, self._braking = None, False
+            self._on(Event.OVER)
             self._rest_reference()
 
     def engage(self) -> None:
         """Command the robot from now on; from where it is, if it was not commanded before."""
-        if not self._engaged:
+        if not self.engaged:
             assert self.robot is not None
             self.body.place(self.robot)
             self._gate.reset()
             self._rest_reference()
-            self._engaged = True
+            self._on(Event.ENGAGED)
 
     def brake(self) -> None:
         """Bring the activity to rest; it ends then."""
-        if self._activity is not None and not self._braking:
+        if self._activity is not None and not self.braking:
             self._activity.brake()
-            self._braking = True
+            self._on(Event.BRAKES)
 
     # -- the tick --------------------------------------------------------------------------------
 
@@ -410,8 +449,10 @@ class ArmController:
             self.not_ready = ""
             if finding is not None:
                 self._act_on(finding, robot)
+            if self.state.link is not Link.READY:
+                self._on(Event.READY)
             self._observe(robot)
-            if self._engaged and not self.supervision.distrust:
+            if self.engaged and not self.rejects:
                 finding = self.supervision.compare(robot, self.body, self._observed, self._activity)
                 if finding is not None:
                     self._act_on(finding, robot)
@@ -452,7 +493,7 @@ class ArmController:
 
     def _observe(self, robot: RobotState) -> None:
         reference = self._observed
-        if reference is None or reference.pose is None or self.supervision.distrust:
+        if reference is None or reference.pose is None or self.rejects:
             return
         reference.observe(self.body.measured(robot))
 
@@ -464,8 +505,8 @@ class ArmController:
         if cause is Cause.FIRST:
             self._place(robot)
         elif cause is Cause.RETURNED:
-            if self.supervision.distrust:
-                self._ready_elsewhere = self._ready_elsewhere or not self._engaged
+            if self.rejects:
+                self._on(Event.RETURNED)
             else:
                 self._place(robot, self._before(robot))
         elif cause is Cause.NEW_SESSION:
@@ -473,24 +514,21 @@ class ArmController:
             self._place(robot, self._before(robot))
         elif cause is Cause.STALLED:
             self._trip_if_driven(reason)
-            if self.supervision.distrust:
+            if self.rejects:
                 self._rest_here(reason)
             else:
                 self._place(robot, self._before(robot))
         elif cause is Cause.LEAPT:
-            self._ready_elsewhere = self._ready_elsewhere or self._phase is Phase.NO_ROBOT
+            self._on(Event.LEAPT)
             self._trip_if_driven(reason)
             self._disarm()
-            self._recover = False
             self._end_activity(reason)
         elif cause is Cause.HELD:
-            if self._apart_reason or self.recovering:
+            if self.apart or self.recovering:
                 return
             self._trip(reason)
-            if self.supervision.watchdogs.recovery:
-                self._recover = True
-            else:
-                self._apart_reason = f"{reason}; recovery is switched off"
+            self._apart_reason = f"{reason}; recovery is switched off"
+            self._on(Event.HELD)
         elif cause is Cause.ALARM and self._driven:
             self._trip(reason)
         elif cause is Cause.SILENT:
@@ -506,7 +544,7 @@ class ArmController:
     def _before(self, robot: RobotState) -> RobotState | None:
         """The state before, where the arm moved by command since and may still move."""
         before = self.supervision.previous
-        if before is None or not (self.supervision.acted and self._engaged and self.body.moving):
+        if before is None or not (self.supervision.acted and self.engaged and self.body.moving):
             return None
         return before if robot.stamp_s - before.stamp_s <= COASTS_S else None
 
@@ -530,16 +568,15 @@ class ArmController:
         else:
             self._trip_if_driven(reason)
         self._disarm()
-        self._recover = False
-        self._apart_reason = ""
+        moves = cause is not Cause.LOST and self._activity is not None and self.body.moving
+        self._on(Event.UNREADY, moving=moves)
         self._phase, self._message = Phase.NO_ROBOT, reason
         self.not_ready = reason
         if self.hand is not None and device is not None:
             view = HandView(robot, dt_s, None, None, False, False, reason, void=True)
             self._request = self.hand.request(device, events, view)
         self.authority.expire(robot.stamp_s, False)
-        activity = self._activity
-        if cause is not Cause.LOST and activity is not None and self._engaged and self.body.moving:
+        if moves:
             self.brake()
             self._move(robot, dt_s)
             if self.body.moving:
@@ -552,7 +589,7 @@ class ArmController:
         """Forget all motion: where the robot is when it comes back is not known."""
         self.generation += 1
         self._end_activity(reason)
-        self._activity, self._braking, self._engaged = None, False, False
+        self._on(Event.FORGOTTEN)
         self.body.halt()
         self._gate.reset()
         if self.reference.pose is not None:
@@ -561,24 +598,19 @@ class ArmController:
     def _place(self, robot: RobotState, before: RobotState | None = None) -> None:
         """Start from where the robot is; with a state `before`, from the speed that it has."""
         self.generation += 1
-        self._recover, self._apart_reason, self._ready_elsewhere = False, "", False
         self._recovered_way = NO_WAY
         self._tripped = True
         self._end_activity("the command was restarted from the measured position")
-        self._activity, self._braking = None, False
         self.body.place(robot, before, 0.0 if before is None else robot.stamp_s - before.stamp_s)
         self._gate.reset()
         self._rest_reference()
-        self._engaged = self.hand is not None
-        if self.body.moving:
-            self._engaged = True
-            self._activity, self._braking = Brake(self.body, self.reference), True
+        self._on(Event.PLACED, Brake(self.body, self.reference) if self.body.moving else None)
 
     def _rest_here(self, reason: str) -> None:
         """Be at rest where the command is: it is not known where the robot is, or how it moves."""
         self.generation += 1
         self._end_activity(reason)
-        self._activity, self._braking = None, False
+        self._on(Event.OVER)
         self.body.halt()
         self._gate.reset()
         self._rest_reference()
@@ -592,7 +624,7 @@ class ArmController:
         if self._armed:
             return True
         activity = self._activity
-        if activity is None or self._braking or activity.recovers:
+        if activity is None or self.braking or activity.recovers:
             return False
         return not activity.idle
 
@@ -635,7 +667,7 @@ class ArmController:
         """Turn the device's state into a request, once, and see which source drives."""
         reference, activity = self.reference, self._activity
         free = activity is None or (
-            (activity.follows_hand or activity.recovers) and not self._braking
+            (activity.follows_hand or activity.recovers) and not self.braking
         )
         barred, behind = self._why_barred(robot), ""
         if not barred and (not self._armed or not self._request.following):
@@ -644,7 +676,7 @@ class ArmController:
             elif self.supervision.error.exceeds(self.supervision.limit, BEHIND_SHARE):
                 behind = self.supervision.error.in_words("behind")
         seen = robot
-        if hand.filters and not self.supervision.distrust:
+        if hand.filters and not self.rejects:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot._replace(pose=self.body.measured(robot))
         view = HandView(
@@ -653,7 +685,7 @@ class ArmController:
             reference.pose,
             resting_pose(reference) if hand.mapping.follows_pose and reference.pose else None,
             self._armed,
-            free and not self.supervision.distrust,
+            free and not self.rejects,
             barred,
             behind,
             self._tripped and bool(self._trip_reason),
@@ -690,7 +722,7 @@ class ArmController:
         self._claimed = claims and self._armed
         if recovering and request.pressed and self._armed and not request.asks:
             # A regrip goes on from where the command is; what is left of the way is left.
-            self._recovery_cancelled = True
+            self._on(Event.LEFT)
             self._end_activity("it was ended by a button")
         elif recovering and request.pressed and not self._armed:
             self._cancel_recovery("it was ended by a button")
@@ -719,11 +751,11 @@ class ArmController:
 
     def _require_act(self, why: str) -> None:
         """Leave command and robot apart until a deliberate act; `why` ends the sentence."""
-        self._recover = False
         self._apart_reason = (
             "the reference was not brought back to the robot: "
             f"{self.supervision.error.in_words('away from')} {why}"
         )
+        self._on(Event.NOT_BACK)
 
     # -- motion ----------------------------------------------------------------------------------
 
@@ -739,7 +771,7 @@ class ArmController:
                     body.brake(step)
                 continue
             over, reason = activity.tick(robot, step)
-            if activity.fault and not self._braking:
+            if activity.fault and not self.braking:
                 self._trip(activity.fault)
             if over:
                 self._finish(activity, reason)
@@ -747,18 +779,17 @@ class ArmController:
     def _choose(self) -> None:
         """Which activity the operator's request and the state of the recovery call for."""
         activity, request = self._activity, self._request
-        if self.supervision.distrust:
+        if self.rejects:
             return
         if isinstance(activity, Recover):
             if self._armed and request.asks:
-                self._activity = None  # The operator goes on from the commanded position.
-                self._braking = False
+                self._on(Event.OVER)  # The operator goes on from the commanded position.
                 self.reference.place(self.body.pose)
                 activity = None
             else:
                 return
-        if self._recover and activity is None and not self.body.moving:
-            self._recover = False
+        separation = self.state.separation
+        if separation is Separation.TO_RESYNCHRONIZE and activity is None and not self.body.moving:
             self._begin_recovery()
             return
         if not self._armed:
@@ -769,14 +800,16 @@ class ArmController:
             if not request.asks and self._drifted:
                 self._begin_recovery()
                 return
-            activity = self._activity = FollowHand(self.body, self.reference)
-            self._braking = False
+            activity = FollowHand(self.body, self.reference)
+            self._on(Event.FOLLOWS, activity)
         if isinstance(activity, FollowHand):
             if not request.asks and activity.idle and self._drifted:
                 self._begin_recovery()
                 return
             if request.asks:
-                self._recovered_way, self._recovery_cancelled = NO_WAY, False
+                self._recovered_way = NO_WAY
+                if separation is Separation.LEFT:
+                    self._on(Event.ASKED)
             activity.aim(request.twist, request.rates, request.following)
 
     @property
@@ -784,10 +817,9 @@ class ArmController:
         """Whether a reference at rest is so far from its robot that it is brought back."""
         return (
             self.hand is not None
-            and self._engaged
-            and not self._apart_reason
+            and self.engaged
+            and self.state.separation is Separation.NONE
             and not self._why_no_recovery
-            and not self._recovery_cancelled
             and self.supervision.watchdogs.recovery
             and not self.body.moving
             and self.reference.leash_used > EASE_ABOVE
@@ -805,17 +837,16 @@ class ArmController:
         assert self.robot is not None
         reference.observe(self.body.measured(self.robot))
         error = self.body.following_error(self.robot, reference)
-        self._activity = Recover(self.body, reference, near, error, self._recovered_way)
-        self._braking = False
+        activity = Recover(self.body, reference, near, error, self._recovered_way)
+        self._on(Event.RESYNCHRONIZES, activity)
 
     def _finish(self, activity: Activity, reason: str) -> None:
-        self._activity, self._braking = None, False
+        self._on(Event.COASTED if isinstance(activity, Brake) else Event.OVER)
         self._rest_reference()
-        if isinstance(activity, Brake) and self.hand is None:
-            self._engaged = False
         if isinstance(activity, Recover):
             self._recovered_way = activity.went
-            if not activity.near and not self._apart_reason and not self._recovery_cancelled:
+            left = self.apart or self.state.separation is Separation.LEFT
+            if not activity.near and not left:
                 self._require_act("still")
                 if self._armed:
                     self._trip("the robot moves along while its reference is brought back to it")
@@ -824,8 +855,7 @@ class ArmController:
 
     def _command(self, robot: RobotState, dt_s: float, blind: bool = False) -> RobotCommand:
         body = self.body
-        apart = self.supervision.distrust or self._apart_reason
-        if not self._engaged or (apart and not body.moving):
+        if not self.engaged or ((self.rejects or self.apart) and not body.moving):
             body.halt()
             self._gate.reset()
             return HoldCommand()
@@ -833,17 +863,15 @@ class ArmController:
         command = None if activity is None else activity.command
         if command is None:
             recovers = activity is not None and activity.recovers
-            blind = blind or bool(self.supervision.distrust)
-            command = body.command(robot, dt_s, recovers, blind)
+            command = body.command(robot, dt_s, recovers, blind or self.rejects)
         wrong = self._gate.violation(command, dt_s)
         if not wrong:
             return command
         self._trip(f"an invalid command was not sent: {wrong}")
         self._disengage(self._trip_reason)
         self._phase, self._message = Phase.DISARMED, self._trip_reason
-        if self.supervision.distrust:
-            self._ready_elsewhere = True
-        elif body.obstacle(robot, False) == "":
+        self._on(Event.INVALID)
+        if not self.rejects and body.obstacle(robot, False) == "":
             self._place(robot)
         return HoldCommand()
 
@@ -858,14 +886,14 @@ class ArmController:
             self._phase = Phase.RECOVERING
         elif (
             moving
-            and not self._braking
+            and not self.braking
             and activity is not None
             and (request.asks if activity.follows_hand else True)
         ):
             self._phase = Phase.MOVING
         elif moving:
             self._phase = Phase.BRAKING
-        elif self._armed or (activity is not None and not self._braking):
+        elif self._armed or (activity is not None and not self.braking):
             self._phase = Phase.HOLDING
         else:
             self._phase = Phase.DISARMED
@@ -902,9 +930,9 @@ class ArmController:
         if self.recovering:
             return f"{why}bringing the reference back to the robot; any button ends it"
         act = "" if self.hand is None else f": {self.hand.act_words()} to go on"
-        if self.supervision.distrust:
+        if self.rejects:
             return f"{self.supervision.distrust}; the reading is rejected, the arm holds{act}"
-        if self._apart_reason:
+        if self.apart:
             return (
                 f"{why}{self._apart_reason}: check what holds the arm and whether it is measured "
                 f"right, then {act.removeprefix(': ') or 'acknowledge it'}"

@@ -28,6 +28,7 @@ from cardan.gateway.arm.activities.recover import Recover
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.codes import Stream
 from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.arm.states import RESTING, States
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.hand.mapping import MappingOptions
 from cardan.gateway.servo.compiled import CompiledServo
@@ -109,17 +110,10 @@ class Abstract(NamedTuple):
     streaming: bool
     held_off: bool
     filter_fault: bool
-    commandable: bool
-    """Whether the controller takes the robot for one that acts on commands."""
+    states: States
+    """What the controller says of itself."""
     distrust: str
     """"", "rejected", or "rests": the readings were plausible for long enough."""
-    ready_elsewhere: bool
-    apart: bool
-    recover: bool
-    """Whether the command is to be brought back as soon as it rests."""
-    cancelled: bool
-    """Whether a button ended a recovery."""
-    engaged: bool
     armed: bool
     following: bool
     claimed: bool
@@ -128,7 +122,6 @@ class Abstract(NamedTuple):
     owner: str
     handed_to: bool
     activity: str
-    braking: bool
     motion: str
     """"rest", "slow" or "quick"."""
     stream: Stream
@@ -253,13 +246,8 @@ class World:
             self.streaming,
             self.held_off,
             self.filter.broken,
-            not core.not_ready,
+            core.state,
             distrust,
-            core._ready_elsewhere,
-            bool(core._apart_reason),
-            core._recover,
-            core._recovery_cancelled,
-            core.engaged,
             core._armed,
             core.following,
             core._claimed,
@@ -267,7 +255,6 @@ class World:
             core.authority.owner,
             bool(core.authority._handed_to),
             "" if activity is None else type(activity).__name__,
-            core.braking,
             "quick" if quick else "slow" if moves else "rest",
             verbs.streams.kind,
             bool(verbs.streams.owner),
@@ -414,6 +401,8 @@ class World:
     def check(self) -> None:
         """(a), (c) and (f), by what is known from outside."""
         core, body, activity = self.core, self.core.body, self.core.activity
+        assert (activity is None) is (core.state.motion in RESTING), "who moves it?"
+        assert core.rejects is bool(core.supervision.distrust), "rejected for no reason"
         if core.trips != self.trips:
             self.trips = core.trips
             self._forget(True)

@@ -1,0 +1,199 @@
+"""What an arm is doing: a few small machines, each an enum and one function that says the next
+state.
+
+The machines are independent: each looks at its own state, at what happened (an :class:`Event`), and
+at a few :class:`Facts`. The controller asks them and does what follows from the answer; it assigns
+states in one place, `ArmController._enter`. What a state carries (reasons, the activity that moves
+the arm, limits, counters) is data of the controller.
+
+Read a function downwards: the first case that fits counts, and what is not named changes nothing.
+"""
+
+from __future__ import annotations
+
+import enum
+from typing import NamedTuple
+
+
+class Link(enum.Enum):
+    """Whether the robot can be commanded."""
+
+    ABSENT = "absent"
+    """It is silent, or would not act on commands; all motion is forgotten."""
+    BRAKING_BLIND = "braking blind"
+    """It is heard and not ready, and may still obey: what moved is braked in a ramp."""
+    READY = "ready"
+    """It acts on commands."""
+
+
+class Readings(enum.Enum):
+    """Whether what the robot measures is believed."""
+
+    ACCEPTED = "accepted"
+    REJECTED = "rejected"
+    """It was measured where it cannot be; a deliberate act accepts the readings again."""
+    REJECTED_ELSEWHERE = "rejected elsewhere"
+    """And it became ready elsewhere than commanded: the act places the command anew."""
+
+
+class Motion(enum.Enum):
+    """What moves the commanded arm."""
+
+    UNCOMMANDED = "uncommanded"
+    """The robot is sent a hold."""
+    HOLDING = "holding"
+    """The robot is commanded to be at rest, or to come to rest."""
+    FOLLOWING = "following"
+    """The operator device moves it."""
+    EXECUTING = "executing"
+    """A verb or a stream moves it."""
+    RESYNCHRONIZING = "resynchronizing"
+    """The command is brought back to a robot that is not where it was commanded to be."""
+    BRAKING = "braking"
+    """What moved it was told to come to rest."""
+
+
+class Separation(enum.Enum):
+    """Whether command and robot are apart, and what becomes of it."""
+
+    NONE = "none"
+    TO_RESYNCHRONIZE = "to resynchronize"
+    """The command is to be brought back to its robot as soon as it rests."""
+    APART = "apart"
+    """They stay apart until a deliberate act."""
+    LEFT = "left"
+    """A button ended the resynchronization; none begins until motion is asked for."""
+
+
+class Event(enum.Enum):
+    """What happens to an arm, beside what its operator does."""
+
+    READY = "a tick ends in which the robot was ready"
+    UNREADY = "the robot is silent or not ready"
+    FORGOTTEN = "all motion is forgotten: where the robot is when it comes back is not known"
+    RETURNED = "the robot is ready again while its readings are rejected"
+    LEAPT = "the robot was measured where it cannot be"
+    BELIEVED = "a deliberate act accepts the readings"
+    PLACED = "the command was placed where the robot is, at the speed that it has"
+    INVALID = "a command that is beyond a limit was not sent"
+    ENGAGED = "a source has the robot commanded, from where it is"
+    FOLLOWS = "the operator device begins to move the arm"
+    EXECUTES = "a verb or a stream begins to move it"
+    RESYNCHRONIZES = "the command begins to go back to the robot"
+    BRAKES = "what moves is told to come to rest"
+    OVER = "what moved the arm is over"
+    COASTED = "a robot that moved when its command was placed came to rest"
+    HELD = "the robot is not where it is commanded to be"
+    NOT_BACK = "a resynchronization ended, or must not begin, while they are apart"
+    LEFT = "a button of a device that is armed ended a resynchronization"
+    ASKED = "the operator asks for motion"
+    ACKNOWLEDGED = "the deliberate act is made"
+
+
+class Facts(NamedTuple):
+    """What the next state depends on beside the state and the event."""
+
+    device: bool = False
+    """Whether the arm has an operator device."""
+    moving: bool = False
+    """Whether the arm is commanded to move."""
+    near: bool = False
+    """Whether the command is so near its robot that nothing has to be brought back."""
+    resynchronizes: bool = False
+    """Whether commands are brought back to their robots, by the options."""
+
+
+class States(NamedTuple):
+    """The state of each machine."""
+
+    link: Link = Link.ABSENT
+    readings: Readings = Readings.ACCEPTED
+    motion: Motion = Motion.UNCOMMANDED
+    separation: Separation = Separation.NONE
+
+    def after(self, event: Event, facts: Facts) -> States:
+        """The states once `event` has happened."""
+        return self._replace(
+            link=link_after(self.link, event, facts),
+            readings=readings_after(self.readings, event, self),
+            motion=motion_after(self.motion, event, facts),
+            separation=separation_after(self.separation, event, facts),
+        )
+
+
+def link_after(link: Link, event: Event, facts: Facts) -> Link:
+    """Whether the robot can be commanded, once `event` has happened."""
+    match event:
+        case Event.READY:
+            return Link.READY
+        case Event.UNREADY:
+            return Link.BRAKING_BLIND if facts.moving else Link.ABSENT
+    return link
+
+
+def readings_after(readings: Readings, event: Event, states: States) -> Readings:
+    """Whether readings are believed, once `event` has happened in these `states`."""
+    rejected = readings is not Readings.ACCEPTED
+    match event:
+        case Event.PLACED | Event.BELIEVED:
+            return Readings.ACCEPTED
+        case Event.LEAPT if states.link is Link.ABSENT:
+            return Readings.REJECTED_ELSEWHERE
+        case Event.LEAPT if not rejected:
+            return Readings.REJECTED
+        case Event.RETURNED if rejected and states.motion is Motion.UNCOMMANDED:
+            return Readings.REJECTED_ELSEWHERE
+        case Event.INVALID if rejected:
+            return Readings.REJECTED_ELSEWHERE
+    return readings
+
+
+def motion_after(motion: Motion, event: Event, facts: Facts) -> Motion:
+    """What moves the commanded arm, once `event` has happened."""
+    match event:
+        case Event.FORGOTTEN:
+            return Motion.UNCOMMANDED
+        case Event.PLACED if facts.moving:
+            return Motion.BRAKING
+        case Event.PLACED:
+            return Motion.HOLDING if facts.device else Motion.UNCOMMANDED
+        case Event.ENGAGED if motion is Motion.UNCOMMANDED:
+            return Motion.HOLDING
+        case Event.FOLLOWS:
+            return Motion.FOLLOWING
+        case Event.EXECUTES:
+            return Motion.EXECUTING
+        case Event.RESYNCHRONIZES:
+            return Motion.RESYNCHRONIZING
+        case Event.BRAKES if motion not in RESTING:
+            return Motion.BRAKING
+        case Event.COASTED if not facts.device:
+            return Motion.UNCOMMANDED
+        case Event.OVER | Event.COASTED if motion is not Motion.UNCOMMANDED:
+            return Motion.HOLDING
+    return motion
+
+
+RESTING = (Motion.UNCOMMANDED, Motion.HOLDING)
+"""States in which nothing moves the arm; in each other one there is an activity that does."""
+
+
+def separation_after(separation: Separation, event: Event, facts: Facts) -> Separation:
+    """Whether command and robot are apart, once `event` has happened."""
+    match event:
+        case Event.UNREADY | Event.PLACED if separation is not Separation.LEFT:
+            return Separation.NONE
+        case Event.LEAPT | Event.RESYNCHRONIZES if separation is Separation.TO_RESYNCHRONIZE:
+            return Separation.NONE
+        case Event.HELD if facts.resynchronizes:
+            return Separation.TO_RESYNCHRONIZE
+        case Event.HELD | Event.NOT_BACK:
+            return Separation.APART
+        case Event.LEFT:
+            return Separation.LEFT
+        case Event.ASKED if separation is Separation.LEFT:
+            return Separation.NONE
+        case Event.ACKNOWLEDGED if separation is Separation.APART:
+            again = facts.resynchronizes and not facts.near
+            return Separation.TO_RESYNCHRONIZE if again else Separation.NONE
+    return separation
