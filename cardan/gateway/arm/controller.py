@@ -29,6 +29,8 @@ from cardan.gateway.arm.body import Body, FollowingError
 from cardan.gateway.arm.gate import Gate, GateLimits
 from cardan.gateway.arm.states import (
     RESTING,
+    Act,
+    Arming,
     Event,
     Facts,
     Link,
@@ -36,6 +38,7 @@ from cardan.gateway.arm.states import (
     Readings,
     Separation,
     States,
+    arming_after,
 )
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdogs, step_s
@@ -133,10 +136,6 @@ class ArmController:
         """Time by which the last tick advanced; lost time is not in it."""
         self._activity: Activity | None = None
         """What moves the commanded arm, and comes with the state of motion."""
-        self._armed = False
-        """Whether the operator device may move the arm without another deliberate act."""
-        self._claimed = False
-        """Whether it moves the arm, or claims it by a button that is held."""
         self._request = NO_REQUEST
         self._phase = Phase.NO_ROBOT
         self._message = "waiting for the robot"
@@ -186,6 +185,11 @@ class ArmController:
         return self.state.motion is not Motion.UNCOMMANDED
 
     @property
+    def armed(self) -> bool:
+        """True while the operator device may move the arm without another deliberate act."""
+        return self.state.arming.armed
+
+    @property
     def apart(self) -> bool:
         """True while command and robot stay apart until a deliberate act."""
         return self.state.separation is Separation.APART
@@ -232,7 +236,7 @@ class ArmController:
     @property
     def following(self) -> bool:
         """True while the operator device moves the arm: armed, dead-man held, clutched in."""
-        return self._armed and self._request.following
+        return self.armed and self._request.following
 
     @property
     def target(self) -> HandRequest:
@@ -330,7 +334,7 @@ class ArmController:
             self._stop(reason)
 
     def _stop(self, reason: str) -> None:
-        if self._armed:
+        if self.armed:
             self._disarm()
         self.generation += 1
         if self.recovering:
@@ -463,7 +467,8 @@ class ArmController:
                 self._cancel_recovery(why)
             if self.hand is not None and device is not None:
                 self._read_operator(self.hand, robot, device, events, dt_s)
-            self.authority.expire(robot.stamp_s, self._claimed or self._keeps_authority)
+            claimed = self.state.arming is Arming.CLAIMING
+            self.authority.expire(robot.stamp_s, claimed or self._keeps_authority)
             self._move(robot, dt_s)
             self._settle(robot)
             return self._command(robot, dt_s)
@@ -573,7 +578,7 @@ class ArmController:
         self._phase, self._message = Phase.NO_ROBOT, reason
         self.not_ready = reason
         if self.hand is not None and device is not None:
-            view = HandView(robot, dt_s, None, None, False, False, reason, void=True)
+            view = HandView(robot, dt_s, None, None, Arming.DISARMED, False, reason, void=True)
             self._request = self.hand.request(device, events, view)
         self.authority.expire(robot.stamp_s, False)
         if moves:
@@ -621,7 +626,7 @@ class ArmController:
 
     @property
     def _driven(self) -> bool:
-        if self._armed:
+        if self.armed:
             return True
         activity = self._activity
         if activity is None or self.braking or activity.recovers:
@@ -642,9 +647,9 @@ class ArmController:
         self._end_activity(reason)
 
     def _disarm(self) -> None:
-        if self._armed:
+        if self.armed:
             self.authority.release(HAND)
-        self._armed = self._claimed = False
+        self._on(Event.DISARMED)
         if self.hand is not None:
             self.hand.disarm()
 
@@ -670,7 +675,7 @@ class ArmController:
             (activity.follows_hand or activity.recovers) and not self.braking
         )
         barred, behind = self._why_barred(robot), ""
-        if not barred and (not self._armed or not self._request.following):
+        if not barred and (not self.armed or not self._request.following):
             if self._tripped:
                 behind = "the robot was not ready for it"
             elif self.supervision.error.exceeds(self.supervision.limit, BEHIND_SHARE):
@@ -684,7 +689,7 @@ class ArmController:
             dt_s,
             reference.pose,
             resting_pose(reference) if hand.mapping.follows_pose and reference.pose else None,
-            self._armed,
+            self.state.arming,
             free and not self.rejects,
             barred,
             behind,
@@ -694,42 +699,47 @@ class ArmController:
         self._suspended = False
         self._request = request = hand.request(device, events, view)
         recovering = self.recovering
-        claims = request.claims
-        if request.fault:
-            self._trip(request.fault)
-        elif request.filter_fault:
-            if self._armed or request.armed:
-                self._trip(request.filter_fault)
-        elif self._armed and not request.armed:
-            self._armed = False
-            self.authority.release(HAND)
-            self._end_activity("the clutch was released")
-        elif request.armed and not self._armed:
-            self._armed, self._trip_reason, self._recovered_way = True, "", NO_WAY
-            if claims:
-                self._take_over(robot.stamp_s)
-        elif request.acts and barred and not recovering:
-            if self.authority.refuses(HAND):
-                self.authority.take(HAND, robot.stamp_s)  # Notes the refusal.
-            self._acknowledge()
-        elif self._armed and claims and self.authority.owner != HAND:
-            refusal = self.authority.take(HAND, robot.stamp_s)
-            if refusal:
-                self._trip(refusal)
-            else:
-                self._take_over(robot.stamp_s)
+        refusal = self.authority.refuses(HAND)
+        arming, act = arming_after(
+            self.state.arming,
+            request,
+            bool(barred) and not recovering,
+            self.authority.owner == HAND,
+            bool(refusal),
+        )
+        if act is Act.TRIP:
+            self._trip(request.fault or request.filter_fault or refusal)
+        elif arming is not self.state.arming:
+            self._enter(self.state._replace(arming=arming), activity)
+        self._do(act, robot)
         self._filter_fault = request.filter_fault
-        self._claimed = claims and self._armed
-        if recovering and request.pressed and self._armed and not request.asks:
+        if recovering and request.pressed and self.armed and not request.asks:
             # A regrip goes on from where the command is; what is left of the way is left.
             self._on(Event.LEFT)
             self._end_activity("it was ended by a button")
-        elif recovering and request.pressed and not self._armed:
+        elif recovering and request.pressed and not self.armed:
             self._cancel_recovery("it was ended by a button")
+
+    def _do(self, act: Act, robot: RobotState) -> None:
+        """What follows from the operator's request, beside a trip."""
+        match act:
+            case Act.LET_GO:
+                self.authority.release(HAND)
+                self._end_activity("the clutch was released")
+            case Act.ARM | Act.ARM_AND_TAKE:
+                self._trip_reason, self._recovered_way = "", NO_WAY
+                if act is Act.ARM_AND_TAKE:
+                    self._take_over(robot.stamp_s)
+            case Act.TAKE:
+                self._take_over(robot.stamp_s)
+            case Act.ACKNOWLEDGE:
+                if self.authority.refuses(HAND):
+                    self.authority.take(HAND, robot.stamp_s)  # Notes the refusal.
+                self._acknowledge()
 
     def _why_barred(self, robot: RobotState) -> str:
         """Why the operator's deliberate act arms nothing now."""
-        if self._armed:
+        if self.armed:
             return ""
         return self.barred or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
 
@@ -782,7 +792,7 @@ class ArmController:
         if self.rejects:
             return
         if isinstance(activity, Recover):
-            if self._armed and request.asks:
+            if self.armed and request.asks:
                 self._on(Event.OVER)  # The operator goes on from the commanded position.
                 self.reference.place(self.body.pose)
                 activity = None
@@ -792,7 +802,7 @@ class ArmController:
         if separation is Separation.TO_RESYNCHRONIZE and activity is None and not self.body.moving:
             self._begin_recovery()
             return
-        if not self._armed:
+        if not self.armed:
             if activity is None and self._drifted:
                 self._begin_recovery()
             return
@@ -848,7 +858,7 @@ class ArmController:
             left = self.apart or self.state.separation is Separation.LEFT
             if not activity.near and not left:
                 self._require_act("still")
-                if self._armed:
+                if self.armed:
                     self._trip("the robot moves along while its reference is brought back to it")
         if self.listener is not None:
             self.listener.finished(reason)
@@ -893,13 +903,13 @@ class ArmController:
             self._phase = Phase.MOVING
         elif moving:
             self._phase = Phase.BRAKING
-        elif self._armed or (activity is not None and not self.braking):
+        elif self.armed or (activity is not None and not self.braking):
             self._phase = Phase.HOLDING
         else:
             self._phase = Phase.DISARMED
-        if self._armed and self.recovering:
+        if self.armed and self.recovering:
             self._message = "bringing the reference back to the robot; any button ends it"
-        elif self._armed:
+        elif self.armed:
             self._message = ""
             if request.following and self.hand is not None:
                 self._message = self.hand.remark or self._held(request)
@@ -940,7 +950,7 @@ class ArmController:
         if self.hand is None:
             return why.removesuffix("; ")
         refusal = self.authority.refuses(HAND)
-        return f"{why}{refusal}" if refusal else self.hand.advice(why)
+        return f"{why}{refusal}" if refusal else self.hand.advice(why, self.state.arming)
 
 
 def limits_of_free_body(limits: ReferenceLimits) -> GateLimits:

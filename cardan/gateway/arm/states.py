@@ -12,7 +12,10 @@ Read a function downwards: the first case that fits counts, and what is not name
 from __future__ import annotations
 
 import enum
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from cardan.gateway.hand.source import HandRequest
 
 
 class Link(enum.Enum):
@@ -65,6 +68,38 @@ class Separation(enum.Enum):
     """A button ended the resynchronization; none begins until motion is asked for."""
 
 
+class Arming(enum.Enum):
+    """Whether the operator device may move the arm without another deliberate act."""
+
+    DISARMED = "disarmed"
+    """It has to be at rest first; with a clutch, that has to be pressed."""
+    DEFLECTED = "deflected"
+    """Where no button is configured: it is deflected while something bars it, so that letting it
+    go is an act."""
+    RELEASED = "released"
+    """It was seen at rest with its dead-man released: pressing that is the act."""
+    ARMED = "armed"
+    CLAIMING = "claiming"
+    """And it moves the arm, or claims it by a button that is held."""
+
+    @property
+    def armed(self) -> bool:
+        """Whether the device may move the arm."""
+        return self is Arming.ARMED or self is Arming.CLAIMING
+
+
+class Act(enum.Enum):
+    """What follows from the operator's request, beside the motion that it asks for."""
+
+    NONE = "nothing"
+    TRIP = "the device must not drive any longer"
+    LET_GO = "the clutch was released: the arm brakes, and its authority is free"
+    ARM = "the device is armed"
+    TAKE = "the device takes the arm from the source that has it"
+    ARM_AND_TAKE = "both"
+    ACKNOWLEDGE = "the deliberate act was made where it arms nothing"
+
+
 class Event(enum.Enum):
     """What happens to an arm, beside what its operator does."""
 
@@ -84,6 +119,7 @@ class Event(enum.Enum):
     OVER = "what moved the arm is over"
     COASTED = "a robot that moved when its command was placed came to rest"
     HELD = "the robot is not where it is commanded to be"
+    DISARMED = "the operator has to engage anew"
     NOT_BACK = "a resynchronization ended, or must not begin, while they are apart"
     LEFT = "a button of a device that is armed ended a resynchronization"
     ASKED = "the operator asks for motion"
@@ -110,6 +146,7 @@ class States(NamedTuple):
     readings: Readings = Readings.ACCEPTED
     motion: Motion = Motion.UNCOMMANDED
     separation: Separation = Separation.NONE
+    arming: Arming = Arming.DISARMED
 
     def after(self, event: Event, facts: Facts) -> States:
         """The states once `event` has happened."""
@@ -118,6 +155,7 @@ class States(NamedTuple):
             readings=readings_after(self.readings, event, self),
             motion=motion_after(self.motion, event, facts),
             separation=separation_after(self.separation, event, facts),
+            arming=Arming.DISARMED if event is Event.DISARMED else self.arming,
         )
 
 
@@ -197,3 +235,57 @@ def separation_after(separation: Separation, event: Event, facts: Facts) -> Sepa
             again = facts.resynchronizes and not facts.near
             return Separation.TO_RESYNCHRONIZE if again else Separation.NONE
     return separation
+
+
+def armed_by_deadman(
+    arming: Arming, held: bool, at_rest: bool, barred: bool
+) -> tuple[Arming, bool]:
+    """What a device with a dead-man that is not armed becomes, and whether its act was made: the
+    dead-man released with the device `at_rest`, and pressed then."""
+    released = arming is Arming.RELEASED
+    match held, released:
+        case False, _:
+            return (Arming.RELEASED if released or at_rest else Arming.DISARMED), False
+        case True, True:
+            return (Arming.DISARMED if barred else Arming.ARMED), True
+    return Arming.DISARMED, False
+
+
+def armed_by_rest(arming: Arming, at_rest: bool, barred: bool) -> tuple[Arming, bool]:
+    """What a device without a button that is not armed becomes, and whether its act was made: to
+    be `at_rest`, and where something bars it, to be let go once. To stay at rest is no further
+    act."""
+    match at_rest, barred:
+        case True, True:
+            return Arming.DISARMED, arming is Arming.DEFLECTED
+        case True, False:
+            return Arming.ARMED, True
+        case False, True:
+            return Arming.DEFLECTED, False
+    return Arming.DISARMED, False
+
+
+def arming_after(
+    arming: Arming, request: HandRequest, acknowledges: bool, owns: bool, refused: bool
+) -> tuple[Arming, Act]:
+    """What the operator's request makes of `arming`, and what follows.
+
+    `acknowledges`: whether an act that arms nothing has something to acknowledge; `owns`: whether
+    the device has the authority over the arm; `refused`: whether it may not take it.
+    """
+    asked = request.arming
+    claims = asked is Arming.CLAIMING
+    match arming.armed, asked.armed:
+        case _ if request.fault:
+            return Arming.DISARMED, Act.TRIP
+        case before, after if request.filter_fault:
+            return (Arming.DISARMED, Act.TRIP) if before or after else (asked, Act.NONE)
+        case True, False:
+            return asked, Act.LET_GO
+        case False, True:
+            return asked, Act.ARM_AND_TAKE if claims else Act.ARM
+        case _ if request.acts and acknowledges:
+            return asked, Act.ACKNOWLEDGE
+        case True, True if claims and not owns:
+            return (Arming.DISARMED, Act.TRIP) if refused else (asked, Act.TAKE)
+    return asked, Act.NONE

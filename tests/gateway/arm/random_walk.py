@@ -240,10 +240,10 @@ class Walk:
         self.heal()
         for _ in range(40):
             self.act()
-            if self.core._armed:
+            if self.core.armed:
                 break
             self.tick(600)
-        assert self.core._armed, (self.core.message, self.core.barred)
+        assert self.core.armed, (self.core.message, self.core.barred)
         self.hand((-0.4, 0, 0.3, 0, 0, 0), *self.mapping.deadman)
         start = self.core.body.pose.position
         self.tick(100)
