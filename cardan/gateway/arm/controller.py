@@ -16,7 +16,7 @@ import contextlib
 import json
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 from cardan.common.haptics import WorldMap
@@ -33,12 +33,15 @@ from cardan.gateway.arm.states import (
     Arming,
     Event,
     Facts,
+    Inhibit,
     Link,
     Motion,
     Readings,
     Separation,
     States,
     arming_after,
+    inhibits_after,
+    phase_of,
 )
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdogs, step_s
@@ -131,27 +134,24 @@ class ArmController:
         """Why the robot cannot be commanded now; empty when it can."""
         self.state = States()
         """What it is doing; assigned by `_enter` alone."""
-        self._gate = Gate(gate or limits_of_free_body(limits))
+        self._gate = Gate(gate or GateLimits.of_free_body(limits))
         self.advanced_s = 0.0
         """Time by which the last tick advanced; lost time is not in it."""
         self._activity: Activity | None = None
         """What moves the commanded arm, and comes with the state of motion."""
         self._request = NO_REQUEST
-        self._phase = Phase.NO_ROBOT
-        self._message = "waiting for the robot"
         self._trip_reason = ""
         self._trips = 0
-        self._tripped = False
-        """Whether this tick ended a motion of some source, or placed the arm."""
+        self._tripped_in_tick = False
+        """Whether the present tick ended a motion of some source, or placed the arm."""
         self._apart_reason = ""
         """Why the command and its robot are APART, where they are."""
         self._recovered_way = NO_WAY
         """Length of recoveries since the last deliberate act."""
-        self._disengage_reason = self._held_off = ""
-        self._stop_reason = ""
+        self._inhibits: Mapping[Inhibit, str] = {}
+        """What interrupts from outside, each with its reason; assigned as a whole."""
         self.stops, self.stopped_by = 0, ""
         """Stops that sources asked for, and which did last."""
-        self._suspended = False
         self._filter_fault = ""
 
     # -- what it is doing ------------------------------------------------------------------------
@@ -159,7 +159,13 @@ class ArmController:
     @property
     def phase(self) -> Phase:
         """What the arm is doing now."""
-        return self._phase
+        with self.lock:
+            return phase_of(
+                self.state,
+                self.body.moving,
+                self._request.asks,
+                self._activity is not None and self._activity.recovers,
+            )
 
     @property
     def activity(self) -> Activity | None:
@@ -174,10 +180,9 @@ class ArmController:
     @property
     def recovering(self) -> bool:
         """True from a trip by the following error until the command is back at the arm."""
-        activity = self._activity
-        return self.state.separation is Separation.TO_RESYNCHRONIZE or (
-            activity is not None and activity.recovers
-        )
+        if self.state.separation is Separation.TO_RESYNCHRONIZE:
+            return True
+        return self._activity is not None and self._activity.recovers
 
     @property
     def engaged(self) -> bool:
@@ -207,7 +212,18 @@ class ArmController:
     @property
     def message(self) -> str:
         """Why nothing moves and what to do about it; empty when all is well."""
-        return self._message
+        with self.lock:
+            if self.robot is None:
+                return "waiting for the robot"
+            if self.state.link is not Link.READY:
+                return self.not_ready
+            if not self.armed:
+                return self._what_to_do(self.robot)
+            if self.recovering:
+                return "bringing the reference back to the robot; any button ends it"
+            if self._request.following and self.hand is not None:
+                return self.hand.remark or self._held(self._request)
+            return ""
 
     @property
     def following_error(self) -> FollowingError:
@@ -254,11 +270,12 @@ class ArmController:
             body, hand = self.body, self.hand
             placed = body.placed and self.engaged
             arm = body.status() if placed else None
-            if arm is not None and not self._request.asks and self._activity_is_the_hands:
+            by_hand = self._activity is None or self._activity.follows_hand
+            if arm is not None and not self._request.asks and by_hand:
                 arm = arm._replace(path_speed=1.0)  # Nothing is asked, so nothing is slowed.
             return ArmStatus(
-                self._phase,
-                self._message,
+                self.phase,
+                self.message,
                 self._request.twist,
                 body.twist if placed else ZERO_TWIST,
                 body.pose if placed else None,
@@ -270,10 +287,6 @@ class ArmController:
                 () if hand is None else hand.filter_words(),
                 arm,
             )
-
-    @property
-    def _activity_is_the_hands(self) -> bool:
-        return self._activity is None or self._activity.follows_hand
 
     # -- states ----------------------------------------------------------------------------------
 
@@ -317,12 +330,14 @@ class ArmController:
         finally:
             self._noting = outer
 
-    def request_stop(self, reason: str) -> None:
-        """Brake and stay: from now on no operator input moves the robot."""
+    def inhibit(self, reason: str, kind: Inhibit) -> None:
+        """Interrupt what moves the arm, or keep sources from moving it, as `kind` says."""
         with self.lock:
-            self.note("request_stop", reason)
-            self._stop_reason = self._message = reason
-            self._stop(reason)
+            before, self._inhibits = self._inhibits, inhibits_after(self._inhibits, reason, kind)
+            if kind is not Inhibit.WHILE_SAID or self._inhibits != before:
+                self.note(kind.value, reason)
+            if kind is Inhibit.FOR_GOOD:
+                self._stop(reason)
 
     def stop(self, reason: str, source: str = "") -> None:
         """Brake along the path, then hold; a recovery ends as well. Needs no authority. A stop that
@@ -341,18 +356,6 @@ class ArmController:
             self._require_act(f"and stays so: {reason}")
         self._end_activity(reason)
 
-    def trip(self, reason: str) -> None:
-        """Disengage the source that moves the arm in the next tick, as the watchdogs do; without
-        effect where no source does by then."""
-        self.note("trip", reason)
-        self._disengage_reason = self._disengage_reason or reason
-
-    def hold_off(self, reason: str) -> None:
-        """From the next tick on no source may move the arm, for this reason; "" lifts that."""
-        if reason != self._held_off:
-            self.note("hold_off", reason)
-        self._held_off = reason
-
     def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
         """From the next tick on keep away from a neighbour where it is at `joints`, as
         :class:`cardan.gateway.arm.arm_body.ArmBody` does."""
@@ -360,12 +363,6 @@ class ArmController:
             if self.witness is not None:
                 self.note("place_neighbour", json.dumps((index, joints, ways_m)))
             self.body.place_neighbour(index, joints, ways_m)
-
-    def suspend(self) -> None:
-        """Ignore the operator's motion in the next tick; after it, teleoperation goes on as
-        before."""
-        self.note("suspend")
-        self._suspended = True
 
     def acknowledge(self) -> str:
         """The deliberate act after implausible readings, or after a recovery that was given up;
@@ -390,10 +387,16 @@ class ArmController:
         return ""
 
     @property
+    def _inhibited(self) -> str:
+        """Why no source may move the arm, whatever it does; empty when one may."""
+        inhibits = self._inhibits
+        return inhibits.get(Inhibit.FOR_GOOD) or inhibits.get(Inhibit.WHILE_SAID, "")
+
+    @property
     def barred(self) -> str:
         """Why no source can begin a motion now; empty when one can."""
-        if self._stop_reason or self._held_off:
-            return self._stop_reason or self._held_off
+        if inhibited := self._inhibited:
+            return inhibited
         if self.rejects:
             return f"{self.supervision.distrust}: the reading is rejected"
         if self.apart:
@@ -442,7 +445,7 @@ class ArmController:
         with self.lock:
             self.ticks += 1
             self.robot = robot
-            self._tripped = False
+            self._tripped_in_tick = False
             finding = self.supervision.look(robot, self.body)
             self.advanced_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
             cause = None if finding is None else finding.cause
@@ -460,24 +463,32 @@ class ArmController:
                 finding = self.supervision.compare(robot, self.body, self._observed, self._activity)
                 if finding is not None:
                     self._act_on(finding, robot)
-            if (disengage_reason := self._disengage_reason or self._held_off) and self._driven:
-                self._trip(disengage_reason)
-            self._disengage_reason = ""
+            ignored = Inhibit.MOTION_IGNORED in self._inhibits
+            if self._inhibits:
+                self._heed_inhibits()
             if self.recovering and (why := self._why_no_recovery):
                 self._cancel_recovery(why)
             if self.hand is not None and device is not None:
-                self._read_operator(self.hand, robot, device, events, dt_s)
+                self._read_operator(self.hand, robot, device, events, dt_s, ignored)
             claimed = self.state.arming is Arming.CLAIMING
             self.authority.expire(robot.stamp_s, claimed or self._keeps_authority)
             self._move(robot, dt_s)
-            self._settle(robot)
             return self._command(robot, dt_s)
+
+    def _heed_inhibits(self) -> None:
+        """Trip what is inhibited now; those for one tick are over."""
+        inhibits = self._inhibits
+        reason = inhibits.get(Inhibit.ONCE) or inhibits.get(Inhibit.WHILE_SAID)
+        if reason and self._driven:
+            self._trip(reason)
+        stay = (Inhibit.FOR_GOOD, Inhibit.WHILE_SAID)
+        self._inhibits = {each: inhibits[each] for each in stay if each in inhibits}
 
     @property
     def _why_no_recovery(self) -> str:
         """Why not even a recovery may move the command now."""
         alarm = "" if self.robot is None else self.robot.alarm
-        return self._stop_reason or self._held_off or alarm
+        return self._inhibited or alarm
 
     @property
     def _keeps_authority(self) -> bool:
@@ -575,7 +586,6 @@ class ArmController:
         self._disarm()
         moves = cause is not Cause.LOST and self._activity is not None and self.body.moving
         self._on(Event.UNREADY, moving=moves)
-        self._phase, self._message = Phase.NO_ROBOT, reason
         self.not_ready = reason
         if self.hand is not None and device is not None:
             view = HandView(robot, dt_s, None, None, Arming.DISARMED, False, reason, void=True)
@@ -585,7 +595,6 @@ class ArmController:
             self.brake()
             self._move(robot, dt_s)
             if self.body.moving:
-                self._phase = Phase.BRAKING
                 return self._command(robot, dt_s, blind=True)
         self._disengage(reason)
         return HoldCommand()
@@ -604,7 +613,7 @@ class ArmController:
         """Start from where the robot is; with a state `before`, from the speed that it has."""
         self.generation += 1
         self._recovered_way = NO_WAY
-        self._tripped = True
+        self._tripped_in_tick = True
         self._end_activity("the command was restarted from the measured position")
         self.body.place(robot, before, 0.0 if before is None else robot.stamp_s - before.stamp_s)
         self._gate.reset()
@@ -640,7 +649,7 @@ class ArmController:
     def _trip(self, reason: str) -> None:
         """Disengage the source that moves the arm."""
         self._disarm()
-        self._tripped = True
+        self._tripped_in_tick = True
         self._trip_reason = reason
         self._trips += 1
         self.generation += 1
@@ -668,6 +677,7 @@ class ArmController:
         device: DeviceState,
         events: Sequence[ButtonEvent],
         dt_s: float,
+        ignored: bool,
     ) -> None:
         """Turn the device's state into a request, once, and see which source drives."""
         reference, activity = self.reference, self._activity
@@ -676,7 +686,7 @@ class ArmController:
         )
         barred, behind = self._why_barred(robot), ""
         if not barred and (not self.armed or not self._request.following):
-            if self._tripped:
+            if self._tripped_in_tick:
                 behind = "the robot was not ready for it"
             elif self.supervision.error.exceeds(self.supervision.limit, BEHIND_SHARE):
                 behind = self.supervision.error.in_words("behind")
@@ -693,25 +703,18 @@ class ArmController:
             free and not self.rejects,
             barred,
             behind,
-            self._tripped and bool(self._trip_reason),
-            suspended=self._suspended,
+            self._tripped_in_tick and bool(self._trip_reason),
+            suspended=ignored,
         )
-        self._suspended = False
         self._request = request = hand.request(device, events, view)
         recovering = self.recovering
-        refusal = self.authority.refuses(HAND)
-        arming, act = arming_after(
-            self.state.arming,
-            request,
-            bool(barred) and not recovering,
-            self.authority.owner == HAND,
-            bool(refusal),
-        )
-        if act is Act.TRIP:
-            self._trip(request.fault or request.filter_fault or refusal)
-        elif arming is not self.state.arming:
-            self._enter(self.state._replace(arming=arming), activity)
-        self._do(act, robot)
+        authority, acknowledges = self.authority, bool(barred) and not recovering
+        owns, refused = authority.owner == HAND, bool(authority.refuses(HAND))
+        arming, act = arming_after(self.state.arming, request, acknowledges, owns, refused)
+        if arming is not self.state.arming and act is not Act.TRIP:
+            self._enter(self.state._replace(arming=arming))
+        if act is not Act.NONE:
+            self._do(act, request.fault or request.filter_fault, robot.stamp_s)
         self._filter_fault = request.filter_fault
         if recovering and request.pressed and self.armed and not request.asks:
             # A regrip goes on from where the command is; what is left of the way is left.
@@ -720,21 +723,21 @@ class ArmController:
         elif recovering and request.pressed and not self.armed:
             self._cancel_recovery("it was ended by a button")
 
-    def _do(self, act: Act, robot: RobotState) -> None:
-        """What follows from the operator's request, beside a trip."""
+    def _do(self, act: Act, fault: str, now_s: float) -> None:
+        """What follows from the operator's request, which may have a `fault`."""
         match act:
+            case Act.TRIP:
+                self._trip(fault or self.authority.take(HAND, now_s))
             case Act.LET_GO:
                 self.authority.release(HAND)
                 self._end_activity("the clutch was released")
-            case Act.ARM | Act.ARM_AND_TAKE:
+            case Act.ARM:
                 self._trip_reason, self._recovered_way = "", NO_WAY
-                if act is Act.ARM_AND_TAKE:
-                    self._take_over(robot.stamp_s)
             case Act.TAKE:
-                self._take_over(robot.stamp_s)
+                self._take_over(now_s)
             case Act.ACKNOWLEDGE:
                 if self.authority.refuses(HAND):
-                    self.authority.take(HAND, robot.stamp_s)  # Notes the refusal.
+                    self.authority.take(HAND, now_s)  # Notes the refusal.
                 self._acknowledge()
 
     def _why_barred(self, robot: RobotState) -> str:
@@ -855,8 +858,10 @@ class ArmController:
         self._rest_reference()
         if isinstance(activity, Recover):
             self._recovered_way = activity.went
-            left = self.apart or self.state.separation is Separation.LEFT
-            if not activity.near and not left:
+            if not activity.near and self.state.separation not in (
+                Separation.APART,
+                Separation.LEFT,
+            ):
                 self._require_act("still")
                 if self.armed:
                     self._trip("the robot moves along while its reference is brought back to it")
@@ -879,42 +884,12 @@ class ArmController:
             return command
         self._trip(f"an invalid command was not sent: {wrong}")
         self._disengage(self._trip_reason)
-        self._phase, self._message = Phase.DISARMED, self._trip_reason
         self._on(Event.INVALID)
         if not self.rejects and body.obstacle(robot, False) == "":
             self._place(robot)
         return HoldCommand()
 
     # -- words -----------------------------------------------------------------------------------
-
-    def _settle(self, robot: RobotState) -> None:
-        """Name the phase and say what stands in the way."""
-        request = self._request
-        moving = self.body.moving
-        activity = self._activity
-        if activity is not None and activity.recovers:
-            self._phase = Phase.RECOVERING
-        elif (
-            moving
-            and not self.braking
-            and activity is not None
-            and (request.asks if activity.follows_hand else True)
-        ):
-            self._phase = Phase.MOVING
-        elif moving:
-            self._phase = Phase.BRAKING
-        elif self.armed or (activity is not None and not self.braking):
-            self._phase = Phase.HOLDING
-        else:
-            self._phase = Phase.DISARMED
-        if self.armed and self.recovering:
-            self._message = "bringing the reference back to the robot; any button ends it"
-        elif self.armed:
-            self._message = ""
-            if request.following and self.hand is not None:
-                self._message = self.hand.remark or self._held(request)
-        else:
-            self._message = self._what_to_do(robot)
 
     def _held(self, request: HandRequest) -> str:
         """What keeps the arm from following the operator."""
@@ -933,8 +908,8 @@ class ArmController:
 
     def _what_to_do(self, robot: RobotState) -> str:
         why = f"stopped before: {self._trip_reason}; " if self._trip_reason else ""
-        if self._stop_reason or self._held_off:
-            return self._stop_reason or self._held_off
+        if inhibited := self._inhibited:
+            return inhibited
         if robot.alarm or self._filter_fault:
             return robot.alarm or self._filter_fault
         if self.recovering:
@@ -951,13 +926,3 @@ class ArmController:
             return why.removesuffix("; ")
         refusal = self.authority.refuses(HAND)
         return f"{why}{refusal}" if refusal else self.hand.advice(why, self.state.arming)
-
-
-def limits_of_free_body(limits: ReferenceLimits) -> GateLimits:
-    """Limits of the commands of a robot without an arm's model."""
-    return GateLimits(
-        limits.linear_speed_m_s,
-        limits.linear_acceleration_m_s2,
-        limits.angular_speed_rad_s,
-        limits.angular_acceleration_rad_s2,
-    )

@@ -12,7 +12,10 @@ Read a function downwards: the first case that fits counts, and what is not name
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
+
+from cardan.gateway.arm.status import Phase
 
 if TYPE_CHECKING:
     from cardan.gateway.hand.source import HandRequest
@@ -88,6 +91,21 @@ class Arming(enum.Enum):
         return self is Arming.ARMED or self is Arming.CLAIMING
 
 
+class Inhibit(enum.Enum):
+    """How something outside of the arm interrupts what moves it. The value is its name in
+    records."""
+
+    FOR_GOOD = "request_stop"
+    """What moves brakes now, and no source moves the arm any more."""
+    WHILE_SAID = "hold_off"
+    """From the next tick on no source may move the arm, until the reason is said to be ""."""
+    ONCE = "trip"
+    """The next tick disengages the source that moves the arm, as the watchdogs do; without effect
+    where none does by then. The first reason counts."""
+    MOTION_IGNORED = "suspend"
+    """The operator's motion is ignored in the next tick; after it, teleoperation goes on."""
+
+
 class Act(enum.Enum):
     """What follows from the operator's request, beside the motion that it asks for."""
 
@@ -95,8 +113,7 @@ class Act(enum.Enum):
     TRIP = "the device must not drive any longer"
     LET_GO = "the clutch was released: the arm brakes, and its authority is free"
     ARM = "the device is armed"
-    TAKE = "the device takes the arm from the source that has it"
-    ARM_AND_TAKE = "both"
+    TAKE = "the device takes the arm from whatever moves it, and is armed"
     ACKNOWLEDGE = "the deliberate act was made where it arms nothing"
 
 
@@ -166,6 +183,8 @@ def link_after(link: Link, event: Event, facts: Facts) -> Link:
             return Link.READY
         case Event.UNREADY:
             return Link.BRAKING_BLIND if facts.moving else Link.ABSENT
+        case Event.FORGOTTEN if link is Link.BRAKING_BLIND:
+            return Link.ABSENT
     return link
 
 
@@ -237,6 +256,18 @@ def separation_after(separation: Separation, event: Event, facts: Facts) -> Sepa
     return separation
 
 
+def inhibits_after(
+    inhibits: Mapping[Inhibit, str], reason: str, kind: Inhibit
+) -> Mapping[Inhibit, str]:
+    """What inhibits the arm, each with its reason, once `kind` was asked for."""
+    match kind:
+        case Inhibit.WHILE_SAID if not reason:
+            return {each: why for each, why in inhibits.items() if each is not kind}
+        case Inhibit.ONCE if inhibits.get(kind):
+            return inhibits
+    return {**inhibits, kind: reason}
+
+
 def armed_by_deadman(
     arming: Arming, held: bool, at_rest: bool, barred: bool
 ) -> tuple[Arming, bool]:
@@ -283,9 +314,33 @@ def arming_after(
         case True, False:
             return asked, Act.LET_GO
         case False, True:
-            return asked, Act.ARM_AND_TAKE if claims else Act.ARM
+            return asked, Act.TAKE if claims else Act.ARM
         case _ if request.acts and acknowledges:
             return asked, Act.ACKNOWLEDGE
         case True, True if claims and not owns:
             return (Arming.DISARMED, Act.TRIP) if refused else (asked, Act.TAKE)
     return asked, Act.NONE
+
+
+def phase_of(states: States, moving: bool, asks: bool, recovers: bool) -> Phase:
+    """What people are told that the arm is doing.
+
+    `moving`: whether it is commanded to move; `asks`: whether the operator asks for motion;
+    `recovers`: whether what moves it brings the command back to its robot.
+    """
+    match states.link, states.motion:
+        case Link.ABSENT, _:
+            return Phase.NO_ROBOT
+        case Link.BRAKING_BLIND, _:
+            return Phase.BRAKING
+        case _ if recovers:
+            return Phase.RECOVERING
+        case _, Motion.EXECUTING if moving:
+            return Phase.MOVING
+        case _, Motion.FOLLOWING if moving and asks:
+            return Phase.MOVING
+        case _ if moving:
+            return Phase.BRAKING
+        case _, Motion.FOLLOWING | Motion.EXECUTING:
+            return Phase.HOLDING
+    return Phase.HOLDING if states.arming.armed else Phase.DISARMED

@@ -28,7 +28,7 @@ from cardan.gateway.arm.activities.recover import Recover
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.codes import Stream
 from cardan.gateway.arm.motion import Outcome
-from cardan.gateway.arm.states import RESTING, Arming, States
+from cardan.gateway.arm.states import RESTING, Arming, Inhibit, States
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.hand.mapping import MappingOptions
 from cardan.gateway.servo.compiled import CompiledServo
@@ -667,13 +667,13 @@ def acknowledge(w):
 @event(lambda w: not w.held_off)
 def held_off(w):
     w.held_off = True
-    w.core.hold_off(HELD_OFF)
+    w.core.inhibit(HELD_OFF, Inhibit.WHILE_SAID)
 
 
 @event(lambda w: w.held_off)
 def held_off_no_more(w):
     w.held_off = False
-    w.core.hold_off("")
+    w.core.inhibit("", Inhibit.WHILE_SAID)
 
 
 @event(lambda w: not w.filter.broken)
