@@ -34,10 +34,6 @@ from cardan.gateway.arm.states import (
     Event,
     Facts,
     Inhibit,
-    Link,
-    Motion,
-    Readings,
-    Separation,
     States,
     arming_after,
     inhibits_after,
@@ -175,19 +171,19 @@ class ArmController:
     @property
     def braking(self) -> bool:
         """True while the activity was told to come to rest."""
-        return self.state.motion is Motion.BRAKING
+        return self.state.motion.braking
 
     @property
     def recovering(self) -> bool:
         """True from a trip by the following error until the command is back at the arm."""
-        if self.state.separation is Separation.TO_RESYNCHRONIZE:
+        if self.state.separation.waits:
             return True
         return self._activity is not None and self._activity.recovers
 
     @property
     def engaged(self) -> bool:
         """True while the robot is commanded, moving or not."""
-        return self.state.motion is not Motion.UNCOMMANDED
+        return self.state.motion.commanded
 
     @property
     def armed(self) -> bool:
@@ -197,12 +193,12 @@ class ArmController:
     @property
     def apart(self) -> bool:
         """True while command and robot stay apart until a deliberate act."""
-        return self.state.separation is Separation.APART
+        return self.state.separation.apart
 
     @property
     def rejects(self) -> bool:
         """True while the robot's readings are not believed."""
-        return self.state.readings is not Readings.ACCEPTED
+        return self.state.readings.rejected
 
     @property
     def trips(self) -> int:
@@ -215,9 +211,9 @@ class ArmController:
         with self.lock:
             if self.robot is None:
                 return "waiting for the robot"
-            if self.state.link is not Link.READY:
+            if not self.state.link.ready:
                 return self.not_ready
-            if not self.armed:
+            if not self.state.arming.armed:
                 return self._what_to_do(self.robot)
             if self.recovering:
                 return "bringing the reference back to the robot; any button ends it"
@@ -252,7 +248,7 @@ class ArmController:
     @property
     def following(self) -> bool:
         """True while the operator device moves the arm: armed, dead-man held, clutched in."""
-        return self.armed and self._request.following
+        return self.state.arming.armed and self._request.following
 
     @property
     def target(self) -> HandRequest:
@@ -290,10 +286,8 @@ class ArmController:
 
     # -- states ----------------------------------------------------------------------------------
 
-    def _on(
-        self, event: Event, activity: Activity | None = None, moving: bool | None = None
-    ) -> None:
-        """Enter the states after `event`; `activity` is what moves the arm from now on. `moving`:
+    def _on(self, event: Event, by: Activity | None = None, moving: bool | None = None) -> None:
+        """Enter the states after `event`; the arm moves `by` an activity from now on. `moving`:
         whether it moves, where that is not the body's."""
         facts = Facts(
             self.hand is not None,
@@ -301,7 +295,7 @@ class ArmController:
             not self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE),
             self.supervision.watchdogs.recovery,
         )
-        self._enter(self.state.after(event, facts), activity)
+        self._enter(self.state.after(event, facts), by)
 
     def _enter(self, states: States, activity: Activity | None = None) -> None:
         """The one place where states are assigned, and the activity that moves the arm in them."""
@@ -349,7 +343,7 @@ class ArmController:
             self._stop(reason)
 
     def _stop(self, reason: str) -> None:
-        if self.armed:
+        if self.state.arming.armed:
             self._disarm()
         self.generation += 1
         if self.recovering:
@@ -373,13 +367,12 @@ class ArmController:
 
     def _acknowledge(self) -> str:
         readings = self.state.readings
-        if readings is not Readings.ACCEPTED:
+        if readings.rejected:
             if not self.supervision.trustworthy:
                 return f"{self.supervision.distrust}; wait until the readings rest"
             self.supervision.trust()
             self._on(Event.BELIEVED)
-            elsewhere = readings is Readings.REJECTED_ELSEWHERE
-            if elsewhere and self.robot is not None and self.state.link is Link.READY:
+            if readings.elsewhere and self.robot is not None and self.state.link.ready:
                 self._place(self.robot)
         # One more leash's length towards the robot, where it is not near already.
         self._on(Event.ACKNOWLEDGED)
@@ -389,7 +382,8 @@ class ArmController:
     @property
     def _inhibited(self) -> str:
         """Why no source may move the arm, whatever it does; empty when one may."""
-        inhibits = self._inhibits
+        if not (inhibits := self._inhibits):
+            return ""
         return inhibits.get(Inhibit.FOR_GOOD) or inhibits.get(Inhibit.WHILE_SAID, "")
 
     @property
@@ -456,33 +450,32 @@ class ArmController:
             self.not_ready = ""
             if finding is not None:
                 self._act_on(finding, robot)
-            if self.state.link is not Link.READY:
+            if not self.state.link.ready:
                 self._on(Event.READY)
             self._observe(robot)
-            if self.engaged and not self.rejects:
+            if self.state.motion.commanded and not self.state.readings.rejected:
                 finding = self.supervision.compare(robot, self.body, self._observed, self._activity)
                 if finding is not None:
                     self._act_on(finding, robot)
-            ignored = Inhibit.MOTION_IGNORED in self._inhibits
-            if self._inhibits:
-                self._heed_inhibits()
+            ignored = bool(self._inhibits) and self._heed_inhibits()
             if self.recovering and (why := self._why_no_recovery):
                 self._cancel_recovery(why)
             if self.hand is not None and device is not None:
                 self._read_operator(self.hand, robot, device, events, dt_s, ignored)
-            claimed = self.state.arming is Arming.CLAIMING
-            self.authority.expire(robot.stamp_s, claimed or self._keeps_authority)
+            self.authority.expire(robot.stamp_s, self._keeps_authority)
             self._move(robot, dt_s)
             return self._command(robot, dt_s)
 
-    def _heed_inhibits(self) -> None:
-        """Trip what is inhibited now; those for one tick are over."""
+    def _heed_inhibits(self) -> bool:
+        """Trip what is inhibited now; those for one tick are over. Returns whether the operator's
+        motion is ignored in this tick."""
         inhibits = self._inhibits
         reason = inhibits.get(Inhibit.ONCE) or inhibits.get(Inhibit.WHILE_SAID)
         if reason and self._driven:
             self._trip(reason)
         stay = (Inhibit.FOR_GOOD, Inhibit.WHILE_SAID)
         self._inhibits = {each: inhibits[each] for each in stay if each in inhibits}
+        return Inhibit.MOTION_IGNORED in inhibits
 
     @property
     def _why_no_recovery(self) -> str:
@@ -492,8 +485,11 @@ class ArmController:
 
     @property
     def _keeps_authority(self) -> bool:
-        """Whether a motion is under way whose source need not renew its authority."""
+        """Whether the operator claims the arm, or a motion is under way whose source need not renew
+        its authority."""
         activity = self._activity
+        if self.state.arming.claims:
+            return True
         if activity is None or activity.recovers:
             return False
         streamed = activity.silence_s < math.inf
@@ -509,7 +505,7 @@ class ArmController:
 
     def _observe(self, robot: RobotState) -> None:
         reference = self._observed
-        if reference is None or reference.pose is None or self.rejects:
+        if reference is None or reference.pose is None or self.state.readings.rejected:
             return
         reference.observe(self.body.measured(robot))
 
@@ -635,7 +631,7 @@ class ArmController:
 
     @property
     def _driven(self) -> bool:
-        if self.armed:
+        if self.state.arming.armed:
             return True
         activity = self._activity
         if activity is None or self.braking or activity.recovers:
@@ -656,7 +652,7 @@ class ArmController:
         self._end_activity(reason)
 
     def _disarm(self) -> None:
-        if self.armed:
+        if self.state.arming.armed:
             self.authority.release(HAND)
         self._on(Event.DISARMED)
         if self.hand is not None:
@@ -685,13 +681,14 @@ class ArmController:
             (activity.follows_hand or activity.recovers) and not self.braking
         )
         barred, behind = self._why_barred(robot), ""
-        if not barred and (not self.armed or not self._request.following):
+        if not barred and (not self.state.arming.armed or not self._request.following):
             if self._tripped_in_tick:
                 behind = "the robot was not ready for it"
             elif self.supervision.error.exceeds(self.supervision.limit, BEHIND_SHARE):
                 behind = self.supervision.error.in_words("behind")
         seen = robot
-        if hand.filters and not self.rejects:
+        state = self.state
+        if hand.filters and not state.readings.rejected:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot._replace(pose=self.body.measured(robot))
         view = HandView(
@@ -699,8 +696,8 @@ class ArmController:
             dt_s,
             reference.pose,
             resting_pose(reference) if hand.mapping.follows_pose and reference.pose else None,
-            self.state.arming,
-            free and not self.rejects,
+            state.arming,
+            free and not state.readings.rejected,
             barred,
             behind,
             self._tripped_in_tick and bool(self._trip_reason),
@@ -709,18 +706,19 @@ class ArmController:
         self._request = request = hand.request(device, events, view)
         recovering = self.recovering
         authority, acknowledges = self.authority, bool(barred) and not recovering
-        owns, refused = authority.owner == HAND, bool(authority.refuses(HAND))
-        arming, act = arming_after(self.state.arming, request, acknowledges, owns, refused)
-        if arming is not self.state.arming and act is not Act.TRIP:
-            self._enter(self.state._replace(arming=arming))
-        if act is not Act.NONE:
+        owns = authority.owner == HAND
+        refused = not owns and bool(authority.refuses(HAND))
+        arming, act = arming_after(state.arming, request, acknowledges, owns, refused)
+        if arming is not state.arming and act is not Act.TRIP:
+            self._enter(state._replace(arming=arming))
+        if act is not None:
             self._do(act, request.fault or request.filter_fault, robot.stamp_s)
         self._filter_fault = request.filter_fault
-        if recovering and request.pressed and self.armed and not request.asks:
+        if recovering and request.pressed and self.state.arming.armed and not request.asks:
             # A regrip goes on from where the command is; what is left of the way is left.
             self._on(Event.LEFT)
             self._end_activity("it was ended by a button")
-        elif recovering and request.pressed and not self.armed:
+        elif recovering and request.pressed and not self.state.arming.armed:
             self._cancel_recovery("it was ended by a button")
 
     def _do(self, act: Act, fault: str, now_s: float) -> None:
@@ -742,7 +740,7 @@ class ArmController:
 
     def _why_barred(self, robot: RobotState) -> str:
         """Why the operator's deliberate act arms nothing now."""
-        if self.armed:
+        if self.state.arming.armed:
             return ""
         return self.barred or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
 
@@ -792,20 +790,19 @@ class ArmController:
     def _choose(self) -> None:
         """Which activity the operator's request and the state of the recovery call for."""
         activity, request = self._activity, self._request
-        if self.rejects:
+        if self.state.readings.rejected:
             return
         if isinstance(activity, Recover):
-            if self.armed and request.asks:
+            if self.state.arming.armed and request.asks:
                 self._on(Event.OVER)  # The operator goes on from the commanded position.
                 self.reference.place(self.body.pose)
                 activity = None
             else:
                 return
-        separation = self.state.separation
-        if separation is Separation.TO_RESYNCHRONIZE and activity is None and not self.body.moving:
+        if self.state.separation.waits and activity is None and not self.body.moving:
             self._begin_recovery()
             return
-        if not self.armed:
+        if not self.state.arming.armed:
             if activity is None and self._drifted:
                 self._begin_recovery()
             return
@@ -821,7 +818,7 @@ class ArmController:
                 return
             if request.asks:
                 self._recovered_way = NO_WAY
-                if separation is Separation.LEFT:
+                if self.state.separation.left:
                     self._on(Event.ASKED)
             activity.aim(request.twist, request.rates, request.following)
 
@@ -829,13 +826,13 @@ class ArmController:
     def _drifted(self) -> bool:
         """Whether a reference at rest is so far from its robot that it is brought back."""
         return (
-            self.hand is not None
+            self.reference.leash_used > EASE_ABOVE
+            and self.hand is not None
             and self.engaged
-            and self.state.separation is Separation.NONE
+            and self.state.separation.together
             and not self._why_no_recovery
             and self.supervision.watchdogs.recovery
             and not self.body.moving
-            and self.reference.leash_used > EASE_ABOVE
         )
 
     def _begin_recovery(self) -> None:
@@ -858,19 +855,18 @@ class ArmController:
         self._rest_reference()
         if isinstance(activity, Recover):
             self._recovered_way = activity.went
-            if not activity.near and self.state.separation not in (
-                Separation.APART,
-                Separation.LEFT,
-            ):
+            if not (activity.near or self.apart or self.state.separation.left):
                 self._require_act("still")
-                if self.armed:
+                if self.state.arming.armed:
                     self._trip("the robot moves along while its reference is brought back to it")
         if self.listener is not None:
             self.listener.finished(reason)
 
     def _command(self, robot: RobotState, dt_s: float, blind: bool = False) -> RobotCommand:
         body = self.body
-        if not self.engaged or ((self.rejects or self.apart) and not body.moving):
+        state, rejects = self.state, self.state.readings.rejected
+        stays = rejects or state.separation.apart
+        if not state.motion.commanded or (stays and not body.moving):
             body.halt()
             self._gate.reset()
             return HoldCommand()
@@ -878,7 +874,7 @@ class ArmController:
         command = None if activity is None else activity.command
         if command is None:
             recovers = activity is not None and activity.recovers
-            command = body.command(robot, dt_s, recovers, blind or self.rejects)
+            command = body.command(robot, dt_s, recovers, blind or rejects)
         wrong = self._gate.violation(command, dt_s)
         if not wrong:
             return command

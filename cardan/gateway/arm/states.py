@@ -6,6 +6,9 @@ at a few :class:`Facts`. The controller asks them and does what follows from the
 states in one place, `ArmController._enter`. What a state carries (reasons, the activity that moves
 the arm, limits, counters) is data of the controller.
 
+What a state is asked in every cycle is an attribute of its member: a look-up of another member
+takes longer than the rest of the question.
+
 Read a function downwards: the first case that fits counts, and what is not named changes nothing.
 """
 
@@ -31,15 +34,22 @@ class Link(enum.Enum):
     READY = "ready"
     """It acts on commands."""
 
+    def __init__(self, value: str) -> None:
+        self.ready = value == "ready"
+
 
 class Readings(enum.Enum):
     """Whether what the robot measures is believed."""
 
     ACCEPTED = "accepted"
+    """They are."""
     REJECTED = "rejected"
     """It was measured where it cannot be; a deliberate act accepts the readings again."""
     REJECTED_ELSEWHERE = "rejected elsewhere"
     """And it became ready elsewhere than commanded: the act places the command anew."""
+
+    def __init__(self, value: str) -> None:
+        self.rejected, self.elsewhere = value != "accepted", value == "rejected elsewhere"
 
 
 class Motion(enum.Enum):
@@ -58,17 +68,26 @@ class Motion(enum.Enum):
     BRAKING = "braking"
     """What moved it was told to come to rest."""
 
+    def __init__(self, value: str) -> None:
+        self.commanded = value != "uncommanded"
+        self.braking = value == "braking"
+
 
 class Separation(enum.Enum):
     """Whether command and robot are apart, and what becomes of it."""
 
     NONE = "none"
+    """They are not."""
     TO_RESYNCHRONIZE = "to resynchronize"
     """The command is to be brought back to its robot as soon as it rests."""
     APART = "apart"
     """They stay apart until a deliberate act."""
     LEFT = "left"
     """A button ended the resynchronization; none begins until motion is asked for."""
+
+    def __init__(self, value: str) -> None:
+        self.waits, self.apart = value == "to resynchronize", value == "apart"
+        self.together, self.left = value == "none", value == "left"
 
 
 class Arming(enum.Enum):
@@ -82,13 +101,13 @@ class Arming(enum.Enum):
     RELEASED = "released"
     """It was seen at rest with its dead-man released: pressing that is the act."""
     ARMED = "armed"
+    """It may."""
     CLAIMING = "claiming"
     """And it moves the arm, or claims it by a button that is held."""
 
-    @property
-    def armed(self) -> bool:
-        """Whether the device may move the arm."""
-        return self is Arming.ARMED or self is Arming.CLAIMING
+    def __init__(self, value: str) -> None:
+        self.claims = value == "claiming"
+        self.armed = self.claims or value == "armed"
 
 
 class Inhibit(enum.Enum):
@@ -109,7 +128,6 @@ class Inhibit(enum.Enum):
 class Act(enum.Enum):
     """What follows from the operator's request, beside the motion that it asks for."""
 
-    NONE = "nothing"
     TRIP = "the device must not drive any longer"
     LET_GO = "the clutch was released: the arm brakes, and its authority is free"
     ARM = "the device is armed"
@@ -190,7 +208,7 @@ def link_after(link: Link, event: Event, facts: Facts) -> Link:
 
 def readings_after(readings: Readings, event: Event, states: States) -> Readings:
     """Whether readings are believed, once `event` has happened in these `states`."""
-    rejected = readings is not Readings.ACCEPTED
+    rejected = readings.rejected
     match event:
         case Event.PLACED | Event.BELIEVED:
             return Readings.ACCEPTED
@@ -298,28 +316,27 @@ def armed_by_rest(arming: Arming, at_rest: bool, barred: bool) -> tuple[Arming, 
 
 def arming_after(
     arming: Arming, request: HandRequest, acknowledges: bool, owns: bool, refused: bool
-) -> tuple[Arming, Act]:
-    """What the operator's request makes of `arming`, and what follows.
+) -> tuple[Arming, Act | None]:
+    """What the operator's request makes of `arming`, and what follows; None: nothing.
 
     `acknowledges`: whether an act that arms nothing has something to acknowledge; `owns`: whether
     the device has the authority over the arm; `refused`: whether it may not take it.
     """
     asked = request.arming
-    claims = asked is Arming.CLAIMING
     match arming.armed, asked.armed:
         case _ if request.fault:
             return Arming.DISARMED, Act.TRIP
         case before, after if request.filter_fault:
-            return (Arming.DISARMED, Act.TRIP) if before or after else (asked, Act.NONE)
+            return (Arming.DISARMED, Act.TRIP) if before or after else (asked, None)
         case True, False:
             return asked, Act.LET_GO
         case False, True:
-            return asked, Act.TAKE if claims else Act.ARM
+            return asked, Act.TAKE if asked.claims else Act.ARM
         case _ if request.acts and acknowledges:
             return asked, Act.ACKNOWLEDGE
-        case True, True if claims and not owns:
+        case True, True if asked.claims and not owns:
             return (Arming.DISARMED, Act.TRIP) if refused else (asked, Act.TAKE)
-    return asked, Act.NONE
+    return asked, None
 
 
 def phase_of(states: States, moving: bool, asks: bool, recovers: bool) -> Phase:
