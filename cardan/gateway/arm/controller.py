@@ -30,7 +30,6 @@ from cardan.gateway.arm.gate import Gate, GateLimits
 from cardan.gateway.arm.states import (
     RESTING,
     Act,
-    Arming,
     Event,
     Facts,
     Inhibit,
@@ -41,6 +40,7 @@ from cardan.gateway.arm.states import (
 )
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdogs, step_s
+from cardan.gateway.hand.arming import Arming
 from cardan.gateway.hand.position import resting_pose
 from cardan.gateway.hand.source import NO_REQUEST, HandRequest, HandSource, HandView
 from cardan.gateway.motion.reference import Reference, ReferenceLimits

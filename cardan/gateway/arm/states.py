@@ -1,7 +1,8 @@
 """What an arm is doing: a few small machines, each an enum and one function that says the next
 state.
 
-The machines are independent: each looks at its own state, at what happened (an :class:`Event`), and
+That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.hand.arming`. The
+machines are independent: each looks at its own state, at what happened (an :class:`Event`), and
 at a few :class:`Facts`. The controller asks them and does what follows from the answer; it assigns
 states in one place, `ArmController._enter`. What a state carries (reasons, the activity that moves
 the arm, limits, counters) is data of the controller.
@@ -16,12 +17,11 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 from cardan.gateway.arm.status import Phase
-
-if TYPE_CHECKING:
-    from cardan.gateway.hand.source import HandRequest
+from cardan.gateway.hand.arming import Arming
+from cardan.gateway.hand.source import HandRequest
 
 
 class Link(enum.Enum):
@@ -88,26 +88,6 @@ class Separation(enum.Enum):
     def __init__(self, value: str) -> None:
         self.waits, self.apart = value == "to resynchronize", value == "apart"
         self.together, self.left = value == "none", value == "left"
-
-
-class Arming(enum.Enum):
-    """Whether the operator device may move the arm without another deliberate act."""
-
-    DISARMED = "disarmed"
-    """It has to be at rest first; with a clutch, that has to be pressed."""
-    DEFLECTED = "deflected"
-    """Where no button is configured: it is deflected while something bars it, so that letting it
-    go is an act."""
-    RELEASED = "released"
-    """It was seen at rest with its dead-man released: pressing that is the act."""
-    ARMED = "armed"
-    """It may."""
-    CLAIMING = "claiming"
-    """And it moves the arm, or claims it by a button that is held."""
-
-    def __init__(self, value: str) -> None:
-        self.claims = value == "claiming"
-        self.armed = self.claims or value == "armed"
 
 
 class Inhibit(enum.Enum):
@@ -284,34 +264,6 @@ def inhibits_after(
         case Inhibit.ONCE if inhibits.get(kind):
             return inhibits
     return {**inhibits, kind: reason}
-
-
-def armed_by_deadman(
-    arming: Arming, held: bool, at_rest: bool, barred: bool
-) -> tuple[Arming, bool]:
-    """What a device with a dead-man that is not armed becomes, and whether its act was made: the
-    dead-man released with the device `at_rest`, and pressed then."""
-    released = arming is Arming.RELEASED
-    match held, released:
-        case False, _:
-            return (Arming.RELEASED if released or at_rest else Arming.DISARMED), False
-        case True, True:
-            return (Arming.DISARMED if barred else Arming.ARMED), True
-    return Arming.DISARMED, False
-
-
-def armed_by_rest(arming: Arming, at_rest: bool, barred: bool) -> tuple[Arming, bool]:
-    """What a device without a button that is not armed becomes, and whether its act was made: to
-    be `at_rest`, and where something bars it, to be let go once. To stay at rest is no further
-    act."""
-    match at_rest, barred:
-        case True, True:
-            return Arming.DISARMED, arming is Arming.DEFLECTED
-        case True, False:
-            return Arming.ARMED, True
-        case False, True:
-            return Arming.DEFLECTED, False
-    return Arming.DISARMED, False
 
 
 def arming_after(

@@ -12,8 +12,8 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from cardan.common.haptics import WorldMap
-from cardan.gateway.arm.states import Arming, armed_by_deadman, armed_by_rest
 from cardan.gateway.hand.absolute import AbsoluteMapping
+from cardan.gateway.hand.arming import Arming, armed_by_deadman, armed_by_rest
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.hand.mapping import MappingOptions, Mode, TwistMapping
 from cardan.gateway.hand.position import HandMapping, PositionMapping, is_pose

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.arm.states import Arming
+from cardan.gateway.hand.arming import Arming
 from cardan.gateway.hand.mapping import (
     GripperOptions,
     MappingOptions,

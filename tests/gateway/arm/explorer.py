@@ -28,8 +28,9 @@ from cardan.gateway.arm.activities.recover import Recover
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.codes import Stream
 from cardan.gateway.arm.motion import Outcome
-from cardan.gateway.arm.states import RESTING, Arming, Inhibit, States
+from cardan.gateway.arm.states import RESTING, Inhibit, States
 from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.hand.arming import Arming
 from cardan.gateway.hand.mapping import MappingOptions
 from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.native import kernel_library

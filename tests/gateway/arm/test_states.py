@@ -9,7 +9,6 @@ import pytest
 from cardan.gateway.arm import controller
 from cardan.gateway.arm.states import (
     RESTING,
-    Arming,
     Event,
     Facts,
     Inhibit,
@@ -21,6 +20,7 @@ from cardan.gateway.arm.states import (
     inhibits_after,
     separation_after,
 )
+from cardan.gateway.hand.arming import Arming
 
 ALL = [
     States(*each) for each in itertools.product(Link, Readings, Motion, Separation, (Arming.ARMED,))

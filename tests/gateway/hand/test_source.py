@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.arm.states import Arming
+from cardan.gateway.hand.arming import Arming
 from cardan.gateway.hand.mapping import MappingOptions, Mode, TwistMapping
 from cardan.gateway.hand.source import CLUTCH_WITHIN_S, NO_REQUEST, HandSource, HandView
 from cardan.gateway.motion.reference import ReferenceLimits
