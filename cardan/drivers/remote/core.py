@@ -226,7 +226,8 @@ class RemoteCore(BusCore):
         stamp_s = self._clock.here_s(state.stamp_s)
         stamp_s = now_s if stamp_s is None else min(stamp_s, now_s)
         made_s = now_s - self._age_s(now_s)
-        at_once = before != (self._link, self._edge, self._down, self._resets)
+        now = self._link, self._edge, self._down, self._resets
+        at_once = now != before or self._link is not DeviceLink.LIVE
         motion = Motion(shared.sent_s, made_s, stamp_s, state.axes, state.pose)
         self._playout.take(motion, now_s, at_once=at_once)
         self._show()
