@@ -201,6 +201,18 @@ def test_what_was_let_go_of_never_moves_again_from_the_buffer(seed, again_s):
 
 
 def test_rest_does_not_wait():
+    playout = Playout(0.1, MAX_AGE_S)
+    for number in range(5):
+        now_s = 0.01 * number
+        playout.heard(now_s, now_s + 0.1 * (number == 0))
+        axes = NEUTRAL if number == 4 else NEUTRAL._replace(x=0.5)
+        playout.take(Motion(now_s, now_s, now_s, axes), now_s, at_once=number == 0)
+        assert (playout.due_s == math.inf) is (number in (0, 4))
+    assert playout.shown.axes == NEUTRAL
+    assert playout.shown.made_s == now_s
+
+
+def test_what_was_let_go_of_stays_at_rest():
     bench = waiting()
     rested_s = bench.now_s
     seen = []
@@ -228,7 +240,7 @@ def test_rest_of_the_axes_does_not_wait_for_a_pose():
     assert list(dict.fromkeys(each.pose for each in found)) == poses
 
 
-@pytest.mark.parametrize("how", ["lost", "stall", "anew"])
+@pytest.mark.parametrize("how", ["lost", "gone", "stall", "anew"])
 def test_a_link_that_is_lost_drops_what_waits(how):
     bench = waiting()
     broke_s = bench.now_s
@@ -238,11 +250,15 @@ def test_a_link_that_is_lost_drops_what_waits(how):
     elif how == "stall":
         bench.down.stall(bench.now_s + 0.5)
         bench.run(0.4)
+    elif how == "gone":
+        bench.core.on_lost("nobody shares it", bench.now_s)
     else:
         bench.share._run += 1
         bench.run(0.1)
     assert bench.state.axes == NEUTRAL
     assert bench.core.due_s == math.inf
+    if how == "gone":
+        bench.core.on_opened(bench.now_s)
     bench.move(0.0)
     seen = []
     bench.run(1.0, lambda: seen.append(bench.state.axes.x))
@@ -311,3 +327,11 @@ def test_the_session_gets_the_played_motion_with_the_stamp_of_its_making():
     state = bench.state
     assert 0.055 < bench.now_s - state.stamp_s < 0.13
     assert isinstance(state.axes, Axes)
+
+
+def test_transit_times_of_before_a_clock_was_set_are_forgotten():
+    bench = waiting()
+    bench.lie_s = 0.2
+    moved(bench, 1.0)
+    assert bench.count("clock_resets") > 0
+    assert bench.core.metrics(bench.now_s)["jitter_s"] <= 0.041
