@@ -3,11 +3,12 @@
 import itertools
 import math
 import random
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import pytest
 
-from cardan.drivers.remote import RemoteOptions
+from cardan.drivers.remote import Remote, RemoteOptions
 from cardan.drivers.remote.playout import Motion, Playout
 from cardan.drivers.remote.shared import CLAIM_PERIOD_S
 from cardan.errors import OptionError
@@ -335,3 +336,21 @@ def test_transit_times_of_before_a_clock_was_set_are_forgotten():
     moved(bench, 1.0)
     assert bench.count("clock_resets") > 0
     assert bench.core.metrics(bench.now_s)["jitter_s"] <= 0.041
+
+
+def test_the_reader_wakes_when_motion_is_due_and_tells_of_it(monkeypatch):
+    bench = waiting()
+    clock = SimpleNamespace(monotonic=lambda: bench.now_s)
+    monkeypatch.setattr("cardan.drivers.remote.device.time", clock)
+    device = Remote(device="x")
+    device._core = bench.core
+    due_s = bench.core.due_s
+    assert device._wait_s() == pytest.approx(due_s - bench.now_s)
+    told = device._notified
+    device._attend()
+    assert device._notified == told
+    bench.now_s = due_s
+    assert device._wait_s() == 0.0
+    device._attend()
+    assert device._notified == told + 1
+    assert device._wait_s() > 0.0
