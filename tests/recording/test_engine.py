@@ -78,6 +78,7 @@ def test_no_hardware_is_opened(file, monkeypatch):
     assert replay_engine(file)[0].same
 
 
+@pytest.mark.matrix("request_stop-arguments1", "suspend-arguments4", "acknowledge-arguments5")
 @pytest.mark.parametrize(
     ("name", "arguments"),
     [
