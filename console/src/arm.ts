@@ -39,6 +39,7 @@ export type Snapshot = {
   inputs: number;
   tick_p50_s: number | null;
   tick_p99_s: number | null;
+  device_metrics?: Record<string, number | null>;
   tick_within: number[];
   input_age_within: number[];
   gripper_closed: boolean;

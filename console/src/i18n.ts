@@ -40,6 +40,7 @@ const WORDS = {
   worst: ["worst", "peor"],
   stateAge: ["state age", "edad del estado"],
   inputRate: ["input at server", "entrada en servidor"],
+  deviceWay: ["device: delay, jitter, loss, age", "dispositivo: retardo, fluctuación, pérdida, edad"],
   cycleP99: ["loop p99", "ciclo p99"],
   dropped: ["dropped", "descartadas"],
   connecting: ["Connecting to the server…", "Conectando con el servidor…"],

@@ -47,3 +47,12 @@ export function quality(medianMs: number | null, stateAgeMs: number | null): Qua
   if (medianMs > SLOW_MS || stateAgeMs > 1000) return "bad";
   return medianMs > 60 || stateAgeMs > 300 ? "fair" : "good";
 }
+
+/** Of a device on another computer: delay, jitter, loss, and age at the arm; empty for others. */
+export function deviceWay(metrics: Record<string, number | null>): string {
+  const values = ["delay_s", "jitter_s", "loss", "age_s"].map((name) => metrics[name] ?? null);
+  if (values.includes(null)) return "";
+  const [delay, jitter, loss, age] = values as [number, number, number, number];
+  const ms = (seconds: number) => `${(1000 * seconds).toFixed(0)} ms`;
+  return `${ms(delay)} · ${ms(jitter)} · ${(100 * loss).toFixed(1)} % · ${ms(age)}`;
+}

@@ -2,7 +2,7 @@ import { Arm, findArms } from "./arm.ts";
 import { button, choice, fixed, h, setText, stopper } from "./dom.ts";
 import { Goal } from "./goal.ts";
 import { type Word, setLanguage, t } from "./i18n.ts";
-import { quality } from "./latency.ts";
+import { deviceWay, quality } from "./latency.ts";
 import { Link } from "./link.ts";
 import { Motion } from "./motion.ts";
 import { GoalPanel, shown as inWords } from "./panels/goal.ts";
@@ -472,6 +472,8 @@ function showFigures(ageMs: number): void {
     ["dropped", String(dropped)],
     ["cycleP99", ms(p99 === null || p99 === undefined ? null : 1000 * p99)],
   ];
+  const way = deviceWay(arm?.snapshot?.device_metrics ?? {});
+  if (way) rows.push(["deviceWay", way]);
   if (linkFigures.childElementCount !== 2 * rows.length) {
     linkFigures.replaceChildren(...rows.flatMap(([word]) => [h("dt", {}, t(word)), h("dd")]));
   }

@@ -98,6 +98,7 @@ class Bench:
         self.now_s = 50.0
         self.core = RemoteCore(RemoteOptions(device="x", **options), 7, "arm at robot")
         self.numbers, self.sender = itertools.count(1), 1
+        self.claim_numbers = itertools.count(1)
         self.share = ShareCore("spacemouse", 11)
         self.device = DeviceState(self.there_s, DeviceLink.LIVE, NEUTRAL, frozenset())
         self.edges = []
@@ -159,10 +160,29 @@ class Bench:
             self.down.send(item, self.now_s)
 
     def claimed(self, claim, sender=9):
-        return received(CLAIM_TYPE, claim_message(claim), next(self.numbers), sender)
+        return received(CLAIM_TYPE, claim_message(claim), next(self.claim_numbers), sender)
 
     def live(self):
         """Run until it counts."""
         self.run(1.0)
         assert self.state.link is DeviceLink.LIVE, self.state.reason
         return self
+
+
+def in_age(bench, bound_s, seconds, each=lambda: None):
+    """Run while the deflection tells when the hand had it; check that what counts is no older than
+    `bound_s`. How often it counted."""
+    began_s, counted = bench.now_s, 0
+
+    def step():
+        nonlocal counted
+        each()
+        bench.move(0.1 + 0.8 * (bench.now_s - began_s) / seconds)
+        x = bench.state.axes.x
+        if x:
+            counted += 1
+            made_s = began_s + (x - 0.1) / 0.8 * seconds
+            assert bench.now_s - made_s <= bound_s, f"{bench.now_s - made_s:.3f} s old"
+
+    bench.run(seconds, step)
+    return counted

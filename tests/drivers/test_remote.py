@@ -34,12 +34,13 @@ from cardan.types import (
     Vector3,
     Wrench,
 )
-from tests.drivers.remote_rig import ABLE, LAN, STEP_S, Bench, Link, received
+from tests.drivers.remote_rig import ABLE, LAN, STEP_S, Bench, Link, in_age, received
 
 WIFI = Link(0.001, 0.015, loss=0.01, in_order=False, twice=0.01)
 LTE = Link(0.025, 0.04, loss=0.01, in_order=False)
 INTERNET = Link(0.110, 0.020, loss=0.005)
 BAD = Link(0.005, 0.030, loss=0.10, twice=0.10, in_order=False)
+PLAYOUTS = pytest.mark.parametrize("playout_ms", [0.0, 100.0], ids=["", "playout"])
 NETWORKS = pytest.mark.parametrize(
     ("link", "max_age_s"),
     [(LAN, 0.15), (WIFI, 0.15), (LTE, 0.2), (INTERNET, 0.3), (BAD, 0.3)],
@@ -47,29 +48,12 @@ NETWORKS = pytest.mark.parametrize(
 )
 
 
-def in_age(bench, bound_s, seconds, each=lambda: None):
-    """Run while the deflection tells when the hand had it; check that what counts is no older than
-    `bound_s`. How often it counted."""
-    began_s, counted = bench.now_s, 0
-
-    def step():
-        nonlocal counted
-        each()
-        bench.move(0.1 + 0.8 * (bench.now_s - began_s) / seconds)
-        x = bench.state.axes.x
-        if x:
-            counted += 1
-            made_s = began_s + (x - 0.1) / 0.8 * seconds
-            assert bench.now_s - made_s <= bound_s, f"{bench.now_s - made_s:.3f} s old"
-
-    bench.run(seconds, step)
-    return counted
-
-
 @NETWORKS
 @pytest.mark.parametrize("offset_s", [-40.0, 1e6])
-def test_nothing_counts_that_is_too_old(link, max_age_s, offset_s):
-    bench = Bench(link, offset_s=offset_s, drift=50e-6, max_age_s=max_age_s).live()
+@PLAYOUTS
+def test_nothing_counts_that_is_too_old(link, max_age_s, offset_s, playout_ms):
+    options = {"max_age_s": max_age_s, "playout_ms": playout_ms}
+    bench = Bench(link, offset_s=offset_s, drift=50e-6, **options).live()
     error_s = 0.5 * (2.0 * link.delay_s + link.jitter_s) + 3 * STEP_S
     assert in_age(bench, max_age_s + error_s, 4.0) > 1500
     assert bench.count("clock_resets") == 0
@@ -103,8 +87,9 @@ def test_a_tap_within_one_state_has_both_edges():
 
 
 @pytest.mark.parametrize("stall_s", [0.3, 0.6, 5.0])
-def test_after_a_stall_nothing_is_caught_up(stall_s):
-    bench = Bench(Link(0.045, 0.020)).live()
+@PLAYOUTS
+def test_after_a_stall_nothing_is_caught_up(stall_s, playout_ms):
+    bench = Bench(Link(0.045, 0.020), playout_ms=playout_ms).live()
     bench.press()
     bench.run(0.2)
     assert bench.state.buttons == {"hold"}
@@ -198,8 +183,9 @@ def test_edges_beyond_the_most_that_wait_are_counted():
 
 
 @pytest.mark.parametrize("way", ["up", "down"])
-def test_a_link_that_is_cut_in_one_direction_stops_in_time(way):
-    bench = Bench(LTE, max_age_s=0.2).live()
+@PLAYOUTS
+def test_a_link_that_is_cut_in_one_direction_stops_in_time(way, playout_ms):
+    bench = Bench(LTE, max_age_s=0.2, playout_ms=playout_ms).live()
     bench.move(0.5)
     bench.run(0.3)
     assert bench.state.axes.x == 0.5
@@ -217,9 +203,10 @@ def test_a_link_that_is_cut_in_one_direction_stops_in_time(way):
 
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("link", [LAN, LTE], ids=["lan", "lte"])
-def test_no_clock_makes_a_state_younger_than_its_round_trip_allows(link, seed):
+@PLAYOUTS
+def test_no_clock_makes_a_state_younger_than_its_round_trip_allows(link, seed, playout_ms):
     """The clock there jumps by what the network stalls, when that would hide it best."""
-    bench = Bench(link, seed=seed, max_age_s=0.15).live()
+    bench = Bench(link, seed=seed, max_age_s=0.15, playout_ms=playout_ms).live()
     round_s = bench.core.metrics(bench.now_s)["round_trip_s"]
     bound_s = 0.15 + CLAIM_PERIOD_S + round_s + 2 * STEP_S
     began_s = bench.now_s

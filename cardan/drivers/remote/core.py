@@ -9,6 +9,8 @@ old as the newest claim that it echoes, but for the time that a claim is on its 
   LOST. Then deflections are zero, buttons released, and the device counts again from rest.
 - States that are too old are dropped. Their edges come again with younger ones, until they are
   acknowledged; a press that is too old by then does not count until it was let go.
+- Motion may wait for a bounded time, to be shown at its own spacing (`playout_ms`). Edges of
+  buttons, rest, and whatever ends the link do not wait, and what waits then is never shown.
 - Of two computers that share under one name, the one that was heard first counts, while it speaks.
 """
 
@@ -20,6 +22,7 @@ from typing import ClassVar
 
 from cardan.common.clocks import SLACK_S, RemoteClock
 from cardan.drivers.remote.options import RemoteOptions
+from cardan.drivers.remote.playout import Motion, Playout
 from cardan.drivers.remote.shared import (
     CLAIM_PERIOD_S,
     STATE_TYPE,
@@ -48,6 +51,9 @@ ROUNDS_KEPT = 1000
 
 ECHOES_KEPT = 64
 """Claims that may be echoed still, of two seconds: slower round trips tell nothing."""
+
+SEQUENCES_KEPT = 1000
+"""States of which the share that was lost is told: of 4 to 20 s."""
 
 UNKNOWN = DeviceCapabilities(gives_pose=True, buttons=(), feedback=frozenset(), battery=False)
 """Before the first state: it may give whatever the mapping takes."""
@@ -84,6 +90,7 @@ class RemoteCore(BusCore):
         self._run = 0
         self._asked: deque[float] = deque(maxlen=ECHOES_KEPT)
         self._claimed_s = NEVER_S
+        self._playout = Playout(1e-3 * options.playout_ms, options.max_age_s)
         self._forget_device()
 
     def _forget_device(self) -> None:
@@ -95,6 +102,10 @@ class RemoteCore(BusCore):
         self._edge = 0
         self._down: frozenset[str] = frozenset()
         self._shared: DeviceState | None = None
+        self._playout.clear()
+        self._playout.forget()
+        self._sequences: deque[int] = deque(maxlen=SEQUENCES_KEPT)
+        """Those of the newest states."""
         self.capabilities = UNKNOWN
         self.driver = ""
         self.leased = False
@@ -156,7 +167,10 @@ class RemoteCore(BusCore):
                     self._on_malformed("that answer what was not asked", -1)
                 return
             self._echoed_s = shared.asked_s
+            resets = self._clock.resets
             self._clock.heard(shared.asked_s, shared.sent_s, now_s)
+            if self._clock.resets != resets:
+                self._playout.forget()
         round_s = self._clock.round_s
         sent_s = self._clock.here_s(shared.sent_s)
         if round_s is None or sent_s is None:
@@ -165,6 +179,10 @@ class RemoteCore(BusCore):
             self._counts["future"] += 1
             return
         self._sent_s = shared.sent_s
+        if self._sequences and self._sequence <= self._sequences[-1]:
+            self._sequences.clear()
+        self._sequences.append(self._sequence)
+        self._playout.heard(shared.sent_s, now_s)
         self.leased, self.taken_by = True, ""
         if shared.capabilities is not None:
             self.capabilities, self.driver = shared.capabilities, shared.driver
@@ -190,7 +208,7 @@ class RemoteCore(BusCore):
 
     def _take(self, shared: Shared, now_s: float) -> None:
         """A state that is young enough."""
-        state = shared.state
+        state, before = shared.state, (self._link, self._edge, self._down, self._resets)
         there = _LINKS.get(state.link, state.link)
         if there is not DeviceLink.LIVE:
             reason = f"at the operator's computer: {state.reason}"
@@ -206,8 +224,31 @@ class RemoteCore(BusCore):
         self._shared = state
         self._battery = state.battery
         stamp_s = self._clock.here_s(state.stamp_s)
-        self._stamp_s = now_s if stamp_s is None else min(stamp_s, now_s)
+        stamp_s = now_s if stamp_s is None else min(stamp_s, now_s)
+        made_s = now_s - self._age_s(now_s)
+        now = self._link, self._edge, self._down, self._resets
+        at_once = now != before or self._link is not DeviceLink.LIVE
+        motion = Motion(shared.sent_s, made_s, stamp_s, state.axes, state.pose)
+        self._playout.take(motion, now_s, at_once=at_once)
+        self._show()
+
+    def _show(self) -> None:
+        """What is played now is another motion, or all else is new."""
+        if (shown := self._playout.shown) is not None:
+            self._stamp_s = shown.stamp_s
         self._cached = None
+
+    @property
+    def due_s(self) -> float:
+        """When motion that waits is played next; inf: none waits."""
+        return self._playout.due_s
+
+    def play(self, now_s: float) -> bool:
+        """Play the motion that is due: whether the state is another than before."""
+        played = self._playout.advance(now_s)
+        if played:
+            self._show()
+        return played
 
     def _take_edges(self, shared: Shared, now_s: float) -> None:
         for edge in shared.edges:
@@ -239,6 +280,7 @@ class RemoteCore(BusCore):
         return now_s - min(self._newest_s, echoed_s)
 
     def _watch(self, now_s: float) -> None:
+        self.play(now_s)
         longest_s = self._options.max_age_s
         if not self._open or self._link in (DeviceLink.STALE, DeviceLink.LOST):
             return
@@ -253,12 +295,15 @@ class RemoteCore(BusCore):
 
     def _drop_input(self, now_s: float) -> None:
         self._shared = None
+        self._playout.clear()
 
     def _axes(self, now_s: float) -> Axes:
-        return NEUTRAL if self._shared is None else self._shared.axes
+        shown = self._playout.shown
+        return NEUTRAL if shown is None else shown.axes
 
     def _pose(self) -> Pose | None:
-        return None if self._shared is None else self._shared.pose
+        shown = self._playout.shown
+        return None if shown is None else shown.pose
 
     def _wrench(self) -> Wrench | None:
         return None if self._shared is None else self._shared.wrench
@@ -267,10 +312,23 @@ class RemoteCore(BusCore):
         return None if self._shared is None else self._shared.inertia
 
     def _figures(self, now_s: float) -> dict[str, float]:
-        median_s = self._clock.median_s
+        median_s, playout = self._clock.median_s, self._playout
+        offset_s = self._clock.here_s(0.0)
         return {
-            "age_s": self._age_s(now_s),
+            "age_s": self._age_s(now_s) if playout.shown is None else now_s - playout.shown.made_s,
+            "delay_s": float("nan") if offset_s is None else playout.transit_s - offset_s,
+            "jitter_s": playout.jitter_s,
+            "loss": self._loss,
+            "playout_s": playout.added_s,
             "round_trip_s": self._clock.round_s or float("nan"),
             "round_trip_median_s": float("nan") if median_s is None else median_s,
             "clock_resets": self._clock.resets,
         }
+
+    @property
+    def _loss(self) -> float:
+        """Share of the states of late that did not come, or came too late to be in order."""
+        sequences = self._sequences
+        if not sequences:
+            return float("nan")
+        return 1.0 - len(sequences) / (sequences[-1] - sequences[0] + 1)

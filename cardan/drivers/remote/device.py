@@ -18,6 +18,9 @@ from cardan.errors import DeviceAccessError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.types import DeviceCapabilities, DeviceFeedback
 
+WAIT_S = 0.01
+"""The reader looks at its claim so often."""
+
 
 class Remote(BusDevice[RemoteCore]):
     """An operator device of another computer, where `cardan share` publishes it."""
@@ -31,7 +34,6 @@ class Remote(BusDevice[RemoteCore]):
     takes_back = "light, rumble, where that device has them"
     options: RemoteOptions
     _kind = "remote device"
-    _wait_s = 0.01
 
     def __init__(self, options: RemoteOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -88,10 +90,19 @@ class Remote(BusDevice[RemoteCore]):
                 with self._lock:
                     self._core.on_received(received, time.monotonic())
 
+    def _wait_s(self) -> float:
+        with self._lock:
+            due_s = self._core.due_s
+        return max(0.0, min(WAIT_S, due_s - time.monotonic()))
+
     def _attend(self) -> None:
         self._renew()
         if refusal := self._core.refusal:
             raise DeviceAccessError(refusal)
+        with self._lock:
+            played = self._core.play(time.monotonic())
+        if played:
+            self._notify()
 
     def _renew(self) -> None:
         with self._lock:

@@ -14,6 +14,10 @@ from cardan.protocols.ros2.names import RosNameError, checked_name
 
 MAX_AGE_S = Range(0.02, 0.5, "s", "a hand that is gone moves the arm for so long")
 
+PLAYOUT_MS = Range(
+    0.0, 200.0, "ms", "the arm follows the hand so much later", zero="played on arrival"
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class RemoteOptions(NodeOptions):
@@ -23,6 +27,8 @@ class RemoteOptions(NodeOptions):
     """The name under which `cardan share` publishes it."""
     max_age_s: Annotated[float, MAX_AGE_S] = 0.15
     """Age of its newest state at which the device counts as lost."""
+    playout_ms: Annotated[float, PLAYOUT_MS] = 0.0
+    """Longest time that motion waits to be played at its own spacing, however it arrives."""
     mode: Literal["peer", "client"] = "client"
     """"client": all goes through the router, which is what a router on another computer needs;
     "peer": others on this computer connect directly."""
@@ -33,6 +39,12 @@ class RemoteOptions(NodeOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        require(
+            self.playout_ms < 1e3 * self.max_age_s,
+            "playout_ms",
+            self.playout_ms,
+            f"less than max_age_s, {1e3 * self.max_age_s:g} ms: what waits grows old",
+        )
         require("/" not in self.device, "device", self.device, "a name without /")
         for key, given in (("device", self.topic), ("name", f"/{self.name}")):
             try:

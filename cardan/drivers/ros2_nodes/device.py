@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 from cardan.bus.node import BusNode, Presence, Publisher, WaitingSubscription
 from cardan.drivers.node_options import NodeOptions
@@ -43,8 +43,6 @@ class BusDevice(ReadDevice[C]):
     _bus: BusNode | None = None
     _messages: WaitingSubscription | None = None
     _presence: Presence | None = None
-    _wait_s: ClassVar[float] = WAIT_S
-    """Longest time between two calls of `_attend`."""
 
     @property
     def _on_bus(self) -> NodeOptions:
@@ -80,7 +78,7 @@ class BusDevice(ReadDevice[C]):
         assert messages is not None
         assert presence is not None
         while not stop.is_set():
-            received = messages.wait(self._wait_s)
+            received = messages.wait(self._wait_s())
             if received is not None:
                 with self._lock:
                     self._core.on_received(received, time.monotonic())
@@ -88,6 +86,10 @@ class BusDevice(ReadDevice[C]):
             elif not presence.others():
                 raise DeviceNotFoundError(self._why_gone())
             self._attend()
+
+    def _wait_s(self) -> float:
+        """Longest time until the next call of `_attend`."""
+        return WAIT_S
 
     def _attend(self) -> None:
         """What the reader does besides."""

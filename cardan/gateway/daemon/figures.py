@@ -164,6 +164,11 @@ def _of_sessions(rows: Sequence[Row]) -> Iterator[Metric]:
         "Figures of the robot's driver; the units are in their names.",
         labels=("session", "figure"),
     )
+    device_figures = GaugeMetricFamily(
+        "cardan_device_figure",
+        "Figures of the operator device's driver; the units are in their names.",
+        labels=("session", "figure"),
+    )
     for row, s in running:
         name = row["name"]
         _one_of(phases, name, (each.value for each in Phase), s.phase)
@@ -178,10 +183,12 @@ def _of_sessions(rows: Sequence[Row]) -> Iterator[Metric]:
         if row["device"]:
             devices.add_metric((name,), float(s.device_link == LIVE))
             inputs.add_metric((name, row["device"]), s.inputs)
-        for figure, value in s.metrics.items():
-            if value is not None:
-                figures.add_metric((name, figure), value)
+        for family, found in ((figures, s.metrics), (device_figures, s.device_metrics)):
+            for figure, value in found.items():
+                if value is not None:
+                    family.add_metric((name, figure), value)
     yield from (phases, authority, robots, devices, inputs, limits, errors, figures)
+    yield device_figures
     for name, field, words in GAUGES:
         yield _filled(GaugeMetricFamily(name, words, labels=("session",)), field, running)
     for name, field, words in COUNTERS:

@@ -160,6 +160,7 @@ class SessionService(Kept):
             "device_link": s.device_link,
             "robot_link": s.robot_link,
             "device_held": s.device_held,
+            "device_metrics": s.device_metrics,
             "authority": s.authority,
             "authority_s": s.authority_s,
             "why": why_nothing_moves(s, self.lent()),

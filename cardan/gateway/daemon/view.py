@@ -1,8 +1,8 @@
 """Sessions and faces of the daemon as a person sees them: the table of ``cardan ps`` and
 ``cardan top``.
 
-Each has a line, and below it another one where there is something to say: why its arm does not
-move, why it does not run, where it serves.
+Each has a line, and below it others where there is something to say: why its arm does not move,
+why it does not run, where it serves, how far its device is.
 """
 
 from __future__ import annotations
@@ -63,8 +63,12 @@ def table(rows: Iterable[Row], width: int | None = None) -> Text:
     lines = [_cut(_line(COLUMNS, widths, heading=True), width)]
     for row, each in zip(ordered, cells, strict=True):
         lines.append(_cut(_line(each, widths), width))
-        if words := why(row):
-            lines += _below(words, row, width)
+        style = "yellow" if row["state"] in ("running", "stopped") else STYLES.get(row["state"], "")
+        if row["kind"] == "face" and row["state"] == "running":
+            style = "dim"
+        for words, shown in ((why(row), style), (way(row.get("device_metrics", {})), "dim")):
+            if words:
+                lines += _below(words, shown, width)
     return Text("\n").join(lines)
 
 
@@ -77,6 +81,18 @@ def why(row: Row) -> str:
     if row["state"] == "running" and row.get("endpoint"):
         words.append(f"at {row['endpoint']}")
     return printable("; ".join(filter(None, words)))
+
+
+def way(metrics: Mapping[str, float | None]) -> str:
+    """Of a device on another computer, the figures of the way from there; else empty."""
+    names = ("delay_s", "jitter_s", "loss", "age_s")
+    delay_s, jitter_s, loss, age_s = map(metrics.get, names)
+    if delay_s is None or jitter_s is None or loss is None or age_s is None:
+        return ""
+    return (
+        f"device: delay {1e3 * delay_s:.0f} ms, jitter {1e3 * jitter_s:.0f} ms, "
+        f"loss {loss:.1%}, age at the arm {1e3 * age_s:.0f} ms"
+    )
 
 
 def frame(rows: Sequence[Row], width: int | None) -> Text:
@@ -149,10 +165,7 @@ def _line(cells: Sequence[str], widths: Sequence[int], *, heading: bool = False)
     return line
 
 
-def _below(words: str, row: Row, width: int | None) -> list[Text]:
-    style = "yellow" if row["state"] in ("running", "stopped") else STYLES.get(row["state"], "")
-    if row["kind"] == "face" and row["state"] == "running":
-        style = "dim"
+def _below(words: str, style: str, width: int | None) -> list[Text]:
     room = len(words) if width is None else max(width - len(_BELOW), SHORTEST_CELLS)
     # What is to be done stands last: nothing is cut.
     pieces = textwrap.wrap(words, max(room, 1))

@@ -335,5 +335,12 @@ def _parts(snapshot: Snapshot) -> list[Part]:
     parts = [session, robot]
     if s.device_link:
         live = s.device_link == DeviceLink.LIVE.value
-        parts.append(Part("device", OK if live else WARN, s.device_reason or s.device_link))
+        parts.append(
+            Part(
+                "device",
+                OK if live else WARN,
+                s.device_reason or s.device_link,
+                values=s.device_metrics,
+            )
+        )
     return parts

@@ -477,12 +477,14 @@ class Session:
             s.diagnosis = [f"the robot's driver failed: {reason(error)}"]
         if self.device is not None and self._lease is not None:
             s.device_held = self._lease.held
+            s.device_metrics = {}
             if s.device_held:
                 try:
                     self._fit_feedback(self.device)
                     self._look_at_buttons(self.device)
                     s.diagnosis += told(self.device.diagnosis())
                     s.device_errors = dict(self.device.protocol_errors())
+                    s.device_metrics = counted(self.device.metrics())
                 except Exception as error:
                     s.diagnosis.append(f"the device's driver failed: {reason(error)}")
             if self._lease.problem:

@@ -148,6 +148,8 @@ class Snapshot:
     """Deviation about the target, or about the mean without one."""
     metrics: dict[str, float] = field(default_factory=dict)
     """The robot driver's own figures."""
+    device_metrics: dict[str, float] = field(default_factory=dict)
+    """Those of the operator device's driver; empty while another session has the device."""
     robot_errors: dict[str, int] = field(default_factory=dict)
     """Messages of the robot that could not be used, by kind."""
     device_errors: dict[str, int] = field(default_factory=dict)

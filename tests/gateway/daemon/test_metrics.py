@@ -62,6 +62,7 @@ MOVING = Snapshot(
     device_errors={"malformed": 5},
     refusals={"malformed": 1, "verb": 6, "busy": 0},
     metrics={"lost": 3.0, "superseded": 1.0, "period_s": 0.004, "unknown": float("nan")},
+    device_metrics={"age_s": 0.08, "jitter_s": float("nan")},
 )
 
 
@@ -154,6 +155,9 @@ def test_prometheus_reads_the_figures(server, accept, parse, content_type):
     assert value(found, "cardan_operator_inputs_total", device="spacemouse", **gofa) == 2
     assert value(found, "cardan_tracking_error_rms_meters", **gofa) == 0.002
     assert value(found, "cardan_driver_figure", figure="period_s", **gofa) == 0.004
+    assert value(found, "cardan_device_figure", figure="age_s", **gofa) == 0.08
+    not_known = {"figure": "jitter_s", **gofa}
+    assert ("cardan_device_figure", frozenset(not_known.items())) not in found
     assert value(found, "cardan_stops_total", reason="robot", **gofa) == 3
     assert value(found, "cardan_refusals_total", reason="authority", **gofa) == 4
     assert value(found, "cardan_refusals_total", reason="verb", **gofa) == 6

@@ -57,6 +57,17 @@ def test_what_moves_has_a_line_and_what_does_not_says_why_below_it():
     assert reason.strip() == "↳ unplugged, or it cannot be read"
 
 
+def test_a_device_on_another_computer_has_the_figures_of_its_way():
+    metrics = {"delay_s": 0.045, "jitter_s": 0.04, "loss": 0.012, "age_s": 0.081, "late": 0}
+    remote = SESSION | {"device": "remote", "device_metrics": metrics}
+    assert lines(remote, width=120)[2].strip() == (
+        "↳ device: delay 45 ms, jitter 40 ms, loss 1.2%, age at the arm 81 ms"
+    )
+    unknown = remote | {"device_metrics": metrics | {"delay_s": None}}
+    for other in (unknown, SESSION | {"device_metrics": {"age_s": 0.01}}):
+        assert len(lines(other)) == 2
+
+
 def test_a_session_that_loads_its_arms_model_is_starting():
     assert "starting" in lines(SESSION | {"phase": ""})[1]
     assert "starting" not in lines(SESSION | {"phase": "", "state": "waiting"})[1]

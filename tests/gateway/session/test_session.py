@@ -311,6 +311,16 @@ class TestADriverThatFails:
         assert last.finished
         assert "the robot's driver failed: ZeroDivisionError: division by zero" in last.diagnosis
 
+    def test_a_device_s_figures(self, fake_drivers):
+        s = session()
+        s.device.metrics = lambda: {"age_s": 0.08}
+        assert s.run().device_metrics == {"age_s": 0.08}
+        s = session()
+        s.device.metrics = lambda: {"age_s": "old"}
+        last = s.run()
+        assert last.device_metrics == {}
+        assert any("metrics() gave 'old' for 'age_s'" in line for line in last.diagnosis)
+
     def test_closing(self, fake_drivers, caplog):
         s = session()
         for each in (s.robot, s.device):

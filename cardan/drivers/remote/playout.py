@@ -1,0 +1,162 @@
+"""Playout buffer: motion at the spacing at which the hand made it, whatever the network did to it.
+
+As for speech over packet networks (Ramjee, Kurose, Towsley, Schulzrinne: Adaptive playout
+mechanisms for packetized audio applications in wide-area networks, INFOCOM 1994): each state is
+shown at its sender's stamp plus one delay, which follows the transit times of late. Differences of
+transit times are enough for that, so an unknown offset of the sender's clock does not matter.
+Nothing here has a clock: times of the sender are its own, all others the caller's, monotonic, s.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right, insort
+from collections import deque
+from typing import NamedTuple
+
+from cardan.types import NEUTRAL, NEVER_S, Axes, Pose
+
+KEPT_S = 4.0
+"""Transit times of so long decide: clocks that drift by 1e-4 do so by 0.4 ms in it."""
+
+MOST_KEPT = 2000
+"""Transit times at most: of 4 s at twice the rate at which states are sent."""
+
+IN_TIME = 0.99
+"""Share of the states for which the delay is long enough, where its bound allows that."""
+
+GROWS, SHRINKS = 0.1, 0.01
+"""Change of the delay per time while there is motion: it stretches and shortens the motion by as
+much."""
+
+
+class Motion(NamedTuple):
+    """What one state says of the hand's motion."""
+
+    sent_s: float
+    """By the sender's clock."""
+    made_s: float
+    """By the clock here, as it was known on arrival."""
+    stamp_s: float
+    """Of the device's report, by the clock here."""
+    axes: Axes
+    pose: Pose | None = None
+
+
+class Playout:
+    """Which of the states that have arrived is shown now. States come in the order of `sent_s`."""
+
+    def __init__(self, most_s: float, max_age_s: float) -> None:
+        """`most_s`: no state waits longer, 0: each is shown on arrival. What is older than
+        `max_age_s` gives way to what waits."""
+        self._most_s, self._max_age_s = most_s, max_age_s
+        self.shown: Motion | None = None
+        self._waiting: deque[tuple[float, Motion]] = deque(maxlen=MOST_KEPT)
+        """When each is to be shown, in order."""
+        self._transits: deque[tuple[float, float]] = deque()
+        """Of each state when it came, and its transit time but for the offset of the clocks."""
+        self._sorted: list[float] = []
+        """The transit times alone."""
+        self._lag_s = math.nan
+        """From `sent_s` to when it is shown; not known before the first state."""
+        self._sent_s = NEVER_S
+
+    def forget(self) -> None:
+        """The sender's clock is another: transit times, and what waits, are void."""
+        self._waiting.clear()
+        self._transits.clear()
+        self._sorted.clear()
+        self._lag_s = math.nan
+
+    def clear(self) -> None:
+        """Nothing that has arrived is shown any more."""
+        self._waiting.clear()
+        self.shown = None
+
+    # -- what arrives --------------------------------------------------------------------------
+
+    def heard(self, sent_s: float, now_s: float) -> None:
+        """A state came, whether it is taken or not."""
+        transits = self._transits
+        while transits and (transits[0][0] < now_s - KEPT_S or len(transits) >= MOST_KEPT):
+            del self._sorted[bisect_left(self._sorted, transits.popleft()[1])]
+        transits.append((now_s, now_s - sent_s))
+        insort(self._sorted, now_s - sent_s)
+
+    def take(self, motion: Motion, now_s: float, *, at_once: bool) -> None:
+        """A state that was `heard`. `at_once`: it is shown now, and what waits never is.
+
+        Rest is at once: what was let go does not move on.
+        """
+        at_rest = not any(motion.axes)
+        if at_rest and motion.pose is None:
+            at_once = True
+        elif at_rest:
+            self._waiting = deque(
+                [(due_s, each._replace(axes=NEUTRAL)) for due_s, each in self._waiting], MOST_KEPT
+            )
+            if self.shown is not None:
+                self.shown = self.shown._replace(axes=NEUTRAL)
+        self._adapt(motion.sent_s, free=at_once)
+        if at_once:
+            self._waiting.clear()
+            self.shown = motion
+            return
+        due_s = min(motion.sent_s + self._lag_s, now_s + self._most_s)
+        if self._waiting:
+            due_s = max(due_s, self._waiting[-1][0])
+        self._waiting.append((due_s, motion))
+        self.advance(now_s)
+
+    def _adapt(self, sent_s: float, *, free: bool) -> None:
+        """The delay follows the transit times, slowly unless nothing is in motion (`free`)."""
+        # What no delay within the bound would have helped, as after a stall, does not count.
+        helped = bisect_right(self._sorted, self._sorted[0] + self._most_s)
+        wanted_s = _quantile(self._sorted, IN_TIME, helped)
+        passed_s = max(0.0, sent_s - self._sent_s)
+        self._sent_s = sent_s
+        if free or math.isnan(self._lag_s):
+            self._lag_s = wanted_s
+        else:
+            change_s = wanted_s - self._lag_s
+            self._lag_s += max(-SHRINKS * passed_s, min(GROWS * passed_s, change_s))
+
+    # -- what is shown -------------------------------------------------------------------------
+
+    def advance(self, now_s: float) -> bool:
+        """Show what is due: whether that is another state than before."""
+        changed = False
+        while self._waiting and (self._waiting[0][0] <= now_s or self._is_old(now_s)):
+            self.shown = self._waiting.popleft()[1]
+            changed = True
+        return changed
+
+    def _is_old(self, now_s: float) -> bool:
+        return self.shown is None or now_s - self.shown.made_s > self._max_age_s
+
+    @property
+    def due_s(self) -> float:
+        """When the next one is shown; inf: none waits."""
+        return self._waiting[0][0] if self._waiting else math.inf
+
+    # -- figures -------------------------------------------------------------------------------
+
+    @property
+    def transit_s(self) -> float:
+        """Median transit time, but for the offset of the clocks; nan: none is known."""
+        return _quantile(self._sorted, 0.5) if self._sorted else math.nan
+
+    @property
+    def jitter_s(self) -> float:
+        """99th percentile of the transit times above the quickest; nan: none is known."""
+        return _quantile(self._sorted, 0.99) - self._sorted[0] if self._sorted else math.nan
+
+    @property
+    def added_s(self) -> float:
+        """How long a state of the median transit time waits; nan: none is known."""
+        return min(max(0.0, self._lag_s - self.transit_s), self._most_s)
+
+
+def _quantile(ordered: list[float], share: float, count: int = 0) -> float:
+    """Of the first `count` of them, 0: of all; the smallest that `share` do not exceed."""
+    return ordered[math.ceil(share * (count or len(ordered))) - 1]
