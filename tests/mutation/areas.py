@@ -5,10 +5,14 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-FACES = "cardan/gateway/servers"
+SERVERS = "cardan/gateway/servers"
 
 AREAS: dict[str, tuple[str, ...]] = {
-    "arming": ("cardan/gateway/operator/input.py", "cardan/gateway/operator/mapping.py"),
+    "arming": (
+        "cardan/gateway/operator/arming.py",
+        "cardan/gateway/operator/input.py",
+        "cardan/gateway/operator/mapping.py",
+    ),
     "authority": ("cardan/gateway/arm/authority.py",),
     "limits": (
         "cardan/drivers/limiters.py",
@@ -16,7 +20,9 @@ AREAS: dict[str, tuple[str, ...]] = {
         "cardan/gateway/motion/reference.py",
         "cardan/gateway/force/watchdog.py",
     ),
-    "access": tuple(f"{FACES}/{name}.py" for name in ("tokens", "door", "guessing", "allowed")),
+    "access": tuple(
+        f"{SERVERS}/{name}.py" for name in ("tokens", "access", "rate_limit", "allow_list")
+    ),
     "arm": ("cardan/gateway/arm",),
     "operator": ("cardan/gateway/operator",),
     "motion": ("cardan/gateway/motion",),

@@ -6,8 +6,8 @@ import pytest
 
 from cardan.common.certificates import Certificate
 from cardan.doctor.base import Subject
-from cardan.doctor.faces import Doors, judge_certificate, judge_door
 from cardan.doctor.files import read_files
+from cardan.doctor.servers import Doors, judge_certificate, judge_door
 from tests import certificates
 from tests.doctor.told import told
 
