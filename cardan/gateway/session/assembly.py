@@ -70,6 +70,7 @@ from cardan.gateway.session.config import (
     SessionConfig,
     parse_config,
 )
+from cardan.protocols.ros2.names import checked_name
 from cardan.robots import ArmModel, load_arm
 from cardan.spatial import norm, scale
 from cardan.types import (
@@ -483,16 +484,45 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     return body
 
 
+def own_topic(config: SessionConfig, name: str) -> str:
+    """The absolute name of a topic that a session's node calls `name`."""
+    namespace, node = "", ""
+    if config.network is not None and config.network.namespace:
+        namespace = f"/{config.network.namespace}"
+    if config.network is not None:
+        node = f"{namespace}/{config.network.name}"
+    return checked_name(name if name[:1] in "/~" else f"{namespace}/{name}", node)
+
+
 def make_neighbour_bodies(config: SessionConfig) -> list[NeighbourBodies]:
     """The bodies of the arms of ``[[neighbours]]``."""
     if not config.neighbours or config.arm is None:
         return []
     from cardan.gateway.arm.neighbours import NeighbourBodies
 
+    own: set[str] = set()
+    if has_rigid_arm(config):
+        own |= set(load_arm(config.arm.model, "arm.model").joint_names)
+    heard = {own_topic(config, "joint_states"): ("this session's own arm", own)}
     found = []
     for index, table in enumerate(config.neighbours):
         key = f"neighbours.{index}.model"
         model = load_arm(table.model, key)
+        joints = set(model.joint_names)
+        if table.base_xyz_m is None and joints <= own:
+            raise ConfigurationError(
+                f"neighbours.{index}.base_xyz_m",
+                f"is missing: the joints of {table.model!r} are this arm's own, so it is no other "
+                "arm of the same robot; say where its base is",
+            )
+        topic = own_topic(config, table.topic)
+        who, theirs = heard.setdefault(topic, (f"the neighbour {table.name!r}", joints))
+        if theirs is not joints and joints <= theirs:
+            raise ConfigurationError(
+                f"neighbours.{index}.topic",
+                f"{topic} is that of {who}, whose joints have the same names: name the topic on "
+                f"which {table.name!r} alone is published",
+            )
         if not config.arm.i_accept_links_without_bodies:
             model.require_bodies(key)
         made = NeighbourBodies(table.name, model, table.base(), table.acceleration_share)
