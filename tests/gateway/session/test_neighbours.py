@@ -18,6 +18,7 @@ from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.gateway.servo import choice
 from cardan.gateway.session.assembly import (
     cautions,
+    disagreements,
     make_controller,
     make_neighbours,
     make_robot,
@@ -460,3 +461,54 @@ def test_bodies_that_overlap_at_home_are_said_and_can_be_ignored():
     assert len(found[0]) == 1
     assert "right's r_shoulder_pan_link and l_shoulder_pan_link overlap by" in found[0][0]
     assert not found[1]
+
+
+def two(left=(), right=(), **changes):
+    """The configurations of two sessions that are each other's neighbours."""
+    made = {}
+    for name, other, change in (("left", "right", dict(left)), ("right", "left", dict(right))):
+        one = table(name=other, neighbour={**FACING, **change})
+        made[name] = parse_config({**one, "network": {"namespace": name}, **changes})
+    return made
+
+
+def test_two_sessions_that_agree_are_not_warned_of():
+    assert disagreements(two()) == []
+    moved = {"base_xyz_m": [1.0, 0.5, 0.2], "base_rpy_deg": [0.0, 0.0, 90.0]}
+    seen = {"base_xyz_m": [-0.5, 1.0, -0.2], "base_rpy_deg": [0.0, 0.0, -90.0]}
+    assert disagreements(two(moved, seen)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"base_xyz_m": [1.5, 0.0, 0.0]}, ["left: neighbours.0.base_xyz_m: .* 100 mm and 0.0 deg"]),
+        ({"base_rpy_deg": [0.0, 0.0, 170.0]}, ["base_xyz_m: .* 244 mm and 10.0 degrees"]),
+        ({"model": "ur5e"}, ["left: neighbours.0.model: is 'ur5e', .* 'right' has 'ur5'"]),
+        (
+            {"topic": "/rihgt/joint_states"},
+            ["/rihgt/joint_states; did you mean '/right/joint_states'"],
+        ),
+    ],
+)
+def test_two_sessions_that_say_different_things_of_each_other_are_warned_of(change, words):
+    found = disagreements(two(left=change))
+    for each in words:
+        assert any(re.search(each, line) for line in found), found
+
+
+def test_a_neighbour_that_no_session_of_ours_moves_is_not_warned_of():
+    assert disagreements(two({"topic": "/welder/states"}, {"topic": "/other/arm"})) == []
+
+
+def test_a_neighbour_that_does_not_know_this_arm_or_stops_later_is_warned_of():
+    one = two()
+    deaf = parse_config({**table(), "network": {"namespace": "right"}, "neighbours": []})
+    assert disagreements({**one, "right": deaf}) == [
+        "left: neighbours.0: the session 'right' has no neighbour for this arm, and may drive into "
+        "it: add one"
+    ]
+    slow = two(arm={"model": "ur5", "acceleration_share": 0.5})
+    found = disagreements({**one, "right": slow["right"]})
+    assert len(found) == 1
+    assert "acceleration_share: is 1, and the session 'right' has 0.5" in found[0]
