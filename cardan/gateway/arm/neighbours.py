@@ -104,10 +104,15 @@ class NeighbourBodies:
         found: FloatArray = np.maximum.reduceat(speeds, self._first_points)
         return found
 
+    def gained_m_s(self, time_s: float) -> FloatArray:
+        """What the fastest point of each of `shapes` may gain in `time_s`."""
+        found: FloatArray = np.multiply(self._deceleration_m_s2 * time_s, self._moves)
+        return found
+
     def ways_m(self, speeds_m_s: FloatArray, time_s: float) -> list[float]:
         """How far each of `shapes` may go in `time_s` at its speed, and until it stops then."""
         deceleration_m_s2 = self._deceleration_m_s2
-        speeds = speeds_m_s + deceleration_m_s2 * time_s * self._moves
+        speeds = speeds_m_s + self.gained_m_s(time_s)
         way = speeds * time_s + speeds * speeds / (2.0 * deceleration_m_s2)
         found: list[float] = np.minimum(way, FARTHEST_M).tolist()
         return found
@@ -216,9 +221,13 @@ class NeighbourWatch:
             return
         if known:
             way = short_way(joints - np.array(self.joints), bodies.continuous)
-            self.speeds_m_s = bodies.speeds_m_s(joints, way * NS / (stamp_ns - self._stamp_ns))
+            since_s = (stamp_ns - self._stamp_ns) / NS
+            self.speeds_m_s = bodies.speeds_m_s(joints, way / since_s)
             if velocities:
                 self.speeds_m_s = np.maximum(self.speeds_m_s, bodies.speeds_m_s(joints, reported))
+            else:
+                # That was the speed halfway between the two states.
+                self.speeds_m_s += bodies.gained_m_s(0.5 * since_s)
         else:
             self.speeds_m_s = bodies.fastest_m_s
         self.joints = tuple(joints.tolist())

@@ -505,7 +505,7 @@ def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
             if topic not in by_topic:
                 # It may be an arm that no session of ours moves.
                 found += [
-                    f"{key}.topic: no session of these files publishes {topic}; did you mean {near!r}?"
+                    f"{key}.topic: no session here publishes {topic}; did you mean {near!r}?"
                     for near in difflib.get_close_matches(topic, by_topic, 1, 0.9)
                 ]
                 continue

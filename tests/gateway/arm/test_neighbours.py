@@ -165,6 +165,17 @@ def test_speeds_are_the_larger_of_what_is_said_and_what_is_seen():
     assert liar.watch.speeds_m_s == pytest.approx(expected, rel=0.05)
 
 
+def test_without_velocities_it_may_have_become_faster_since_halfway_between_two_states():
+    """From rest, with the acceleration that is expected of it, in 0.1 s."""
+    heard, swing = Heard().say().say(), np.array((0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+    per_speed = BODIES.speeds_m_s(np.array(HOME), swing).max()
+    acceleration = BODIES.gained_m_s(1.0).max() / per_speed
+    heard.say(joints=HOME + 0.5 * acceleration * 0.1**2 * swing, after_s=0.1)
+    real_m_s = BODIES.speeds_m_s(np.array(heard.watch.joints), 0.1 * acceleration * swing)
+    assert (heard.watch.speeds_m_s >= real_m_s - 1e-6).all()
+    assert heard.watch.speeds_m_s.max() == pytest.approx(real_m_s.max(), rel=1e-3)
+
+
 @pytest.mark.parametrize("name", ["ur5", "pr2_left_arm", "teo_left_arm"])
 def test_no_point_of_a_body_is_faster_than_its_speed_says(name):
     """Against differences of points sampled in the shapes; and it is no more than the fastest."""
