@@ -95,10 +95,6 @@ class ObstacleTable(SolidTable):
     """Normal out of the solid, and how far along it the surface is, m."""
 
 
-LEAST_AGE_S = 0.02
-"""Below it no state of a neighbour is new enough to be believed."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class NeighbourTable(Options):
     """One of ``[[neighbours]]``: another arm, whose moving bodies this one keeps away from."""
@@ -116,7 +112,7 @@ class NeighbourTable(Options):
     """Of its joints' accelerations, as its own session's [arm] has it: how late it stops."""
     ignore: tuple[tuple[str, str], ...] = ()
     """Pairs that are not kept apart, as they always touch: a body of this arm and one of it."""
-    max_age_s: Annotated[float, bounds.BLIND_S] = 0.15
+    max_age_s: Annotated[float, bounds.NEIGHBOUR_AGE_S] = 0.15
     """While its newest joint states are older, this arm brakes and is not moved."""
 
     def __post_init__(self) -> None:
@@ -125,12 +121,6 @@ class NeighbourTable(Options):
             raise OptionError("name", self.name, 'a name for messages: "right"')
         if not is_topic(self.topic):
             raise OptionError("topic", self.topic, 'the name of a topic: "/right/joint_states"')
-        if self.max_age_s < LEAST_AGE_S:
-            raise OptionError(
-                "max_age_s",
-                self.max_age_s,
-                f"at least {LEAST_AGE_S} s: 10 ms for the clocks, and a state's way to here",
-            )
         if any(self.base_rpy_deg) and self.base_xyz_m is None:
             raise OptionError(
                 "base_rpy_deg", self.base_rpy_deg, "given with base_xyz_m, where the base is"
