@@ -7,8 +7,8 @@ from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from cardan.conform.conduct import Act, Conduct, Pilot, Script, Wait, send
 from cardan.conform.requirements import Verdict, not_seen
+from cardan.conform.runner import Act, Exchange, Scenario, Script, Wait, send
 from cardan.conform.timeline import Kind, Numbered, Seen
 from cardan.sim_peers.base import FaultSwitch, check_faults
 
@@ -50,7 +50,7 @@ def had_ended(
     return not_seen(f"not judged: it had ended ({why})")
 
 
-class CyclicController(Pilot):
+class CyclicController(Scenario):
     """A controller that sends datagrams in each of its cycles, in the hands of a script."""
 
     period_s: float
@@ -90,7 +90,7 @@ class DriverRig(ABC):
     """A driver's core and a pilot in virtual time; what one of them sends takes its time."""
 
     def __init__(
-        self, conduct: Conduct, faults: Mapping[str, float], switches: Iterable[FaultSwitch]
+        self, conduct: Exchange, faults: Mapping[str, float], switches: Iterable[FaultSwitch]
     ) -> None:
         check_faults(faults, switches)
         self._conduct, self._faults = conduct, faults

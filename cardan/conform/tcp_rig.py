@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import Any, Generic
 
-from cardan.conform.conduct import Act, Conduct
+from cardan.conform.runner import Act, Exchange
 from cardan.conform.timeline import Kind
 from cardan.sim_peers.tcp_servers import KindT, TcpServers
 
@@ -19,7 +19,7 @@ NETWORK_S = 1e-4
 class TcpRig(ABC, Generic[KindT]):
     """Carries what servers and pilot write, in order, and does what is asked by hand."""
 
-    def __init__(self, conduct: Conduct, servers: TcpServers[KindT, Any]) -> None:
+    def __init__(self, conduct: Exchange, servers: TcpServers[KindT, Any]) -> None:
         self._conduct, self._servers = conduct, servers
         self._numbers: dict[str, int] = {}
         self._now_s = 0.0

@@ -6,8 +6,8 @@ import math
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
-from cardan.conform.egm.pilot import STEP_M, STEP_RAD
-from cardan.conform.egm.seen import EgmSeen, Robot, step
+from cardan.conform.egm.decoded import EgmSeen, Robot, step
+from cardan.conform.egm.scenario import STEP_M, STEP_RAD
 from cardan.conform.requirements import (
     Requirements,
     Verdict,

@@ -6,8 +6,8 @@ import math
 import statistics
 from itertools import pairwise
 
-from cardan.conform.joint_stream.pilot import SPEED_RAD_S, STEP_RAD
-from cardan.conform.joint_stream.seen import JointStreamSeen, State
+from cardan.conform.joint_stream.decoded import JointStreamSeen, State
+from cardan.conform.joint_stream.scenario import SPEED_RAD_S, STEP_RAD
 from cardan.conform.requirements import (
     Requirements,
     Verdict,
