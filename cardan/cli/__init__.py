@@ -328,7 +328,7 @@ def check(file: ConfigFile, as_json: AsJson = False) -> None:
     Of a session or of the daemon; says what it would do."""
     from cardan.common.tables import read_toml
     from cardan.gateway.daemon.config import is_of_daemon, read_layout
-    from cardan.gateway.session.assembly import cautions, load_config
+    from cardan.gateway.session.assembly import cautions, disagreements, load_config
 
     if is_of_daemon(read_toml(file)):
         layout = checked(read_layout([file]))
@@ -337,6 +337,7 @@ def check(file: ConfigFile, as_json: AsJson = False) -> None:
             for name, entry in layout.sessions.items()
             for words in cautions(entry.config)
         ]
+        warnings += disagreements({name: each.config for name, each in layout.sessions.items()})
         parts = [("session", name) for name in layout.sessions]
         parts += [("face", name) for name in layout.faces]
     else:

@@ -257,6 +257,9 @@ AUTHORITY_LEASE_S = Range(
 BLIND_S = Range(
     0.0, LONGEST_BLIND_S, "s", "an arm at 0.25 m/s goes 12 cm meanwhile, unseen", above=True
 )
+NEIGHBOUR_AGE_S = Range(
+    0.02, LONGEST_BLIND_S, "s", "10 ms for the clocks, and a state's way to here, are its least age"
+)
 READING_AGE_S = Range(
     0.0, 1.0, "s", "at 0.25 m/s the arm is 25 cm further than what was measured", above=True
 )

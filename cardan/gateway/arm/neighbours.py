@@ -104,10 +104,15 @@ class NeighbourBodies:
         found: FloatArray = np.maximum.reduceat(speeds, self._first_points)
         return found
 
+    def gained_m_s(self, time_s: float) -> FloatArray:
+        """What the fastest point of each of `shapes` may gain in `time_s`."""
+        found: FloatArray = np.multiply(self._deceleration_m_s2 * time_s, self._moves)
+        return found
+
     def ways_m(self, speeds_m_s: FloatArray, time_s: float) -> list[float]:
         """How far each of `shapes` may go in `time_s` at its speed, and until it stops then."""
         deceleration_m_s2 = self._deceleration_m_s2
-        speeds = speeds_m_s + deceleration_m_s2 * time_s * self._moves
+        speeds = speeds_m_s + self.gained_m_s(time_s)
         way = speeds * time_s + speeds * speeds / (2.0 * deceleration_m_s2)
         found: list[float] = np.minimum(way, FARTHEST_M).tolist()
         return found
@@ -141,7 +146,9 @@ class NeighbourWatch:
         self._problem = ""
         """Of the newest message, where it was not believed."""
         self._stamp_ns = 0
-        self._state_s = NEVER_S
+        self._state_s = self._second_s = NEVER_S
+        self._sender = b""
+        """Of the newest state."""
 
     def age_s(self, now_s: float) -> float:
         """Of what is known, at most; infinite before the first state."""
@@ -160,11 +167,19 @@ class NeighbourWatch:
         stamp_ns: int,
         now_s: float,
         now_ns: int,
+        sender: bytes = b"",
     ) -> None:
-        """Joint states of the neighbour, of further joints, too; `velocities` may be empty."""
+        """Joint states of the neighbour, of further joints, too; `velocities` may be empty.
+
+        `sender`: who published them; empty: not known. Of two at a time it is not known which is
+        the neighbour.
+        """
         found = self._order_of(tuple(names))
-        if isinstance(found, str):
-            self.refuse(found)
+        if found is None:
+            return
+        if sender and self._sender not in (b"", sender) and self.age_s(now_s) <= self._max_age_s:
+            self._second_s = now_s
+            self.refuse("joint states of a second publisher")
             return
         if len(positions) != len(names) or len(velocities) not in (0, len(names)):
             self.refuse("joint states with other numbers of values than of joints")
@@ -206,26 +221,33 @@ class NeighbourWatch:
             return
         if known:
             way = short_way(joints - np.array(self.joints), bodies.continuous)
-            self.speeds_m_s = bodies.speeds_m_s(joints, way * NS / (stamp_ns - self._stamp_ns))
+            since_s = (stamp_ns - self._stamp_ns) / NS
+            self.speeds_m_s = bodies.speeds_m_s(joints, way / since_s)
             if velocities:
                 self.speeds_m_s = np.maximum(self.speeds_m_s, bodies.speeds_m_s(joints, reported))
+            else:
+                # That was the speed halfway between the two states.
+                self.speeds_m_s += bodies.gained_m_s(0.5 * since_s)
         else:
             self.speeds_m_s = bodies.fastest_m_s
         self.joints = tuple(joints.tolist())
-        self._stamp_ns, self._problem = stamp_ns, ""
+        self._stamp_ns, self._problem, self._sender = stamp_ns, "", sender
         self._state_s = now_s - max(0.0, late_s) - CLOCKS_S
 
-    def _order_of(self, names: tuple[str, ...]) -> tuple[int, ...] | str:
-        """Where its joints are in `names`; or why they are not."""
+    def _order_of(self, names: tuple[str, ...]) -> tuple[int, ...] | None:
+        """Where its joints are in `names`; None: refused."""
         if names == self._order[0]:
             return self._order[1]
         missing = [each for each in self._names if each not in names]
         if len(missing) == len(self._names):
-            return "joint states of other joints"
+            self.refuse("joint states of other joints")
+            return None
         if missing:
-            return f"joint states without {', '.join(missing)}"
+            self.refuse("joint states without some of its joints", f": {', '.join(missing)}")
+            return None
         if len(set(names)) < len(names):
-            return "joint states with a joint twice"
+            self.refuse("joint states with a joint twice")
+            return None
         self._order = names, tuple(map(names.index, self._names))
         return self._order[1]
 
@@ -233,7 +255,12 @@ class NeighbourWatch:
         """Why this arm must not be moved, and what to do; empty while the neighbour is known."""
         age_s = self.age_s(now_s)
         if age_s <= self._max_age_s:
-            return ""
+            if now_s - self._second_s > self._max_age_s:
+                return ""
+            return (
+                f"two publish joint states of {self._who} on {self.topic}: stop one of them "
+                "(`cardan network` lists who is there)"
+            )
         what = f"nothing was heard of {self._who} yet"
         if age_s < math.inf:
             what = f"where {self._who} is was last known {age_s:.1f} s ago"

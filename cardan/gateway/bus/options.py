@@ -69,6 +69,13 @@ class NetworkOptions(BusOptions):
     flange_frame: str = "tool0"
     tcp_frame: str = "tcp"
 
+    def absolute(self, name: str) -> str:
+        """The absolute name of a topic that the session's node calls `name`. Raises
+        RosNameError."""
+        namespace = f"/{self.namespace}" if self.namespace else ""
+        relative = name[:1] not in ("/", "~")
+        return checked_name(f"{namespace}/{name}" if relative else name, f"{namespace}/{self.name}")
+
     def __post_init__(self) -> None:
         super().__post_init__()
         controller = self.trajectory_controller

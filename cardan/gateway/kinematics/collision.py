@@ -61,6 +61,8 @@ class Closest(NamedTuple):
     distance_m: float
     """Negative: they overlap by so much."""
     names: tuple[str, str]
+    grown_m: float = 0.0
+    """How much farther apart than others the pair is kept, for what moves by itself."""
 
 
 class CollisionModel:
@@ -148,10 +150,20 @@ class CollisionModel:
         """Put movers, from `first` of them on, where the `frames` that they are in are now, in the
         base, and keep each farther away by `grown_m`."""
         objects = self._geometry.geometryObjects
-        for index, (frame, grown) in enumerate(zip(frames, grown_m, strict=True), first):
+        for index, frame in enumerate(frames, first):
             objects[self.first_mover + index].placement = frame * self._local[index]
-            self._solid_grown_m[self.first_mover + index] = grown
-        self.grown_m = [self._solid_grown_m[one] for one, _ in self.pair_solids]
+        self.grow(first, grown_m)
+        self.grown_m = list(map(self.grown_of, range(len(self.pairs))))
+
+    def grow(self, first: int, grown_m: Sequence[float]) -> None:
+        """Of movers, from `first` of them on, how much farther away each is kept: for `grown_of`
+        alone."""
+        begin = self.first_mover + first
+        self._solid_grown_m[begin : begin + len(grown_m)] = grown_m
+
+    def grown_of(self, pair: int) -> float:
+        """How much farther apart than others `pair` is kept, m."""
+        return self._solid_grown_m[self.pair_solids[pair][0]]
 
     def update(self) -> list[float]:
         """Distances of all pairs where the kinematics was last updated, m; negative: overlap."""
@@ -174,7 +186,7 @@ class CollisionModel:
             return Closest(math.inf, ("", ""))
         left = list(map(operator.sub, self.distances, self.grown_m))
         nearest = left.index(min(left))
-        return Closest(self.distances[nearest], self.pairs[nearest])
+        return Closest(self.distances[nearest], self.pairs[nearest], self.grown_m[nearest])
 
     def gradients(self, pairs: list[int], out: FloatArray) -> None:
         """How fast the distance of each of `pairs` grows per joint speed, where last updated.

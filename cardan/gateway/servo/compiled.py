@@ -17,7 +17,7 @@ from cardan.common.arm_libraries import np
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
-from cardan.gateway.kinematics.collision import CollisionModel, HalfSpace, Solid
+from cardan.gateway.kinematics.collision import Closest, CollisionModel, HalfSpace, Solid
 from cardan.gateway.servo import kernel_layout as layout, native
 from cardan.gateway.servo.bounds import JointBounds
 from cardan.gateway.servo.options import Policy, ServoOptions
@@ -148,6 +148,7 @@ class CompiledServo:
             grown.ctypes.data,
         ):
             raise ValueError("a body cannot be where numbers are none, or be kept closer")
+        self.collision.grow(first, grown_m)
 
     @property
     def placement(self) -> SE3:
@@ -259,17 +260,20 @@ class CompiledServo:
         """Numbers of the last tick."""
         state, names = self._state, self.kinematics.names
         self._library.kernel_status(self._handle)
-        distance, pair = math.inf, ("", "")
-        if self.collision is not None and state.nearest >= 0:
-            distance, pair = state.distance_m, self.collision.pairs[state.nearest]
+        closest, collision = Closest(math.inf, ("", "")), self.collision
+        if collision is not None and state.nearest >= 0:
+            nearest = state.nearest
+            closest = Closest(
+                state.distance_m, collision.pairs[nearest], collision.grown_of(nearest)
+            )
         limiting = state.limiting
         return ServoStatus(
             state.path_speed,
             state.smallest_singular_value,
             state.damping,
             tuple(name for i, name in enumerate(names) if limiting >> i & 1) if limiting else (),
-            distance,
-            pair,
+            closest.distance_m,
+            closest.names,
             state.active,
             state.error_m,
             state.error_rad,
@@ -279,6 +283,7 @@ class CompiledServo:
             state.most_iterations,
             True,
             REFUSED[state.problem],
+            closest.grown_m,
         )
 
 

@@ -22,7 +22,7 @@ from collections.abc import Sequence
 from cardan.common.arm_libraries import daqp, eigenpy, np, pin
 from cardan.common.braking import stopping_speed
 from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, to_pose, to_se3
-from cardan.gateway.kinematics.collision import CollisionModel
+from cardan.gateway.kinematics.collision import Closest, CollisionModel
 from cardan.gateway.servo.bounds import JointBounds
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.servo.status import SLOWED, ServoStatus
@@ -373,21 +373,22 @@ class Servo:
     def status(self) -> ServoStatus:
         """Numbers of the last tick."""
         n, collision = self.joints, self.collision
-        distance, pair = (math.inf, ("", "")) if collision is None else collision.closest()
+        closest = Closest(math.inf, ("", "")) if collision is None else collision.closest()
         limiting = self.bounds.limiting(self._lowest[:n], self._highest[:n], self.v)
         return ServoStatus(
             self.path_speed,
             self._sigma,
             math.sqrt(self._lambda),
             tuple(self.kinematics.names[i] for i in limiting) if self.moving or self._held else (),
-            distance,
-            pair,
+            closest.distance_m,
+            closest.names,
             self._active,
             self._error_m,
             self._error_rad,
             *self._unreachable,
             self._failures,
             self._iterations,
+            nearer_m=closest.grown_m,
         )
 
     def _smallest_of_free(self, matrix: FloatArray) -> float:

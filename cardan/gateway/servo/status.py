@@ -16,6 +16,9 @@ UNBENT = "the arm is singular there ({:.3f}): move its joints to a bent posture 
 UNREACHABLE_M_S, UNREACHABLE_RAD_S = 1e-3, 1e-2
 """Smallest part of the commanded motion that counts as one that the arm cannot do."""
 
+NEARER_M = 5e-3
+"""Least that is told of what comes nearer by itself. One at rest may come as far within a cycle."""
+
 
 class ServoStatus(NamedTuple):
     """Numbers of the last tick. Lengths in m, angles in rad."""
@@ -45,6 +48,9 @@ class ServoStatus(NamedTuple):
     """Whether the compiled servo runs."""
     refused: str = ""
     """What was wrong with what the last tick was given, which therefore braked; empty: nothing."""
+    nearer_m: float = 0.0
+    """How much nearer the first of `nearest_pair` may come by itself until this arm moves next and
+    it stops."""
 
     @property
     def slowed(self) -> bool:
@@ -65,6 +71,8 @@ class ServoStatus(NamedTuple):
     def nearest_in_words(self) -> str:
         """How near the nearest pair of bodies is."""
         first, second = self.nearest_pair
+        if self.nearer_m >= NEARER_M:
+            first += f", which may come {self.nearer_m * 1e3:.0f} mm nearer by itself,"
         if self.overlaps:
             return f"{first} and {second} overlap by {self.distance_m * -1e3:.1f} mm"
         return f"{first} and {second} are {self.distance_m * 1e3:.1f} mm apart"

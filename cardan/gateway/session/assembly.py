@@ -6,6 +6,7 @@ The configuration is compared with what devices, robots, filters and arms can do
 from __future__ import annotations
 
 import contextlib
+import difflib
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -66,17 +67,19 @@ from cardan.gateway.session.config import (
     ForceConfig,
     HapticConfig,
     LimitsTable,
+    NeighbourTable,
     ObstacleTable,
     SessionConfig,
     parse_config,
 )
 from cardan.robots import ArmModel, load_arm
-from cardan.spatial import norm, scale
+from cardan.spatial import compose, norm, scale, to_rotation_vector
 from cardan.types import (
     IDENTITY_POSE,
     CommandKind,
     DeviceCapabilities,
     DeviceState,
+    Pose,
     RobotCapabilities,
     Vector3,
 )
@@ -104,6 +107,9 @@ SHAPED_FORCES = (RemoteForceTable, NetworkForceTable)
 OWN_BODY_SHARE = 0.5
 """Share of the safety distance that a planned way keeps between parts of the arm itself: their
 positions are known exactly, and a home position may have them near."""
+
+SAME_BASE_M, SAME_BASE_RAD = 1e-3, 2e-3
+"""Two sessions mean one place by bases that differ by less."""
 
 FREE_JOINTS = 6
 """Joints of an arm without redundancy. One with more has a posture to choose: its home."""
@@ -483,16 +489,97 @@ def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
     return body
 
 
+def own_topic(config: SessionConfig, name: str) -> str:
+    """The absolute name of a topic that a session's node calls `name`; empty without a network."""
+    return "" if config.network is None else config.network.absolute(name)
+
+
+def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
+    """Where sessions of one daemon say of their neighbours what these do not say of themselves."""
+    by_topic = {own_topic(each, "joint_states"): name for name, each in sessions.items()}
+    found = []
+    for name, config in sessions.items():
+        for index, table in enumerate(config.neighbours):
+            key = f"{name}: neighbours.{index}"
+            topic = own_topic(config, table.topic)
+            if topic not in by_topic:
+                # It may be an arm that no session of ours moves.
+                found += [
+                    f"{key}.topic: no session here publishes {topic}; did you mean {near!r}?"
+                    for near in difflib.get_close_matches(topic, by_topic, 1, 0.9)
+                ]
+                continue
+            other = by_topic[topic]
+            arm = sessions[other].arm
+            if arm is None:
+                continue
+            who = f"the session {other!r}"
+            if arm.model != table.model:
+                found.append(f"{key}.model: is {table.model!r}, and {who} has {arm.model!r}")
+            if arm.acceleration_share < table.acceleration_share:
+                found.append(
+                    f"{key}.acceleration_share: is {table.acceleration_share:g}, and {who} has "
+                    f"{arm.acceleration_share:g}: it stops later than is expected here"
+                )
+            back = [
+                each for each in sessions[other].neighbours if _is_of(sessions, other, each, name)
+            ]
+            if not back:
+                found.append(
+                    f"{key}: {who} has no neighbour for this arm, and may drive into it: add one"
+                )
+            elif name < other and (away := _apart(table.base(), back[0].base())) is not None:
+                found.append(
+                    f"{key}.base_xyz_m: by where {who} has this arm's base, the two bases are "
+                    f"{away[0] * 1e3:.0f} mm and {math.degrees(away[1]):.1f} degrees off: each is "
+                    "given in the other's frame"
+                )
+    return found
+
+
+def _is_of(
+    sessions: Mapping[str, SessionConfig], own: str, table: NeighbourTable, other: str
+) -> bool:
+    """Whether a neighbour of the session `own` is the arm of `other`."""
+    return own_topic(sessions[own], table.topic) == own_topic(sessions[other], "joint_states")
+
+
+def _apart(one: Pose | None, other: Pose | None) -> tuple[float, float] | None:
+    """How far two bases, each in the other, are from being inverse: m and rad; None: they are."""
+    closed = compose(one or IDENTITY_POSE, other or IDENTITY_POSE)
+    away = norm(closed.position), norm(to_rotation_vector(closed.orientation))
+    return away if away[0] > SAME_BASE_M or away[1] > SAME_BASE_RAD else None
+
+
 def make_neighbour_bodies(config: SessionConfig) -> list[NeighbourBodies]:
     """The bodies of the arms of ``[[neighbours]]``."""
     if not config.neighbours or config.arm is None:
         return []
     from cardan.gateway.arm.neighbours import NeighbourBodies
 
+    own: set[str] = set()
+    if has_rigid_arm(config):
+        own |= set(load_arm(config.arm.model, "arm.model").joint_names)
+    heard = {own_topic(config, "joint_states"): ("this session's own arm", own)}
     found = []
     for index, table in enumerate(config.neighbours):
         key = f"neighbours.{index}.model"
         model = load_arm(table.model, key)
+        joints = set(model.joint_names)
+        if table.base_xyz_m is None and joints <= own:
+            raise ConfigurationError(
+                f"neighbours.{index}.base_xyz_m",
+                f"is missing: the joints of {table.model!r} are this arm's own, so it is no other "
+                "arm of the same robot; say where its base is",
+            )
+        topic = own_topic(config, table.topic)
+        who, theirs = heard.setdefault(topic, (f"the neighbour {table.name!r}", joints))
+        if theirs is not joints and joints <= theirs:
+            raise ConfigurationError(
+                f"neighbours.{index}.topic",
+                f"{topic} is that of {who}, whose joints have the same names: name the topic on "
+                f"which {table.name!r} alone is published",
+            )
         if not config.arm.i_accept_links_without_bodies:
             model.require_bodies(key)
         made = NeighbourBodies(table.name, model, table.base(), table.acceleration_share)

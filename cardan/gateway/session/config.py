@@ -112,7 +112,7 @@ class NeighbourTable(Options):
     """Of its joints' accelerations, as its own session's [arm] has it: how late it stops."""
     ignore: tuple[tuple[str, str], ...] = ()
     """Pairs that are not kept apart, as they always touch: a body of this arm and one of it."""
-    max_age_s: Annotated[float, bounds.BLIND_S] = 0.15
+    max_age_s: Annotated[float, bounds.NEIGHBOUR_AGE_S] = 0.15
     """While its newest joint states are older, this arm brakes and is not moved."""
 
     def __post_init__(self) -> None:

@@ -405,7 +405,7 @@ def test_answers_are_of_the_same_types(arm):
     assert type(status.authority.since_s) is type(status.stream_age_s) is float
     assert math.isinf(status.stream_age_s)
     assert status.authority.owner == arm.source
-    servo = [float] * 3 + [tuple, float, tuple, int] + [float] * 4 + [int, int, bool, str]
+    servo = [float] * 3 + [tuple, float, tuple, int] + [float] * 4 + [int, int, bool, str, float]
     assert [type(each) for each in status.servo] == servo
     values = arm.get_parameters()
     assert {type(each) for each in values.values()} == {float}

@@ -22,11 +22,11 @@ class Heard:
     def __init__(self, max_age_s=0.15):
         self.watch, self.now_s = NeighbourWatch(BODIES, "/right/joint_states", max_age_s), 50.0
 
-    def say(self, joints=HOME, speeds=(), names=NAMES, late_s=0.0, after_s=0.01):
+    def say(self, joints=HOME, speeds=(), names=NAMES, late_s=0.0, after_s=0.01, sender=b""):
         self.now_s += after_s
         now_ns = EPOCH_NS + int(self.now_s * NS)
         stamp_ns = now_ns - int(late_s * NS)
-        self.watch.take(names, joints, speeds, stamp_ns, self.now_s, now_ns)
+        self.watch.take(names, joints, speeds, stamp_ns, self.now_s, now_ns, sender)
         return self
 
     @property
@@ -65,7 +65,7 @@ def test_names_are_sorted_and_further_joints_are_left():
 
 WRONG = {
     "joint states of other joints": {"names": tuple("abcdef")},
-    f"joint states without {NAMES[0]}": {"names": ("other", *NAMES[1:])},
+    "joint states without some of its joints": {"names": ("other", *NAMES[1:])},
     "joint states with a joint twice": {"names": (*NAMES, NAMES[0]), "joints": (*HOME, 0.0)},
     "joint states with other numbers of values than of joints": {"joints": HOME[:5]},
     "joint states that are not numbers": {"joints": (math.nan, *HOME[1:])},
@@ -91,6 +91,36 @@ def test_what_is_wrong_is_counted_and_refreshes_nothing(reason):
             break
     if reason != "joint states with the stamp of earlier ones":
         assert f"on /right/joint_states come {reason}" in heard.fault
+
+
+def test_joints_that_are_missing_are_named_and_counted_as_one():
+    heard = Heard()
+    for missing in range(3):
+        heard.say(names=tuple("x" if i == missing else each for i, each in enumerate(NAMES)))
+    assert heard.watch.refused == {"joint states without some of its joints": 3}
+    assert heard.fault.endswith(f"come joint states without some of its joints: {NAMES[2]}")
+
+
+def test_of_two_publishers_nobody_knows_which_is_the_neighbour():
+    heard = Heard().say(sender=b"one").say(sender=b"one")
+    heard.say(joints=[0.3 + each for each in HOME], sender=b"two")
+    assert heard.watch.joints == HOME
+    for _ in range(30):
+        assert heard.fault.startswith("two publish joint states of the neighbour right on /right/")
+        assert not math.isinf(heard.watch.speeds_m_s.max())
+        heard.say(sender=b"one").say(sender=b"two")
+    assert heard.watch.refused == {"joint states of a second publisher": 31}
+    for _ in range(20):
+        heard.say(sender=b"one")
+    assert not heard.fault
+
+
+def test_another_publisher_of_other_joints_is_no_second_and_a_new_one_follows_an_old():
+    heard = Heard().say(sender=b"one")
+    heard.say(names=("finger",), joints=(0.0,), sender=b"gripper").say(sender=b"one")
+    assert not heard.fault
+    heard.now_s += 0.2
+    assert not heard.say(sender=b"begun again").fault
 
 
 def test_speeds_that_are_not_numbers_are_refused():
@@ -133,6 +163,17 @@ def test_speeds_are_the_larger_of_what_is_said_and_what_is_seen():
     there = np.array(HOME) + 0.01 * velocities
     liar = Heard().say().say(joints=tuple(there), speeds=(0.0,) * 6)
     assert liar.watch.speeds_m_s == pytest.approx(expected, rel=0.05)
+
+
+def test_without_velocities_it_may_have_become_faster_since_halfway_between_two_states():
+    """From rest, with the acceleration that is expected of it, in 0.1 s."""
+    heard, swing = Heard().say().say(), np.array((0.0, 1.0, 0.0, 0.0, 0.0, 0.0))
+    per_speed = BODIES.speeds_m_s(np.array(HOME), swing).max()
+    acceleration = BODIES.gained_m_s(1.0).max() / per_speed
+    heard.say(joints=HOME + 0.5 * acceleration * 0.1**2 * swing, after_s=0.1)
+    real_m_s = BODIES.speeds_m_s(np.array(heard.watch.joints), 0.1 * acceleration * swing)
+    assert (heard.watch.speeds_m_s >= real_m_s - 1e-6).all()
+    assert heard.watch.speeds_m_s.max() == pytest.approx(real_m_s.max(), rel=1e-3)
 
 
 @pytest.mark.parametrize("name", ["ur5", "pr2_left_arm", "teo_left_arm"])

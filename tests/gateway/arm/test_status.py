@@ -42,3 +42,6 @@ def test_what_limits_the_arm(given, found):
 def test_how_near_two_bodies_are():
     assert FREE._replace(distance_m=0.0307).nearest_in_words == "a and b are 30.7 mm apart"
     assert FREE._replace(distance_m=-0.034).nearest_in_words == "a and b overlap by 34.0 mm"
+    comes = FREE._replace(distance_m=0.3, nearer_m=0.31).nearest_in_words
+    assert comes == "a, which may come 310 mm nearer by itself, and b are 300.0 mm apart"
+    assert "by itself" not in FREE._replace(distance_m=0.3, nearer_m=0.001).nearest_in_words

@@ -2,20 +2,24 @@
 and the joint states of each as the other's session hears them."""
 
 import math
+import re
 
 import numpy as np
 import pytest
 
 from cardan.bus.node import Received
+from cardan.common.native import NativePartError
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.neighbours import NS
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
-from cardan.gateway.bus.neighbours import MESSAGES_AT_ONCE
+from cardan.gateway.bus.neighbours import MAX_BYTES, MESSAGES_AT_ONCE
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel
+from cardan.gateway.servo import choice
 from cardan.gateway.session.assembly import (
     cautions,
+    disagreements,
     make_controller,
     make_neighbours,
     make_robot,
@@ -24,6 +28,7 @@ from cardan.gateway.session.config import parse_config
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.names import dds_type
+from cardan.protocols.ros2.zenoh import Attachment
 from cardan.recording.verify import REPEATED
 from cardan.robots import load_arm
 from cardan.types import DeviceLink, DeviceState
@@ -65,6 +70,9 @@ def table(own="ur5", other="ur5", name="right", neighbour=FACING, **more):
     }
 
 
+FACED = table()["neighbours"][0]
+
+
 class Topic:
     """A topic of joint states, whose messages arrive late."""
 
@@ -72,7 +80,7 @@ class Topic:
         self._names, self._codec = names, codec_of(STATE)
         self._waiting, self._there = [], []
 
-    def say(self, joints, velocities=(), *, stamp_s, at_s, names=None, key=KEY):
+    def say(self, joints, velocities=(), *, stamp_s, at_s, names=None, key=KEY, sender=None):
         stamp_ns = EPOCH_NS + round(stamp_s * NS)
         message = default_message(STATE) | {
             "header": {"stamp": {"sec": stamp_ns // NS, "nanosec": stamp_ns % NS}, "frame_id": ""},
@@ -80,7 +88,8 @@ class Topic:
             "position": list(joints),
             "velocity": list(velocities),
         }
-        self._waiting.append((at_s, Received(self._codec.encode(message), key, None, None)))
+        attachment = None if sender is None else Attachment(1, stamp_ns, sender)
+        self._waiting.append((at_s, Received(self._codec.encode(message), key, attachment, None)))
 
     def junk(self, data, at_s):
         self._waiting.append((at_s, Received(data, KEY, None, None)))
@@ -268,6 +277,11 @@ def flood(session, step):
         session.topic.junk(bytes(40), session.state.stamp_s)
 
 
+def second(session, step):
+    hear(session, HOME, 0.002, sender=b"one")
+    hear(session, HOME + 0.3, 0.0, sender=b"two")
+
+
 SILENCES = {
     "silence": lambda session, step: None,
     "numbers that are none": lambda session, step: hear(session, HOME * math.nan, 0.0),
@@ -276,6 +290,7 @@ SILENCES = {
     "other joints": lambda session, step: hear(session, HOME, 0.0, names=list("abcdef")),
     "another type": lambda session, step: hear(session, HOME, 0.0, key="0/joint_states/x/hash"),
     "a flood of junk": flood,
+    "a second publisher": second,
 }
 
 
@@ -316,6 +331,66 @@ def test_a_flood_beside_the_true_states_costs_no_cycle_more_than_four_messages()
     assert sum(session.neighbours._watches[0].refused.values()) - before <= MESSAGES_AT_ONCE
 
 
+def test_what_is_too_long_is_not_decoded():
+    session = armed()
+    names = [*load_arm("ur5").joint_names, *(f"joint {each}" for each in range(2000))]
+    hear(session, np.zeros(len(names)), 0.0, names=names)
+    session.cycle()
+    assert "refused 1 messages of more than 8192 bytes" in session.neighbours.diagnosis()[-1]
+    assert len(names) * 8 > MAX_BYTES
+
+
+def test_whatever_junk_comes_little_is_said_of_it():
+    session, generator = armed(), np.random.default_rng(1)
+    codec = codec_of(STATE)
+    good = codec.encode(
+        default_message(STATE)
+        | {"name": list(load_arm("ur5").joint_names), "position": HOME.tolist()}
+    )
+    for _ in range(400):
+        session.topic.junk(good[: generator.integers(len(good))], session.state.stamp_s)
+        other = bytearray(good)
+        other[generator.integers(4, len(good))] ^= generator.integers(1, 256)
+        session.topic.junk(bytes(other), session.state.stamp_s)
+        session.cycle()
+    assert sum(session.neighbours._watches[0].refused.values()) > 700
+    assert len(session.neighbours.diagnosis()) < 15
+
+
+def test_the_words_say_how_far_a_neighbour_may_come_that_is_fast():
+    session = armed()
+    for step in range(40):
+        swing = HOME + 0.4 * math.sin(0.3 * step) * SWING
+        hear(session, swing, 0.0)
+        session.cycle(INWARD)
+        if "nearer" in session.message:
+            break
+    told = re.search(
+        r"right's \w+, which may come (\d+) mm nearer by itself, and \w+ are", session.message
+    )
+    assert told is not None
+    assert int(told[1]) > SAFETY_M * 1e3
+
+
+def unavailable(*_arguments):
+    raise NativePartError("left out by a test")
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_both_servos_tell_how_far_a_neighbour_may_come(compiled, monkeypatch):
+    if not compiled:
+        monkeypatch.setattr(choice, "CompiledServo", unavailable)
+    session = Session()
+    session.cycle(held=False)
+    ways = [0.6 + 0.01 * each for each in range(len(session.core.body.neighbours[0].shapes))]
+    session.core.place_neighbour(0, HOME, ways)
+    session.core.body.brake(PERIOD_S)
+    status = session.core.body.servo.status()
+    names = [each.name for each in session.core.body.neighbours[0].shapes]
+    assert status.compiled is compiled
+    assert status.nearer_m == ways[names.index(status.nearest_pair[0])]
+
+
 def test_a_record_places_the_neighbours_where_they_were():
     session, said = armed(), []
     session.core.witness = lambda _ticks, what, text: said.append((what, text))
@@ -336,8 +411,19 @@ def test_a_record_places_the_neighbours_where_they_were():
         ({"network": None}, "neighbours: their joint states come from the network"),
         ({"arm": {"model": "ur5", "collisions": False}}, "neighbours: only an arm's"),
         ({"neighbour": {"topic": "/a b"}}, "topic"),
+        (
+            {"neighbour": {"topic": "/joint_states"}},
+            "neighbours.0.topic: /joint_states is that of this",
+        ),
+        ({"neighbour": {"topic": "joint_states"}}, "/joint_states is that of this session"),
+        (
+            {"neighbour": {"base_xyz_m": None, "base_rpy_deg": [0.0] * 3}},
+            "neighbours.0.base_xyz_m: is missing.*say where",
+        ),
+        ({"neighbours": [FACED, {**FACED, "name": "it"}]}, "neighbours.1.topic.*neighbour 'right'"),
+        ({"neighbour": {"max_age_s": 0.01}}, "neighbours.0.max_age_s.*0.02"),
         ({"neighbour": {"name": ""}}, "name"),
-        ({"neighbour": {"base_rpy_deg": [0.0, 0.0, 9.0]}}, "given with base_xyz_m"),
+        ({"neighbour": {"base_xyz_m": None}}, "given with base_xyz_m"),
         ({"neighbour": {"model": "ur55"}}, "neighbours.0.model.*ur5"),
         ({"neighbour": {"ignore": [["wrist_3_link", "link_9"]]}}, "neighbours.0.ignore.*link_9"),
         ({"neighbour": {"ignore": [["base", "wrist_3_link"]]}}, "neighbours.0.ignore.*'base'"),
@@ -346,7 +432,9 @@ def test_a_record_places_the_neighbours_where_they_were():
 def test_what_cannot_be_is_refused(changes, words):
     given = {key: value for key, value in {**table(), **changes}.items() if value is not None}
     if "neighbour" in changes:
-        given = table(**changes)
+        given = table(neighbour={**FACING, **changes["neighbour"]})
+        for key in [key for key, value in changes["neighbour"].items() if value is None]:
+            del given["neighbours"][0][key]
 
     def made():
         config = parse_config(given)
@@ -358,7 +446,7 @@ def test_what_cannot_be_is_refused(changes, words):
 
 def test_too_many_pairs_are_refused_and_the_remedy_is_said():
     one = table()["neighbours"][0]
-    many = [{**one, "name": f"arm {number}"} for number in range(40)]
+    many = [{**one, "name": f"{number}", "topic": f"/arm{number}"} for number in range(40)]
     config = parse_config({**table(), "neighbours": many})
     with pytest.raises(ConfigurationError, match=r'at most 256 can be: set fit = "coarse"'):
         make_controller(config, make_robot(config))
@@ -374,3 +462,54 @@ def test_bodies_that_overlap_at_home_are_said_and_can_be_ignored():
     assert len(found[0]) == 1
     assert "right's r_shoulder_pan_link and l_shoulder_pan_link overlap by" in found[0][0]
     assert not found[1]
+
+
+def two(left=(), right=(), **changes):
+    """The configurations of two sessions that are each other's neighbours."""
+    made = {}
+    for name, other, change in (("left", "right", dict(left)), ("right", "left", dict(right))):
+        one = table(name=other, neighbour={**FACING, **change})
+        made[name] = parse_config({**one, "network": {"namespace": name}, **changes})
+    return made
+
+
+def test_two_sessions_that_agree_are_not_warned_of():
+    assert disagreements(two()) == []
+    moved = {"base_xyz_m": [1.0, 0.5, 0.2], "base_rpy_deg": [0.0, 0.0, 90.0]}
+    seen = {"base_xyz_m": [-0.5, 1.0, -0.2], "base_rpy_deg": [0.0, 0.0, -90.0]}
+    assert disagreements(two(moved, seen)) == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"base_xyz_m": [1.5, 0.0, 0.0]}, ["left: neighbours.0.base_xyz_m: .* 100 mm and 0.0 deg"]),
+        ({"base_rpy_deg": [0.0, 0.0, 170.0]}, ["base_xyz_m: .* 244 mm and 10.0 degrees"]),
+        ({"model": "ur5e"}, ["left: neighbours.0.model: is 'ur5e', .* 'right' has 'ur5'"]),
+        (
+            {"topic": "/rihgt/joint_states"},
+            ["/rihgt/joint_states; did you mean '/right/joint_states'"],
+        ),
+    ],
+)
+def test_two_sessions_that_say_different_things_of_each_other_are_warned_of(change, words):
+    found = disagreements(two(left=change))
+    for each in words:
+        assert any(re.search(each, line) for line in found), found
+
+
+def test_a_neighbour_that_no_session_of_ours_moves_is_not_warned_of():
+    assert disagreements(two({"topic": "/welder/states"}, {"topic": "/other/arm"})) == []
+
+
+def test_a_neighbour_that_does_not_know_this_arm_or_stops_later_is_warned_of():
+    one = two()
+    deaf = parse_config({**table(), "network": {"namespace": "right"}, "neighbours": []})
+    assert disagreements({**one, "right": deaf}) == [
+        "left: neighbours.0: the session 'right' has no neighbour for this arm, and may drive into "
+        "it: add one"
+    ]
+    slow = two(arm={"model": "ur5", "acceleration_share": 0.5})
+    found = disagreements({**one, "right": slow["right"]})
+    assert len(found) == 1
+    assert "acceleration_share: is 1, and the session 'right' has 0.5" in found[0]
