@@ -363,6 +363,21 @@ def test_light_and_rumble_go_back_and_end_with_the_lease():
     assert bench.share.feedback(bench.there_s) == DeviceFeedback(False, 0.0)
 
 
+def test_light_is_given_again_to_a_device_that_was_unplugged():
+    bench = Bench()
+    bench.given = DeviceFeedback(led=True, rumble=0.5)
+    bench.live()
+    assert bench.share.feedback_due(bench.there_s) == bench.given
+    assert bench.share.feedback_due(bench.there_s) is None
+    bench.move(link=DeviceLink.LOST, reason="unplugged")
+    bench.run(0.1)
+    assert bench.share.feedback_due(bench.there_s) is None
+    bench.move(0.0)
+    bench.run(0.1)
+    assert bench.share.feedback_due(bench.there_s) == bench.given
+    assert bench.share.feedback_due(bench.there_s) is None
+
+
 # -- who has it -----------------------------------------------------------------------------------
 
 

@@ -132,6 +132,9 @@ class ShareCore:
         """Whether there is another state since."""
         self._asked = False
         """Whether a claim is to be answered."""
+        self._shown: DeviceFeedback | None = None
+        """What the operator was given last; None: the device shows nothing that is known."""
+        self._lost = False
         self._offered_s, self._next_s = NEVER_S, math.inf
         """When a state was offered last, and is to be again."""
         self._settled_s, self._before_s = NEVER_S, NEVER_S
@@ -220,6 +223,9 @@ class ShareCore:
         """What to publish now, if it is time to; `state` and `edges`, oldest first, were taken
         before `now_s`."""
         self._expire(now_s)
+        self._lost = state.link is DeviceLink.LOST
+        if self._lost:
+            self._shown = None
         shared = self._offer(*self._settled(state, edges, now_s), able, now_s)
         self._offered_s, self._next_s = now_s, self.due_s
         return shared
@@ -289,6 +295,14 @@ class ShareCore:
         """What the operator is to be given: nothing once nobody has the device."""
         self._expire(now_s)
         return DeviceFeedback(False, 0.0) if self._claim is None else self._claim.feedback
+
+    def feedback_due(self, now_s: float) -> DeviceFeedback | None:
+        """The same where it is to be given now: once, and again to a device that was lost."""
+        feedback = self.feedback(now_s)
+        if self._lost or feedback == self._shown:
+            return None
+        self._shown = feedback
+        return feedback
 
 
 class News:
@@ -375,7 +389,6 @@ def share_until(
         ask_for_real_time()
         ready(topic)
         codec = codec_of(STATE_TYPE)
-        shown: DeviceFeedback | None = None
         while not stop.is_set() and (now_s := time.monotonic()) < end_s:
             received = claims.wait(max(0.0, min(core.due_s, end_s, now_s + FREE_S) - now_s))
             for _ in range(CLAIMS_KEPT):
@@ -388,8 +401,7 @@ def share_until(
             shared = core.offer(state, edges, device.capabilities, now_s)
             if shared is not None:
                 publisher.put(codec.encode(shared_message(shared)), time.time_ns())
-            if (feedback := core.feedback(now_s)) != shown:
-                shown = feedback
+            if (feedback := core.feedback_due(now_s)) is not None:
                 _give(device, feedback)
             lines = news.of(state, core.lessee(now_s), core.counts)
             if now_s >= look_s:
