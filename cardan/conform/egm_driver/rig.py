@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cardan.conform.conduct import Conduct
-from cardan.conform.controllers import DriverRig
 from cardan.conform.egm_driver.faults import FAULTS
 from cardan.conform.egm_driver.pilot import FIRST, SECOND
+from cardan.conform.rigs import DriverRig
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import EgmSession
 from cardan.protocols.egm import (

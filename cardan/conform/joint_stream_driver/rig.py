@@ -6,9 +6,9 @@ import math
 from collections.abc import Mapping
 
 from cardan.conform.conduct import Conduct
-from cardan.conform.controllers import DriverRig
 from cardan.conform.joint_stream_driver.faults import FAULTS
 from cardan.conform.joint_stream_driver.requirements import PERIOD_S, ROBOT
+from cardan.conform.rigs import DriverRig
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.drivers.sim_arm.session import SimArmSession
@@ -48,7 +48,8 @@ class JointStreamDriverRig(DriverRig):
         """When and where motion began, and in which session."""
         self._target: tuple[float, ...] = ()
 
-    def _opened(self, channel: str) -> None:
+    def _open(self, channel: str) -> None:
+        super()._open(channel)
         self._listens = True
 
     # -- what the driver is asked to do -----------------------------------------------------------

@@ -9,6 +9,7 @@ from itertools import pairwise
 from cardan.conform.motoros.pilot import STEP_RAD, STEP_S, UNKNOWN_TYPE
 from cardan.conform.motoros.seen import Exchange, Heard, MotorosSeen
 from cardan.conform.requirements import (
+    Over,
     Requirements,
     Verdict,
     at_most,
@@ -163,9 +164,7 @@ def feedback_has_speeds(seen: MotorosSeen) -> Verdict:
 @requires.each(
     9,
     f"{MESSAGES}, ROBOT_STATUS: MotoROS sends no unknowns",
-    MotorosSeen.statuses,
-    "{} statuses",
-    nothing="no status came",
+    Over(MotorosSeen.statuses, "{} statuses", nothing="no status came"),
 )
 def statuses_are_plausible(each: tuple[Heard, RobotStatus]) -> str:
     """Switches of a status are 0 or 1, and the mode is 1 (teach) or 2 (play)."""
@@ -435,8 +434,7 @@ def _held(seen: MotorosSeen) -> Verdict | None:
 @requires.each(
     113,
     f"{STATES}, ROBOT_STATUS; {CONTROLLER}: what ends motion",
-    lambda seen: seen.statuses("hold"),
-    "{} statuses",
+    Over(lambda seen: seen.statuses("hold"), "{} statuses"),
     unless=_held,
 )
 def holding_is_undisturbed(each: tuple[Heard, RobotStatus]) -> str:
