@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from cardan.conform.requirements import (
     Outcome,
+    Over,
     Verdict,
     at_most,
     failed,
@@ -300,34 +301,33 @@ def wrong_programs_are_refused_in_words(seen: UrSeen) -> Verdict:
     return passed(f"line {words[0].line}: {words[0].text!r}")
 
 
+def _not_held(seen: UrSeen) -> Verdict | None:
+    return None if seen.sent_during("hold") else not_seen("it was not held")
+
+
 def _follows(state: State) -> bool:
     return bool(state.values[REPORT] == Report.FOLLOWS)
 
 
-@requires(114, f"{GUIDE}: robot_mode, safety_mode, runtime_state, target_speed_fraction")
-def holding_is_undisturbed(seen: UrSeen) -> Verdict:
+@requires.each(
+    114,
+    f"{GUIDE}: robot_mode, safety_mode, runtime_state, target_speed_fraction",
+    Over(lambda seen: seen.during("hold"), "{} states", nothing="it was not held"),
+    unless=_not_held,
+)
+def holding_is_undisturbed(each: State) -> str:
     """Held by the driver's program, the robot is RUNNING, safety is normal, the program plays and
     the speed slider stands at 100 %."""
-    found = seen.during("hold")
-    if not seen.sent_during("hold") or not found:
-        return not_seen("it was not held")
-    wrong = []
-    for each in found:
-        v = each.values
-        for bad, words in (
-            (v["safety_mode"] not in MOVES_IN, f"safety mode {v['safety_mode']}"),
-            (v["robot_mode"] != RobotMode.RUNNING, f"robot mode {v['robot_mode']}"),
-            (v[RUNTIME] != RuntimeState.PLAYING, f"runtime state {v[RUNTIME]}"),
-            (
-                v["target_speed_fraction"] < 0.999,
-                f"the speed slider at {100.0 * v['target_speed_fraction']:.0f} %",
-            ),
-            (not _follows(each), f"the program reports {v[REPORT]}"),
-        ):
-            if bad:
-                wrong.append((each.number, words))
-                break
-    return none_wrong(wrong, len(found), f"{len(found)} states", "")
+    v = each.values
+    slider = v["target_speed_fraction"]
+    causes = (
+        (v["safety_mode"] not in MOVES_IN, f"safety mode {v['safety_mode']}"),
+        (v["robot_mode"] != RobotMode.RUNNING, f"robot mode {v['robot_mode']}"),
+        (v[RUNTIME] != RuntimeState.PLAYING, f"runtime state {v[RUNTIME]}"),
+        (slider < 0.999, f"the speed slider at {100.0 * slider:.0f} %"),
+        (not _follows(each), f"the program reports {v[REPORT]}"),
+    )
+    return next((words for bad, words in causes if bad), "")
 
 
 @requires(115, f"{GUIDE}: inputs act in the cycle after they came; {DRIVER}")
