@@ -9,7 +9,10 @@ from cardan_dds.network import DdsNetwork
 
 TIMEOUT_S = 20.0
 
-OPTIONS = DdsOptions(dds_domain=random.SystemRandom().randrange(50, 100))
+OPTIONS, SESSION_OPTIONS = (
+    DdsOptions(dds_domain=each) for each in random.SystemRandom().sample(range(50, 100), 2)
+)
+"""Two domains. On the second there is nobody but a session's face and who its tests let in."""
 
 STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"
 

@@ -7,14 +7,18 @@ test_docs_tables holds them current. To write all of them anew: ``make docs-tabl
 
 from __future__ import annotations
 
+import ast
+import inspect
 from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 from cardan.demos.examples import find_demos
 from cardan.drivers import registry as drivers
 from cardan.drivers.base import Driver, OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouse
+from cardan.gateway.arm.states import States
 from cardan.protocols.connexion import MODELS
 from cardan.sim_peers import registry as peers
 from cardan_serial_mice.driver import SpaceMouseSerial
@@ -186,6 +190,25 @@ def _network() -> str:
     return markdown(columns, network_table.table())
 
 
+def _states() -> str:
+    """The machines of an arm, with what is written under each member."""
+    rows = []
+    for machine in get_type_hints(States).values():
+        (told,) = ast.parse(inspect.getsource(machine)).body
+        assert isinstance(told, ast.ClassDef)
+        what = str(inspect.getdoc(machine)).rstrip(".")
+        for member, below in pairwise(told.body):
+            match member, below:
+                case (
+                    ast.Assign(value=ast.Constant(value=str(name))),
+                    ast.Expr(value=ast.Constant(value=str(text))),
+                ):
+                    rows.append((what, f"`{name}`", " ".join(text.split())))
+                    what = '"'
+        assert len(rows) >= len(machine)
+    return markdown(("machine", "state", "meaning"), rows)
+
+
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("README.md", "overview"): _overview,
     ("docs/devices.md", "devices"): _devices,
@@ -193,6 +216,7 @@ TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/first-ten-minutes.md", "demos"): _demos,
     ("docs/judged.md", "network"): _network,
     ("docs/spnav.md", "buttons"): _spnav_buttons,
+    ("docs/who-moves-the-arm.md", "states"): _states,
     ("docs/simulated-peers.md", "peers"): _peers("simulated-peers.md"),
     ("docs/simulated-devices.md", "peers"): _peers("simulated-devices.md"),
     ("docs/simulated-devices.md", "faults of jr3"): _faults("jr3"),

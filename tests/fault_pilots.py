@@ -13,6 +13,7 @@ from cardan.gateway.arm.authority import HAND
 from cardan.gateway.arm.codes import Parameter, Stream
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.motion import Motion
+from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.hand.mapping import MappingOptions
@@ -55,7 +56,7 @@ class Pilot(ABC):
 
     def _supervise(self, now_s: float) -> None:
         if self.heartbeat is not None:
-            self.controller.hold_off(self.heartbeat.fault(now_s))
+            self.controller.inhibit(self.heartbeat.fault(now_s), Inhibit.WHILE_SAID)
 
     @abstractmethod
     def lose_authority(self) -> None:

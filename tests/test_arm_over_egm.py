@@ -60,6 +60,7 @@ def test_the_end_of_reach_is_held_without_a_fault_and_left_again():
     assert run.core.status().trips == 0
 
 
+@pytest.mark.matrix("pose")
 @pytest.mark.parametrize("mode", ["joint", "pose"])
 def test_a_silent_controller_needs_the_deliberate_act(mode):
     run = chain(mode, robot_faults={"drop": 0.2}).run(4.0)
@@ -117,6 +118,10 @@ def test_every_verb_with_default_options():
         verbs.gcmp()
 
 
+@pytest.mark.matrix(
+    *(f"EGM pose-{stall_s}" for stall_s in (0.11, 0.12, 0.129, 0.15)),
+    *(f"EGM joint-{stall_s}" for stall_s in (0.12, 0.132, 0.15, 0.19)),
+)
 @pytest.mark.parametrize("stall_s", [0.11, 0.12, 0.129, 0.132, 0.15, 0.19])
 @pytest.mark.parametrize("kind", [EgmBench, EgmJointBench], ids=lambda kind: kind.name)
 def test_a_process_that_stood_still_has_an_arm_go_no_faster(kind, stall_s):

@@ -20,7 +20,7 @@ from bench.killed import REST_M_S, ROBOTS, WINDOW_S, Watch, driven
 from cardan.common.signals import signal_name
 from tests.programs import Program
 from tests.test_cli import ENVIRONMENT, EXAMPLES
-from tests.waiting import WITHIN_S, until
+from tests.waiting import STOOD_STILL, WITHIN_S, until
 
 pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 
@@ -83,7 +83,9 @@ def session_of(program):
 
 
 def assert_it_braked(program, code):
-    assert code == 0, program.out + program.err
+    # A computer that stands still at the end has a device that is old, which is said by the code.
+    paused = STOOD_STILL in program.out + program.err
+    assert code in ((0, 4) if paused else (0,)), program.out + program.err
     assert "stopped on request" in program.out
     assert "Traceback" not in program.err
     assert "ended with status 0" in program.err

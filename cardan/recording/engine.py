@@ -22,6 +22,7 @@ from cardan.gateway.arm.cycle_record import (
     command_text,
     decode_cycle,
 )
+from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.session.assembly import make_controller, make_robot, make_verbs
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.protocols.ros2.cdr import Malformed, codec_of
@@ -48,14 +49,15 @@ def _place_neighbour(controller: ArmController, text: str) -> None:
         ) from None
 
 
+def _inhibit(kind: Inhibit) -> Callable[[ArmController, str], object]:
+    return lambda controller, reason: controller.inhibit(reason, kind)
+
+
 REPEATED: Mapping[str, Callable[[ArmController, str], object]] = {
-    "request_stop": lambda controller, reason: controller.request_stop(reason),
     "stop": lambda controller, reason: controller.stop(reason),
-    "trip": lambda controller, reason: controller.trip(reason),
-    "hold_off": lambda controller, reason: controller.hold_off(reason),
     "place_neighbour": _place_neighbour,
-    "suspend": lambda controller, _reason: controller.suspend(),
     "acknowledge": lambda controller, _reason: controller.acknowledge(),
+    **{kind.value: _inhibit(kind) for kind in Inhibit},
 }
 """Requests to the controller that are made again as they were; those of programs that are have
 :mod:`cardan.recording.repeat`."""

@@ -8,7 +8,7 @@ from cardan.conform import Level, registry
 from cardan.conform.run import simulated
 
 
-@pytest.mark.matrix("5.0", "7.0", "10.0")
+@pytest.mark.matrix("1.0", "2.0", "5.0", "7.0", "10.0")
 @pytest.mark.parametrize("seconds", [0.5, 1.0, 2.0, 5.0, 7.0, 10.0])
 def test_a_faultless_controller_is_not_failed_by_where_its_runs_end(seconds):
     """Some of these begin to hold where the run that was only listened to has just ended."""

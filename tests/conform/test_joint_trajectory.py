@@ -150,6 +150,7 @@ def turned_arm(turns):
     return Bench(arm=PR2, start=start)
 
 
+@pytest.mark.matrix("0-cancel_goal")
 @pytest.mark.parametrize(("turns", "earlier"), [(0, CANCEL), (-2, GOAL)])
 def test_a_session_meets_every_requirement(turns, earlier):
     assert worse_than(Outcome.PASSED, judged(turned_arm(turns), earlier=earlier)) == {}

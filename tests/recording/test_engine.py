@@ -10,6 +10,7 @@ from cardan.drivers.sim_arm import SimArm
 from cardan.errors import CaptureError
 from cardan.gateway.arm.codes import Begins
 from cardan.gateway.arm.cycle_record import RecordError, decode_cycle
+from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.session.assembly import make_robot, make_verbs
 from cardan.gateway.session.config import parse_config
 from cardan.recording.engine import replay_engine
@@ -78,23 +79,24 @@ def test_no_hardware_is_opened(file, monkeypatch):
     assert replay_engine(file)[0].same
 
 
+@pytest.mark.matrix("request_stop-arguments1", "suspend-arguments4", "acknowledge-arguments5")
 @pytest.mark.parametrize(
-    ("name", "arguments"),
+    ("name", "request_by"),
     [
-        ("stop", ("enough",)),
-        ("request_stop", ("the session's time is over",)),
-        ("trip", ("the force is in doubt",)),
-        ("hold_off", ("the supervisor is silent",)),
-        ("suspend", ()),
-        ("acknowledge", ()),
+        ("stop", lambda core: core.stop("enough")),
+        ("request_stop", lambda core: core.inhibit("the time is over", Inhibit.FOR_GOOD)),
+        ("trip", lambda core: core.inhibit("the force is in doubt", Inhibit.ONCE)),
+        ("hold_off", lambda core: core.inhibit("the supervisor is silent", Inhibit.WHILE_SAID)),
+        ("suspend", lambda core: core.inhibit("", Inhibit.MOTION_IGNORED)),
+        ("acknowledge", lambda core: core.acknowledge()),
     ],
 )
-def test_requests_between_cycles_are_made_again(tmp_path, name, arguments):
+def test_requests_between_cycles_are_made_again(tmp_path, name, request_by):
     def ask(number, controller):
         if number == 250:
-            getattr(controller, name)(*arguments)
+            request_by(controller)
         elif number == 320 and name == "hold_off":
-            controller.hold_off("")
+            controller.inhibit("", Inhibit.WHILE_SAID)
 
     session = Recorded(seconds=1.8, during=ask)
     assert [each.name for each in decode_cycle(session.texts[250]).before] == [name]

@@ -63,7 +63,10 @@ def test_the_figures_are_those_of_the_record(tmp_path):
     assert series.begin_ns == 1_000_000_000
 
 
-@pytest.mark.parametrize(("ending", "magic"), [("png", PNG), ("svg", SVG), ("pdf", PDF)])
+@pytest.mark.matrix("svg", "pdf")
+@pytest.mark.parametrize(
+    ("ending", "magic"), [("png", PNG), ("svg", SVG), ("pdf", PDF)], ids=["png", "svg", "pdf"]
+)
 def test_a_picture(tmp_path, ending, magic):
     pytest.importorskip("matplotlib", reason="matplotlib is not installed")
     path = write(tmp_path / "r.mcap", rows())

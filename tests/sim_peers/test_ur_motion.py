@@ -612,6 +612,7 @@ def table(below_m=0.02, **options):
     return Arm(contact_z_m=height - below_m, **options)
 
 
+@pytest.mark.matrix("ur5e-5.0", "ur5e-60.0")
 @pytest.mark.parametrize("asked_n", [5.0, 20.0, 60.0])
 @pytest.mark.parametrize("robot", ["ur5e", "ur5"])
 def test_force_mode_presses_with_what_is_asked(robot, asked_n):

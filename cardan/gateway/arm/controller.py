@@ -16,7 +16,7 @@ import contextlib
 import json
 import math
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 from cardan.common.haptics import WorldMap
@@ -27,8 +27,20 @@ from cardan.gateway.arm.activities.recover import NO_WAY, Recover
 from cardan.gateway.arm.authority import HAND, Authority
 from cardan.gateway.arm.body import Body, FollowingError
 from cardan.gateway.arm.gate import Gate, GateLimits
+from cardan.gateway.arm.states import (
+    RESTING,
+    Act,
+    Event,
+    Facts,
+    Inhibit,
+    States,
+    arming_after,
+    inhibits_after,
+    phase_of,
+)
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdogs, step_s
+from cardan.gateway.hand.arming import Arming
 from cardan.gateway.hand.position import resting_pose
 from cardan.gateway.hand.source import NO_REQUEST, HandRequest, HandSource, HandView
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
@@ -116,39 +128,26 @@ class ArmController:
         self._period_s = period_s
         self.not_ready = "nothing was heard of the robot yet"
         """Why the robot cannot be commanded now; empty when it can."""
-        self._gate = Gate(gate or limits_of_free_body(limits))
+        self.state = States()
+        """What it is doing; assigned by `_enter` alone."""
+        self._gate = Gate(gate or GateLimits.of_free_body(limits))
         self.advanced_s = 0.0
         """Time by which the last tick advanced; lost time is not in it."""
         self._activity: Activity | None = None
-        self._braking = False
-        self._engaged = False
-        """Whether the robot is commanded; else it is sent a hold."""
-        self._armed = False
-        """Whether the operator device may move the arm without another deliberate act."""
-        self._claimed = False
-        """Whether it moves the arm, or claims it by a button that is held."""
+        """What moves the commanded arm, and comes with the state of motion."""
         self._request = NO_REQUEST
-        self._phase = Phase.NO_ROBOT
-        self._message = "waiting for the robot"
         self._trip_reason = ""
         self._trips = 0
-        self._tripped = False
-        """Whether this tick ended a motion of some source, or placed the arm."""
+        self._tripped_in_tick = False
+        """Whether the present tick ended a motion of some source, or placed the arm."""
         self._apart_reason = ""
-        """Why the command and its robot stay apart until a deliberate act; empty: they do not."""
-        self._recover = False
-        """Whether the command is to be brought back to its robot as soon as it rests."""
+        """Why the command and its robot are APART, where they are."""
         self._recovered_way = NO_WAY
         """Length of recoveries since the last deliberate act."""
-        self._recovery_cancelled = False
-        """Whether a button ended a recovery, so that none begins until motion is asked for."""
-        self._ready_elsewhere = False
-        """Whether the robot became ready elsewhere than commanded, and is placed by the act."""
-        self._disengage_reason = self._held_off = ""
-        self._stop_reason = ""
+        self._inhibits: Mapping[Inhibit, str] = {}
+        """What interrupts from outside, each with its reason; assigned as a whole."""
         self.stops, self.stopped_by = 0, ""
         """Stops that sources asked for, and which did last."""
-        self._suspended = False
         self._filter_fault = ""
 
     # -- what it is doing ------------------------------------------------------------------------
@@ -156,7 +155,13 @@ class ArmController:
     @property
     def phase(self) -> Phase:
         """What the arm is doing now."""
-        return self._phase
+        with self.lock:
+            return phase_of(
+                self.state,
+                self.body.moving,
+                self._request.asks,
+                self._activity is not None and self._activity.recovers,
+            )
 
     @property
     def activity(self) -> Activity | None:
@@ -166,18 +171,34 @@ class ArmController:
     @property
     def braking(self) -> bool:
         """True while the activity was told to come to rest."""
-        return self._braking
+        return self.state.motion.braking
 
     @property
     def recovering(self) -> bool:
         """True from a trip by the following error until the command is back at the arm."""
-        activity = self._activity
-        return self._recover or (activity is not None and activity.recovers)
+        if self.state.separation.waits:
+            return True
+        return self._activity is not None and self._activity.recovers
 
     @property
     def engaged(self) -> bool:
         """True while the robot is commanded, moving or not."""
-        return self._engaged
+        return self.state.motion.commanded
+
+    @property
+    def armed(self) -> bool:
+        """True while the operator device may move the arm without another deliberate act."""
+        return self.state.arming.armed
+
+    @property
+    def apart(self) -> bool:
+        """True while command and robot stay apart until a deliberate act."""
+        return self.state.separation.apart
+
+    @property
+    def rejects(self) -> bool:
+        """True while the robot's readings are not believed."""
+        return self.state.readings.rejected
 
     @property
     def trips(self) -> int:
@@ -187,7 +208,18 @@ class ArmController:
     @property
     def message(self) -> str:
         """Why nothing moves and what to do about it; empty when all is well."""
-        return self._message
+        with self.lock:
+            if self.robot is None:
+                return "waiting for the robot"
+            if not self.state.link.ready:
+                return self.not_ready
+            if not self.state.arming.armed:
+                return self._what_to_do(self.robot)
+            if self.recovering:
+                return "bringing the reference back to the robot; any button ends it"
+            if self._request.following and self.hand is not None:
+                return self.hand.remark or self._held(self._request)
+            return ""
 
     @property
     def following_error(self) -> FollowingError:
@@ -216,7 +248,7 @@ class ArmController:
     @property
     def following(self) -> bool:
         """True while the operator device moves the arm: armed, dead-man held, clutched in."""
-        return self._armed and self._request.following
+        return self.state.arming.armed and self._request.following
 
     @property
     def target(self) -> HandRequest:
@@ -232,13 +264,14 @@ class ArmController:
         """A snapshot for views and recorders."""
         with self.lock:
             body, hand = self.body, self.hand
-            placed = body.placed and self._engaged
+            placed = body.placed and self.engaged
             arm = body.status() if placed else None
-            if arm is not None and not self._request.asks and self._activity_is_the_hands:
+            by_hand = self._activity is None or self._activity.follows_hand
+            if arm is not None and not self._request.asks and by_hand:
                 arm = arm._replace(path_speed=1.0)  # Nothing is asked, so nothing is slowed.
             return ArmStatus(
-                self._phase,
-                self._message,
+                self.phase,
+                self.message,
                 self._request.twist,
                 body.twist if placed else ZERO_TWIST,
                 body.pose if placed else None,
@@ -251,9 +284,26 @@ class ArmController:
                 arm,
             )
 
-    @property
-    def _activity_is_the_hands(self) -> bool:
-        return self._activity is None or self._activity.follows_hand
+    # -- states ----------------------------------------------------------------------------------
+
+    def _on(self, event: Event, by: Activity | None = None, moving: bool | None = None) -> None:
+        """Enter the states after `event`; the arm moves `by` an activity from now on. `moving`:
+        whether it moves, where that is not the body's."""
+        facts = Facts(
+            self.hand is not None,
+            self.body.moving if moving is None else moving,
+            not self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE),
+            self.supervision.watchdogs.recovery,
+        )
+        self._enter(self.state.after(event, facts), by)
+
+    def _enter(self, states: States, activity: Activity | None = None) -> None:
+        """The one place where states are assigned, and the activity that moves the arm in them."""
+        self.state = states
+        if activity is not None:
+            self._activity = activity
+        elif states.motion in RESTING:
+            self._activity = None
 
     # -- requests --------------------------------------------------------------------------------
 
@@ -274,12 +324,14 @@ class ArmController:
         finally:
             self._noting = outer
 
-    def request_stop(self, reason: str) -> None:
-        """Brake and stay: from now on no operator input moves the robot."""
+    def inhibit(self, reason: str, kind: Inhibit) -> None:
+        """Interrupt what moves the arm, or keep sources from moving it, as `kind` says."""
         with self.lock:
-            self.note("request_stop", reason)
-            self._stop_reason = self._message = reason
-            self._stop(reason)
+            before, self._inhibits = self._inhibits, inhibits_after(self._inhibits, reason, kind)
+            if kind is not Inhibit.WHILE_SAID or self._inhibits != before:
+                self.note(kind.value, reason)
+            if kind is Inhibit.FOR_GOOD:
+                self._stop(reason)
 
     def stop(self, reason: str, source: str = "") -> None:
         """Brake along the path, then hold; a recovery ends as well. Needs no authority. A stop that
@@ -291,24 +343,12 @@ class ArmController:
             self._stop(reason)
 
     def _stop(self, reason: str) -> None:
-        if self._armed:
+        if self.state.arming.armed:
             self._disarm()
         self.generation += 1
         if self.recovering:
             self._require_act(f"and stays so: {reason}")
         self._end_activity(reason)
-
-    def trip(self, reason: str) -> None:
-        """Disengage the source that moves the arm in the next tick, as the watchdogs do; without
-        effect where no source does by then."""
-        self.note("trip", reason)
-        self._disengage_reason = self._disengage_reason or reason
-
-    def hold_off(self, reason: str) -> None:
-        """From the next tick on no source may move the arm, for this reason; "" lifts that."""
-        if reason != self._held_off:
-            self.note("hold_off", reason)
-        self._held_off = reason
 
     def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
         """From the next tick on keep away from a neighbour where it is at `joints`, as
@@ -318,12 +358,6 @@ class ArmController:
                 self.note("place_neighbour", json.dumps((index, joints, ways_m)))
             self.body.place_neighbour(index, joints, ways_m)
 
-    def suspend(self) -> None:
-        """Ignore the operator's motion in the next tick; after it, teleoperation goes on as
-        before."""
-        self.note("suspend")
-        self._suspended = True
-
     def acknowledge(self) -> str:
         """The deliberate act after implausible readings, or after a recovery that was given up;
         returns why it is too early, or ""."""
@@ -332,28 +366,34 @@ class ArmController:
             return self._acknowledge()
 
     def _acknowledge(self) -> str:
-        if self.supervision.distrust and not self.supervision.trustworthy:
-            return f"{self.supervision.distrust}; wait until the readings rest"
-        if self.supervision.distrust:
+        readings = self.state.readings
+        if readings.rejected:
+            if not self.supervision.trustworthy:
+                return f"{self.supervision.distrust}; wait until the readings rest"
             self.supervision.trust()
-            if self._ready_elsewhere and self.robot is not None and not self.not_ready:
+            self._on(Event.BELIEVED)
+            if readings.elsewhere and self.robot is not None and self.state.link.ready:
                 self._place(self.robot)
-            self._ready_elsewhere = False
-        if self._apart_reason and self.supervision.watchdogs.recovery:
-            # One more leash's length towards the robot, where it is not near already.
-            self._recover = self.supervision.error.exceeds(self.supervision.limit, NEAR_SHARE)
-        self._apart_reason = ""
+        # One more leash's length towards the robot, where it is not near already.
+        self._on(Event.ACKNOWLEDGED)
         self._recovered_way = NO_WAY
         return ""
 
     @property
+    def _inhibited(self) -> str:
+        """Why no source may move the arm, whatever it does; empty when one may."""
+        if not (inhibits := self._inhibits):
+            return ""
+        return inhibits.get(Inhibit.FOR_GOOD) or inhibits.get(Inhibit.WHILE_SAID, "")
+
+    @property
     def barred(self) -> str:
         """Why no source can begin a motion now; empty when one can."""
-        if self._stop_reason or self._held_off:
-            return self._stop_reason or self._held_off
-        if self.supervision.distrust:
+        if inhibited := self._inhibited:
+            return inhibited
+        if self.rejects:
             return f"{self.supervision.distrust}: the reading is rejected"
-        if self._apart_reason:
+        if self.apart:
             return self._apart_reason
         if self.recovering:
             return f"coming back to the arm, {self._trip_reason}"
@@ -363,29 +403,29 @@ class ArmController:
         """Start an activity on an arm at rest."""
         with self.lock:
             self.note("begin", type(activity).__name__)
-            self._activity, self._braking = activity, False
+            self._on(Event.EXECUTES, activity)
             self._recovered_way = NO_WAY
 
     def drop(self) -> None:
         """Forget an activity that rests."""
         with self.lock:
-            self._activity, self._braking = None, False
+            self._on(Event.OVER)
             self._rest_reference()
 
     def engage(self) -> None:
         """Command the robot from now on; from where it is, if it was not commanded before."""
-        if not self._engaged:
+        if not self.engaged:
             assert self.robot is not None
             self.body.place(self.robot)
             self._gate.reset()
             self._rest_reference()
-            self._engaged = True
+            self._on(Event.ENGAGED)
 
     def brake(self) -> None:
         """Bring the activity to rest; it ends then."""
-        if self._activity is not None and not self._braking:
+        if self._activity is not None and not self.braking:
             self._activity.brake()
-            self._braking = True
+            self._on(Event.BRAKES)
 
     # -- the tick --------------------------------------------------------------------------------
 
@@ -399,7 +439,7 @@ class ArmController:
         with self.lock:
             self.ticks += 1
             self.robot = robot
-            self._tripped = False
+            self._tripped_in_tick = False
             finding = self.supervision.look(robot, self.body)
             self.advanced_s = dt_s = step_s(robot, self._period_s, self.supervision.gap_s)
             cause = None if finding is None else finding.cause
@@ -410,33 +450,46 @@ class ArmController:
             self.not_ready = ""
             if finding is not None:
                 self._act_on(finding, robot)
+            if not self.state.link.ready:
+                self._on(Event.READY)
             self._observe(robot)
-            if self._engaged and not self.supervision.distrust:
+            if self.state.motion.commanded and not self.state.readings.rejected:
                 finding = self.supervision.compare(robot, self.body, self._observed, self._activity)
                 if finding is not None:
                     self._act_on(finding, robot)
-            if (disengage_reason := self._disengage_reason or self._held_off) and self._driven:
-                self._trip(disengage_reason)
-            self._disengage_reason = ""
+            ignored = bool(self._inhibits) and self._heed_inhibits()
             if self.recovering and (why := self._why_no_recovery):
                 self._cancel_recovery(why)
             if self.hand is not None and device is not None:
-                self._read_operator(self.hand, robot, device, events, dt_s)
-            self.authority.expire(robot.stamp_s, self._claimed or self._keeps_authority)
+                self._read_operator(self.hand, robot, device, events, dt_s, ignored)
+            self.authority.expire(robot.stamp_s, self._keeps_authority)
             self._move(robot, dt_s)
-            self._settle(robot)
             return self._command(robot, dt_s)
+
+    def _heed_inhibits(self) -> bool:
+        """Trip what is inhibited now; those for one tick are over. Returns whether the operator's
+        motion is ignored in this tick."""
+        inhibits = self._inhibits
+        reason = inhibits.get(Inhibit.ONCE) or inhibits.get(Inhibit.WHILE_SAID)
+        if reason and self._driven:
+            self._trip(reason)
+        stay = (Inhibit.FOR_GOOD, Inhibit.WHILE_SAID)
+        self._inhibits = {each: inhibits[each] for each in stay if each in inhibits}
+        return Inhibit.MOTION_IGNORED in inhibits
 
     @property
     def _why_no_recovery(self) -> str:
         """Why not even a recovery may move the command now."""
         alarm = "" if self.robot is None else self.robot.alarm
-        return self._stop_reason or self._held_off or alarm
+        return self._inhibited or alarm
 
     @property
     def _keeps_authority(self) -> bool:
-        """Whether a motion is under way whose source need not renew its authority."""
+        """Whether the operator claims the arm, or a motion is under way whose source need not renew
+        its authority."""
         activity = self._activity
+        if self.state.arming.claims:
+            return True
         if activity is None or activity.recovers:
             return False
         streamed = activity.silence_s < math.inf
@@ -452,7 +505,7 @@ class ArmController:
 
     def _observe(self, robot: RobotState) -> None:
         reference = self._observed
-        if reference is None or reference.pose is None or self.supervision.distrust:
+        if reference is None or reference.pose is None or self.state.readings.rejected:
             return
         reference.observe(self.body.measured(robot))
 
@@ -464,8 +517,8 @@ class ArmController:
         if cause is Cause.FIRST:
             self._place(robot)
         elif cause is Cause.RETURNED:
-            if self.supervision.distrust:
-                self._ready_elsewhere = self._ready_elsewhere or not self._engaged
+            if self.rejects:
+                self._on(Event.RETURNED)
             else:
                 self._place(robot, self._before(robot))
         elif cause is Cause.NEW_SESSION:
@@ -473,24 +526,21 @@ class ArmController:
             self._place(robot, self._before(robot))
         elif cause is Cause.STALLED:
             self._trip_if_driven(reason)
-            if self.supervision.distrust:
+            if self.rejects:
                 self._rest_here(reason)
             else:
                 self._place(robot, self._before(robot))
         elif cause is Cause.LEAPT:
-            self._ready_elsewhere = self._ready_elsewhere or self._phase is Phase.NO_ROBOT
+            self._on(Event.LEAPT)
             self._trip_if_driven(reason)
             self._disarm()
-            self._recover = False
             self._end_activity(reason)
         elif cause is Cause.HELD:
-            if self._apart_reason or self.recovering:
+            if self.apart or self.recovering:
                 return
             self._trip(reason)
-            if self.supervision.watchdogs.recovery:
-                self._recover = True
-            else:
-                self._apart_reason = f"{reason}; recovery is switched off"
+            self._apart_reason = f"{reason}; recovery is switched off"
+            self._on(Event.HELD)
         elif cause is Cause.ALARM and self._driven:
             self._trip(reason)
         elif cause is Cause.SILENT:
@@ -506,7 +556,7 @@ class ArmController:
     def _before(self, robot: RobotState) -> RobotState | None:
         """The state before, where the arm moved by command since and may still move."""
         before = self.supervision.previous
-        if before is None or not (self.supervision.acted and self._engaged and self.body.moving):
+        if before is None or not (self.supervision.acted and self.engaged and self.body.moving):
             return None
         return before if robot.stamp_s - before.stamp_s <= COASTS_S else None
 
@@ -530,20 +580,17 @@ class ArmController:
         else:
             self._trip_if_driven(reason)
         self._disarm()
-        self._recover = False
-        self._apart_reason = ""
-        self._phase, self._message = Phase.NO_ROBOT, reason
+        moves = cause is not Cause.LOST and self._activity is not None and self.body.moving
+        self._on(Event.UNREADY, moving=moves)
         self.not_ready = reason
         if self.hand is not None and device is not None:
-            view = HandView(robot, dt_s, None, None, False, False, reason, void=True)
+            view = HandView(robot, dt_s, None, None, Arming.DISARMED, False, reason, void=True)
             self._request = self.hand.request(device, events, view)
         self.authority.expire(robot.stamp_s, False)
-        activity = self._activity
-        if cause is not Cause.LOST and activity is not None and self._engaged and self.body.moving:
+        if moves:
             self.brake()
             self._move(robot, dt_s)
             if self.body.moving:
-                self._phase = Phase.BRAKING
                 return self._command(robot, dt_s, blind=True)
         self._disengage(reason)
         return HoldCommand()
@@ -552,7 +599,7 @@ class ArmController:
         """Forget all motion: where the robot is when it comes back is not known."""
         self.generation += 1
         self._end_activity(reason)
-        self._activity, self._braking, self._engaged = None, False, False
+        self._on(Event.FORGOTTEN)
         self.body.halt()
         self._gate.reset()
         if self.reference.pose is not None:
@@ -561,24 +608,19 @@ class ArmController:
     def _place(self, robot: RobotState, before: RobotState | None = None) -> None:
         """Start from where the robot is; with a state `before`, from the speed that it has."""
         self.generation += 1
-        self._recover, self._apart_reason, self._ready_elsewhere = False, "", False
         self._recovered_way = NO_WAY
-        self._tripped = True
+        self._tripped_in_tick = True
         self._end_activity("the command was restarted from the measured position")
-        self._activity, self._braking = None, False
         self.body.place(robot, before, 0.0 if before is None else robot.stamp_s - before.stamp_s)
         self._gate.reset()
         self._rest_reference()
-        self._engaged = self.hand is not None
-        if self.body.moving:
-            self._engaged = True
-            self._activity, self._braking = Brake(self.body, self.reference), True
+        self._on(Event.PLACED, Brake(self.body, self.reference) if self.body.moving else None)
 
     def _rest_here(self, reason: str) -> None:
         """Be at rest where the command is: it is not known where the robot is, or how it moves."""
         self.generation += 1
         self._end_activity(reason)
-        self._activity, self._braking = None, False
+        self._on(Event.OVER)
         self.body.halt()
         self._gate.reset()
         self._rest_reference()
@@ -589,10 +631,10 @@ class ArmController:
 
     @property
     def _driven(self) -> bool:
-        if self._armed:
+        if self.state.arming.armed:
             return True
         activity = self._activity
-        if activity is None or self._braking or activity.recovers:
+        if activity is None or self.braking or activity.recovers:
             return False
         return not activity.idle
 
@@ -603,16 +645,16 @@ class ArmController:
     def _trip(self, reason: str) -> None:
         """Disengage the source that moves the arm."""
         self._disarm()
-        self._tripped = True
+        self._tripped_in_tick = True
         self._trip_reason = reason
         self._trips += 1
         self.generation += 1
         self._end_activity(reason)
 
     def _disarm(self) -> None:
-        if self._armed:
+        if self.state.arming.armed:
             self.authority.release(HAND)
-        self._armed = self._claimed = False
+        self._on(Event.DISARMED)
         if self.hand is not None:
             self.hand.disarm()
 
@@ -631,20 +673,22 @@ class ArmController:
         device: DeviceState,
         events: Sequence[ButtonEvent],
         dt_s: float,
+        ignored: bool,
     ) -> None:
         """Turn the device's state into a request, once, and see which source drives."""
         reference, activity = self.reference, self._activity
         free = activity is None or (
-            (activity.follows_hand or activity.recovers) and not self._braking
+            (activity.follows_hand or activity.recovers) and not self.braking
         )
         barred, behind = self._why_barred(robot), ""
-        if not barred and (not self._armed or not self._request.following):
-            if self._tripped:
+        if not barred and (not self.state.arming.armed or not self._request.following):
+            if self._tripped_in_tick:
                 behind = "the robot was not ready for it"
             elif self.supervision.error.exceeds(self.supervision.limit, BEHIND_SHARE):
                 behind = self.supervision.error.in_words("behind")
         seen = robot
-        if hand.filters and not self.supervision.distrust:
+        state = self.state
+        if hand.filters and not state.readings.rejected:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot._replace(pose=self.body.measured(robot))
         view = HandView(
@@ -652,52 +696,51 @@ class ArmController:
             dt_s,
             reference.pose,
             resting_pose(reference) if hand.mapping.follows_pose and reference.pose else None,
-            self._armed,
-            free and not self.supervision.distrust,
+            state.arming,
+            free and not state.readings.rejected,
             barred,
             behind,
-            self._tripped and bool(self._trip_reason),
-            suspended=self._suspended,
+            self._tripped_in_tick and bool(self._trip_reason),
+            suspended=ignored,
         )
-        self._suspended = False
         self._request = request = hand.request(device, events, view)
         recovering = self.recovering
-        claims = request.claims
-        if request.fault:
-            self._trip(request.fault)
-        elif request.filter_fault:
-            if self._armed or request.armed:
-                self._trip(request.filter_fault)
-        elif self._armed and not request.armed:
-            self._armed = False
-            self.authority.release(HAND)
-            self._end_activity("the clutch was released")
-        elif request.armed and not self._armed:
-            self._armed, self._trip_reason, self._recovered_way = True, "", NO_WAY
-            if claims:
-                self._take_over(robot.stamp_s)
-        elif request.acts and barred and not recovering:
-            if self.authority.refuses(HAND):
-                self.authority.take(HAND, robot.stamp_s)  # Notes the refusal.
-            self._acknowledge()
-        elif self._armed and claims and self.authority.owner != HAND:
-            refusal = self.authority.take(HAND, robot.stamp_s)
-            if refusal:
-                self._trip(refusal)
-            else:
-                self._take_over(robot.stamp_s)
+        authority, acknowledges = self.authority, bool(barred) and not recovering
+        owns = authority.owner == HAND
+        refused = not owns and bool(authority.refuses(HAND))
+        arming, act = arming_after(state.arming, request, acknowledges, owns, refused)
+        if arming is not state.arming and act is not Act.TRIP:
+            self._enter(state._replace(arming=arming))
+        if act is not None:
+            self._do(act, request.fault or request.filter_fault, robot.stamp_s)
         self._filter_fault = request.filter_fault
-        self._claimed = claims and self._armed
-        if recovering and request.pressed and self._armed and not request.asks:
+        if recovering and request.pressed and self.state.arming.armed and not request.asks:
             # A regrip goes on from where the command is; what is left of the way is left.
-            self._recovery_cancelled = True
+            self._on(Event.LEFT)
             self._end_activity("it was ended by a button")
-        elif recovering and request.pressed and not self._armed:
+        elif recovering and request.pressed and not self.state.arming.armed:
             self._cancel_recovery("it was ended by a button")
+
+    def _do(self, act: Act, fault: str, now_s: float) -> None:
+        """What follows from the operator's request, which may have a `fault`."""
+        match act:
+            case Act.TRIP:
+                self._trip(fault or self.authority.take(HAND, now_s))
+            case Act.LET_GO:
+                self.authority.release(HAND)
+                self._end_activity("the clutch was released")
+            case Act.ARM:
+                self._trip_reason, self._recovered_way = "", NO_WAY
+            case Act.TAKE:
+                self._take_over(now_s)
+            case Act.ACKNOWLEDGE:
+                if self.authority.refuses(HAND):
+                    self.authority.take(HAND, now_s)  # Notes the refusal.
+                self._acknowledge()
 
     def _why_barred(self, robot: RobotState) -> str:
         """Why the operator's deliberate act arms nothing now."""
-        if self._armed:
+        if self.state.arming.armed:
             return ""
         return self.barred or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
 
@@ -719,11 +762,11 @@ class ArmController:
 
     def _require_act(self, why: str) -> None:
         """Leave command and robot apart until a deliberate act; `why` ends the sentence."""
-        self._recover = False
         self._apart_reason = (
             "the reference was not brought back to the robot: "
             f"{self.supervision.error.in_words('away from')} {why}"
         )
+        self._on(Event.NOT_BACK)
 
     # -- motion ----------------------------------------------------------------------------------
 
@@ -739,7 +782,7 @@ class ArmController:
                     body.brake(step)
                 continue
             over, reason = activity.tick(robot, step)
-            if activity.fault and not self._braking:
+            if activity.fault and not self.braking:
                 self._trip(activity.fault)
             if over:
                 self._finish(activity, reason)
@@ -747,21 +790,19 @@ class ArmController:
     def _choose(self) -> None:
         """Which activity the operator's request and the state of the recovery call for."""
         activity, request = self._activity, self._request
-        if self.supervision.distrust:
+        if self.state.readings.rejected:
             return
         if isinstance(activity, Recover):
-            if self._armed and request.asks:
-                self._activity = None  # The operator goes on from the commanded position.
-                self._braking = False
+            if self.state.arming.armed and request.asks:
+                self._on(Event.OVER)  # The operator goes on from the commanded position.
                 self.reference.place(self.body.pose)
                 activity = None
             else:
                 return
-        if self._recover and activity is None and not self.body.moving:
-            self._recover = False
+        if self.state.separation.waits and activity is None and not self.body.moving:
             self._begin_recovery()
             return
-        if not self._armed:
+        if not self.state.arming.armed:
             if activity is None and self._drifted:
                 self._begin_recovery()
             return
@@ -769,28 +810,29 @@ class ArmController:
             if not request.asks and self._drifted:
                 self._begin_recovery()
                 return
-            activity = self._activity = FollowHand(self.body, self.reference)
-            self._braking = False
+            activity = FollowHand(self.body, self.reference)
+            self._on(Event.FOLLOWS, activity)
         if isinstance(activity, FollowHand):
             if not request.asks and activity.idle and self._drifted:
                 self._begin_recovery()
                 return
             if request.asks:
-                self._recovered_way, self._recovery_cancelled = NO_WAY, False
+                self._recovered_way = NO_WAY
+                if self.state.separation.left:
+                    self._on(Event.ASKED)
             activity.aim(request.twist, request.rates, request.following)
 
     @property
     def _drifted(self) -> bool:
         """Whether a reference at rest is so far from its robot that it is brought back."""
         return (
-            self.hand is not None
-            and self._engaged
-            and not self._apart_reason
+            self.reference.leash_used > EASE_ABOVE
+            and self.hand is not None
+            and self.engaged
+            and self.state.separation.together
             and not self._why_no_recovery
-            and not self._recovery_cancelled
             and self.supervision.watchdogs.recovery
             and not self.body.moving
-            and self.reference.leash_used > EASE_ABOVE
         )
 
     def _begin_recovery(self) -> None:
@@ -805,27 +847,26 @@ class ArmController:
         assert self.robot is not None
         reference.observe(self.body.measured(self.robot))
         error = self.body.following_error(self.robot, reference)
-        self._activity = Recover(self.body, reference, near, error, self._recovered_way)
-        self._braking = False
+        activity = Recover(self.body, reference, near, error, self._recovered_way)
+        self._on(Event.RESYNCHRONIZES, activity)
 
     def _finish(self, activity: Activity, reason: str) -> None:
-        self._activity, self._braking = None, False
+        self._on(Event.COASTED if isinstance(activity, Brake) else Event.OVER)
         self._rest_reference()
-        if isinstance(activity, Brake) and self.hand is None:
-            self._engaged = False
         if isinstance(activity, Recover):
             self._recovered_way = activity.went
-            if not activity.near and not self._apart_reason and not self._recovery_cancelled:
+            if not (activity.near or self.apart or self.state.separation.left):
                 self._require_act("still")
-                if self._armed:
+                if self.state.arming.armed:
                     self._trip("the robot moves along while its reference is brought back to it")
         if self.listener is not None:
             self.listener.finished(reason)
 
     def _command(self, robot: RobotState, dt_s: float, blind: bool = False) -> RobotCommand:
         body = self.body
-        apart = self.supervision.distrust or self._apart_reason
-        if not self._engaged or (apart and not body.moving):
+        state, rejects = self.state, self.state.readings.rejected
+        stays = rejects or state.separation.apart
+        if not state.motion.commanded or (stays and not body.moving):
             body.halt()
             self._gate.reset()
             return HoldCommand()
@@ -833,50 +874,18 @@ class ArmController:
         command = None if activity is None else activity.command
         if command is None:
             recovers = activity is not None and activity.recovers
-            blind = blind or bool(self.supervision.distrust)
-            command = body.command(robot, dt_s, recovers, blind)
+            command = body.command(robot, dt_s, recovers, blind or rejects)
         wrong = self._gate.violation(command, dt_s)
         if not wrong:
             return command
         self._trip(f"an invalid command was not sent: {wrong}")
         self._disengage(self._trip_reason)
-        self._phase, self._message = Phase.DISARMED, self._trip_reason
-        if self.supervision.distrust:
-            self._ready_elsewhere = True
-        elif body.obstacle(robot, False) == "":
+        self._on(Event.INVALID)
+        if not self.rejects and body.obstacle(robot, False) == "":
             self._place(robot)
         return HoldCommand()
 
     # -- words -----------------------------------------------------------------------------------
-
-    def _settle(self, robot: RobotState) -> None:
-        """Name the phase and say what stands in the way."""
-        request = self._request
-        moving = self.body.moving
-        activity = self._activity
-        if activity is not None and activity.recovers:
-            self._phase = Phase.RECOVERING
-        elif (
-            moving
-            and not self._braking
-            and activity is not None
-            and (request.asks if activity.follows_hand else True)
-        ):
-            self._phase = Phase.MOVING
-        elif moving:
-            self._phase = Phase.BRAKING
-        elif self._armed or (activity is not None and not self._braking):
-            self._phase = Phase.HOLDING
-        else:
-            self._phase = Phase.DISARMED
-        if self._armed and self.recovering:
-            self._message = "bringing the reference back to the robot; any button ends it"
-        elif self._armed:
-            self._message = ""
-            if request.following and self.hand is not None:
-                self._message = self.hand.remark or self._held(request)
-        else:
-            self._message = self._what_to_do(robot)
 
     def _held(self, request: HandRequest) -> str:
         """What keeps the arm from following the operator."""
@@ -895,16 +904,16 @@ class ArmController:
 
     def _what_to_do(self, robot: RobotState) -> str:
         why = f"stopped before: {self._trip_reason}; " if self._trip_reason else ""
-        if self._stop_reason or self._held_off:
-            return self._stop_reason or self._held_off
+        if inhibited := self._inhibited:
+            return inhibited
         if robot.alarm or self._filter_fault:
             return robot.alarm or self._filter_fault
         if self.recovering:
             return f"{why}bringing the reference back to the robot; any button ends it"
         act = "" if self.hand is None else f": {self.hand.act_words()} to go on"
-        if self.supervision.distrust:
+        if self.rejects:
             return f"{self.supervision.distrust}; the reading is rejected, the arm holds{act}"
-        if self._apart_reason:
+        if self.apart:
             return (
                 f"{why}{self._apart_reason}: check what holds the arm and whether it is measured "
                 f"right, then {act.removeprefix(': ') or 'acknowledge it'}"
@@ -912,14 +921,4 @@ class ArmController:
         if self.hand is None:
             return why.removesuffix("; ")
         refusal = self.authority.refuses(HAND)
-        return f"{why}{refusal}" if refusal else self.hand.advice(why)
-
-
-def limits_of_free_body(limits: ReferenceLimits) -> GateLimits:
-    """Limits of the commands of a robot without an arm's model."""
-    return GateLimits(
-        limits.linear_speed_m_s,
-        limits.linear_acceleration_m_s2,
-        limits.angular_speed_rad_s,
-        limits.angular_acceleration_rad_s2,
-    )
+        return f"{why}{refusal}" if refusal else self.hand.advice(why, self.state.arming)

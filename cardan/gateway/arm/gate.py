@@ -10,6 +10,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
+from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.spatial import is_finite, norm, rotation_between, subtract
 from cardan.types import (
     HoldCommand,
@@ -48,6 +49,16 @@ class GateLimits(NamedTuple):
     joint_speed: tuple[float, ...] = ()
     joint_acceleration: tuple[float, ...] = ()
     joint_effort: tuple[float, ...] = ()
+
+    @classmethod
+    def of_free_body(cls, limits: ReferenceLimits) -> GateLimits:
+        """Of the commands of a robot without an arm's model."""
+        return cls(
+            limits.linear_speed_m_s,
+            limits.linear_acceleration_m_s2,
+            limits.angular_speed_rad_s,
+            limits.angular_acceleration_rad_s2,
+        )
 
 
 class Gate:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from cardan.common.haptics import WorldMap
 from cardan.gateway.hand.absolute import AbsoluteMapping
+from cardan.gateway.hand.arming import Arming, armed_by_deadman, armed_by_rest
 from cardan.gateway.hand.filters.base import TwistFilter
 from cardan.gateway.hand.mapping import MappingOptions, Mode, TwistMapping
 from cardan.gateway.hand.position import HandMapping, PositionMapping, is_pose
@@ -48,8 +49,8 @@ class HandView(NamedTuple):
     """Where the TCP is commanded to be, base frame; None before the robot was ready."""
     resting: Pose | None
     """Where the TCP comes to rest when it brakes as hard as it may, base frame."""
-    armed: bool
-    """Whether this device has the authority to move the arm."""
+    arming: Arming
+    """What the last request made of this device."""
     free: bool
     """Whether the arm is not still braking a motion of another source."""
     barred: str = ""
@@ -67,14 +68,13 @@ class HandView(NamedTuple):
 class HandRequest(NamedTuple):
     """What an operator asks for in one control tick."""
 
-    armed: bool
-    """Whether this device drives the arm, after what the operator did in this tick."""
+    arming: Arming
+    """Whether this device drives the arm, after what the operator did in this tick, and moves or
+    claims it, or would if it were free."""
     engages: bool
     """Whether the deliberate act was made in this tick and is accepted."""
     acts: bool
     """Whether the deliberate act was made in this tick, accepted or not."""
-    claims: bool
-    """Whether the operator moves the arm, or claims it by a button, or would if it were free."""
     following: bool
     """Whether the operator's motion moves the arm now: armed, and the dead-man held."""
     twist: Twist
@@ -89,6 +89,11 @@ class HandRequest(NamedTuple):
     """Why the filters give nothing to follow; empty when all is well."""
 
     @property
+    def armed(self) -> bool:
+        """Whether this device drives the arm."""
+        return self.arming.armed
+
+    @property
     def asks(self) -> bool:
         """True when motion is asked for."""
         return (
@@ -98,7 +103,7 @@ class HandRequest(NamedTuple):
         )
 
 
-NO_REQUEST = HandRequest(False, False, False, False, False, ZERO_TWIST, NO_RATES, False, "", "")
+NO_REQUEST = HandRequest(Arming.DISARMED, False, False, False, ZERO_TWIST, NO_RATES, False, "", "")
 
 
 def _followed(options: MappingOptions, limits: ReferenceLimits) -> HandMapping | None:
@@ -126,13 +131,6 @@ class HandSource:
         """The mapping of the device's pose; None in rate mode."""
         self._holds = bool(mapping.options.deadman_buttons or mapping.options.clutch)
         """Whether an operator without motion still claims the arm, by a button."""
-        self._deadman_was_up = False
-        """Whether the dead-man was released, the device at rest, since the last interruption."""
-        self._clutch_was_up = self._was_live = False
-        """Whether the button that toggles the clutch was released, and the device live, before."""
-        self._was_deflected = False
-        """Whether the device was deflected while `barred`, and not let go since, where no button is
-        configured."""
         self._refusal = ""
         """Why the last deliberate act was refused."""
         self._device: DeviceState | None = None
@@ -145,46 +143,48 @@ class HandSource:
         self, device: DeviceState, events: Sequence[ButtonEvent], view: HandView
     ) -> HandRequest:
         """What the operator asks for now; `events` are the button edges since the last call."""
-        self._device = device
+        before, self._device = self._device, device
         position, options = self._position, self.mapping.options
-        armed, fault = view.armed, ""
+        arming, fault = view.arming, ""
         if events and position is not None and self._let_go(events):
             position.release()  # Although it may be held again by now.
-        if armed:
+        if arming.armed:
             fault = self._fault(device, view.robot.stamp_s)
             if fault:
-                armed = False
+                arming = Arming.DISARMED
                 self.disarm()
         held = self.mapping.deadman_held(device)
-        engages = acts = recapture = False
+        acts = recapture = False
         if view.void:
-            self._deadman_was_up = False
+            arming = arming if arming.armed else Arming.DISARMED
         else:
-            if not armed and not options.clutch:
-                acts, engages = self._arm(device, held, view)
-                armed = engages
+            if not arming.armed and not options.clutch:
+                arming, acts = self._arm(arming, device, held, view)
             if events and (options.clutch or options.recapture):
-                armed, pressed, recapture = self._take_presses(device, events, armed, fault, view)
-                acts, engages = acts or pressed, engages or (armed and not view.armed)
-        self._note_clutch(device)
+                arming, pressed, recapture = self._take_presses(
+                    before, device, events, arming, fault, view
+                )
+                acts = acts or pressed
+        armed = arming.armed
         if events and armed and held:
             self.mapping.take_gripper(events)
         following = armed and held and view.free
         if following and position is not None and not position.engaged:
             self._refusal = self._why_not_taken(device, view)
             if self._refusal:
-                armed = engages = following = False
-                self._deadman_was_up = False
+                arming, armed, following = Arming.DISARMED, False, False
         twist = self._wanted(device, view, following, recapture)
         twist, filter_fault = self._filtered(twist, view.robot)
         rates = NO_RATES
         if self.mapping.drives_joints and following and not view.suspended:
             rates = self.mapping.joint_rates(device.axes)
+        if armed:
+            claims = held and (self._holds or self._deflected(device))
+            arming = Arming.CLAIMING if claims else Arming.ARMED
         return HandRequest(
-            armed,
-            engages,
+            arming,
+            armed and not view.arming.armed,
             acts,
-            armed and held and (self._holds or self._deflected(device)),
             following,
             twist,
             rates,
@@ -194,8 +194,7 @@ class HandSource:
         )
 
     def disarm(self) -> None:
-        """Ignore what is held now: the deliberate act is needed anew."""
-        self._deadman_was_up = self._was_deflected = False
+        """Let go of the hand's pose: the deliberate act is needed anew."""
         self._refusal = ""
         if self._position is not None:
             self._position.release()
@@ -216,8 +215,8 @@ class HandSource:
         """What the filters do to the operator's motion; those that do nothing are silent."""
         return tuple(words for each in self.filters if (words := _status(each)))
 
-    def advice(self, why: str) -> str:
-        """How to go on, after `why` the operator has to ("" or "...; ")."""
+    def advice(self, why: str, arming: Arming) -> str:
+        """How to go on from `arming`, after `why` the operator has to ("" or "...; ")."""
         device, options, position = self._device, self.mapping.options, self._position
         if device is None:
             return why
@@ -238,7 +237,7 @@ class HandSource:
             return f"{why}{first}press {options.clutch!r}{while_held} to move"
         if not deadman:
             return f"{why}let go of the device to go on"
-        if self._deadman_was_up:
+        if arming is Arming.RELEASED:
             return f"{why}press {deadman} to move"
         if position is not None:
             return f"{why}let go of {deadman}, then press it to go on"
@@ -309,43 +308,43 @@ class HandSource:
 
     # -- the deliberate act ----------------------------------------------------------------------
 
-    def _arm(self, device: DeviceState, held: bool, view: HandView) -> tuple[bool, bool]:
-        """Whether the act by the dead-man, or by rest alone, was made; and whether it counts."""
+    def _arm(
+        self, arming: Arming, device: DeviceState, held: bool, view: HandView
+    ) -> tuple[Arming, bool]:
+        """What the act by the dead-man, or by rest alone, makes of a device that is not armed, and
+        whether it was made."""
+        followed = self._position is not None
         if self._unusable(device, view.robot.stamp_s):
-            self._deadman_was_up = False
-            return False, False
-        at_rest = self._position is not None or device.axes == NO_DEFLECTION
-        if not self.mapping.options.deadman_buttons:
-            let_go = self._was_deflected and at_rest
-            self._was_deflected = bool(view.barred) and not at_rest
-            if view.barred:
-                return let_go, False  # Once: staying at rest is no further act.
-            return at_rest, at_rest and self._position is None
-        if not held:
-            self._deadman_was_up = self._deadman_was_up or at_rest
-            return False, False
-        if not self._deadman_was_up:
-            return False, False
-        if view.barred:
-            self._deadman_was_up = False
-            return True, False
-        if self._position is None:
-            return True, True
-        self._refusal = self._why_not_taken(device, view)
-        self._deadman_was_up = not self._refusal
-        return True, self._deadman_was_up
+            return (arming if arming is Arming.DEFLECTED else Arming.DISARMED), False
+        at_rest = followed or device.axes == NO_DEFLECTION
+        if self.mapping.options.deadman_buttons:
+            arming, acts = armed_by_deadman(arming, held, at_rest, bool(view.barred))
+            if arming.armed and followed:
+                self._refusal = self._why_not_taken(device, view)
+                arming = Arming.DISARMED if self._refusal else arming
+        else:
+            arming, acts = armed_by_rest(arming, at_rest, bool(view.barred))
+            if arming.armed and followed:
+                arming = Arming.DISARMED  # A pose is never at rest.
+        return arming, acts
 
     def _take_presses(
         self,
+        before: DeviceState | None,
         device: DeviceState,
         events: Sequence[ButtonEvent],
-        armed: bool,
+        arming: Arming,
         fault: str,
         view: HandView,
-    ) -> tuple[bool, bool, bool]:
-        """Handle the buttons that toggle the clutch and recapture the references: whether the
-        device is armed after them, a deliberate press was made, and references are captured."""
+    ) -> tuple[Arming, bool, bool]:
+        """Handle the buttons that toggle the clutch and recapture the references: what they make of
+        the device, whether a deliberate press was made, and references are captured.
+
+        What was held in `before`, or while the device was not live, is not pressed anew.
+        """
         options = self.mapping.options
+        was_live = before is not None and before.link is DeviceLink.LIVE
+        was_up = before is not None and was_live and options.clutch not in before.buttons
         acts = recapture = False
         for event in events:
             if event.button == options.recapture:
@@ -353,20 +352,21 @@ class HandSource:
             elif event.button != options.clutch:
                 continue
             elif not event.pressed:
-                self._clutch_was_up = self._was_live
-            elif armed:
-                armed = self._clutch_was_up = False
+                was_up = was_live
+            elif arming.armed:
+                arming, was_up = Arming.DISARMED, False
                 if self._position is not None:
                     self._position.release()  # Although it may be taken up again by now.
             else:
-                deliberate, self._clutch_was_up = self._clutch_was_up, False
+                deliberate, was_up = was_up, False
                 unusable = self._unusable(device, view.robot.stamp_s)
                 if not deliberate or fault or view.tripped or unusable:
                     continue
                 acts = True
-                if not view.barred:
-                    armed = self._clutch_in(device, view, view.robot.stamp_s - event.stamp_s)
-        return armed, acts, recapture
+                pressed_ago_s = view.robot.stamp_s - event.stamp_s
+                if not view.barred and self._clutch_in(device, view, pressed_ago_s):
+                    arming = Arming.ARMED
+        return arming, acts, recapture
 
     def _clutch_in(self, device: DeviceState, view: HandView, pressed_ago_s: float) -> bool:
         if pressed_ago_s > CLUTCH_WITHIN_S:
@@ -380,12 +380,6 @@ class HandSource:
     def _let_go(self, events: Sequence[ButtonEvent]) -> bool:
         deadman = self.mapping.options.deadman_buttons
         return any(event.button in deadman and not event.pressed for event in events)
-
-    def _note_clutch(self, device: DeviceState) -> None:
-        """Note whether the button that toggles the clutch is released. Held through a loss, it is
-        not pressed anew."""
-        self._was_live = device.link is DeviceLink.LIVE
-        self._clutch_was_up = self._was_live and self.mapping.options.clutch not in device.buttons
 
     # -- motion ----------------------------------------------------------------------------------
 

@@ -40,6 +40,7 @@ from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.gateway.arm.requests import MAX_REQUEST_BYTES
+from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import ArmStatus, Phase
 from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.hand.feedback import Felt, HandFeedback
@@ -290,9 +291,9 @@ class Session:
                     at_rest = controller.at_rest and not controller.following
                     disengage_reason = force.cycle(state, hand, controller.hand_map(), at_rest)
                     if disengage_reason:
-                        controller.trip(disengage_reason)
+                        controller.inhibit(disengage_reason, Inhibit.ONCE)
                     elif force.guard.in_doubt:
-                        controller.suspend()
+                        controller.inhibit("the force is in doubt", Inhibit.MOTION_IGNORED)
                 hand_feedback = self._feedback
                 if hand_feedback.useful and hand_feedback.due(now_s):
                     felt = felt_of(controller.status())
@@ -319,7 +320,7 @@ class Session:
             if self._stop_reason or now_s >= end_s:
                 if give_up_s == math.inf:
                     snapshot.ending = self._stop_reason or "the session's time is over"
-                    controller.request_stop(snapshot.ending)
+                    controller.inhibit(snapshot.ending, Inhibit.FOR_GOOD)
                     give_up_s = now_s + BRAKE_TIMEOUT_S
                 if controller.at_rest or not state.ready or now_s >= give_up_s:
                     break
@@ -356,12 +357,12 @@ class Session:
                 pass  # _tell() finds out the same and ends the session.
         self._supervisor_fault = heartbeat.fault(now_s)
         if self._neighbours is None:
-            self.controller.hold_off(self._supervisor_fault)
+            self.controller.inhibit(self._supervisor_fault, Inhibit.WHILE_SAID)
 
     def _heed(self, neighbours: ArmNeighbours, now_s: float) -> None:
         """Place the neighbours; without them no source moves the arm either."""
         fault = neighbours.turn(now_s)
-        self.controller.hold_off(self._supervisor_fault or fault)
+        self.controller.inhibit(self._supervisor_fault or fault, Inhibit.WHILE_SAID)
 
     def _tcp(self, state: RobotState) -> Pose | None:
         """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or

@@ -17,6 +17,9 @@ import dora  # noqa: E402
 import pyarrow as pa  # noqa: E402
 
 TIMEOUT_S = 30.0
+PERIOD_S = 0.02
+"""Between two looks: dora-rs does not wait. Commands without a pause are a flood, which starves the
+face on a busy computer."""
 
 
 def main(arm):
@@ -36,6 +39,8 @@ def main(arm):
             found = subscription.next()
             if found is not None and wanted(message := found.to_pylist()[0]):
                 return message
+            if found is None:
+                time.sleep(PERIOD_S)
         return None
 
     told = {}

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cardan.errors import ConfigurationError
+from cardan.gateway.hand.arming import Arming
 from cardan.gateway.hand.mapping import (
     GripperOptions,
     MappingOptions,
@@ -101,7 +102,7 @@ class HandActions:
         self._buttons = buttons or EventButtons()
         self._request: HandRequest | None = None
         self._before_s: float | None = None
-        self._armed = False
+        self._arming = Arming.DISARMED
         self._at = IDENTITY_POSE
         """Where the TCP that the hand moves is, from where it was taken hold of."""
         self._gripped: bool | None = None
@@ -122,11 +123,11 @@ class HandActions:
             dt_s=dt_s,
             tcp=self._at,
             resting=self._at,
-            armed=self._armed,
+            arming=self._arming,
             free=True,
         )
         self._request = request = self._source.request(device, events, view)
-        self._armed = request.armed
+        self._arming = request.arming
         if request.following:
             self._at = moved(self._at, request.twist, dt_s)
         if self._mapping.gripper_closed is not was_closed:
@@ -165,7 +166,7 @@ class HandActions:
         """What the operator has told by buttons since the last call, and whether it intervenes."""
         request = self._request
         told = HandEvents(
-            request is not None and (request.claims or request.following),
+            request is not None and (self._arming is Arming.CLAIMING or request.following),
             self._ends,
             self._succeeded,
             self._again,
@@ -177,7 +178,7 @@ class HandActions:
         """How to go on, where the hand moves nothing; empty: it does."""
         if self._request is not None and self._request.following:
             return ""
-        return self._source.advice("")
+        return self._source.advice("", self._arming)
 
 
 def turns_with_tool(mapping: MappingOptions) -> bool:

@@ -28,7 +28,9 @@ from cardan.gateway.arm.activities.recover import Recover
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.codes import Stream
 from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.arm.states import RESTING, Inhibit, States
 from cardan.gateway.arm.verbs import ArmVerbs
+from cardan.gateway.hand.arming import Arming
 from cardan.gateway.hand.mapping import MappingOptions
 from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.native import kernel_library
@@ -109,26 +111,16 @@ class Abstract(NamedTuple):
     streaming: bool
     held_off: bool
     filter_fault: bool
-    commandable: bool
-    """Whether the controller takes the robot for one that acts on commands."""
+    states: States
+    """What the controller says of itself."""
     distrust: str
     """"", "rejected", or "rests": the readings were plausible for long enough."""
-    ready_elsewhere: bool
-    apart: bool
-    recover: bool
-    """Whether the command is to be brought back as soon as it rests."""
-    cancelled: bool
-    """Whether a button ended a recovery."""
-    engaged: bool
-    armed: bool
     following: bool
-    claimed: bool
-    released: bool
-    """Whether the device was seen at rest, its dead-man or clutch released, since it was armed."""
+    was_pressed: bool
+    """Whether the button was seen pressed by the controller."""
     owner: str
     handed_to: bool
     activity: str
-    braking: bool
     motion: str
     """"rest", "slow" or "quick"."""
     stream: Stream
@@ -253,21 +245,13 @@ class World:
             self.streaming,
             self.held_off,
             self.filter.broken,
-            not core.not_ready,
+            core.state,
             distrust,
-            core._ready_elsewhere,
-            bool(core._apart_reason),
-            core._recover,
-            core._recovery_cancelled,
-            core.engaged,
-            core._armed,
             core.following,
-            core._claimed,
-            source._clutch_was_up if self.mapping.clutch else source._deadman_was_up,
+            source._device is not None and bool(source._device.buttons),
             core.authority.owner,
             bool(core.authority._handed_to),
             "" if activity is None else type(activity).__name__,
-            core.braking,
             "quick" if quick else "slow" if moves else "rest",
             verbs.streams.kind,
             bool(verbs.streams.owner),
@@ -376,7 +360,7 @@ class World:
 
     def _watch_operator(self, events: list[ButtonEvent]) -> None:
         """Follow, from outside, whether a deliberate act was made since the last interruption."""
-        device, armed = self.device, self.core._armed
+        device, armed = self.device, self.core.armed
         silent = self.deflected and self.now_s - device.stamp_s > 0.1
         wrong = device.link is not DeviceLink.LIVE or self.filter.broken or not self.driveable
         if self.interrupted or wrong or silent:
@@ -414,16 +398,18 @@ class World:
     def check(self) -> None:
         """(a), (c) and (f), by what is known from outside."""
         core, body, activity = self.core, self.core.body, self.core.activity
+        assert (activity is None) is (core.state.motion in RESTING), "who moves it?"
+        assert core.rejects is bool(core.supervision.distrust), "rejected for no reason"
         if core.trips != self.trips:
             self.trips = core.trips
             self._forget(True)
             self._note_act([])
-        if core._armed:
+        if core.armed:
             assert self.rearmed, "armed without a deliberate act"
-            if core._claimed:
+            if core.state.arming is Arming.CLAIMING:
                 assert core.authority.owner == HAND, "claimed without authority"
         by_hand = (
-            core._armed
+            core.armed
             and self.deflected
             and self.driveable
             and not self.filter.broken
@@ -456,7 +442,7 @@ class World:
             if not core.braking and not isinstance(activity, (Recover, Brake)):
                 owner = core.authority.owner
                 if isinstance(activity, FollowHand):
-                    assert owner == HAND or not core._armed
+                    assert owner == HAND or not core.armed
                     assert self.verbs._motion is None
                     assert streams.kind is Stream.NONE
                 elif activity is not None:
@@ -682,13 +668,13 @@ def acknowledge(w):
 @event(lambda w: not w.held_off)
 def held_off(w):
     w.held_off = True
-    w.core.hold_off(HELD_OFF)
+    w.core.inhibit(HELD_OFF, Inhibit.WHILE_SAID)
 
 
 @event(lambda w: w.held_off)
 def held_off_no_more(w):
     w.held_off = False
-    w.core.hold_off("")
+    w.core.inhibit("", Inhibit.WHILE_SAID)
 
 
 @event(lambda w: not w.filter.broken)
@@ -839,7 +825,7 @@ def leads_to_motion(w: World) -> int:
     for acts in range(16):
         message = w.core.status().message
         said.append(message)
-        if w.core._armed and not w.core.recovering:
+        if w.core.armed and not w.core.recovering:
             w.stale = False
             w.deflect(True)
             if w.mapping.deadman:
@@ -849,7 +835,7 @@ def leads_to_motion(w: World) -> int:
                 if norm(w.core.body.twist.linear) > QUICK_M_S and w.core.following:
                     return acts
             message = w.core.status().message
-        if message or not w.core._armed:
+        if message or not w.core.armed:
             assert message, "nothing moves, and nothing is said"
             follow_advice(w)
         for _ in range(2):

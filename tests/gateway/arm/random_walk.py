@@ -18,6 +18,7 @@ from cardan.gateway.arm.activities.recover import Recover
 from cardan.gateway.arm.activities.torque import TorqueMotion
 from cardan.gateway.arm.authority import HAND, AuthorityOptions, AuthorityPolicy
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.robots import load_arm
@@ -226,7 +227,7 @@ class Walk:
         self.period_s = DT_S
         self.fresh = True
         self.device = self.device._replace(link=DeviceLink.LIVE, reason="")
-        self.core.hold_off("")
+        self.core.inhibit("", Inhibit.WHILE_SAID)
         for owner in ("a", "b", "verbs"):
             self.verbs.release(owner)
         self.verbs.stop()
@@ -240,10 +241,10 @@ class Walk:
         self.heal()
         for _ in range(40):
             self.act()
-            if self.core._armed:
+            if self.core.armed:
                 break
             self.tick(600)
-        assert self.core._armed, (self.core.message, self.core.barred)
+        assert self.core.armed, (self.core.message, self.core.barred)
         self.hand((-0.4, 0, 0.3, 0, 0, 0), *self.mapping.deadman)
         start = self.core.body.pose.position
         self.tick(100)
@@ -417,17 +418,17 @@ def acknowledge(w):
 
 @event
 def violation(w):
-    w.core.trip("the force guard objects")
+    w.core.inhibit("the force guard objects", Inhibit.ONCE)
 
 
 @event
 def suspend(w):
-    w.core.suspend()
+    w.core.inhibit("the force is in doubt", Inhibit.MOTION_IGNORED)
 
 
 @event
 def hold_off(w):
-    w.core.hold_off(w.random.choice(("", "", "the supervisor is silent")))
+    w.core.inhibit(w.random.choice(("", "", "the supervisor is silent")), Inhibit.WHILE_SAID)
 
 
 @event

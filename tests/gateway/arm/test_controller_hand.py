@@ -5,6 +5,7 @@ import math
 import pytest
 
 from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import LONGEST_STEP_PERIODS, TRUST_AFTER_S, Watchdogs
 from cardan.gateway.hand.filters import TwistFilter
@@ -403,7 +404,7 @@ def test_a_stop_ends_a_recovery():
     rig = Rig().drive()
     away = pushed_away(rig, 0.12)
     stays(rig, 0.1, away)
-    rig.core.request_stop("stopped")
+    rig.core.inhibit("stopped", Inhibit.FOR_GOOD)
     stays(rig, 0.1, away)
     assert stays(rig, 1.0, away) == 0.0
 
@@ -466,7 +467,7 @@ def test_an_arm_that_lags_stops_when_the_hand_lets_go():
 
 def test_stopping_brakes_and_stays():
     rig = Rig().drive()
-    rig.core.request_stop("stopped by SIGTERM")
+    rig.core.inhibit("stopped by SIGTERM", Inhibit.FOR_GOOD)
     rig.run().braked_within(0.1)
     rig.hand()
     rig.run()

@@ -18,6 +18,7 @@ from cardan.gateway.arm.body import FreeBody
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import TRUST_AFTER_S
 from cardan.gateway.hand.mapping import MappingOptions
@@ -433,24 +434,24 @@ def test_the_dead_man_in_the_middle_of_a_line_takes_the_arm_without_a_step(ticks
 
 def test_holding_off_brakes_whoever_moves_the_arm_and_bars_until_it_is_lifted():
     rig = Driven().drive()
-    rig.core.hold_off("the supervisor is silent")
+    rig.core.inhibit("the supervisor is silent", Inhibit.WHILE_SAID)
     rig.run()
     assert rig.core.phase is Phase.BRAKING
     rig.run(0.3)
     rig.arm()
     assert rig.core.phase is Phase.DISARMED
     assert rig.status.message == "the supervisor is silent"
-    rig.core.hold_off("")
+    rig.core.inhibit("", Inhibit.WHILE_SAID)
     rig.drive()
 
 
 def test_a_trip_from_outside_is_one_trip_and_none_where_nobody_moves_the_arm():
     rig = Driven().run(0.1)
-    rig.core.trip("nobody is there")
+    rig.core.inhibit("nobody is there", Inhibit.ONCE)
     rig.run(0.1)
     assert rig.status.trips == 0
     rig.drive()
-    rig.core.trip("the guard says no")
+    rig.core.inhibit("the guard says no", Inhibit.ONCE)
     rig.run(0.3)
     assert rig.status.trips == 1
     assert "the guard says no" in rig.status.message

@@ -456,6 +456,7 @@ def test_a_robot_without_outputs_has_no_gripper():
         arm.act("accg")
 
 
+@pytest.mark.matrix("CommandKind.JOINT")
 @pytest.mark.parametrize("drive", [CommandKind.JOINT, CommandKind.JOINT_VELOCITY])
 def test_an_arm_with_mass_arrives(drive):
     robot = SimArm(SimArmOptions(pacing="virtual", gravity_feedforward=drive is CommandKind.JOINT))

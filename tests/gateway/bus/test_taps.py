@@ -7,6 +7,7 @@ import pytest
 from cardan.drivers.sim_arm import SimArm
 from cardan.gateway.arm.cycle_record import decode_cycle
 from cardan.gateway.arm.loop import ArmLoop
+from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.bus.taps import AT_ONCE, HIDDEN, KEPT_PACKETS, KEPT_S, SessionTaps
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import parse_config
@@ -121,8 +122,8 @@ def test_requests_are_written_to_the_cycle_that_they_precede(rig):
     def ask(ticks):
         if ticks == 50:
             rig.controller.stop("enough")
-            rig.controller.hold_off("a reason")
-            rig.controller.hold_off("a reason")
+            rig.controller.inhibit("a reason", Inhibit.WHILE_SAID)
+            rig.controller.inhibit("a reason", Inhibit.WHILE_SAID)
 
     rig.run(120, ask)
     records = [decode_cycle(each["data"]) for each in rig.engine.messages]

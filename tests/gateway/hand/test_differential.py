@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.hand.filters import TwistFilter
 from cardan.gateway.hand.mapping import AXES, MappingOptions, Mode, Orientation
@@ -283,7 +284,7 @@ def test_a_press_while_something_is_wrong_begins_nothing_later(trouble):
     elif trouble == "silent robot":
         rig.robot = rig.robot._replace(link=RobotLink.LOST)
     else:
-        rig.core.request_stop("the session's time is over")
+        rig.core.inhibit("the session's time is over", Inhibit.FOR_GOOD)
     rig.run().tap("button_2").run(0.1)
     rig.device = good_device._replace(stamp_s=rig.now_s)
     rig.robot = good_robot
@@ -295,7 +296,7 @@ def test_a_press_while_something_is_wrong_begins_nothing_later(trouble):
 
 def test_somebody_else_may_take_the_hand_off_the_robot():
     rig = engaged().send_hand(displaced(x=0.1)).run(0.2)
-    rig.core.trip("the force is lost")
+    rig.core.inhibit("the force is lost", Inhibit.ONCE)
     rig.press("button_2").run()  # In the same tick it is no deliberate act.
     assert not rig.core.following
     assert rig.core.phase is Phase.BRAKING
@@ -310,7 +311,7 @@ def test_somebody_else_may_take_the_hand_off_the_robot():
 def test_with_a_clutch_that_is_held_a_trip_takes_it_pressed_anew():
     rig = HandRig(deadman=("button_2",)).run().press("button_2").run()
     assert rig.core.following
-    rig.send_hand(displaced(x=0.1)).run(0.2).core.trip("the force is lost")
+    rig.send_hand(displaced(x=0.1)).run(0.2).core.inhibit("the force is lost", Inhibit.ONCE)
     rig.run(1.0)
     assert not rig.core.following
     rig.release("button_2").run().press("button_2").run()
@@ -319,7 +320,7 @@ def test_with_a_clutch_that_is_held_a_trip_takes_it_pressed_anew():
 
 def test_a_trip_of_nobody_is_nothing():
     rig = HandRig().run()
-    rig.core.trip("the force is lost")
+    rig.core.inhibit("the force is lost", Inhibit.ONCE)
     rig.run().tap("button_2").run(0.1)
     assert rig.core.following
     assert rig.core.status().trips == 0
@@ -329,7 +330,7 @@ def test_a_hand_that_is_suspended_is_waited_for_and_then_followed_without_a_step
     rig = engaged().send_hand(displaced(x=0.1)).run(0.15)
     before = rig.moved
     for _ in range(50):
-        rig.core.suspend()
+        rig.core.inhibit("the force is in doubt", Inhibit.MOTION_IGNORED)
         rig.run()
     assert rig.core.at_rest
     assert rig.core.following

@@ -5,6 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
+from cardan.gateway.hand.arming import Arming
 from cardan.gateway.hand.mapping import MappingOptions, Mode, TwistMapping
 from cardan.gateway.hand.source import CLUTCH_WITHIN_S, NO_REQUEST, HandSource, HandView
 from cardan.gateway.motion.reference import ReferenceLimits
@@ -37,7 +38,15 @@ class Asked:
     def __init__(self, options=DEADMAN):
         limits = ReferenceLimits()
         self.source = HandSource(TwistMapping(options), limits)
-        self.now_s, self.armed = 10.0, False
+        self.now_s, self.arming = 10.0, Arming.DISARMED
+
+    @property
+    def armed(self):
+        return self.arming.armed
+
+    def disarm(self):
+        self.arming = Arming.DISARMED
+        self.source.disarm()
 
     def tick(
         self, axes=REST, *buttons, events=(), link=DeviceLink.LIVE, age_s=0.0, pose=None, **view
@@ -46,11 +55,12 @@ class Asked:
         device = DeviceState(self.now_s - age_s, link, axes, frozenset(buttons), pose)
         robot = RobotState(self.now_s, RobotLink.LIVE, 1, 0, DT_S, (), (), IDENTITY_POSE, "")
         edges = [ButtonEvent(self.now_s - age, name, down) for name, down, age in events]
-        known = {"armed": self.armed, "free": True, "tcp": IDENTITY_POSE, "resting": IDENTITY_POSE}
+        known = {"arming": self.arming, "free": True}
+        known |= {"tcp": IDENTITY_POSE, "resting": IDENTITY_POSE}
         self.request = self.source.request(
             device, edges, HandView(robot, DT_S, **{**known, **view})
         )
-        self.armed = self.request.armed
+        self.arming = self.request.arming
         return self.request
 
     def arm(self):
@@ -60,7 +70,7 @@ class Asked:
 
     @property
     def advice(self):
-        return self.source.advice("")
+        return self.source.advice("", self.arming)
 
 
 # -- the deliberate act --------------------------------------------------------------------------
@@ -122,8 +132,7 @@ def test_nothing_counts_while_the_robot_is_not_ready():
 
 def test_disarming_takes_away_what_was_held():
     asked = Asked().arm()
-    asked.source.disarm()
-    asked.armed = False
+    asked.disarm()
     assert not asked.tick(REST, "left").acts
     asked.arm()
 
@@ -292,8 +301,8 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
         }
         was_armed = asked.armed
         if trouble == "void":
-            asked.armed = was_armed = False  # The controller has disarmed before it asks.
-            asked.source.disarm()
+            asked.disarm()  # The controller has, before it asks.
+            was_armed = False
         request = asked.tick(axes, *(("left",) if held else ()), link=link, age_s=age_s, **view)
         if request.asks or request.following:
             assert request.armed

@@ -389,6 +389,7 @@ HARMLESS = {"atan2", "cos", "fmax", "fmin", "memcpy", "memset", "sin", "sqrt"}
 LARGEST_FRAME_BYTES = 4096
 
 
+@pytest.mark.matrix
 @pytest.mark.skipif(
     None in (shutil.which("cc"), shutil.which("nm")), reason="no C compiler, or no nm beside it"
 )
@@ -436,7 +437,7 @@ def test_a_tick_leaves_nothing_in_python():
         return sys.getallocatedblocks() - before
 
     ticks(200)
-    assert min(left() for _ in range(3)) < 50  # Other threads may keep something once.
+    assert any(left() < 50 for _ in range(3))  # Other threads may keep something once.
 
 
 def test_the_iterations_of_the_worst_tick_are_counted():

@@ -146,6 +146,7 @@ def test_translation_goes_on_where_only_the_turn_is_at_its_end(kind):
     assert made.kinematics.upper[5] - made.q[5] < 0.02
 
 
+@pytest.mark.matrix("slow-ur5", "fast-pr2_left_arm")
 @pytest.mark.parametrize("name", few_now(arm_names()))
 @pytest.mark.parametrize(
     ("speed_m_s", "speed_rad_s"), [(0.03, 0.1), (0.1, 0.5)], ids=["slow", "fast"]

@@ -9,6 +9,7 @@ import pytest
 from cardan.bus.node import Received
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.neighbours import NS
+from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.bus.neighbours import MESSAGES_AT_ONCE
 from cardan.gateway.kinematics.arm import ArmKinematics
@@ -106,7 +107,7 @@ class Session:
         self.robot.open()
         self.cycles = self.robot.cycles()
         self.state = None
-        self.core.hold_off(self.neighbours.turn(0.0))
+        self.core.inhibit(self.neighbours.turn(0.0), Inhibit.WHILE_SAID)
 
     def cycle(self, axes=REST, held=True):
         self.state = state = next(self.cycles)
@@ -117,7 +118,7 @@ class Session:
         now_s = state.stamp_s
         self.topic.arrive(now_s)
         self.neighbours.hear(now_s, EPOCH_NS + round(now_s * NS))
-        self.core.hold_off(self.neighbours.turn(now_s))
+        self.core.inhibit(self.neighbours.turn(now_s), Inhibit.WHILE_SAID)
 
     @property
     def q(self):

@@ -338,10 +338,10 @@ def test_an_action_moves_the_arm_with_feedback_and_can_be_cancelled(user):
             answer = user.call(
                 f"{action}/_action/cancel_goal", "action_msgs/srv/CancelGoal", goal_info=info
             )
-            return len(answer["goals_canceling"]), *result.result()
+            return answer, *result.result()
 
-    cancelling, status, _ = done_again(cancelled)
-    assert cancelling == 1
+    answer, status, result = done_again(cancelled)
+    assert len(answer["goals_canceling"]) == 1, (answer, status, result)
     assert status is GoalStatus.CANCELED
     goal_id = user.send(action, MOVE, {"x": {"position": {"x": 9}}})
     status, told = user.result(action, MOVE, goal_id)

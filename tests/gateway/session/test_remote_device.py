@@ -12,6 +12,7 @@ import pytest
 from bench.killed import REST_M_S, ROBOTS, WINDOW_S, Watch, driven
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
+from cardan.demos.pauses import Pauses
 from cardan.drivers.remote import Remote
 from cardan.drivers.remote.shared import CLAIM_TYPE, STATE_TYPE, claim_topic, state_topic
 from cardan.errors import DeviceAccessError
@@ -31,6 +32,8 @@ MAX_AGE_S = 0.15
 BRAKES_S = 0.2
 BUSY_S = 0.25
 """How much later a computer that has other work may do it."""
+LATE_AT_EACH = 4
+"""Session, robot, router and this test, each as late as this computer was meanwhile."""
 FLOOD = 20_000
 """Messages of a flood at most."""
 
@@ -50,10 +53,14 @@ class Joined(NamedTuple):
     def wait_until_moving(self):
         self.watch.until(lambda found: found > 0.8 * SPEED_M_S, 0.2)
 
-    def rests_in_time_after(self, at_s):
-        rested_s = self.watch.until(lambda found: found < REST_M_S, 1.0)
+    def rests_in_time_after(self, act):
+        with Pauses() as pauses:
+            at_s = time.monotonic()
+            act()
+            rested_s = self.watch.until(lambda found: found < REST_M_S, 1.0)
         took_s = rested_s - WINDOW_S - at_s
-        assert took_s <= MAX_AGE_S + BRAKES_S + BUSY_S, f"{took_s:.3f} s"
+        late_s = LATE_AT_EACH * pauses.longest_s
+        assert took_s <= MAX_AGE_S + BRAKES_S + BUSY_S + late_s, f"{took_s:.3f} s, {late_s:.3f} s"
 
 
 @pytest.fixture
@@ -84,16 +91,12 @@ def test_a_killed_process_stops_the_arm_and_the_second_session_is_refused(joined
         Remote(router=joined.router, device="hand").open()
     joined.share.wait_for("refused: claims while another session has it", "stderr")
     joined.wait_until_moving()
-    at_s = time.monotonic()
-    joined.share.process.kill()
-    joined.rests_in_time_after(at_s)
+    joined.rests_in_time_after(joined.share.process.kill)
 
 
 def test_a_process_that_stands_still_stops_the_arm_until_a_deliberate_act(joined):
     joined.wait_until_moving()
-    at_s = time.monotonic()
-    joined.share.process.send_signal(signal.SIGSTOP)
-    joined.rests_in_time_after(at_s)
+    joined.rests_in_time_after(lambda: joined.share.process.send_signal(signal.SIGSTOP))
     joined.share.process.send_signal(signal.SIGCONT)
     joined.wait_until_moving()  # The hand lets go, and presses anew.
 
@@ -120,9 +123,7 @@ def test_a_stranger_that_floods_with_old_states_neither_moves_the_arm_nor_keeps_
         flooding.start()
         try:
             joined.wait_until_moving()
-            at_s = time.monotonic()
-            joined.share.process.kill()
-            joined.rests_in_time_after(at_s)
+            joined.rests_in_time_after(joined.share.process.kill)
         finally:
             over.set()
             flooding.join()

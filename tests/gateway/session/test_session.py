@@ -293,6 +293,7 @@ class TestADriverThatFails:
         assert not s.robot.is_open
         assert not s.device.is_open
 
+    @pytest.mark.matrix("joints1", "joints2")
     @pytest.mark.parametrize("joints", [(0.0,) * 5, (), (0.0,) * 7, (math.nan,) * 6])
     def test_a_robot_s_joints_that_are_not_the_arms(self, fake_drivers, joints):
         s = session(robot={"takes_poses": False}, arm={"model": "ur5"})

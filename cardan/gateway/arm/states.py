@@ -1,0 +1,315 @@
+"""What an arm is doing: a few small machines, each an enum and one function that says the next
+state.
+
+That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.hand.arming`. The
+machines are independent: each looks at its own state, at what happened (an :class:`Event`), and
+at a few :class:`Facts`. The controller asks them and does what follows from the answer; it assigns
+states in one place, `ArmController._enter`. What a state carries (reasons, the activity that moves
+the arm, limits, counters) is data of the controller.
+
+What a state is asked in every cycle is an attribute of its member: a look-up of another member
+takes longer than the rest of the question.
+
+Read a function downwards: the first case that fits counts, and what is not named changes nothing.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from cardan.gateway.arm.status import Phase
+from cardan.gateway.hand.arming import Arming
+from cardan.gateway.hand.source import HandRequest
+
+
+class Link(enum.Enum):
+    """Whether the robot can be commanded."""
+
+    ABSENT = "absent"
+    """It is silent, or would not act on commands; all motion is forgotten."""
+    BRAKING_BLIND = "braking blind"
+    """It is heard and not ready, and may still obey: what moved is braked in a ramp."""
+    READY = "ready"
+    """It acts on commands."""
+
+    def __init__(self, value: str) -> None:
+        self.ready = value == "ready"
+
+
+class Readings(enum.Enum):
+    """Whether what the robot measures is believed."""
+
+    ACCEPTED = "accepted"
+    """They are."""
+    REJECTED = "rejected"
+    """It was measured where it cannot be; a deliberate act accepts the readings again."""
+    REJECTED_ELSEWHERE = "rejected elsewhere"
+    """And it became ready elsewhere than commanded: the act places the command anew."""
+
+    def __init__(self, value: str) -> None:
+        self.rejected, self.elsewhere = value != "accepted", value == "rejected elsewhere"
+
+
+class Motion(enum.Enum):
+    """What moves the commanded arm."""
+
+    UNCOMMANDED = "uncommanded"
+    """The robot is sent a hold."""
+    HOLDING = "holding"
+    """The robot is commanded to be at rest, or to come to rest."""
+    FOLLOWING = "following"
+    """The operator device moves it."""
+    EXECUTING = "executing"
+    """A verb or a stream moves it."""
+    RESYNCHRONIZING = "resynchronizing"
+    """The command is brought back to a robot that is not where it was commanded to be."""
+    BRAKING = "braking"
+    """What moved it was told to come to rest."""
+
+    def __init__(self, value: str) -> None:
+        self.commanded = value != "uncommanded"
+        self.braking = value == "braking"
+
+
+class Separation(enum.Enum):
+    """Whether command and robot are apart, and what becomes of it."""
+
+    NONE = "none"
+    """They are not."""
+    TO_RESYNCHRONIZE = "to resynchronize"
+    """The command is to be brought back to its robot as soon as it rests."""
+    APART = "apart"
+    """They stay apart until a deliberate act."""
+    LEFT = "left"
+    """A button ended the resynchronization; none begins until motion is asked for."""
+
+    def __init__(self, value: str) -> None:
+        self.waits, self.apart = value == "to resynchronize", value == "apart"
+        self.together, self.left = value == "none", value == "left"
+
+
+class Inhibit(enum.Enum):
+    """How something outside of the arm interrupts what moves it. The value is its name in
+    records."""
+
+    FOR_GOOD = "request_stop"
+    """What moves brakes now, and no source moves the arm any more."""
+    WHILE_SAID = "hold_off"
+    """From the next tick on no source may move the arm, until the reason is said to be ""."""
+    ONCE = "trip"
+    """The next tick disengages the source that moves the arm, as the watchdogs do; without effect
+    where none does by then. The first reason counts."""
+    MOTION_IGNORED = "suspend"
+    """The operator's motion is ignored in the next tick; after it, teleoperation goes on."""
+
+
+class Act(enum.Enum):
+    """What follows from the operator's request, beside the motion that it asks for."""
+
+    TRIP = "the device must not drive any longer"
+    LET_GO = "the clutch was released: the arm brakes, and its authority is free"
+    ARM = "the device is armed"
+    TAKE = "the device takes the arm from whatever moves it, and is armed"
+    ACKNOWLEDGE = "the deliberate act was made where it arms nothing"
+
+
+class Event(enum.Enum):
+    """What happens to an arm, beside what its operator does."""
+
+    READY = "a tick ends in which the robot was ready"
+    UNREADY = "the robot is silent or not ready"
+    FORGOTTEN = "all motion is forgotten: where the robot is when it comes back is not known"
+    RETURNED = "the robot is ready again while its readings are rejected"
+    LEAPT = "the robot was measured where it cannot be"
+    BELIEVED = "a deliberate act accepts the readings"
+    PLACED = "the command was placed where the robot is, at the speed that it has"
+    INVALID = "a command that is beyond a limit was not sent"
+    ENGAGED = "a source has the robot commanded, from where it is"
+    FOLLOWS = "the operator device begins to move the arm"
+    EXECUTES = "a verb or a stream begins to move it"
+    RESYNCHRONIZES = "the command begins to go back to the robot"
+    BRAKES = "what moves is told to come to rest"
+    OVER = "what moved the arm is over"
+    COASTED = "a robot that moved when its command was placed came to rest"
+    HELD = "the robot is not where it is commanded to be"
+    DISARMED = "the operator has to engage anew"
+    NOT_BACK = "a resynchronization ended, or must not begin, while they are apart"
+    LEFT = "a button of a device that is armed ended a resynchronization"
+    ASKED = "the operator asks for motion"
+    ACKNOWLEDGED = "the deliberate act is made"
+
+
+class Facts(NamedTuple):
+    """What the next state depends on beside the state and the event."""
+
+    device: bool = False
+    """Whether the arm has an operator device."""
+    moving: bool = False
+    """Whether the arm is commanded to move."""
+    near: bool = False
+    """Whether the command is so near its robot that nothing has to be brought back."""
+    resynchronizes: bool = False
+    """Whether commands are brought back to their robots, by the options."""
+
+
+class States(NamedTuple):
+    """The state of each machine."""
+
+    link: Link = Link.ABSENT
+    readings: Readings = Readings.ACCEPTED
+    motion: Motion = Motion.UNCOMMANDED
+    separation: Separation = Separation.NONE
+    arming: Arming = Arming.DISARMED
+
+    def after(self, event: Event, facts: Facts) -> States:
+        """The states once `event` has happened."""
+        return self._replace(
+            link=link_after(self.link, event, facts),
+            readings=readings_after(self.readings, event, self),
+            motion=motion_after(self.motion, event, facts),
+            separation=separation_after(self.separation, event, facts),
+            arming=Arming.DISARMED if event is Event.DISARMED else self.arming,
+        )
+
+
+def link_after(link: Link, event: Event, facts: Facts) -> Link:
+    """Whether the robot can be commanded, once `event` has happened."""
+    match event:
+        case Event.READY:
+            return Link.READY
+        case Event.UNREADY:
+            return Link.BRAKING_BLIND if facts.moving else Link.ABSENT
+        case Event.FORGOTTEN if link is Link.BRAKING_BLIND:
+            return Link.ABSENT
+    return link
+
+
+def readings_after(readings: Readings, event: Event, states: States) -> Readings:
+    """Whether readings are believed, once `event` has happened in these `states`."""
+    rejected = readings.rejected
+    match event:
+        case Event.PLACED | Event.BELIEVED:
+            return Readings.ACCEPTED
+        case Event.LEAPT if states.link is Link.ABSENT:
+            return Readings.REJECTED_ELSEWHERE
+        case Event.LEAPT if not rejected:
+            return Readings.REJECTED
+        case Event.RETURNED if rejected and states.motion is Motion.UNCOMMANDED:
+            return Readings.REJECTED_ELSEWHERE
+        case Event.INVALID if rejected:
+            return Readings.REJECTED_ELSEWHERE
+    return readings
+
+
+def motion_after(motion: Motion, event: Event, facts: Facts) -> Motion:
+    """What moves the commanded arm, once `event` has happened."""
+    match event:
+        case Event.FORGOTTEN:
+            return Motion.UNCOMMANDED
+        case Event.PLACED if facts.moving:
+            return Motion.BRAKING
+        case Event.PLACED:
+            return Motion.HOLDING if facts.device else Motion.UNCOMMANDED
+        case Event.ENGAGED if motion is Motion.UNCOMMANDED:
+            return Motion.HOLDING
+        case Event.FOLLOWS:
+            return Motion.FOLLOWING
+        case Event.EXECUTES:
+            return Motion.EXECUTING
+        case Event.RESYNCHRONIZES:
+            return Motion.RESYNCHRONIZING
+        case Event.BRAKES if motion not in RESTING:
+            return Motion.BRAKING
+        case Event.COASTED if not facts.device:
+            return Motion.UNCOMMANDED
+        case Event.OVER | Event.COASTED if motion is not Motion.UNCOMMANDED:
+            return Motion.HOLDING
+    return motion
+
+
+RESTING = (Motion.UNCOMMANDED, Motion.HOLDING)
+"""States in which nothing moves the arm; in each other one there is an activity that does."""
+
+
+def separation_after(separation: Separation, event: Event, facts: Facts) -> Separation:
+    """Whether command and robot are apart, once `event` has happened."""
+    match event:
+        case Event.UNREADY | Event.PLACED if separation is not Separation.LEFT:
+            return Separation.NONE
+        case Event.LEAPT | Event.RESYNCHRONIZES if separation is Separation.TO_RESYNCHRONIZE:
+            return Separation.NONE
+        case Event.HELD if facts.resynchronizes:
+            return Separation.TO_RESYNCHRONIZE
+        case Event.HELD | Event.NOT_BACK:
+            return Separation.APART
+        case Event.LEFT:
+            return Separation.LEFT
+        case Event.ASKED if separation is Separation.LEFT:
+            return Separation.NONE
+        case Event.ACKNOWLEDGED if separation is Separation.APART:
+            again = facts.resynchronizes and not facts.near
+            return Separation.TO_RESYNCHRONIZE if again else Separation.NONE
+    return separation
+
+
+def inhibits_after(
+    inhibits: Mapping[Inhibit, str], reason: str, kind: Inhibit
+) -> Mapping[Inhibit, str]:
+    """What inhibits the arm, each with its reason, once `kind` was asked for."""
+    match kind:
+        case Inhibit.WHILE_SAID if not reason:
+            return {each: why for each, why in inhibits.items() if each is not kind}
+        case Inhibit.ONCE if inhibits.get(kind):
+            return inhibits
+    return {**inhibits, kind: reason}
+
+
+def arming_after(
+    arming: Arming, request: HandRequest, acknowledges: bool, owns: bool, refused: bool
+) -> tuple[Arming, Act | None]:
+    """What the operator's request makes of `arming`, and what follows; None: nothing.
+
+    `acknowledges`: whether an act that arms nothing has something to acknowledge; `owns`: whether
+    the device has the authority over the arm; `refused`: whether it may not take it.
+    """
+    asked = request.arming
+    match arming.armed, asked.armed:
+        case _ if request.fault:
+            return Arming.DISARMED, Act.TRIP
+        case before, after if request.filter_fault:
+            return (Arming.DISARMED, Act.TRIP) if before or after else (asked, None)
+        case True, False:
+            return asked, Act.LET_GO
+        case False, True:
+            return asked, Act.TAKE if asked.claims else Act.ARM
+        case _ if request.acts and acknowledges:
+            return asked, Act.ACKNOWLEDGE
+        case True, True if asked.claims and not owns:
+            return (Arming.DISARMED, Act.TRIP) if refused else (asked, Act.TAKE)
+    return asked, None
+
+
+def phase_of(states: States, moving: bool, asks: bool, recovers: bool) -> Phase:
+    """What people are told that the arm is doing.
+
+    `moving`: whether it is commanded to move; `asks`: whether the operator asks for motion;
+    `recovers`: whether what moves it brings the command back to its robot.
+    """
+    match states.link, states.motion:
+        case Link.ABSENT, _:
+            return Phase.NO_ROBOT
+        case Link.BRAKING_BLIND, _:
+            return Phase.BRAKING
+        case _ if recovers:
+            return Phase.RECOVERING
+        case _, Motion.EXECUTING if moving:
+            return Phase.MOVING
+        case _, Motion.FOLLOWING if moving and asks:
+            return Phase.MOVING
+        case _ if moving:
+            return Phase.BRAKING
+        case _, Motion.FOLLOWING | Motion.EXECUTING:
+            return Phase.HOLDING
+    return Phase.HOLDING if states.arming.armed else Phase.DISARMED
