@@ -264,5 +264,5 @@ release: $(VENV)/.cardan page
 clean:
 	rm -rf $(VENV) .venv-3.* .mypy_cache .ruff_cache .pytest_cache .hypothesis build dist
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
-	rm -rf console/node_modules cardan/gateway/faces/console/page docs/api
+	rm -rf console/node_modules cardan/gateway/servers/console/page docs/api
 	find cardan plugins -name '*.so' -delete

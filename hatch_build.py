@@ -23,7 +23,7 @@ LIBRARIES = (
     "cardan/drivers/abb_egm/libcardan_egm.so",
     "cardan/gateway/servo/libcardan_servo.so",
 )
-PAGE = "cardan/gateway/faces/console/page/*"
+PAGE = "cardan/gateway/servers/console/page/*"
 NO_COMPILER = NO_NPM = 3
 
 

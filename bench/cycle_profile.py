@@ -23,7 +23,7 @@ from typing import Any
 
 from bench.egm_latency import ANSWER_WITHIN_S, PERIOD_S, SESSIONS
 from cardan.demos.examples import free_ports
-from cardan.gateway.session.launched import launched
+from cardan.gateway.session.subprocesses import launched
 from studies.cartesian.controller import START, datagram, obeyed
 
 SECONDS = 12.0
@@ -44,8 +44,8 @@ _CONTROLLER = "cardan.gateway.arm.controller:ArmController"
 _EGM = "cardan.drivers.abb_egm"
 PARTS = (
     ("receive", f"{_EGM}.session:EgmSession.receive"),
-    ("device state", "cardan.drivers.reading:ReadDevice.state"),
-    ("button events", "cardan.drivers.reading:ReadDevice.button_events"),
+    ("device state", "cardan.drivers.reader_thread:ReadDevice.state"),
+    ("button events", "cardan.drivers.reader_thread:ReadDevice.button_events"),
     ("tick", f"{_CONTROLLER}.tick"),
     ("- robot judged", "cardan.gateway.arm.supervision:Supervision.look"),
     ("- robot observed", f"{_CONTROLLER}._observe"),

@@ -29,8 +29,8 @@ from bench.arms import shapes_as_tables
 from cardan.gateway.daemon.usage import processor_time_s
 from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import SessionConfig, parse_config
-from cardan.gateway.session.launched import launched
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.subprocesses import launched
 from cardan.gateway.session.supervisor import SessionProcess
 
 PAGE = Path(__file__).parents[1] / "docs/measurements.md"

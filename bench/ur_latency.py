@@ -25,7 +25,7 @@ from typing import Final
 
 from bench.egm_latency import MOVE, TOUCH
 from bench.figures import Figures
-from cardan.gateway.session.launched import launched
+from cardan.gateway.session.subprocesses import launched
 from cardan.protocols.ur.program import Order
 from cardan.protocols.ur.rtde import Recipe
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers

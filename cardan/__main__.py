@@ -1,6 +1,6 @@
 """``python -m cardan`` is the ``cardan`` command."""
 
-from cardan.common.shortage import run
+from cardan.common.resource_errors import run
 
 
 def main() -> None:

@@ -40,7 +40,7 @@ import reprlib
 from collections.abc import Callable, Iterable, Iterator
 from typing import TYPE_CHECKING, Any
 
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 
 if TYPE_CHECKING:
     from datetime import date, datetime, time

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from cardan.cli.common import EXIT_INCOMPLETE, print_table
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError
 
 

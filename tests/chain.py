@@ -14,8 +14,8 @@ from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.hand.mapping import MappingOptions
 from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.mapping import MappingOptions
 from cardan.protocols.connexion import model_by_key
 from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, FaultyLink

@@ -3,9 +3,9 @@
 from cardan.gateway.arm.body import FreeBody
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
-from cardan.gateway.hand.source import HandSource
 from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.input import OperatorInput
+from cardan.gateway.operator.mapping import MappingOptions, TwistMapping
 from cardan.types import RobotCapabilities
 
 PERIOD_S = 0.004
@@ -23,7 +23,7 @@ def controller_for_hand(
 ):
     """The controller of a robot that one operator device moves; `arm`: its body, by a model."""
     limits, watchdogs = limits or ReferenceLimits(), watchdogs or Watchdogs()
-    hand = HandSource(
+    hand = OperatorInput(
         TwistMapping(mapping or MappingOptions(), gripper),
         limits,
         filters,

@@ -63,7 +63,7 @@ PAGES = {
             ),
             Part(
                 "Filters and the hand's mapping",
-                ("gateway/hand",),
+                ("gateway/operator",),
                 "[mapping](../configuration.md#mapping), [shared control](../shared-control.md)",
             ),
             Part(
@@ -90,8 +90,8 @@ PAGES = {
                     "common/output.py",
                     "common/logs.py",
                     "common/signals.py",
-                    "common/shortage.py",
-                    "common/printable.py",
+                    "common/resource_errors.py",
+                    "common/text_sanitizer.py",
                 ),
                 "`cardan COMMAND --help`; [exit codes](../first-ten-minutes.md#ctrl-c-and-exit-codes)",
             ),
@@ -162,7 +162,7 @@ PAGES = {
                 (
                     "drivers",
                     "api.py",
-                    "common/openable.py",
+                    "common/context.py",
                     "common/sockets.py",
                     "common/realtime.py",
                 ),
@@ -224,13 +224,13 @@ PAGES = {
             ),
             Part(
                 "The console's page",
-                ("gateway/faces/console",),
+                ("gateway/servers/console",),
                 "[why it does not move](../console.md#why-it-does-not-move)",
             ),
             Part(
                 "Faces",
                 (
-                    "gateway/faces",
+                    "gateway/servers",
                     "cardan-dds/cardan_dds/face.py",
                     "cardan-dds/cardan_dds/bridge.py",
                     "cardan-foxglove/cardan_foxglove",

@@ -10,14 +10,14 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from cardan.gateway.arm.authority import HAND
-from cardan.gateway.arm.codes import Parameter, Stream
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.motion import Motion
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.arm.verbs import ArmVerbs
-from cardan.gateway.hand.mapping import MappingOptions
+from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.mapping import MappingOptions
 from cardan.gateway.session.assembly import make_arm
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.heartbeat import Heartbeat
@@ -37,7 +37,7 @@ WAY_M = 0.3
 REST = (0.0,) * 6
 
 
-class Pilot(ABC):
+class Scenario(ABC):
     """A control core, and whoever asks it for motion."""
 
     def __init__(self, bench: Bench) -> None:
@@ -71,7 +71,7 @@ class Pilot(ABC):
         """The core's answer to `state`."""
 
 
-class Operator(Pilot):
+class Operator(Scenario):
     """A hand on a deflected device, its dead-man held."""
 
     def __init__(self, bench: Bench) -> None:
@@ -111,7 +111,7 @@ class Operator(Pilot):
         return self._report
 
 
-class _Verbs(Pilot):
+class _Verbs(Scenario):
     def __init__(self, bench: Bench) -> None:
         super().__init__(bench)
         self.verbs = ArmVerbs.alone(
@@ -170,11 +170,11 @@ class Path(_Verbs):
         self.motion = self.verbs.movl([a + b for a, b in zip(here, way, strict=True)])
 
 
-Make = Callable[[str, Bench], Pilot]
+Make = Callable[[str, Bench], Scenario]
 
-PILOTS: dict[str, type[Pilot]] = {"operator": Operator, "twist": TwistStream, "path": Path}
+PILOTS: dict[str, type[Scenario]] = {"operator": Operator, "twist": TwistStream, "path": Path}
 
 
-def make(source: str, bench: Bench) -> Pilot:
+def make(source: str, bench: Bench) -> Scenario:
     """The controller that `source` drives."""
     return PILOTS[source](bench)

@@ -19,7 +19,7 @@ from weakref import WeakSet
 
 from cardan.common import forks
 from tests.docs_tables import replaced
-from tests.fault_pilots import PILOTS, SPEED_M_S, Make, Pilot, make
+from tests.fault_pilots import PILOTS, SPEED_M_S, Make, Scenario, make
 from tests.fault_rig import (
     BENCHES,
     CLOCKS,
@@ -56,7 +56,7 @@ two ramps meet in one window they add up to 0.2 more."""
 class Fault(NamedTuple):
     """What goes wrong."""
 
-    act: Callable[[Bench, Pilot], None]
+    act: Callable[[Bench, Scenario], None]
     sources: tuple[str, ...] = ("operator", "twist", "path")
     robots: tuple[type[Bench], ...] = BENCHES
     own: tuple[type[Bench], ...] = ()
@@ -65,26 +65,26 @@ class Fault(NamedTuple):
     watched_s: float = WATCHED_S
 
 
-def _silence(bench: Bench, pilot: Pilot) -> None:
+def _silence(bench: Bench, pilot: Scenario) -> None:
     pilot.silent = True
 
 
-def _flood(bench: Bench, pilot: Pilot) -> None:
+def _flood(bench: Bench, pilot: Scenario) -> None:
     bench.flooded = True
 
 
-def _bad(kind: str) -> Callable[[Bench, Pilot], None]:
-    def act(bench: Bench, pilot: Pilot) -> None:
+def _bad(kind: str) -> Callable[[Bench, Scenario], None]:
+    def act(bench: Bench, pilot: Scenario) -> None:
         bench.bad = kind
 
     return act
 
 
-def _stall(ms: int) -> Callable[[Bench, Pilot], None]:
+def _stall(ms: int) -> Callable[[Bench, Scenario], None]:
     return lambda bench, pilot: bench.stall(1e-3 * ms)
 
 
-def _clock(name: str) -> Callable[[Bench, Pilot], None]:
+def _clock(name: str) -> Callable[[Bench, Scenario], None]:
     return lambda bench, pilot: bench.lie(name)
 
 

@@ -18,8 +18,8 @@ from websockets.sync.client import connect
 
 from cardan.bus.network import Network
 from cardan.bus.options import BusOptions
-from cardan.gateway.arm.codes import Begins
 from cardan.gateway.arm.requests import Request, encode_request
+from cardan.gateway.arm.vocab import Begins
 from cardan.gateway.daemon.control import Ask, encode_ask
 from cardan.protocols.handheld import JogTwist, OperatorFrame, Phone, encode_frame
 from cardan.protocols.joint_stream import (
@@ -37,7 +37,7 @@ from cardan.protocols.spnav import (
     encode_sensitivity,
 )
 from cardan.types import Vector3
-from tests.gateway.faces.console.rig import PageProgram
+from tests.gateway.servers.console.rig import PageProgram
 from tests.protocols.test_handheld import TELEOP
 from tests.waiting import until
 

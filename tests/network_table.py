@@ -14,8 +14,8 @@ from types import SimpleNamespace
 from typing import Any, Literal, NamedTuple, get_args
 
 from cardan.gateway.bus.arm_topics import ArmNames
+from cardan.gateway.bus.compatibility import NamesOf
 from cardan.gateway.bus.options import NetworkOptions
-from cardan.gateway.bus.other_names import NamesOf
 from cardan.gateway.session.network import SessionNetwork
 from cardan.protocols.ros2.zenoh import data_key
 from cardan.types import IDENTITY_POSE, DeviceCapabilities

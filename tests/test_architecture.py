@@ -60,14 +60,14 @@ EXCEPTIONS = {
     "drivers/sim_arm": ("cardan.sim_peers", "cardan.sim_peers.arm", "cardan.sim_peers.base"),
     "gateway/bus": ("cardan.protocols", "cardan.protocols.ros2.*"),
     "recording": ("cardan.protocols", "cardan.protocols.ros2.*"),
-    "gateway/faces": (
+    "gateway/servers": (
         "cardan.protocols",
         "cardan.protocols.rate",
         "cardan.protocols.ros2.*",
         "cardan.protocols.rosbridge",
         "cardan.protocols.rosbridge.*",
     ),
-    "gateway/faces/console": (
+    "gateway/servers/console": (
         "cardan.protocols",
         "cardan.protocols.handheld",
         "cardan.protocols.mjpeg",
@@ -103,10 +103,10 @@ GATEWAY_ROOMS = {
 ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (
     "cardan.common.arm_libraries",
-    "cardan.conform.joint_stream.rig",
-    "cardan.conform.joint_stream_driver.pilot",
-    "cardan.conform.ros2_arm.rig",
-    "cardan.gateway.arm.activities.",
+    "cardan.conform.joint_stream.simulated",
+    "cardan.conform.joint_stream_driver.scenario",
+    "cardan.conform.ros2_arm.simulated",
+    "cardan.gateway.arm.motions.",
     "cardan.gateway.arm.arm_body",
     "cardan.gateway.arm.device",
     "cardan.gateway.arm.neighbours",

@@ -13,7 +13,7 @@ from cardan.common.options import check_options, hints
 from cardan.common.tables import keys_of, read_table
 from cardan.drivers import registry
 from cardan.errors import ConfigurationError, OptionError
-from cardan.gateway.hand.filters import registry as filter_registry
+from cardan.gateway.operator.filters import registry as filter_registry
 from cardan.gateway.session.config import SessionConfig
 from cardan.sim_peers import registry as peers
 from tests.docs_tables import ours

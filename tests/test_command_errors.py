@@ -12,8 +12,8 @@ from cardan.drivers import registry
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.drivers.udev import udev_rules
 from cardan.errors import ConfigurationError
-from cardan.gateway.hand.filters import registry as filter_registry
-from cardan.gateway.hand.filters.base import TwistFilter
+from cardan.gateway.operator.filters import registry as filter_registry
+from cardan.gateway.operator.filters.base import TwistFilter
 from cardan.sim_peers import registry as peer_registry
 from cardan.sim_peers.command import PeerCommand
 from tests.gateway.fakes import FakeDevice

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from cardan.gateway.faces.console.site import FOLDER, Site
+from cardan.gateway.servers.console.site import FOLDER, Site
 
 ROOT = Path(__file__).parents[1]
 LARGEST_BYTES = 250_000

@@ -16,7 +16,7 @@ import pytest
 
 import cardan
 from cardan.drivers import registry
-from cardan.gateway.faces.console.site import FOLDER as PAGE
+from cardan.gateway.servers.console.site import FOLDER as PAGE
 from tests.serving import free_udp_port
 
 pytestmark = [pytest.mark.matrix, pytest.mark.timeout(400)]
@@ -32,7 +32,7 @@ EVERY_DRIVER = """
 import importlib.util, sys
 import cardan
 from cardan.drivers import registry
-from cardan.gateway.faces.console.site import FOLDER as PAGE
+from cardan.gateway.servers.console.site import FOLDER as PAGE
 loaded = registry.load_all()
 assert not loaded.refused, loaded.refused
 print(*loaded.classes)
@@ -183,7 +183,7 @@ def test_a_command_of_the_source_tree_says_where_it_is(light: Installation) -> N
 
 def test_its_page_needs_nothing_of_the_checkout(light: Installation) -> None:
     program = (
-        "from cardan.gateway.faces.console.site import Site;"
+        "from cardan.gateway.servers.console.site import Site;"
         "print(b'console.js' in Site().answer('/').body)"
     )
     assert light.python(program).strip() == "True"

@@ -22,9 +22,9 @@ from cardan.drivers.abb_egm import AbbEgmOptions, EgmSession
 from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.errors import ConfigurationError
-from cardan.gateway.daemon.layout import read_layout
-from cardan.gateway.hand.filters.camera import CameraOptions
-from cardan.gateway.hand.filters.proximity import ProximityOptions
+from cardan.gateway.daemon.config import read_layout
+from cardan.gateway.operator.filters.camera import CameraOptions
+from cardan.gateway.operator.filters.proximity import ProximityOptions
 from cardan.gateway.session import assembly, config
 from cardan.protocols import connexion, egm, simple_message as sm
 from cardan.sim_peers import registry as peers

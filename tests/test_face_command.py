@@ -12,15 +12,15 @@ from typing import ClassVar, Literal
 import pytest
 from typer.testing import CliRunner
 
-from cardan.bus import survey
+from cardan.bus import discovery
 from cardan.bus.options import BusOptions
 from cardan.cli import app
 from cardan.cli.face import check_words, face
 from cardan.common.options import CODE_ONLY, Options
 from cardan.common.plugins import IN_SOURCE_TREE
 from cardan.errors import ConfigurationError
-from cardan.gateway.faces import registry
-from cardan.gateway.faces.base import Face
+from cardan.gateway.servers import registry
+from cardan.gateway.servers.base import Face
 from tests.serving import free_endpoint
 
 WIDE = {"COLUMNS": "400", "NO_COLOR": "1", "TERM": "dumb"}
@@ -200,17 +200,17 @@ def test_an_attached_router_ends_with_its_standard_input():
 
 # -- the self-test --------------------------------------------------------------------------------
 
-SOMEBODY = survey.Survey(
+SOMEBODY = discovery.Survey(
     ["/arm/server"],
-    {"/joint_states": survey.Topic("sensor_msgs/msg/JointState", ("/arm/server",))},
-    {"/arm/server/stop": survey.Service("std_srvs/srv/Trigger", ("/arm/server",))},
+    {"/joint_states": discovery.Topic("sensor_msgs/msg/JointState", ("/arm/server",))},
+    {"/arm/server/stop": discovery.Service("std_srvs/srv/Trigger", ("/arm/server",))},
     1,
     1,
 )
 
 
 def test_the_network_is_printed_to_be_copied(monkeypatch):
-    monkeypatch.setattr(survey, "survey", lambda _options: SOMEBODY)
+    monkeypatch.setattr(discovery, "survey", lambda _options: SOMEBODY)
     assert said("network", program=app).splitlines() == [
         "node     /arm/server",
         "topic    /joint_states  sensor_msgs/msg/JointState  by /arm/server",
@@ -220,7 +220,7 @@ def test_the_network_is_printed_to_be_copied(monkeypatch):
 
 def test_the_network_is_joined_as_a_session_joins_it(monkeypatch, tmp_path):
     seen = []
-    monkeypatch.setattr(survey, "survey", lambda options: seen.append(options) or SOMEBODY)
+    monkeypatch.setattr(discovery, "survey", lambda options: seen.append(options) or SOMEBODY)
     file = tmp_path / "session.toml"
     robot = '[robot]\ndriver = "sim_arm"\nrobot = "ur5"\n[arm]\nmodel = "ur5"\n'
     file.write_text(f'{robot}[network]\nrouter = "tcp/10.0.0.1:7447"\nmode = "client"\n')
@@ -232,8 +232,8 @@ def test_the_network_is_joined_as_a_session_joins_it(monkeypatch, tmp_path):
 
 
 def test_where_nobody_is_met_the_remedies_are_said(monkeypatch):
-    nobody = survey.Survey((), {}, {}, 1, 0)
-    monkeypatch.setattr(survey, "survey", lambda _options: nobody)
+    nobody = discovery.Survey((), {}, {}, 1, 0)
+    monkeypatch.setattr(discovery, "survey", lambda _options: nobody)
     told = said("network", program=app, code=4)
     assert "A router answers, and no node was met." in told
     assert 'mode = "client"' in told

@@ -28,8 +28,8 @@ from cardan.common.options import (
 from cardan.drivers import registry as driver_registry
 from cardan.drivers.abb_egm import AbbEgm
 from cardan.errors import ConfigurationError, OptionError, shown
-from cardan.gateway.hand.filters import registry as filter_registry
-from cardan.gateway.hand.mapping import MappingOptions
+from cardan.gateway.operator.filters import registry as filter_registry
+from cardan.gateway.operator.mapping import MappingOptions
 from cardan.sim_peers import registry as peer_registry
 from tests.docs_tables import ours
 from tests.ranges import found_in, spoilt

@@ -12,7 +12,7 @@ import cardan.cli
 from cardan.cli.common import print_table
 from cardan.common.logs import PrintableFormatter
 from cardan.common.plugins import reason
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError, DeviceAccessError
 
 NASTY = "seen\x1b[2J\r\nforged\x9b"

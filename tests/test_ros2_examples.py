@@ -21,8 +21,8 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError, MotionLoopError
 from cardan.gateway.bus.remote import RemoteCartesianDevice
 from cardan.gateway.session.assembly import load_config, load_haptic
-from cardan.gateway.session.launched import launched
-from tests.gateway.faces.test_rosbridge_judges import installed
+from cardan.gateway.session.subprocesses import launched
+from tests.gateway.servers.test_rosbridge_judges import installed
 from tests.serving import free_endpoint, free_tcp_port
 from tests.waiting import until
 

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from cardan.common.plugins import reason
-from cardan.common.shortage import run, shortage
+from cardan.common.resource_errors import run, shortage
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 UNMAPPED = "libx.so: failed to map segment from shared object"

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 
 from cardan.errors import CommandError
-from cardan.gateway.hand.mapping import MappingOptions
 from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.mapping import MappingOptions
 from cardan.gateway.session.assembly import make_arm
 from cardan.gateway.session.config import parse_config
 from cardan.sim_peers.link import FaultyLink

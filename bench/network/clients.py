@@ -13,7 +13,7 @@ from typing import NamedTuple
 from bench.network.audience import Place, audience
 from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
-from cardan.gateway.arm.codes import Parameter, Stream
+from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.gateway.bus.remote import RemoteCartesianDevice
 from studies.cartesian.controller import session

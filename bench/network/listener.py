@@ -14,7 +14,7 @@ import zenoh
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.bus.options import DEFAULT_NAME
-from cardan.gateway.bus.taps import ENGINE_TOPIC
+from cardan.gateway.bus.record_topics import ENGINE_TOPIC
 from cardan.protocols.ros2.zenoh import DEFAULT_QOS
 
 JOIN_WITHIN_S = 20.0

@@ -7,8 +7,8 @@ import time
 from collections.abc import Iterable, Sequence
 from typing import Final, NamedTuple
 
+from cardan.bus.discovery import met_by, published
 from cardan.bus.options import BusOptions
-from cardan.bus.survey import met_by, published
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.files import MODEL_BYTES
 from cardan.common.inbox import Inbox, InboxEmptyError

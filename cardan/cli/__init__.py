@@ -44,9 +44,9 @@ from cardan.cli.sim import sim
 from cardan.common import output
 from cardan.common.logs import make_logs_printable
 from cardan.common.plugins import Loaded
-from cardan.common.printable import printable
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.common.signals import raised_on_ending
+from cardan.common.text_sanitizer import printable
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
 from cardan.gateway.daemon.control import ControlError
@@ -55,7 +55,7 @@ from cardan.types import DeviceLink, RobotLink
 
 if TYPE_CHECKING:
     from cardan.gateway.session.config import SessionConfig
-    from cardan.gateway.session.launched import Launched
+    from cardan.gateway.session.subprocesses import Launched
 
 app = typer.Typer(
     name="cardan",
@@ -222,7 +222,7 @@ def demo(
 
         check_length(chosen, seconds)
         raise typer.Exit(run_lab(chosen, seconds))
-    from cardan.gateway.faces.console.address import picture
+    from cardan.gateway.servers.console.address import picture
 
     raise typer.Exit(run_demo(seconds, name, picture))
 
@@ -262,7 +262,7 @@ def run(
     from cardan.gateway.session.assembly import cautions, load_config
     from cardan.gateway.session.recorded import recorded, why_incomplete
     from cardan.gateway.session.supervisor import supervise
-    from cardan.gateway.session.view import SessionView, summary
+    from cardan.gateway.session.terminal_view import SessionView, summary
 
     begin_serving(verbose, log_level)
     config = load_config(file)
@@ -276,7 +276,7 @@ def run(
         if console_host and not console:
             raise ConfigurationError("--console-host", "is where --console serves: give both")
         if console and config.network is not None:
-            from cardan.gateway.faces.console.address import picture
+            from cardan.gateway.servers.console.address import picture
             from cardan.gateway.session.with_face import with_face
 
             host = console_host or "127.0.0.1"
@@ -327,7 +327,7 @@ def check(file: ConfigFile, as_json: AsJson = False) -> None:
 
     Of a session or of the daemon; says what it would do."""
     from cardan.common.tables import read_toml
-    from cardan.gateway.daemon.layout import is_of_daemon, read_layout
+    from cardan.gateway.daemon.config import is_of_daemon, read_layout
     from cardan.gateway.session.assembly import cautions, load_config
 
     if is_of_daemon(read_toml(file)):
@@ -357,7 +357,7 @@ def check(file: ConfigFile, as_json: AsJson = False) -> None:
 
 def _parts(config: SessionConfig) -> Iterator[tuple[str, str]]:
     """The parts of a session, and what each does."""
-    from cardan.gateway.hand.mapping import Mode
+    from cardan.gateway.operator.mapping import Mode
     from cardan.gateway.session.assembly import make_filters, servo_in_words
 
     mapping, limits, force = config.mapping, config.limits, config.force
@@ -548,7 +548,7 @@ def haptic(
     feedback that programs publish. Of FILE it reads \\[device] and \\[network]. Prints READY and
     the name of its node once it serves."""
     from cardan.gateway.session.assembly import load_haptic
-    from cardan.gateway.session.haptic_alone import serve_haptic
+    from cardan.gateway.session.haptic_session import serve_haptic
 
     begin_serving(verbose, log_level)
     serve_haptic(load_haptic(file), seconds)

@@ -15,7 +15,7 @@ from cardan.bus.options import BusOptions
 from cardan.cli import completion
 from cardan.cli.common import EXIT_INCOMPLETE, AsJson, Seconds, print_json
 from cardan.common.inbox import Inbox, InboxEmptyError
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -56,7 +56,7 @@ def bus_options(
     """How to join the bus of a session's file, or by a router; without both, as by default, or by
     the only router of this user's on this computer, which is said unless `quiet`; who `publishes`
     joins none that nobody has named. Raises ConfigurationError."""
-    from cardan.bus.survey import reachable
+    from cardan.bus.discovery import reachable
     from cardan.gateway.session.assembly import load_config
 
     if router:
@@ -105,7 +105,7 @@ def network(
     """List the nodes, topics and services that are on the bus.
 
     Joins it, looks for two seconds, and says what to do where nobody was met."""
-    from cardan.bus.survey import remedies, survey, unseen
+    from cardan.bus.discovery import remedies, survey, unseen
 
     options = bus_options(file)
     found = survey(options)
@@ -227,7 +227,7 @@ def hz(
 def _heard(name: str, options: BusOptions, seconds: float | None) -> Iterator[tuple[bytes, Topic]]:
     """The messages of a topic as they come, for `seconds`. Raises ConfigurationError for a topic
     that does not appear."""
-    from cardan.bus.survey import published
+    from cardan.bus.discovery import published
     from cardan.bus.zenoh_network import BusNetwork
 
     heard: Inbox[bytes] = Inbox()

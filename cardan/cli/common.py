@@ -16,7 +16,7 @@ import typer
 from cardan.common import output
 from cardan.common.logs import FORMAT_VARIABLE, LEVEL_VARIABLE, LogFormat, log_to_stderr
 from cardan.common.plugins import Loaded
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError, OptionError
 
 EXIT_OK = 0

@@ -12,8 +12,8 @@ import typer
 
 from cardan.cli.common import EXIT_INCOMPLETE, check_seconds, print_table, print_unusable
 from cardan.common.files import read_text
-from cardan.common.printable import printable
 from cardan.common.realtime import ask_for_real_time
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError
 
 if TYPE_CHECKING:

@@ -25,11 +25,11 @@ from cardan.cli.common import (
 )
 from cardan.common.logs import LogFormat, found_format
 from cardan.common.places import in_file
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError, MotionRefusedError, below
 
 if TYPE_CHECKING:
-    from cardan.gateway.daemon.layout import Layout
+    from cardan.gateway.daemon.config import Layout
 
 Socket = Annotated[
     str,
@@ -89,8 +89,8 @@ def serve(
     Until Ctrl-C: one that dies comes
     back, its arm disarmed. Prints READY and the path of its socket once it serves."""
     from cardan.common.signals import on_ending
+    from cardan.gateway.daemon.config import read_layout, read_layout_beside
     from cardan.gateway.daemon.daemon import Daemon
-    from cardan.gateway.daemon.layout import read_layout, read_layout_beside
 
     begin_serving(verbose, log_level, LogLevel.INFO, log_format or found_format())
     files = paths or []
@@ -145,7 +145,7 @@ def top(
 
     from cardan.gateway.daemon.client import ControlClient
     from cardan.gateway.daemon.view import show
-    from cardan.gateway.session.panel import LivePanel
+    from cardan.gateway.session.live_display import LivePanel
 
     end_s = None if seconds is None else time.monotonic() + seconds
     console = Console()
@@ -353,7 +353,7 @@ Files = Annotated[
 def _service(files: list[Path] | None, system: bool, account: str) -> Any:
     import getpass
 
-    from cardan.gateway.daemon.layout import read_layout
+    from cardan.gateway.daemon.config import read_layout
     from cardan.gateway.daemon.service import make_service
 
     checked(read_layout(files or []))  # What cannot run is said now.

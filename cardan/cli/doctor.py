@@ -11,7 +11,7 @@ import typer
 
 from cardan.cli.common import EXIT_INCOMPLETE, AsJson
 from cardan.cli.daemon import Socket
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError
 
 if TYPE_CHECKING:

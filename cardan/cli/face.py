@@ -22,8 +22,8 @@ from cardan.cli.declared import (
     serving_parameters,
 )
 from cardan.errors import ConfigurationError
-from cardan.gateway.faces import registry
-from cardan.gateway.faces.base import Face
+from cardan.gateway.servers import registry
+from cardan.gateway.servers.base import Face
 
 
 class _Faces(TyperGroup):

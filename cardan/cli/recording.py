@@ -9,7 +9,7 @@ import typer
 
 from cardan.cli.bus import Router, Session, bus_options
 from cardan.cli.common import EXIT_INCOMPLETE, Level, Seconds, Verbose, begin_serving
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.errors import OptionError
 
 Record = Annotated[Path, typer.Argument(metavar="FILE", help="A record (MCAP).")]
@@ -132,7 +132,7 @@ def replay(
 
 
 def _replay_engine(file: Path) -> None:
-    from cardan.recording.engine import replay_engine
+    from cardan.recording.verify import replay_engine
 
     reports = replay_engine(file)
     for report in reports:

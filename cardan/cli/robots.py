@@ -13,7 +13,7 @@ import typer
 from cardan.cli import completion
 from cardan.cli.bus import Router, Session, bus_options
 from cardan.cli.common import EPILOG, AsJson, print_json, print_table
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError, ExtraMissingError
 
 if TYPE_CHECKING:

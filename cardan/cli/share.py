@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from cardan.cli.common import Level, Seconds, Verbose, begin_serving
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError, OptionError
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.errors import ExtraImportError
 
 

@@ -17,7 +17,7 @@ from datetime import datetime, timezone
 from types import TracebackType
 from typing import Any
 
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 
 FORMAT = "%(asctime)s %(name)s: %(message)s"
 

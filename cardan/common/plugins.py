@@ -13,9 +13,9 @@ from dataclasses import dataclass, field, is_dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from cardan.common.options import suggestion
-from cardan.common.printable import printable
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.common.signals import EndingSignalError
+from cardan.common.text_sanitizer import printable
 from cardan.errors import CardanError, ConfigurationError, ExtraMissingError
 
 if TYPE_CHECKING:

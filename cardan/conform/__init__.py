@@ -2,20 +2,9 @@
 
 The same requirements judge a simulated peer in virtual time and the real thing at ``--target``. A
 `Suite` of a protocol has them, reads a `Timeline` of wire events, and knows how to ask: its
-`Pilot` listens, holds, moves by a millimetre, or has somebody make faults by hand.
+`Scenario` listens, holds, moves by a millimetre, or has somebody make faults by hand.
 """
 
-from cardan.conform.conduct import (
-    Act as Act,
-    Conduct as Conduct,
-    Pilot as Pilot,
-    Wait as Wait,
-    ask as ask,
-    close as close,
-    mark as mark,
-    open_ as open_,
-    send as send,
-)
 from cardan.conform.report import Report as Report, judged as judged
 from cardan.conform.requirements import (
     Level as Level,
@@ -27,6 +16,17 @@ from cardan.conform.requirements import (
     not_applicable as not_applicable,
     not_seen as not_seen,
     passed as passed,
+)
+from cardan.conform.runner import (
+    Act as Act,
+    Exchange as Exchange,
+    Scenario as Scenario,
+    Wait as Wait,
+    ask as ask,
+    close as close,
+    mark as mark,
+    open_ as open_,
+    send as send,
 )
 from cardan.conform.suite import Suite as Suite, Transport as Transport
 from cardan.conform.timeline import Event as Event, Kind as Kind, Timeline as Timeline

@@ -6,8 +6,8 @@ from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from cardan.conform.conduct import Pilot, Script, Wait, send
 from cardan.conform.requirements import Verdict, not_seen
+from cardan.conform.runner import Scenario, Script, Wait, send
 from cardan.conform.timeline import Numbered, Seen
 
 COME = 6.0
@@ -43,7 +43,7 @@ def had_ended(
     return not_seen(f"not judged: it had ended ({why})")
 
 
-class CyclicController(Pilot):
+class CyclicController(Scenario):
     """A controller that sends datagrams in each of its cycles, in the hands of a script."""
 
     period_s: float

@@ -5,8 +5,8 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator
 
-from cardan.conform.conduct import Act, Pilot, Script, Wait, ask, mark, open_
 from cardan.conform.requirements import Level
+from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_
 from cardan.conform.timeline import Event, Kind
 
 HAND_S = 30.0
@@ -25,7 +25,7 @@ PUSHES: Steps = (
 KEYS: Steps = (("press", "Press a button."), ("release", "Let the button go."))
 
 
-class HandPilot(Pilot):
+class HandPilot(Scenario):
     """Of each motion there are the phases NAME, NAME-held, NAME-over and NAME-rest."""
 
     def __init__(self, level: Level, seconds: float) -> None:

@@ -6,13 +6,13 @@ import select
 import time
 from collections.abc import Callable
 
-from cardan.conform.conduct import Act, Conduct
+from cardan.conform.runner import Act, Exchange
 from cardan.conform.timeline import Kind
-from cardan.conform.wires import Wire, Wires
+from cardan.conform.transports import Wire, Wires
 from cardan.errors import DriverError
 
 
-def run(conduct: Conduct, wires: Wires, told: Callable[[str], None]) -> None:
+def run(conduct: Exchange, wires: Wires, told: Callable[[str], None]) -> None:
     """Until the pilot's script is over. `told` gets what somebody is to do by hand.
 
     Raises AddressError or DeviceAccessError where the first wire cannot be opened; of later ones
@@ -22,7 +22,7 @@ def run(conduct: Conduct, wires: Wires, told: Callable[[str], None]) -> None:
 
 
 class _Live:
-    def __init__(self, conduct: Conduct, wires: Wires, told: Callable[[str], None]) -> None:
+    def __init__(self, conduct: Exchange, wires: Wires, told: Callable[[str], None]) -> None:
         self._conduct, self._wires, self._told = conduct, wires, told
         self._open: dict[str, Wire] = {}
         self._any = False

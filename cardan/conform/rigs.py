@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, ClassVar, Generic, TypeVar
 
-from cardan.conform.conduct import Act, Conduct
+from cardan.conform.runner import Act, Exchange
 from cardan.conform.timeline import Kind
 from cardan.sim_peers.base import FaultSwitch, check_faults
 from cardan.sim_peers.link import FaultyLink
@@ -29,7 +29,7 @@ class Rig(ABC):
     step_s: ClassVar[float] = 1e-6
     """Time goes on by this at least."""
 
-    def __init__(self, conduct: Conduct) -> None:
+    def __init__(self, conduct: Exchange) -> None:
         self._conduct = conduct
         self._now_s = 0.0
         self._flight: deque[tuple[float, Callable[[], None]]] = deque()
@@ -102,7 +102,7 @@ class DriverRig(Rig):
     """A driver's core and a pilot that is its controller; what one of them sends takes its time."""
 
     def __init__(
-        self, conduct: Conduct, faults: Mapping[str, float], switches: Iterable[FaultSwitch]
+        self, conduct: Exchange, faults: Mapping[str, float], switches: Iterable[FaultSwitch]
     ) -> None:
         check_faults(faults, switches)
         super().__init__(conduct)
@@ -129,7 +129,7 @@ class CyclicRig(Rig, Generic[SentT]):
 
     def __init__(
         self,
-        conduct: Conduct,
+        conduct: Exchange,
         period_s: float,
         faults: Mapping[str, float],
         seed: int,
@@ -176,7 +176,7 @@ class CyclicRig(Rig, Generic[SentT]):
 class TcpRig(Rig, Generic[KindT]):
     """A simulated controller's TCP servers and a pilot that is their client."""
 
-    def __init__(self, conduct: Conduct, servers: TcpServers[KindT, Any]) -> None:
+    def __init__(self, conduct: Exchange, servers: TcpServers[KindT, Any]) -> None:
         super().__init__(conduct)
         self._servers = servers
         self._numbers: dict[str, int] = {}

@@ -13,13 +13,13 @@ from typing import Any
 from cardan import __version__
 from cardan.conform import live
 from cardan.conform.attachments import pcap, write_mcap
-from cardan.conform.conduct import Conduct
 from cardan.conform.redaction import Redaction
 from cardan.conform.report import Report, judged
 from cardan.conform.requirements import Level
+from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite
 from cardan.conform.timeline import Timeline
-from cardan.conform.wires import host_and_port
+from cardan.conform.transports import host_and_port
 from cardan.errors import CaptureError, ExtraMissingError
 
 LIVE_S = 10.0
@@ -34,7 +34,7 @@ def simulated(
     seconds: float | None = None,
 ) -> tuple[Report, Timeline]:
     """Judge the suite's simulated peer, in virtual time."""
-    conduct = Conduct(suite.pilot(level, suite.seconds if seconds is None else seconds))
+    conduct = Exchange(suite.pilot(level, suite.seconds if seconds is None else seconds))
     suite.simulate(conduct, faults or {}, seed)
     report = judged(suite, conduct.timeline, level, faults=faults, version=__version__)
     return report, conduct.timeline
@@ -56,7 +56,7 @@ def at(
     redaction = Redaction()
     if "/" not in target:
         redaction.hide(host_and_port(target, "--target", 0)[0])
-    conduct = Conduct(suite.pilot(level, seconds))
+    conduct = Exchange(suite.pilot(level, seconds))
     live.run(conduct, wires, told)
     report = judged(
         suite,

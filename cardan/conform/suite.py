@@ -6,10 +6,10 @@ import importlib
 from collections.abc import Callable, Iterable, Mapping
 from typing import ClassVar, Generic, Literal, NamedTuple
 
-from cardan.conform.conduct import Conduct, Pilot
 from cardan.conform.requirements import Level, Requirement, V
+from cardan.conform.runner import Exchange, Scenario
 from cardan.conform.timeline import Event, Timeline
-from cardan.conform.wires import Listen, ListenTcp, SendTo, TcpPorts, Wires, host_and_port
+from cardan.conform.transports import Listen, ListenTcp, SendTo, TcpPorts, Wires, host_and_port
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import FaultSwitch, parse_faults
 
@@ -55,7 +55,7 @@ class Suite(Generic[V]):
 
     sees: Callable[[Timeline], V]
     """Makes of a timeline what the judges look at."""
-    asks: Callable[[Level, float], Pilot]
+    asks: Callable[[Level, float], Scenario]
     """Makes the pilot that asks on every level up to one, each for about so many seconds."""
     rig: ClassVar[str]
     """``package.module:Class`` of what carries between a pilot and the simulated peer, which is
@@ -69,11 +69,11 @@ class Suite(Generic[V]):
         """What the judges look at."""
         return self.sees(timeline)
 
-    def pilot(self, level: Level, seconds: float) -> Pilot:
+    def pilot(self, level: Level, seconds: float) -> Scenario:
         """Asks on every level up to `level`, each for about `seconds`."""
         return self.asks(level, seconds)
 
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
         """Run `conduct` against the simulated peer with these faults, in virtual time."""
         module, _, name = self.rig.partition(":")
         getattr(importlib.import_module(module), name)(conduct, faults, seed).run()

@@ -23,11 +23,11 @@ from cardan.drivers.haptic import HapticDevice
 from cardan.errors import ConfigurationError, DriverError
 from cardan.gateway.session.assembly import make_device
 from cardan.gateway.session.config import SessionConfig, parse_config
-from cardan.gateway.session.launched import READY_WITHIN_S
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.subprocesses import READY_WITHIN_S
 from cardan.gateway.session.supervisor import KILL_AFTER_S, supervise
-from cardan.gateway.session.view import SessionView, summary
+from cardan.gateway.session.terminal_view import SessionView, summary
 from cardan.gateway.session.with_face import with_face
 
 EXIT_INCOMPLETE = 4

@@ -21,11 +21,11 @@ from cardan.demos.unattended import check_unattended
 from cardan.errors import ConfigurationError
 from cardan.gateway.daemon import view
 from cardan.gateway.daemon.client import ControlClient
-from cardan.gateway.daemon.layout import Layout, read_layout
+from cardan.gateway.daemon.config import Layout, read_layout
 from cardan.gateway.daemon.processes import ENDS_WITHIN_S
-from cardan.gateway.session.launched import READY_WITHIN_S, Launched
-from cardan.gateway.session.panel import LivePanel
+from cardan.gateway.session.live_display import LivePanel
 from cardan.gateway.session.session import EXIT_OK
+from cardan.gateway.session.subprocesses import READY_WITHIN_S, Launched
 
 POLL_S: Final = 0.1
 """How often the lab is looked at: as often as the daemon looks."""

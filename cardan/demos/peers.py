@@ -9,7 +9,7 @@ from pathlib import Path
 
 from cardan.demos.examples import Demo
 from cardan.demos.unattended import check_words
-from cardan.gateway.session.launched import Launched
+from cardan.gateway.session.subprocesses import Launched
 
 
 class Peers:

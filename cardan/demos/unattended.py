@@ -20,7 +20,7 @@ from cardan.drivers import registry
 from cardan.drivers.simulated import is_elsewhere, stays_here, why_not_simulated
 from cardan.errors import ConfigurationError, below
 from cardan.gateway.force.tables import RemoteForceTable, SensorForceTable
-from cardan.gateway.hand.filters import registry as filter_registry
+from cardan.gateway.operator.filters import registry as filter_registry
 from cardan.gateway.session.config import SessionConfig
 
 SIMULATED_BUSES = frozenset({"udp_multicast", "socketcand", "virtual"})

@@ -15,8 +15,8 @@ from typing import Any, ClassVar, Final, NamedTuple
 from cardan.bus.options import BusOptions
 from cardan.drivers.base import Driver, FoundDevice
 from cardan.errors import CardanError
-from cardan.gateway.daemon.layout import DaemonOptions, FaceEntry, Layout, SessionEntry
-from cardan.gateway.faces import registry as face_registry
+from cardan.gateway.daemon.config import DaemonOptions, FaceEntry, Layout, SessionEntry
+from cardan.gateway.servers import registry as face_registry
 from cardan.gateway.session.assembly import make_driver
 
 COMMAND_S: Final = 3.0

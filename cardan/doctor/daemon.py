@@ -8,7 +8,7 @@ from typing import Any
 from cardan.doctor.base import Check, Finding, Subject, caution, failure, good
 from cardan.errors import CardanError
 from cardan.gateway.daemon.client import ControlClient
-from cardan.gateway.daemon.keeping import UnitState
+from cardan.gateway.daemon.restart_policy import UnitState
 from cardan.gateway.daemon.service import Service, installed
 
 GROUP = "daemon"

@@ -14,7 +14,7 @@ from typing import Any, Final, NamedTuple
 
 from cardan import __version__
 from cardan.common.plugins import reason
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.doctor import registry
 from cardan.doctor.base import Check, Finding, Level, Subject, failure
 from cardan.doctor.installation import EXTRAS, installed_version, own_requirements

@@ -22,9 +22,9 @@ from cardan.doctor.base import (
     good,
 )
 from cardan.errors import ConfigurationError
-from cardan.gateway.daemon.layout import FaceEntry
-from cardan.gateway.faces.console.face import ConsoleOptions
-from cardan.gateway.faces.web import WebOptions, tls_context
+from cardan.gateway.daemon.config import FaceEntry
+from cardan.gateway.servers.console.face import ConsoleOptions
+from cardan.gateway.servers.web import WebOptions, tls_context
 
 GROUP = "network"
 

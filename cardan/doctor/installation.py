@@ -15,8 +15,8 @@ from cardan.doctor.base import Check, Finding, Subject, caution, failure, good
 from cardan.drivers import registry as drivers
 from cardan.drivers.hid import load_hid
 from cardan.errors import DriverError, install_command
-from cardan.gateway.faces import registry as faces
-from cardan.gateway.hand.filters import registry as filters
+from cardan.gateway.operator.filters import registry as filters
+from cardan.gateway.servers import registry as faces
 
 GROUP = "installation"
 

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 
+from cardan.bus.discovery import Survey, reachable, remedies, survey
 from cardan.bus.options import BusOptions
 from cardan.bus.router import is_served, router_address
-from cardan.bus.survey import Survey, reachable, remedies, survey
 from cardan.doctor.base import Check, Finding, Subject, caution, failure, good
 from cardan.errors import CardanError, ExtraMissingError, install_command
 

@@ -16,8 +16,8 @@ from dataclasses import fields
 from functools import cached_property
 from typing import Any, ClassVar, Literal, NamedTuple
 
+from cardan.common.context import Openable
 from cardan.common.forks import IN_CHILD
-from cardan.common.openable import Openable
 from cardan.common.options import require, suggestion
 from cardan.errors import CommandError, ConfigurationError, NotOpenError
 from cardan.types import (

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
 from cardan.common.bounds import LONGEST_BLIND_S
 from cardan.common.sockets import opened, waiting
-from cardan.drivers.lost_time import AgreedTime
+from cardan.drivers.missed_cycles import AgreedTime
 from cardan.drivers.robot_core import WAKE_S, LoopingRobot, implausible, leap
 from cardan.protocols.joint_stream import is_newer
 from cardan.types import (

@@ -9,9 +9,9 @@ from numbers import Real
 from types import TracebackType
 from typing import Any
 
-from cardan.common.openable import Openable
+from cardan.common.context import Openable
 from cardan.common.plugins import reason
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.drivers.base import RobotDriver
 from cardan.errors import CardanError, DriverError
 from cardan.types import ButtonEvent, DeviceLink, DeviceState, Pose, RobotLink, RobotState

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cardan.common.arm_libraries import np
-from cardan.common.printable import printable
 from cardan.common.tables import as_toml, parse_toml, read_table
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError, about, shown
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session.assembly import arm_cautions

@@ -6,7 +6,7 @@ import re
 import shlex
 from typing import NamedTuple
 
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError
 from cardan.robots.arm_chain import MOST_JOINTS
 from cardan.robots.urdf import Tree

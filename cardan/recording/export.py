@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.errors import CaptureError, OptionError
 from cardan.recording.arms import NS
 from cardan.recording.dataset import (
@@ -20,7 +20,7 @@ from cardan.recording.dataset import (
     vector_feature,
     write_dataset,
 )
-from cardan.recording.frames import LONGEST_FILL_S, Frames, read_frames
+from cardan.recording.resample import LONGEST_FILL_S, Frames, read_frames
 
 OBSERVATION, ACTION = "observation.state", "action"
 ROBOT_TYPE = "cardan"

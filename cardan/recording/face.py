@@ -12,8 +12,8 @@ from cardan.bus.options import BusOptions
 from cardan.common.files import records_folder
 from cardan.common.options import Options
 from cardan.errors import CaptureError
-from cardan.gateway.faces import telling
-from cardan.gateway.faces.base import Face, Ready
+from cardan.gateway.servers import stats
+from cardan.gateway.servers.base import Face, Ready
 from cardan.recording.recorder import Recorder
 
 LOOK_S = 0.1
@@ -57,9 +57,9 @@ class RecorderFace(Face[RecorderFaceOptions]):
             ready(str(path))
             tell_s = time.monotonic()
             while not recorder.failed and not stop.wait(LOOK_S):
-                if telling.is_wanted() and time.monotonic() >= tell_s:
-                    tell_s = time.monotonic() + telling.PERIOD_S
-                    telling.tell(recorder.figures())
+                if stats.is_wanted() and time.monotonic() >= tell_s:
+                    tell_s = time.monotonic() + stats.PERIOD_S
+                    stats.tell(recorder.figures())
             report = recorder.close()
         for line in report.lines():
             print(line, flush=True)

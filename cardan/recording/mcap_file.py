@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO, Final, NamedTuple, TypeAlias
 from cardan import __version__
 from cardan.common.extras import missing_extra
 from cardan.common.files import SupportsRead, open_file, read_up_to
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.errors import CaptureError
 from cardan.protocols.ros2.interfaces import InterfaceError, full_text
 from cardan.protocols.ros2.type_hash import UNSUPPORTED, type_hash

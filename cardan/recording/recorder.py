@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 from cardan import __version__
 from cardan.bus.node import BusNode, gid_of, zenoh_module
 from cardan.bus.options import BusOptions
+from cardan.common.resource_errors import shortage
 from cardan.common.serving import interruptible
-from cardan.common.shortage import shortage
 from cardan.errors import DriverError, OptionError
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, type_of_dds

@@ -16,7 +16,7 @@ from types import ModuleType
 
 from cardan.common.extras import missing_extra
 from cardan.common.files import MODEL_BYTES
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.common.tables import read_text
 from cardan.errors import ConfigurationError, about
 from cardan.robots.arm_file import ArmFile

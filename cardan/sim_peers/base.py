@@ -19,8 +19,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Generic, NamedTuple, TypeVar
 
+from cardan.common.context import Openable
 from cardan.common.files import read_text
-from cardan.common.openable import Openable
 from cardan.common.realtime import ask_for_real_time
 from cardan.common.signals import on_ending
 from cardan.errors import ScriptError

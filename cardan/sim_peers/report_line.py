@@ -8,7 +8,7 @@ import random
 from collections.abc import Mapping
 
 
-class ReportLine:
+class DelayLine:
     """Carries reports in virtual time; subclasses lose and mangle them first.
 
     The fault ``burst`` holds back for its value, s, in every twice of it what comes, and then

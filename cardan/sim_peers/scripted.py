@@ -9,7 +9,7 @@ from typing import Any, Generic, Protocol, TypeVar
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep
-from cardan.sim_peers.strokes import Ramp, Swing, V, VectorMotion
+from cardan.sim_peers.motion_profile import Ramp, SinePeriods, V, VectorMotion
 
 A = TypeVar("A")
 D = TypeVar("D")
@@ -70,7 +70,7 @@ def setting(attribute: str, value: Any) -> Act[Any]:
     return lambda device, _: setattr(device, attribute, value)
 
 
-def moving(motion: VectorMotion[V], stroke: Ramp | Swing) -> Act[Any]:
+def moving(motion: VectorMotion[V], stroke: Ramp | SinePeriods) -> Act[Any]:
     """A step that begins a stroke."""
     return lambda _, at_s: motion.start(at_s, stroke)
 
@@ -132,7 +132,7 @@ class StepWords:
 
     def swing(
         self, amplitude: tuple[float, ...], shortest_s: float, *, phased: bool = True
-    ) -> Swing:
+    ) -> SinePeriods:
         """``over SECONDS [times N] [phase DEGREES]``, the last only if `phased`."""
         self.needs("over")
         period_s = self.number("SECONDS", shortest_s)
@@ -140,7 +140,7 @@ class StepWords:
         phase_deg = 0.0
         if phased and self.keyword("phase"):
             phase_deg = self.number("DEGREES", -360.0, 360.0)
-        return Swing(amplitude, period_s, times, math.radians(phase_deg))
+        return SinePeriods(amplitude, period_s, times, math.radians(phase_deg))
 
     def end(self) -> None:
         """There must be no more words."""

@@ -29,7 +29,7 @@ PARTS = {
     "Write a driver": (
         "cardan.drivers.base",
         "cardan.drivers.core",
-        "cardan.drivers.reading",
+        "cardan.drivers.reader_thread",
         "cardan.drivers.robot_core",
         "cardan.drivers.datagram_robot",
         "cardan.drivers.haptic",

@@ -9,7 +9,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from cardan.recording.engine import replay_engine
+from cardan.recording.verify import replay_engine
 
 
 def main(path: str) -> int:

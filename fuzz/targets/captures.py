@@ -15,7 +15,6 @@ from cardan.errors import CaptureError, ConfigurationError, OptionError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ur import rtde
-from cardan.recording.engine import replay_engine
 from cardan.recording.mcap_file import (
     RecordedMessage,
     RecordedTopic,
@@ -23,6 +22,7 @@ from cardan.recording.mcap_file import (
     RecordWriter,
 )
 from cardan.recording.plot import read_series
+from cardan.recording.verify import replay_engine
 from cardan_dissect import dissect_file, network, tcp, usbmon
 from cardan_dissect.capture import Capture, CapturedPacket
 from cardan_jr3 import capture as jr3_capture

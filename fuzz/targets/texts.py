@@ -18,16 +18,16 @@ from cardan.doctor import ports
 from cardan.errors import CardanError, ConfigurationError
 from cardan.gateway.arm import cycle_record, requests, verb_table
 from cardan.gateway.daemon import control
+from cardan.gateway.daemon.config import Layout, read_layout
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.events import read_events
-from cardan.gateway.daemon.layout import Layout, read_layout
 from cardan.gateway.daemon.processes import Lines, RunningSession
-from cardan.gateway.faces import telling
-from cardan.gateway.faces.assets import AssetError, Packages
-from cardan.gateway.faces.door import Caller, Denied, Door
-from cardan.gateway.faces.tokens import Role, Tokens, parse_tokens
 from cardan.gateway.force import link
-from cardan.gateway.hand.filters.readings import decode_centroid, decode_proximity
+from cardan.gateway.operator.filters.readings import decode_centroid, decode_proximity
+from cardan.gateway.servers import stats
+from cardan.gateway.servers.access import AccessControl, AccessDenied, Caller
+from cardan.gateway.servers.assets import AssetError, Packages
+from cardan.gateway.servers.tokens import Role, Tokens, parse_tokens
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.protocols.rosbridge import operations, rosapi
@@ -88,7 +88,7 @@ def _face_lines(data: bytes) -> object:
     for at in range(0, len(data), 700):
         lines.take(data[at : at + 700])
     lines.take(b"\n")
-    figures = [telling.told(line) for line in said]
+    figures = [stats.told(line) for line in said]
     for each in figures:
         assert each is None or all(type(value) is int for value in each.values())
     return len(said) > 1, any(each is not None for each in figures)
@@ -309,9 +309,9 @@ def _door(data: bytes) -> object:
     )
     results = []
     for tokens in (Tokens({}), Tokens({_TOKEN: Role.OPERATOR})):
-        door = Door(tokens, ("robot",), ("https://app.example",))
+        door = AccessControl(tokens, ("robot",), ("https://app.example",))
         found = door.check(caller, 10.0)
-        if isinstance(found, Denied):
+        if isinstance(found, AccessDenied):
             assert _TOKEN not in found.reason or any(_TOKEN in each for each in headers["origin"])
             results.append(found.status.name)
         else:

@@ -18,10 +18,10 @@ from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
 from cardan.errors import install_command
-from cardan.gateway.arm.codes import Parameter, Stream
+from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.gateway.bus.remote import RemoteCartesianDevice
-from cardan.gateway.session.launched import launched
+from cardan.gateway.session.subprocesses import launched
 from cardan.protocols.ros2.cdr import codec_of
 from studies.cartesian.controller import session
 from studies.cartesian.rig import (

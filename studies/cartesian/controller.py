@@ -13,7 +13,7 @@ from pathlib import Path
 from cardan.common.arm_libraries import np
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import to_pose
-from cardan.gateway.session.launched import launched
+from cardan.gateway.session.subprocesses import launched
 from cardan.protocols.egm import (
     EgmHeader,
     EgmMeasuredForce,

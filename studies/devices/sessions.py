@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from cardan.demos.demo import choose_demo, find_problems, simulated_hardware
 from cardan.demos.examples import find_demos
-from cardan.gateway.hand.mapping import Mode
+from cardan.gateway.operator.mapping import Mode
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 from cardan.gateway.session.supervisor import supervise
 from studies.result import Figure, Table, known, spread_of

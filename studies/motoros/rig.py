@@ -21,9 +21,9 @@ from typing import Any, NamedTuple
 from cardan.common.arm_libraries import np, npt
 from cardan.demos.examples import free_ports
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.launched import launched
 from cardan.gateway.session.session import Session, make_session
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.subprocesses import launched
 from cardan.protocols.connexion import Motion, Translation, decode_input
 from cardan.types import JointCommand
 

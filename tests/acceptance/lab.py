@@ -19,7 +19,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.demos.demo import WELL_FOLLOWED_M, choose_demo
 from cardan.demos.examples import Demo
 from cardan.demos.lab import POLL_S, READY_S, simulated_lab, write_lab
@@ -29,8 +29,8 @@ from cardan.gateway.arm.motion import Motion, Outcome
 from cardan.gateway.daemon import view
 from cardan.gateway.daemon.changes import Change
 from cardan.gateway.daemon.client import RELOAD_S, ControlClient, DaemonArm
-from cardan.gateway.daemon.kept import ENGAGED
-from cardan.gateway.daemon.layout import Layout, sharers
+from cardan.gateway.daemon.config import Layout, sharers
+from cardan.gateway.daemon.services import ENGAGED
 from cardan.gateway.session.session import EXIT_OK
 
 STEP_S: Final = 30.0

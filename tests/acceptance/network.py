@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.demos.demo import (
     WELL_FOLLOWED_M,
     choose_demo,
@@ -20,9 +20,9 @@ from cardan.demos.demo import (
 )
 from cardan.demos.pauses import Pauses
 from cardan.errors import CardanError
-from cardan.gateway.session.launched import Launched, launched
 from cardan.gateway.session.recorded import recorded
 from cardan.gateway.session.session import EXIT_OK
+from cardan.gateway.session.subprocesses import Launched, launched
 from cardan.gateway.session.supervisor import Outcome, supervise
 from tests.acceptance.rosbridge_program import RosbridgeProgram, Vector
 

@@ -5,7 +5,7 @@ import threading
 import pytest
 
 from cardan.demos.demo import find_remarks
-from cardan.gateway.faces.console.site import FOLDER
+from cardan.gateway.servers.console.site import FOLDER
 from tests.acceptance.console import Person, use_console
 from tests.console.browser import find_chromium
 

@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from cardan.bus import description, survey
+from cardan.bus import description, discovery
 from cardan.bus.description import TOPIC, TYPE, agreed, describe, topic_of
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
@@ -100,7 +100,7 @@ def test_two_publishers_are_both_heard():
 
 @pytest.mark.matrix
 def test_where_nothing_comes_in_time_it_says_how_long_and_what_to_do(monkeypatch):
-    monkeypatch.setattr(survey, "APPEARS_WITHIN_S", 1.0)
+    monkeypatch.setattr(discovery, "APPEARS_WITHIN_S", 1.0)
     monkeypatch.setattr(description, "ARRIVES_WITHIN_S", 0.5)
     began_s = time.monotonic()
     options = BusOptions(router=free_endpoint())

@@ -21,7 +21,7 @@ from cardan.bus.router import (
 )
 from cardan.cli.bus import bus_options
 from cardan.errors import ConfigurationError
-from cardan.gateway.session.launched import launched
+from cardan.gateway.session.subprocesses import launched
 from tests.serving import free_endpoint
 
 

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from cardan.conform import Level, Outcome, registry
-from cardan.conform.egm.seen import Answer, Robot
+from cardan.conform.egm.decoded import Answer, Robot
 from cardan.conform.egm_driver.requirements import (
     a_session_begins_where_the_arm_is,
     references_do_not_leap,

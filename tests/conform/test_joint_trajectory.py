@@ -12,7 +12,6 @@ import pytest
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.conform import Level, Outcome, registry, run
-from cardan.conform.conduct import Conduct
 from cardan.conform.joint_trajectory.names import (
     CANCEL,
     FEEDBACK,
@@ -21,11 +20,12 @@ from cardan.conform.joint_trajectory.names import (
     STATUS,
     channels_of,
 )
-from cardan.conform.joint_trajectory.pilot import FAR
 from cardan.conform.joint_trajectory.requirements import requires
+from cardan.conform.joint_trajectory.scenario import FAR
 from cardan.conform.requirements import failed
 from cardan.conform.ros2_arm.names import DESCRIPTION, STATES
 from cardan.conform.run import simulated
+from cardan.conform.runner import Exchange
 from cardan.conform.timeline import Event, Kind, Timeline
 from cardan.errors import ConfigurationError
 from cardan.gateway.arm.plans import Plans
@@ -130,7 +130,7 @@ class SessionRig:
 
 
 def judged(bench, suite=SUITE, rig=SessionRig, **more):
-    conduct = Conduct(suite.pilot(Level.MOVE, 0.5))
+    conduct = Exchange(suite.pilot(Level.MOVE, 0.5))
     rig(conduct, bench, **more).run()
     seen = SUITE.see(conduct.timeline)
     return {each.id[-3:]: each.judge(seen) for each in requires.all()}
@@ -233,7 +233,7 @@ def test_an_arm_that_begins_a_whole_turn_is_stopped_and_asked_no_more():
 def test_nothing_that_comes_ends_the_pilot_or_a_judge():
     """Bytes that are no messages, at any time and on any channel."""
     pilot = SUITE.pilot(Level.MOVE, 0.1)
-    conduct = Conduct(pilot)
+    conduct = Exchange(pilot)
     SUITE.simulate(conduct, {}, 0)
     for channel in CHANNELS:
         conduct.over = False

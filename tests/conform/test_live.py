@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from cardan.conform import Conduct, Level, registry, run
+from cardan.conform import Exchange, Level, registry, run
 from cardan.errors import AddressError, ConfigurationError, DeviceAccessError
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 
@@ -19,7 +19,7 @@ def test_a_controller_is_judged_over_tcp():
     with MotorosControllerPeer(MotorosControllerOptions(base_port=0)) as peer:
         ports = {"motion": peer.motion_port, "state": peer.state_port, "io": peer.io_port}
         suite = registry.load("motoros")
-        from cardan.conform.wires import TcpPorts
+        from cardan.conform.transports import TcpPorts
 
         suite.wires = lambda target: TcpPorts(target, ports)
         report, timeline = run.at(suite, "127.0.0.1", Level.LISTEN, told.append, seconds=1.5)
@@ -48,7 +48,7 @@ def test_a_target_without_a_port_after_its_colon_is_refused(target):
 @pytest.mark.skipif(sys.platform != "linux", reason="the kernel's stamps are Linux's")
 def test_a_datagram_is_stamped_when_it_comes_not_when_it_is_read():
     """The judge that is late takes its own lateness for nobody's pause."""
-    from cardan.conform.wires import Listen
+    from cardan.conform.transports import Listen
 
     wire = Listen("127.0.0.1", 0).open("")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
@@ -76,7 +76,7 @@ def test_a_datagram_is_stamped_when_it_comes_not_when_it_is_read():
 
 
 def test_a_timeline_has_when_things_came_and_how_late_its_computer_was():
-    conduct = Conduct(registry.load("egm").pilot(Level.LISTEN, 1.0))
+    conduct = Exchange(registry.load("egm").pilot(Level.LISTEN, 1.0))
     conduct.due(0.0)
     conduct.heard(0.5, "", b"x", late_s=0.2)
     (came,) = (each for each in conduct.timeline if each.data)
@@ -87,7 +87,7 @@ def test_a_timeline_has_when_things_came_and_how_late_its_computer_was():
 def test_a_device_file_is_read_report_by_report(tmp_path):
     import os
 
-    from cardan.conform.wires import FileWire
+    from cardan.conform.transports import FileWire
 
     reading, writing = os.pipe()
     wire = FileWire(reading)

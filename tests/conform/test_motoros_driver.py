@@ -8,11 +8,11 @@ import threading
 import pytest
 
 from cardan.conform import Level, Outcome, registry, run
-from cardan.conform.conduct import Conduct
-from cardan.conform.motoros_driver import pilot
-from cardan.conform.motoros_driver.rig import MotorosDriverRig
+from cardan.conform.motoros_driver import scenario
+from cardan.conform.motoros_driver.simulated import MotorosDriverRig
 from cardan.conform.report import judged
-from cardan.conform.wires import ListenTcp
+from cardan.conform.runner import Exchange
+from cardan.conform.transports import ListenTcp
 from cardan.demos.examples import free_ports
 from cardan.drivers.motoros import Motoros, MotorosOptions
 from cardan.errors import AddressError
@@ -21,7 +21,7 @@ from cardan.types import HoldCommand
 
 def outcomes(mode):
     suite = registry.load("motoros-driver")
-    conduct = Conduct(suite.pilot(Level.BY_HAND, suite.seconds))
+    conduct = Exchange(suite.pilot(Level.BY_HAND, suite.seconds))
     MotorosDriverRig(conduct, {}, options=MotorosOptions(mode=mode)).run()
     report = judged(suite, conduct.timeline, Level.BY_HAND, version="")
     assert report.failed == (), report.as_text()
@@ -40,8 +40,8 @@ def test_a_client_of_trajectories_meets_what_concerns_it(mode):
 
 @pytest.mark.matrix
 def test_our_driver_is_judged_over_real_sockets(monkeypatch):
-    velocity = pilot.FIRMWARE[0]
-    monkeypatch.setattr(pilot, "FIRMWARE", (velocity._replace(befalls=("estop", "cut")),))
+    velocity = scenario.FIRMWARE[0]
+    monkeypatch.setattr(scenario, "FIRMWARE", (velocity._replace(befalls=("estop", "cut")),))
     base = free_ports(3)
     ports = {"motion_port": base, "state_port": base + 1, "io_port": base + 2}
     driver = Motoros(host="127.0.0.1", **ports)

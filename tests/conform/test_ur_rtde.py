@@ -8,10 +8,10 @@ import io
 import pytest
 
 from cardan.conform import Event, Kind, Level, Outcome, judged, registry, run
-from cardan.conform.conduct import Conduct
-from cardan.conform.ur_rtde import pilot
-from cardan.conform.ur_rtde.rig import UrRig
-from cardan.conform.wires import TcpPorts
+from cardan.conform.runner import Exchange
+from cardan.conform.transports import TcpPorts
+from cardan.conform.ur_rtde import scenario
+from cardan.conform.ur_rtde.simulated import UrRig
 from cardan.drivers.ur_rtde import feed
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.errors import ConfigurationError
@@ -26,13 +26,13 @@ OTHER = "def other():\n  while True:\n    sync()\n  end\nend\n"
 def test_it_asks_for_what_our_driver_asks_for():
     """The suite does not import the driver, and judges what the driver needs."""
     options = UrRtdeOptions()
-    assert pilot.STATES == feed.STATES
-    assert options.servoing == pilot.SERVOING
-    assert options.state_timeout_s == pilot.STATE_TIMEOUT_S
+    assert scenario.STATES == feed.STATES
+    assert options.servoing == scenario.SERVOING
+    assert options.state_timeout_s == scenario.STATE_TIMEOUT_S
 
 
 def ran(level, rig=UrRig, seconds=1.0, **options):
-    conduct = Conduct(SUITE.pilot(level, seconds))
+    conduct = Exchange(SUITE.pilot(level, seconds))
     made = rig(conduct, {}, options=UrControllerOptions(**options))
     made.run()
     report = judged(SUITE, conduct.timeline, level)

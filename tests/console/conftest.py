@@ -12,7 +12,7 @@ from tests.console.browser import chromium, find_chromium
 def built():
     """The page is built."""
     from cardan.errors import ConfigurationError
-    from cardan.gateway.faces.console.site import Site
+    from cardan.gateway.servers.console.site import Site
 
     try:
         return Site()

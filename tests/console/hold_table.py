@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from cardan.gateway.faces.console.holding import FRESH_S
+from cardan.gateway.servers.console.hold_to_run import FRESH_S
 from tests.console.browser import Browser, Tab, chromium, find_chromium
 from tests.console.hand import FINGER, KEY, MOUSE, RELOADED, Hand, Place, hold, jog, keeps
 from tests.console.proxy import Proxy, network_to

@@ -12,10 +12,10 @@ from pathlib import Path
 
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
-from cardan.gateway.faces.console.face import ConsoleOptions, ConsoleServer
-from cardan.gateway.faces.console.site import Site
+from cardan.gateway.servers.console.face import ConsoleOptions, ConsoleServer
+from cardan.gateway.servers.console.site import Site
 from cardan.protocols.ros2.cdr import codec_of
-from tests.gateway.faces.rig import WAIT_S, served
+from tests.gateway.servers.rig import WAIT_S, served
 from tests.serving import ARM_SESSION, free_endpoint
 
 ARM = "/left/arm"

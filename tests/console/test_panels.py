@@ -9,12 +9,12 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
-from cardan.gateway.faces.console.face import ConsoleOptions, ConsoleServer
+from cardan.gateway.servers.console.face import ConsoleOptions, ConsoleServer
 from cardan.protocols.ros2.cdr import codec_of
 from tests.console.hand import RELOADED
 from tests.console.served_arm import served_arm
-from tests.gateway.faces.console.test_cameras import camera
-from tests.gateway.faces.rig import served
+from tests.gateway.servers.console.test_cameras import camera
+from tests.gateway.servers.rig import served
 from tests.waiting import until
 
 GREY = base64.b64decode(

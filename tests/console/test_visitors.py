@@ -15,7 +15,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 
 from websockets.sync.client import connect
 
-from cardan.gateway.faces.console.certificate import own_certificate
+from cardan.gateway.servers.console.certificate import own_certificate
 from tests.console.browser import REBOUND, WAIT_S
 from tests.console.hand import MOUSE, RELOADED, STATE, WHY, hold, jog
 from tests.console.rig import ARM, face

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from cardan.gateway.faces.console.site import FOLDER
+from cardan.gateway.servers.console.site import FOLDER
 from cardan.gateway.session.session import EXIT_OK
 
 

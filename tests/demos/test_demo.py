@@ -27,9 +27,9 @@ from cardan.demos.demo import (
 from cardan.demos.examples import find_demos
 from cardan.demos.peers import Peers
 from cardan.errors import ConfigurationError, DriverError
-from cardan.gateway.session.launched import launched
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.subprocesses import launched
 from cardan.gateway.session.supervisor import Outcome
 from tests.gateway.force.fakes import FakeHaptic
 

@@ -17,7 +17,7 @@ from cardan.demos.examples import (
     read_demo,
 )
 from cardan.errors import ConfigurationError
-from cardan.gateway.daemon.layout import read_layout
+from cardan.gateway.daemon.config import read_layout
 from cardan.gateway.session.config import parse_config
 from tests.command_line import the_command_line
 

@@ -2,8 +2,8 @@
 
 import pytest
 
+from cardan.bus.discovery import Survey
 from cardan.bus.options import BusOptions
-from cardan.bus.survey import Survey
 from cardan.doctor import network
 from cardan.doctor.base import Subject
 from cardan.doctor.files import read_files

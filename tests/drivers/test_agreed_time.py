@@ -4,7 +4,7 @@ import random
 
 import pytest
 
-from cardan.drivers.lost_time import PAUSE_S, SLACK_S, AgreedTime
+from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, AgreedTime
 
 PERIOD_S = 0.002
 

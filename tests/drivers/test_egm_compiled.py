@@ -13,11 +13,11 @@ import pytest
 import cardan
 from cardan.common.native import NativePartError
 from cardan.drivers.abb_egm import AbbEgmOptions, compiled, guidance as guidance_module
-from cardan.drivers.abb_egm.book import PlainBook
 from cardan.drivers.abb_egm.compiled import AnsweringLimiter, CompiledCycle, CompiledReader
 from cardan.drivers.abb_egm.session import EgmSession
+from cardan.drivers.abb_egm.statistics import PlainBook
 from cardan.drivers.limiters import JointLimiter
-from cardan.drivers.lost_time import SLACK_S
+from cardan.drivers.missed_cycles import SLACK_S
 from cardan.errors import CommandError
 from cardan.protocols.egm import EgmMeasuredForce, FeedbackReader
 from cardan.spatial import from_rotation_vector, multiply, normalized

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from cardan.drivers import reading
+from cardan.drivers import reader_thread
 from cardan.drivers.access import open_error
 from cardan.drivers.evdev import device as shell, links, nodes
 from cardan.drivers.evdev.core import UNREAD_AFTER_S
@@ -385,8 +385,8 @@ class PluggedLink(links.Link):
 
 @pytest.mark.parametrize("path", ["", "/dev/input/event3"])
 def test_another_pad_does_not_take_the_place_of_one_that_was_unplugged(monkeypatch, path):
-    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.01)
-    monkeypatch.setattr(reading, "RETRY_LAST_S", 0.02)
+    monkeypatch.setattr(reader_thread, "RETRY_FIRST_S", 0.01)
+    monkeypatch.setattr(reader_thread, "RETRY_LAST_S", 0.02)
     plugs = Plugs(monkeypatch)
     first, second = BY_KEY["xbox-360"], BY_KEY["dualshock-4"]
     plugs.models["/dev/input/event3"] = first

@@ -7,11 +7,11 @@ from itertools import pairwise
 import pytest
 
 from cardan.drivers.motoros.feedback import StateFeed
-from cardan.drivers.motoros.guide import JointGuide
 from cardan.drivers.motoros.motion import MotionCounters, MotionParts, MotionRecord
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.streaming import LAST_TIME_MS, RENEW_TIME_MS, PointStream
+from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
 from cardan.drivers.motoros.two_point import TwoPointMoves, two_point_time_s
 from cardan.drivers.motoros.velocity import VelocityStream
 from cardan.protocols.simple_message import (
@@ -43,7 +43,7 @@ class Bench:
         self.requests = MotionRequests(0)
         self.counters = MotionCounters()
         self.record = MotionRecord("", 6)
-        self.guide = JointGuide(*LIMITS)
+        self.guide = JointTrajectoryLimiter(*LIMITS)
         self.now_s = 50.0
         self.points = []
         self.velocities = []
@@ -344,10 +344,10 @@ class TestTwoPointMoves:
 
     def test_the_time_of_a_move_keeps_speed_and_acceleration(self):
         for way in (1e-4, 0.01, 0.3, 2.5):
-            time_s = two_point_time_s([0.0] * 6, [way] + [0.0] * 5, JointGuide(*LIMITS))
+            time_s = two_point_time_s([0.0] * 6, [way] + [0.0] * 5, JointTrajectoryLimiter(*LIMITS))
             assert 1.5 * way / time_s <= 2.0 + 1e-9
             assert 6.0 * way / time_s**2 <= 10.0 + 1e-9
-        assert two_point_time_s([0.0] * 6, [0.0] * 6, JointGuide(*LIMITS)) == 0.0
+        assert two_point_time_s([0.0] * 6, [0.0] * 6, JointTrajectoryLimiter(*LIMITS)) == 0.0
 
 
 class TestVelocityStream:

@@ -12,7 +12,7 @@ from collections import deque
 import pytest
 
 from cardan import cli
-from cardan.drivers import access, base, reading, registry
+from cardan.drivers import access, base, reader_thread, registry
 from cardan.drivers.spacemouse import (
     SpaceMouse,
     SpaceMouseOptions,
@@ -53,7 +53,7 @@ def frozen_clock(monkeypatch):
     """The driver's clock stands: a busy machine makes nothing stale."""
     clock = types.SimpleNamespace(monotonic=lambda: 1000.0)
     monkeypatch.setattr(shell, "time", clock)
-    monkeypatch.setattr(reading, "time", clock)
+    monkeypatch.setattr(reader_thread, "time", clock)
 
 
 class FakePuck:
@@ -177,8 +177,8 @@ def fake_hidapi(pucks):
 @pytest.fixture
 def usb(monkeypatch):
     """Plug pucks in: ``usb(FakePuck(...), ...)``; the libusb back end finds nothing."""
-    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.005)
-    monkeypatch.setattr(reading, "RETRY_LAST_S", 0.01)
+    monkeypatch.setattr(reader_thread, "RETRY_FIRST_S", 0.005)
+    monkeypatch.setattr(reader_thread, "RETRY_LAST_S", 0.01)
     pucks = []
     monkeypatch.setitem(sys.modules, "hidraw", fake_hidapi(pucks))
     monkeypatch.setitem(sys.modules, "hid", fake_hidapi([]))
@@ -852,7 +852,7 @@ def test_socket_model_names_the_buttons(puck, open_mouse):
 
 @pytest.mark.real
 def test_socket_unplug_and_replug(puck, tmp_path, open_mouse, monkeypatch):
-    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.005)
+    monkeypatch.setattr(reader_thread, "RETRY_FIRST_S", 0.005)
     mouse = open_mouse(transport="socket", path=puck.path)
     puck.accept()
     puck.send(REST, encode_buttons(1, 3))

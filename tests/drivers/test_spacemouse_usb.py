@@ -13,7 +13,7 @@ import usb.backend.libusb1
 import usb.backend.openusb
 import usb.core
 
-from cardan.drivers import reading
+from cardan.drivers import reader_thread
 from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
 from cardan.drivers.spacemouse.usb import UsbTransport
 from cardan.errors import DeviceAccessError, DeviceNotFoundError
@@ -192,7 +192,7 @@ class FakeLibusb(usb.backend.IBackend):
 @pytest.fixture
 def plug(monkeypatch):
     """Plug pucks in."""
-    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.005)
+    monkeypatch.setattr(reader_thread, "RETRY_FIRST_S", 0.005)
     pucks = []
     backend = FakeLibusb(pucks)
     monkeypatch.setattr(usb.backend.libusb1, "get_backend", lambda *_, **__: backend)

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 
 from cardan.gateway.arm.supervision import Watchdogs
-from cardan.gateway.hand.mapping import MappingOptions, Mode
 from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.mapping import MappingOptions, Mode
 from cardan.spatial import (
     add,
     from_euler_zyx,

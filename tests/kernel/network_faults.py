@@ -15,8 +15,8 @@ import pytest
 from cardan.demos import demo
 from cardan.demos.examples import free_ports
 from cardan.gateway.session.config import parse_config
-from cardan.gateway.session.launched import launched
 from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.subprocesses import launched
 from cardan.gateway.session.supervisor import supervise
 from tests.kernel.test_session_netem import PERIOD_S, PROGRAM, loopback as loopback, story
 

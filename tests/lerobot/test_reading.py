@@ -9,7 +9,7 @@ import json
 import pytest
 
 from cardan.recording.export import export_lerobot
-from tests.recording.test_frames import recorded, steadily
+from tests.recording.test_resample import recorded, steadily
 
 OFTEN = ("mean", "std", "min", "max", "count")
 

@@ -5,20 +5,20 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-FACES = "cardan/gateway/faces"
+FACES = "cardan/gateway/servers"
 
 AREAS: dict[str, tuple[str, ...]] = {
-    "arming": ("cardan/gateway/hand/source.py", "cardan/gateway/hand/mapping.py"),
+    "arming": ("cardan/gateway/operator/input.py", "cardan/gateway/operator/mapping.py"),
     "authority": ("cardan/gateway/arm/authority.py",),
     "limits": (
         "cardan/drivers/limiters.py",
-        "cardan/gateway/arm/gate.py",
+        "cardan/gateway/arm/output_check.py",
         "cardan/gateway/motion/reference.py",
-        "cardan/gateway/force/guard.py",
+        "cardan/gateway/force/watchdog.py",
     ),
     "access": tuple(f"{FACES}/{name}.py" for name in ("tokens", "door", "guessing", "allowed")),
     "arm": ("cardan/gateway/arm",),
-    "operator": ("cardan/gateway/hand",),
+    "operator": ("cardan/gateway/operator",),
     "motion": ("cardan/gateway/motion",),
     "servo": ("cardan/gateway/servo", "cardan/gateway/kinematics"),
     "drivers": ("cardan/drivers",),
@@ -29,11 +29,11 @@ AREAS: dict[str, tuple[str, ...]] = {
 NO_SURVIVORS = ("authority", "access")
 """Where a mutant that no test notices is an error."""
 
-_GATEWAY = ("tests/gateway/arm", "tests/gateway/hand", "tests/gateway/motion")
+_GATEWAY = ("tests/gateway/arm", "tests/gateway/operator", "tests/gateway/motion")
 TESTS: dict[str, tuple[str, ...]] = {
-    "cardan/gateway/faces": ("tests/gateway/faces",),
+    "cardan/gateway/servers": ("tests/gateway/servers",),
     "cardan/gateway/arm": (*_GATEWAY, "tests/test_values.py"),
-    "cardan/gateway/hand": _GATEWAY,
+    "cardan/gateway/operator": _GATEWAY,
     "cardan/gateway/motion": (*_GATEWAY, "tests/gateway/servo"),
     "cardan/gateway/servo": (*_GATEWAY, "tests/gateway/servo"),
     "cardan/gateway/kinematics": ("tests/gateway/kinematics", "tests/gateway/servo"),

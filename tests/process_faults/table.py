@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 from cardan.errors import CardanError
 from cardan.gateway.daemon.events import read_events
-from cardan.gateway.daemon.kept import ENGAGED
+from cardan.gateway.daemon.services import ENGAGED
 from tests.docs_tables import replaced
 from tests.foreground import signals_act
 from tests.kernel.conftest import FAULT_ROW

@@ -17,8 +17,8 @@ from cardan.protocols.ros2.messages import MessageError, Stamp, completed, json_
 
 cbor2 = pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
-from cardan.gateway.faces.outbox import MAX_CONTROL_FRAMES, Due, Outbox, Stream  # noqa: E402
-from cardan.gateway.faces.parameters import parameter_name  # noqa: E402
+from cardan.gateway.servers.parameters import parameter_name  # noqa: E402
+from cardan.gateway.servers.send_queue import MAX_CONTROL_FRAMES, Due, Outbox, Stream  # noqa: E402
 from cardan.protocols.rosbridge import forms, rosapi  # noqa: E402
 from cardan.protocols.rosbridge.delivery import (  # noqa: E402
     Delivery,

@@ -9,7 +9,7 @@ import pytest
 
 from cardan.errors import CaptureError, ExtraMissingError, OptionError
 from cardan.recording.export import export_lerobot
-from tests.recording.test_frames import recorded, steadily
+from tests.recording.test_resample import recorded, steadily
 
 
 @pytest.fixture

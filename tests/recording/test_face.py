@@ -6,7 +6,7 @@ import pytest
 
 from cardan.bus.options import BusOptions
 from cardan.errors import CaptureError
-from cardan.gateway.faces import telling
+from cardan.gateway.servers import stats
 from cardan.recording.face import (
     RecorderFace,
     RecorderFaceOptions,
@@ -36,7 +36,7 @@ def test_a_folder_that_cannot_be_made(tmp_path):
 
 @pytest.mark.matrix
 def test_it_records_until_it_is_told_to_end_and_tells_how_much(tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv(telling.TELLS_VARIABLE, "1")
+    monkeypatch.setenv(stats.TELLS_VARIABLE, "1")
     stop, told, ready = threading.Event(), [], []
 
     def tell(figures):
@@ -44,7 +44,7 @@ def test_it_records_until_it_is_told_to_end_and_tells_how_much(tmp_path, monkeyp
         if len(told) > 1:
             stop.set()
 
-    monkeypatch.setattr(telling, "tell", tell)
+    monkeypatch.setattr(stats, "tell", tell)
     options = RecorderFaceOptions(
         bus=BusOptions(router=""), records=RecordsOptions(folder=str(tmp_path))
     )

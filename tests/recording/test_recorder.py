@@ -18,9 +18,9 @@ from cardan.bus.options import BusOptions
 from cardan.errors import CaptureError, OptionError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.zenoh import LATCHED_QOS, PUBLISHER, Attachment
-from cardan.recording.engine import replay_engine
 from cardan.recording.mcap_file import RecordReader, RecordWriter
 from cardan.recording.recorder import QUEUE_MESSAGES, Recorder
+from cardan.recording.verify import replay_engine
 from tests.recording.rig import (
     NODE,
     STRING,

@@ -7,7 +7,7 @@ import pytest
 
 from cardan.common.files import cache_folder
 from cardan.errors import ConfigurationError
-from cardan.gateway.faces.console.site import SECURITY, VISUALS, visual
+from cardan.gateway.servers.console.site import SECURITY, VISUALS, visual
 from cardan.robots import visuals
 from cardan.robots.visuals import keep_visuals, kept_visual
 

@@ -6,11 +6,11 @@ import math
 
 from hypothesis import given, strategies as st
 
-from cardan.sim_peers.report_line import ReportLine
+from cardan.sim_peers.report_line import DelayLine
 
 
 def test_reports_arrive_when_they_are_sent_in_order():
-    line = ReportLine({}, 0)
+    line = DelayLine({}, 0)
     assert line.next_due_s == math.inf
     for time_s, report in ((2.0, b"c"), (1.0, b"a"), (1.0, b"b")):
         line.carry(report, time_s)
@@ -22,14 +22,14 @@ def test_reports_arrive_when_they_are_sent_in_order():
 
 
 def test_a_cut_line_loses_what_is_under_way():
-    line = ReportLine({}, 0)
+    line = DelayLine({}, 0)
     line.carry(b"a", 1.0)
     line.cut()
     assert line.arrived(2.0) == []
 
 
 def test_a_burst_holds_back_every_other_window():
-    line = ReportLine({"burst": 0.5}, 0)
+    line = DelayLine({"burst": 0.5}, 0)
     for report, time_s in ((b"a", 0.4), (b"b", 0.6), (b"c", 0.9), (b"d", 1.1)):
         line.carry(report, time_s)
     assert line.arrived(0.5) == [b"a"]
@@ -40,7 +40,7 @@ def test_a_burst_holds_back_every_other_window():
 
 @given(st.floats(0.001, 10.0), st.lists(st.floats(0.0, 100.0)))
 def test_nothing_is_early_lost_or_later_than_a_burst(burst_s, times_s):
-    line = ReportLine({"burst": burst_s}, 0)
+    line = DelayLine({"burst": burst_s}, 0)
     for time_s in times_s:
         line.carry(repr(time_s).encode(), time_s)
     arrived: list[float] = []

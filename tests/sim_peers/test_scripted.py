@@ -10,8 +10,8 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import ScriptError
 from cardan.sim_peers.base import ScriptStep, parse_script
+from cardan.sim_peers.motion_profile import Ramp, SinePeriods, VectorMotion
 from cardan.sim_peers.scripted import ScriptHand, StepWords, Timeline, calling, moving
-from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
 
 VERBS = {"go": "go X Y [over SECONDS]", "note": "note WORD", "loop": "loop"}
 
@@ -46,12 +46,12 @@ class TestWords:
         assert words("").over() == 0.0
 
     def test_a_swing(self):
-        assert words("over 2").swing((1.0,), 0.1) == Swing((1.0,), 2.0)
-        assert words("over 2 times 3.9 phase 90").swing((1.0,), 0.1) == Swing(
+        assert words("over 2").swing((1.0,), 0.1) == SinePeriods((1.0,), 2.0)
+        assert words("over 2 times 3.9 phase 90").swing((1.0,), 0.1) == SinePeriods(
             (1.0,), 2.0, 3, math.pi / 2
         )
         step = words("over 2 phase 90")
-        assert step.swing((1.0,), 0.1, phased=False) == Swing((1.0,), 2.0)
+        assert step.swing((1.0,), 0.1, phased=False) == SinePeriods((1.0,), 2.0)
         assert step.left == ["phase", "90"]
 
     @pytest.mark.parametrize(

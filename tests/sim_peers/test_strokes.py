@@ -7,14 +7,14 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
+from cardan.sim_peers.motion_profile import Ramp, SinePeriods, VectorMotion
 
 values = st.floats(-10.0, 10.0)
 pairs = st.tuples(values, values)
 durations = st.floats(0.01, 5.0)
 ramps = st.builds(Ramp, pairs, st.just(0.0) | durations, st.booleans())
 swings = st.builds(
-    Swing, pairs, durations, st.integers(1, 4), st.sampled_from((0.0, math.pi / 2, -1.0))
+    SinePeriods, pairs, durations, st.integers(1, 4), st.sampled_from((0.0, math.pi / 2, -1.0))
 )
 
 
@@ -52,8 +52,8 @@ def test_a_component_without_a_goal_goes_on_to_where_it_was_going():
 def test_swings_add_up_on_top_of_a_ramp_and_end_after_whole_periods():
     motion = VectorMotion((0.0,))
     motion.start(0.0, Ramp((1.0,), 1.0))
-    motion.start(0.0, Swing((0.5,), 4.0))
-    motion.start(0.0, Swing((0.25,), 4.0, times=2, phase_rad=math.pi))
+    motion.start(0.0, SinePeriods((0.5,), 4.0))
+    motion.start(0.0, SinePeriods((0.25,), 4.0, times=2, phase_rad=math.pi))
     assert motion.at(1.0) == pytest.approx((1.25,))
     assert motion.without_swings(1.0) == (1.0,)
     assert motion.at(5.0) == pytest.approx((0.75,))
@@ -64,7 +64,7 @@ def test_the_next_sample_is_a_period_on_or_the_end_of_a_stroke():
     motion = VectorMotion((0.0,), 0.3)
     assert motion.next_due_s == math.inf
     motion.start(0.0, Ramp((1.0,), 0.5))
-    motion.start(0.0, Swing((0.5,), 0.7))
+    motion.start(0.0, SinePeriods((0.5,), 0.7))
     due = []
     while motion.next_due_s < math.inf:
         due.append(motion.next_due_s)
@@ -91,7 +91,7 @@ def test_rates_are_the_derivative(gentle, rest, strokes, at_s):
     for stroke in strokes:
         motion.start(0.0, stroke)
     step_s = 1e-7
-    ends_s = [s.duration_s if isinstance(s, Swing) else s.over_s for s in strokes]
+    ends_s = [s.duration_s if isinstance(s, SinePeriods) else s.over_s for s in strokes]
     if any(abs(at_s - end_s) < 2 * step_s for end_s in ends_s):
         return
     before, after = motion.at(at_s - step_s), motion.at(at_s + step_s)

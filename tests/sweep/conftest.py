@@ -25,7 +25,7 @@ def running(session):
     """A rosbridge server beside the session."""
     pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
     from cardan.bus.zenoh_network import BusNetwork
-    from tests.gateway.faces.rig import rosbridge
+    from tests.gateway.servers.rig import rosbridge
 
     options = BusOptions(router=session.endpoint, listen=())
     with BusNetwork(options, "rosbridge") as network, rosbridge(network) as found:

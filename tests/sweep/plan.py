@@ -9,8 +9,8 @@ from typing import Any, NamedTuple, get_args
 
 from cardan.gateway.bus.arm_topics import ArmNames
 from cardan.gateway.bus.commands import TOPICS, joint_command
+from cardan.gateway.bus.compatibility import NamesOf, ServoScales, other_names
 from cardan.gateway.bus.device_topics import RUMBLE, RUMBLE_TOPIC
-from cardan.gateway.bus.other_names import NamesOf, ServoScales, other_names
 from cardan.protocols.ros2.messages import default_message
 from tests.network_table import Row, Shown, rows
 

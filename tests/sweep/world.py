@@ -15,7 +15,7 @@ from typing import Any, get_args
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
-from cardan.gateway.bus.other_names import NamesOf
+from cardan.gateway.bus.compatibility import NamesOf
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from tests.network_table import ACTION_PARTS, Kind, Row

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from cardan.conform.connexion.seen import ConnexionSeen, Report
+from cardan.conform.connexion.decoded import ConnexionSeen, Report
 from cardan.conform.requirements import (
     Over,
     Requirements,
@@ -17,7 +17,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.second_reading import read_twice, second_description
-from cardan.conform.silences import never_silent
+from cardan.conform.timing import never_silent
 from cardan.protocols.connexion import (
     Battery,
     ButtonBits,

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.connexion.pilot import ConnexionPilot
+from cardan.conform.connexion.decoded import ConnexionSeen
 from cardan.conform.connexion.requirements import requires
-from cardan.conform.connexion.seen import ConnexionSeen
+from cardan.conform.connexion.scenario import ConnexionPilot
 from cardan.conform.suite import Suite, Transport
-from cardan.conform.wires import DeviceFile, Wires
+from cardan.conform.transports import DeviceFile, Wires
 
 
 class Connexion(Suite[ConnexionSeen]):
@@ -24,7 +24,7 @@ class Connexion(Suite[ConnexionSeen]):
     transport = Transport("other")
     sees = ConnexionSeen
     asks = ConnexionPilot
-    rig = "cardan.conform.connexion.rig:ConnexionRig"
+    rig = "cardan.conform.connexion.simulated:ConnexionRig"
     seconds = 1.2
     # Before it is let go for the first time; and without an end.
     tried_with: ClassVar[Mapping[str, float]] = {"silence": 0.9, "unplug": 1.0, "replug": 1.5}

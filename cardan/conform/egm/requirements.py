@@ -7,8 +7,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import pairwise
 
-from cardan.conform.egm.pilot import STEP_M, STEP_RAD
-from cardan.conform.egm.seen import EgmSeen, Robot, not_normal, step
+from cardan.conform.egm.decoded import EgmSeen, Robot, not_normal, step
+from cardan.conform.egm.scenario import STEP_M, STEP_RAD
 from cardan.conform.requirements import (
     Over,
     Requirements,
@@ -22,7 +22,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
-from cardan.conform.silences import steady
+from cardan.conform.timing import steady
 from cardan.protocols.egm import MessageType, RapidState
 from cardan.protocols.egm.messages import EgmMotion
 from cardan.spatial import from_euler_zyx

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.egm.pilot import EgmPilot
+from cardan.conform.egm.decoded import EgmSeen
 from cardan.conform.egm.requirements import requires
-from cardan.conform.egm.seen import EgmSeen
+from cardan.conform.egm.scenario import EgmPilot
 from cardan.conform.suite import Suite, Transport
 
 PORT = 6510
@@ -25,7 +25,7 @@ class Egm(Suite[EgmSeen]):
     transport = Transport("udp", {"": PORT}, frozenset(("",)))
     sees = EgmSeen
     asks = EgmPilot
-    rig = "cardan.conform.egm.rig:EgmRig"
+    rig = "cardan.conform.egm.simulated:EgmRig"
     seconds = 3.0
     # While it is held.
     tried_with: ClassVar[Mapping[str, float]] = {

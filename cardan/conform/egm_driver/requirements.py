@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from cardan.conform.controllers import had_ended
-from cardan.conform.egm.seen import Answer, EgmSeen, Robot, not_normal, step
+from cardan.conform.egm.decoded import Answer, EgmSeen, Robot, not_normal, step
 from cardan.conform.requirements import (
     Over,
     Requirements,

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar
 
-from cardan.conform.egm.seen import EgmSeen
+from cardan.conform.egm.decoded import EgmSeen
 from cardan.conform.egm.suite import PORT
 from cardan.conform.egm_driver.faults import FAULTS
-from cardan.conform.egm_driver.pilot import FIRST, SECOND, ControllerPilot
 from cardan.conform.egm_driver.requirements import requires
+from cardan.conform.egm_driver.scenario import FIRST, SECOND, ControllerPilot
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 
@@ -28,7 +28,7 @@ class EgmDriver(Suite[EgmSeen]):
     transport = Transport("udp", {FIRST: PORT, SECOND: PORT})
     sees = partial(EgmSeen, robot_sends=True)
     asks = ControllerPilot
-    rig = "cardan.conform.egm_driver.rig:EgmDriverRig"
+    rig = "cardan.conform.egm_driver.simulated:EgmDriverRig"
     own_faults = FAULTS
     seconds = 0.6
     # Seen where it is ended, which only level 3 does.

@@ -6,8 +6,8 @@ import math
 import statistics
 from itertools import pairwise
 
-from cardan.conform.joint_stream.pilot import SPEED_RAD_S, STEP_RAD
-from cardan.conform.joint_stream.seen import JointStreamSeen, State
+from cardan.conform.joint_stream.decoded import JointStreamSeen, State
+from cardan.conform.joint_stream.scenario import SPEED_RAD_S, STEP_RAD
 from cardan.conform.requirements import (
     Over,
     Requirements,
@@ -20,7 +20,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
-from cardan.conform.silences import steady
+from cardan.conform.timing import steady
 from cardan.protocols.joint_stream import ControlMode
 
 PAGE = "docs/protocols/joint-stream.md"

@@ -9,7 +9,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from cardan.conform.controllers import had_ended
-from cardan.conform.joint_stream.seen import Command, JointStreamSeen, State
+from cardan.conform.joint_stream.decoded import Command, JointStreamSeen, State
 from cardan.conform.requirements import (
     Over,
     Requirements,

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar
 
-from cardan.conform.conduct import Pilot
-from cardan.conform.joint_stream.seen import JointStreamSeen
+from cardan.conform.joint_stream.decoded import JointStreamSeen
 from cardan.conform.joint_stream.suite import PORT
 from cardan.conform.joint_stream_driver.faults import FAULTS
 from cardan.conform.joint_stream_driver.requirements import requires
 from cardan.conform.requirements import Level
+from cardan.conform.runner import Scenario
 from cardan.conform.suite import Suite, Transport
 
 
@@ -27,14 +27,14 @@ class JointStreamDriver(Suite[JointStreamSeen]):
     requirements = requires.all()
     transport = Transport("udp", {"": PORT}, frozenset(("",)))
     sees = partial(JointStreamSeen, arm_sends=True)
-    rig = "cardan.conform.joint_stream_driver.rig:JointStreamDriverRig"
+    rig = "cardan.conform.joint_stream_driver.simulated:JointStreamDriverRig"
     own_faults = FAULTS
     seconds = 0.8
     # Seen where it is ended, which only level 3 does.
     tried_on: ClassVar[Mapping[str, Level]] = {"leaves-moving": Level.BY_HAND}
 
-    def pilot(self, level: Level, seconds: float) -> Pilot:
+    def pilot(self, level: Level, seconds: float) -> Scenario:
         # The simulated arm needs the extra cardan[arm]; judging what it heard does not.
-        from cardan.conform.joint_stream_driver.pilot import ArmPilot
+        from cardan.conform.joint_stream_driver.scenario import ArmPilot
 
         return ArmPilot(level, seconds)

@@ -6,8 +6,8 @@ import math
 from functools import partial
 from itertools import pairwise
 
-from cardan.conform.joint_trajectory.pilot import LATE_S, NEAR, REST_S, STEP, TOLERANCE_S
-from cardan.conform.joint_trajectory.seen import Goal, TrajectorySeen
+from cardan.conform.joint_trajectory.decoded import Goal, TrajectorySeen
+from cardan.conform.joint_trajectory.scenario import LATE_S, NEAR, REST_S, STEP, TOLERANCE_S
 from cardan.conform.requirements import (
     Outcome,
     Requirements,
@@ -20,7 +20,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.ros2_arm.seen import State
+from cardan.conform.ros2_arm.decoded import State
 from cardan.protocols.ros2.actions import GoalStatus
 
 ACTION = "control_msgs/action/FollowJointTrajectory"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from cardan.conform.joint_trajectory.decoded import TrajectorySeen
 from cardan.conform.joint_trajectory.faults import FAULTS
 from cardan.conform.joint_trajectory.names import ACTION, channels_of
-from cardan.conform.joint_trajectory.pilot import TrajectoryPilot
 from cardan.conform.joint_trajectory.requirements import requires
-from cardan.conform.joint_trajectory.seen import TrajectorySeen
+from cardan.conform.joint_trajectory.scenario import TrajectoryPilot
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
-from cardan.conform.wires import Wires
+from cardan.conform.transports import Wires
 from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.names import RosNameError, checked_name
 
@@ -29,7 +29,7 @@ class JointTrajectory(Suite[TrajectorySeen]):
     requirements = requires.all()
     transport = Transport("other")
     sees = TrajectorySeen
-    rig = "cardan.conform.joint_trajectory.rig:ActionRig"
+    rig = "cardan.conform.joint_trajectory.simulated:ActionRig"
     own_faults = FAULTS
     seconds = 0.5
 

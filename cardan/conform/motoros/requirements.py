@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Iterable
 from itertools import pairwise
 
-from cardan.conform.motoros.pilot import STEP_RAD, STEP_S, UNKNOWN_TYPE
-from cardan.conform.motoros.seen import Exchange, Heard, MotorosSeen
+from cardan.conform.motoros.decoded import Exchange, Heard, MotorosSeen
+from cardan.conform.motoros.scenario import STEP_RAD, STEP_S, UNKNOWN_TYPE
 from cardan.conform.requirements import (
     Over,
     Requirements,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.motoros.pilot import MotorosPilot
+from cardan.conform.motoros.decoded import MotorosSeen
 from cardan.conform.motoros.requirements import requires
-from cardan.conform.motoros.seen import MotorosSeen
+from cardan.conform.motoros.scenario import MotorosPilot
 from cardan.conform.suite import Suite, Transport
 from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
 
@@ -24,7 +24,7 @@ class Motoros(Suite[MotorosSeen]):
     transport = Transport("tcp", {"motion": MOTION_PORT, "state": STATE_PORT, "io": IO_PORT})
     sees = MotorosSeen
     asks = MotorosPilot
-    rig = "cardan.conform.motoros.rig:MotorosRig"
+    rig = "cardan.conform.motoros.simulated:MotorosRig"
     seconds = 3.2
     # The functional safety unit's limit must lie below the speed of a micro-motion.
     tried_with: ClassVar[Mapping[str, float]] = {"fsu": 0.001}

@@ -7,12 +7,12 @@ from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import pairwise
 
-from cardan.conform.motoros_driver.pilot import (
+from cardan.conform.motoros_driver.decoded import DriverSeen, Link, Neighbours, Said
+from cardan.conform.motoros_driver.scenario import (
     ANSWERED_WITHIN_S,
     ROBOT,
     STOPS,
 )
-from cardan.conform.motoros_driver.seen import DriverSeen, Link, Neighbours, Said
 from cardan.conform.requirements import (
     Over,
     Requirements,

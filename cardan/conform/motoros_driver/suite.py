@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from cardan.conform.motoros_driver.decoded import DriverSeen
 from cardan.conform.motoros_driver.faults import FAULTS
-from cardan.conform.motoros_driver.pilot import ControllerPilot
 from cardan.conform.motoros_driver.requirements import requires
-from cardan.conform.motoros_driver.seen import DriverSeen
+from cardan.conform.motoros_driver.scenario import ControllerPilot
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.protocols.simple_message import IO_PORT, MOTION_PORT, STATE_PORT
@@ -32,7 +32,7 @@ class MotorosDriver(Suite[DriverSeen]):
     )
     sees = DriverSeen
     asks = ControllerPilot
-    rig = "cardan.conform.motoros_driver.rig:MotorosDriverRig"
+    rig = "cardan.conform.motoros_driver.simulated:MotorosDriverRig"
     own_faults = FAULTS
     seconds = 0.6
     # Seen where it is ended, which only level 3 does.

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
+from cardan.conform.ros2_arm.decoded import RosArmSeen
 from cardan.conform.ros2_arm.names import TOPICS
-from cardan.conform.ros2_arm.pilot import RosArmPilot
 from cardan.conform.ros2_arm.requirements import requires
-from cardan.conform.ros2_arm.seen import RosArmSeen
+from cardan.conform.ros2_arm.scenario import RosArmPilot
 from cardan.conform.suite import Suite, Transport
-from cardan.conform.wires import Wires
+from cardan.conform.transports import Wires
 
 
 class Ros2Arm(Suite[RosArmSeen]):
@@ -25,7 +25,7 @@ class Ros2Arm(Suite[RosArmSeen]):
     transport = Transport("other")
     sees = RosArmSeen
     asks = RosArmPilot
-    rig = "cardan.conform.ros2_arm.rig:RosArmRig"
+    rig = "cardan.conform.ros2_arm.simulated:RosArmRig"
     seconds = 2.6
     tried_with: ClassVar[Mapping[str, float]] = {
         "restart": 1.5,

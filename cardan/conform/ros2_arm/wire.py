@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping
 from cardan.bus.node import BusNode, Client, Publisher, WaitingSubscription
 from cardan.bus.options import BusOptions
 from cardan.conform.ros2_arm.names import Channel
-from cardan.conform.wires import Wire, Wires
+from cardan.conform.transports import Wire, Wires
 from cardan.protocols.ros2.zenoh import DEFAULT_QOS, LATCHED_QOS
 
 NODE = "cardan_conform"

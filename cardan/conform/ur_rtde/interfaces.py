@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from cardan.conform.requirements import Verdict, failed, met, none_wrong, not_seen
-from cardan.conform.ur_rtde.pilot import OLD_OUTPUTS, WORDED, published
+from cardan.conform.ur_rtde.decoded import OLD, PRIMARY, UrSeen
 from cardan.conform.ur_rtde.requirements import (
     BOARD,
     CLIENT,
@@ -25,7 +25,7 @@ from cardan.conform.ur_rtde.requirements import (
     version_of,
     versions,
 )
-from cardan.conform.ur_rtde.seen import OLD, PRIMARY, UrSeen
+from cardan.conform.ur_rtde.scenario import OLD_OUTPUTS, WORDED, published
 from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind
 from cardan.protocols.ur.realtime import RealtimeForm
 from cardan.protocols.ur.robot_state import PARTS, sub_packages

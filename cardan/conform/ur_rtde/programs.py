@@ -18,7 +18,18 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.ur_rtde.pilot import (
+from cardan.conform.ur_rtde.decoded import State, Upload, UrSeen
+from cardan.conform.ur_rtde.requirements import (
+    BOARD,
+    CLIENT,
+    DRIVER,
+    GUIDE,
+    NO_STATES,
+    cycle_s,
+    refused,
+    requires,
+)
+from cardan.conform.ur_rtde.scenario import (
     BEAT,
     DESERTED_RAD_S,
     INPUTS,
@@ -35,17 +46,6 @@ from cardan.conform.ur_rtde.pilot import (
     UNKNOWN,
     WRONG,
 )
-from cardan.conform.ur_rtde.requirements import (
-    BOARD,
-    CLIENT,
-    DRIVER,
-    GUIDE,
-    NO_STATES,
-    cycle_s,
-    refused,
-    requires,
-)
-from cardan.conform.ur_rtde.seen import State, Upload, UrSeen
 from cardan.protocols.ur import dashboard
 from cardan.protocols.ur.primary import MessageKind
 from cardan.protocols.ur.program import Report

@@ -17,7 +17,9 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.ur_rtde.pilot import (
+from cardan.conform.ur_rtde.decoded import RTDE, SECOND, Exchange, Heard, State, Stream, UrSeen
+from cardan.conform.ur_rtde.scapy_check import readings_differ
+from cardan.conform.ur_rtde.scenario import (
     FUTURE_VERSION,
     OUTPUTS,
     REPLY_S,
@@ -25,8 +27,6 @@ from cardan.conform.ur_rtde.pilot import (
     STATE_TIMEOUT_S,
     UNKNOWN,
 )
-from cardan.conform.ur_rtde.second import readings_differ
-from cardan.conform.ur_rtde.seen import RTDE, SECOND, Exchange, Heard, State, Stream, UrSeen
 from cardan.protocols.ur import dashboard
 from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, read_mode
 from cardan.protocols.ur.rtde import (

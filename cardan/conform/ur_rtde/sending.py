@@ -5,7 +5,10 @@ from __future__ import annotations
 
 from cardan.conform.requirements import Verdict, failed, met, none_wrong, not_seen, passed
 from cardan.conform.timeline import Kind
-from cardan.conform.ur_rtde.pilot import (
+from cardan.conform.ur_rtde.decoded import Upload, UrSeen
+from cardan.conform.ur_rtde.programs import NO_PROGRAM, RUNTIME, SCRIPT, after, first
+from cardan.conform.ur_rtde.requirements import CLIENT, requires
+from cardan.conform.ur_rtde.scenario import (
     ANSWER,
     CALLS,
     LINE,
@@ -14,9 +17,6 @@ from cardan.conform.ur_rtde.pilot import (
     SAYS,
     TOKEN,
 )
-from cardan.conform.ur_rtde.programs import NO_PROGRAM, RUNTIME, SCRIPT, after, first
-from cardan.conform.ur_rtde.requirements import CLIENT, requires
-from cardan.conform.ur_rtde.seen import Upload, UrSeen
 from cardan.protocols.ur.primary import MessageKind
 from cardan.protocols.ur.states import RuntimeState
 

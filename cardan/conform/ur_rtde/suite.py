@@ -9,10 +9,9 @@ from typing import ClassVar
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event
+from cardan.conform.transports import ListenTcp, TcpPorts, Wire, Wires, host_and_port
 from cardan.conform.ur_rtde import interfaces, sending  # noqa: F401 - enter what they require
-from cardan.conform.ur_rtde.pilot import ASKING, REVERSE_PORT, WORDED, UrPilot
-from cardan.conform.ur_rtde.requirements import requires
-from cardan.conform.ur_rtde.seen import (
+from cardan.conform.ur_rtde.decoded import (
     OLD,
     PRIMARY,
     REALTIME,
@@ -22,7 +21,8 @@ from cardan.conform.ur_rtde.seen import (
     SECONDARY,
     UrSeen,
 )
-from cardan.conform.wires import ListenTcp, TcpPorts, Wire, Wires, host_and_port
+from cardan.conform.ur_rtde.requirements import requires
+from cardan.conform.ur_rtde.scenario import ASKING, REVERSE_PORT, WORDED, UrPilot
 from cardan.errors import ConfigurationError
 from cardan.protocols.ur.dashboard import DASHBOARD_PORT, request
 from cardan.protocols.ur.primary import PRIMARY_PORT, SECONDARY_PORT
@@ -91,7 +91,7 @@ class UrRtde(Suite[UrSeen]):
     requirements = requires.all()
     transport = Transport("tcp", {**_PORTS, REVERSE: REVERSE_PORT}, frozenset((REVERSE,)))
     sees = UrSeen
-    rig = "cardan.conform.ur_rtde.rig:UrRig"
+    rig = "cardan.conform.ur_rtde.simulated:UrRig"
     seconds = 3.0
     # While it is held; before that most would only keep the program from being begun.
     tried_with: ClassVar[Mapping[str, float]] = dict.fromkeys(

@@ -8,7 +8,7 @@ from typing import Protocol
 from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.abb_egm.counters import EgmCounters
 from cardan.drivers.abb_egm.options import AbbEgmOptions
-from cardan.drivers.abb_egm.slow_motion import SlowMotionWatch
+from cardan.drivers.abb_egm.slow_motion import SpeedCapDetector
 from cardan.drivers.abb_egm.states import ADVICE
 from cardan.protocols.egm import EgmRobot
 from cardan.types import RobotState
@@ -44,7 +44,7 @@ class Diagnosed(Protocol):
     """What `diagnose` reads of a session."""
 
     counters: EgmCounters
-    slow_motion: SlowMotionWatch
+    slow_motion: SpeedCapDetector
     reply_latency: LatencyHistogram
     port: int
     last_cause: str

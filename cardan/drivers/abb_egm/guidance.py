@@ -30,7 +30,7 @@ from cardan.drivers.abb_egm.compiled import (
 )
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.limiters import JointLimiter, OrientationLimiter, PointLimiter
-from cardan.drivers.lost_time import LostTime
+from cardan.drivers.missed_cycles import SlipCompensation
 from cardan.drivers.robot_core import check_numbers, no_rotation, outside, wrong_kind
 from cardan.errors import CommandError
 from cardan.protocols.egm import (
@@ -233,7 +233,7 @@ def _follows(
     )
 
 
-class _Followed(LostTime):
+class _Followed(SlipCompensation):
     """One part of the reference: its limiter, and its correction for lost time."""
 
     __slots__ = ("limiter",)

@@ -8,7 +8,6 @@ from typing import Any
 
 from cardan.common.bounds import COORDINATE_M, JOINT_POSITION, OUTPUT_VALUE
 from cardan.common.histogram import LatencyHistogram
-from cardan.drivers.abb_egm.book import NO_STATES, UNKNOWN, Book, PlainBook
 from cardan.drivers.abb_egm.compiled import (
     CompiledCycle,
     CompiledReader,
@@ -19,9 +18,10 @@ from cardan.drivers.abb_egm.counters import EgmCounters
 from cardan.drivers.abb_egm.diagnosis import diagnose
 from cardan.drivers.abb_egm.guidance import guidance_for, wire_factors
 from cardan.drivers.abb_egm.options import AbbEgmOptions
-from cardan.drivers.abb_egm.slow_motion import SlowMotionWatch
+from cardan.drivers.abb_egm.slow_motion import SpeedCapDetector
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
-from cardan.drivers.lost_time import PAUSE_S, SLACK_S, ClockWatch, believed_s
+from cardan.drivers.abb_egm.statistics import NO_STATES, UNKNOWN, Book, PlainBook
+from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, ClockWatch, believed_s
 from cardan.drivers.robot_core import check_command, implausible, no_rotation, outside
 from cardan.errors import CommandError
 from cardan.protocols.egm import (
@@ -128,7 +128,7 @@ class EgmSession:
         """Deviation of the time between two receptions from the controller's own period."""
         self.reply_latency = LatencyHistogram()
         """From the reception of a datagram to its answer being sent."""
-        self.slow_motion = SlowMotionWatch()
+        self.slow_motion = SpeedCapDetector()
         self.clock = ClockWatch()
         """Of the ms clock in the headers; the wall clock may be set at any time."""
         self._tm_ms, self._tm_s = UNKNOWN, 0.0

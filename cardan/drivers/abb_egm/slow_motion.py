@@ -18,7 +18,7 @@ _ERROR_SHARE = 0.15
 _CLEARLY_LESS = 0.5
 
 
-class SlowMotionWatch:
+class SpeedCapDetector:
     """Notices that the controller's own reference stays far behind the commanded one.
 
     \\MaxSpeedDeviation does that: its default of 1 deg/s all but stops a robot.

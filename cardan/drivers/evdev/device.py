@@ -21,7 +21,7 @@ from cardan.drivers.evdev.nodes import (
     take_snapshot,
 )
 from cardan.drivers.packet_socket import open_simulated
-from cardan.drivers.reading import ReadDevice
+from cardan.drivers.reader_thread import ReadDevice
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 
 READ_TIMEOUT_S = 0.02

@@ -12,9 +12,9 @@ from typing import NamedTuple
 from cardan.common.files import create_file
 from cardan.drivers.motoros.diagnosis import reply_in_words
 from cardan.drivers.motoros.feedback import StateFeed
-from cardan.drivers.motoros.guide import JointGuide
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.requests import Answer, MotionRequests
+from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
 from cardan.errors import CardanError
 from cardan.protocols.simple_message import (
     ControllerMode,
@@ -131,7 +131,7 @@ class MotionParts(NamedTuple):
     options: MotorosOptions
     requests: MotionRequests
     feed: StateFeed
-    guide: JointGuide
+    guide: JointTrajectoryLimiter
     """The limiter, with the limits that hold for this motion."""
     counters: MotionCounters
     record: MotionRecord

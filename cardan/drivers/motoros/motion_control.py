@@ -10,11 +10,11 @@ from typing import Literal
 from cardan.drivers.motoros.agreed_limits import agreed_limits
 from cardan.drivers.motoros.diagnosis import reply_in_words, status_in_words
 from cardan.drivers.motoros.feedback import StateFeed
-from cardan.drivers.motoros.guide import JointGuide
 from cardan.drivers.motoros.motion import Motion, MotionCounters, MotionParts, MotionRecord
 from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
 from cardan.drivers.motoros.requests import Answer, MotionRequests
 from cardan.drivers.motoros.streaming import PointStream
+from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
 from cardan.drivers.motoros.two_point import TwoPointMoves
 from cardan.drivers.motoros.velocity import VelocityStream
 from cardan.protocols.simple_message import (
@@ -356,7 +356,9 @@ class MotionControl:
         self.phase = Phase.MOVING
         self._check_s = math.inf
         limits = self._limits()
-        guide = JointGuide(limits.lower, limits.upper, limits.velocity, limits.acceleration)
+        guide = JointTrajectoryLimiter(
+            limits.lower, limits.upper, limits.velocity, limits.acceleration
+        )
         parts = MotionParts(
             self.options, self.requests, self.feed, guide, self.counters, self.record
         )

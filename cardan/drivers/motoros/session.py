@@ -12,12 +12,12 @@ from collections import deque
 from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.feedback import StateFeed
-from cardan.drivers.motoros.guide import KINDS
 from cardan.drivers.motoros.motion import MotionCounters
 from cardan.drivers.motoros.motion_control import MotionControl, Phase, Task
 from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
-from cardan.drivers.motoros.session_words import findings, no_motion_connection, silence
+from cardan.drivers.motoros.status_text import findings, no_motion_connection, silence
+from cardan.drivers.motoros.trajectory_limiter import KINDS
 from cardan.drivers.robot_core import check_joints, counts
 from cardan.drivers.tcp_robot import Connection
 from cardan.protocols.simple_message import (

@@ -9,10 +9,10 @@ import enum
 import math
 
 from cardan.drivers.motoros.diagnosis import reply_in_words
-from cardan.drivers.motoros.guide import JointGuide
 from cardan.drivers.motoros.motion import MotionParts, Trajectory
 from cardan.drivers.motoros.options import STATE_PERIOD_S
 from cardan.drivers.motoros.requests import Answer
+from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
 from cardan.protocols.simple_message import (
     JointTrajPtFull,
     MotionCommand,
@@ -28,7 +28,7 @@ SAME_GOAL_RAD = 1e-5
 LONGEST_STEP_S = 0.1
 
 
-def two_point_time_s(start: list[float], goal: list[float], guide: JointGuide) -> float:
+def two_point_time_s(start: list[float], goal: list[float], guide: JointTrajectoryLimiter) -> float:
     """The shortest time of a cubic from rest to rest inside speed and acceleration limits, s.
 
     Its fastest speed is 3/2 of the mean and its largest acceleration 6 Δ/T².

@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from cardan.drivers.lost_time import LostTime
-from cardan.drivers.motoros.arm_watch import ArmWatch
+from cardan.drivers.missed_cycles import SlipCompensation
+from cardan.drivers.motoros.following_error import TrackingMonitor
 from cardan.drivers.motoros.motion import Motion, MotionParts
 from cardan.drivers.motoros.requests import SEQUENCES, Answer
 from cardan.protocols.simple_message import (
@@ -70,7 +70,7 @@ class VelocityStream(Motion):
         self._since_asked = 0
         self._accelerations = joints10(guide.accelerations)
         self._missed_s = 0.0
-        self._lost = LostTime(options.joints)
+        self._lost = SlipCompensation(options.joints)
         self._asked: JointCommand | None = None
         """The command before, if it was one of positions."""
         self._zeros = 0
@@ -78,7 +78,7 @@ class VelocityStream(Motion):
         self.waiting = "velocity mode is being entered"
         guide.closing_rad_s = CLOSING_RAD_S
         guide.place(feed.positions)
-        self._watch = ArmWatch(options.lag_s, feed.positions, now_s)
+        self._watch = TrackingMonitor(options.lag_s, feed.positions, now_s)
         self._watched = feed.feedbacks
         self._watched_s = now_s
         self._lost_since_s = math.inf

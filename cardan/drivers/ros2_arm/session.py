@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from cardan.bus.node import Received
 from cardan.drivers.datagram_robot import DatagramSession
 from cardan.drivers.limiters import JointLimiter
-from cardan.drivers.lost_time import SIMULATED_TIME, AgreedTime, LostTime
+from cardan.drivers.missed_cycles import SIMULATED_TIME, AgreedTime, SlipCompensation
 from cardan.drivers.robot_core import check_joints
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
 from cardan.protocols.ros2.cdr import Malformed, Message, Template, codec_of
@@ -166,7 +166,7 @@ class Ros2ArmSession(DatagramSession[JointStates]):
         """Sessions of the publishers so far."""
         self._bridged_s = max(BRIDGED_S, BRIDGED_PERIODS * options.period_s)
         self._limiter = None if self._limits is None else _limiter(self._limits, self._bridged_s)
-        self._lost = LostTime(n)
+        self._lost = SlipCompensation(n)
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
         """The positions asked for in the cycle before, and their speeds."""
         self._answered: tuple[int, int] | None = None

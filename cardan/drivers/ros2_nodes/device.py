@@ -8,7 +8,7 @@ from typing import Any, ClassVar, TypeVar
 
 from cardan.bus.node import BusNode, Presence, Publisher, WaitingSubscription
 from cardan.drivers.node_options import NodeOptions
-from cardan.drivers.reading import ReadDevice
+from cardan.drivers.reader_thread import ReadDevice
 from cardan.drivers.ros2_nodes.core import BusCore, JoyCore
 from cardan.drivers.ros2_nodes.options import JoyOptions
 from cardan.errors import DeviceNotFoundError

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from cardan.drivers.datagram_robot import DatagramSession
-from cardan.drivers.lost_time import LostTime
+from cardan.drivers.missed_cycles import SlipCompensation
 from cardan.drivers.robot_core import check_command, check_count, joint_values
 from cardan.drivers.sim_arm.options import SimArmOptions
 from cardan.errors import CommandError
@@ -75,7 +75,7 @@ class SimArmSession(DatagramSession[ArmState]):
             options.lost_after_s,
         )
         self._sequence = 0
-        self._lost = LostTime(n)
+        self._lost = SlipCompensation(n)
         self._asked: tuple[JointCommand, float] | None = None
         """The positions commanded last, and the agreed time of the state that they answered."""
 

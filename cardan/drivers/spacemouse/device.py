@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 from cardan.common.sockets import absence
 from cardan.drivers import base
 from cardan.drivers.access import is_path, obstacle, such
-from cardan.drivers.reading import ReadDevice
+from cardan.drivers.reader_thread import ReadDevice
 from cardan.drivers.simulated import OWN
 from cardan.drivers.spacemouse.core import SpaceMouseCore
 from cardan.drivers.spacemouse.options import SpaceMouseOptions

@@ -13,7 +13,7 @@ from typing import Any, ClassVar
 
 from cardan.common.sockets import UntrustedServerError, absence, connected, hang_up
 from cardan.drivers.base import FoundDevice
-from cardan.drivers.reading import ReadDevice
+from cardan.drivers.reader_thread import ReadDevice
 from cardan.drivers.simulated import OWN
 from cardan.drivers.spnav.core import SpnavCore
 from cardan.drivers.spnav.options import SpnavOptions

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY, Range
-from cardan.drivers.lost_time import SIMULATED_TIME, AgreedTime
+from cardan.drivers.missed_cycles import SIMULATED_TIME, AgreedTime
 from cardan.drivers.robot_core import outside
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.errors import shown

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any, Final
 
 from cardan.drivers.limiters import JointLimiter
-from cardan.drivers.lost_time import LostTime
+from cardan.drivers.missed_cycles import SlipCompensation
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.protocols.ur.program import JOINTS, Order
 from cardan.types import JointCommand, JointVelocityCommand, RobotCommand
@@ -24,7 +24,7 @@ class Motion:
         self.beat = beat
         """Of the command that was sent last."""
         self._limiter = JointLimiter(*options.limits, longest_period_s=options.watchdog_s)
-        self._lost = LostTime(JOINTS)
+        self._lost = SlipCompensation(JOINTS)
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
         self._answered_s: float | None = None
         """The time of the state that was answered last."""

@@ -22,8 +22,8 @@ from cardan.drivers.tcp_robot import Connection
 from cardan.drivers.ur_rtde.feed import IMPLAUSIBLE, Package, RtdeFeed
 from cardan.drivers.ur_rtde.motion import Motion
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
-from cardan.drivers.ur_rtde.starting import Starting
-from cardan.drivers.ur_rtde.words import (
+from cardan.drivers.ur_rtde.power_on import Starting
+from cardan.drivers.ur_rtde.status_text import (
     ENDS,
     REDUCED,
     again,

@@ -7,15 +7,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from cardan.gateway.arm.codes import Action, FrameCode, Parameter, State, Stream
     from cardan.gateway.arm.device import CartesianDevice, digital_output_gripper
     from cardan.gateway.arm.interface import CartesianArm
     from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Stat
     from cardan.gateway.arm.options import ControllerOptions
     from cardan.gateway.arm.verbs import ArmVerbs
+    from cardan.gateway.arm.vocab import Action, FrameCode, Parameter, State, Stream
 
 _HOMES = {
-    "codes": ("Action", "FrameCode", "Parameter", "State", "Stream"),
+    "vocab": ("Action", "FrameCode", "Parameter", "State", "Stream"),
     "device": ("CartesianDevice", "digital_output_gripper"),
     "interface": ("CartesianArm",),
     "motion": ("ControllerStatus", "Motion", "Outcome", "Stat"),

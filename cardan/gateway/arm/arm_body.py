@@ -17,8 +17,8 @@ from cardan.gateway.arm.body import (
     Body,
     FollowingError,
 )
-from cardan.gateway.arm.gate import GateLimits
 from cardan.gateway.arm.neighbours import NeighbourBodies
+from cardan.gateway.arm.output_check import OutputLimits
 from cardan.gateway.kinematics.base import FloatArray, Kinematics, short_way, to_pose
 from cardan.gateway.motion.reference import Reference
 from cardan.gateway.servo.choice import AnyServo
@@ -143,10 +143,10 @@ class ArmBody(Body):
         the servo gets: the robot's controller knows only that one."""
         self._sent_as = kinematics
 
-    def gate_limits(self, capabilities: RobotCapabilities) -> GateLimits:
+    def gate_limits(self, capabilities: RobotCapabilities) -> OutputLimits:
         """Limits of this body's commands: those of its joints, and its robot's for the TCP."""
         bounds = self.servo.kinematics
-        return GateLimits(
+        return OutputLimits(
             capabilities.linear_speed_m_s or FASTEST_TCP_M_S,
             math.inf,
             capabilities.angular_speed_rad_s or FASTEST_TCP_RAD_S,

@@ -2,7 +2,7 @@
 
 Whatever moves the arm (an operator device, a verb, a stream) is a source that asks; the controller
 decides. A tick goes through once: the robot's state is judged (:mod:`supervision`), the operator
-device's state becomes a request (:mod:`cardan.gateway.hand.source`), one activity moves the
+device's state becomes a request (:mod:`cardan.gateway.operator.input`), one activity moves the
 commanded arm, and the gate checks the command. Nothing here reads a clock, a socket or a file:
 time comes in with the states, so tests run it in virtual time.
 
@@ -20,13 +20,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Protocol
 
 from cardan.common.haptics import WorldMap
-from cardan.gateway.arm.activities.base import Activity
-from cardan.gateway.arm.activities.brake import Brake
-from cardan.gateway.arm.activities.hand import FollowHand
-from cardan.gateway.arm.activities.recover import NO_WAY, Recover
 from cardan.gateway.arm.authority import HAND, Authority
 from cardan.gateway.arm.body import Body, FollowingError
-from cardan.gateway.arm.gate import Gate, GateLimits
+from cardan.gateway.arm.motions.base import Activity
+from cardan.gateway.arm.motions.brake import Brake
+from cardan.gateway.arm.motions.hand import FollowHand
+from cardan.gateway.arm.motions.recover import NO_WAY, Recover
+from cardan.gateway.arm.output_check import OutputCheck, OutputLimits
 from cardan.gateway.arm.states import (
     RESTING,
     Act,
@@ -40,10 +40,10 @@ from cardan.gateway.arm.states import (
 )
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
 from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdogs, step_s
-from cardan.gateway.hand.arming import Arming
-from cardan.gateway.hand.position import resting_pose
-from cardan.gateway.hand.source import NO_REQUEST, HandRequest, HandSource, HandView
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.operator.arming import Arming
+from cardan.gateway.operator.input import NO_REQUEST, ArmView, MotionRequest, OperatorInput
+from cardan.gateway.operator.position import resting_pose
 from cardan.types import (
     NEVER_S,
     ZERO_TWIST,
@@ -72,7 +72,7 @@ HELD_SHARE = 0.5
 """Share of the asked speed below which the message says what holds the arm."""
 
 
-Witness = Callable[[int, str, str], None]
+RequestRecorder = Callable[[int, str, str], None]
 """Told of each request that is no operator device's: how many ticks had begun before it, its name,
 and its argument in words. Called in the thread that asks."""
 
@@ -98,11 +98,11 @@ class ArmController:
         body: Body,
         limits: ReferenceLimits,
         watchdogs: Watchdogs | None = None,
-        hand: HandSource | None = None,
+        hand: OperatorInput | None = None,
         authority: Authority | None = None,
         *,
         period_s: float = 0.0,
-        gate: GateLimits | None = None,
+        gate: OutputLimits | None = None,
     ) -> None:
         """`limits` are those of the operator's motion; `period_s` is the robot's; 0: unknown."""
         self.body = body
@@ -119,7 +119,7 @@ class ArmController:
         """Counts what voids plans: loss of the robot, trips, stops, the operator taking over."""
         self.listener: Listener | None = None
         """What begins activities beside the operator device."""
-        self.witness: Witness | None = None
+        self.witness: RequestRecorder | None = None
         """Who writes down what the ticks depend on beside their arguments."""
         self.ticks = 0
         """Counts the ticks that have begun."""
@@ -130,7 +130,7 @@ class ArmController:
         """Why the robot cannot be commanded now; empty when it can."""
         self.state = States()
         """What it is doing; assigned by `_enter` alone."""
-        self._gate = Gate(gate or GateLimits.of_free_body(limits))
+        self._gate = OutputCheck(gate or OutputLimits.of_free_body(limits))
         self.advanced_s = 0.0
         """Time by which the last tick advanced; lost time is not in it."""
         self._activity: Activity | None = None
@@ -216,7 +216,7 @@ class ArmController:
             if not self.state.arming.armed:
                 return self._what_to_do(self.robot)
             if self.recovering:
-                return "bringing the reference back to the robot; any button ends it"
+                return "resynchronizing with the robot; any button ends it"
             if self._request.following and self.hand is not None:
                 return self.hand.remark or self._held(self._request)
             return ""
@@ -251,7 +251,7 @@ class ArmController:
         return self.state.arming.armed and self._request.following
 
     @property
-    def target(self) -> HandRequest:
+    def target(self) -> MotionRequest:
         """The operator's newest request."""
         return self._request
 
@@ -392,7 +392,7 @@ class ArmController:
         if inhibited := self._inhibited:
             return inhibited
         if self.rejects:
-            return f"{self.supervision.distrust}: the reading is rejected"
+            return f"{self.supervision.distrust}: the measured position is implausible"
         if self.apart:
             return self._apart_reason
         if self.recovering:
@@ -584,7 +584,7 @@ class ArmController:
         self._on(Event.UNREADY, moving=moves)
         self.not_ready = reason
         if self.hand is not None and device is not None:
-            view = HandView(robot, dt_s, None, None, Arming.DISARMED, False, reason, void=True)
+            view = ArmView(robot, dt_s, None, None, Arming.DISARMED, False, reason, void=True)
             self._request = self.hand.request(device, events, view)
         self.authority.expire(robot.stamp_s, False)
         if moves:
@@ -668,7 +668,7 @@ class ArmController:
 
     def _read_operator(
         self,
-        hand: HandSource,
+        hand: OperatorInput,
         robot: RobotState,
         device: DeviceState,
         events: Sequence[ButtonEvent],
@@ -691,7 +691,7 @@ class ArmController:
         if hand.filters and not state.readings.rejected:
             # A robot may report joints alone, or another tool's pose: filters get the model's.
             seen = robot._replace(pose=self.body.measured(robot))
-        view = HandView(
+        view = ArmView(
             seen,
             dt_s,
             reference.pose,
@@ -763,7 +763,7 @@ class ArmController:
     def _require_act(self, why: str) -> None:
         """Leave command and robot apart until a deliberate act; `why` ends the sentence."""
         self._apart_reason = (
-            "the reference was not brought back to the robot: "
+            "not resynchronized with the robot: "
             f"{self.supervision.error.in_words('away from')} {why}"
         )
         self._on(Event.NOT_BACK)
@@ -858,7 +858,9 @@ class ArmController:
             if not (activity.near or self.apart or self.state.separation.left):
                 self._require_act("still")
                 if self.state.arming.armed:
-                    self._trip("the robot moves along while its reference is brought back to it")
+                    self._trip(
+                        "the robot moves along while the reference is resynchronized with it"
+                    )
         if self.listener is not None:
             self.listener.finished(reason)
 
@@ -887,7 +889,7 @@ class ArmController:
 
     # -- words -----------------------------------------------------------------------------------
 
-    def _held(self, request: HandRequest) -> str:
+    def _held(self, request: MotionRequest) -> str:
         """What keeps the arm from following the operator."""
         activity, reference = self._activity, self.reference
         if not request.asks or not isinstance(activity, FollowHand):
@@ -909,10 +911,10 @@ class ArmController:
         if robot.alarm or self._filter_fault:
             return robot.alarm or self._filter_fault
         if self.recovering:
-            return f"{why}bringing the reference back to the robot; any button ends it"
+            return f"{why}resynchronizing with the robot; any button ends it"
         act = "" if self.hand is None else f": {self.hand.act_words()} to go on"
         if self.rejects:
-            return f"{self.supervision.distrust}; the reading is rejected, the arm holds{act}"
+            return f"{self.supervision.distrust}; the measured position is implausible, the arm holds{act}"
         if self.apart:
             return (
                 f"{why}{self._apart_reason}: check what holds the arm and whether it is measured "

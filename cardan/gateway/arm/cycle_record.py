@@ -1,7 +1,7 @@
 """What went into a cycle of the control loop and what came out of it, as one line of JSON.
 
 Numbers are written as Python's ``repr`` has them, which reads back to the same bits: a recorded
-session can be held against a controller bit for bit (:mod:`cardan.recording.engine`). The
+session can be held against a controller bit for bit (:mod:`cardan.recording.verify`). The
 controller reads no clock: all times that it saw are in the states.
 """
 

@@ -8,19 +8,19 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from cardan.common.forks import give_up_in_children
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.drivers.foreign import RobotCalls, close_in_order
 from cardan.errors import CommandError
-from cardan.gateway.arm.codes import Action
-from cardan.gateway.arm.desk import VerbDesk
 from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.arm.link import NOT_OPEN, LoopLink
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.verb_server import VerbDesk
 from cardan.gateway.arm.verbs import ArmVerbs
-from cardan.gateway.hand.mapping import MappingOptions
+from cardan.gateway.arm.vocab import Action
 from cardan.gateway.kinematics.collision import Obstacle
+from cardan.gateway.operator.mapping import MappingOptions
 from cardan.robots import ArmModel, BodyShape, load_arm
 
 START_TIMEOUT_S = 5.0

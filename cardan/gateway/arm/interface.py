@@ -6,13 +6,13 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from cardan.common.openable import Openable
+from cardan.common.context import Openable
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.authority import VERBS
-from cardan.gateway.arm.checks import Target
-from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.motion import ControllerStatus, Motion, Rehearsal, Stat
 from cardan.gateway.arm.parameters import Key, Value
+from cardan.gateway.arm.validation import Target
+from cardan.gateway.arm.vocab import Action
 
 
 class CartesianArm(Openable):

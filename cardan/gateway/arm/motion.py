@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.authority import VERBS, AuthorityState
-from cardan.gateway.arm.checks import Six
-from cardan.gateway.arm.codes import State, Stream
+from cardan.gateway.arm.validation import Six
+from cardan.gateway.arm.vocab import State, Stream
 from cardan.gateway.servo.status import ServoStatus
 
 

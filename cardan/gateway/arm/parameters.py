@@ -20,7 +20,7 @@ from cardan.common.bounds import (
     Range,
 )
 from cardan.errors import ConfigurationError, OptionError
-from cardan.gateway.arm.codes import (
+from cardan.gateway.arm.vocab import (
     FrameCode,
     Parameter,
     PolicyCode,

@@ -19,7 +19,7 @@ from cardan.errors import (
     MotionRefusedError,
     OutOfReachError,
 )
-from cardan.gateway.arm.checks import Workspace, check_workspace
+from cardan.gateway.arm.validation import Workspace, check_workspace
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, to_se3
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle

@@ -8,20 +8,20 @@ from typing import Literal, NamedTuple
 
 from cardan.common.arm_libraries import np
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.activities.base import Activity, Deceleration
-from cardan.gateway.arm.activities.joint_path import FollowJoints, Standing
-from cardan.gateway.arm.activities.line import FollowLine
-from cardan.gateway.arm.activities.path import TOLERANCE_RAD
-from cardan.gateway.arm.activities.torque import TorqueMotion
-from cardan.gateway.arm.activities.trajectory import FollowTrajectory
-from cardan.gateway.arm.activities.twist import FollowTwist
 from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
 from cardan.gateway.arm.arrival import Arrival
-from cardan.gateway.arm.checks import check_workspace
-from cardan.gateway.arm.codes import FrameCode, Parameter, ProfileCode, State
 from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.motions.base import Activity, Deceleration
+from cardan.gateway.arm.motions.joint_path import FollowJoints, Standing
+from cardan.gateway.arm.motions.line import FollowLine
+from cardan.gateway.arm.motions.path import TOLERANCE_RAD
+from cardan.gateway.arm.motions.torque import TorqueMotion
+from cardan.gateway.arm.motions.trajectory import FollowTrajectory
+from cardan.gateway.arm.motions.twist import FollowTwist
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.planner import MOST_SAMPLES, Planner
+from cardan.gateway.arm.validation import check_workspace
+from cardan.gateway.arm.vocab import FrameCode, Parameter, ProfileCode, State
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, short_way, to_pose
 from cardan.gateway.motion.joint_trajectory import SHORTEST_STEP_S, JointTrajectory

@@ -21,9 +21,8 @@ from cardan import errors
 from cardan.common.value_json import to_json
 from cardan.errors import CardanError
 from cardan.gateway.arm.authority import AuthorityState
-from cardan.gateway.arm.checks import brief, checked_sequence, checked_source
-from cardan.gateway.arm.codes import Begins, State, Stream
 from cardan.gateway.arm.motion import ControllerStatus, Motion, Outcome, Rehearsal, Stat
+from cardan.gateway.arm.validation import brief, checked_sequence, checked_source
 from cardan.gateway.arm.verb_table import (
     IN_PACKETS,
     LARGEST_INTEGER,
@@ -33,6 +32,7 @@ from cardan.gateway.arm.verb_table import (
     number as checked_number,
     refuse,
 )
+from cardan.gateway.arm.vocab import Begins, State, Stream
 from cardan.gateway.servo.status import ServoStatus
 from cardan.types import Frame, Twist, Vector3, Wrench
 

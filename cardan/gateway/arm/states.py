@@ -1,7 +1,7 @@
 """What an arm is doing: a few small machines, each an enum and one function that says the next
 state.
 
-That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.hand.arming`. The
+That of the operator device, its dead-man and clutch is :mod:`cardan.gateway.operator.arming`. The
 machines are independent: each looks at its own state, at what happened (an :class:`Event`), and
 at a few :class:`Facts`. The controller asks them and does what follows from the answer; it assigns
 states in one place, `ArmController._enter`. What a state carries (reasons, the activity that moves
@@ -20,8 +20,8 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from cardan.gateway.arm.status import Phase
-from cardan.gateway.hand.arming import Arming
-from cardan.gateway.hand.source import HandRequest
+from cardan.gateway.operator.arming import Arming
+from cardan.gateway.operator.input import MotionRequest
 
 
 class Link(enum.Enum):
@@ -267,7 +267,7 @@ def inhibits_after(
 
 
 def arming_after(
-    arming: Arming, request: HandRequest, acknowledges: bool, owns: bool, refused: bool
+    arming: Arming, request: MotionRequest, acknowledges: bool, owns: bool, refused: bool
 ) -> tuple[Arming, Act | None]:
     """What the operator's request makes of `arming`, and what follows; None: nothing.
 

@@ -12,15 +12,18 @@ from typing import Any
 
 from cardan.common.arm_libraries import np
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.activities.base import Activity
-from cardan.gateway.arm.activities.joint_stream import FollowJointStream
-from cardan.gateway.arm.activities.pose_stream import FollowPoseStream
-from cardan.gateway.arm.activities.torque import TorqueMotion
-from cardan.gateway.arm.activities.twist_stream import FollowTwistStream
 from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.backlog import Delays
-from cardan.gateway.arm.checks import (
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.motions.base import Activity
+from cardan.gateway.arm.motions.joint_stream import FollowJointStream
+from cardan.gateway.arm.motions.pose_stream import FollowPoseStream
+from cardan.gateway.arm.motions.torque import TorqueMotion
+from cardan.gateway.arm.motions.twist_stream import FollowTwistStream
+from cardan.gateway.arm.plans import Plans
+from cardan.gateway.arm.replay_requests import Sender, argument_text
+from cardan.gateway.arm.validation import (
     LONGEST_NAME,
     FramedPose,
     Target,
@@ -31,10 +34,7 @@ from cardan.gateway.arm.checks import (
     joint_numbers,
     six_numbers,
 )
-from cardan.gateway.arm.codes import Parameter, State, Stream, vocab_text
-from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.plans import Plans
-from cardan.gateway.arm.repeating import Sender, argument_text
+from cardan.gateway.arm.vocab import Parameter, State, Stream, vocab_text
 from cardan.gateway.kinematics.base import FloatArray
 from cardan.spatial import (
     add,

@@ -3,7 +3,7 @@
 Once a tick, before any request, `look` judges what the robot reports: whether a command acts,
 whether the robot is where it was, whether it follows. The result is one :class:`Finding`, the
 gravest; the controller acts on it in one place. The operator device is judged by its own source
-(:mod:`cardan.gateway.hand.source`), the streams by their silence limit. All by local monotonic
+(:mod:`cardan.gateway.operator.input`), the streams by their silence limit. All by local monotonic
 time.
 """
 
@@ -16,8 +16,8 @@ from typing import Annotated, NamedTuple
 
 from cardan.common import bounds
 from cardan.common.options import CODE_ONLY, Options
-from cardan.gateway.arm.activities.base import Activity
 from cardan.gateway.arm.body import Body, FollowingError
+from cardan.gateway.arm.motions.base import Activity
 from cardan.gateway.motion.reference import Reference
 from cardan.types import NEVER_S, RobotLink, RobotState
 

@@ -1,7 +1,8 @@
 """The verbs of the Cartesian interface in one table: what each takes and answers, and how it acts.
 
-The packets of :mod:`cardan.gateway.arm.requests`, :class:`~cardan.gateway.arm.desk.VerbDesk`, the
-worker of a session, ROS 2 and the command line read it. A new verb is an entry here, a method of
+The packets of :mod:`cardan.gateway.arm.requests`,
+:class:`~cardan.gateway.arm.verb_server.VerbDesk`, the worker of a session, ROS 2 and the command
+line read it. A new verb is an entry here, a method of
 :class:`~cardan.gateway.arm.verbs.ArmVerbs`, and for programs its typed form in
 :class:`~cardan.gateway.arm.interface.CartesianArm`.
 """
@@ -13,7 +14,8 @@ from typing import Any, NamedTuple, NoReturn
 
 from cardan.errors import ConfigurationError, MotionRefusedError
 from cardan.gateway.arm import parameters as prm
-from cardan.gateway.arm.checks import (
+from cardan.gateway.arm.motion import ControllerStatus, Motion, Rehearsal, Stat
+from cardan.gateway.arm.validation import (
     LARGEST_SEQUENCE,
     brief,
     checked_action,
@@ -24,8 +26,7 @@ from cardan.gateway.arm.checks import (
     joint_numbers,
     six_numbers,
 )
-from cardan.gateway.arm.codes import Stream
-from cardan.gateway.arm.motion import ControllerStatus, Motion, Rehearsal, Stat
+from cardan.gateway.arm.vocab import Stream
 from cardan.types import Frame, Pose, Quaternion, Vector3
 
 MAX_NUMBERS = 32

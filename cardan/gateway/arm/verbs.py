@@ -14,11 +14,24 @@ from dataclasses import replace
 from cardan.common.arm_libraries import np
 from cardan.errors import CardanError, ConfigurationError, MotionRefusedError
 from cardan.gateway.arm import parameters as prm
-from cardan.gateway.arm.activities.torque import TorqueMotion
-from cardan.gateway.arm.activities.trajectory import FollowTrajectory
 from cardan.gateway.arm.arm_body import PREFERRED, ArmBody
 from cardan.gateway.arm.authority import VERBS, Authority
-from cardan.gateway.arm.checks import (
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.motion import (
+    ControllerStatus,
+    Motion,
+    Outcome,
+    Rehearsal,
+    Stat,
+)
+from cardan.gateway.arm.motions.torque import TorqueMotion
+from cardan.gateway.arm.motions.trajectory import FollowTrajectory
+from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.planner import Planner
+from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
+from cardan.gateway.arm.replay_requests import Sender, argument_text
+from cardan.gateway.arm.streams import Streams
+from cardan.gateway.arm.validation import (
     FramedPose,
     Target,
     check_workspace,
@@ -30,7 +43,8 @@ from cardan.gateway.arm.checks import (
     six_numbers,
     six_of,
 )
-from cardan.gateway.arm.codes import (
+from cardan.gateway.arm.verb_table import preset_of
+from cardan.gateway.arm.vocab import (
     Action,
     Begins,
     Parameter,
@@ -39,26 +53,12 @@ from cardan.gateway.arm.codes import (
     Stream,
     vocab_text,
 )
-from cardan.gateway.arm.controller import ArmController
-from cardan.gateway.arm.motion import (
-    ControllerStatus,
-    Motion,
-    Outcome,
-    Rehearsal,
-    Stat,
-)
-from cardan.gateway.arm.options import ControllerOptions
-from cardan.gateway.arm.planner import Planner
-from cardan.gateway.arm.plans import Plan, Plans, kinds_in_words
-from cardan.gateway.arm.repeating import Sender, argument_text
-from cardan.gateway.arm.streams import Streams
-from cardan.gateway.arm.verb_table import preset_of
-from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
-from cardan.gateway.hand.source import HandSource
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, to_pose
 from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
 from cardan.gateway.motion.joint_trajectory import JointTrajectory
+from cardan.gateway.operator.input import OperatorInput
+from cardan.gateway.operator.mapping import MappingOptions, TwistMapping
 from cardan.gateway.servo.choice import choose_servo
 from cardan.gateway.servo.options import Policy
 from cardan.robots import ArmModel, BodyShape
@@ -187,7 +187,7 @@ class ArmVerbs:
         age_s = options.watchdogs.device_age_s
         hand = None
         if mapping is not None:
-            hand = HandSource(TwistMapping(mapping), limits, (), age_s)
+            hand = OperatorInput(TwistMapping(mapping), limits, (), age_s)
         controller = ArmController(
             body,
             limits,

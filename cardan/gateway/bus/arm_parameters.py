@@ -18,9 +18,9 @@ from typing import Any, NamedTuple
 from cardan.bus.node import BusNode, ServiceRequest
 from cardan.common.bounds import Range
 from cardan.errors import CardanError
-from cardan.gateway.arm.codes import FrameCode, Parameter, PolicyCode, ProfileCode, Stream
 from cardan.gateway.arm.parameters import find_rule
 from cardan.gateway.arm.requests import MotionNote, PacketError, Request
+from cardan.gateway.arm.vocab import FrameCode, Parameter, PolicyCode, ProfileCode, Stream
 from cardan.gateway.bus.serving import CommandServer
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 from cardan.protocols.ros2.parameters import (

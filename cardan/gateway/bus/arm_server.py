@@ -18,7 +18,6 @@ from typing import Any, NamedTuple
 from cardan.bus.node import BusNode, Received, ServiceRequest
 from cardan.errors import CardanError, MotionRefusedError
 from cardan.gateway.arm.backlog import PROVEN_S, STREAMED_S, Delays, late_words
-from cardan.gateway.arm.codes import Begins, vocab_text
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.requests import (
     MotionNote,
@@ -30,10 +29,10 @@ from cardan.gateway.arm.requests import (
     encode_reply,
 )
 from cardan.gateway.arm.verb_table import CHANGING, ENDLESS, SEQUENCED, preset_of
+from cardan.gateway.arm.vocab import Begins, vocab_text
 from cardan.gateway.bus.actions import Ahead, ArmAction
 from cardan.gateway.bus.arm_parameters import ArmParameters
 from cardan.gateway.bus.arm_topics import OK, WARN, Part
-from cardan.gateway.bus.askers import UNKNOWN, Askers, Presence
 from cardan.gateway.bus.commands import (
     ACTIONS,
     ASK_SERVICE,
@@ -48,6 +47,7 @@ from cardan.gateway.bus.commands import (
     ServiceCommand,
     TopicCommand,
 )
+from cardan.gateway.bus.liveliness import UNKNOWN, Askers, Presence
 from cardan.gateway.bus.serving import Results, key_end
 from cardan.gateway.bus.sources import STREAM_KEPT_S, Source, Sources, Unnamed
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from cardan.bus.node import BusNode, Publisher
-from cardan.gateway.arm.codes import State, Stream
 from cardan.gateway.arm.status import ArmStatus
+from cardan.gateway.arm.vocab import State, Stream
 from cardan.protocols.ros2.cdr import Message, Template, codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.zenoh import LATCHED_QOS, ROSOUT_QOS

@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from cardan.errors import CardanError, MotionRefusedError
-from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.motion import Stat
 from cardan.gateway.arm.verb_table import POSE, TWIST, VERB_TABLE, WRENCH, Takes, Verb
+from cardan.gateway.arm.vocab import Action
 from cardan.protocols.ros2.cdr import Message
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.refusals import refusal

@@ -9,7 +9,7 @@ from cardan.bus.options import BusOptions
 from cardan.common.bounds import ANGULAR_SPEED_RAD_S, LINEAR_SPEED_M_S, Range
 from cardan.errors import OptionError
 from cardan.gateway.arm.authority import HAND
-from cardan.gateway.bus.other_names import NamesOf, ServoScales
+from cardan.gateway.bus.compatibility import NamesOf, ServoScales
 from cardan.protocols.ros2.names import RosNameError, checked_name
 
 DEFAULT_NAME = "cartesian_control_server_ros2"

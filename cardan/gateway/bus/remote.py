@@ -12,7 +12,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.sockets import is_loopback
 from cardan.errors import CardanError, DriverError, MotionLoopError, OptionError
-from cardan.gateway.arm.packet_arm import ANSWER_TIMEOUT_S, PacketArm
+from cardan.gateway.arm.remote_arm import ANSWER_TIMEOUT_S, RemotePacketArm
 from cardan.gateway.arm.requests import PacketError, Reply, Request, decode_answer
 from cardan.gateway.bus.commands import ASK_SERVICE, ASK_TYPE, MOTIONS_TOPIC, MOTIONS_TYPE
 from cardan.gateway.bus.options import DEFAULT_NAME
@@ -63,7 +63,7 @@ def options_for(endpoint: str, options: BusOptions | None) -> BusOptions:
     return BusOptions(router=endpoint, mode="peer" if here else "client")
 
 
-class RemoteCartesianDevice(PacketArm):
+class RemoteCartesianDevice(RemotePacketArm):
     """An arm that a session shows on the network (``[network]``), with the verbs and the semantics
     of CartesianDevice.
 

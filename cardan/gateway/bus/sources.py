@@ -12,8 +12,8 @@ from collections.abc import Callable, Hashable
 
 from cardan.bus.node import LEASE_MS, Received, ServiceRequest
 from cardan.common.bounds import LONGEST_BLIND_S
-from cardan.gateway.arm.checks import LONGEST_NAME
-from cardan.gateway.bus.askers import Askers, Identity
+from cardan.gateway.arm.validation import LONGEST_NAME
+from cardan.gateway.bus.liveliness import Askers, Identity
 from cardan.types import NEVER_S
 
 STREAM_KEPT_S = LONGEST_BLIND_S

@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 from cardan.common.tables import keys_of, plain, read_table
 from cardan.drivers import registry
 from cardan.drivers.registry import DriverTable
-from cardan.gateway.daemon.layout import FaceEntry
+from cardan.gateway.daemon.config import FaceEntry
 from cardan.gateway.session.config import SessionConfig
 
 REMOVED: Final = "removed"

@@ -14,7 +14,7 @@ from typing import Any, Final
 from cardan.common.sockets import UntrustedServerError, absence, connected, hang_up, runtime_path
 from cardan.errors import AddressError, CardanError, DriverError, MotionLoopError
 from cardan.gateway.arm.authority import VERBS
-from cardan.gateway.arm.packet_arm import PacketArm
+from cardan.gateway.arm.remote_arm import RemotePacketArm
 from cardan.gateway.arm.requests import Request, decode_answer, encode_error
 from cardan.gateway.daemon.control import (
     Ask,
@@ -125,7 +125,7 @@ class ControlClient:
             yield told
 
 
-class DaemonArm(PacketArm):
+class DaemonArm(RemotePacketArm):
     """An arm that the daemon runs, and its verbs.
 
     ::

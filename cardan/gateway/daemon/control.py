@@ -11,7 +11,7 @@ import json
 from typing import Any, Final, NamedTuple
 
 from cardan.errors import CardanError, shown
-from cardan.gateway.faces.tokens import Role
+from cardan.gateway.servers.tokens import Role
 
 MAX_LINE_BYTES: Final = 64 * 1024
 """Longest line of a request: one of a verb has 4 kB. Answers may be longer."""

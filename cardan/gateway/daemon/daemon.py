@@ -21,7 +21,7 @@ from typing import Any, Final, NamedTuple
 from cardan import __version__
 from cardan.common.inbox import Inbox, InboxEmptyError
 from cardan.common.logs import fields
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.common.sockets import make_runtime_folder, runtime_path
 from cardan.errors import CardanError, ConfigurationError
 from cardan.gateway.arm.backlog import STREAMED_S
@@ -37,20 +37,20 @@ from cardan.gateway.daemon.changes import (
     of_faces,
     of_session,
 )
+from cardan.gateway.daemon.config import FaceEntry, Layout, SessionEntry, sharers
 from cardan.gateway.daemon.control import Ask, ControlError, Told
+from cardan.gateway.daemon.device_sharing import Order, Seen, SharedDevice
 from cardan.gateway.daemon.events import Event, EventLog, default_event_log
-from cardan.gateway.daemon.keeping import Ended, Unit, UnitState
-from cardan.gateway.daemon.kept import Kept, KeptFace, KeptSession, Line
-from cardan.gateway.daemon.layout import FaceEntry, Layout, SessionEntry, sharers
-from cardan.gateway.daemon.lending import Order, Seen, SharedDevice
 from cardan.gateway.daemon.notify import Notifier
 from cardan.gateway.daemon.processes import (
     ENDS_WITHIN_S,
     RunningSession,
 )
+from cardan.gateway.daemon.restart_policy import Ended, Unit, UnitState
 from cardan.gateway.daemon.server import Connection, ControlServer
-from cardan.gateway.faces.tokens import Role
-from cardan.gateway.session.lending import GIVE, TAKE
+from cardan.gateway.daemon.services import Kept, KeptFace, Line, SessionService
+from cardan.gateway.servers.tokens import Role
+from cardan.gateway.session.device_sharing import GIVE, TAKE
 from cardan.types import NEVER_S
 
 POLL_S: Final = 0.1
@@ -132,14 +132,14 @@ class Daemon:
         self._shared: dict[str, SharedDevice] = {}
         """The devices that several sessions share, by name."""
         for name, session in layout.sessions.items():
-            self._keep(KeptSession(name, session, layout.daemon.start_limit), session.start)
+            self._keep(SessionService(name, session, layout.daemon.start_limit), session.start)
         for name, face in layout.faces.items():
             self._keep(KeptFace(name, face, layout.daemon.start_limit), face.start)
         self._share()
 
     def _keep(self, kept: Kept, start: bool) -> None:
         self._kept[kept.name] = kept
-        if isinstance(kept, KeptSession):
+        if isinstance(kept, SessionService):
             name = kept.name
             kept.answered = lambda packet: self._answered(name, packet)
             kept.gone = lambda reason: self._session_gone(name, reason)
@@ -154,7 +154,7 @@ class Daemon:
         entries = {}
         for name in (*self.layout.sessions, *self._kept):
             kept = self._kept[name]
-            if isinstance(kept, KeptSession) and (kept.process or name in self.layout.sessions):
+            if isinstance(kept, SessionService) and (kept.process or name in self.layout.sessions):
                 entries[name] = kept.entry
         for device, names in sharers(entries).items():
             shared = before.get(device)
@@ -276,7 +276,7 @@ class Daemon:
 
     def _find_events_of(self, kept: Kept, time_s: float) -> None:
         unit = kept.unit
-        if isinstance(kept, KeptSession) and kept.last is not None:
+        if isinstance(kept, SessionService) and kept.last is not None:
             for event in kept.watch.take(kept.last, time_s):
                 self._happened(event)
             kept.watch.forget()
@@ -284,7 +284,7 @@ class Daemon:
         if unit.state is not kept.shown_state:
             kept.shown_state = unit.state
             self._happened(Event(time_s, kept.name, unit.state.value, kept.kind, unit.reason))
-        if isinstance(kept, KeptSession) and kept.process is not None:
+        if isinstance(kept, SessionService) and kept.process is not None:
             for event in kept.watch.take(kept.snapshot, time_s):
                 self._happened(event)
 
@@ -305,7 +305,7 @@ class Daemon:
     def _look_after(self, now_s: float) -> None:
         for kept in list(self._kept.values()):
             unit = kept.unit
-            if isinstance(kept, KeptSession) and kept.changes_wait and not kept.engaged:
+            if isinstance(kept, SessionService) and kept.changes_wait and not kept.engaged:
                 self._renew(kept, now_s)
             if unit.is_ending and kept.process is not None:
                 kept.process.stop()
@@ -315,7 +315,7 @@ class Daemon:
                     self._find_events_of(kept, time.time())
                 self._begin(kept, now_s)
 
-    def _renew(self, kept: KeptSession, now_s: float) -> None:
+    def _renew(self, kept: SessionService, now_s: float) -> None:
         """Nobody has its arm: what has changed takes effect."""
         if kept.unit.state is UnitState.RUNNING:
             if REMOVED in kept.changes_wait:
@@ -343,7 +343,7 @@ class Daemon:
 
     def _seen(self, name: str) -> Seen:
         kept = self._kept[name]
-        assert isinstance(kept, KeptSession)
+        assert isinstance(kept, SessionService)
         s = kept.snapshot
         return Seen(
             kept.unit.wanted,
@@ -389,9 +389,9 @@ class Daemon:
     def _names(self) -> str:
         return f"there are: {', '.join(self._kept)}"
 
-    def _session(self, ask: Ask) -> KeptSession:
+    def _session(self, ask: Ask) -> SessionService:
         kept = self._named(ask)[0]
-        if not isinstance(kept, KeptSession):
+        if not isinstance(kept, SessionService):
             raise ControlError(f"{ask.name} is a face, which has no arm", ask.id)
         return kept
 
@@ -625,7 +625,7 @@ class Daemon:
             note = {**route.note, "outcome": Outcome.ABORTED.value, "reason": why}
             route.connection.tell(Told(route.ask, "event", {"motion": note}))
         kept = self._kept[name]
-        assert isinstance(kept, KeptSession)
+        assert isinstance(kept, SessionService)
         if REMOVED in kept.changes_wait:
             _remove(kept)
         kept.entry, kept.changes_wait = self.layout.sessions.get(name, kept.entry), ()
@@ -690,7 +690,7 @@ class Daemon:
             raise ConfigurationError(
                 "daemon", "its own options are read at its start: restart the daemon for them"
             )
-        for entries, kind in ((layout.sessions, KeptSession), (layout.faces, KeptFace)):
+        for entries, kind in ((layout.sessions, SessionService), (layout.faces, KeptFace)):
             for name in entries:
                 kept = self._kept.get(name)
                 if kept is not None and kept.process is not None and not isinstance(kept, kind):
@@ -702,11 +702,11 @@ class Daemon:
         """Of the sessions: those that run are compared by what they run with."""
         for name in self.layout.sessions.keys() - layout.sessions.keys():
             kept = self._kept[name]
-            assert isinstance(kept, KeptSession)
+            assert isinstance(kept, SessionService)
             yield Change(name, "", REMOVED, waits=UNTIL_FREE if kept.engaged else "")
         for name, entry in layout.sessions.items():
             session = self._kept.get(name)
-            if not isinstance(session, KeptSession) or (
+            if not isinstance(session, SessionService) or (
                 name not in self.layout.sessions and not session.changes_wait
             ):
                 yield Change(name, "", "added")
@@ -722,7 +722,7 @@ class Daemon:
             _remove(self._kept[name])
         for name in before.sessions.keys() - layout.sessions.keys():
             kept = self._kept[name]
-            assert isinstance(kept, KeptSession)
+            assert isinstance(kept, SessionService)
             if kept.process is None:
                 _remove(kept)
             else:
@@ -738,8 +738,8 @@ class Daemon:
         self, name: str, entry: SessionEntry, keys: Sequence[str], is_new: bool, now_s: float
     ) -> None:
         kept = self._kept.get(name)
-        if not isinstance(kept, KeptSession):
-            self._keep(KeptSession(name, entry, self.layout.daemon.start_limit), entry.start)
+        if not isinstance(kept, SessionService):
+            self._keep(SessionService(name, entry, self.layout.daemon.start_limit), entry.start)
             return
         kept.changes_wait = () if kept.process is None else tuple(keys)
         if not kept.changes_wait:

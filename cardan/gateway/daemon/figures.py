@@ -20,8 +20,8 @@ from prometheus_client.core import (
 
 from cardan.gateway.arm.authority import HAND, VERBS
 from cardan.gateway.arm.status import LIMITS, Phase
-from cardan.gateway.daemon.keeping import UnitState
-from cardan.gateway.faces.telling import ROUND_TRIP
+from cardan.gateway.daemon.restart_policy import UnitState
+from cardan.gateway.servers.stats import ROUND_TRIP
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
 
 LIVE: Final = "live"

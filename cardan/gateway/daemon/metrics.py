@@ -20,8 +20,8 @@ from cardan.common.extras import missing_extra
 from cardan.common.options import Options
 from cardan.errors import CardanError
 from cardan.gateway.daemon.client import ControlClient
-from cardan.gateway.faces.base import Face, Ready
-from cardan.gateway.faces.web import Answer, Front, FrontOptions, serve_until
+from cardan.gateway.servers.base import Face, Ready
+from cardan.gateway.servers.web import Answer, Front, FrontOptions, serve_until
 
 PORT: Final = 9464
 """Where Prometheus looks for the figures of programs that have no port of their own."""

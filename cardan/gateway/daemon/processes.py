@@ -17,11 +17,11 @@ from collections.abc import Callable, Sequence
 from typing import Final
 
 from cardan.common.logs import FORMAT_VARIABLE, LEVEL_VARIABLE, LogFormat, level_of
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.gateway.arm.requests import is_answer
 from cardan.gateway.daemon.client import SOCKET_VARIABLE
-from cardan.gateway.daemon.keeping import Ended
-from cardan.gateway.faces.telling import TELLS_VARIABLE, told
+from cardan.gateway.daemon.restart_policy import Ended
+from cardan.gateway.servers.stats import TELLS_VARIABLE, told
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.session import (
     EXIT_CANNOT_OPEN,
@@ -157,7 +157,7 @@ class RunningFace(Process):
         self._stopping = False
         self._last = ""
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "cardan.gateway.session.leashed", "", "face", *words],
+            [sys.executable, "-m", "cardan.gateway.session.parent_death", "", "face", *words],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -14,7 +14,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any, Final
 
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.common.sockets import OWNER_ONLY, Advice, UnixSocket, user_of
 from cardan.errors import AddressError, ConfigurationError
 from cardan.gateway.arm.backlog import BACKLOGGED, Backlog
@@ -27,7 +27,7 @@ from cardan.gateway.daemon.control import (
     encode_told,
     refusal,
 )
-from cardan.gateway.faces.tokens import Role
+from cardan.gateway.servers.tokens import Role
 from cardan.types import NEVER_S
 
 GROUP_TOO: Final = 0o660

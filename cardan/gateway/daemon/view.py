@@ -17,8 +17,8 @@ from rich.cells import cell_len, set_cell_size
 from rich.console import Console
 from rich.text import Text
 
-from cardan.common.printable import printable
-from cardan.gateway.session.panel import LivePanel
+from cardan.common.text_sanitizer import printable
+from cardan.gateway.session.live_display import LivePanel
 
 COLUMNS: Final = ("name", "state", "for", "arm", "moved by", "device", "robot", "cpu")
 RIGHT: Final = frozenset({"for", "cpu"})

@@ -14,12 +14,12 @@ from typing import Any
 from cardan.common.haptics import HapticCommand, MeasuredForce, WorldMap
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import DriverError
-from cardan.gateway.force.enabling import ForceEnabling
+from cardan.gateway.force.crossfade import MapGlide
 from cardan.gateway.force.figures import FeltFigures
 from cardan.gateway.force.fixtures import FixtureSet, world_point
-from cardan.gateway.force.glide import MapGlide
-from cardan.gateway.force.guard import ForceGuard
 from cardan.gateway.force.input import ForceInput, MeasuredTcp
+from cardan.gateway.force.servo_on import ForceEnabling
+from cardan.gateway.force.watchdog import ForceGuard
 from cardan.types import NEVER_S, DeviceState, Pose, RobotState
 
 LOOK_PERIOD_S = 0.01

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Annotated, NamedTuple
 
 from cardan.common import bounds
+from cardan.common.context import Openable
 from cardan.common.haptics import WorldMap
-from cardan.common.openable import Openable
 from cardan.common.options import Options
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import DriverError

@@ -28,8 +28,8 @@ from cardan.errors import (
 )
 from cardan.gateway.arm.authority import Authority
 from cardan.gateway.arm.body import Body, FreeBody
-from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.vocab import Action
 from cardan.gateway.force.conditioning import Conditioner
 from cardan.gateway.force.fixtures import FixtureSet
 from cardan.gateway.force.input import ForceInput
@@ -53,11 +53,11 @@ from cardan.gateway.force.tables import (
     SensorForceTable,
     StiffFixtureTable,
 )
-from cardan.gateway.hand.filters import registry as filter_registry
-from cardan.gateway.hand.filters.base import TwistFilter
-from cardan.gateway.hand.mapping import AXES, GripperOptions, MappingOptions, Mode, TwistMapping
-from cardan.gateway.hand.position import mirrors, unfollowed
-from cardan.gateway.hand.source import HandSource
+from cardan.gateway.operator.filters import registry as filter_registry
+from cardan.gateway.operator.filters.base import TwistFilter
+from cardan.gateway.operator.input import OperatorInput
+from cardan.gateway.operator.mapping import AXES, GripperOptions, MappingOptions, Mode, TwistMapping
+from cardan.gateway.operator.position import mirrors, unfollowed
 from cardan.gateway.servo.kernel_layout import MAX_PAIRS, MAX_SHAPES
 from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.servo.status import SINGULAR
@@ -264,7 +264,7 @@ def make_controller(config: SessionConfig, robot: RobotDriver) -> ArmController:
     hand = None
     if config.device is not None:
         mapping = TwistMapping(config.mapping, config.gripper)
-        hand = HandSource(mapping, limits, make_filters(config), watchdogs.device_age_s)
+        hand = OperatorInput(mapping, limits, make_filters(config), watchdogs.device_age_s)
     return ArmController(
         body,
         limits,
@@ -368,7 +368,7 @@ def make_network(
         return None
     from cardan.gateway.bus.arm_topics import ArmNames
     from cardan.gateway.session.network import SessionNetwork
-    from cardan.gateway.session.surroundings import surroundings
+    from cardan.gateway.session.scene import surroundings
 
     joints = tuple(f"joint_{number}" for number in range(1, robot.capabilities.joints + 1))
     description, tool = "", IDENTITY_POSE

@@ -29,10 +29,10 @@ from cardan.gateway.force.tables import (
     Place,
     RemoteForceTable,
 )
-from cardan.gateway.hand.feedback import FeedbackOptions
-from cardan.gateway.hand.filters.registry import FilterTable
-from cardan.gateway.hand.mapping import GripperAction, GripperOptions, MappingOptions, Mode
 from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.feedback import FeedbackOptions
+from cardan.gateway.operator.filters.registry import FilterTable
+from cardan.gateway.operator.mapping import GripperAction, GripperOptions, MappingOptions, Mode
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.robots import SolidTable
 from cardan.spatial import from_euler_zyx

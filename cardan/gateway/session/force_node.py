@@ -14,10 +14,10 @@ import socket
 import threading
 import time
 
-from cardan.common.printable import printable
 from cardan.common.realtime import ask_for_real_time
 from cardan.common.serving import interruptible
 from cardan.common.sockets import absence, connected
+from cardan.common.text_sanitizer import printable
 from cardan.errors import AddressError, DriverError
 from cardan.gateway.force.fixtures import FixtureSet, fixture_force
 from cardan.gateway.force.link import (

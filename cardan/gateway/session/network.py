@@ -35,11 +35,11 @@ from cardan.gateway.bus.commands import (
     joint_command,
     stat_command,
 )
+from cardan.gateway.bus.compatibility import NamesTopics, Shown, other_names, same_topics
 from cardan.gateway.bus.device_topics import DeviceTopics
 from cardan.gateway.bus.haptic_server import HapticServer
 from cardan.gateway.bus.options import NetworkOptions
-from cardan.gateway.bus.other_names import NamesTopics, Shown, other_names, same_topics
-from cardan.gateway.bus.taps import SessionTaps
+from cardan.gateway.bus.record_topics import SessionTaps
 from cardan.gateway.bus.trajectories import follow_joint_trajectory
 from cardan.gateway.force.network import NetworkSource
 from cardan.gateway.force.sources import ForceSource

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from cardan.bus.options import BusOptions
 from cardan.bus.router import RouterKeeper
-from cardan.gateway.session.launched import Launched
+from cardan.gateway.session.subprocesses import Launched
 
 LAST_S = 0.5
 """How long the recorder goes on after the session has ended: what it said last is on its way."""

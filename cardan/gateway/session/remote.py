@@ -15,7 +15,7 @@ from cardan.errors import (
     MotionLoopError,
 )
 from cardan.gateway.arm.authority import VERBS
-from cardan.gateway.arm.packet_arm import PacketArm
+from cardan.gateway.arm.remote_arm import RemotePacketArm
 from cardan.gateway.arm.requests import Request, decode_answer
 from cardan.gateway.session.assembly import load_config, why_no_verbs
 from cardan.gateway.session.config import SessionConfig
@@ -24,7 +24,7 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import Outcome, SessionProcess
 
 
-class RemoteArm(PacketArm):
+class RemoteArm(RemotePacketArm):
     """A session as configured, in a process of its own that begins with `open`, and its verbs.
 
     ::

@@ -24,7 +24,7 @@ from cardan.common.logs import LogFormat, log_to_stderr
 from cardan.common.output import dropping_text
 from cardan.common.plugins import reason
 from cardan.common.realtime import ask_for_real_time, share_interpreter_promptly
-from cardan.common.shortage import shortage
+from cardan.common.resource_errors import shortage
 from cardan.common.signals import ignore_ending, take_ending
 from cardan.drivers.base import OperatorDevice, RobotDriver
 from cardan.drivers.foreign import RobotCalls, close_in_order, counted, told
@@ -35,17 +35,17 @@ from cardan.errors import (
     DriverError,
 )
 from cardan.gateway.arm.body import FreeBody
-from cardan.gateway.arm.codes import Action
 from cardan.gateway.arm.controller import ArmController
 from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.loop import ArmLoop
 from cardan.gateway.arm.requests import MAX_REQUEST_BYTES
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import ArmStatus, Phase
+from cardan.gateway.arm.vocab import Action
 from cardan.gateway.force.rendering import ForceRenderer
-from cardan.gateway.hand.feedback import Felt, HandFeedback
-from cardan.gateway.hand.filters import registry as filter_registry
-from cardan.gateway.hand.filters.base import TwistFilter
+from cardan.gateway.operator.feedback import Felt, HandFeedback
+from cardan.gateway.operator.filters import registry as filter_registry
+from cardan.gateway.operator.filters.base import TwistFilter
 from cardan.gateway.session.assembly import (
     check_buttons,
     check_mode,
@@ -60,10 +60,10 @@ from cardan.gateway.session.assembly import (
     using_driver,
 )
 from cardan.gateway.session.config import SessionConfig, parse_config
+from cardan.gateway.session.device_sharing import GIVE, TAKE, DeviceLease
 from cardan.gateway.session.heartbeat import BEAT, Heartbeat
-from cardan.gateway.session.lending import GIVE, TAKE, DeviceLease
+from cardan.gateway.session.request_worker import ChannelClient, RequestWorker
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
-from cardan.gateway.session.worker import ChannelClient, RequestWorker
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY_POSE,

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Any
 
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 
 BOUNDS_S = (0.25e-3, 0.5e-3, 1e-3, 2e-3, 4e-3, 8e-3, 16e-3, 32e-3, 50e-3)
 """Bounds of the histograms: cycles of robots are 1 to 24 ms, of devices 8 to 16 ms."""

@@ -97,7 +97,7 @@ class SessionProcess:
                     *through,
                     sys.executable,
                     "-m",
-                    "cardan.common.shortage",
+                    "cardan.common.resource_errors",
                     "cardan.gateway.session.session",
                     f"--channel-fd={theirs.fileno()}",
                     f"--seconds={seconds}",

@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 
+from cardan.bus.discovery import bus_words, reachable
 from cardan.bus.options import BusOptions
 from cardan.bus.router import RouterKeeper
-from cardan.bus.survey import bus_words, reachable
-from cardan.gateway.session.launched import Launched
+from cardan.gateway.session.subprocesses import Launched
 
 
 @contextlib.contextmanager

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
 from cardan.sim_peers.evdev.core import NEUTRAL, SimulatedInput
+from cardan.sim_peers.motion_profile import Ramp, VectorMotion
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving
-from cardan.sim_peers.strokes import Ramp, VectorMotion
 
 HAND_PERIOD_S = 0.004
 """How often a moving hand is sampled: as often as a pad is polled."""

@@ -9,7 +9,7 @@ from cardan.errors import ScriptError
 from cardan.protocols.connexion import Family, Model
 from cardan.sim_peers import base
 from cardan.sim_peers.base import FaultSwitch
-from cardan.sim_peers.report_line import ReportLine
+from cardan.sim_peers.report_line import DelayLine
 
 FAULTS = (
     FaultSwitch("unplug", "the device vanishes at VALUE s, whatever it is doing", 3.0),
@@ -73,7 +73,7 @@ def _sent_family(faults: Mapping[str, float], model: Model) -> Family:
     return Family.ONE if model.family is Family.SPLIT else Family.SPLIT
 
 
-class FaultyLine(ReportLine):
+class FaultyLine(DelayLine):
     """The line between the device and the host: carries reports, loses, mangles or delays them.
 
     `family` is the one whose motion reports the device sends.

@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Protocol
 
 from cardan.sim_peers.base import ScriptStep
+from cardan.sim_peers.motion_profile import Ramp, VectorMotion
 from cardan.sim_peers.scripted import Act, HeldDevice, ScriptHand, StepWords, calling, moving
 from cardan.sim_peers.spacemouse.core import AXES, NEUTRAL, Axes
-from cardan.sim_peers.strokes import Ramp, VectorMotion
 
 HAND_PERIOD_S = 0.008
 """How often a moving hand is sampled: the shortest report period of a device."""

@@ -23,8 +23,8 @@ from cardan.bus.network import Answered, Failure, Handle, NetworkError, Publishe
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
 from cardan.gateway.arm.backlog import Delays, is_stale
-from cardan.gateway.faces.allowed import Allowed
-from cardan.gateway.faces.standstill import StandStill
+from cardan.gateway.servers.allow_list import Allowed
+from cardan.gateway.servers.pause_detector import StandStill
 from cardan.protocols.ros2.names import RosNameError, checked_name
 from cardan.types import NEVER_S
 from cardan_dds.network import DdsNetwork

@@ -9,8 +9,8 @@ from cardan.bus.dds_options import FACE_NODE, DdsOptions
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.options import Options
-from cardan.gateway.faces.allowed import Allowed
-from cardan.gateway.faces.base import Face, Ready
+from cardan.gateway.servers.allow_list import Allowed
+from cardan.gateway.servers.base import Face, Ready
 from cardan_dds.bridge import Bridge
 from cardan_dds.network import DdsNetwork
 

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import pytest
 
 from cardan.gateway.arm.backlog import STALE_S
-from cardan.gateway.faces.allowed import Allowed
+from cardan.gateway.servers.allow_list import Allowed
 from cardan_dds import bridge as bridging
 from cardan_dds.bridge import Bridge
 

@@ -16,8 +16,8 @@ from cardan.bus.dds_options import FACE_NODE
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
-from cardan.gateway.faces.allowed import Allowed
-from cardan.gateway.faces.standstill import StandStill
+from cardan.gateway.servers.allow_list import Allowed
+from cardan.gateway.servers.pause_detector import StandStill
 from cardan_dds import face as face
 from cardan_dds.bridge import Bridge
 from cardan_dds.face import DdsBridgeOptions, DdsFaceOptions

@@ -1,7 +1,7 @@
 """The face, and the nodes of the transport, as Cardan finds them by their entry points."""
 
 from cardan.bus import transports
-from cardan.gateway.faces import registry
+from cardan.gateway.servers import registry
 from cardan_dds.face import Dds
 from cardan_dds.node import DdsNode
 from tests.test_face_command import said

@@ -20,7 +20,7 @@ from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple, TextIO
 
-from cardan.common.printable import printable
+from cardan.common.text_sanitizer import printable
 from cardan.errors import CaptureError, ConfigurationError
 from cardan_dissect import network, registry
 from cardan_dissect.capture import Capture, CapturedPacket

@@ -26,17 +26,17 @@ from cardan.bus.network import Handle, Network, NetworkError, Service, Topic
 from cardan.common.extras import missing_extra
 from cardan.errors import DriverError, shown
 from cardan.gateway.arm.backlog import STALE_S, is_stale, stale_words
-from cardan.gateway.faces.allowed import Allowed
-from cardan.gateway.faces.assets import Packages
-from cardan.gateway.faces.calls import Caller, CallError, Mailbox
-from cardan.gateway.faces.feeds import Feed, SharedFeeds
-from cardan.gateway.faces.graph import definition
-from cardan.gateway.faces.outbox import LATCHED_DEPTH, Stream
-from cardan.gateway.faces.parameters import REFUSALS as PARAMETER_REFUSALS, NodeParameters
-from cardan.gateway.faces.publishing import Advertisements, RefusedError
-from cardan.gateway.faces.reading import READING_SERVICES
-from cardan.gateway.faces.sending import Sender, ready
-from cardan.gateway.faces.web import FrontConnection
+from cardan.gateway.servers.allow_list import Allowed
+from cardan.gateway.servers.assets import Packages
+from cardan.gateway.servers.calls import Caller, CallError, Mailbox
+from cardan.gateway.servers.connection import Sender, ready
+from cardan.gateway.servers.graph import definition
+from cardan.gateway.servers.parameters import REFUSALS as PARAMETER_REFUSALS, NodeParameters
+from cardan.gateway.servers.publishing import Advertisements, RefusedError
+from cardan.gateway.servers.read_only import READING_SERVICES
+from cardan.gateway.servers.send_queue import LATCHED_DEPTH, Stream
+from cardan.gateway.servers.subscriptions import Feed, SharedFeeds
+from cardan.gateway.servers.web import FrontConnection
 from cardan.protocols.rate import MAX_PUBLICATIONS_PER_S, RateLimit
 from cardan.protocols.ros2.cdr import CdrError, Malformed, Message, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError, full_text, service_type

@@ -22,15 +22,15 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.bounds import ANY_PORT
 from cardan.common.options import Options
-from cardan.gateway.faces.assets import Packages
-from cardan.gateway.faces.base import Face, Ready
-from cardan.gateway.faces.calls import Caller, Mailbox
-from cardan.gateway.faces.graph import VisibleGraph
-from cardan.gateway.faces.numbers import ClientNumbers
-from cardan.gateway.faces.parameters import EVENT, EVENTS
-from cardan.gateway.faces.refusals import Refusals
-from cardan.gateway.faces.tokens import Role
-from cardan.gateway.faces.web import Front, FrontConnection, WebOptions, serve_until
+from cardan.gateway.servers.assets import Packages
+from cardan.gateway.servers.base import Face, Ready
+from cardan.gateway.servers.calls import Caller, Mailbox
+from cardan.gateway.servers.graph import VisibleGraph
+from cardan.gateway.servers.numbers import ClientNumbers
+from cardan.gateway.servers.parameters import EVENT, EVENTS
+from cardan.gateway.servers.refusals import Refusals
+from cardan.gateway.servers.tokens import Role
+from cardan.gateway.servers.web import Front, FrontConnection, WebOptions, serve_until
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan_foxglove.client import Client, Shown, sdk, shared_feeds
 from cardan_foxglove.protocol import SUBPROTOCOLS

@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from websockets.sync.client import connect
 
 from cardan_foxglove.face import FoxgloveOptions, FoxgloveServer
-from tests.gateway.faces.rig import WAIT_S, served
+from tests.gateway.servers.rig import WAIT_S, served
 
 
 def foxglove_face(network, **options):

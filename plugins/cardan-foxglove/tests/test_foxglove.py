@@ -18,16 +18,15 @@ pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/card
 
 from cardan.bus.network import Failure
 from cardan.errors import ExtraMissingError
-from cardan.gateway.faces import sending
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import full_text
 from cardan.protocols.ros2.messages import completed
 from cardan_foxglove import client as module
 from cardan_foxglove.face import FoxgloveServer
 from foxglove_rig import foxglove_client, foxglove_face
-from tests.gateway.faces.memory_network import TEST_NODE, MemoryNetwork
-from tests.gateway.faces.nodes import Parameters
-from tests.gateway.faces.rig import WAIT_S
+from tests.gateway.servers.memory_network import TEST_NODE, MemoryNetwork
+from tests.gateway.servers.nodes import Parameters
+from tests.gateway.servers.rig import WAIT_S
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix
@@ -667,5 +666,5 @@ def test_what_is_large_leaves_room_for_pings(network, package):
         whole = []
         while len(whole) < 2:
             whole = list(connection.recv_streaming(decode=False))
-        assert max(map(len, whole)) <= sending.FREE_BYTES
+        assert max(map(len, whole)) <= connection.FREE_BYTES
         assert sum(map(len, whole)) == 3_000_000 + 10

@@ -10,8 +10,8 @@ import pytest
 pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/cardan-foxglove")
 
 from foxglove_rig import foxglove_face
-from tests.gateway.faces.memory_network import MemoryNetwork
-from tests.gateway.faces.test_attacks import (  # noqa: F401 - fixtures and tests
+from tests.gateway.servers.memory_network import MemoryNetwork
+from tests.gateway.servers.test_attacks import (  # noqa: F401 - fixtures and tests
     UPGRADE,
     Target,
     certificate,

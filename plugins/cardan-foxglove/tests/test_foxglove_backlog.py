@@ -9,8 +9,8 @@ pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/card
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from foxglove_rig import foxglove_client, foxglove_face
-from tests.gateway.faces.memory_network import MemoryNetwork
-from tests.gateway.faces.test_backlog import TWIST, stall
+from tests.gateway.servers.memory_network import MemoryNetwork
+from tests.gateway.servers.test_backlog import TWIST, stall
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

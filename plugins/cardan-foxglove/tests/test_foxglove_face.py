@@ -6,7 +6,7 @@ from cardan.doctor.base import Subject
 from cardan.doctor.files import read_files
 from cardan.doctor.installation import needed_extras
 from cardan.doctor.ports import Wanted, wanted_ports
-from cardan.gateway.faces import registry
+from cardan.gateway.servers import registry
 from cardan_foxglove.face import Foxglove
 from tests import test_face_command as shared
 

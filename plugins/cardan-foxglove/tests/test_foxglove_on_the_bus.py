@@ -17,8 +17,8 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan_foxglove.face import Foxglove, FoxgloveFaceOptions, FoxgloveOptions
 from foxglove_rig import foxglove_client
-from tests.gateway.faces.nodes import Parameters
-from tests.gateway.faces.rig import WAIT_S
+from tests.gateway.servers.nodes import Parameters
+from tests.gateway.servers.rig import WAIT_S
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

@@ -7,8 +7,8 @@ import pytest
 pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/cardan-foxglove")
 
 from foxglove_rig import foxglove_client, foxglove_face
-from tests.gateway.faces import test_roles as shared
-from tests.gateway.faces.test_roles import COMMANDING, ROLES, STRING, speed
+from tests.gateway.servers import test_roles as shared
+from tests.gateway.servers.test_roles import COMMANDING, ROLES, STRING, speed
 
 pytestmark = pytest.mark.matrix
 

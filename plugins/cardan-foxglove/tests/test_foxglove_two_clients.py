@@ -12,7 +12,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.bus.options import DEFAULT_NAME
 from foxglove_rig import foxglove_client, foxglove_face
-from tests.gateway.faces import test_two_clients as shared
+from tests.gateway.servers import test_two_clients as shared
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix

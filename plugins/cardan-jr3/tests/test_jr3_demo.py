@@ -12,8 +12,8 @@ from cardan.conform import registry as suites
 from cardan.demos.examples import find_demos, free_ports
 from cardan.drivers import registry as drivers
 from cardan.gateway.session.assembly import load_config
-from cardan.gateway.session.launched import launched
 from cardan.gateway.session.session import EXIT_OK
+from cardan.gateway.session.subprocesses import launched
 from cardan.sim_peers import registry as peers
 from cardan_jr3.driver import Jr3
 from cardan_jr3.protocol import CanFrame

@@ -9,10 +9,10 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from cardan.errors import CommandError, MotionRefusedError
-from cardan.gateway.arm.codes import Action, Parameter, Stream
 from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.arm.motion import Stat
-from cardan.gateway.hand.mapping import MappingOptions
+from cardan.gateway.arm.vocab import Action, Parameter, Stream
+from cardan.gateway.operator.mapping import MappingOptions
 from cardan.learning.features import (
     CLOSE,
     CLOSED,

@@ -6,7 +6,7 @@ leap. From there on each goal is handed on as it is; the arm's own limits hold i
 
 from __future__ import annotations
 
-from cardan.gateway.hand.mapping import MappingOptions
+from cardan.gateway.operator.mapping import MappingOptions
 from cardan.spatial import (
     add,
     from_rotation_vector,

@@ -1,7 +1,7 @@
 """An operator device as a source of actions: its states in, numbers by name out.
 
-The rules of dead-man, clutch and rest are those of every session (:mod:`cardan.gateway.hand`). No
-arm is known here: the hand moves a TCP of its own, which is where it was taken hold of.
+The rules of dead-man, clutch and rest are those of every session (:mod:`cardan.gateway.operator`).
+No arm is known here: the hand moves a TCP of its own, which is where it was taken hold of.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.hand.arming import Arming
-from cardan.gateway.hand.mapping import (
+from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.arming import Arming
+from cardan.gateway.operator.input import ArmView, MotionRequest, OperatorInput
+from cardan.gateway.operator.mapping import (
     GripperOptions,
     MappingOptions,
     Mode,
     Orientation,
     TwistMapping,
 )
-from cardan.gateway.hand.source import HandRequest, HandSource, HandView
-from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.learning.features import (
     CLOSE,
     CLOSING,
@@ -98,9 +98,9 @@ class HandActions:
             raise ConfigurationError("mapping.joints", "an action has no single joints")
         self.kind = kind
         self._mapping = TwistMapping(mapping, gripper)
-        self._source = HandSource(self._mapping, limits, (), device_age_s)
+        self._source = OperatorInput(self._mapping, limits, (), device_age_s)
         self._buttons = buttons or EventButtons()
-        self._request: HandRequest | None = None
+        self._request: MotionRequest | None = None
         self._before_s: float | None = None
         self._arming = Arming.DISARMED
         self._at = IDENTITY_POSE
@@ -118,7 +118,7 @@ class HandActions:
         was_following = self._request is not None and self._request.following
         if not was_following:
             self._at = IDENTITY_POSE
-        view = HandView(
+        view = ArmView(
             robot=_robot(now_s, dt_s),
             dt_s=dt_s,
             tcp=self._at,

@@ -18,7 +18,7 @@ from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.force.tables import NoForceTable
-from cardan.gateway.hand.mapping import GripperOptions, MappingOptions
+from cardan.gateway.operator.mapping import GripperOptions, MappingOptions
 from cardan.gateway.session.assembly import (
     check_mode,
     check_parts,

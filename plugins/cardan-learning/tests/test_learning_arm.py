@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from cardan.errors import CommandError, MotionRefusedError
-from cardan.gateway.hand.mapping import MappingOptions
+from cardan.gateway.operator.mapping import MappingOptions
 from cardan.learning.features import ActionKind, pose_of
 from cardan.spatial import norm, rotation_between
 from cardan.types import Frame, RobotLink

@@ -6,8 +6,8 @@ import math
 import pytest
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.hand.mapping import GripperOptions, MappingOptions, Mode, Orientation
 from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.mapping import GripperOptions, MappingOptions, Mode, Orientation
 from cardan.learning.features import ActionKind
 from cardan.types import (
     IDENTITY,

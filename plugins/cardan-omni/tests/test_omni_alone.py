@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 
 from cardan.gateway.session.assembly import load_haptic
-from cardan.gateway.session.haptic_alone import PERIOD_S
+from cardan.gateway.session.haptic_session import PERIOD_S
 from cardan.types import Vector3
 from cardan_omni.driver.limits import TickLimits
 from cardan_omni.peer.library import available
 from tests.gateway.force.fakes import FakeHaptic
-from tests.gateway.session.test_haptic_alone import MAX_AGE_S, Rig
+from tests.gateway.session.test_haptic_session import MAX_AGE_S, Rig
 from tests.serving import free_endpoint
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "ros2"

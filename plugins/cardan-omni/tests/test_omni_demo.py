@@ -16,8 +16,8 @@ from cardan.demos.demo import run_demo
 from cardan.demos.examples import example_files, find_demos
 from cardan.drivers import registry as drivers
 from cardan.errors import ConfigurationError
-from cardan.gateway.session.launched import launched
 from cardan.gateway.session.session import EXIT_OK
+from cardan.gateway.session.subprocesses import launched
 from cardan.sim_peers import registry as peers
 from cardan_omni.driver import Omni, OmniOptions
 from tests.demos.test_demo import DRAWN, pretend

@@ -10,7 +10,7 @@ import types
 import pytest
 from hypothesis import given, settings, strategies as st
 
-from cardan.drivers import reading
+from cardan.drivers import reader_thread
 from cardan.drivers.spacemouse import SpaceMouseOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, OptionError
 from cardan.types import DeviceFeedback, DeviceLink
@@ -583,7 +583,7 @@ def test_a_spaceball_from_hand_to_state(tmp_path):
 
 @pytest.mark.judged(device="SpaceOrb 360", transport="pseudo-terminal", by="simulated peer")
 def test_a_spaceorb_that_vanishes_and_comes_back(tmp_path, monkeypatch):
-    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.02)
+    monkeypatch.setattr(reader_thread, "RETRY_FIRST_S", 0.02)
     script = """
         0.2  axes 0 0 0.4 0 0 0
         0.4  neutral

@@ -9,7 +9,7 @@ from cardan.bus.options import BusOptions
 from cardan.common.options import Options
 from cardan.drivers.ros2_spacenav import Ros2Spacenav, Ros2SpacenavOptions
 from cardan.gateway.bus.device_topics import SPACENAV_FULL
-from cardan.gateway.faces.base import Face, Ready
+from cardan.gateway.servers.base import Face, Ready
 from cardan_spnav_server.options import SpnavServerOptions
 from cardan_spnav_server.server import serve_until
 

@@ -11,7 +11,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 
-from cardan.common.openable import Openable
+from cardan.common.context import Openable
 from cardan.common.realtime import ask_for_real_time
 from cardan.common.serving import interruptible
 from cardan.common.sockets import EVERYBODY, OWNER_ONLY, Advice, UnixSocket

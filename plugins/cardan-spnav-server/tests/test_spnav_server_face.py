@@ -12,7 +12,7 @@ from cardan.demos.examples import free_ports
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.errors import OptionError
 from cardan.gateway.bus.device_topics import DeviceTopics
-from cardan.gateway.faces import registry
+from cardan.gateway.servers import registry
 from cardan.protocols.connexion import MODELS
 from cardan.protocols.spnav import Button, Motion, ServerReader, encode_handshake
 from cardan.types import NEUTRAL, Axes, DeviceLink, DeviceState

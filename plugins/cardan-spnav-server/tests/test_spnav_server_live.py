@@ -9,7 +9,7 @@ import pytest
 
 from cardan.conform import Level, Outcome, registry, run
 from cardan.errors import AddressError
-from cardan_spnav_server.conform.pilot import ALONE, MASKED, SAME, SCALED
+from cardan_spnav_server.conform.scenario import ALONE, MASKED, SAME, SCALED
 from tests.spacenavd import spacenavd
 from tests.told_hand import ToldHand
 

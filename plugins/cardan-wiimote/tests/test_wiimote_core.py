@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.hand.mapping import MappingOptions, TwistMapping
+from cardan.gateway.operator.mapping import MappingOptions, TwistMapping
 from cardan.types import DeviceLink, Frame
 from cardan_wiimote.driver import Identity, WiimoteCore, WiimoteOptions
 from cardan_wiimote.driver.core import BUTTON_NAMES, STALE_AFTER_S

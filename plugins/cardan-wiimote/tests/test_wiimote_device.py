@@ -6,7 +6,7 @@ import types
 
 import pytest
 
-from cardan.drivers import reading
+from cardan.drivers import reader_thread
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
 from cardan.types import ZERO3, DeviceFeedback, DeviceLink, Wrench
 from cardan_wiimote.driver import Wiimote, WiimoteOptions, device as device_module
@@ -33,8 +33,8 @@ GAPS = {"silence", "close-control", "close-interrupt", "burst", *BEFORE}
 
 @pytest.fixture(autouse=True)
 def _hasty(monkeypatch):
-    monkeypatch.setattr(reading, "RETRY_FIRST_S", 0.01)
-    monkeypatch.setattr(reading, "RETRY_LAST_S", 0.05)
+    monkeypatch.setattr(reader_thread, "RETRY_FIRST_S", 0.01)
+    monkeypatch.setattr(reader_thread, "RETRY_LAST_S", 0.05)
 
 
 @pytest.fixture

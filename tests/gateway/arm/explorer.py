@@ -22,16 +22,16 @@ import numpy as np
 
 from cardan.common.native import NativePartError
 from cardan.errors import MotionRefusedError
-from cardan.gateway.arm.activities.brake import Brake
-from cardan.gateway.arm.activities.hand import FollowHand
-from cardan.gateway.arm.activities.recover import Recover
 from cardan.gateway.arm.authority import HAND, VERBS
-from cardan.gateway.arm.codes import Stream
 from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.arm.motions.brake import Brake
+from cardan.gateway.arm.motions.hand import FollowHand
+from cardan.gateway.arm.motions.recover import Recover
 from cardan.gateway.arm.states import RESTING, Inhibit, States
 from cardan.gateway.arm.verbs import ArmVerbs
-from cardan.gateway.hand.arming import Arming
-from cardan.gateway.hand.mapping import MappingOptions
+from cardan.gateway.arm.vocab import Stream
+from cardan.gateway.operator.arming import Arming
+from cardan.gateway.operator.mapping import MappingOptions
 from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.native import kernel_library
 from cardan.robots import load_arm
@@ -781,7 +781,7 @@ ADVICE: tuple[tuple[str, Callable[[World], bool], Event], ...] = (
     (BROKEN, lambda w: w.filter.broken, EVENTS["filter_mended"][1]),
     (f"{OFF}|the robot is lost|fell silent", lambda w: not is_well(w), _robot_back),
     (UNPLUGGED, lambda w: w.device.link is not DeviceLink.LIVE, _device_back),
-    (r"bringing the reference back", lambda w: True, _wait),
+    (r"resynchronizing", lambda w: True, _wait),
 )
 """What messages name, in their words, whether it is so, and what a person who reads them does:
 what is wrong outside comes first."""
@@ -809,7 +809,9 @@ def follow_advice(w: World) -> None:
         if re.search(pattern, said) and is_so(w):
             act(w)
             return
-    if re.search("check what holds the arm|reading is rejected|something else holds it", message):
+    if re.search(
+        "check what holds the arm|measured position is implausible|something else holds it", message
+    ):
         _free(w)
     for pattern, act in ACTS:
         if re.search(pattern, said):

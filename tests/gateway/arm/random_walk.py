@@ -12,11 +12,11 @@ import random
 import numpy as np
 
 from cardan.errors import CardanError
-from cardan.gateway.arm.activities.brake import Brake
-from cardan.gateway.arm.activities.hand import FollowHand
-from cardan.gateway.arm.activities.recover import Recover
-from cardan.gateway.arm.activities.torque import TorqueMotion
 from cardan.gateway.arm.authority import HAND, AuthorityOptions, AuthorityPolicy
+from cardan.gateway.arm.motions.brake import Brake
+from cardan.gateway.arm.motions.hand import FollowHand
+from cardan.gateway.arm.motions.recover import Recover
+from cardan.gateway.arm.motions.torque import TorqueMotion
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase

@@ -8,9 +8,9 @@ from cardan.gateway.arm.body import FreeBody
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import LONGEST_STEP_PERIODS, TRUST_AFTER_S, Watchdogs
-from cardan.gateway.hand.filters import TwistFilter
-from cardan.gateway.hand.mapping import GripperOptions, MappingOptions
 from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.filters import TwistFilter
+from cardan.gateway.operator.mapping import GripperOptions, MappingOptions
 from cardan.spatial import norm, subtract
 from cardan.types import (
     IDENTITY,
@@ -352,7 +352,7 @@ def test_no_recovery_goes_farther_than_the_leash_without_a_deliberate_act():
     leash_m = ReferenceLimits().leash_m
     stays(rig, 5.0, away)
     assert rig.core.phase is Phase.DISARMED
-    assert "was not brought back to the robot" in rig.status.message
+    assert "not resynchronized with the robot" in rig.status.message
     start = rig.core.body.pose.position
     assert stays(rig, 5.0, away) == 0.0  # Not by itself, however long it takes.
     for _ in range(4):

@@ -10,9 +10,9 @@ from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.supervision import TRUST_AFTER_S
-from cardan.gateway.hand.filters import TwistFilter
-from cardan.gateway.hand.mapping import MappingOptions
 from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.filters import TwistFilter
+from cardan.gateway.operator.mapping import MappingOptions
 from cardan.spatial import add, norm, subtract
 from cardan.types import (
     IDENTITY,

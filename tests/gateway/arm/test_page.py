@@ -3,8 +3,8 @@
 import re
 from pathlib import Path
 
-from cardan.gateway.arm.codes import vocab_text
 from cardan.gateway.arm.parameters import RULES
+from cardan.gateway.arm.vocab import vocab_text
 
 PAGE = (Path(__file__).parents[3] / "docs" / "cartesian-device.md").read_text(encoding="utf-8")
 

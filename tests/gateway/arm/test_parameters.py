@@ -5,8 +5,8 @@ import math
 import pytest
 
 from cardan.errors import ConfigurationError, OptionError
-from cardan.gateway.arm import codes, parameters
-from cardan.gateway.arm.codes import FrameCode, Parameter, Stream, vocab, vocab_text
+from cardan.gateway.arm import parameters, vocab
+from cardan.gateway.arm.vocab import FrameCode, Parameter, Stream, vocab, vocab_text
 
 REQUESTS = {
     "stat": 1952543859, "inv": 7761513, "movj": 1786146669, "relj": 1785488754,

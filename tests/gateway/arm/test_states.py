@@ -20,7 +20,7 @@ from cardan.gateway.arm.states import (
     inhibits_after,
     separation_after,
 )
-from cardan.gateway.hand.arming import Arming
+from cardan.gateway.operator.arming import Arming
 
 ALL = [
     States(*each) for each in itertools.product(Link, Readings, Motion, Separation, (Arming.ARMED,))

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from cardan.gateway.arm.backlog import STALE_S, Delays
-from cardan.gateway.arm.codes import Begins, Stream
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.verb_table import SEQUENCED
+from cardan.gateway.arm.vocab import Begins, Stream
 from tests.gateway.arm.arms import DT_S, World, quick, streaming, streams, turned
 
 

@@ -5,8 +5,8 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.arm.activities.base import GOING, Activity
 from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.motions.base import GOING, Activity
 from cardan.gateway.arm.supervision import (
     LONGEST_STEP_PERIODS,
     TRUST_AFTER_S,

@@ -14,9 +14,9 @@ from cardan.errors import (
     MotionRefusedError,
     OutOfReachError,
 )
-from cardan.gateway.arm.codes import Action, PolicyCode, State
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.options import ControllerOptions
+from cardan.gateway.arm.vocab import Action, PolicyCode, State
 from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.kinematics.collision import HalfSpace, Obstacle, box_obstacle
 from cardan.spatial import from_rotation_vector, multiply, rotate, to_rotation_vector
@@ -659,7 +659,7 @@ def test_a_held_arm_trips_and_the_command_comes_back():
         assert not world.verbs.servo.moving
         if not world.verbs.controller.barred:
             break
-        with pytest.raises(MotionRefusedError, match="was not brought back to the robot"):
+        with pytest.raises(MotionRefusedError, match="not resynchronized with the robot"):
             world.verbs.movl(world.moved(0.0, 0.0, -0.1))
         world.verbs.acknowledge()
     assert np.abs(world.verbs.servo.q - world.q).max() < 0.05

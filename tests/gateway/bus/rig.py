@@ -13,7 +13,7 @@ from cardan.gateway.arm.requests import MotionNote, PacketError
 from cardan.gateway.bus.arm_server import ArmServer
 from cardan.gateway.bus.arm_topics import ArmNames
 from cardan.gateway.bus.commands import ACTIONS, SERVICES, TOPICS, stat_command
-from cardan.gateway.bus.other_names import ServoScales, other_names
+from cardan.gateway.bus.compatibility import ServoScales, other_names
 from cardan.gateway.bus.trajectories import follow_joint_trajectory
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed

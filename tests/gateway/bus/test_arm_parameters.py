@@ -2,8 +2,8 @@
 
 import pytest
 
-from cardan.gateway.arm.codes import Parameter
 from cardan.gateway.arm.parameters import RULES
+from cardan.gateway.arm.vocab import Parameter
 from cardan.gateway.bus.arm_parameters import MAX_SET, PARAMETERS
 from cardan.protocols.ros2.messages import default_message
 from tests.gateway.bus.rig import NODE, Bench

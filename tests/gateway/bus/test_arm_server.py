@@ -7,7 +7,7 @@ import time
 import pytest
 
 from cardan.bus.node import gid_of_token
-from cardan.gateway.arm.codes import State, Stream
+from cardan.gateway.arm.vocab import State, Stream
 from cardan.gateway.bus.sources import BEGINS_S
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from cardan.gateway.arm.codes import State, Stream
+from cardan.gateway.arm.vocab import State, Stream
 from cardan.gateway.bus.arm_topics import (
     ERROR,
     LOG_WARN,

@@ -3,8 +3,8 @@
 import pytest
 
 from cardan.errors import OptionError
+from cardan.gateway.bus.compatibility import ServoScales
 from cardan.gateway.bus.options import NetworkOptions
-from cardan.gateway.bus.other_names import ServoScales
 
 
 def test_servo_scales_are_servos_own_unless_told():

@@ -5,7 +5,7 @@ import pytest
 from cardan.bus.node import LEASE_MS, gid_of_token
 from cardan.gateway.arm.authority import LEASE_S
 from cardan.gateway.arm.backlog import PROVEN_S, STREAMED_S
-from cardan.gateway.arm.codes import Stream
+from cardan.gateway.arm.vocab import Stream
 from cardan.gateway.bus.arm_topics import OK, WARN
 from cardan.gateway.bus.commands import ASK_TYPE
 from cardan.gateway.bus.sources import BEGINS_S, NAMED_WITHIN_S, SOURCES_KEPT, STREAM_KEPT_S

@@ -27,7 +27,7 @@ from cardan.gateway.daemon.server import (
     SHORTAGE_PAUSE_S,
     ControlServer,
 )
-from cardan.gateway.faces.tokens import Role
+from cardan.gateway.servers.tokens import Role
 from tests.waiting import until
 
 WAIT_S = 10.0

@@ -27,9 +27,9 @@ from cardan.gateway.daemon.control import Told
 from cardan.gateway.daemon.events import STOP_REASONS, SessionWatch
 from cardan.gateway.daemon.metrics import MetricsOptions, MetricsServer, asked
 from cardan.gateway.daemon.server import ControlServer
-from cardan.gateway.faces.telling import told
+from cardan.gateway.servers.stats import told
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
-from tests.gateway.faces.rig import WAIT_S, served
+from tests.gateway.servers.rig import WAIT_S, served
 
 UNPACKED_PROMTOOL = Path(__file__).parents[3] / "build/judges/promtool"
 OPEN_METRICS = "application/openmetrics-text; version=1.0.0"

@@ -7,13 +7,13 @@ import pytest
 
 from cardan.common.inbox import InboxEmptyError
 from cardan.errors import CardanError, ConfigurationError
-from cardan.gateway.daemon import kept
+from cardan.gateway.daemon import services
 from cardan.gateway.daemon.changes import Change, of_session
+from cardan.gateway.daemon.config import read_layout, read_layout_beside
 from cardan.gateway.daemon.control import ControlError
 from cardan.gateway.daemon.daemon import Daemon
-from cardan.gateway.daemon.keeping import Ended
-from cardan.gateway.daemon.layout import read_layout, read_layout_beside
 from cardan.gateway.daemon.processes import RunningSession
+from cardan.gateway.daemon.restart_policy import Ended
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import Snapshot
 
@@ -49,7 +49,7 @@ class Told(RunningSession):
 
 class Lab:
     def __init__(self, folder, monkeypatch):
-        monkeypatch.setattr(kept, "RunningSession", Told)
+        monkeypatch.setattr(services, "RunningSession", Told)
         self.file = folder / "lab.toml"
         self.write(one=0.25, two=0.25)
         self.daemon = Daemon(read_layout([self.file]), lambda: read_layout([self.file]))

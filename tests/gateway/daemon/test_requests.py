@@ -2,6 +2,7 @@
 
 import pytest
 
+from cardan.gateway.daemon.config import read_layout
 from cardan.gateway.daemon.control import Ask, ControlError
 from cardan.gateway.daemon.daemon import (
     CHARACTERS_KEPT,
@@ -10,8 +11,7 @@ from cardan.gateway.daemon.daemon import (
     LINES_WAITING,
     Daemon,
 )
-from cardan.gateway.daemon.kept import Line
-from cardan.gateway.daemon.layout import read_layout
+from cardan.gateway.daemon.services import Line
 
 LAB = """
 [devices.mouse]

@@ -14,13 +14,13 @@ from cardan.gateway.arm.backlog import BACKLOGGED, BACKLOGGED_S, STALE_S
 from cardan.gateway.arm.requests import LATE_S
 from cardan.gateway.daemon import server as serving
 from cardan.gateway.daemon.client import ControlClient
+from cardan.gateway.daemon.config import read_layout
 from cardan.gateway.daemon.control import Ask, LineReader, decode_told
 from cardan.gateway.daemon.daemon import Daemon
-from cardan.gateway.daemon.keeping import Ended
-from cardan.gateway.daemon.kept import _ended
-from cardan.gateway.daemon.layout import read_layout
 from cardan.gateway.daemon.processes import RunningSession
+from cardan.gateway.daemon.restart_policy import Ended
 from cardan.gateway.daemon.server import Connection, ControlServer
+from cardan.gateway.daemon.services import _ended
 from cardan.gateway.session.snapshot import Snapshot
 
 SESSION = """

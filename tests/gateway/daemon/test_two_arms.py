@@ -12,8 +12,8 @@ import pytest
 from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.daemon.client import DaemonArm
+from cardan.gateway.daemon.config import read_layout
 from cardan.gateway.daemon.events import read_events
-from cardan.gateway.daemon.layout import read_layout
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from tests.gateway.daemon.test_serve import Lab
 from tests.programs import Program

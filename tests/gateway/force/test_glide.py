@@ -7,14 +7,14 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.common.haptics import WorldMap
+from cardan.gateway.force.crossfade import GLIDE_M_S, LONGEST_STEP_S, MapGlide
 from cardan.gateway.force.fixtures import world_point
-from cardan.gateway.force.glide import GLIDE_M_S, LONGEST_STEP_S, MapGlide
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.spatial import norm, subtract
 from cardan.types import ZERO3, Vector3
 from tests.examples import examples
-from tests.gateway.hand.test_differential import plans, rpys
 from tests.gateway.hand_rig import DT_S, HandRig, displaced
+from tests.gateway.operator.test_differential import plans, rpys
 
 HERE = Vector3(0.1, -0.2, 0.05)
 

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.common.haptics import HapticState, OperatingState
-from cardan.gateway.force.guard import BEGINS_WITHIN_S, FORCE_LOST_S, ForceGuard
+from cardan.gateway.force.watchdog import BEGINS_WITHIN_S, FORCE_LOST_S, ForceGuard
 from cardan.types import Vector3
 
 PERIOD_S = 0.004

@@ -18,7 +18,7 @@ from cardan.gateway.session.config import ForceConfig, parse_config
 from cardan.gateway.session.force_node import run_force_node
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.gateway.session.view import plain, render, summary
+from cardan.gateway.session.terminal_view import plain, render, summary
 from cardan.types import (
     IDENTITY,
     CommandKind,

@@ -319,7 +319,7 @@ def test_joints_that_are_measured_wrongly_are_not_chased_for_ever(arm):
         moved.append(np.array(command.positions) if held is None else held)
     assert np.abs(moved[-1] - true).max() < 0.75  # a leash's length
     assert np.abs(np.diff(moved[-1000:], axis=0)).max() < 1e-7
-    assert "was not brought back to the robot" in run.core.status().message
+    assert "not resynchronized with the robot" in run.core.status().message
 
 
 def test_a_whole_turn_of_a_continuous_joint_is_no_error():

@@ -8,7 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.common.tables import as_table
 from cardan.errors import ConfigurationError
-from cardan.gateway.hand.mapping import GripperAction, Orientation
+from cardan.gateway.operator.mapping import GripperAction, Orientation
 from cardan.gateway.session.assembly import (
     check_mode,
     load_config,

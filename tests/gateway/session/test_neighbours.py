@@ -24,7 +24,7 @@ from cardan.gateway.session.config import parse_config
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.names import dds_type
-from cardan.recording.engine import REPEATED
+from cardan.recording.verify import REPEATED
 from cardan.robots import load_arm
 from cardan.types import DeviceLink, DeviceState
 

@@ -16,7 +16,7 @@ zenoh = pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "ca
 from cardan.bus.node import BusNode  # noqa: E402
 from cardan.bus.options import BusOptions  # noqa: E402
 from cardan.bus.zenoh_network import BusNetwork  # noqa: E402
-from cardan.gateway.arm.codes import State  # noqa: E402
+from cardan.gateway.arm.vocab import State  # noqa: E402
 from cardan.protocols.ros2.actions import GoalStatus  # noqa: E402
 from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
 from cardan.protocols.ros2.messages import completed  # noqa: E402

@@ -27,8 +27,8 @@ from cardan.errors import (
     MotionRefusedError,
     OutOfReachError,
 )
-from cardan.gateway.arm.codes import State
 from cardan.gateway.arm.motion import Outcome
+from cardan.gateway.arm.vocab import State
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.session import remote
 from cardan.gateway.session.config import parse_config

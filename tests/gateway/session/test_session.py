@@ -14,7 +14,7 @@ from cardan.common.bounds import LONGEST_BLIND_S
 from cardan.common.options import Options
 from cardan.drivers import registry
 from cardan.errors import ConfigurationError, DeviceNotFoundError, DriverError
-from cardan.gateway.hand.filters import TwistFilter
+from cardan.gateway.operator.filters import TwistFilter
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.network import SessionNetwork
 from cardan.gateway.session.session import make_session

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from cardan.drivers.core import DeviceCore
-from cardan.drivers.reading import ReadDevice
+from cardan.drivers.reader_thread import ReadDevice
 from cardan.drivers.serial_port import SerialPort
 from cardan.drivers.shaping import Shaper, ShapingOptions
 from cardan.drivers.simulated import OWN

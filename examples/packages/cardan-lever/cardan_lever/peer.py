@@ -9,9 +9,9 @@ from cardan.sim_peers.base import FaultSwitch, ScriptStep, load_script
 from cardan.sim_peers.carriers.pseudo_terminal import PseudoTerminal
 from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandOptions, HandPeer
+from cardan.sim_peers.motion_profile import Ramp, VectorMotion
 from cardan.sim_peers.periodic import PERIODIC_FAULTS, PeriodicDevice
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, moving, setting
-from cardan.sim_peers.strokes import Ramp, VectorMotion
 
 from cardan_lever.protocol import PERIOD_S, Report, encode
 

@@ -10,7 +10,7 @@ from cardan.common import bounds
 from cardan.common.options import check_options
 from cardan.drivers.datagram_robot import DatagramRobot, DatagramSession, Transport, UdpTransport
 from cardan.drivers.limiters import JointLimiter
-from cardan.drivers.lost_time import LostTime
+from cardan.drivers.missed_cycles import SlipCompensation
 from cardan.drivers.robot_core import check_numbers, joint_values
 from cardan.robots import load_arm
 from cardan.types import (
@@ -78,7 +78,7 @@ class RailSession(DatagramSession[RailState]):
         capabilities = RobotCapabilities(kinds, PERIOD_S, AXES, limits, lag_s=LAG_S)
         super().__init__(capabilities, LOST_AFTER_S)
         self._limiter = JointLimiter(*limits, longest_period_s=PERIOD_S)
-        self._lost = LostTime(AXES)
+        self._lost = SlipCompensation(AXES)
         self._asked: tuple[Sequence[float], Sequence[float] | None] | None = None
         """The positions asked for in the cycle before, and their speeds."""
         self._answered: int | None = None

@@ -15,8 +15,8 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
-from cardan_jr3.conform.pilot import PERIOD_US, SYNCS
-from cardan_jr3.conform.seen import Asked, Jr3Seen, Said
+from cardan_jr3.conform.decoded import Asked, Jr3Seen, Said
+from cardan_jr3.conform.scenario import PERIOD_US, SYNCS
 from cardan_jr3.protocol import (
     Ack,
     Bootup,

@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
+from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
-from cardan.conform.wires import Wires
+from cardan.conform.transports import Wires
 from cardan.errors import ConfigurationError
-from cardan_jr3.conform.pilot import Jr3Pilot
+from cardan_jr3.conform.decoded import Jr3Seen
 from cardan_jr3.conform.requirements import requires
-from cardan_jr3.conform.rig import Jr3Rig
-from cardan_jr3.conform.seen import Jr3Seen
+from cardan_jr3.conform.scenario import Jr3Pilot
+from cardan_jr3.conform.simulated import Jr3Rig
 from cardan_jr3.conform.wire import CanInterface
 from cardan_jr3.protocol import MAX_NODE_ID, TEO_NODE_IDS
 
@@ -47,7 +47,7 @@ class Jr3(Suite[Jr3Seen]):
     def pilot(self, level: Level, seconds: float) -> Jr3Pilot:
         return Jr3Pilot(level, seconds, self._node_id)
 
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
         Jr3Rig(conduct, self._node_id, faults, seed).run()
 
     def wires(self, target: str) -> Wires:

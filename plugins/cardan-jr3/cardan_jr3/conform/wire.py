@@ -7,7 +7,7 @@ import socket
 import struct
 from collections.abc import Iterator
 
-from cardan.conform.wires import Wire, Wires
+from cardan.conform.transports import Wire, Wires
 from cardan.errors import AddressError
 from cardan_jr3.conform.frames import pack, unpack
 from cardan_jr3.protocol import CanFrame

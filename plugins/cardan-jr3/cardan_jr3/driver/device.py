@@ -7,7 +7,7 @@ import time
 from typing import Any, ClassVar
 
 from cardan.drivers.base import FoundDevice
-from cardan.drivers.reading import ReadDevice
+from cardan.drivers.reader_thread import ReadDevice
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DeviceNotFoundError, DriverError
 from cardan.types import DeviceCapabilities

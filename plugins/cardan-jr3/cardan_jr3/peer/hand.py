@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
+from cardan.sim_peers.motion_profile import Ramp, VectorMotion
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving
-from cardan.sim_peers.strokes import Ramp, VectorMotion
 from cardan_jr3.peer.core import NO_WRENCH, SimulatedJr3
 
 HAND_PERIOD_S = 0.002

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from itertools import pairwise
 
 from cardan.conform.requirements import Requirements, Verdict, failed, not_seen, passed
-from cardan_leap.conform.seen import LeapSeen
+from cardan_leap.conform.decoded import LeapSeen
 from cardan_leap.protocol import (
     DeviceEvent,
     Hand,

@@ -6,15 +6,15 @@ import re
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
+from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event, Kind, Timeline
-from cardan.conform.wires import Wires, host_and_port
-from cardan_leap.conform.pilot import LeapPilot
+from cardan.conform.transports import Wires, host_and_port
+from cardan_leap.conform.decoded import LeapSeen
 from cardan_leap.conform.requirements import requires
-from cardan_leap.conform.rig import LeapRig
-from cardan_leap.conform.seen import LeapSeen
+from cardan_leap.conform.scenario import LeapPilot
+from cardan_leap.conform.simulated import LeapRig
 from cardan_leap.conform.wire import Service
 from cardan_leap.protocol import PORT
 
@@ -50,7 +50,7 @@ class Leap(Suite[LeapSeen]):
     def pilot(self, level: Level, seconds: float) -> LeapPilot:
         return LeapPilot(level, seconds)
 
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
         LeapRig(conduct, faults, seed).run()
 
     def wires(self, target: str) -> Wires:

@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections.abc import Iterator
 
-from cardan.conform.wires import CONNECT_S, Wire, Wires
+from cardan.conform.transports import CONNECT_S, Wire, Wires
 from cardan.errors import AddressError
 from cardan_leap.driver.connection import Connection
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from cardan.drivers.access import usb_devices
 from cardan.drivers.base import Endpoint, FoundDevice
-from cardan.drivers.reading import ReadDevice
+from cardan.drivers.reader_thread import ReadDevice
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DriverError
 from cardan.types import DeviceCapabilities

@@ -1,9 +1,5 @@
 """A simulated Leap Motion tracking service: hands, tracker, and its WebSocket."""
 
-from cardan_leap.peer.anatomy import (
-    Anatomy as Anatomy,
-    HandPosture as HandPosture,
-)
 from cardan_leap.peer.core import (
     SimulatedHand as SimulatedHand,
     SimulatedLeapService as SimulatedLeapService,
@@ -16,6 +12,10 @@ from cardan_leap.peer.hand import (
     SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
     ScriptedHands as ScriptedHands,
+)
+from cardan_leap.peer.hand_model import (
+    Anatomy as Anatomy,
+    HandPosture as HandPosture,
 )
 from cardan_leap.peer.service import (
     LeapPeer as LeapPeer,

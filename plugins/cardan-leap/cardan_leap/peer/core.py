@@ -14,8 +14,8 @@ from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 from cardan.sim_peers.base import check_faults
-from cardan_leap.peer.anatomy import Anatomy, HandPosture, Triple, as_version, frame_document
 from cardan_leap.peer.faults import ABSURD_MM, FAULTS, RESTART_S, STALL_EVERY_S
+from cardan_leap.peer.hand_model import Anatomy, HandPosture, Triple, as_version, frame_document
 from cardan_leap.protocol import (
     DEVICE_EVENT_SINCE,
     FOCUS_SINCE,

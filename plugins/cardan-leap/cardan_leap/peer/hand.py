@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
+from cardan.sim_peers.motion_profile import Ramp, SinePeriods, VectorMotion
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, setting
-from cardan.sim_peers.strokes import Ramp, Swing, VectorMotion
 from cardan_leap.peer.core import SimulatedLeapService
 from cardan_leap.peer.faults import RESTART_S
 from cardan_leap.protocol import HANDS
@@ -207,7 +207,7 @@ class ScriptedHands(ScriptHand[SimulatedLeapService]):
 
         return enter
 
-    def _moving(self, side: str, **strokes: Ramp | Swing) -> Act[SimulatedLeapService]:
+    def _moving(self, side: str, **strokes: Ramp | SinePeriods) -> Act[SimulatedLeapService]:
         """Strokes by their channels, of a hand which a script may move before it comes."""
 
         def move(_: SimulatedLeapService, at_s: float) -> None:

@@ -15,8 +15,8 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan_omni.conform.calls import ERROR_STACK, GREATEST_N
-from cardan_omni.conform.pilot import DOUBLES, NO_ENUM, NO_HANDLE, NOBODY, STRINGS
-from cardan_omni.conform.seen import Answer, HdapiSeen, Tick
+from cardan_omni.conform.decoded import Answer, HdapiSeen, Tick
+from cardan_omni.conform.scenario import DOUBLES, NO_ENUM, NO_HANDLE, NOBODY, STRINGS
 from cardan_omni.driver.library import RATE_HZ, SIGNATURES
 from cardan_omni.protocol import (
     INVALID_HANDLE,

@@ -6,15 +6,15 @@ import re
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
+from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event, Kind, Timeline
-from cardan.conform.wires import Wires
-from cardan_omni.conform.pilot import HdapiPilot
+from cardan.conform.transports import Wires
+from cardan_omni.conform.decoded import HdapiSeen
 from cardan_omni.conform.requirements import requires
-from cardan_omni.conform.rig import HdapiRig
-from cardan_omni.conform.seen import HdapiSeen
+from cardan_omni.conform.scenario import HdapiPilot
+from cardan_omni.conform.simulated import HdapiRig
 from cardan_omni.conform.wire import Library
 from cardan_omni.protocol import Info
 
@@ -43,7 +43,7 @@ class Hdapi(Suite[HdapiSeen]):
     def pilot(self, level: Level, seconds: float) -> HdapiPilot:
         return HdapiPilot(level, seconds)
 
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
         HdapiRig(conduct, faults, seed).run()
 
     def wires(self, target: str) -> Wires:

@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Iterator
 
-from cardan.conform.wires import LARGEST_READ, Wire, Wires
+from cardan.conform.transports import LARGEST_READ, Wire, Wires
 from cardan_omni.conform.calls import HdCalls
 from cardan_omni.driver.library import load
 

@@ -19,7 +19,7 @@ from cardan.common.haptics import FeedbackLimits, HapticCommand, HapticState, Op
 from cardan.drivers.access import UDEV_HINT, usb_devices
 from cardan.drivers.base import FoundDevice
 from cardan.drivers.haptic import HapticDevice
-from cardan.drivers.reading import ReadDevice
+from cardan.drivers.reader_thread import ReadDevice
 from cardan.drivers.simulated import LAUNCHED
 from cardan.errors import CommandError, DeviceAccessError, DriverError, NotOpenError
 from cardan.types import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator
 
-from cardan.conform.wires import Wire, Wires
+from cardan.conform.transports import Wire, Wires
 from cardan.drivers.serial_port import SerialPort
 
 

@@ -8,7 +8,7 @@ import time
 from typing import Any, ClassVar
 
 from cardan.common.sockets import absence
-from cardan.drivers.reading import ReadDevice
+from cardan.drivers.reader_thread import ReadDevice
 from cardan.drivers.simulated import OWN
 from cardan.errors import DeviceNotFoundError
 from cardan.protocols.connexion import Model

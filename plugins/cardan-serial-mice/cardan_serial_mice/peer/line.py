@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from cardan.sim_peers.base import FaultSwitch, check_faults
-from cardan.sim_peers.report_line import ReportLine
+from cardan.sim_peers.report_line import DelayLine
 from cardan_serial_mice.protocol import SerialModel
 
 SERIAL_FAULTS = (
@@ -42,7 +42,7 @@ FIFO_BYTES = 14
 """A UART hands received bytes over in portions of this size, and what is left at a pause."""
 
 
-class SerialLine(ReportLine):
+class SerialLine(DelayLine):
     """The wire from the device to the host: bytes take their time, and some of them are mangled."""
 
     def __init__(self, faults: Mapping[str, float], model: SerialModel, seed: int) -> None:

@@ -15,7 +15,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.silences import never_silent
+from cardan.conform.timing import never_silent
 from cardan.protocols.spnav import (
     DEVICE_TYPES,
     MASK_V1,
@@ -35,7 +35,9 @@ from cardan.protocols.spnav import (
     StringAssembler,
     float_of,
 )
-from cardan_spnav_server.conform.pilot import (
+from cardan_spnav_server.conform.decoded import Asked, Record, SpnavSeen
+from cardan_spnav_server.conform.scapy_check import readings_differ
+from cardan_spnav_server.conform.scenario import (
     NEW,
     NEW_FACTOR,
     OLD,
@@ -45,8 +47,6 @@ from cardan_spnav_server.conform.pilot import (
     STRINGS,
     UNKNOWN,
 )
-from cardan_spnav_server.conform.second import readings_differ
-from cardan_spnav_server.conform.seen import Asked, Record, SpnavSeen
 
 PROTOCOL = "FreeSpacenav, spacenavd's description of its protocol"
 LIBSPNAV = "FreeSpacenav libspnav, src/spnav.c"

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
+from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
-from cardan.conform.wires import Wires
+from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
+from cardan_spnav_server.conform.decoded import SpnavSeen
 from cardan_spnav_server.conform.faults import FAULTS
-from cardan_spnav_server.conform.pilot import SpnavPilot
 from cardan_spnav_server.conform.requirements import requires
-from cardan_spnav_server.conform.rig import SpnavRig
-from cardan_spnav_server.conform.seen import SpnavSeen
+from cardan_spnav_server.conform.scenario import SpnavPilot
+from cardan_spnav_server.conform.simulated import SpnavRig
 from cardan_spnav_server.conform.wire import UnixStream
 
 
@@ -43,7 +43,7 @@ class SpnavDaemon(Suite[SpnavSeen]):
     def pilot(self, level: Level, seconds: float) -> SpnavPilot:
         return SpnavPilot(level, seconds)
 
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
         SpnavRig(conduct, faults, seed).run()
 
     def wires(self, target: str) -> Wires:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import socket
 
-from cardan.conform.wires import CONNECT_S, StreamWire, Wire, Wires
+from cardan.conform.transports import CONNECT_S, StreamWire, Wire, Wires
 from cardan.errors import AddressError
 
 

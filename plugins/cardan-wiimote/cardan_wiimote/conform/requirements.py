@@ -16,8 +16,8 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
-from cardan_wiimote.conform.pilot import DATA_MODE, EXTENSION_MODE, LONG_READ
-from cardan_wiimote.conform.seen import Memory, Report, WiimoteSeen
+from cardan_wiimote.conform.decoded import Memory, Report, WiimoteSeen
+from cardan_wiimote.conform.scenario import DATA_MODE, EXTENSION_MODE, LONG_READ
 from cardan_wiimote.protocol import (
     ACCELEROMETER_CALIBRATION_ADDRESSES,
     EEPROM,

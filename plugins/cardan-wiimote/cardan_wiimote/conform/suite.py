@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
+from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
-from cardan.conform.wires import DeviceFile, Wires
-from cardan_wiimote.conform.pilot import WiimotePilot
+from cardan.conform.transports import DeviceFile, Wires
+from cardan_wiimote.conform.decoded import WiimoteSeen
 from cardan_wiimote.conform.requirements import requires
-from cardan_wiimote.conform.rig import WiimoteRig
-from cardan_wiimote.conform.seen import WiimoteSeen
+from cardan_wiimote.conform.scenario import WiimotePilot
+from cardan_wiimote.conform.simulated import WiimoteRig
 
 
 class Wiimote(Suite[WiimoteSeen]):
@@ -46,7 +46,7 @@ class Wiimote(Suite[WiimoteSeen]):
     def pilot(self, level: Level, seconds: float) -> WiimotePilot:
         return WiimotePilot(level, seconds)
 
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
         WiimoteRig(conduct, faults, seed).run()
 
     def wires(self, target: str) -> Wires:

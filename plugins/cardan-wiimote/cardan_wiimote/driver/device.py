@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 from cardan.drivers.access import is_path, such
 from cardan.drivers.base import FoundDevice
-from cardan.drivers.reading import ReadDevice
+from cardan.drivers.reader_thread import ReadDevice
 from cardan.drivers.simulated import OWN
 from cardan.errors import DeviceAccessError, DeviceNotFoundError, DriverError
 from cardan.types import DeviceCapabilities, DeviceFeedback

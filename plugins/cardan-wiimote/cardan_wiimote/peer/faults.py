@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from cardan.errors import ScriptError
 from cardan.sim_peers import base
 from cardan.sim_peers.base import FaultSwitch
-from cardan.sim_peers.report_line import ReportLine
+from cardan.sim_peers.report_line import DelayLine
 
 FAULTS = (
     FaultSwitch("bad-checksum", "the first accelerometer calibration block has a wrong checksum"),
@@ -61,7 +61,7 @@ def check_faults(faults: Mapping[str, float], *, tr: bool) -> None:
         raise ScriptError("fault woken-by-1-2: only a -TR remote has it")
 
 
-class FaultyLink(ReportLine):
+class FaultyLink(DelayLine):
     """The radio link between remote and host: carries reports, mangles or delays them.
 
     Reports arrive when they are sent, so a few may come at once; but no more of them than there are

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 
 from cardan.sim_peers.base import ScriptStep
+from cardan.sim_peers.motion_profile import Ramp, VectorMotion
 from cardan.sim_peers.scripted import Act, ScriptHand, StepWords, calling, moving, setting
-from cardan.sim_peers.strokes import Ramp, VectorMotion
 from cardan_wiimote.peer.core import ZERO, SimulatedWiimote
 from cardan_wiimote.protocol import BUTTONS, IrDot
 from cardan_wiimote.protocol.camera import HEIGHT, WIDTH

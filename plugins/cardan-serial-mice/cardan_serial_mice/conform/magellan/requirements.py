@@ -12,8 +12,8 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
-from cardan_serial_mice.conform.magellan.pilot import UNKNOWN
-from cardan_serial_mice.conform.magellan.seen import MagellanSeen
+from cardan_serial_mice.conform.magellan.decoded import MagellanSeen
+from cardan_serial_mice.conform.magellan.scenario import UNKNOWN
 from cardan_serial_mice.conform.puck import judges
 from cardan_serial_mice.protocol import (
     MagellanCompressedMotion,

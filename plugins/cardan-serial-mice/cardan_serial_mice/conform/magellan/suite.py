@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
+from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
-from cardan.conform.wires import Wires
+from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
-from cardan_serial_mice.conform.magellan.pilot import MagellanPilot
+from cardan_serial_mice.conform.magellan.decoded import MagellanSeen, MagellanTongue
 from cardan_serial_mice.conform.magellan.requirements import requires
-from cardan_serial_mice.conform.magellan.seen import MagellanSeen, MagellanTongue
-from cardan_serial_mice.conform.puck.rig import PuckRig
+from cardan_serial_mice.conform.magellan.scenario import MagellanPilot
+from cardan_serial_mice.conform.puck.simulated import PuckRig
 from cardan_serial_mice.conform.wire import SerialLine
 from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.protocol.magellan import BAUD
@@ -44,7 +44,7 @@ class Magellan(Suite[MagellanSeen]):
     def pilot(self, level: Level, seconds: float) -> MagellanPilot:
         return MagellanPilot(level, seconds)
 
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
         PuckRig("magellan", conduct, faults, seed).run()
 
     def wires(self, target: str) -> Wires:

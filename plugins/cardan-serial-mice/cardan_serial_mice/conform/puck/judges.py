@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from cardan.conform.requirements import Verdict, failed, not_seen, passed
-from cardan.conform.silences import never_silent
-from cardan_serial_mice.conform.puck.seen import Asked, PuckSeen
+from cardan.conform.timing import never_silent
+from cardan_serial_mice.conform.puck.decoded import Asked, PuckSeen
 
 HELD = ("push-held", "twist-held")
 NOTHING = "no packets came"

@@ -17,7 +17,7 @@ from cardan.conform.requirements import (
 from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
 from cardan_serial_mice.conform.puck import judges
-from cardan_serial_mice.conform.spaceball.tongue import UNKNOWN, BallSeen
+from cardan_serial_mice.conform.spaceball.packets import UNKNOWN, BallSeen
 from cardan_serial_mice.protocol import (
     SpaceballAdvancedKeys,
     SpaceballError,

@@ -15,7 +15,7 @@ from cardan.conform.requirements import (
 from cardan.conform.second_reading import second_description
 from cardan.errors import ExtraMissingError
 from cardan_serial_mice.conform.puck import judges
-from cardan_serial_mice.conform.spaceorb.tongue import NULL_REGION, POLL, OrbSeen
+from cardan_serial_mice.conform.spaceorb.packets import NULL_REGION, POLL, OrbSeen
 from cardan_serial_mice.protocol import OrbError, OrbKeys, OrbReset, OrbText
 from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
 

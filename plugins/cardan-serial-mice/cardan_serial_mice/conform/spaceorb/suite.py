@@ -5,16 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.conduct import Conduct
 from cardan.conform.requirements import Level
+from cardan.conform.runner import Exchange
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Timeline
-from cardan.conform.wires import Wires
+from cardan.conform.transports import Wires
 from cardan.sim_peers.base import FaultSwitch
-from cardan_serial_mice.conform.puck.rig import PuckRig
-from cardan_serial_mice.conform.spaceorb.pilot import SpaceOrbPilot
+from cardan_serial_mice.conform.puck.simulated import PuckRig
+from cardan_serial_mice.conform.spaceorb.packets import OrbSeen, OrbTongue
 from cardan_serial_mice.conform.spaceorb.requirements import requires
-from cardan_serial_mice.conform.spaceorb.tongue import OrbSeen, OrbTongue
+from cardan_serial_mice.conform.spaceorb.scenario import SpaceOrbPilot
 from cardan_serial_mice.conform.wire import SerialLine
 from cardan_serial_mice.peer.line import SERIAL_FAULTS
 from cardan_serial_mice.protocol.spaceorb import BAUD
@@ -40,7 +40,7 @@ class SpaceOrb(Suite[OrbSeen]):
     def pilot(self, level: Level, seconds: float) -> SpaceOrbPilot:
         return SpaceOrbPilot(level, seconds)
 
-    def simulate(self, conduct: Conduct, faults: Mapping[str, float], seed: int) -> None:
+    def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
         PuckRig("spaceorb", conduct, faults, seed).run()
 
     def wires(self, target: str) -> Wires:

@@ -1,0 +1,43 @@
+"""Has somebody move a 3Dconnexion device, and reads what it sends."""
+
+from __future__ import annotations
+
+from cardan.conform.hands import HandPilot
+from cardan.conform.requirements import Level
+from cardan.conform.runner import Script, Wait, mark, send
+from cardan.conform.timeline import Event
+from cardan.protocols.connexion import (
+    ButtonBits,
+    KeysDown,
+    Motion,
+    Rotation,
+    Translation,
+    decode_input,
+    encode_led,
+)
+
+REST_S = 0.5
+
+
+class ConnexionPilot(HandPilot):
+    """Reads; only from level 1 on it sends, to the LED."""
+
+    def _note(self, event: Event) -> None:
+        value = decode_input(event.data)
+        if isinstance(value, (Translation, Rotation, Motion)):
+            self._moved = self._moved or any(value)
+        elif isinstance(value, (ButtonBits, KeysDown)):
+            self._pressed = True
+
+    def script(self) -> Script:
+        yield from self._begin(REST_S)
+        yield from self._motions(REST_S)
+        yield from self._keys()
+        if self._level >= Level.HOLD:
+            yield mark("led")
+            for on in (True, False, True):
+                yield send(encode_led(on))
+                yield Wait(0.1)
+            yield from self._again()
+        if self._level >= Level.BY_HAND:
+            yield from self._unplugged()

@@ -1,0 +1,135 @@
+"""Asks a controller: listens, holds, steps by half a millimetre, and has it stopped by hand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from cardan.conform.requirements import Level
+from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
+from cardan.conform.timeline import Event, Kind
+from cardan.protocols.egm import (
+    EgmHeader,
+    EgmMotion,
+    EgmRobot,
+    EgmSensor,
+    MCIState,
+    MessageType,
+    MotorState,
+    decode_robot,
+    encode_sensor,
+)
+
+STEP_M = 0.0005
+STEP_RAD = math.radians(0.1)
+"""Of the last joint; the program's mode decides which of the two acts."""
+STEP_S = 1.2
+"""Five time constants of the default gain."""
+QUIET_S = 0.5
+"""A run is over after this time without a datagram."""
+ENDS_S = 3.0
+"""A run that is left alone ends within this time, and the next begins: three times RAPID's own
+CommTimeout."""
+HAND_S = 60.0
+"""Somebody has so long to do what the list says."""
+
+JUNK = (b"\x00", b"GET / HTTP/1.1\r\n\r\n", bytes(range(255, 55, -1)), b"\x0a\x06\x08")
+"""Nothing, another protocol, noise, and the beginning of a message."""
+
+
+class EgmPilot(Scenario):
+    """A PC that does no harm. It answers each datagram at once, with the position that it holds."""
+
+    def __init__(self, level: Level, seconds: float) -> None:
+        self._level = level
+        self._seconds = seconds
+        self._answering = False
+        self._shift = 0.0
+        """Share of the step that is asked for."""
+        self._hold: EgmMotion | None = None
+        self._newest: EgmRobot | None = None
+        self._newest_s = -math.inf
+        self._seqno = 0
+
+    def script(self) -> Script:
+        yield open_("")
+        yield mark("listen")
+        # Long enough to meet the next run, where the one before ends for want of answers.
+        yield Wait(0.6 * self._seconds)
+        if self._level >= Level.HOLD:
+            yield from self._holding()
+        if self._level >= Level.MOVE:
+            self._answering = True
+            yield mark("step")
+            self._shift = 1.0
+            yield Wait(STEP_S)
+            yield mark("back")
+            self._shift = 0.0
+            yield Wait(STEP_S)
+        if self._level >= Level.BY_HAND:
+            yield mark("estop")
+            yield ask("estop", "Press the emergency stop.")
+            yield Wait(HAND_S, lambda: self._quiet() or not self._motors())
+            yield Wait(QUIET_S)
+            yield mark("released")
+            instruction = "Release it, switch the motors on and start the program."
+            yield ask("release", instruction)
+            yield Wait(HAND_S, self._runs)
+            yield Wait(QUIET_S)
+
+    def _holding(self) -> Script:
+        patience_s = max(self._seconds, ENDS_S)
+        yield mark("hold")
+        self._answering = True
+        yield Wait(patience_s, self._runs)
+        yield Wait(self._seconds)
+        yield mark("junk")
+        for data in JUNK:
+            yield send(data)
+            yield Wait(0.05)
+        yield mark("silence")
+        self._answering = False
+        yield Wait(patience_s, lambda: self._quiet() or not self._runs())
+        yield mark("again")
+        self._hold = None
+        self._answering = True
+        yield Wait(patience_s, self._runs)
+        yield Wait(QUIET_S)
+
+    def answer(self, event: Event) -> Iterator[Act]:
+        if event.kind is not Kind.DATA:
+            return
+        message = decode_robot(event.data)
+        if not isinstance(message, EgmRobot):
+            return
+        if self._quiet() or self._begins(message) or message.mci_state != MCIState.RUNNING:
+            self._hold = None
+        self._newest, self._newest_s = message, self.now_s
+        if self._answering and message.feed_back is not None and message.header is not None:
+            self._hold = self._hold or message.feed_back
+            self._seqno += 1
+            header = EgmHeader(self._seqno, message.header.tm_ms, MessageType.CORRECTION)
+            yield send(encode_sensor(EgmSensor(header, self._reference(self._hold))))
+
+    def _begins(self, message: EgmRobot) -> bool:
+        return message.header is not None and message.header.seqno == 0
+
+    def _reference(self, held: EgmMotion) -> EgmMotion:
+        joints, pose = held.joints, held.cartesian
+        if joints is not None and len(joints) >= 6:
+            joints = (*joints[:5], joints[5] + self._shift * STEP_RAD, *joints[6:])
+        if pose is not None and pose.pos is not None:
+            x, y, z = pose.pos
+            lifted = type(pose.pos)(x, y, z + self._shift * STEP_M)
+            pose = pose._replace(pos=lifted, euler=None)
+        return EgmMotion(joints, pose, held.external_joints)
+
+    def _quiet(self) -> bool:
+        return self.now_s - self._newest_s > QUIET_S
+
+    def _runs(self) -> bool:
+        newest = self._newest
+        return newest is not None and not self._quiet() and newest.mci_state == MCIState.RUNNING
+
+    def _motors(self) -> bool:
+        return self._newest is not None and self._newest.motor_state == MotorState.ON

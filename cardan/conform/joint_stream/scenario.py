@@ -1,0 +1,153 @@
+"""Asks an arm over the joint stream: greets it, holds it, and moves every joint a little."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from cardan.conform.requirements import Level
+from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
+from cardan.conform.timeline import Event, Kind
+from cardan.protocols.joint_stream import (
+    ArmCommand,
+    ArmState,
+    ControlMode,
+    decode_state,
+    encode_command,
+)
+
+STEP_RAD = 3.5e-4
+"""Of every joint at once: 0.02 degrees, which no arm makes a millimetre of."""
+STEP_S = 0.5
+SPEED_RAD_S = 2e-3
+MOVING_S = 0.15
+COME_S = 2.0
+FAR_RAD = 1e3
+"""Outside of every range."""
+HAND_S = 60.0
+FOREIGN_SESSIONS = 7
+"""How far the session is off that is not the arm's."""
+
+
+class JointStreamPilot(Scenario):
+    """A client that answers every state with a command."""
+
+    def __init__(self, level: Level, seconds: float) -> None:
+        self._level = level
+        self._seconds = seconds
+        self._state: ArmState | None = None
+        self._heard_s = 0.0
+        self._sequence = 0
+        self._mode: ControlMode | None = None
+        """What every state is answered with; None: nothing."""
+        self._at: tuple[float, ...] = ()
+        self._speed = 0.0
+
+    def answer(self, event: Event) -> Iterator[Act]:
+        if event.kind is not Kind.DATA:
+            return
+        state = decode_state(event.data)
+        if not isinstance(state, ArmState):
+            return
+        self._state, self._heard_s = state, self.now_s
+        if self._mode is not None:
+            yield self._command(self._mode, state)
+
+    def _command(self, mode: ControlMode, state: ArmState, session: int | None = None) -> Act:
+        self._sequence += 1
+        joints = len(state.positions)
+        values: tuple[float, ...] = ()
+        forward: tuple[float, ...] = ()
+        if mode is ControlMode.POSITION:
+            self._at = self._at or state.positions
+            values, forward = self._at, (0.0,) * joints
+        elif mode is ControlMode.VELOCITY:
+            values = (self._speed,) * joints
+        number = state.session if session is None else session
+        command = ArmCommand(number, self._sequence, self.now_s, mode, values, forward)
+        return send(encode_command(command, joints))
+
+    def _greeting(self) -> Act:
+        self._sequence = 1
+        greeting = ArmCommand(0, 1, self.now_s, ControlMode.HOLD)
+        return send(encode_command(greeting, 1))
+
+    def script(self) -> Script:
+        yield open_("")
+        yield mark("listen")
+        yield Wait(0.3)
+        if self._level < Level.HOLD:
+            return
+        yield mark("greet")
+        yield self._greeting()
+        yield Wait(COME_S, lambda: self._state is not None)
+        if self._state is None:
+            return
+        yield mark("idle")
+        yield Wait(0.3)
+        self._mode = ControlMode.POSITION
+        yield mark("settle")
+        yield Wait(0.4)
+        yield mark("hold")
+        yield Wait(self._seconds)
+        yield from self._refused()
+        yield mark("silence")
+        self._mode = None
+        yield Wait(1.5)
+        yield mark("quiet")
+        yield Wait(0.3)
+        yield mark("greet-again")
+        self._at = ()
+        yield self._greeting()
+        yield Wait(0.2)
+        if self._level >= Level.MOVE:
+            yield from self._moving()
+        if self._level >= Level.BY_HAND:
+            self._mode = ControlMode.POSITION
+            yield mark("estop")
+            yield ask("estop", "Stop the arm by its emergency stop.")
+            yield Wait(HAND_S, lambda: bool(self._state and self._state.reason))
+            yield Wait(0.3)
+
+    def _refused(self) -> Script:
+        """What changes nothing, or is refused."""
+        state = self._state
+        assert state is not None
+        yield mark("junk")
+        for data in (b"CJST", b"\x00" * 24, b"GET / HTTP/1.1\r\n\r\n"):
+            yield send(data)
+            yield Wait(0.02)
+        yield mark("foreign")
+        self._mode, self._speed = None, SPEED_RAD_S
+        other = (state.session + FOREIGN_SESSIONS) & 0xFFFFFFFF
+        for _ in range(3):
+            yield self._command(ControlMode.VELOCITY, state, session=other)
+            yield Wait(0.02)
+        self._mode = ControlMode.POSITION
+        yield Wait(0.05)
+        yield mark("beyond")
+        held, self._at = self._at, (FAR_RAD,) * len(state.positions)
+        self._mode = None
+        yield self._command(ControlMode.POSITION, state)
+        yield Wait(0.05)
+        self._at, self._mode = held, ControlMode.POSITION
+        yield Wait(0.1)
+
+    def _moving(self) -> Script:
+        self._mode = ControlMode.POSITION
+        yield mark("before")
+        yield Wait(STEP_S)
+        for name, sign in (("out", 1.0), ("back", -1.0)):
+            yield mark(name)
+            self._at = tuple(q + sign * STEP_RAD for q in self._at)
+            yield Wait(STEP_S)
+        yield mark("speed")
+        self._mode, self._speed = ControlMode.VELOCITY, SPEED_RAD_S
+        yield Wait(MOVING_S)
+        yield mark("stop")
+        self._speed = 0.0
+        yield Wait(0.1)
+        yield mark("deserted")
+        self._speed = SPEED_RAD_S
+        yield Wait(0.05)
+        self._mode = None
+        yield Wait(0.5)

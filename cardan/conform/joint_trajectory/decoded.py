@@ -1,0 +1,155 @@
+"""What judges of an action server look at: its goals, and what became of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from cardan.conform.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
+from cardan.conform.joint_trajectory.scenario import apart
+from cardan.conform.ros2_arm.decoded import RosArmSeen, State
+from cardan.conform.timeline import Event, Kind, Timeline
+from cardan.protocols.ros2.actions import CANCEL_TYPE, STATUS_TYPE, GoalStatus
+from cardan.protocols.ros2.cdr import Malformed, Message, decoded
+
+_REQUESTS = {
+    GOAL: TYPE.send_goal.request,
+    CANCEL: f"{CANCEL_TYPE}_Request",
+    RESULT: TYPE.get_result.request,
+}
+_HEARD = {
+    GOAL: TYPE.send_goal.response,
+    CANCEL: f"{CANCEL_TYPE}_Response",
+    RESULT: TYPE.get_result.response,
+    FEEDBACK: TYPE.feedback,
+    STATUS: STATUS_TYPE,
+}
+
+
+@dataclass
+class Goal:
+    """A goal that was sent."""
+
+    number: int
+    """Of its event."""
+    sent_s: float
+    id: bytes
+    trajectory: Message
+    accepted: bool | None = None
+    """None: nobody answered."""
+    status: int | None = None
+    """Of its result; None: there is none."""
+    code: int = 0
+    words: str = ""
+    result: int = 0
+    """Number of the result's event."""
+    result_s: float = 0.0
+    states: list[tuple[int, int]] = field(default_factory=list)
+    """Its status as it is published: number of the event, status."""
+
+    @property
+    def target(self) -> dict[str, float]:
+        """Where it ends."""
+        last = self.trajectory["points"][-1]["positions"]
+        return dict(zip(self.trajectory["joint_names"], last, strict=False))
+
+    @property
+    def seconds(self) -> float:
+        """How long it takes."""
+        time = self.trajectory["points"][-1]["time_from_start"]
+        return float(time["sec"] + 1e-9 * time["nanosec"])
+
+    @property
+    def became(self) -> str:
+        """What became of it, in words."""
+        if self.accepted is None:
+            return "nobody answered"
+        if not self.accepted:
+            return "it was rejected"
+        if self.status is None:
+            return "it has no result"
+        known = self.status in list(GoalStatus)
+        name = GoalStatus(self.status).name if known else f"status {self.status}"
+        return f"{name} with error_code {self.code}"
+
+
+class TrajectorySeen(RosArmSeen):
+    """The goals of a timeline, beside the arm's states."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        super().__init__(timeline)
+        self.goals: list[Goal] = []
+        self.feedback: list[tuple[int, Message]] = []
+        self.cancelled: dict[bytes, float] = {}
+        """When the cancellation of a goal was sent, by its id."""
+        self._asked: list[bytes] = []
+        """Ids of the goals whose results were asked for."""
+        for number, event in enumerate(timeline):
+            names = _REQUESTS if event.sent else _HEARD
+            if event.kind is Kind.DATA and event.channel in names:
+                _, message = decoded(names[event.channel], event.data)
+                if isinstance(message, Malformed):
+                    self.malformed.append((number, message.reason))
+                elif event.sent:
+                    self._take_request(number, event, message)
+                else:
+                    self._take(number, event, message)
+
+    def _take_request(self, number: int, event: Event, message: Message) -> None:
+        if event.channel == GOAL:
+            goal_id = bytes(message["goal_id"]["uuid"])
+            trajectory = message["goal"]["trajectory"]
+            self.goals.append(Goal(number, event.time_s, goal_id, trajectory))
+        elif event.channel == CANCEL:
+            goal_id = bytes(message["goal_info"]["goal_id"]["uuid"])
+            self.cancelled[goal_id] = event.time_s
+        else:
+            self._asked.append(bytes(message["goal_id"]["uuid"]))
+
+    def _take(self, number: int, event: Event, message: Message) -> None:
+        if event.channel == GOAL:
+            self.goals[int(event.note) - 1].accepted = message["accepted"]
+        elif event.channel == RESULT:
+            goal = self._goal(self._asked[int(event.note) - 1])
+            if goal is not None:
+                goal.status, goal.result, goal.result_s = message["status"], number, event.time_s
+                goal.code = message["result"]["error_code"]
+                goal.words = message["result"]["error_string"]
+        elif event.channel == FEEDBACK:
+            self.feedback.append((number, message))
+        elif event.channel == STATUS:
+            for each in message["status_list"]:
+                goal = self._goal(bytes(each["goal_info"]["goal_id"]["uuid"]))
+                if goal is not None:
+                    goal.states.append((number, each["status"]))
+
+    def _goal(self, goal_id: bytes) -> Goal | None:
+        return next((each for each in self.goals if each.id == goal_id), None)
+
+    def sent_in(self, phase: str) -> list[Goal]:
+        """The goals of a phase."""
+        return self.within(self.goals, phase)
+
+    def off(self, state: State, positions: dict[str, float]) -> dict[str, float]:
+        """How far joints are from `positions`, of continuous ones by the short way."""
+        kinds = self.described or {}
+        return {
+            name: apart(state.positions[name], at, kinds.get(name, ""))
+            for name, at in positions.items()
+            if name in state.positions
+        }
+
+    def farthest(self, states: list[State]) -> tuple[float, str, int]:
+        """How far a joint gets from where it is first in `states`, which, and by which event: of
+        those that goals name, where there are goals."""
+        first: dict[str, float] = {}
+        for each in reversed(states):
+            first.update(each.positions)
+        named = {name for goal in self.goals for name in goal.trajectory["joint_names"]}
+        if named:
+            first = {name: at for name, at in first.items() if name in named}
+        ways = [
+            (abs(value), name, each.number)
+            for each in states
+            for name, value in self.off(each, first).items()
+        ]
+        return max(ways, default=(0.0, "no joint", states[0].number))

@@ -1,0 +1,263 @@
+"""Asks MotoROS: listens to its states, asks one thing at a time, and moves one axis a little."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from cardan.conform.requirements import Level
+from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
+from cardan.conform.timeline import Event, Kind
+from cardan.protocols.simple_message import (
+    ZEROS,
+    Body,
+    ByteOrder,
+    Empty,
+    FrameReader,
+    JointFeedback,
+    Joints,
+    JointTrajPtFull,
+    JointVelocity,
+    Message,
+    MessageType as T,
+    MotionCommand as C,
+    MotionCtrl,
+    MotionReply,
+    MotionResult,
+    Raw,
+    ReadIo,
+    RobotStatus,
+    ValidFields,
+    VelocityInfo,
+    VelocityInfoRequest,
+    joints10,
+    request,
+    topic,
+    wire,
+)
+
+STEP_RAD = math.radians(0.2)
+"""Of the last axis, which only turns the flange."""
+STEP_S = 0.1
+UNKNOWN_TYPE = 3900
+"""No firmware that is known has it."""
+REPLY_S = 0.6
+"""A controller that answers no sooner is taken not to answer."""
+START_S = 12.0
+"""START_TRAJ_MODE may power the drives and start a job."""
+POLL_S = 0.02
+WATCHDOG_MS = 100.0
+HAND_S = 60.0
+VELOCITY_S = 0.01
+FIRST_OUTPUT = 10010
+_POSITION = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
+
+
+class MotorosPilot(Scenario):
+    """A client that has one request open at a time, each in a send of its own."""
+
+    def __init__(self, level: Level, seconds: float) -> None:
+        self._level = level
+        self._seconds = seconds
+        self._order = ByteOrder.LITTLE
+        self._readers: dict[str, FrameReader] = {}
+        self._reply: Message | None = None
+        self._status: RobotStatus | None = None
+        self._feedback: JointFeedback | None = None
+        self._sequence = 0
+        self._lost: set[str] = set()
+        self._axes = 6
+
+    # -- what comes in ----------------------------------------------------------------------------
+
+    def answer(self, event: Event) -> Iterator[Act]:
+        channel = event.channel
+        if event.kind is Kind.OPENED:
+            self._readers.pop(channel, None)
+            self._lost.discard(channel)
+        elif event.kind in (Kind.CLOSED, Kind.REFUSED):
+            self._lost.add(channel)
+        elif event.kind is Kind.DATA:
+            reader = self._readers.setdefault(channel, FrameReader())
+            reader.feed(event.data)
+            while (frame := reader.take()) is not None:
+                self._order = reader.byte_order or self._order
+                message = wire(self._order).decode(frame)
+                if isinstance(message, Message):
+                    self._take(channel, message)
+            if reader.failure:
+                del self._readers[channel]
+        return iter(())
+
+    def _take(self, channel: str, message: Message) -> None:
+        body = message.body
+        if channel != "state":
+            self._reply = message
+        elif isinstance(body, RobotStatus):
+            self._status = body
+        elif isinstance(body, JointFeedback) and body.group == 0:
+            self._feedback = body
+
+    # -- what is asked ----------------------------------------------------------------------------
+
+    def script(self) -> Script:
+        yield open_("state")
+        yield mark("listen")
+        yield Wait(self._seconds / 3.0)
+        if self._level < Level.HOLD:
+            return
+        yield from self._asking()
+        yield from self._holding()
+        if self._level >= Level.MOVE:
+            yield from self._moving()
+        if self._level >= Level.BY_HAND:
+            yield from self._by_hand()
+        yield mark("leave")
+        yield from self._ordered(C.STOP_MOTION)
+        yield from self._ordered(C.STOP_TRAJ_MODE)
+
+    def _asking(self) -> Script:
+        yield open_("motion")
+        yield open_("io")
+        yield mark("ask")
+        yield from self._ordered(C.STOP_MOTION)
+        yield from self._asked(Empty(), T.PING)
+        yield from self._ordered(C.CHECK_MOTION_READY)
+        yield from self._ordered(C.CHECK_QUEUE_CNT)
+        yield from self._asked(VelocityInfoRequest(0), T.MOTO_VELOCITY_INFO)
+        if self._reply is not None and isinstance(self._reply.body, VelocityInfo):
+            self._axes = min(max(self._reply.body.axes, 1), 10)
+        yield from self._asked(Raw(b""), UNKNOWN_TYPE)
+        yield from self._asked(Raw(bytes(8)), int(T.MOTO_MOTION_CTRL))
+        # Sequence 0 of a group that no controller has.
+        point = JointTrajPtFull(9, 0, _POSITION, 0.0, ZEROS, ZEROS, ZEROS)
+        yield from self._asked(point)
+        yield from self._asked(ReadIo(FIRST_OUTPUT), T.MOTO_READ_IO_BIT, channel="io")
+        yield from self._asked(ReadIo(9), T.MOTO_READ_IO_BIT, channel="io")
+        yield mark("pieces")
+        data = wire(self._order).encode(request(Empty(), T.PING))
+        self._reply = None
+        yield send(data[:6], "motion")
+        yield Wait(0.03)
+        yield send(data[6:], "motion")
+        yield Wait(REPLY_S, self._answered)
+
+    def _holding(self) -> Script:
+        yield mark("start")
+        yield from self._ordered(C.START_TRAJ_MODE, START_S)
+        yield Wait(0.05)
+        yield mark("hold")
+        yield from self._point(0, 0.0)
+        end_s = self.now_s + self._seconds
+        while self.now_s < end_s and "motion" not in self._lost:
+            yield from self._ordered(C.CHECK_QUEUE_CNT)
+            yield Wait(POLL_S)
+            yield from self._ordered(C.CHECK_MOTION_READY)
+            yield Wait(POLL_S)
+        yield mark("velocity")
+        yield from self._start_velocity()
+        if self._succeeded():
+            yield from self._velocity(0, 0.0)
+            # Longer than the watchdog waits.
+            yield Wait(3.0 * WATCHDOG_MS * 1e-3)
+            yield from self._velocity(1, 0.0)
+            yield from self._point(0, 0.0)
+            yield from self._velocity(0, 0.0)
+            yield from self._velocity(2, 0.0)
+            yield from self._velocity(2, 0.0)
+            yield from self._ordered(C.STOP_VEL_MODE)
+
+    def _moving(self) -> Script:
+        yield mark("trajectory")
+        yield from self._ordered(C.START_TRAJ_MODE, START_S)
+        yield Wait(0.1)
+        for name, shift in (("out", STEP_RAD), ("back", -STEP_RAD)):
+            yield mark(name)
+            yield from self._point(0, 0.0)
+            if self._succeeded():
+                yield from self._point(1, STEP_S, shift)
+                # Not at once: the queue is filled an interpolation period later.
+                end_s = self.now_s + 10.0 * STEP_S
+                yield Wait(0.5 * POLL_S)
+                while self.now_s < end_s and self._queue_left():
+                    yield from self._ordered(C.CHECK_QUEUE_CNT)
+                    yield Wait(0.5 * POLL_S)
+            yield Wait(0.5)
+            yield Wait(3.0, lambda: self._status is None or self._status.in_motion != 1)
+        yield mark("stream")
+        yield from self._start_velocity()
+        if self._succeeded():
+            yield from self._velocity(0, 0.0)
+            speed, count = STEP_RAD / STEP_S / 2.0, round(STEP_S / VELOCITY_S)
+            for sequence in range(1, count + 1):
+                body = self._velocity_body(sequence, speed)
+                yield send(wire(self._order).encode(topic(body)), "motion")
+                yield Wait(VELOCITY_S)
+            yield mark("deserted")
+            yield Wait(5.0 * WATCHDOG_MS * 1e-3)
+            yield from self._velocity(count + 1, 0.0)
+            yield from self._ordered(C.STOP_VEL_MODE)
+
+    def _by_hand(self) -> Script:
+        yield mark("estop")
+        yield ask("estop", "Press the emergency stop.")
+        yield Wait(HAND_S, lambda: self._status is not None and self._status.e_stopped == 1)
+        yield Wait(0.1)
+        yield from self._ordered(C.CHECK_MOTION_READY)
+        yield mark("released")
+        yield ask("release", "Release the emergency stop.")
+        yield Wait(HAND_S, lambda: self._status is not None and self._status.e_stopped == 0)
+        yield Wait(0.3)
+
+    # -- one thing --------------------------------------------------------------------------------
+
+    def _answered(self) -> bool:
+        return self._reply is not None or "motion" in self._lost
+
+    def _asked(
+        self,
+        body: Body,
+        msg_type: int | None = None,
+        *,
+        channel: str = "motion",
+        s: float = REPLY_S,
+    ) -> Script:
+        self._reply = None
+        yield send(wire(self._order).encode(request(body, msg_type)), channel)
+        yield Wait(s, self._answered)
+
+    def _ordered(self, command: C, seconds: float = REPLY_S, data: Joints = ZEROS) -> Script:
+        self._sequence += 1
+        yield from self._asked(MotionCtrl(0, self._sequence, command, data), s=seconds)
+
+    def _start_velocity(self) -> Script:
+        yield from self._ordered(C.START_VEL_MODE, START_S, joints10((WATCHDOG_MS,)))
+
+    def _point(self, sequence: int, time_s: float, shift: float = 0.0) -> Script:
+        at = ZEROS if self._feedback is None else self._feedback.pos
+        axis = self._axes - 1
+        at = (*at[:axis], at[axis] + shift, *at[axis + 1 :])
+        # The half millisecond: times are cut to whole milliseconds.
+        time_s += 0.0005 if time_s else 0.0
+        yield from self._asked(JointTrajPtFull(0, sequence, _POSITION, time_s, at, ZEROS, ZEROS))
+
+    def _velocity_body(self, sequence: int, speed: float) -> JointVelocity:
+        axis = self._axes - 1
+        speeds = joints10((*ZEROS[:axis], speed))
+        return JointVelocity(0, sequence, ValidFields.VELOCITY, 0.0, ZEROS, speeds, ZEROS)
+
+    def _velocity(self, sequence: int, speed: float) -> Script:
+        yield from self._asked(self._velocity_body(sequence, speed))
+
+    def _motion_reply(self) -> MotionReply | None:
+        body = None if self._reply is None else self._reply.body
+        return body if isinstance(body, MotionReply) else None
+
+    def _succeeded(self) -> bool:
+        found = self._motion_reply()
+        return found is not None and found.result == MotionResult.SUCCESS
+
+    def _queue_left(self) -> bool:
+        found = self._motion_reply()
+        asked_queue = found is not None and found.command == C.CHECK_QUEUE_CNT
+        return not asked_queue or found is None or found.subcode > 0

@@ -1,0 +1,30 @@
+"""The simulated controller's servers and a pilot in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cardan.conform.rigs import TcpRig
+from cardan.conform.runner import Exchange
+from cardan.sim_peers.motoros_controller import (
+    MotorosController,
+    MotorosControllerOptions,
+    MotorosServers,
+)
+from cardan.sim_peers.motoros_controller.servers import PortKind
+
+
+class MotorosRig(TcpRig[PortKind]):
+    """The three ports of a controller with MotoROS."""
+
+    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        options = MotorosControllerOptions(faults=faults, seed=seed)
+        self._controller = MotorosController(options)
+        super().__init__(conduct, MotorosServers(self._controller, options))
+
+    def _by_hand(self, what: str) -> None:
+        doing = {
+            "estop": self._controller.emergency_stop,
+            "release": self._controller.release_emergency_stop,
+        }
+        doing[what](self._now_s)

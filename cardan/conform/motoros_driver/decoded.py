@@ -1,0 +1,323 @@
+"""What judges of a client of MotoROS look at: its messages, how they came, and what they were
+answered."""
+
+from __future__ import annotations
+
+import bisect
+import math
+import operator
+from collections import deque
+from collections.abc import Iterator
+from functools import cached_property
+from typing import NamedTuple, TypeVar
+
+from cardan.conform.motoros_driver.scenario import port_of
+from cardan.conform.timeline import Event, Kind, Phase, Seen, Timeline
+from cardan.protocols.simple_message import (
+    ByteOrder,
+    CommType,
+    FrameReader,
+    JointFeedback,
+    JointTrajPtFull,
+    JointTrajPtFullEx,
+    JointVelocity,
+    JointVelocityEx,
+    Malformed,
+    Message,
+    MessageType,
+    MotionCtrl,
+    MotionReply,
+    RobotStatus,
+    detect_byte_order,
+    wire,
+)
+
+T = TypeVar("T")
+
+_VELOCITIES = frozenset((MessageType.MOTO_JOINT_VELOCITY, MessageType.MOTO_JOINT_VELOCITY_EX))
+
+
+class Answered(NamedTuple):
+    """What came back on the wire as the next message."""
+
+    number: int
+    time_s: float
+    message: Message
+
+
+class Said(NamedTuple):
+    """A message of the client."""
+
+    place: int
+    """Among all of them."""
+    number: int
+    """Of the event that completed it."""
+    time_s: float
+    channel: str
+    message: Message
+    raw: bytes
+    whole: bool
+    """It came in one piece, with nothing else in it."""
+    owed: int
+    """Requests before it on its connection that were not answered yet."""
+    answered: Answered | None
+
+    @property
+    def is_topic(self) -> bool:
+        """Nothing answers it: a speed, sent as a topic."""
+        topic = self.message.comm_type == CommType.TOPIC
+        return topic and self.message.msg_type in _VELOCITIES
+
+    @property
+    def reply(self) -> MotionReply | None:
+        """The answer, where it is one of motion."""
+        body = None if self.answered is None else self.answered.message.body
+        return body if isinstance(body, MotionReply) else None
+
+    @property
+    def command(self) -> int:
+        """Of a MOTION_CTRL; 0 for others."""
+        body = self.message.body
+        return body.command if isinstance(body, MotionCtrl) else 0
+
+    @property
+    def point(self) -> JointTrajPtFull | None:
+        """A point; of one for several groups that of the first."""
+        body = self.message.body
+        if isinstance(body, JointTrajPtFullEx) and body.points:
+            first = body.points[0]
+            return JointTrajPtFull(first.group, body.sequence, *first[1:])
+        return body if isinstance(body, JointTrajPtFull) else None
+
+    @property
+    def velocity(self) -> JointVelocity | None:
+        """Speeds; of those for several groups the first's."""
+        body = self.message.body
+        if isinstance(body, JointVelocityEx) and body.commands:
+            first = body.commands[0]
+            return JointVelocity(first.group, body.sequence, *first[1:])
+        return body if isinstance(body, JointVelocity) else None
+
+
+Neighbours = tuple[Said, JointTrajPtFull, Said, JointTrajPtFull]
+"""Two points of a trajectory, one after the other, and what said them."""
+
+
+class Link(NamedTuple):
+    """A connection of the client."""
+
+    channel: str
+    number: int
+    opened_s: float
+    closed_s: float
+    """Infinite where it was open at the end."""
+    ended: int
+    """Number of the event that closed it; -1 where none did."""
+    by_us: bool
+
+    @property
+    def port(self) -> str:
+        """ "motion", "state" or "io"."""
+        return port_of(self.channel)
+
+
+class DriverSeen(Seen):
+    """The messages of a timeline in which we are the controller."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        super().__init__(timeline)
+        self.said: list[Said] = []
+        self.malformed: list[tuple[int, str]] = []
+        self.disordered: list[tuple[int, str]] = []
+        """Messages in the other byte order."""
+        self.pieces: list[tuple[int, str]] = []
+        """Reads that were not one message each."""
+        self.strays: list[int] = []
+        """What was sent to the state port."""
+        self.links: list[Link] = []
+        self.feedback: list[tuple[int, JointFeedback]] = []
+        """What was told of group 0, by the number of the event."""
+        self.statuses: list[tuple[int, RobotStatus]] = []
+        """What was told, by the number of the event."""
+        self._readers: dict[str, FrameReader] = {}
+        self._ours: dict[str, FrameReader] = {}
+        self._waiting: dict[str, deque[int]] = {}
+        self._orders = [
+            (number, order)
+            for number, event in enumerate(timeline)
+            if event.sent and event.kind is Kind.DATA and port_of(event.channel) == "state"
+            for order in [detect_byte_order(event.data[:4].ljust(4, b"\0"))]
+            if order is not None and len(event.data) >= 16
+        ]
+        self._order = ByteOrder.LITTLE
+        self._place = 0
+        open_links: dict[str, Link] = {}
+        for number, event in enumerate(timeline):
+            channel = event.channel
+            if channel == port_of(channel):
+                continue
+            if event.kind is Kind.OPENED:
+                link = Link(channel, number, event.time_s, math.inf, -1, False)
+                open_links[channel] = link
+            elif event.kind is Kind.CLOSED and channel in open_links:
+                link = open_links.pop(channel)
+                by_us = event.sent
+                self.links.append(link._replace(closed_s=event.time_s, ended=number, by_us=by_us))
+            elif event.kind is Kind.DATA:
+                if event.sent:
+                    self._told(number, event)
+                else:
+                    self._heard(number, event)
+        self.links += open_links.values()
+        self.links.sort(key=lambda each: each.number)
+
+    def _order_at(self, number: int) -> ByteOrder:
+        """The controller's, as its states have it."""
+        orders = self._orders
+        while self._place + 1 < len(orders) and orders[self._place + 1][0] < number:
+            self._place += 1
+        return orders[self._place][1] if orders else ByteOrder.LITTLE
+
+    def _heard(self, number: int, event: Event) -> None:
+        channel, data = event.channel, event.data
+        if port_of(channel) == "state":
+            self.strays.append(number)
+            return
+        order = self._order_at(number)
+        reader = self._readers.get(channel)
+        if reader is None:
+            found = detect_byte_order(data)
+            if found is not None and found is not order:
+                self.disordered.append((number, f"{data[:8].hex(' ')}"))
+            reader = self._readers[channel] = FrameReader(found or order)
+        order = reader.byte_order or order
+        begun = bool(reader.pending_bytes)
+        reader.feed(data)
+        frames = []
+        while (frame := reader.take()) is not None:
+            frames.append(frame)
+        pieces = begun or bool(reader.pending_bytes) or len(frames) > 1
+        topics = True
+        for frame in frames:
+            message = wire(order).decode(frame)
+            if isinstance(message, Malformed):
+                self.malformed.append((number, message.reason))
+                topics = False
+                continue
+            waiting = self._waiting.setdefault(channel, deque())
+            index = len(self.said)
+            said = Said(
+                index,
+                number,
+                event.time_s,
+                channel,
+                message,
+                frame,
+                not pieces,
+                len(waiting),
+                None,
+            )
+            self.said.append(said)
+            if not said.is_topic:
+                topics = False
+                if message.comm_type != CommType.SERVICE_REPLY:
+                    waiting.append(index)
+        if pieces and not (topics and frames):
+            self.pieces.append((number, f"{len(frames)} messages in a piece of {len(data)} bytes"))
+        if reader.failure:
+            self.malformed.append((number, reader.failure))
+            del self._readers[channel]
+
+    def _told(self, number: int, event: Event) -> None:
+        channel = event.channel
+        reader = self._ours.setdefault(channel, FrameReader())
+        reader.feed(event.data)
+        while (frame := reader.take()) is not None:
+            message = wire(reader.byte_order or ByteOrder.LITTLE).decode(frame)
+            if isinstance(message, Malformed):
+                continue
+            if port_of(channel) == "state":
+                body = message.body
+                if isinstance(body, JointFeedback) and body.group == 0:
+                    self.feedback.append((number, body))
+                elif isinstance(body, RobotStatus):
+                    self.statuses.append((number, body))
+                continue
+            waiting = self._waiting.get(channel)
+            if waiting:
+                index = waiting.popleft()
+                answered = Answered(number, event.time_s, message)
+                self.said[index] = self.said[index]._replace(answered=answered)
+        if reader.failure:
+            del self._ours[channel]
+
+    # -- where ------------------------------------------------------------------------------------
+
+    def named(self, *names: str) -> list[Phase]:
+        """The phases of these names, of each controller in turn."""
+        return [phase for name, phase in self.phases.items() if name.partition(" ")[2] in names]
+
+    def during(self, *names: str) -> list[Said]:
+        """What was said in phases of these names."""
+        return self.within(self.said, *(phase.name for phase in self.named(*names)))
+
+    def after(self, phase: Phase, seconds: float) -> list[Said]:
+        """What was said in a phase from so many seconds on."""
+        since_s = phase.start_s + seconds
+        return [s for s in self.said if phase.first <= s.number < phase.end and s.time_s > since_s]
+
+    @cached_property
+    def motion(self) -> dict[str, list[Said]]:
+        """What was said on each connection to the motion port."""
+        found: dict[str, list[Said]] = {
+            each.channel: [] for each in self.links if each.port == "motion"
+        }
+        for each in self.said:
+            if each.channel in found:
+                found[each.channel].append(each)
+        return found
+
+    @cached_property
+    def points(self) -> list[tuple[Said, JointTrajPtFull]]:
+        """All points, those that were sent again too."""
+        return [(each, point) for each in self.said if (point := each.point) is not None]
+
+    @cached_property
+    def velocities(self) -> list[tuple[Said, JointVelocity]]:
+        """All speeds."""
+        return [(each, body) for each in self.said if (body := each.velocity) is not None]
+
+    def neighbours(self) -> Iterator[Neighbours]:
+        """Points of one trajectory that were accepted one after the other."""
+        for messages in self.motion.values():
+            before: tuple[Said, JointTrajPtFull] | None = None
+            for said in messages:
+                point = said.point
+                if point is None:
+                    if said.command and not _harmless(said.command):
+                        before = None
+                    continue
+                if said.reply is None or said.reply.result != 0:
+                    continue
+                if before is not None and point.sequence != 0:
+                    yield (*before, said, point)
+                before = said, point
+
+    def feedback_before(self, number: int) -> JointFeedback | None:
+        """The newest that was told before an event."""
+        return _newest(self.feedback, number)
+
+    def status_before(self, number: int) -> RobotStatus | None:
+        """The newest that was told before an event."""
+        return _newest(self.statuses, number)
+
+
+def _newest(found: list[tuple[int, T]], number: int) -> T | None:
+    """The last of those that have numbers below `number`."""
+    place = bisect.bisect_left(found, number, key=operator.itemgetter(0))
+    return found[place - 1][1] if place else None
+
+
+def _harmless(command: int) -> bool:
+    """CHECK_MOTION_READY and CHECK_QUEUE_CNT end no trajectory."""
+    return command in (200101, 200102)

@@ -1,0 +1,640 @@
+"""Asks a Universal Robots controller: reads its states, sends programs, turns one joint a little.
+
+The program that follows registers is the one that our driver sends.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Iterator, Sequence
+from typing import Any
+
+from cardan.conform.requirements import Level
+from cardan.conform.runner import Act, Scenario, Script, Wait, ask, close, mark, open_, send
+from cardan.conform.timeline import Event, Kind
+from cardan.conform.ur_rtde.decoded import (
+    OLD,
+    PRIMARY,
+    REALTIME,
+    REVERSE,
+    RTDE,
+    SECOND,
+    SECONDARY,
+)
+from cardan.protocols.ur import dashboard
+from cardan.protocols.ur.program import (
+    JOINTS,
+    Order,
+    Report,
+    Servoing,
+    input_names,
+    nobody,
+    program,
+    report_names,
+)
+from cardan.protocols.ur.rtde import (
+    VERSION,
+    Accepted,
+    ControllerVersion,
+    Data,
+    Malformed,
+    PacketReader,
+    PacketType,
+    Recipe,
+    Reply,
+    SetupReply,
+    Text,
+    ask_inputs,
+    ask_outputs,
+    ask_version,
+    control_rate_hz,
+    packet,
+    read_reply,
+)
+from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
+from cardan.protocols.ur.variables import OUTPUT_VARIABLES
+
+SERVOING = Servoing()
+"""As the driver's when nothing is chosen: its registers, its program's watchdog."""
+STATES = (
+    "timestamp",
+    "target_q",
+    "target_qd",
+    "actual_q",
+    "actual_qd",
+    "robot_mode",
+    "safety_mode",
+    "runtime_state",
+    "speed_scaling",
+    "target_speed_fraction",
+)
+"""What the driver asks for."""
+STATE_TIMEOUT_S = 0.1
+"""The driver takes the link for lost then, when nothing is chosen."""
+FIRST = SERVOING.first_register
+INPUTS = input_names(FIRST)
+TOKEN, REPORT, BEAT = report_names(FIRST)
+LAST_JOINT = INPUTS[3 + JOINTS - 1]
+"""Where it is to be."""
+OUTPUTS = (*STATES, "robot_status_bits", "safety_status_bits", TOKEN, REPORT, BEAT)
+
+FUTURE_VERSION = 99
+UNKNOWN = "cardan_has_no_such_variable"
+SPARE_INPUT = "input_double_register_47"
+"""Nobody's yet: another client takes it, goes, and comes again."""
+SLOWER = 10
+"""The other client asks for so many times fewer packages."""
+SAYS = "cardan conform"
+LINE = "a line"
+WRONG = "cardan_wrong"
+RAISES, CALLS = "cardan_raises", "cardan_calls"
+RAISES_AT = 4
+"""The line of that program that fails."""
+ANSWER = "heard"
+ASKING = (dashboard.ROBOT_MODE, dashboard.SAFETY_STATUS, dashboard.REMOTE_CONTROL)
+WORDED = (
+    "safetymode",
+    "running",
+    "programState",
+    "get loaded program",
+    "isProgramSaved",
+    "PolyscopeVersion",
+)
+"""Asked once, for the words of the answers."""
+OLD_OUTPUTS = ("timestamp", "actual_q")
+RECIPE_NAMES = 64
+"""Of the published variables, asked for at once."""
+REVERSE_PORT = 50010
+"""Ours, which a program opens a socket to."""
+NONSENSE = "cardan has no such request"
+
+STEP_RAD = math.radians(0.2)
+"""Of the last joint, which only turns the flange."""
+STEP_S = 0.4
+DESERTED_RAD_S = math.radians(0.5)
+DESERTED_S = 0.2
+
+REPLY_S = 1.0
+"""What the driver waits for an answer."""
+BEGIN_S = 2.0
+END_S = 1.5
+POWER_S = 40.0
+HAND_S = 60.0
+LINE_S = 0.3
+CALL_S = 5.0
+"""Programs wait for an answer for 2 s, where they say nothing else."""
+SLEEP_S = 0.2
+
+_Path = Callable[[float], tuple[float, float]]
+"""Where the last joint is from where it began, rad, and its speed, at a time since then."""
+
+
+def _there(by_rad: float) -> _Path:
+    """Half a cosine, from rest to rest."""
+
+    def at(time_s: float) -> tuple[float, float]:
+        phase = math.pi * min(max(time_s / STEP_S, 0.0), 1.0)
+        speed = 0.5 * by_rad * math.pi / STEP_S * math.sin(phase)
+        return 0.5 * by_rad * (1.0 - math.cos(phase)), speed
+
+    return at
+
+
+def _steady(speed_rad_s: float) -> _Path:
+    return lambda time_s: (speed_rad_s * time_s, speed_rad_s)
+
+
+def says(token: int) -> str:
+    """A program that moves nothing: it says something, writes a register, and waits."""
+    return f"""\
+def cardan_says():
+  write_output_integer_register({FIRST}, {token})
+  textmsg("{SAYS} ", {token})
+  sleep({SLEEP_S})
+end
+"""
+
+
+def published(version: ControllerVersion | None) -> tuple[str, ...]:
+    """The output variables that a controller of that version has."""
+    if version is None:
+        return ()
+    found = ((name, each.since(version.major)) for name, each in OUTPUT_VARIABLES.items())
+    return tuple(name for name, since in found if since is not None and since <= version[:2])
+
+
+def raises(token: int) -> str:
+    """A program that begins, and fails when it has run a little."""
+    return f"""\
+def {RAISES}():
+  write_output_integer_register({FIRST}, {token})
+  local cardan_list = [1, 2]
+  textmsg("{SAYS} ", cardan_list[5])
+end
+"""
+
+
+def calls(token: int, host: str, port: int) -> str:
+    """A program that opens a socket to `host`, and says what it hears there."""
+    return f"""\
+def {CALLS}():
+  write_output_integer_register({FIRST}, {token})
+  if socket_open("{host}", {port}, "cardan"):
+    socket_send_line("{SAYS} {token}", "cardan")
+    textmsg("{SAYS} {token} ", socket_read_line("cardan"))
+    socket_close("cardan")
+  end
+end
+"""
+
+
+_WRONG = f"""\
+def {WRONG}():
+  cardan_has_no_such_function(1)
+end
+"""
+
+
+class UrPilot(Scenario):
+    """A client that asks one thing at a time, and answers states as the driver does."""
+
+    def __init__(self, level: Level, seconds: float, home: str = "127.0.0.1") -> None:
+        """`home`: our address, as the controller reaches it."""
+        self._level = level
+        self._seconds = seconds
+        self._home = home
+        self._readers: dict[str, PacketReader] = {}
+        self._reply: Reply | None = None
+        self._said = dashboard.LineReader()
+        self._lines = 0
+        self._line = ""
+        self._remote = self._local = False
+        self._lost: set[str] = set()
+        self._version: ControllerVersion | None = None
+        self._outputs: Recipe | None = None
+        self._inputs: Recipe | None = None
+        self._values: dict[str, Any] = {}
+        self._token = 1000
+        self._beat = 0
+        self._base: Sequence[float] = ()
+        self._path: _Path | None = None
+        self._path_s = 0.0
+
+    # -- what comes in ----------------------------------------------------------------------------
+
+    def answer(self, event: Event) -> Iterator[Act]:
+        channel = event.channel
+        if event.kind is Kind.OPENED:
+            self._readers[channel] = PacketReader()
+            self._lost.discard(channel)
+        elif event.kind in (Kind.CLOSED, Kind.REFUSED):
+            self._lost.add(channel)
+        elif event.kind is Kind.DATA and channel == "dashboard":
+            self._said.feed(event.data)
+            while (line := self._said.take()) is not None:
+                self._lines, self._line = self._lines + 1, line.strip()
+        elif event.kind is Kind.DATA and channel.startswith(RTDE):
+            return self._packets(channel, event.data)
+        elif event.kind is Kind.DATA and channel.startswith(REVERSE):
+            return iter((send(f"{ANSWER}\n".encode(), channel),))
+        return iter(())
+
+    def _packets(self, channel: str, data: bytes) -> Iterator[Act]:
+        reader = self._readers[channel]
+        reader.feed(data)
+        fresh = False
+        while (found := reader.take()) is not None:
+            reply = read_reply(*found, 1 if channel == OLD else VERSION)
+            if isinstance(reply, Data):
+                fresh = self._state(channel, reply) or fresh
+            elif not isinstance(reply, (Malformed, Text)):
+                self._reply = reply
+        if reader.failure:
+            self._readers[channel] = PacketReader()
+        if fresh and self._path is not None:
+            yield from self._follow(*self._path(self.now_s - self._path_s))
+
+    def _state(self, channel: str, data: Data) -> bool:
+        recipe = self._outputs
+        if channel != RTDE or recipe is None or data.recipe != recipe.number:
+            return False
+        values = recipe.unpack(data.values)
+        if values is not None:
+            self._values = values
+        return values is not None
+
+    def _follow(self, shift: float, speed: float) -> Iterator[Act]:
+        still = [0.0] * (JOINTS - 1)
+        goal = [*self._base[:-1], self._base[-1] + shift]
+        yield from self._write(Order.FOLLOW, goal, [*still, speed])
+
+    def _write(self, order: Order, goal: Sequence[float], speeds: Sequence[float]) -> Iterator[Act]:
+        if self._inputs is not None:
+            self._beat += 1
+            values = [self._token, self._beat, int(order), *goal, *speeds]
+            yield send(self._inputs.pack(values), RTDE)
+
+    # -- what is asked ----------------------------------------------------------------------------
+
+    def script(self) -> Script:
+        yield from self._listening()
+        if self._level < Level.HOLD:
+            return
+        yield from self._setting_up()
+        yield from self._powering()
+        yield from self._programs()
+        if self._level >= Level.MOVE:
+            yield from self._moving()
+        if self._level >= Level.BY_HAND:
+            yield from self._by_hand()
+        yield mark("leave")
+        yield from self._told_lines()
+        if self._inputs is not None:
+            yield send(self._inputs.pack(nobody(self._beat + 1)), RTDE)
+            yield Wait(0.05)
+
+    def _listening(self) -> Script:
+        yield open_(RTDE)
+        yield mark("greet")
+        yield from self._asked(ask_version())
+        yield from self._asked(packet(PacketType.CONTROLLER_VERSION))
+        if isinstance(self._reply, ControllerVersion):
+            self._version = self._reply
+        rate_hz = control_rate_hz(self._version)
+        self._outputs = yield from self._recipe(ask_outputs(rate_hz, OUTPUTS), OUTPUTS)
+        yield mark("listen")
+        yield from self._asked(packet(PacketType.START))
+        yield Wait(self._seconds / 3.0)
+        yield mark("pause")
+        yield from self._asked(packet(PacketType.PAUSE))
+        yield Wait(0.1)
+        yield mark("go on")
+        yield from self._asked(packet(PacketType.START))
+        yield Wait(0.1)
+        yield mark("other")
+        yield open_(SECOND)
+        yield from self._asked(ask_version(FUTURE_VERSION), SECOND)
+        yield from self._asked(ask_version(), SECOND)
+        yield from self._asked(ask_outputs(1.0, ("timestamp", UNKNOWN)), SECOND)
+        yield from self._asked(ask_outputs(rate_hz / SLOWER, ("timestamp",)), SECOND)
+        yield from self._asked(packet(PacketType.START), SECOND)
+        yield Wait(0.4)
+        yield close(SECOND)
+        yield from self._published()
+        yield from self._version_1()
+        yield mark(PRIMARY)
+        yield open_(PRIMARY)
+        yield open_(SECONDARY)
+        yield open_(REALTIME)
+        yield Wait(0.5)
+        yield close(REALTIME)
+        yield close(SECONDARY)
+        yield mark("dashboard")
+        yield open_("dashboard")
+        yield Wait(REPLY_S, lambda: self._lines > 0 or "dashboard" in self._lost)
+        yield from self._told_lines()
+        for words in WORDED:
+            yield from self._requested(words)
+
+    def _published(self) -> Script:
+        yield mark("published")
+        yield from self._other_client()
+        names = published(self._version)
+        for at in range(0, len(names), RECIPE_NAMES):
+            yield from self._asked(ask_outputs(1.0, names[at : at + RECIPE_NAMES]), SECOND)
+        yield close(SECOND)
+
+    def _version_1(self) -> Script:
+        yield mark("version 1")
+        yield open_(OLD)
+        yield from self._asked(ask_version(1), OLD)
+        if isinstance(self._reply, Accepted) and self._reply.accepted:
+            names = ",".join(OLD_OUTPUTS).encode()
+            yield from self._asked(packet(PacketType.OUTPUTS, names), OLD)
+            yield from self._asked(packet(PacketType.START), OLD)
+            yield Wait(0.3)
+        yield close(OLD)
+
+    def _told_lines(self) -> Script:
+        for words in ASKING:
+            yield from self._requested(words)
+        # A CB3 has no remote control, and does not understand the question.
+        self._remote = self._line.lower() == "true"
+        self._local = self._line.lower() == "false"
+
+    def _setting_up(self) -> Script:
+        yield mark("inputs")
+        self._inputs = yield from self._recipe(ask_inputs(INPUTS), INPUTS)
+        data = packet(PacketType.CONTROLLER_VERSION)
+        self._reply = None
+        yield mark("pieces")
+        yield send(data[:1], RTDE)
+        yield Wait(0.03)
+        yield send(data[1:], RTDE)
+        yield Wait(REPLY_S, self._answered(RTDE))
+        yield mark("taken")
+        yield from self._other_client()
+        yield from self._asked(ask_inputs(INPUTS), SECOND)
+        yield from self._asked(ask_inputs((UNKNOWN,)), SECOND)
+        yield from self._asked(ask_inputs((SPARE_INPUT,)), SECOND)
+        yield close(SECOND)
+        yield Wait(0.2)
+        yield mark("free")
+        yield from self._other_client()
+        yield from self._asked(ask_inputs((SPARE_INPUT,)), SECOND)
+        yield close(SECOND)
+        yield mark("nonsense")
+        yield from self._requested(NONSENSE)
+
+    def _other_client(self) -> Script:
+        yield open_(SECOND)
+        yield from self._asked(ask_version(VERSION), SECOND)
+
+    def _powering(self) -> Script:
+        yield mark("power")
+        if self._values.get("safety_mode") not in MOVES_IN:
+            return
+        for mode, words in (
+            (RobotMode.POWER_OFF, dashboard.POWER_ON),
+            (RobotMode.IDLE, dashboard.BRAKE_RELEASE),
+        ):
+            if self._mode == mode:
+                yield from self._requested(words)
+                if not dashboard.refusal(words, self._line):
+                    yield Wait(POWER_S, self._farther(mode))
+        yield Wait(0.05)
+
+    def _farther(self, mode: RobotMode) -> Callable[[], bool]:
+        steady = {RobotMode.POWER_OFF, RobotMode.IDLE, RobotMode.RUNNING} - {mode}
+        return lambda: self._mode in steady or RTDE in self._lost
+
+    def _programs(self) -> Script:
+        yield mark("say")
+        yield from self._saying()
+        yield mark("wrong")
+        if self._may_begin():
+            yield send(_WRONG.encode(), PRIMARY)
+            yield Wait(0.5)
+        yield mark("begin")
+        yield from self._begun()
+        yield mark("hold")
+        yield from self._followed(_steady(0.0), self._seconds)
+        yield mark("silence")
+        yield from self._deserted()
+        yield mark("again")
+        yield from self._begun()
+        yield from self._followed(_steady(0.0), 0.2)
+        yield mark("order")
+        self._path = None
+        if self._follows():
+            yield from self._write(Order.END, self._base, [0.0] * JOINTS)
+            yield Wait(END_S, self._stopped)
+        yield mark("replace")
+        yield from self._begun()
+        yield from self._followed(_steady(0.0), 0.1)
+        yield mark("replaced")
+        self._path = None
+        if self._follows():
+            yield from self._saying(always=True)
+        yield mark("lines")
+        if self._may_begin():
+            for line in (f'textmsg("{SAYS} {LINE}")', "# cardan", "stop program"):
+                yield send(f"{line}\n".encode(), PRIMARY)
+                yield Wait(LINE_S)
+            yield from self._saying(always=True)
+        yield mark("raise")
+        if self._may_begin():
+            self._next_token()
+            yield send(raises(self._token).encode(), PRIMARY)
+            yield Wait(BEGIN_S, self._token_told)
+            yield Wait(END_S, self._stopped)
+            yield Wait(0.1)
+        yield mark("call")
+        yield from self._called()
+        yield mark("elsewhere")
+        for channel in (SECONDARY, REALTIME):
+            yield open_(channel)
+            yield Wait(0.05)
+            yield from self._saying(channel=channel)
+            yield close(channel)
+
+    def _called(self) -> Script:
+        if not self._may_begin():
+            return
+        yield open_(REVERSE)
+        if REVERSE in self._lost:
+            return
+        self._next_token()
+        yield send(calls(self._token, self._home, REVERSE_PORT).encode(), PRIMARY)
+        yield Wait(BEGIN_S, self._token_told)
+        yield Wait(CALL_S, self._stopped)
+        yield Wait(0.1)
+        yield close(REVERSE)
+
+    def _moving(self) -> Script:
+        yield mark("ready")
+        yield from self._begun()
+        if not self._follows():
+            return
+        start = self._base[-1]
+        yield mark("out")
+        yield from self._followed(_there(STEP_RAD), STEP_S + 0.5)
+        yield mark("steady")
+        self._base = [*self._base[:-1], start + STEP_RAD]
+        yield from self._followed(_steady(-DESERTED_RAD_S), DESERTED_S)
+        yield mark("deserted")
+        yield from self._deserted()
+        yield Wait(0.3)
+        yield mark("return")
+        yield from self._begun()
+        yield mark("back")
+        yield from self._followed(_there(start - self._base[-1]), STEP_S + 0.5)
+        yield mark("rest")
+        yield from self._deserted()
+
+    def _by_hand(self) -> Script:
+        for name, how, there in (
+            ("slider-half", "Move the speed slider to about 50 %.", self._slider(0.3, 0.7)),
+            ("slider-full", "Move the speed slider back to 100 %.", self._slider(0.95, 1.05)),
+        ):
+            yield mark(name)
+            yield ask(name, how)
+            yield Wait(HAND_S, there)
+            yield Wait(0.2)
+        if self._remote:
+            yield mark("local")
+            yield ask("local", "Choose local control at the pendant.")
+            yield from self._polled(dashboard.REMOTE_CONTROL, "false")
+            yield from self._saying()
+            yield mark("remote")
+            yield ask("remote", "Choose remote control again.")
+            yield from self._polled(dashboard.REMOTE_CONTROL, "true")
+        yield mark("before")
+        yield from self._begun()
+        yield from self._followed(_steady(0.0), 0.2)
+        yield mark("estop")
+        yield ask("estop", "Press the emergency stop.")
+        yield Wait(HAND_S, self._stopped_by_hand)
+        yield Wait(1.0)
+        self._path = None
+        yield from self._told_lines()
+        yield mark("release")
+        yield ask("release", "Release the emergency stop.")
+        yield Wait(HAND_S, lambda: not self._stopped_by_hand())
+        yield Wait(0.5)
+
+    # -- one thing --------------------------------------------------------------------------------
+
+    @property
+    def _mode(self) -> int:
+        return int(self._values.get("robot_mode", RobotMode.NO_CONTROLLER))
+
+    def _answered(self, channel: str) -> Callable[[], bool]:
+        return lambda: self._reply is not None or channel in self._lost
+
+    def _asked(self, data: bytes, channel: str = RTDE) -> Script:
+        self._reply = None
+        if channel not in self._lost:
+            yield send(data, channel)
+            yield Wait(REPLY_S, self._answered(channel))
+
+    def _recipe(
+        self, data: bytes, names: Sequence[str]
+    ) -> Generator[Act | Wait, None, Recipe | None]:
+        """A setup on the connection that is judged; gives its recipe, None where there is none."""
+        yield from self._asked(data)
+        reply = self._reply
+        if not isinstance(reply, SetupReply) or not reply.recipe:
+            return None
+        try:
+            return Recipe(reply.recipe, names, reply.types)
+        except ValueError:
+            return None
+
+    def _requested(self, words: str) -> Script:
+        """A request to the dashboard server, and its answer in `_line`."""
+        before, self._line = self._lines, ""
+        if "dashboard" not in self._lost:
+            yield send(dashboard.request(words), "dashboard")
+            yield Wait(REPLY_S, lambda: self._lines > before or "dashboard" in self._lost)
+
+    def _polled(self, words: str, until: str) -> Script:
+        end_s = self.now_s + HAND_S
+        self._line = ""
+        while self.now_s < end_s and self._line.lower() != until:
+            yield from self._requested(words)
+            yield Wait(0.2)
+
+    def _stopped(self) -> bool:
+        stopped = self._values.get("runtime_state") == RuntimeState.STOPPED
+        return stopped or RTDE in self._lost
+
+    def _follows(self) -> bool:
+        values = self._values
+        return (
+            values.get("runtime_state") == RuntimeState.PLAYING
+            and values.get(TOKEN) == self._token
+            and values.get(REPORT) == Report.FOLLOWS
+        )
+
+    def _may_begin(self) -> bool:
+        """Whether a program of ours harms nobody else's."""
+        values = self._values
+        return (
+            not self._lost & {RTDE, PRIMARY}
+            and not self._local
+            and self._inputs is not None
+            and values.get("runtime_state") == RuntimeState.STOPPED
+            and self._mode == RobotMode.RUNNING
+            and values.get("safety_mode") in MOVES_IN
+        )
+
+    def _next_token(self) -> None:
+        """None that the register holds still, of an earlier run."""
+        self._token = max(self._token, int(self._values.get(TOKEN, 0)) % (1 << 30)) + 1
+
+    def _saying(self, always: bool = False, channel: str = PRIMARY) -> Script:
+        """The program that says something, where none runs, or `always`."""
+        if (always or self._may_begin()) and channel not in self._lost:
+            self._next_token()
+            yield send(says(self._token).encode(), channel)
+            yield Wait(BEGIN_S, self._token_told)
+            yield Wait(END_S, self._stopped)
+            yield Wait(0.05)
+
+    def _token_told(self) -> bool:
+        return self._values.get(TOKEN) == self._token or RTDE in self._lost
+
+    def _begun(self) -> Script:
+        """The driver's program, up to where it follows."""
+        self._path = None
+        if not self._may_begin():
+            return
+        assert self._inputs is not None
+        self._next_token()
+        self._beat += 1
+        yield send(self._inputs.pack(nobody(self._beat)), RTDE)
+        yield Wait(0.02)
+        period_s = 1.0 / control_rate_hz(self._version)
+        yield send(program(SERVOING, self._token, period_s).encode(), PRIMARY)
+        yield Wait(BEGIN_S, lambda: self._follows() or RTDE in self._lost)
+        if self._values:
+            self._base = self._values["target_q"]
+
+    def _followed(self, path: _Path, seconds: float) -> Script:
+        """States are answered for so long, and then still, until `_path` is None."""
+        if self._follows():
+            self._path, self._path_s = path, self.now_s
+            yield Wait(seconds, lambda: RTDE in self._lost)
+
+    def _deserted(self) -> Script:
+        self._path = None
+        yield Wait(END_S, self._stopped)
+        yield Wait(0.1)
+
+    def _slider(self, low: float, high: float) -> Callable[[], bool]:
+        return lambda: low < self._values.get("target_speed_fraction", 0.0) < high
+
+    def _stopped_by_hand(self) -> bool:
+        stops = (SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP)
+        return self._values.get("safety_mode") in stops

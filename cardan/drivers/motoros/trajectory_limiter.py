@@ -1,0 +1,409 @@
+"""The last limiter before the wire: whatever is commanded, what is sent keeps the joints' limits.
+
+The guide owns the commanded positions and velocities and moves them by one control period at a
+time, at constant acceleration within the period: q += dt·(v_old + v_new)/2, which is also what a
+controller makes of a point with its velocity, and of a velocity.
+
+Nothing is refused for being too much, and no period contains a step:
+
+- A vector of speeds is shortened as a whole, and so is its change, so the direction of motion, and
+  that of its change, stay the ones asked for.
+- A joint near the end of its range goes no faster than the speed from which it stops there. Its
+  own component gives way, those of the others do not.
+- On the way to a position all joints arrive together, each at a speed from which it can stop.
+
+Plain floats on purpose: numpy is slower for six numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Annotated, Final
+
+from cardan.common.bounds import JOINT_POSITION, JOINT_VELOCITY, POSITIVE
+from cardan.common.options import check_value
+from cardan.drivers.robot_core import check_numbers, wrong_kind
+from cardan.errors import CommandError, ConfigurationError
+from cardan.types import CommandKind, HoldCommand, JointCommand, JointVelocityCommand, RobotCommand
+
+LONGEST_STEP_S: Final = 0.1
+"""A longer period counts as this long."""
+SHORTEST_STEP_S: Final = 1e-6
+"""Nothing happens in a shorter one."""
+
+KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT_VELOCITY})
+"""Commands that it takes."""
+
+_PERIODS_AHEAD = 5.0
+"""Factor by which the next period may be longer without a joint having to stop abruptly."""
+_ROUNDING = 1e-9
+"""Share of a limit."""
+_INF = math.inf
+_sqrt = math.sqrt
+
+
+class JointTrajectoryLimiter:
+    """Joints that are independent of each other but move as one vector.
+
+    Always, to rounding: |v| <= `velocity`; |Δv| <= `acceleration`·dt; positions stay in `lower` to
+    `upper`, whatever sequence of periods is given. A joint that is placed outside its range may
+    stay there or move inwards.
+    """
+
+    def __init__(
+        self,
+        lower: Sequence[float],
+        upper: Sequence[float],
+        velocity: Sequence[float],
+        acceleration: Sequence[float],
+    ) -> None:
+        """Limits per joint: rad (infinite for a joint that turns for ever), rad/s, rad/s².
+
+        Raises ConfigurationError for lengths that differ, an empty range, or a velocity or an
+        acceleration that is not positive and finite.
+        """
+        count = len(velocity)
+        for key, values in (("lower", lower), ("upper", upper), ("acceleration", acceleration)):
+            if len(values) != count:
+                raise ConfigurationError(key, f"{len(values)} values for {count} joints")
+        for key, values in (("velocity", velocity), ("acceleration", acceleration)):
+            for value in values:
+                check_value(key, value, Annotated[float, POSITIVE])
+        for low, high in zip(lower, upper, strict=True):
+            if not low < high:
+                raise ConfigurationError("upper", f"{high!r} is not above the lower end {low!r}")
+        self._axes = range(count)
+        self._bits = tuple(1 << i for i in self._axes)
+        self._lower = tuple(map(float, lower))
+        self._upper = tuple(map(float, upper))
+        self._speed = tuple(map(float, velocity))
+        self._acceleration = tuple(map(float, acceleration))
+        self._stop = tuple(
+            0.5 * v * v / a for v, a in zip(self._speed, self._acceleration, strict=True)
+        )
+        self._zeros = (0.0,) * count
+        self._free_high = (_INF,) * count
+        self._free_low = (-_INF,) * count
+        self._wanted = [0.0] * count
+        self._forward = [0.0] * count
+        self._error = [0.0] * count
+        self._moved = [0.0] * count
+        self._target = [0.0] * count
+        self._high = [_INF] * count
+        self._low = [-_INF] * count
+        self._range_high = [_INF] * count
+        self._range_low = [-_INF] * count
+        self._following = False
+        self._speedy = self._jerky = self._ranged = 0
+        self.closing_rad_s = _INF
+        """Fastest correction of a distance, in addition to a JointCommand's velocities."""
+        self.positions: list[float] = [0.0] * count
+        """Commanded, rad. The same list always."""
+        self.velocities: list[float] = [0.0] * count
+        """Commanded, rad/s. The same list always."""
+
+    @property
+    def speeds(self) -> tuple[float, ...]:
+        """The limits, rad/s."""
+        return self._speed
+
+    @property
+    def accelerations(self) -> tuple[float, ...]:
+        """The limits, rad/s²."""
+        return self._acceleration
+
+    @property
+    def at_rest(self) -> bool:
+        """True when no joint is commanded to move."""
+        return not any(self.velocities)
+
+    @property
+    def limited(self) -> dict[str, set[int]]:
+        """The joints (from 0) that cut the last step, by reason; only the reasons there are.
+
+        "speed" and "acceleration": what was asked of the joint was more than it can, so all were
+        shortened. "range": the joint was held at, or slowed for, the end of its range.
+        """
+        found = {}
+        for reason, mask in (
+            ("speed", self._speedy),
+            ("acceleration", self._jerky),
+            ("range", self._ranged),
+        ):
+            if mask:
+                found[reason] = {i for i in self._axes if mask & self._bits[i]}
+        return found
+
+    def place(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
+        """Start from `positions`, rad, at rest, or at `velocities`, rad/s, as far as limits allow.
+
+        Raises CommandError, and changes nothing, for a wrong length or what is not a sensible
+        number.
+        """
+        check_numbers("positions", positions, JOINT_POSITION, len(self._axes))
+        if velocities is not None:
+            check_numbers("velocities", velocities, JOINT_VELOCITY, len(self._axes))
+        self._following = False
+        self._speedy = self._jerky = self._ranged = 0
+        for i in self._axes:
+            position = float(positions[i])
+            self.positions[i] = position
+            speed = 0.0
+            if velocities is not None:
+                gain = 2.0 * self._acceleration[i]
+                high = _sqrt(gain * max(0.0, self._upper[i] - position))
+                low = -_sqrt(gain * max(0.0, position - self._lower[i]))
+                most = self._speed[i]
+                speed = max(min(float(velocities[i]), high, most), low, -most)
+            self.velocities[i] = speed
+
+    def shift(self, by: Sequence[float]) -> None:
+        """Correct the positions by `by`, rad, without motion."""
+        for i in self._axes:
+            self.positions[i] += by[i]
+
+    def coast(self, dt_s: float) -> None:
+        """Advance by `dt_s` at the present speeds, stopping at the ends of the ranges."""
+        velocities = tuple(self.velocities)
+        while dt_s >= SHORTEST_STEP_S:
+            self.step(JointVelocityCommand(velocities), dt_s)
+            dt_s -= LONGEST_STEP_S
+
+    def step(self, command: RobotCommand, dt_s: float) -> None:
+        """Move for `dt_s` as `command` says, as far as limits allow.
+
+        A JointCommand is followed: its velocities, plus what makes good the distance that is left
+        without passing it. Without velocities the target is taken to move as it moved in both of
+        the two periods before. A HoldCommand brakes, and stays.
+
+        A period of less than 1 µs, negative or NaN changes nothing; one above 0.1 s counts as
+        0.1 s. Raises CommandError, and changes nothing, for a wrong length, what is not a sensible
+        number, external axes, and commands other than these three.
+        """
+        if isinstance(command, JointCommand):
+            forward = command.velocities
+            check_numbers("positions", command.positions, JOINT_POSITION, len(self._axes))
+            if forward is not None:
+                check_numbers("velocities", forward, JOINT_VELOCITY, len(self._axes))
+            if command.external_axes:
+                raise CommandError("external_axes: the guide has none")
+            if dt_s >= SHORTEST_STEP_S:
+                self._follow(command.positions, forward, min(dt_s, LONGEST_STEP_S))
+        elif isinstance(command, JointVelocityCommand):
+            check_numbers("velocities", command.velocities, JOINT_VELOCITY, len(self._axes))
+            if dt_s >= SHORTEST_STEP_S:
+                self._following = False
+                self._wanted[:] = command.velocities
+                self._advance(min(dt_s, LONGEST_STEP_S), self._free_low, self._free_high)
+        elif isinstance(command, HoldCommand):
+            self.brake(dt_s)
+        else:
+            raise wrong_kind("the guide", command, KINDS)
+
+    def brake(self, dt_s: float) -> None:
+        """Slow down for `dt_s` along the direction of motion, or stay at rest.
+
+        The joint that needs longest, max |v|/acceleration, sets the time. `dt_s` as in `step`.
+        """
+        if not dt_s >= SHORTEST_STEP_S:
+            return
+        self._following = False
+        if any(self.velocities):
+            self._wanted[:] = self._zeros
+            self._advance(min(dt_s, LONGEST_STEP_S), self._free_low, self._free_high)
+        else:
+            self._ranged = 0
+        self._speedy = self._jerky = 0
+
+    def _follow(
+        self, target: Sequence[float], velocities: Sequence[float] | None, dt_s: float
+    ) -> None:
+        positions = self.positions
+        speeds = self._speed
+        goals = self._target
+        moved = self._moved
+        forward = self._forward
+        error = self._error
+        was_following = self._following
+        beyond = 0
+        shrink = 1.0
+        for i in self._axes:
+            goal = target[i]
+            position = positions[i]
+            end = self._upper[i]
+            push = 0
+            if goal > end:
+                goal = max(end, min(goal, position))
+                push = 1
+            else:
+                end = self._lower[i]
+                if goal < end:
+                    goal = min(end, max(goal, position))
+                    push = -1
+            if was_following:
+                rate = (goal - goals[i]) / dt_s
+                before = moved[i]
+            else:
+                rate = before = 0.0
+            goals[i] = goal
+            moved[i] = rate
+            if velocities is not None:
+                speed = velocities[i]
+                if push and speed * push > 0.0:
+                    speed = 0.0
+            elif rate * before <= 0.0:
+                # A target that steps does not move.
+                speed = 0.0
+            else:
+                speed = rate if abs(rate) < abs(before) else before
+            forward[i] = speed
+            if push:
+                beyond |= self._bits[i]
+            if abs(speed) * shrink > speeds[i]:
+                shrink = speeds[i] / abs(speed)
+        self._following = True
+
+        # The speed at which an error can be closed such that, the period over, joint i can still
+        # stop: r·dt + r²/(2a) = |e|, written r = closing·|e|. The smallest `closing` for all keeps
+        # the direction, and with it the joints arrive together.
+        closing = 1.0 / dt_s
+        own = self._wanted
+        for i in self._axes:
+            speed = forward[i] * shrink
+            forward[i] = speed
+            left = goals[i] - positions[i] - 0.5 * dt_s * (self.velocities[i] + speed)
+            error[i] = left
+            a = self._acceleration[i]
+            gain = a * dt_s
+            rate = 2.0 * a / (_sqrt(gain * gain + 2.0 * a * abs(left)) + gain)
+            own[i] = rate
+            if rate < closing:
+                closing = rate
+            if velocities is not None and closing * abs(left) > self.closing_rad_s:
+                closing = self.closing_rad_s / abs(left)
+        low = self._low
+        high = self._high
+        for i in self._axes:
+            left = error[i]
+            speed = forward[i]
+            # Above this a joint on its way to the target could not stop there, whatever keeping
+            # the direction of the others would have it do.
+            gain = self._acceleration[i] * dt_s
+            low[i] = -_INF
+            high[i] = _INF
+            if left > 0.0:
+                high[i] = max(speed + own[i] * left, self.velocities[i] - gain, 0.0)
+            elif left < 0.0:
+                low[i] = min(speed + own[i] * left, self.velocities[i] + gain, 0.0)
+            own[i] = speed + closing * left
+        self._advance(dt_s, low, high)
+        self._ranged |= beyond
+
+    def _advance(self, dt_s: float, lows: Sequence[float], highs: Sequence[float]) -> None:
+        """One period towards the velocities in `_wanted`; `lows` and `highs` bound the next ones.
+
+        The bounds contain zero, or the way to it that the acceleration allows.
+        """
+        wanted = self._wanted
+        positions = self.positions
+        velocities = self.velocities
+        speeds = self._speed
+        accelerations = self._acceleration
+        range_high = self._range_high
+        range_low = self._range_low
+        later_s = min(_PERIODS_AHEAD * dt_s, LONGEST_STEP_S)
+        mean_s = 0.5 * (dt_s + later_s)
+        half_s = 0.5 * dt_s
+        speedy = jerky = ranged = 0
+        shrink = 1.0
+        for i in self._axes:
+            velocity = velocities[i]
+            position = positions[i]
+            most = speeds[i]
+            speed = wanted[i]
+            on_the_way = half_s * velocity
+            reach = self._stop[i] + mean_s * most  # from farther away an end does not matter
+            high = _INF
+            room = self._upper[i] - position - on_the_way
+            if room < reach:
+                a = accelerations[i]
+                high = max(_speed_towards_end(room, a, dt_s, later_s), velocity - a * dt_s, 0.0)
+                if speed > high:
+                    if speed > _ROUNDING:
+                        ranged |= self._bits[i]
+                    speed = high
+            range_high[i] = high
+            low = -_INF
+            room = position - self._lower[i] + on_the_way
+            if room < reach:
+                a = accelerations[i]
+                low = min(-_speed_towards_end(room, a, dt_s, later_s), velocity + a * dt_s, 0.0)
+                if speed < low:
+                    if speed < -_ROUNDING:
+                        ranged |= self._bits[i]
+                    speed = low
+            range_low[i] = low
+            wanted[i] = speed
+            size = abs(speed)
+            if size > most:
+                if size > most * (1.0 + _ROUNDING):
+                    speedy |= self._bits[i]
+                if size * shrink > most:
+                    shrink = most / size
+        share = 1.0
+        for i in self._axes:
+            speed = wanted[i] * shrink
+            wanted[i] = speed
+            size = abs(speed - velocities[i])
+            gain = accelerations[i] * dt_s
+            if size > gain:
+                if size > gain * (1.0 + _ROUNDING):
+                    jerky |= self._bits[i]
+                if size * share > gain:
+                    share = gain / size
+        for i in self._axes:
+            velocity = velocities[i]
+            speed = wanted[i]
+            if share < 1.0:
+                speed = velocity + share * (speed - velocity)
+            if speed > highs[i]:
+                speed = highs[i]
+            elif speed < lows[i]:
+                speed = lows[i]
+            if speed > range_high[i]:
+                speed = range_high[i]
+                ranged |= self._bits[i]
+            elif speed < range_low[i]:
+                speed = range_low[i]
+                ranged |= self._bits[i]
+            position = positions[i]
+            after = position + half_s * (velocity + speed)
+            # Acts on rounding, and when a joint about to stop at the end meets a period much
+            # longer than those before: then it stops within the period.
+            if after > self._upper[i]:
+                after = min(after, max(self._upper[i], position))
+            elif after < self._lower[i]:
+                after = max(after, min(self._lower[i], position))
+            velocities[i] = speed
+            positions[i] = after
+        self._speedy = speedy
+        self._jerky = jerky
+        self._ranged = ranged
+
+
+def _speed_towards_end(room: float, acceleration: float, dt_s: float, later_s: float) -> float:
+    """The highest speed at the end of a period of `dt_s` from which a joint can stop in time.
+
+    `room` is the distance to the end less dt·v_old/2. In periods of up to `later_s` a joint at v
+    needs v²/(2a) and, for the last of them, in which it only stops, at most a·later²/8 more; below
+    a·later/2 it may stop in one, which takes v·later/2.
+    """
+    if room <= 0.0:
+        return 0.0
+    speed = 2.0 * room / (later_s + dt_s)
+    if speed <= 0.5 * acceleration * later_s:
+        return speed
+    gain = 0.5 * acceleration * dt_s
+    left = room - 0.125 * acceleration * later_s * later_s
+    return _sqrt(gain * gain + 2.0 * acceleration * left) - gain

@@ -1,0 +1,255 @@
+"""What operator devices share that a thread reads: opening, reading, losing, opening again."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, ClassVar, Generic, TypeVar
+
+from cardan.common.forks import IN_CHILD, give_up_in_children
+from cardan.common.resource_errors import shortage
+from cardan.drivers.base import OperatorDevice
+from cardan.drivers.core import DeviceCore
+from cardan.drivers.hotplug import Arrivals
+from cardan.errors import DeviceAccessError, DriverError, NotOpenError
+from cardan.types import ButtonEvent, DeviceState
+
+RETRY_FIRST_S, RETRY_LAST_S = 0.2, 0.8
+"""Pause between attempts to open a lost device, doubled each time, where the system does not tell
+of one that is plugged in: it is found within a second all the same."""
+
+SETTLE_S = 0.05
+"""Pause before an attempt after the system has told of a device: a plug makes a dozen events."""
+
+JOIN_TIMEOUT_S = 2.0
+"""A reader looks at `stop` at least every 50 ms; one that does not is left to die as a daemon."""
+
+_log = logging.getLogger(__name__)
+
+C = TypeVar("C", bound=DeviceCore)
+
+
+class ReadDevice(OperatorDevice, Generic[C]):
+    """An operator device that a thread of its own reads, and opens again when it is lost.
+
+    Its options have `wait_for_device`: open() succeeds without a device.
+    """
+
+    _kind: ClassVar[str]
+    """What people call it; for `_check_open`."""
+    _core: C
+    """Set by the driver's __init__, from `self.options`."""
+
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._opening = threading.RLock()
+        """Held while it is opened or closed: one thread at a time. The reader never takes it."""
+        self._lock = threading.Lock()
+        """Guards the core, for some µs at a time."""
+        self._stop = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._closes_itself = False
+        """close() was called by the reader, which then ends as soon as it can."""
+        self._ending: threading.Thread | None = None
+        """A reader that was told to stop, and did not in time: it still holds the device."""
+
+    # -- what drivers implement ----------------------------------------------------------------
+
+    @abstractmethod
+    def _connect(self) -> None:
+        """Open the device and tell the core, under the lock. Raises DriverError."""
+
+    @abstractmethod
+    def _serve(self, stop: threading.Event) -> None:
+        """Read the open device until `stop` is set, or OSError: it is gone.
+
+        Looks at `stop` at least every 50 ms; calls `_notify()` after what it took in.
+        """
+
+    @abstractmethod
+    def _release(self) -> None:
+        """Let go of what `_connect` opened, or of a part of it. Never raises; twice is fine."""
+
+    # -- the interface -------------------------------------------------------------------------
+
+    def open(self) -> None:
+        """Open the device and start to read it.
+
+        Raises DeviceNotFoundError or DeviceAccessError, unless `wait_for_device` is set.
+        """
+        with self._opening:
+            self._begin()
+
+    def _begin(self) -> None:
+        if self._thread is not None:
+            return
+        if self._ending is not None:
+            self._ending.join(JOIN_TIMEOUT_S)
+            if self._ending.is_alive():
+                raise DeviceAccessError(
+                    "the device is still being closed: it does not take what is written to it"
+                )
+            self._ending = None
+        self._stop = threading.Event()
+        self._closes_itself = False
+        connected = True
+        try:
+            self._connect()
+        except BaseException as error:
+            if not (isinstance(error, Exception) and self.options.wait_for_device):
+                with self._lock:
+                    self._core.on_closed(time.monotonic())
+                self._let_go()
+                if isinstance(error, DriverError) or not isinstance(error, Exception):
+                    raise
+                raise DeviceAccessError(_words(error)) from error
+            self._lose(_words(error))
+            connected = False
+        self._thread = threading.Thread(
+            target=self._run,
+            args=(self._stop, connected),
+            name=f"cardan-{type(self).__name__.lower()}",
+            daemon=True,
+        )
+        self._thread.start()
+        self._in_child = False
+        give_up_in_children(self)
+
+    def close(self) -> None:
+        """Stop reading and release the device. Never raises; from any thread."""
+        if threading.current_thread() is self._thread:
+            self._stop.set()  # It ends once it comes back to its loop: a thread cannot join itself.
+            self._closes_itself = True
+            return
+        with self._opening:
+            thread = self._thread
+            if thread is None:
+                return
+            self._stop.set()
+            thread.join(JOIN_TIMEOUT_S)
+            if thread.is_alive():
+                self._ending = thread
+            self._end(thread)
+
+    def _end(self, thread: threading.Thread) -> None:
+        """It is closed, if `thread` still was its reader: whoever waits for a state is told."""
+        with self._lock:
+            if self._thread is not thread:
+                return
+            self._thread = None
+            self._core.on_closed(time.monotonic())
+            self._close_count += 1
+        self._notify()
+
+    def after_fork(self) -> None:
+        """In a forked child the device stays the parent's, whose reader is not here: closed."""
+        thread = self._thread
+        self._changed = threading.Condition()
+        self._opening, self._lock = threading.RLock(), threading.Lock()
+        self._ending = None
+        if thread is not None:
+            self._in_child = True
+            self._end(thread)
+
+    def state(self) -> DeviceState:
+        """The newest state."""
+        with self._lock:
+            return self._core.state(time.monotonic())
+
+    def button_events(self) -> Sequence[ButtonEvent]:
+        """Button edges since the last call, oldest first."""
+        with self._lock:
+            return self._core.events()
+
+    def metrics(self) -> dict[str, float]:
+        """Live figures by name."""
+        with self._lock:
+            return self._core.metrics(time.monotonic())
+
+    def protocol_errors(self) -> dict[str, int]:
+        """Reports that mean nothing, by kind."""
+        with self._lock:
+            return self._core.protocol_errors()
+
+    def diagnosis(self) -> tuple[str, ...]:
+        """Problems, and what else deserves attention, worst first."""
+        with self._lock:
+            return tuple(self._core.diagnosis(time.monotonic()))
+
+    # -- the reader ----------------------------------------------------------------------------
+
+    @property
+    def _opened(self) -> bool:
+        """True between open() and close()."""
+        return self._thread is not None
+
+    def _check_open(self, call: str) -> None:
+        """Raise NotOpenError unless it is between open() and close(), which `call` needs."""
+        if not self._opened:
+            if self._in_child:
+                raise NotOpenError(f"the {self._kind} is not open in this process: {IN_CHILD}")
+            raise NotOpenError(f"the {self._kind} is not open: call open() before {call}")
+
+    def _run(self, stop: threading.Event, connected: bool) -> None:
+        retry_s = RETRY_FIRST_S
+        arrivals: Arrivals | None = None
+        try:
+            while not stop.is_set():
+                # Whatever a system's library raises, the device is tried again: a reader that dies
+                # would never tell of it.
+                if not connected:
+                    try:
+                        self._connect()
+                        self._notify()
+                        connected = True
+                    except Exception as error:
+                        self._lose(_words(error))
+                if connected:
+                    if arrivals is not None:
+                        arrivals.close()
+                        arrivals = None
+                    try:
+                        self._serve(stop)
+                    except Exception as error:
+                        if self._core.heard:
+                            retry_s = RETRY_FIRST_S
+                        self._lose(_words(error))
+                        connected = False
+                arrivals = arrivals or Arrivals()
+                if arrivals.wait(retry_s, stop):
+                    retry_s = RETRY_FIRST_S
+                    stop.wait(SETTLE_S)
+                else:
+                    retry_s = min(2.0 * retry_s, RETRY_LAST_S)
+        finally:
+            if arrivals is not None:
+                arrivals.close()
+            self._let_go()
+            if self._closes_itself:
+                self._end(threading.current_thread())
+
+    def _lose(self, reason: str) -> None:
+        # Neutral first: letting go of a device may take its time.
+        with self._lock:
+            self._core.on_lost(reason, time.monotonic())
+        self._notify()
+        self._let_go()
+
+    def _let_go(self) -> None:
+        try:
+            self._release()
+        except Exception:  # Of a system's library: the device is tried again all the same.
+            _log.exception("the %s was not closed in good order", self._kind)
+
+
+def _words(error: Exception) -> str:
+    if isinstance(error, DriverError):
+        return str(error)
+    if lacking := shortage(error):
+        return lacking
+    if isinstance(error, OSError):
+        return f"unplugged, or it cannot be read ({error.strerror or error})"
+    return f"the reader failed: {error!r}"

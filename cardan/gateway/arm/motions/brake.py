@@ -1,0 +1,28 @@
+"""Brings a moving arm to rest."""
+
+from __future__ import annotations
+
+from cardan.gateway.arm.body import Body
+from cardan.gateway.arm.motions.base import ARRIVED, GOING, Progress
+from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
+from cardan.gateway.motion.reference import Reference
+from cardan.types import RobotState
+
+
+class Brake(ReferenceMotion):
+    """Ramps the TCP to rest within the reference's limits, from the speed that the body has."""
+
+    def __init__(self, body: Body, reference: Reference) -> None:
+        super().__init__(body, reference)
+        reference.place(body.pose)
+        twist = body.twist
+        reference.linear, reference.angular = twist.linear, twist.angular
+        self.brake()
+
+    @property
+    def idle(self) -> bool:
+        return False
+
+    def tick(self, robot: RobotState, dt_s: float) -> Progress:
+        """Brake on."""
+        return ARRIVED if self._advance(self._body.twist, dt_s) else GOING

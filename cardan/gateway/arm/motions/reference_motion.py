@@ -1,0 +1,89 @@
+"""Base of activities in which the TCP follows a reference point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+from cardan.gateway.arm.body import Body
+from cardan.gateway.arm.motions.base import Activity, Deceleration
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.types import ZERO_TWIST, Twist
+
+
+class ReferenceMotion(Activity):
+    """A TCP that follows a reference point, which begins where the TCP is commanded to be."""
+
+    slides = True
+    """Whether an obstacle leaves the part of the motion that goes along it."""
+
+    def __init__(
+        self, body: Body, reference: Reference, deceleration: Deceleration | None = None
+    ) -> None:
+        """`deceleration`: for stops, where it is more than the reference's own acceleration."""
+        self._body = body
+        self.reference: Reference = reference
+        if not body.moving:
+            reference.place(body.pose)
+        self._stopping: ReferenceLimits | None = None
+        """Its limits while it brakes; None: as ever."""
+        if deceleration is not None:
+            limits = reference.limits
+            self._stopping = replace(
+                limits,
+                linear_acceleration_m_s2=max(
+                    deceleration.linear_m_s2, limits.linear_acceleration_m_s2
+                ),
+                angular_acceleration_rad_s2=max(
+                    deceleration.angular_rad_s2, limits.angular_acceleration_rad_s2
+                ),
+                linear_jerk_m_s3=None,
+                angular_jerk_rad_s3=None,
+            )
+        self.braking = False
+        self._resting = False
+        self.share = 1.0
+        """Share of the wanted speed that the arm reached in the last tick."""
+
+    def brake(self) -> None:
+        """Ramp to zero speed."""
+        self.braking = True
+        if self._stopping is not None:
+            self.reference.limits = self._stopping
+
+    @property
+    def idle(self) -> bool:
+        return not self.driven and not self.reference.moving and not self._body.moving
+
+    def _advance(
+        self,
+        wanted: Twist,
+        dt_s: float,
+        smooth: bool = True,
+        rates: Mapping[str, float] | None = None,
+    ) -> bool:
+        """Move reference and arm for `dt_s`; True once a brake has come to rest."""
+        body, reference = self._body, self.reference
+        if self._resting:
+            body.brake(dt_s)
+            return not body.moving
+        if (
+            not reference.moving
+            and (self.braking or wanted == ZERO_TWIST)
+            and not rates
+            and body.settled
+        ):
+            # Nothing is asked for, so nothing is solved for: no creeping on rounding errors.
+            if body.moving:
+                body.brake(dt_s)
+            self._resting = self.braking
+            return False
+        if self.braking:
+            reference.shape(ZERO_TWIST, dt_s, smooth=False)
+            rates = None
+        else:
+            reference.shape(wanted, dt_s, smooth=smooth)
+        self.share = body.follow(reference, dt_s, rates, self.slides)
+        if self.braking and not reference.moving:
+            self._resting = True
+        return False

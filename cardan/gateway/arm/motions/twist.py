@@ -1,0 +1,50 @@
+"""movv: a constant twist of the TCP, without end."""
+
+from __future__ import annotations
+
+from cardan.gateway.arm.body import Body
+from cardan.gateway.arm.motions.base import GOING, Deceleration, Progress
+from cardan.gateway.arm.motions.path import STUCK_S, STUCK_SHARE
+from cardan.gateway.arm.motions.reference_motion import ReferenceMotion
+from cardan.gateway.arm.vocab import State
+from cardan.gateway.motion.reference import Reference
+from cardan.spatial import norm
+from cardan.types import RobotState, Twist
+
+
+class FollowTwist(ReferenceMotion):
+    """movv: a constant twist, without end."""
+
+    state = State.MOVV
+    slides = False
+
+    def __init__(
+        self, body: Body, reference: Reference, deceleration: Deceleration, twist: Twist
+    ) -> None:
+        """`twist` in base axes."""
+        super().__init__(body, reference, deceleration)
+        self.twist = twist
+        self._stuck_s = 0.0
+        self._reason = ""
+
+    @property
+    def idle(self) -> bool:
+        return False
+
+    def tick(self, robot: RobotState, dt_s: float) -> Progress:
+        """Move on by one period."""
+        if self._advance(self.twist, dt_s):
+            return Progress(True, self._reason)
+        reference = self.reference
+        if not self.braking:
+            walled = reference.at_workspace_limit and norm(reference.linear) < 1e-4
+            slow = self.share < STUCK_SHARE or walled
+            self._stuck_s = self._stuck_s + dt_s if slow else 0.0
+            if self._stuck_s > STUCK_S:
+                self._reason = (
+                    "the TCP is at the limit of the workspace"
+                    if walled
+                    else self._body.held_by() or "the arm cannot go on in this direction"
+                )
+                self.brake()
+        return GOING

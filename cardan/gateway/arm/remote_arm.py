@@ -1,0 +1,181 @@
+"""The Cartesian interface of an arm whose loop runs in another process: verbs as packets.
+
+What carries the packets is a subclass: the channel of a session that this process has started, or
+the network.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import threading
+from abc import abstractmethod
+from typing import Any
+
+from cardan.errors import CardanError, MotionLoopError, OptionError
+from cardan.gateway.arm.authority import HAND, VERBS
+from cardan.gateway.arm.interface import CartesianArm
+from cardan.gateway.arm.link import NOT_OPEN
+from cardan.gateway.arm.motion import Motion, Outcome
+from cardan.gateway.arm.requests import (
+    MotionNote,
+    PacketError,
+    Reply,
+    Request,
+    encode_request,
+    result_of,
+)
+from cardan.gateway.arm.validation import LONGEST_NAME
+
+ANSWER_TIMEOUT_S = 30.0
+"""Longest time for a verb to plan and wait for rest; beyond, the session does not answer."""
+
+STOP_TIMEOUT_S = 2.0
+"""Longest time for `stop` and `release`, which are done at once."""
+
+EARLY_NOTES = 64
+"""Notes of ended motions that are kept while replies are due: on a network a motion's end may be
+told before the reply that says that it has begun."""
+
+_TIMEOUTS_S = {"wait": None, "stop": STOP_TIMEOUT_S, "release": STOP_TIMEOUT_S}
+
+
+class _Pending:
+    """A request without its reply yet."""
+
+    def __init__(self, verb: str) -> None:
+        self.verb = verb
+        self.done = threading.Event()
+        self.result: Any = None
+        self.error: CardanError | None = None
+
+
+class RemotePacketArm(CartesianArm):
+    """Asks by packets (:mod:`cardan.gateway.arm.requests`). A Motion is updated without being
+    asked."""
+
+    def __init__(self, source: str = VERBS) -> None:
+        """`source`: name of this source, which gets the authority. Raises ConfigurationError."""
+        if source == HAND or not 0 < len(source) <= LONGEST_NAME:
+            allowed = f"a name of 1 to {LONGEST_NAME} characters other than {HAND!r}, the device"
+            raise OptionError("source", source, allowed)
+        self.source = source
+        self._lock = threading.Lock()
+        self._ids = itertools.count(1)
+        self._pending: dict[int, _Pending] = {}
+        self._motions: dict[int, Motion] = {}
+        self._early: dict[int, MotionNote] = {}
+        self._ended = NOT_OPEN
+        self._rests = True
+        """Whether the arm is at rest once it has ended."""
+
+    # -- what a subclass carries -----------------------------------------------------------------
+
+    @abstractmethod
+    def _send(self, request: Request, packet: bytes) -> None:
+        """Send a request, encoded as `packet`. Raises OSError where it cannot be sent."""
+
+    def _begin(self) -> None:
+        """Packets can be sent from now on."""
+        self._ended, self._rests = "", True
+        self._early.clear()
+
+    def _take_answer(self, answer: Reply | MotionNote) -> None:
+        """Handle what has come, in any thread."""
+        with self._lock:
+            if isinstance(answer, MotionNote):
+                self._note(answer)
+            elif answer.id is not None and answer.id in self._pending:
+                for note in answer.ended:
+                    self._note(note)
+                self._answer(self._pending.pop(answer.id), answer)
+
+    def _end(self, reason: str, *, rests: bool = True) -> None:
+        """End all requests and motions: nothing more comes. `rests`: whether the arm does; else
+        `stop` is an error from now on."""
+        with self._lock:
+            if self._ended:
+                return
+            self._ended, self._rests = reason, rests
+            for pending in self._pending.values():
+                pending.error = MotionLoopError(reason)
+                pending.done.set()
+            for motion in self._motions.values():
+                motion.outcome, motion.reason = Outcome.ABORTED, reason
+            self._pending.clear()
+            self._motions.clear()
+
+    def _close(self) -> None:
+        """It is not open any more."""
+        self._ended, self._rests = NOT_OPEN, True
+
+    # -- requests --------------------------------------------------------------------------------
+
+    def _ask(
+        self, verb: str, value: Any = None, *, source: str = "", sequence: int | None = None
+    ) -> Any:
+        request = Request(next(self._ids), source or self.source, verb, value, sequence)
+        with self._lock:
+            if self._ended:
+                return self._asked_too_late(verb)
+        packet = encode_request(request)
+        pending = _Pending(verb)
+        with self._lock:
+            if self._ended:
+                return self._asked_too_late(verb)
+            self._pending[request.id] = pending
+        try:
+            self._send(request, packet)
+        except OSError as error:
+            # Who reads sees the end for itself, and says why.
+            if isinstance(error, BlockingIOError) or not pending.done.wait(STOP_TIMEOUT_S):
+                self._forget(request.id)
+                raise MotionLoopError(f"the session takes no requests: {error.strerror}") from None
+        timeout_s = _TIMEOUTS_S.get(verb, ANSWER_TIMEOUT_S)
+        if not pending.done.wait(timeout_s):
+            self._forget(request.id)
+            raise MotionLoopError(f"{verb}: the session has not answered for {timeout_s:g} s")
+        if pending.error is not None:
+            if verb == "stop" and self._ended:
+                return self._asked_too_late(verb)
+            raise pending.error
+        return pending.result
+
+    def _asked_too_late(self, verb: str) -> None:
+        if verb != "stop" or not self._rests:
+            raise MotionLoopError(self._ended)
+
+    def _answer(self, pending: _Pending, reply: Reply) -> None:
+        pending.error = reply.error
+        try:
+            if reply.error is None:
+                result = result_of(pending.verb, reply.result)
+                pending.result = self._update(result) if isinstance(result, MotionNote) else result
+        except PacketError as error:
+            pending.error = error
+        pending.done.set()
+
+    def _note(self, note: MotionNote) -> None:
+        """Update the motion that a note is about; it may be another program's, or of a reply that
+        is still on its way."""
+        if note.id in self._motions:
+            self._update(note)
+        elif self._pending:
+            if len(self._early) >= EARLY_NOTES:
+                del self._early[next(iter(self._early))]
+            self._early[note.id] = note
+
+    def _update(self, note: MotionNote) -> Motion:
+        """Update the motion that a reply or a note is about."""
+        note = self._early.pop(note.id, note)
+        motion = self._motions.get(note.id)
+        if motion is None:
+            motion = self._motions[note.id] = Motion(note.verb, note.ends, note.source)
+        note.update(motion)
+        if motion.over:
+            self._motions.pop(note.id)
+        return motion
+
+    def _forget(self, number: int) -> None:
+        with self._lock, contextlib.suppress(KeyError):
+            del self._pending[number]

@@ -1,0 +1,214 @@
+"""What the daemon keeps running: its sessions and faces, each with what is known of it.
+
+Only the daemon's thread uses them; what a process tells is brought there.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+from cardan.common.logs import level_of
+from cardan.common.text_sanitizer import printable
+from cardan.gateway.daemon.config import FaceEntry, SessionEntry
+from cardan.gateway.daemon.events import SessionWatch
+from cardan.gateway.daemon.processes import Process, RunningFace, RunningSession
+from cardan.gateway.daemon.restart_policy import Ended, Unit, UnitState
+from cardan.gateway.daemon.usage import ProcessorUse
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.types import NEVER_S
+
+ENGAGED: Final = frozenset({"holding", "moving", "braking", "recovering"})
+"""Phases of an arm that somebody moves, or may move at once."""
+
+
+class Line(NamedTuple):
+    """A line that a process has written."""
+
+    time_s: float
+    """Since the epoch."""
+    name: str
+    text: str
+    level: str
+    """Of the log: ``debug``, ``info``, ``warning``, ``error`` or ``critical``."""
+
+    @classmethod
+    def of(cls, name: str, text: str) -> Line:
+        """What `name` has written now."""
+        level, text = level_of(text)
+        return cls(time.time(), name, printable(text), logging.getLevelName(level).lower())
+
+
+Tell = Callable[[Callable[[], None]], None]
+"""Has something done in the daemon's thread."""
+
+Say = Callable[[Line], None]
+
+
+class Kept(ABC):
+    """A session or a face: what is known of it, and its process while it runs."""
+
+    kind = ""
+
+    def __init__(self, name: str, start_limit: int) -> None:
+        self.unit = Unit(name, start_limit)
+        self.process: Process | None = None
+        self.use = ProcessorUse()
+        self.shown_state = UnitState.STOPPED
+        """The state that the event log knows of."""
+
+    @property
+    def name(self) -> str:
+        return self.unit.name
+
+    @abstractmethod
+    def begin(self, told: Tell, say: Say) -> None:
+        """Start its process. Raises OSError."""
+
+    @abstractmethod
+    def figures(self, now_s: float) -> dict[str, Any]:
+        """Its row, and all figures that there are of it."""
+
+    def shown(self, now_s: float) -> dict[str, Any]:
+        """Its row."""
+        unit, process = self.unit, self.process
+        return {
+            "name": unit.name,
+            "kind": self.kind,
+            "state": unit.state.value,
+            "reason": unit.reason,
+            "since_s": 0.0 if unit.since_s == NEVER_S else round(now_s - unit.since_s, 1),
+            "restarts": unit.restarts,
+            "pid": None if process is None else process.pid,
+            "cpu": None if process is None else self.use.share(process.pid, now_s),
+        }
+
+
+def why_nothing_moves(s: Snapshot, lent: str) -> str:
+    """In words; `lent`: where its device is while another session has it. What is wrong with the
+    robot comes before that, as programs can move the arm without the device."""
+    if s.device_held:
+        return s.message or s.hold_reason or s.device_reason
+    return s.hold_reason or lent
+
+
+class SessionService(Kept):
+    """A session."""
+
+    kind = "session"
+
+    def __init__(self, name: str, entry: SessionEntry, start_limit: int) -> None:
+        super().__init__(name, start_limit)
+        self.entry = entry
+        """What its process runs with, or will."""
+        self.watch = SessionWatch(name)
+        self.last: Snapshot | None = None
+        """Of a process that has ended: its last one, of which no events were found yet."""
+        self.changes_wait: tuple[str, ...] = ()
+        """Keys of its configuration that take effect as soon as nobody has its arm: it begins anew
+        then, or ends where it was removed."""
+        self.answered: Callable[[bytes], None] = lambda _packet: None
+        self.gone: Callable[[str], None] = lambda _reason: None
+        """Called when its process has ended."""
+        self.has_device: Callable[[], bool] = lambda: True
+        """Whether it begins with its device, which other sessions may have."""
+        self.lent: Callable[[], str] = lambda: ""
+        """Where its device is, in words."""
+
+    @property
+    def snapshot(self) -> Snapshot:
+        process = self.process
+        return process.snapshot if isinstance(process, RunningSession) else Snapshot()
+
+    @property
+    def engaged(self) -> bool:
+        """Whether somebody moves its arm, or has the authority to."""
+        s = self.snapshot
+        moves = s.phase in ENGAGED and s.phase != "holding"
+        return self.process is not None and (moves or s.authority != "")
+
+    def begin(self, told: Tell, say: Say) -> None:
+        def over(how: Ended, reason: str) -> None:
+            told(lambda: _ended(self, how, reason))
+
+        self.process = RunningSession(
+            self.entry.config,
+            lambda text: say(Line.of(self.name, text)),
+            over,
+            lambda packet: told(lambda: self.answered(packet)),
+            self.has_device(),
+        )
+
+    def figures(self, now_s: float) -> dict[str, Any]:
+        return self.shown(now_s) | {
+            "snapshot": None if self.process is None else json.loads(self.snapshot.to_bytes()),
+            "stops": self.watch.stops,
+            "refusals": self.watch.refusals,
+        }
+
+    def shown(self, now_s: float) -> dict[str, Any]:
+        s = self.snapshot
+        config = self.entry.config
+        return super().shown(now_s) | {
+            "device": config.device.driver if config.device else "",
+            "robot": config.robot.driver,
+            "phase": s.phase,
+            "device_link": s.device_link,
+            "robot_link": s.robot_link,
+            "device_held": s.device_held,
+            "authority": s.authority,
+            "authority_s": s.authority_s,
+            "why": why_nothing_moves(s, self.lent()),
+            "trips": s.trips,
+            "cycles": s.cycles,
+            "tick_p99_s": s.tick_p99_s,
+            "changes_wait": list(self.changes_wait),
+        }
+
+
+class KeptFace(Kept):
+    """A face."""
+
+    kind = "face"
+
+    def __init__(self, name: str, entry: FaceEntry, start_limit: int) -> None:
+        super().__init__(name, start_limit)
+        self.entry = entry
+        self.socket = ""
+        """The daemon's, for faces that ask it."""
+
+    def begin(self, told: Tell, say: Say) -> None:
+        def over(how: Ended, reason: str) -> None:
+            told(lambda: _ended(self, how, reason))
+
+        self.process = RunningFace(
+            (self.entry.face, *self.entry.words),
+            lambda text: say(Line.of(self.name, text)),
+            over,
+            self.socket,
+        )
+
+    def figures(self, now_s: float) -> dict[str, Any]:
+        process = self.process
+        return self.shown(now_s) | {
+            "figures": process.figures if isinstance(process, RunningFace) else {}
+        }
+
+    def shown(self, now_s: float) -> dict[str, Any]:
+        process = self.process
+        endpoint = process.endpoint if isinstance(process, RunningFace) else ""
+        return super().shown(now_s) | {"face": self.entry.face, "endpoint": endpoint}
+
+
+def _ended(kept: Kept, how: Ended, reason: str) -> None:
+    if isinstance(kept, SessionService):
+        kept.last = kept.snapshot
+    kept.process = None
+    reason = printable(reason)
+    kept.unit.ended(how, reason, time.monotonic())
+    if isinstance(kept, SessionService):
+        kept.gone(reason)

@@ -1,5 +1,0 @@
-"""Shared control: what may change the operator's twist between the mapping and the reference."""
-
-from cardan.gateway.hand.filters.base import (
-    TwistFilter as TwistFilter,
-)

@@ -1,0 +1,5 @@
+"""Shared control: what may change the operator's twist between the mapping and the reference."""
+
+from cardan.gateway.operator.filters.base import (
+    TwistFilter as TwistFilter,
+)

@@ -1,0 +1,446 @@
+"""An operator device as a source of motion: its states in, one request per control tick out.
+
+The rule of arming is here: going on after an interruption takes a deliberate act, which is the
+device at rest and, where one is configured, the dead-man button released and pressed anew, or a
+press of the button that toggles the clutch. Where the hand's pose is followed, deflections mean
+nothing and need not be at rest. The controller decides what the robot does about a request.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from cardan.common.haptics import WorldMap
+from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.absolute import AbsoluteMapping
+from cardan.gateway.operator.arming import Arming, armed_by_deadman, armed_by_rest
+from cardan.gateway.operator.filters.base import TwistFilter
+from cardan.gateway.operator.mapping import MappingOptions, Mode, TwistMapping
+from cardan.gateway.operator.position import HandMapping, PositionMapping, is_pose
+from cardan.spatial import is_finite
+from cardan.types import (
+    ZERO3,
+    ZERO_TWIST,
+    ButtonEvent,
+    DeviceLink,
+    DeviceState,
+    Pose,
+    RobotState,
+    Twist,
+)
+
+NO_DEFLECTION = (0.0,) * 6
+
+CLUTCH_WITHIN_S = 0.5
+"""Oldest press that engages the clutch: this computer may have stalled. Older ones still end."""
+
+NO_RATES: Mapping[str, float] = {}
+
+
+class ArmView(NamedTuple):
+    """The state of the arm that a request depends on."""
+
+    robot: RobotState
+    """With the measured pose by the arm's model, where there is one."""
+    dt_s: float
+    """Time by which this tick advances, s."""
+    tcp: Pose | None
+    """Where the TCP is commanded to be, base frame; None before the robot was ready."""
+    resting: Pose | None
+    """Where the TCP comes to rest when it brakes as hard as it may, base frame."""
+    arming: Arming
+    """What the last request made of this device."""
+    free: bool
+    """Whether the arm is not still braking a motion of another source."""
+    barred: str = ""
+    """Why no deliberate act arms now, whatever the device reports."""
+    behind: str = ""
+    """Why no pose and no clutch is accepted now: the robot is not at its command."""
+    tripped: bool = False
+    """Whether another motion was ended in this tick, so that no press in it is deliberate."""
+    void: bool = False
+    """Whether buttons in this tick are ignored: the robot is not ready."""
+    suspended: bool = False
+    """Whether the operator's motion is ignored in this tick."""
+
+
+class MotionRequest(NamedTuple):
+    """What an operator asks for in one control tick."""
+
+    arming: Arming
+    """Whether this device drives the arm, after what the operator did in this tick, and moves or
+    claims it, or would if it were free."""
+    engages: bool
+    """Whether the deliberate act was made in this tick and is accepted."""
+    acts: bool
+    """Whether the deliberate act was made in this tick, accepted or not."""
+    following: bool
+    """Whether the operator's motion moves the arm now: armed, and the dead-man held."""
+    twist: Twist
+    """The twist asked for, after the filters."""
+    rates: Mapping[str, float]
+    """Joint speeds asked for by name, rad/s or m/s."""
+    pressed: bool
+    """Whether any button went down."""
+    fault: str
+    """Why an armed device must not drive any longer; empty when all is well."""
+    filter_fault: str
+    """Why the filters give nothing to follow; empty when all is well."""
+
+    @property
+    def armed(self) -> bool:
+        """Whether this device drives the arm."""
+        return self.arming.armed
+
+    @property
+    def asks(self) -> bool:
+        """True when motion is asked for."""
+        return (
+            self.twist.linear != ZERO3
+            or self.twist.angular != ZERO3
+            or (bool(self.rates) and any(self.rates.values()))
+        )
+
+
+NO_REQUEST = MotionRequest(
+    Arming.DISARMED, False, False, False, ZERO_TWIST, NO_RATES, False, "", ""
+)
+
+
+def _followed(options: MappingOptions, limits: ReferenceLimits) -> HandMapping | None:
+    if options.mode is Mode.POSITION:
+        return PositionMapping(options, limits)
+    return AbsoluteMapping(options, limits) if options.mode is Mode.ABSOLUTE else None
+
+
+class OperatorInput:
+    """One operator device with its mapping, clutch, dead-man and filters."""
+
+    def __init__(
+        self,
+        mapping: TwistMapping,
+        limits: ReferenceLimits,
+        filters: Sequence[TwistFilter] = (),
+        device_age_s: float = 0.1,
+    ) -> None:
+        """`limits` are those of the reference that is moved; `device_age_s` is the age of the
+        oldest report that may still drive motion. Filters are applied in their order."""
+        self.mapping = mapping
+        self.filters = tuple(filters)
+        self._device_age_s = device_age_s
+        self._position = _followed(mapping.options, limits)
+        """The mapping of the device's pose; None in rate mode."""
+        self._holds = bool(mapping.options.deadman_buttons or mapping.options.clutch)
+        """Whether an operator without motion still claims the arm, by a button."""
+        self._refusal = ""
+        """Why the last deliberate act was refused."""
+        self._device: DeviceState | None = None
+        self.complaint = ""
+        """What is wrong in how the device's buttons are configured; empty: nothing known."""
+
+    # -- one control tick ------------------------------------------------------------------------
+
+    def request(
+        self, device: DeviceState, events: Sequence[ButtonEvent], view: ArmView
+    ) -> MotionRequest:
+        """What the operator asks for now; `events` are the button edges since the last call."""
+        before, self._device = self._device, device
+        position, options = self._position, self.mapping.options
+        arming, fault = view.arming, ""
+        if events and position is not None and self._let_go(events):
+            position.release()  # Although it may be held again by now.
+        if arming.armed:
+            fault = self._fault(device, view.robot.stamp_s)
+            if fault:
+                arming = Arming.DISARMED
+                self.disarm()
+        held = self.mapping.deadman_held(device)
+        acts = recapture = False
+        if view.void:
+            arming = arming if arming.armed else Arming.DISARMED
+        else:
+            if not arming.armed and not options.clutch:
+                arming, acts = self._arm(arming, device, held, view)
+            if events and (options.clutch or options.recapture):
+                arming, pressed, recapture = self._take_presses(
+                    before, device, events, arming, fault, view
+                )
+                acts = acts or pressed
+        armed = arming.armed
+        if events and armed and held:
+            self.mapping.take_gripper(events)
+        following = armed and held and view.free
+        if following and position is not None and not position.engaged:
+            self._refusal = self._why_not_taken(device, view)
+            if self._refusal:
+                arming, armed, following = Arming.DISARMED, False, False
+        twist = self._wanted(device, view, following, recapture)
+        twist, filter_fault = self._filtered(twist, view.robot)
+        rates = NO_RATES
+        if self.mapping.drives_joints and following and not view.suspended:
+            rates = self.mapping.joint_rates(device.axes)
+        if armed:
+            claims = held and (self._holds or self._deflected(device))
+            arming = Arming.CLAIMING if claims else Arming.ARMED
+        return MotionRequest(
+            arming,
+            armed and not view.arming.armed,
+            acts,
+            following,
+            twist,
+            rates,
+            bool(events) and any(event.pressed for event in events),
+            fault,
+            filter_fault,
+        )
+
+    def disarm(self) -> None:
+        """Let go of the hand's pose: the deliberate act is needed anew."""
+        self._refusal = ""
+        if self._position is not None:
+            self._position.release()
+
+    def hand_map(self) -> WorldMap | None:
+        """Map from the hand's position to the commanded position of the TCP, within the workspace;
+        None while no pose is followed, or through axes that mirror."""
+        return None if self._position is None else self._position.world_map()
+
+    # -- words -----------------------------------------------------------------------------------
+
+    @property
+    def remark(self) -> str:
+        """A message for an operator who drives by pose; empty: all is well."""
+        return "" if self._position is None else self._position.remark
+
+    def filter_words(self) -> tuple[str, ...]:
+        """What the filters do to the operator's motion; those that do nothing are silent."""
+        return tuple(words for each in self.filters if (words := _status(each)))
+
+    def advice(self, why: str, arming: Arming) -> str:
+        """How to go on from `arming`, after `why` the operator has to ("" or "...; ")."""
+        device, options, position = self._device, self.mapping.options, self._position
+        if device is None:
+            return why
+        reason = _why_not_live(device)
+        if reason:
+            return why + reason if reason not in why else reason
+        if self.complaint:
+            return why + self.complaint
+        if self._refusal:
+            why = f"the clutch was not engaged: {self._refusal}; "
+        deadman = " or ".join(repr(button) for button in options.deadman_buttons)
+        deflected = position is None and device.axes != NO_DEFLECTION
+        if options.clutch:
+            first = "let go of the device, then " if deflected else ""
+            if options.clutch in device.buttons:
+                first = f"let go of {options.clutch!r}, then "
+            while_held = f", with {deadman} held," if deadman else ""
+            return f"{why}{first}press {options.clutch!r}{while_held} to move"
+        if not deadman:
+            return f"{why}let go of the device to go on"
+        if arming is Arming.RELEASED:
+            return f"{why}press {deadman} to move"
+        if position is not None:
+            return f"{why}let go of {deadman}, then press it to go on"
+        return f"{why}let go of the device and of {deadman}, then press {deadman} to go on"
+
+    def act_words(self) -> str:
+        """The deliberate act, as an instruction."""
+        options = self.mapping.options
+        if options.clutch:
+            act = f"press {options.clutch!r}"
+        elif options.deadman_buttons:
+            deadman = " or ".join(repr(button) for button in options.deadman_buttons)
+            act = f"let go of {deadman}, then press it"
+        else:
+            act = "move the device and let it go"
+        reason = "" if self._device is None else _why_not_live(self._device)
+        return f"wait for the device ({reason}), then {act}" if reason else act
+
+    # -- faults ----------------------------------------------------------------------------------
+
+    def _fault(self, device: DeviceState, now_s: float) -> str:
+        """Why this device must not drive any longer."""
+        reason = _why_not_live(device)
+        if reason:
+            return reason
+        position = self._position
+        if position is None and not is_finite(device.axes):
+            return "the device gives values that are not numbers"
+        age_s = now_s - device.stamp_s
+        if age_s < -self._device_age_s:
+            return f"the device gives a time {-age_s:.1f} s in the future"
+        old = age_s > self._device_age_s
+        if position is None:
+            if device.axes != NO_DEFLECTION and old:
+                return f"the device is deflected but silent for {age_s:.2f} s"
+        elif self.mapping.deadman_held(device):
+            pose = device.pose
+            if pose is None or not is_pose(pose):
+                return "the device gives no pose to follow"
+            if position.leaps(pose, device.stamp_s):
+                return "the hand's pose jumped: another hand, or the sensor lost it"
+            if old:
+                return f"the device is silent for {age_s:.2f} s while its pose is followed"
+        return ""
+
+    def _deflected(self, device: DeviceState) -> bool:
+        return self._position is not None or device.axes != NO_DEFLECTION
+
+    def _unusable(self, device: DeviceState, now_s: float) -> bool:
+        """Whether nothing that the device reports can be a deliberate act."""
+        return device.link is not DeviceLink.LIVE or (
+            self._position is None and bool(self._fault(device, now_s))
+        )
+
+    def _why_not_taken(self, device: DeviceState, view: ArmView) -> str:
+        """Why the clutch cannot be engaged with the present poses of hand and robot."""
+        if view.behind:
+            return view.behind
+        if self._position is not None:
+            if device.pose is None or not is_pose(device.pose):
+                return "the device gives no pose"
+            age_s = view.robot.stamp_s - device.stamp_s
+            if age_s > self._device_age_s:
+                return f"the hand's pose is {age_s:.2f} s old"
+            if age_s < -self._device_age_s:
+                return f"the robot's pose is {-age_s:.2f} s older than the hand's"
+        return ""
+
+    # -- the deliberate act ----------------------------------------------------------------------
+
+    def _arm(
+        self, arming: Arming, device: DeviceState, held: bool, view: ArmView
+    ) -> tuple[Arming, bool]:
+        """What the act by the dead-man, or by rest alone, makes of a device that is not armed, and
+        whether it was made."""
+        followed = self._position is not None
+        if self._unusable(device, view.robot.stamp_s):
+            return (arming if arming is Arming.DEFLECTED else Arming.DISARMED), False
+        at_rest = followed or device.axes == NO_DEFLECTION
+        if self.mapping.options.deadman_buttons:
+            arming, acts = armed_by_deadman(arming, held, at_rest, bool(view.barred))
+            if arming.armed and followed:
+                self._refusal = self._why_not_taken(device, view)
+                arming = Arming.DISARMED if self._refusal else arming
+        else:
+            arming, acts = armed_by_rest(arming, at_rest, bool(view.barred))
+            if arming.armed and followed:
+                arming = Arming.DISARMED  # A pose is never at rest.
+        return arming, acts
+
+    def _take_presses(
+        self,
+        before: DeviceState | None,
+        device: DeviceState,
+        events: Sequence[ButtonEvent],
+        arming: Arming,
+        fault: str,
+        view: ArmView,
+    ) -> tuple[Arming, bool, bool]:
+        """Handle the buttons that toggle the clutch and recapture the references: what they make of
+        the device, whether a deliberate press was made, and references are captured.
+
+        What was held in `before`, or while the device was not live, is not pressed anew.
+        """
+        options = self.mapping.options
+        was_live = before is not None and before.link is DeviceLink.LIVE
+        was_up = before is not None and was_live and options.clutch not in before.buttons
+        acts = recapture = False
+        for event in events:
+            if event.button == options.recapture:
+                recapture = recapture or event.pressed
+            elif event.button != options.clutch:
+                continue
+            elif not event.pressed:
+                was_up = was_live
+            elif arming.armed:
+                arming, was_up = Arming.DISARMED, False
+                if self._position is not None:
+                    self._position.release()  # Although it may be taken up again by now.
+            else:
+                deliberate, was_up = was_up, False
+                unusable = self._unusable(device, view.robot.stamp_s)
+                if not deliberate or fault or view.tripped or unusable:
+                    continue
+                acts = True
+                pressed_ago_s = view.robot.stamp_s - event.stamp_s
+                if not view.barred and self._clutch_in(device, view, pressed_ago_s):
+                    arming = Arming.ARMED
+        return arming, acts, recapture
+
+    def _clutch_in(self, device: DeviceState, view: ArmView, pressed_ago_s: float) -> bool:
+        if pressed_ago_s > CLUTCH_WITHIN_S:
+            self._refusal = f"it was pressed {pressed_ago_s:.1f} s ago"
+        elif self._position is None and device.axes != NO_DEFLECTION:
+            self._refusal = "the device is not at rest"
+        else:
+            self._refusal = self._why_not_taken(device, view)
+        return not self._refusal
+
+    def _let_go(self, events: Sequence[ButtonEvent]) -> bool:
+        deadman = self.mapping.options.deadman_buttons
+        return any(event.button in deadman and not event.pressed for event in events)
+
+    # -- motion ----------------------------------------------------------------------------------
+
+    def _wanted(
+        self, device: DeviceState, view: ArmView, following: bool, recapture: bool
+    ) -> Twist:
+        position = self._position
+        if not following:
+            if position is not None:
+                position.release()
+            return ZERO_TWIST
+        if position is None:
+            wanted = self.mapping.twist(device.axes)
+        else:
+            hand = device.pose
+            assert hand is not None  # _fault() and _why_not_taken() have seen to it.
+            assert view.tcp is not None
+            assert view.resting is not None
+            if recapture or not position.engaged:
+                position.engage(hand, device.stamp_s, view.resting)
+            wanted = position.twist(hand, device.stamp_s, view.tcp, view.dt_s)
+        return ZERO_TWIST if view.suspended else wanted
+
+    def _filtered(self, wanted: Twist, robot: RobotState) -> tuple[Twist, str]:
+        """The filters' result for `wanted`, and the fault if there is none; no filter can start a
+        motion, or continue it when it fails."""
+        if not self.filters:
+            return wanted, ""
+        fault = ""
+        filtered = wanted
+        for each in self.filters:
+            wrong = ""
+            try:
+                filtered = each.apply(filtered, robot)
+                if not (is_finite(filtered.linear) and is_finite(filtered.angular)):
+                    wrong = "gives values that are not numbers"
+            except Exception as error:  # Whatever it is, the arm must still brake in a ramp.
+                wrong = f"failed: {error!r}"
+            if wrong:
+                filtered = ZERO_TWIST
+                fault = fault or f"the filter {each.name} {wrong}"
+        if fault:
+            return ZERO_TWIST, fault
+        asked = wanted.linear != ZERO3 or wanted.angular != ZERO3
+        return (filtered if asked else wanted), ""
+
+
+def _why_not_live(device: DeviceState) -> str:
+    """Why the device's newest state is not usable; empty when it is."""
+    if device.link is DeviceLink.LIVE:
+        return ""
+    return device.reason or f"the device is {device.link.value}"
+
+
+def _status(each: TwistFilter) -> str:
+    try:
+        said = each.status()
+        if not isinstance(said, str):
+            raise TypeError(f"status() gave {said!r:.60}, not a text")
+        return said
+    except Exception as error:
+        return f"the filter {each.name} failed: {error!r}"

@@ -1,0 +1,352 @@
+"""Position control: the TCP moves as the hand has moved since the clutch was pressed.
+
+The reference that follows is the one of rate control, with all its limits: each tick asks for the
+twist that brings it to its target as fast as it can still stop there. So nothing ever steps, and
+a hand that is faster than the limits is caught up with, not overshot.
+
+This is the "differential control" of the bilateral teleoperation paper of 2026, with its defects
+corrected: the scale acts on the displacement, and displacements are along the base's axes unless
+those of the start TCP are asked for.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+from cardan.common.braking import stopping_speed
+from cardan.common.haptics import Matrix3, WorldMap
+from cardan.gateway.motion.reference import Reference, ReferenceLimits
+from cardan.gateway.operator.mapping import AXES, MappingOptions, Orientation
+from cardan.spatial import (
+    add,
+    conjugate,
+    from_euler_zyx,
+    from_rotation_vector,
+    is_finite,
+    limit_norm,
+    multiply,
+    norm,
+    normalized,
+    rotate,
+    rotation_between,
+    scale,
+    subtract,
+    to_rotation_vector,
+)
+from cardan.types import IDENTITY, NEVER_S, ZERO3, Frame, Pose, Quaternion, Twist, Vector3
+
+FOLLOW_TIME_S = 0.04
+"""Time constant with which a small distance is closed: ten control cycles of EGM. Shorter, the
+noise of a hand sensor shows in the arm; longer, the operator notices the delay."""
+
+HAND_SPEED_M_S, HAND_SPEED_RAD_S = 3.0, 15.0
+"""Largest plausible speed of a hand: faster is another hand or a fault of the sensor."""
+
+HAND_NOISE_M, HAND_NOISE_RAD = 0.01, 0.1
+"""Tolerance added to the way at that speed: two reports may come close together."""
+
+LONGEST_GAP_S = 0.1
+"""Longest time between two reports; a longer one by their stamps counts as this."""
+
+FARTHEST_M = 10.0
+"""Largest plausible distance of a hand from its sensor."""
+
+
+def is_pose(pose: Pose | None) -> bool:
+    """Whether a device's pose is plausible: finite, near the device, a unit quaternion."""
+    return (
+        pose is not None
+        and is_finite(pose.position)
+        and is_finite(pose.orientation)
+        and norm(pose.position) < FARTHEST_M
+        and abs(math.hypot(*pose.orientation) - 1.0) < 1e-3
+    )
+
+
+def resting_pose(reference: Reference) -> Pose:
+    """Where `reference` comes to rest when it brakes as hard as it may.
+
+    A clutch pressed there draws nothing back that moved on while the reference braked.
+    """
+    pose, limits = reference.pose, reference.limits
+    assert pose is not None
+    linear, angular = reference.linear, reference.angular
+    if linear == ZERO3 and angular == ZERO3:
+        return pose
+    way = scale(linear, 0.5 * norm(linear) / limits.linear_acceleration_m_s2)
+    turn = scale(angular, 0.5 * norm(angular) / limits.angular_acceleration_rad_s2)
+    return Pose(
+        add(pose.position, way),
+        normalized(multiply(from_rotation_vector(turn), pose.orientation)),
+        Frame.BASE,
+    )
+
+
+Source = tuple[int, float]
+"""Index of the hand's component that drives one of the TCP's, and the gain."""
+
+
+def _sources(options: MappingOptions) -> list[Source]:
+    sources = []
+    for axis, factor in zip(options.axes, options.scale, strict=True):
+        if axis == "fixed":
+            sources.append((0, 0.0))
+        else:
+            sign = -1.0 if axis.startswith("-") else 1.0
+            sources.append((AXES.index(axis.lstrip("-")), sign * factor))
+    return sources
+
+
+def _turning_sources(options: MappingOptions) -> list[Source] | None:
+    """The rotation among `options.axes`: of gain 1 or -1, nothing fixed, nothing mirrored.
+
+    Components that do not move take what is left over, their own axis if they can. None where
+    there is no such rotation: the axes mirror, or one drives several components.
+    """
+    rows = [
+        (index, math.copysign(1.0, gain)) if gain and index < 3 else None
+        for index, gain in _sources(options)[:3]
+    ]
+    free = [row for row in range(3) if rows[row] is None]
+    left = sorted(set(range(3)) - {source[0] for source in rows if source is not None})
+    if len(left) != len(free):
+        return None
+    choices = sorted(
+        itertools.permutations(left),
+        key=lambda choice: -sum(row == index for row, index in zip(free, choice, strict=True)),
+    )
+    for signs in ((1.0,) * len(free), (-1.0, *((1.0,) * (len(free) - 1)))):
+        for choice in choices:
+            filled = dict(zip(free, zip(choice, signs, strict=False), strict=True))
+            whole = [filled[row] if source is None else source for row, source in enumerate(rows)]
+            swaps = sum(a[0] > b[0] for a, b in itertools.combinations(whole, 2))
+            if math.prod(gain for _, gain in whole) * (-1.0) ** swaps > 0.0:
+                return whole
+    return None
+
+
+def mirrors(options: MappingOptions) -> bool:
+    """Whether `options.axes` and `.scale` are no rotation for the hand's directions: a mirror, or
+    one axis that drives several components. Forces cannot be mapped back then."""
+    return _turning_sources(options) is None
+
+
+LEAST_FOLLOWED = 0.001
+"""Share of the hand's motion below which the TCP does not count as following."""
+
+
+def unfollowed(options: MappingOptions) -> tuple[str, ...]:
+    """Those of x, y, z of the TCP that the hand does not move, along the mapping's axes."""
+    return tuple(
+        axis
+        for axis, (index, gain) in zip(AXES, _sources(options)[:3], strict=False)
+        if index > 2 or abs(gain) < LEAST_FOLLOWED
+    )
+
+
+class HandMapping(ABC):
+    """Follows the device's pose from one press of the clutch to its release."""
+
+    def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
+        self.options = options
+        self.limits = limits
+        self._sources = _sources(options)
+        self._turning_sources = _turning_sources(options)
+        roll, pitch, yaw = (math.radians(angle) for angle in options.device_rpy_deg)
+        self._aligned = from_euler_zyx(roll, pitch, yaw)
+        """Turns device axes into those of the mapping's frame."""
+        half_yaw = 0.5 * math.radians(options.yaw_deg)
+        self._yaw = Quaternion(math.cos(half_yaw), 0.0, 0.0, math.sin(half_yaw))
+        self._linear_axes = self._angular_axes = IDENTITY
+        """Turn the mapping's frame into the base, as it was when the clutch was pressed."""
+        self._orientation = options.orientation
+        self._hand: Pose | None = None
+        self._hand_s = NEVER_S
+        self._target: Pose | None = None
+        self._linear_map = self._rotation_map = WorldMap().linear
+
+    @property
+    def engaged(self) -> bool:
+        """True between engage() and release()."""
+        return self._hand is not None
+
+    @property
+    @abstractmethod
+    def remark(self) -> str:
+        """A message about the last call for the operator; empty: all is well."""
+
+    def engage(self, hand: Pose, stamp_s: float, tcp: Pose) -> None:
+        """The clutch was pressed: from here on the TCP, commanded to be at `tcp` (base axes),
+        follows `hand` (device axes). Called again without release(): all begins anew."""
+        frame = self.options.frame
+        follows_base = self._orientation is Orientation.FOLLOW_BASE
+        self._linear_axes = tcp.orientation if frame is Frame.TOOL else self._yaw
+        self._angular_axes = self._yaw if frame is Frame.BASE or follows_base else tcp.orientation
+        self._hand, self._hand_s, self._target = hand, stamp_s, tcp
+        self._linear_map = self._matrix(self._sources)
+        if self._turning_sources is not None:
+            self._rotation_map = self._matrix(self._turning_sources)
+
+    def release(self) -> None:
+        """The clutch was released."""
+        self._hand = self._target = None
+
+    def leaps(self, hand: Pose, stamp_s: float) -> bool:
+        """Whether `hand`, measured at `stamp_s`, is implausibly far from the pose before."""
+        if self._hand is None:
+            return False
+        time_s = min(max(0.0, stamp_s - self._hand_s), LONGEST_GAP_S)
+        way_m = norm(subtract(hand.position, self._hand.position))
+        turn_rad = norm(rotation_between(self._hand.orientation, hand.orientation))
+        return way_m > HAND_NOISE_M + HAND_SPEED_M_S * time_s or (
+            self._orientation is not Orientation.FIXED
+            and turn_rad > HAND_NOISE_RAD + HAND_SPEED_RAD_S * time_s
+        )
+
+    @abstractmethod
+    def twist(self, hand: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
+        """The twist (base axes) that brings the reference at `tcp` to the target of `hand`."""
+
+    def world_map(self) -> WorldMap | None:
+        """Map from the hand's position to the commanded position of the TCP at present.
+
+        Along an axis on which the hand is beyond the workspace, it gives the workspace's edge,
+        whatever the hand does. None while released, and for axes that mirror.
+        """
+        if self._hand is None or self._turning_sources is None:
+            return None
+        world = WorldMap(self._linear_map, self._map_offset(), self._rotation_map)
+        place = add(self._mapped(self._hand.position), world.offset)
+        for axis, bounds in enumerate(self.limits.workspace_m):
+            if bounds is not None and not bounds[0] <= place[axis] <= bounds[1]:
+                world = _held(world, axis, min(max(place[axis], bounds[0]), bounds[1]))
+        return world
+
+    @abstractmethod
+    def _map_offset(self) -> Vector3:
+        """The offset of the map, beside its linear part."""
+
+    def _moved(self, hand: Pose) -> Sequence[float]:
+        """Motion of the hand since the last call: a displacement and a rotation vector, both along
+        the axes of the mapping's frame (the rotation about its own where the tool follows)."""
+        assert self._hand is not None
+        before, after = self._hand.orientation, hand.orientation
+        way = subtract(hand.position, self._hand.position)
+        if self._orientation is Orientation.FOLLOW_TOOL:
+            turn = to_rotation_vector(multiply(conjugate(before), after))
+        else:
+            turn = rotation_between(before, after)
+        return (*rotate(self._aligned, way), *rotate(self._aligned, turn))
+
+    def _to_base(self, moved: Sequence[float], sources: Sequence[Source]) -> Vector3:
+        """The displacement of the TCP, base axes, for a motion of the hand."""
+        (i, a), (j, b), (k, c) = sources[:3]
+        return rotate(self._linear_axes, Vector3(moved[i] * a, moved[j] * b, moved[k] * c))
+
+    def _turned(self, moved: Sequence[float], orientation: Quaternion) -> Quaternion:
+        """`orientation` of the target, turned by the motion of the hand."""
+        kind = self._orientation
+        if kind is Orientation.FIXED:
+            return orientation
+        (i, a), (j, b), (k, c) = self._sources[3:]
+        turn = Vector3(moved[i] * a, moved[j] * b, moved[k] * c)
+        if kind is Orientation.FOLLOW_TOOL:
+            return multiply(orientation, from_rotation_vector(turn))
+        return multiply(from_rotation_vector(rotate(self._angular_axes, turn)), orientation)
+
+    def _matrix(self, sources: Sequence[Source]) -> Matrix3:
+        """The matrix of `_to_base` for positions of the hand."""
+        x, y, z = (
+            self._to_base((*rotate(self._aligned, unit), *ZERO3), sources)
+            for unit in (Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0))
+        )
+        return (x[0], y[0], z[0], x[1], y[1], z[1], x[2], y[2], z[2])
+
+    def _mapped(self, way: Vector3) -> Vector3:
+        """`way` of the hand through the linear map."""
+        a, b, c, d, e, f, g, h, i = self._linear_map
+        x, y, z = way
+        return Vector3(a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z)
+
+
+def _held(world: WorldMap, axis: int, at_m: float) -> WorldMap:
+    """`world` with all its results at `at_m` along the base's `axis`."""
+    linear, offset = list(world.linear), list(world.offset)
+    linear[3 * axis : 3 * axis + 3] = ZERO3
+    offset[axis] = at_m
+    a, b, c, d, e, f, g, h, i = linear
+    return WorldMap((a, b, c, d, e, f, g, h, i), Vector3(*offset), world.rotation)
+
+
+class PositionMapping(HandMapping):
+    """The TCP moves as the hand has moved since the clutch was pressed.
+
+    Each motion of the hand between two reports moves the target, so that no rotation is too long
+    and a target that slips stays where it slipped to.
+    """
+
+    def __init__(self, options: MappingOptions, limits: ReferenceLimits) -> None:
+        super().__init__(options, limits)
+        self.slips = False
+        """Whether the hand was too far ahead at the last call."""
+
+    @property
+    def remark(self) -> str:
+        """Whether the clutch slips, for the operator."""
+        return "the hand is too far ahead of the TCP: the clutch slips" if self.slips else ""
+
+    def engage(self, hand: Pose, stamp_s: float, tcp: Pose) -> None:
+        """From here on `hand` (device axes) corresponds to `tcp` (base axes)."""
+        super().engage(hand, stamp_s, tcp)
+        self.slips = False
+
+    def release(self) -> None:
+        """The clutch was released."""
+        super().release()
+        self.slips = False
+
+    def twist(self, hand: Pose, stamp_s: float, tcp: Pose, dt_s: float) -> Twist:
+        """The twist (base axes) that brings the reference at `tcp` to the target of `hand`.
+
+        A hand too far ahead is not followed: the clutch slips, and the target stays near.
+        """
+        assert self._target is not None
+        moved = self._moved(hand)
+        position = add(self._target.position, self._to_base(moved, self._sources))
+        orientation = self._turned(moved, self._target.orientation)
+        self._hand, self._hand_s = hand, stamp_s
+        full_way = subtract(position, tcp.position)
+        full_turn = rotation_between(tcp.orientation, orientation)
+        way = limit_norm(full_way, self.options.slip_m)
+        turn = limit_norm(full_turn, self.options.slip_rad)
+        self.slips = way != full_way or turn != full_turn
+        self._target = Pose(
+            add(tcp.position, way),
+            normalized(multiply(from_rotation_vector(turn), tcp.orientation)),
+            Frame.BASE,
+        )
+        limits = self.limits
+        return Twist(
+            closing_velocity(way, limits.linear_speed_m_s, limits.linear_acceleration_m_s2, dt_s),
+            closing_velocity(
+                turn, limits.angular_speed_rad_s, limits.angular_acceleration_rad_s2, dt_s
+            ),
+            Frame.BASE,
+        )
+
+    def _map_offset(self) -> Vector3:
+        assert self._hand is not None
+        assert self._target is not None
+        return subtract(self._target.position, self._mapped(self._hand.position))
+
+
+def closing_velocity(way: Vector3, speed: float, acceleration: float, dt_s: float) -> Vector3:
+    """The velocity that closes `way` soon, and from which it can still stop at its end."""
+    distance = norm(way)
+    if distance < 1e-9:
+        return ZERO3
+    fastest = min(speed, distance / FOLLOW_TIME_S, stopping_speed(distance, acceleration, dt_s))
+    return scale(way, fastest / distance)

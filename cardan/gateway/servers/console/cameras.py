@@ -1,0 +1,200 @@
+"""Cameras that the server shows to pages: each is read once for all pages, and only while somebody
+looks; a page that is slow gets fewer pictures, never older ones."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import http.client
+import logging
+import re
+import threading
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import PurePosixPath
+from typing import Final, NamedTuple
+from urllib.parse import urlsplit, urlunsplit
+
+from cardan.common.text_sanitizer import printable
+from cardan.errors import OptionError
+from cardan.gateway.servers.console.video import pictures as pictures_of_device
+from cardan.protocols.mjpeg import MAX_PICTURE_BYTES, START, PictureParser, boundary_of
+
+SILENT_S: Final = 5.0
+"""A camera that says nothing so long is gone."""
+
+AGAIN_S: Final = 2.0
+"""Pause before a camera that failed is tried again."""
+
+SINGLE_S: Final = 0.2
+"""Shortest time between two pictures of a camera that gives one for each request."""
+
+PIECE_BYTES: Final = 65536
+
+_NAMED = re.compile(r"([\w][\w .-]{0,39})=(.+)")
+
+_log = logging.getLogger(__name__)
+
+
+class Address(NamedTuple):
+    """A camera, as the options have it."""
+
+    name: str
+    """What pages call it; never with what is secret in its address."""
+    where: str
+
+
+def parse_camera(text: str) -> Address:
+    """``NAME=ADDRESS`` or ``ADDRESS``, which is a URL of http or https, or a device's path. Raises
+    OptionError."""
+    named = _NAMED.fullmatch(text)
+    name, where = (named.group(1), named.group(2)) if named else ("", text)
+    if where.startswith("/dev/"):
+        return Address(name or PurePosixPath(where).name, where)
+    try:
+        parts = urlsplit(where)
+        host = parts.hostname if parts.scheme in ("http", "https") else None
+    except ValueError:
+        host = None
+    if not host:
+        raise OptionError(
+            "camera", text, "NAME=ADDRESS or ADDRESS: http://…, https://… or a device, /dev/video0"
+        )
+    return Address(name or host, where)
+
+
+class Camera:
+    """One camera. `watch` and `leave` are called in the server's loop."""
+
+    def __init__(self, address: Address) -> None:
+        self.address = address
+        self.newest = b""
+        self.number = 0
+        """Of the newest picture; 0: there was none yet."""
+        self.why = ""
+        """Why there is none now."""
+        self._watchers: set[asyncio.Event] = set()
+        self._reader: _Reader | None = None
+
+    def watch(self, news: asyncio.Event) -> None:
+        """Have `news` set at each picture."""
+        self._watchers.add(news)
+        if self._reader is None:
+            loop = asyncio.get_running_loop()
+            self._reader = reader = _Reader(self.address, lambda *it: _put(loop, self._take, *it))
+            reader.start()
+
+    def leave(self, news: asyncio.Event) -> None:
+        """Nobody waits there any more; twice is fine."""
+        self._watchers.discard(news)
+        if not self._watchers and self._reader is not None:
+            self._reader.ended.set()
+            self._reader, self.newest, self.why, self.number = None, b"", "", 0
+
+    def _take(self, reader: _Reader, picture: bytes, why: str) -> None:
+        if reader is not self._reader:
+            return
+        if picture:
+            self.newest, self.number = picture, self.number + 1
+        self.why = why
+        for each in self._watchers:
+            each.set()
+
+
+def _put(loop: asyncio.AbstractEventLoop, take: Callable[..., None], *values: object) -> None:
+    with contextlib.suppress(RuntimeError):  # The server has ended.
+        loop.call_soon_threadsafe(take, *values)
+
+
+class _Reader(threading.Thread):
+    """Reads a camera until `ended`. It ends within SILENT_S, and nobody waits for it."""
+
+    def __init__(self, address: Address, put: Callable[[_Reader, bytes, str], None]) -> None:
+        super().__init__(name=f"cardan-camera-{address.name}", daemon=True)
+        self.ended = threading.Event()
+        self._address, self._put = address, put
+
+    def run(self) -> None:
+        where = self._address.where
+        told = ""
+        while not self.ended.is_set():
+            why = "the camera has ended its stream"
+            try:
+                for picture in _pictures(where, self.ended):
+                    self._put(self, picture, "")
+                    told = ""
+            except (OSError, ValueError, http.client.HTTPException) as error:
+                reason = getattr(error, "reason", None) or getattr(error, "strerror", None)
+                why = printable(str(reason or error))[:300]
+            if self.ended.is_set():
+                return
+            if why != told:
+                _log.warning("camera %s: %s", self._address.name, why)
+                told = why
+            self._put(self, b"", why)
+            self.ended.wait(AGAIN_S)
+
+
+def _pictures(where: str, ended: threading.Event) -> Iterator[bytes]:
+    """Raises OSError, ValueError or HTTPException."""
+    if where.startswith("/dev/"):
+        yield from pictures_of_device(where, ended.is_set)
+        return
+    while not ended.is_set():
+        with _ask(where) as answer:
+            content_type = str(answer.headers.get("Content-Type", ""))
+            boundary = boundary_of(content_type)
+            if boundary is None:
+                picture = answer.read(MAX_PICTURE_BYTES + 1)
+                if picture[: len(START)] != START or len(picture) > MAX_PICTURE_BYTES:
+                    raise ValueError(f"it answers {content_type or 'nothing'}, and no JPEG")
+                yield picture
+                ended.wait(SINGLE_S)
+                continue
+            parser = PictureParser(boundary)
+            picture_s = time.monotonic()
+            while not ended.is_set() and (data := answer.read1(PIECE_BYTES)):
+                found = parser.feed(data)
+                if found:
+                    picture_s = time.monotonic()
+                    yield found[-1]
+                elif time.monotonic() - picture_s > SILENT_S:
+                    raise OSError(f"no picture for {SILENT_S:.0f} s")
+            return
+
+
+def _ask(url: str) -> http.client.HTTPResponse:
+    """Without a proxy: cameras are near. A name and password in the address are told to its host
+    alone."""
+    parts = urlsplit(url)
+    request = urllib.request.Request(
+        urlunsplit(parts._replace(netloc=parts.netloc.rpartition("@")[2]))
+    )
+    if parts.username:
+        said = f"{parts.username}:{parts.password or ''}".encode()
+        basic = base64.b64encode(said).decode()
+        request.add_unredirected_header("Authorization", f"Basic {basic}")
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    answer: http.client.HTTPResponse = opener.open(request, timeout=SILENT_S)
+    return answer
+
+
+class Cameras:
+    """All of a server."""
+
+    def __init__(self, addresses: Sequence[str]) -> None:
+        self._cameras = [Camera(parse_camera(each)) for each in addresses]
+
+    @property
+    def names(self) -> list[str]:
+        """By number."""
+        return [each.address.name for each in self._cameras]
+
+    def camera(self, number: object) -> Camera | None:
+        """None: there is none of this number."""
+        if isinstance(number, bool) or not isinstance(number, int):
+            return None
+        return self._cameras[number] if 0 <= number < len(self._cameras) else None

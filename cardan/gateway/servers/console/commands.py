@@ -1,0 +1,87 @@
+"""What a page asks of the daemon and of the doctor: by the commands that people have, each in a
+process of its own, so that nothing of it can hold up what the page moves."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import re
+import sys
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from cardan.common.text_sanitizer import printable
+
+COMMAND: Final = (sys.executable, "-m", "cardan")
+
+ORDERS: Final[Mapping[str, tuple[str, ...]]] = {
+    "list": ("ps", "--json"),
+    "start": ("start",),
+    "stop": ("stop",),
+    "restart": ("restart",),
+    "doctor": ("doctor", "--json"),
+}
+"""What can be asked for, and the words of the command."""
+
+NAMED: Final = frozenset({"start", "stop", "restart"})
+"""Those that are about one session or face."""
+
+WITHIN_S: Final = 60.0
+"""Longest time: the doctor listens to controllers and looks at every file."""
+
+FOUND_FAILURES: Final = 4
+"""Exit code of the doctor where something is wrong: it has an answer all the same."""
+
+MOST_WORDS: Final = 1000
+"""Characters of a complaint that are told."""
+
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}")
+
+
+class OrderError(Exception):
+    """Why it was not done, in words."""
+
+
+def words_of(do: object, name: object) -> list[str]:
+    """The words of the command. Raises OrderError."""
+    words = ORDERS.get(do) if isinstance(do, str) else None
+    if words is None:
+        raise OrderError(f"do is {str(do)[:60]!r}; allowed: {', '.join(ORDERS)}")
+    if do not in NAMED:
+        return list(words)
+    if not isinstance(name, str) or not _NAME.fullmatch(name):
+        raise OrderError(f"{do} needs the name of a session or a face")
+    return [*words, name]
+
+
+async def carry_out(words: Sequence[str], command: Sequence[str] = COMMAND) -> Any:
+    """What the command prints: JSON, or its text. Raises OrderError."""
+    process = await asyncio.create_subprocess_exec(
+        *command,
+        *words,
+        stdin=asyncio.subprocess.DEVNULL,
+        stdout=asyncio.subprocess.PIPE,
+        stderr=asyncio.subprocess.PIPE,
+    )
+    try:
+        said, complaints = await asyncio.wait_for(process.communicate(), WITHIN_S)
+    except asyncio.TimeoutError:
+        raise OrderError(f"{words[0]} does not come to an end") from None
+    finally:
+        if process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await process.wait()
+    text = said.decode(errors="replace").strip()
+    answered = process.returncode == 0 or (
+        words[0] == "doctor" and process.returncode == FOUND_FAILURES
+    )
+    if not answered:
+        why = complaints.decode(errors="replace").strip() or text
+        last = printable(why.removeprefix("cardan: "))[-MOST_WORDS:]
+        raise OrderError(last or f"{words[0]} ended with status {process.returncode}")
+    try:
+        return json.loads(text)
+    except ValueError:
+        return printable(text)

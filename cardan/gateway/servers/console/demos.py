@@ -1,0 +1,75 @@
+"""The demos of Cardan as a page starts them: simulated peers on the server's machine, one demo at a
+time. No arm of a session moves by them."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Sequence
+from typing import Any, Final
+
+from cardan.common.realtime import SCHEDULING_VARIABLE
+from cardan.gateway.servers.console.commands import COMMAND, OrderError, carry_out
+from cardan.gateway.servers.console.subprocesses import CARDAN, Beside
+
+SECONDS: Final = 60
+"""How long a demo runs, unless it is ended before."""
+
+LINES: Final = 40
+"""Of what it says, the last ones."""
+
+
+class Demos:
+    """All demos of this installation, and the one that runs."""
+
+    def __init__(self, listing: Sequence[str] = COMMAND, running: Sequence[str] = CARDAN) -> None:
+        self._listing, self._command = listing, running
+        self._known: list[dict[str, str]] | None = None
+        self._name = ""
+        self._since_s = 0.0
+        self._running: Beside | None = None
+        self._said: deque[str] = deque(maxlen=LINES)
+
+    async def table(self) -> dict[str, Any]:
+        """What a page is told: which there are, which one runs, and what it or the one before it
+        has said. Raises OrderError."""
+        if self._known is None:
+            found = await carry_out(["demo", "--list", "--json"], self._listing)
+            self._known = [{"name": each["demo"], "what": each["what_is_joined"]} for each in found]
+        running = self._running is not None and self._running.code is None
+        return {
+            "demos": self._known,
+            "name": self._name,
+            "running": running,
+            "seconds": round(time.monotonic() - self._since_s, 1) if running else None,
+            "said": list(self._said),
+        }
+
+    async def start(self, name: object) -> None:
+        """Start a demo. Raises OrderError."""
+        known = (await self.table())["demos"]
+        if not any(each["name"] == name for each in known):
+            raise OrderError(f"there is no demo {str(name)[:60]!r}")
+        if self._running is not None and self._running.code is None:
+            raise OrderError(f"the demo {self._name} runs; end it first")
+        self._name, self._since_s = str(name), time.monotonic()
+        self._said.clear()
+        words = ["demo", self._name, "--seconds", str(SECONDS)]
+        running = self._running = Beside([*self._command, *words], self._said.append)
+        try:
+            # Its loops are not to keep those waiting that move real arms.
+            await running.start({SCHEDULING_VARIABLE: "ordinary"})
+        except OSError as error:
+            self._running = None
+            raise OrderError(f"the demo cannot be started: {error}") from None
+
+    async def stop(self) -> None:
+        """End the one that runs. Raises OrderError."""
+        if self._running is None or self._running.code is not None:
+            raise OrderError("no demo runs")
+        await self._running.end()
+
+    async def close(self) -> None:
+        """End what runs."""
+        if self._running is not None:
+            await self._running.end()

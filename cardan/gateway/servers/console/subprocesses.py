@@ -1,0 +1,90 @@
+"""Commands of Cardan's that go on beside a server, each in a process of its own that ends with it:
+nothing of them can hold up what a page moves."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+from cardan.common.text_sanitizer import printable
+
+CARDAN: Final = (sys.executable, "-m", "cardan.gateway.session.parent_death", "")
+"""Before a command's words: it ends with this process, even if that is killed."""
+
+ENDS_WITHIN_S: Final = 10.0
+"""Longest time for a command to end in good order: a recorder writes what has arrived."""
+
+MOST_LINE: Final = 64 * 1024
+"""Bytes of a line that is read."""
+
+
+class Beside:
+    """A command from its start to its end."""
+
+    def __init__(self, command: Sequence[str], heard: Callable[[str], None]) -> None:
+        """`heard` is told of each line that it prints, also of its complaints."""
+        self._command, self._heard = command, heard
+        self._process: asyncio.subprocess.Process | None = None
+        self._reading: asyncio.Task[None] | None = None
+
+    async def start(self, environment: Mapping[str, str] | None = None) -> None:
+        """`environment`: beside that of this process. Raises OSError."""
+        self._process = await asyncio.create_subprocess_exec(
+            *self._command,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.STDOUT,
+            start_new_session=True,
+            limit=MOST_LINE,
+            env={**os.environ, **(environment or {})},
+        )
+        self._reading = asyncio.create_task(self._read(self._process))
+
+    @property
+    def code(self) -> int | None:
+        """Its exit code; None: it has not ended, or was not started."""
+        return None if self._process is None else self._process.returncode
+
+    @staticmethod
+    def _line(data: bytes) -> str:
+        return printable(data.decode(errors="replace").strip())
+
+    async def _read(self, process: asyncio.subprocess.Process) -> None:
+        assert process.stdout is not None
+        while True:
+            try:
+                data = await process.stdout.readline()
+            except ValueError:  # A line that is longer: what was read of it is gone.
+                continue
+            if not data:
+                break
+            if line := self._line(data):
+                self._heard(line)
+        await process.wait()
+
+    async def ended(self) -> None:
+        """Wait until it has ended and all that it said was heard."""
+        if self._reading is not None:
+            await asyncio.shield(self._reading)
+
+    def ask_to_end(self) -> None:
+        """Does not wait; twice is fine."""
+        if self._process is not None and self._process.returncode is None:
+            with contextlib.suppress(ProcessLookupError):
+                self._process.terminate()
+
+    async def end(self) -> None:
+        """Ask it to end, and wait; it is killed where it does not. Twice is fine."""
+        process, reading = self._process, self._reading
+        if process is None or reading is None:
+            return
+        self.ask_to_end()
+        _, late = await asyncio.wait([reading], timeout=ENDS_WITHIN_S)
+        if late:
+            with contextlib.suppress(ProcessLookupError):
+                process.kill()
+            await reading

@@ -1,0 +1,67 @@
+"""Numbers of the clients of a face, which name them on the bus: one that comes back has its number
+again, and with it what an arm knows of its clock."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import time
+from collections.abc import Callable, Iterator
+
+from websockets.exceptions import ConnectionClosed
+
+from cardan.bus.network import Network
+from cardan.gateway.servers.read_only import network_for
+from cardan.gateway.servers.tokens import Role
+from cardan.gateway.servers.web import FrontConnection
+
+KEPT = 64
+"""Numbers of clients that have left which are kept for their addresses; the oldest go first."""
+
+KEPT_S = 3600.0
+"""How long they are."""
+
+
+class ClientNumbers:
+    """The numbers of one face, from 1 on. For one loop."""
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._new, self._clock = itertools.count(1), clock
+        self._left: list[tuple[str, int, float]] = []
+        """Address, number and time of those that have left, the last one last."""
+
+    @contextlib.contextmanager
+    def of(self, address: str) -> Iterator[int]:
+        """The number of a client from this address while it is here: that of the client of the same
+        address that left last, if there is one."""
+        number = self._take(address)
+        try:
+            yield number
+        finally:
+            self._left = [*self._left[1 - KEPT :], (address, number, self._clock())]
+
+    @contextlib.contextmanager
+    def joined(
+        self, kind: str, connection: FrontConnection, network: Network, role: Role
+    ) -> Iterator[tuple[str, Network]]:
+        """The name on the network, and the part of it, of a client of this kind while it is here;
+        that it leaves is no fault."""
+        address = connection.remote_address
+        with self.of(address[0] if address else "") as number:
+            name = f"{kind}_client_{number}"
+            # A node of its own: a motion without end that it asked for ends with it.
+            part = network_for(role, network.part(name))
+            try:
+                with contextlib.suppress(ConnectionClosed):
+                    yield name, part
+            finally:
+                part.close()
+
+    def _take(self, address: str) -> int:
+        now_s = self._clock()
+        self._left = [each for each in self._left if now_s - each[2] <= KEPT_S]
+        for each in reversed(self._left):
+            if each[0] == address:
+                self._left.remove(each)
+                return each[1]
+        return next(self._new)

@@ -1,0 +1,87 @@
+"""Tells the clients of a face which of their commands an arm has refused, such as a stream while
+another source has the authority: a topic has no answer of its own."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Callable, Iterator
+from functools import partial
+
+from cardan.bus.network import Handle, Network, NetworkError
+from cardan.gateway.servers.calls import Mailbox
+from cardan.protocols.ros2.cdr import Malformed, codec_of
+
+RESULT = "cardan_msgs/msg/CommandResult"
+
+LOOK_S = 0.5
+"""How often new arms are looked for: the graph is kept, so it costs nothing while nothing changes,
+and an arm's session takes longer to begin."""
+
+Told = Callable[[str, str], None]
+"""A client's: the command, and why it was refused."""
+
+
+class Refusals:
+    """Hears the results of all arms on the network, while there are clients. For one loop."""
+
+    def __init__(self, network: Network, mailbox: Mailbox) -> None:
+        self._network, self._mailbox = network, mailbox
+        self._told: dict[str, Told] = {}
+        self._heard: dict[str, Handle] = {}
+        self._looking: asyncio.Task[None] | None = None
+
+    def begin(self) -> None:
+        """Look for arms from now on."""
+        self._looking = asyncio.get_running_loop().create_task(self._look())
+
+    def end(self) -> None:
+        """Hear nothing more."""
+        if self._looking is not None:
+            self._looking.cancel()
+        for handle in self._heard.values():
+            handle.close()
+        self._heard.clear()
+
+    @contextlib.contextmanager
+    def telling(self, node: str, told: Told) -> Iterator[None]:
+        """Have `told` called with what is refused of the client that is this node on the
+        network."""
+        self._told[node] = told
+        self._listen()
+        try:
+            yield
+        finally:
+            del self._told[node]
+
+    async def _look(self) -> None:
+        while True:
+            await asyncio.sleep(LOOK_S)
+            with contextlib.suppress(NetworkError):  # The network is being left.
+                self._listen()
+
+    def _listen(self) -> None:
+        """Hear the arms that are there now, and no others."""
+        topics = self._network.topics()
+        arms = [
+            name
+            for name, topic in topics.items()
+            if self._told and topic.type == RESULT and topic.publishers
+        ]
+        for name in self._heard.keys() - set(arms):
+            self._heard.pop(name).close()
+        for name in arms:
+            if name not in self._heard:
+                with contextlib.suppress(NetworkError):  # It is leaving; the next look tells.
+                    self._heard[name] = self._network.subscribe(name, RESULT, self._hear)
+
+    def _hear(self, cdr: bytes, _stamp_ns: int) -> None:
+        """In any thread."""
+        result = codec_of(RESULT).decode(cdr)
+        if isinstance(result, Malformed) or result["outcome"] != "refused":
+            return
+        # "ros2 /NODE", and a mark where two have that name.
+        node = f"/{result['source'].partition(' /')[2].partition('#')[0]}"
+        told = self._told.get(node)
+        if told is not None:
+            self._mailbox.put(partial(told, result["command"], result["reason"]))

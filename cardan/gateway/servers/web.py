@@ -1,0 +1,656 @@
+"""A web server at a face's front: who reaches it, by which name and token, in the clear or by TLS.
+The options are the same for every such face."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import logging
+import os
+import socket
+import ssl
+import threading
+import time
+from collections import Counter, deque
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass, field
+from functools import partial
+from http import HTTPStatus
+from math import ceil
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
+from urllib.parse import SplitResult, urlsplit
+
+from websockets.asyncio.server import Server, ServerConnection, serve as serve_websocket
+from websockets.datastructures import Headers
+from websockets.frames import DATA_OPCODES, Frame
+from websockets.http11 import Request, Response
+from websockets.protocol import Event
+from websockets.typing import Data, Subprotocol
+
+from cardan.common.bounds import ANY_PORT, LISTEN_HOST, PATH, Range
+from cardan.common.files import read_text
+from cardan.common.options import CODE_ONLY, Options, require
+from cardan.common.sockets import has_room, is_loopback, waiting_bytes
+from cardan.errors import AddressError, ConfigurationError, OptionError
+from cardan.gateway.arm.backlog import BACKLOGGED, Backlog
+from cardan.gateway.servers import stats
+from cardan.gateway.servers.access import AccessControl, AccessDenied, Caller
+from cardan.gateway.servers.allow_list import Allowed
+from cardan.gateway.servers.pause_detector import BEAT_S, StandStill
+from cardan.gateway.servers.tokens import (
+    Role,
+    Tokens,
+    check_token,
+    made_tokens,
+    parse_tokens,
+    read_tokens,
+)
+from cardan.types import NEVER_S
+
+TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"
+"""The environment variable that has the token where no option has it."""
+
+SEND_BUFFER_BYTES = 128 * 1024
+"""What the system keeps for a client that does not read: more only makes what it reads older."""
+
+FRAMES_AHEAD = 4
+"""Frames of a client that are read before their turn."""
+
+PING_INTERVAL_S = 5.0
+PING_TIMEOUT_S = 10.0
+"""A client that does not answer a ping so long is gone, or reads so slowly that it is of no use.
+What it asked for without an end goes on until then, where its cable was pulled."""
+
+CLOSE_TIMEOUT_S = 1.0
+"""Longest wait for a client's part of the farewell."""
+
+LOOK_S = 0.1
+"""How often a server looks whether it is to end."""
+HANDSHAKE_S = 5.0
+"""Longest time for a client to say who it is, and before that for TLS."""
+
+BACKLOG = 1024
+"""Connections that the system keeps until this server takes them: who comes then has to try again,
+which systems do after a whole second."""
+
+ARRIVALS_KEPT = 256
+ARRIVALS_PERIOD_S = 0.01
+"""How many times it is kept in mind what had arrived, and how far they are apart: longer together
+than a client may be backlogged."""
+
+MOST_HANDSHAKES = 64
+"""Connections that have not said who they are; one more takes the place of the oldest, so that who
+is quick comes in even while somebody opens connections and says nothing."""
+
+SOCKET_PATH = "/ws"
+"""Of a server that has pages: where clients connect."""
+
+MOST_DENIALS_SHOWN = 10
+"""Later ones are logged for debugging only, so that nobody can fill a disk."""
+
+_CLIENTS = Range(1, 1000, "", "each costs a connection")
+_FRAME_BYTES = Range(1000, 100_000_000, "bytes", "a frame is read before it is refused")
+_SERVICE_S = Range(0.0, 86_400.0, "s", "a call that takes a day is an action", above=True)
+
+_log = logging.getLogger(__name__)
+_library_log = logging.getLogger(f"{__name__}.websockets")
+"""Of the library, which would log request lines, tokens among them."""
+_library_log.setLevel(logging.CRITICAL)
+
+
+Page = Callable[[str, Headers], Awaitable["Answer | None"]]
+"""`page(path, headers)`: what a page has; None: there is none of this path."""
+
+
+class Answer(NamedTuple):
+    """A page."""
+
+    content_type: str
+    body: bytes
+    status: HTTPStatus = HTTPStatus.OK
+    headers: tuple[tuple[str, str], ...] = ()
+    """Further ones."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrontOptions(Options):
+    """How clients reach a server, and who may."""
+
+    makes_certificate: ClassVar[bool] = False
+    """Whether the server makes a certificate of its own where it needs one."""
+
+    host: Annotated[str, LISTEN_HOST] = "127.0.0.1"
+    """Address to listen at; one of another machine's reach needs a certificate and a token."""
+    port: Annotated[int, ANY_PORT] = 0
+    token: str = field(default="", repr=False, metadata=CODE_ONLY)
+    """What clients have in the address: ws://HOST:PORT/?t=TOKEN, or /TOKEN; an operator's. Empty:
+    those of `token_file` or of the environment. No option of a command: all users see a command
+    line."""
+    token_file: Annotated[str, PATH] = ""
+    """File with the tokens that clients have in the address, ws://HOST:PORT/?t=TOKEN or /TOKEN, or
+    in a header; one a line, after its role: viewer, operator or admin (without: operator). Only its
+    owner may read it. Without it the environment's CARDAN_FACE_TOKEN; without both, none is needed
+    on this computer, and for others some are made."""
+    certificate: Annotated[str, PATH] = ""
+    """File with the certificate chain (PEM), for wss; empty: ws."""
+    key: Annotated[str, PATH] = ""
+    """File with the certificate's private key (PEM)."""
+    plaintext: bool = False
+    """Serve other computers without a certificate, where the network between is protected by
+    something else (a VPN): whoever reads there has the token."""
+    hosts: tuple[str, ...] = ()
+    """Names of this machine that clients may use, besides its host name and its addresses."""
+    origins: tuple[str, ...] = ()
+    """Pages of other machines that may connect, as browsers name them: "https://app.example"."""
+    max_clients: Annotated[int, _CLIENTS] = 64
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.token and self.token_file:
+            raise OptionError("token_file", self.token_file, "left out, as there is a token")
+        if self.token:
+            check_token(self.token, "token")
+        require(
+            bool(self.certificate) == bool(self.key),
+            "key" if self.certificate else "certificate",
+            "",
+            "a file, as wss needs both certificate and key",
+        )
+        require(
+            self.encrypted or self.plaintext or is_loopback(self.host),
+            "host",
+            self.host,
+            "127.0.0.1, unless there is a certificate and its key, or plaintext says that the "
+            "network is protected otherwise: who reads a token on the way can use it",
+        )
+
+    @property
+    def encrypted(self) -> bool:
+        """Whether it is served by TLS."""
+        makes = self.makes_certificate and not self.plaintext and not is_loopback(self.host)
+        return bool(self.certificate) or makes
+
+    def endpoint(self, port: int, scheme: str = "ws") -> str:
+        """Where clients connect, once it listens at `port`; `scheme` without TLS."""
+        scheme = f"{scheme}s" if self.encrypted else scheme
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{scheme}://{host}:{port}"
+
+    def tokens(self) -> Tokens:
+        """The tokens: those given, or, where others reach the address, those that are made; empty:
+        none is needed.
+
+        Raises ConfigurationError where one is too short, or where others can read their file.
+        """
+        given = self.given_tokens()
+        return given if given or is_loopback(self.host) else Tokens(made_tokens())
+
+    def given_tokens(self) -> Tokens:
+        """The option's, the file's, or the environment's. Raises ConfigurationError."""
+        given = os.environ.get(TOKEN_VARIABLE, "").strip()
+        if self.token:
+            found = parse_tokens(self.token, "token")
+        elif self.token_file:
+            found = read_tokens(self.token_file)
+        elif given:
+            found = parse_tokens(given, TOKEN_VARIABLE)
+        else:
+            found = {}
+        return Tokens(found)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WebOptions(FrontOptions):
+    """How clients reach the server, and what they may do."""
+
+    topics: tuple[str, ...] = ("*",)
+    """Patterns of the topics that clients may use."""
+    services: tuple[str, ...] = ("*",)
+    """Patterns of the services and actions that clients may use or offer."""
+    parameters: tuple[str, ...] = ("*",)
+    """Patterns of the parameters that clients may use, as "/node:parameter"."""
+    max_frame_bytes: Annotated[int, _FRAME_BYTES] = 10_000_000
+    """Largest frame of a client; and most that waits for it and must not be dropped."""
+    service_timeout_s: Annotated[float, _SERVICE_S] = 30.0
+    """Longest time for a service's answer, where a client does not say another."""
+    compress: bool = False
+    """Offer permessage-deflate: less on the network, more work for the processor."""
+
+    @property
+    def allowed(self) -> Allowed:
+        """What clients may use."""
+        return Allowed(self.topics, self.services, self.parameters)
+
+
+class Arrivals:
+    """When the bytes of one client can have arrived at the earliest. All times are the loop's."""
+
+    def __init__(self, now_s: float) -> None:
+        self._read = self._before = 0
+        """Bytes that were read, and those without the newest portion."""
+        self._seen: deque[tuple[float, int]] = deque([(now_s, 0)])
+        """When it was looked how many bytes had arrived, and how many."""
+        self._frames: deque[int] = deque()
+        """Of frames that were not handed on yet, how many bytes had been read before the portion
+        that has their end."""
+
+    def read(self, count: int) -> None:
+        """A portion was read."""
+        self._before = self._read
+        self._read += count
+
+    def note(self, waiting: int, now_s: float) -> None:
+        """`waiting` bytes are there to be read, and nothing has to wait at the sender."""
+        arrived = self._read + waiting
+        newest_s, before = self._seen[-1]
+        if now_s - newest_s < ARRIVALS_PERIOD_S:
+            return  # What has arrived since counts as that much older.
+        if len(self._seen) >= ARRIVALS_KEPT:
+            del self._seen[1]
+        self._seen.append((now_s, max(arrived, before)))
+
+    def end_frame(self) -> None:
+        """The newest portion has the end of a frame."""
+        self._frames.append(self._before)
+
+    def take_frame(self) -> float:
+        """The next frame is handed on; since when its end can have been there at the earliest."""
+        before = self._frames.popleft()
+        while len(self._seen) > 1 and self._seen[1][1] <= before:
+            self._seen.popleft()
+        return self._seen[0][0]
+
+
+APART_NS = 1000
+"""Between frames that may have arrived at the same time: as seconds, too, they have to differ."""
+
+CLOCK_SET_BACK_NS = 10**9
+"""What is earlier by more is of a clock that was set back."""
+
+
+class FrontConnection(ServerConnection):
+    """A client's connection: it tells how long its frames waited, is ended where they wait for too
+    long, and nothing of it is read any more once it is cut off."""
+
+    _cut_off = False
+    _ending: asyncio.Task[None] | None = None
+    _socket: socket.socket | None = None
+    _since_s = NEVER_S
+    since_ns = 0
+    """When the end of the frame handed on last can have arrived at the earliest, ns since the
+    epoch; of two that came between the same looks the later one has the later time."""
+
+    def __init__(self, *given: Any, **options: Any) -> None:
+        super().__init__(*given, **options)
+        self.arrivals = Arrivals(self.loop.time())
+        self._backlog = Backlog()
+
+    def watch(self, look: Callable[[], None], backlogged: Callable[[], None]) -> None:
+        """Have `look` called before each frame is handed on, and `backlogged` when it is ended as
+        too much waits."""
+        self._look, self._tell_backlogged = look, backlogged
+        self._socket = self.transport.get_extra_info("socket")
+        self._since_s = self.loop.time()
+
+    @property
+    def waited_s(self) -> float:
+        """Longest time that the end of the frame handed on last can have waited to be read: since
+        it had not arrived yet."""
+        return self.loop.time() - self._since_s
+
+    def data_received(self, data: bytes) -> None:
+        self.arrivals.read(len(data))
+        super().data_received(data)
+        self.note_backlog()
+
+    def process_event(self, event: Event) -> None:
+        if isinstance(event, Frame) and event.fin and event.opcode in DATA_OPCODES:
+            self.arrivals.end_frame()
+        super().process_event(event)
+
+    def note_backlog(self) -> None:
+        """Note what has arrived until now, read or not."""
+        now_s = self.loop.time()  # Before it looks: this process may stand still in between.
+        if self._socket is not None and has_room(self._socket):
+            self.arrivals.note(waiting_bytes(self._socket), now_s)
+
+    def cut_off(self) -> None:
+        """End it at once, with all that has arrived and was not read."""
+        self._cut_off = True
+        self.transport.abort()
+
+    async def __aiter__(self) -> AsyncIterator[Data]:
+        async for frame in super().__aiter__():
+            self._look()
+            self._since_s = self.arrivals.take_frame()
+            since_ns = time.time_ns() - int(1e9 * self.waited_s)
+            if -APART_NS < self.since_ns - since_ns < CLOCK_SET_BACK_NS:
+                since_ns = self.since_ns + APART_NS
+            self.since_ns = since_ns
+            if self._cut_off:
+                return
+            if self._ending is None and self._backlog.lasts(self.waited_s, self.loop.time()):
+                self._tell_backlogged()
+                # Reading goes on, or the client's farewell would not be read.
+                self._ending = self.loop.create_task(self.close(1008, BACKLOGGED))
+            if self._ending is None:
+                yield frame
+            self.note_backlog()
+            # What waits already is taken without a turn of the loop: others have theirs.
+            await asyncio.sleep(0)
+
+
+class WebServer(AbstractAsyncContextManager[Any], Protocol):
+    """A server that listens while it is entered."""
+
+    @property
+    def port(self) -> int:
+        """The port it listens at."""
+
+
+def serve_until(
+    server: WebServer, ready: Callable[[int], None], stop: threading.Event | None
+) -> None:
+    """Serve in a loop of its own until `stop` is set (None: for ever); `ready` is called with the
+    port. Raises what entering the server raises."""
+    ended = threading.Event() if stop is None else stop
+
+    async def run() -> None:
+        async with server:
+            ready(server.port)
+            while not ended.is_set():
+                await asyncio.sleep(LOOK_S)
+
+    asyncio.run(run())
+
+
+class Front:
+    """Listens, and lets in who may come in."""
+
+    def __init__(
+        self,
+        options: FrontOptions,
+        counts: Counter[str],
+        run: Callable[[FrontConnection, str, Role], Awaitable[None]] | None = None,
+        subprotocols: Sequence[str] = (),
+        *,
+        page: Page | None = None,
+        public: bool = False,
+        private: str = "",
+        max_frame_bytes: int = 1,
+        compress: bool = False,
+    ) -> None:
+        """`run(connection, peer, role)`: serve a client until it leaves. `subprotocols`: those of
+        which a client must ask for one; none: it need not. `page`: answers GET; clients of a server
+        that has pages, too, are at SOCKET_PATH, and no path is a token. `public`: pages are for
+        everybody, as nothing secret is in them, but for those whose path begins with `private`
+        (empty: none does). Raises ConfigurationError."""
+        self.options, self.counts = options, counts
+        self.clients = 0
+        """How many are connected."""
+        self._run, self._page, self._public, self._private = run, page, public, private
+        self._max_frame_bytes, self._compress = max_frame_bytes, compress
+        self._subprotocols = [Subprotocol(each) for each in subprotocols]
+        self._door = AccessControl(options.tokens(), options.hosts, options.origins)
+        self._server: Server | None = None
+        self._connections: set[FrontConnection] = set()
+        self._standstill = StandStill(self._stood_still)
+        self._watching: asyncio.Task[None] | None = None
+        self._telling: asyncio.Task[None] | None = None
+        self._roles: dict[ServerConnection, Role] = {}
+        """Of connections that were let in and have not begun."""
+        self._unknown: dict[ServerConnection, None] = {}
+        """Connections that have not come in, the oldest first."""
+
+    @property
+    def port(self) -> int:
+        """The port it listens at."""
+        assert self._server is not None, "the server is not open"
+        port: int = next(iter(self._server.sockets)).getsockname()[1]
+        return port
+
+    async def open(self) -> None:
+        """Listen. Raises AddressError and ConfigurationError."""
+        options = self.options
+        tls = tls_context(options.certificate, options.key)
+        try:
+            self._server = await serve_websocket(
+                self._serve,
+                options.host,
+                options.port,
+                process_request=self._let_in,
+                subprotocols=self._subprotocols or None,
+                ssl=tls,
+                compression="deflate" if self._compress else None,
+                max_size=self._max_frame_bytes,
+                max_queue=FRAMES_AHEAD,
+                ping_interval=PING_INTERVAL_S,
+                ping_timeout=PING_TIMEOUT_S,
+                close_timeout=CLOSE_TIMEOUT_S,
+                open_timeout=HANDSHAKE_S,
+                logger=_library_log,
+                server_header=None,
+                create_connection=_watched(self._arrived, self._left),
+                ssl_handshake_timeout=None if tls is None else HANDSHAKE_S,
+            )
+        except OSError as error:
+            raise AddressError(
+                f"cannot listen at {options.host}:{options.port}: {error.strerror or error}"
+            ) from None
+        for each in self._server.sockets:
+            with each.dup() as listening:
+                # Not by serve's argument: asyncio takes as many as that in one turn of its loop.
+                listening.listen(BACKLOG)
+        self._standstill.start()
+        self._watching = asyncio.get_running_loop().create_task(self._watch_backlogs())
+        if stats.is_wanted():
+            self._telling = asyncio.get_running_loop().create_task(self._tell())
+
+    async def _watch_backlogs(self) -> None:
+        """See that nothing waits of clients that are silent."""
+        while True:
+            await asyncio.sleep(BEAT_S)
+            for each in self._connections:
+                each.note_backlog()
+
+    def _backlogged(self, peer: str) -> None:
+        self.counts["backlogged"] += 1
+        _log.warning("%s is disconnected: %s", peer, BACKLOGGED)
+
+    async def _tell(self) -> None:
+        """Tell the daemon of clients, and of what was counted."""
+        before: dict[str, int] = {}
+        while True:
+            round_trip = {stats.ROUND_TRIP: self._round_trip_us()}
+            now = {"clients": self.clients, **round_trip, **self.counts}
+            if now != before:
+                stats.tell(now)
+                before = now
+            await asyncio.sleep(stats.PERIOD_S)
+
+    def _round_trip_us(self) -> int:
+        """Of the slowest client; 0: none has answered a ping yet."""
+        return round(1e6 * max((each.latency for each in self._connections), default=0.0))
+
+    async def close(self) -> None:
+        """Let all clients go."""
+        self._standstill.stop()
+        if self._watching is not None:
+            self._watching.cancel()
+        if self._telling is not None:
+            self._telling.cancel()
+        if self._server is not None:
+            self._server.close()
+            await self._server.wait_closed()
+
+    def _arrived(self, connection: ServerConnection) -> None:
+        self._unknown[connection] = None
+        if len(self._unknown) > MOST_HANDSHAKES:
+            oldest = next(iter(self._unknown))
+            del self._unknown[oldest]
+            self._tell_denied(oldest, "its place was needed before it had said who it is")
+            oldest.transport.abort()
+
+    def _left(self, connection: ServerConnection) -> None:
+        self._unknown.pop(connection, None)
+        self._roles.pop(connection, None)
+
+    def _tell_denied(self, connection: ServerConnection, reason: str) -> None:
+        self.counts["denied"] += 1
+        level = logging.WARNING if self.counts["denied"] <= MOST_DENIALS_SHOWN else logging.DEBUG
+        _log.log(level, "%s was not let in: %s", _peer(connection), reason)
+
+    async def _let_in(self, connection: ServerConnection, request: Request) -> Response | None:
+        headers, parts = request.headers, _split(request.path)
+        address = connection.remote_address
+        caller = Caller(
+            address[0] if address else "",
+            request.path if self._page is None else f"/?{parts.query}",
+            headers.get_all("Host"),
+            headers.get_all("Origin"),
+            headers.get_all("Authorization"),
+        )
+        is_page = self._page is not None and not (self._run and parts.path == SOCKET_PATH)
+        private = bool(self._private) and parts.path.startswith(self._private)
+        public = is_page and self._public and not private
+        found = self._door.check(caller, time.monotonic(), public=public)
+        is_full = self.clients >= self.options.max_clients and not is_page
+        if is_full and not isinstance(found, AccessDenied):
+            found = AccessDenied(HTTPStatus.SERVICE_UNAVAILABLE, "there are too many clients")
+        if isinstance(found, AccessDenied):
+            self._tell_denied(connection, found.reason)
+            response = connection.respond(found.status, f"{found.reason}\n")
+            if found.retry_s is not None:
+                response.headers["Retry-After"] = str(ceil(found.retry_s))
+            elif found.status is HTTPStatus.UNAUTHORIZED:
+                response.headers["WWW-Authenticate"] = "Bearer"
+            return response
+        if not is_page:
+            self._roles[connection] = found
+            return None
+        assert self._page is not None
+        try:
+            answer = await self._page(parts.path, headers)
+        except Exception:
+            _log.exception("%s met with a fault of this server", _peer(connection))
+            return connection.respond(HTTPStatus.INTERNAL_SERVER_ERROR, "a fault: see the log\n")
+        if answer is None:
+            return connection.respond(HTTPStatus.NOT_FOUND, "there is no such page\n")
+        response = connection.respond(answer.status, "")
+        response.body = answer.body
+        for name, value in (
+            ("Content-Type", answer.content_type),
+            ("Content-Length", str(len(answer.body))),
+            *answer.headers,
+        ):
+            if name in response.headers:
+                del response.headers[name]
+            response.headers[name] = value
+        return response
+
+    def _stood_still(self, seconds: float) -> None:
+        for each in self._connections:
+            each.cut_off()
+        if self._connections:
+            self.counts["cut off"] += len(self._connections)
+            _log.warning(
+                "this server stood still for %.1f s: what its clients sent meanwhile is not acted "
+                "on, and they have to connect again",
+                seconds,
+            )
+
+    async def _serve(self, connection: ServerConnection) -> None:
+        assert isinstance(connection, FrontConnection)
+        role = self._roles.pop(connection)
+        self._unknown.pop(connection, None)
+        assert self._run is not None
+        peer = _peer(connection)
+        connection.watch(self._standstill.look, partial(self._backlogged, peer))
+        sending: socket.socket = connection.transport.get_extra_info("socket")
+        with contextlib.suppress(OSError):
+            sending.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)
+        self.clients += 1
+        self._connections.add(connection)
+        _log.info("%s is here as %s", peer, role.word)
+        try:
+            await self._run(connection, peer, role)
+        except Exception:
+            _log.exception("%s met with a fault of this server, and is closed", peer)
+        finally:
+            self.clients -= 1
+            self._connections.discard(connection)
+            _log.info("%s is gone", peer)
+
+
+def _watched(
+    arrived: Callable[[ServerConnection], None], left: Callable[[ServerConnection], None]
+) -> type[FrontConnection]:
+    """Connections that tell when they arrive and leave."""
+
+    class Watched(FrontConnection):
+        def connection_made(self, transport: asyncio.BaseTransport) -> None:
+            super().connection_made(transport)
+            arrived(self)
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            left(self)
+            super().connection_lost(exc)
+
+    return Watched
+
+
+def _split(path: str) -> SplitResult:
+    """Path and query of a request; of one that is no address, none."""
+    try:
+        return urlsplit(path)
+    except ValueError:
+        return urlsplit("")
+
+
+def tls_context(certificate: str, key: str) -> ssl.SSLContext | None:
+    """What a server serves TLS with, of these two files; None without a certificate.
+
+    Raises ConfigurationError.
+    """
+    if not certificate:
+        return None
+    for name, path in (("certificate", certificate), ("key", key)):
+        try:
+            text = read_text(path)
+        except (OSError, ValueError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise ConfigurationError(name, f"{path} cannot be used: {why}; {_MAKE_ONE}") from None
+        if "-----BEGIN " not in text:
+            raise ConfigurationError(
+                name, f"{path} cannot be used: it is no PEM file, with a line -----BEGIN ...-----"
+            )
+        if "ENCRYPTED" in text:
+            raise ConfigurationError(
+                name,
+                f"{path} cannot be used: it has a password, which nobody is asked for here; "
+                f"take it off: openssl pkey -in {path} -out plain-key.pem",
+            )
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    try:
+        context.load_cert_chain(certificate, key)
+    except (OSError, ssl.SSLError) as error:
+        why = str(error)
+        if isinstance(error, ssl.SSLError) and error.reason == "KEY_VALUES_MISMATCH":
+            why = "the key is that of another certificate"
+        raise ConfigurationError(
+            "certificate", f"{certificate} with the key {key} cannot be used: {why}; {_MAKE_ONE}"
+        ) from None
+    return context
+
+
+_MAKE_ONE = (
+    "one for trying is made by: openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 "
+    "-nodes -days 365 -subj /CN=NAME -addext subjectAltName=DNS:NAME -keyout key.pem -out cert.pem"
+)
+
+
+def _peer(connection: ServerConnection) -> str:
+    """A client's address, for logs."""
+    address = connection.remote_address
+    return f"{address[0]}:{address[1]}" if address else "a client that has left"

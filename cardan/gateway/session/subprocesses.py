@@ -1,0 +1,137 @@
+"""Runs ``cardan`` commands beside this process: what prints READY once it serves."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import os
+import selectors
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO
+
+from cardan.common.text_sanitizer import printable
+from cardan.errors import DriverError
+
+READY_WITHIN_S = 20.0
+"""Longest time until it serves; importing takes a second on a slow machine."""
+
+END_WITHIN_S = 5.0
+"""Longest time for its end in good order; then it is killed."""
+
+_AT_ONCE = 65536
+"""Bytes that are read at once: as many as a pipe holds."""
+
+_LAST_WORDS = 2000
+"""Characters of what it wrote on standard error that are kept."""
+
+
+class Launched:
+    """``cardan WORDS`` from its start, once it serves, to its end. It ends with this process, too,
+    even if that is killed; Ctrl-C in the terminal does not reach it."""
+
+    def __init__(
+        self,
+        *words: str,
+        folder: Path | None = None,
+        ready_within_s: float = READY_WITHIN_S,
+        end_within_s: float = END_WITHIN_S,
+    ) -> None:
+        """Start it in `folder` (None: here), which is removed if this process is killed. It is
+        killed where it does not end within `end_within_s` of being asked to.
+
+        Raises DriverError where it does not serve in time; what it said is on standard error then.
+        """
+        self._ready_within_s, self._end_within_s = ready_within_s, end_within_s
+        self.code = 0
+        """Exit code, once it has ended."""
+        self.before: list[str] = []
+        """What it printed before READY."""
+        self.lines: tuple[str, ...] = ()
+        """What it printed after READY, once it has ended."""
+        self.complaints = ""
+        """What it wrote on standard error last, once it has ended."""
+        named = itertools.takewhile(lambda word: not word.startswith("-"), words)
+        self._name = shlex.join(itertools.islice(named, 2))
+        self._log: IO[str] = tempfile.TemporaryFile("w+")  # noqa: SIM115
+        self._unread = b""
+        """What came after the last line that was taken. No line may wait in a file's own buffer,
+        which a selector does not see."""
+        self._process = subprocess.Popen(
+            [
+                sys.executable,
+                "-m",
+                "cardan.gateway.session.parent_death",
+                str(folder or ""),
+                *words,
+            ],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            bufsize=0,
+            cwd=folder,
+            start_new_session=True,
+        )
+        try:
+            self.endpoint = self._endpoint()
+        except BaseException:
+            self.end()
+            raise
+
+    def _endpoint(self) -> str:
+        stdout = self._process.stdout
+        assert stdout is not None
+        give_up_s = time.monotonic() + self._ready_within_s
+        with selectors.DefaultSelector() as selector:
+            selector.register(stdout, selectors.EVENT_READ)
+            while selector.select(max(0.0, give_up_s - time.monotonic())):
+                said = os.read(stdout.fileno(), _AT_ONCE)
+                if not said:
+                    self.end()
+                    sys.stderr.write(self.complaints)
+                    raise DriverError(f"`cardan {self._name}` ended before it served")
+                *lines, self._unread = (self._unread + said).split(b"\n")
+                for index, line in enumerate(lines):
+                    words = line.decode(errors="replace").rstrip()
+                    if words.startswith("READY "):
+                        self._unread = b"\n".join((*lines[index + 1 :], self._unread))
+                        return words.removeprefix("READY ").strip()
+                    self.before.append(words)
+        raise DriverError(
+            f"`cardan {self._name}` did not serve within {self._ready_within_s:.0f} s"
+        )
+
+    def end(self) -> None:
+        """Ask it to end, and wait; it is killed where it does not. Twice is fine."""
+        process, log = self._process, self._log
+        if log.closed:
+            return
+        process.terminate()
+        try:
+            process.wait(self._end_within_s)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        assert process.stdin is not None
+        assert process.stdout is not None
+        self.code = process.returncode
+        with process.stdin, process.stdout, log:
+            said = self._unread + process.stdout.read()
+            self.lines = tuple(said.decode(errors="replace").splitlines())
+            log.seek(0)
+            self.complaints = printable(log.read()[-_LAST_WORDS:], "\n")
+
+
+@contextlib.contextmanager
+def launched(*words: str, folder: Path | None = None) -> Iterator[str]:
+    """Run ``cardan WORDS`` as :class:`Launched` does; gives its endpoint, and ends it after."""
+    command = Launched(*words, folder=folder)
+    try:
+        yield command.endpoint
+    finally:
+        command.end()

@@ -1,0 +1,281 @@
+"""Shows a record to one who looks: the newest messages of a time within it, as fast as one likes.
+
+Nothing comes onto the bus, so that nothing can move by it. As a program,
+``python -m cardan.recording.player FILE``, it takes orders on its standard input and
+writes what is to be shown on its standard output, a JSON object a line each; docs/recording.md.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, NamedTuple, TextIO
+
+from cardan.common.inbox import Inbox, InboxEmptyError
+from cardan.common.text_sanitizer import printable
+from cardan.errors import CaptureError, CardanError
+from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.protocols.ros2.interfaces import InterfaceError
+from cardan.protocols.ros2.messages import json_text
+from cardan.recording.mcap_file import RecordedMessage, RecordedTopic, RecordReader
+
+TICK_S: Final = 1 / 30
+"""How often messages are shown; of a topic the newest."""
+
+BEFORE_NS: Final = 2_000_000_000
+"""So much before a time is read to know what the newest messages were: all state is published more
+often, but for what is latched."""
+
+MOST_MESSAGE: Final = 2**20
+"""Bytes of a message that is shown: pages draw arms, not point clouds."""
+
+MOST_LATCHED: Final = 16 * 2**20
+"""Bytes of all latched messages that are kept."""
+
+MOST_TEXT: Final = 8 * 2**20
+"""Characters of all that is shown at once."""
+
+MOST_TOPICS: Final = 1000
+
+NICE: Final = 10
+"""Of the program: who looks at a record keeps nobody waiting that moves an arm."""
+
+RATES: Final = (0.1, 16.0)
+"""Slowest and fastest, as a share of real time."""
+
+
+class Contents(NamedTuple):
+    """What is in a record."""
+
+    first_ns: int
+    last_ns: int
+    """Times of its first and last messages, ns since the epoch."""
+    topics: Mapping[str, tuple[str, int]]
+    """By name: the type, and how many messages."""
+    cut_off: str
+    """Why the file has no end; empty where it has one."""
+    damage: str
+    """What is damaged and left out; empty: nothing."""
+
+    @property
+    def duration_s(self) -> float:
+        """From the first message to the last, s."""
+        return 1e-9 * (self.last_ns - self.first_ns)
+
+
+class Show:
+    """A record, and where in it one is. For one thread; knows no clock."""
+
+    def __init__(self, path: Path) -> None:
+        """Reads it once from end to end. Raises CaptureError for what is no record, or an empty
+        one."""
+        self._reader = RecordReader(path)
+        self._latched: list[RecordedMessage] = []
+        self.contents = self._look_through()
+        self.wanted: frozenset[str] = frozenset()
+        """Names of the topics that are shown."""
+        self.at_s = 0.0
+        """Time since the first message, s."""
+        self._coming: Iterator[RecordedMessage] = iter(())
+        self._next: RecordedMessage | None = None
+
+    def _look_through(self) -> Contents:
+        first_ns, last_ns, kept = 0, -1, 0
+        types: dict[str, str] = {}
+        counts: Counter[str] = Counter()
+        for message in self._reader:
+            topic, log_ns = message.topic, message.log_ns
+            first_ns = log_ns if last_ns < 0 else min(first_ns, log_ns)
+            last_ns = max(last_ns, log_ns)
+            if topic.name in types or len(types) < MOST_TOPICS:
+                types.setdefault(topic.name, topic.type_name)
+                counts[topic.name] += 1
+            size = len(message.data)
+            if topic.latched and size <= MOST_MESSAGE and kept + size <= MOST_LATCHED:
+                kept += size
+                self._latched.append(message)
+        if last_ns < 0:
+            why = "; ".join(("", *self._reader.problems))
+            raise CaptureError(f"{self._reader.path.name} has no messages{why}")
+        topics = {name: (type_name, counts[name]) for name, type_name in sorted(types.items())}
+        return Contents(
+            first_ns, last_ns, topics, self._reader.cut_off, "; ".join(self._reader.damage)
+        )
+
+    @property
+    def over(self) -> bool:
+        """Whether it is at its end."""
+        return self.at_s >= self.contents.duration_s
+
+    def seek(self, at_s: float) -> list[str]:
+        """Go to a time, s since the first message; what was the newest then, as `forward` has
+        it."""
+        first_ns = self.contents.first_ns
+        self.at_s = min(max(at_s, 0.0), self.contents.duration_s)
+        until_ns = first_ns + round(1e9 * self.at_s)
+        places = [each for each in self._reader.places if each.log_ns <= until_ns - BEFORE_NS]
+        # The first place of all is read from, too: what comes before it has no messages.
+        place = places[-1] if places else next(iter(self._reader.places), None)
+        self._coming = self._reader.messages(place) if place is not None else iter(())
+        self._next = next(self._coming, None)
+        before = [each for each in self._latched if each.log_ns <= until_ns]
+        shown = _texts(each for each in before if each.topic.name in self.wanted)
+        latched = {each.topic for each in before}
+        return shown + self._newest(until_ns, without=latched)
+
+    def forward(self, to_s: float) -> list[str]:
+        """Go on to a later time; of each topic the newest message since, as JSON: [topic,
+        message]."""
+        self.at_s = min(to_s, self.contents.duration_s)
+        return self._newest(self.contents.first_ns + round(1e9 * self.at_s))
+
+    def _newest(self, until_ns: int, without: set[RecordedTopic] | None = None) -> list[str]:
+        newest: dict[str, RecordedMessage] = {}
+        message = self._next
+        while message is not None and message.log_ns <= until_ns:
+            topic = message.topic
+            if topic.name in self.wanted and not (without and topic in without):
+                newest[topic.name] = message
+            message = next(self._coming, None)
+        self._next = message
+        return _texts(newest.values())
+
+
+def _texts(messages: Iterable[RecordedMessage]) -> list[str]:
+    """Those that can be read, and are not too much."""
+    found: list[str] = []
+    left = MOST_TEXT
+    for each in messages:
+        topic = each.topic
+        if len(each.data) > MOST_MESSAGE:
+            continue
+        try:
+            decoded = codec_of(topic.type_name).decode(each.data)
+        except InterfaceError:
+            continue
+        if isinstance(decoded, Malformed):
+            continue
+        text = f"[{json.dumps(topic.name)},{json_text(topic.type_name, decoded)}]"
+        left -= len(text)
+        if left >= 0:
+            found.append(text)
+    return found
+
+
+class Player:
+    """Plays a record in a time that is given to it, by the orders that it takes."""
+
+    def __init__(self, show: Show) -> None:
+        self.playing = False
+        self._show, self._rate = show, 1.0
+        self._began_s = self._from_s = 0.0
+        """Time of the clock at which it was at `_from_s` of the record."""
+        self._changed = False
+
+    def order(self, order: Mapping[str, Any], now_s: float) -> list[str]:
+        """Take an order: "topics", "at_s", "rate", "playing", each as far as it is there. What is
+        to be shown then. Raises ValueError for what is none."""
+        show = self._show
+        topics, at_s = order.get("topics"), order.get("at_s")
+        rate, playing = order.get("rate"), order.get("playing")
+        if topics is not None:
+            if not isinstance(topics, list) or not all(isinstance(each, str) for each in topics):
+                raise ValueError("topics must be a list of names")
+            show.wanted = frozenset(topics[:MOST_TOPICS])
+        if rate is not None:
+            self._rate = _number("rate", rate, *RATES)
+        shown: list[str] = []
+        if at_s is not None or topics is not None:
+            there = show.at_s if at_s is None else _number("at_s", at_s, 0.0, float("inf"))
+            shown = show.seek(there)
+        if playing is not None:
+            if playing and show.over:
+                shown = show.seek(0.0)
+            self.playing = bool(playing)
+        self._began_s, self._from_s, self._changed = now_s, show.at_s, True
+        return shown
+
+    def tick(self, now_s: float) -> list[str]:
+        """What is to be shown now."""
+        if not self.playing:
+            return []
+        shown = self._show.forward(self._from_s + (now_s - self._began_s) * self._rate)
+        self._changed = True
+        self.playing = not self._show.over
+        return shown
+
+    def line(self, shown: Sequence[str]) -> str:
+        """What is said of it, with what is to be shown; empty: nothing has changed."""
+        if not self._changed:
+            return ""
+        self._changed = False
+        state = json.dumps(
+            {"at_s": round(self._show.at_s, 4), "playing": self.playing, "rate": self._rate}
+        )
+        return f'{state[:-1]}, "messages": [{",".join(shown)}]}}'
+
+
+def _number(name: str, value: object, least: float, most: float) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise ValueError(f"{name} must be a number")
+    if not least <= value <= most:
+        raise ValueError(f"{name} is {value:g}, must be {least:g} to {most:g}")
+    return float(value)
+
+
+def run(path: Path, orders: TextIO, out: TextIO) -> None:
+    """Show a record until the orders end. The first line says what is in it, or what is wrong."""
+    try:
+        show = Show(path)
+    except CardanError as error:
+        out.write(json.dumps({"error": printable(str(error))}) + "\n")
+        out.flush()
+        return
+    contents = show.contents
+    about = {
+        "duration_s": round(contents.duration_s, 4),
+        "began_s": round(1e-9 * contents.first_ns, 3),
+        "topics": {name: list(each) for name, each in contents.topics.items()},
+        "cut_off": printable(contents.cut_off),
+        "damage": printable(contents.damage),
+    }
+    out.write(json.dumps(about) + "\n")
+    out.flush()
+    waiting: Inbox[str | None] = Inbox()
+
+    def read() -> None:
+        for line in orders:
+            waiting.put(line)
+        waiting.put(None)
+
+    threading.Thread(target=read, name="cardan-orders", daemon=True).start()
+    player = Player(show)
+    while True:
+        try:
+            line = waiting.get(TICK_S if player.playing else None)
+        except InboxEmptyError:
+            said = player.line(player.tick(time.monotonic()))
+        else:
+            if line is None:
+                return
+            try:
+                order = json.loads(line)
+                said = player.line(player.order(order, time.monotonic()))
+            except (ValueError, AttributeError) as error:
+                said = json.dumps({"refused": printable(str(error))})
+        if said:
+            out.write(said + "\n")
+            out.flush()
+
+
+if __name__ == "__main__":
+    with contextlib.suppress(OSError, AttributeError):
+        os.nice(NICE)
+    run(Path(sys.argv[1]), sys.stdin, sys.stdout)

@@ -1,0 +1,53 @@
+"""Makes requests of programs again at the verbs of an arm, as a record has them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from cardan.gateway.arm.replay_requests import Sender
+from cardan.gateway.arm.vocab import Parameter, Stream
+from cardan.types import Frame, Pose, Quaternion, Twist, Vector3, Wrench
+
+if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
+    from cardan.gateway.arm.verbs import ArmVerbs
+
+
+def _set_parameters(verbs: ArmVerbs, values: Sequence[Sequence[Any]], source: str) -> None:
+    verbs.set_parameters({Parameter(key): value for key, value in values}, source=source)
+
+
+def _aim(verbs: ArmVerbs, target: Sequence[Any], sender: Sequence[Any]) -> None:
+    position, orientation, frame = target
+    pose = Pose(Vector3(*position), Quaternion(*orientation), Frame(frame))
+    verbs.streams.aim(pose, Sender(*sender))
+
+
+def _twist(verbs: ArmVerbs, numbers: list[float], frame: str, sender: Sequence[Any]) -> None:
+    twist = Twist(Vector3(*numbers[:3]), Vector3(*numbers[3:]), Frame(frame))
+    verbs.streams.twist(twist, Sender(*sender))
+
+
+def _wrench(verbs: ArmVerbs, numbers: list[float], frame: str, sender: Sequence[Any]) -> None:
+    wrench = Wrench(Vector3(*numbers[:3]), Vector3(*numbers[3:]), Frame(frame))
+    verbs.streams.wrench(wrench, Sender(*sender))
+
+
+REPEAT: Mapping[str, Callable[..., None]] = {
+    "set_parameters": _set_parameters,
+    "aim": _aim,
+    "twist": _twist,
+    "wrench": _wrench,
+    "joints": lambda verbs, rates, sender: verbs.streams.joints(rates, Sender(*sender)),
+    "take_back": lambda verbs, kind, reason: verbs.take_back(Stream(kind), reason),
+    "acquire": lambda verbs, source: verbs.acquire(source=source),
+    "hand_over": lambda verbs, to, source: verbs.hand_over(to, source=source),
+    "release": lambda verbs, source: verbs.release(source),
+}
+"""What the witness is told of them, by name, and how each is made again with its values."""
+
+
+def repeat(verbs: ArmVerbs, name: str, argument: str) -> None:
+    """Make a request again. Raises what it raised."""
+    REPEAT[name](verbs, *json.loads(argument))

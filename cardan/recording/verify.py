@@ -1,0 +1,221 @@
+"""Holds the control core against a record: what a session's loop saw goes through a new controller,
+whose commands have to be those that were sent, bit for bit.
+
+Nothing is opened, and nothing is sent.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from cardan.errors import CaptureError, ConfigurationError, MotionRefusedError
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.cycle_record import (
+    CycleRecord,
+    RecordError,
+    Request,
+    command_text,
+    decode_cycle,
+)
+from cardan.gateway.arm.states import Inhibit
+from cardan.gateway.session.assembly import make_controller, make_robot, make_verbs
+from cardan.gateway.session.config import SessionConfig, parse_config
+from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan.recording.arms import CONFIGURATION
+from cardan.recording.mcap_file import RecordReader
+from cardan.recording.replay_requests import REPEAT, repeat
+
+if TYPE_CHECKING:  # Imports Pinocchio, which sessions without an arm's model do without.
+    from cardan.gateway.arm.verbs import ArmVerbs
+
+ENGINE = "/engine"
+"""End of the name of a session's topic, after its node's name."""
+
+_STRING = "std_msgs/msg/String"
+
+
+def _place_neighbour(controller: ArmController, text: str) -> None:
+    try:
+        index, joints, ways_m = json.loads(text)
+        controller.place_neighbour(index, joints, ways_m)
+    except (ValueError, TypeError, IndexError, RecursionError):
+        raise CaptureError(
+            f"the record has no neighbour's joints and ways in {text!r:.80}"
+        ) from None
+
+
+def _inhibit(kind: Inhibit) -> Callable[[ArmController, str], object]:
+    return lambda controller, reason: controller.inhibit(reason, kind)
+
+
+REPEATED: Mapping[str, Callable[[ArmController, str], object]] = {
+    "stop": lambda controller, reason: controller.stop(reason),
+    "place_neighbour": _place_neighbour,
+    "acknowledge": lambda controller, _reason: controller.acknowledge(),
+    **{kind.value: _inhibit(kind) for kind in Inhibit},
+}
+"""Requests to the controller that are made again as they were; those of programs that are have
+:mod:`cardan.recording.replay_requests`."""
+
+
+class Difference(NamedTuple):
+    """The first cycle whose command is another one."""
+
+    cycle: int
+    stamp_s: float
+    """Of the robot's state."""
+    recorded: str
+    computed: str
+
+
+@dataclass
+class EngineReport:
+    """What became of the replay of one session."""
+
+    session: str
+    """Full name of its node."""
+    cycles: int = 0
+    """Cycles whose commands were compared, and the same."""
+    difference: Difference | None = None
+    ended: str = ""
+    """Why not all cycles could be compared; empty where they were."""
+    versions: dict[str, str] = field(default_factory=dict)
+    """That the session ran with."""
+    problems: list[str] = field(default_factory=list)
+    """What is wrong with the file."""
+
+    @property
+    def same(self) -> bool:
+        """Whether every command that was compared is the recorded one, and there was one."""
+        return self.difference is None and self.cycles > 0
+
+    def lines(self) -> list[str]:
+        """For people."""
+        said = [f"{self.session}: {self.cycles} cycles, each command bit for bit the recorded one"]
+        if self.difference is not None:
+            cycle, stamp_s, recorded, computed = self.difference
+            said = [
+                f"{self.session}: the command of cycle {cycle} (at {stamp_s:.6f} s) differs, after "
+                f"{self.cycles} that are the same",
+                f"  recorded  {recorded}",
+                f"  computed  {computed}",
+            ]
+        if self.ended:
+            said.append(f"  {self.ended}")
+        return said + [f"  {each}" for each in self.problems]
+
+
+class _Session(NamedTuple):
+    report: EngineReport
+    cycles: list[CycleRecord]
+    tables: Mapping[str, Any]
+
+
+def replay_engine(
+    path: Path, changed: Callable[[SessionConfig], SessionConfig] | None = None
+) -> list[EngineReport]:
+    """Replay each session of a record. `changed` may change its configuration before.
+
+    Raises CaptureError for a file without one, ConfigurationError for a configuration that cannot
+    be used here.
+    """
+    reader = RecordReader(path)
+    configurations: dict[str, Any] = {}
+    cycles: dict[str, list[CycleRecord]] = {}
+    for message in reader:
+        topic = message.topic
+        for end in (CONFIGURATION, ENGINE):
+            if topic.name.endswith(end) and topic.type_name == _STRING:
+                node = topic.name.removesuffix(end)
+                text = _text(message.data)
+                try:
+                    if end == CONFIGURATION:
+                        configurations.setdefault(node, json.loads(text))
+                    else:
+                        cycles.setdefault(node, []).append(decode_cycle(text))
+                except RecordError as error:
+                    raise CaptureError(f"{path}: {topic.name}: {error}") from None
+                except (ValueError, RecursionError):
+                    continue  # Some other node's topic of that name.
+    if not cycles:
+        raise CaptureError(
+            f"{path} has no {ENGINE[1:]} topic of a session: `cardan record` makes it, of sessions "
+            "with a [network]"
+        )
+    reports = []
+    for node, records in sorted(cycles.items()):
+        if node not in configurations:
+            raise CaptureError(f"{path} has no {node}{CONFIGURATION}, which the session publishes")
+        described = configurations[node]
+        if not isinstance(described, dict) or not isinstance(described.get("tables"), dict):
+            raise CaptureError(f"{path}: {node}{CONFIGURATION} has no tables of a configuration")
+        config = parse_config(described["tables"], from_file=False)
+        if changed is not None:
+            config = changed(config)
+        report = replay_cycles(config, records)
+        report.session, report.versions = node, described.get("versions", {})
+        report.problems = reader.problems
+        reports.append(report)
+    return reports
+
+
+def replay_cycles(config: SessionConfig, records: Iterable[CycleRecord]) -> EngineReport:
+    """Put the cycles of a session through a new controller, until one differs.
+
+    Raises ConfigurationError for a configuration that cannot be used here.
+    """
+    report = EngineReport("")
+    if config.filters:
+        names = ", ".join(each.filter for each in config.filters)
+        report.ended = f"not replayed: what the filters read is not in the record ({names})"
+        return report
+    robot = make_robot(config)
+    controller = make_controller(config, robot)
+    verbs: ArmVerbs | None = None
+    for record in records:
+        if record.number != report.cycles + 1:
+            report.ended = (
+                f"not replayed from cycle {report.cycles + 1} on: the record goes on with "
+                f"{record.number}"
+                + ("; start `cardan record` before the session" if not report.cycles else "")
+            )
+            return report
+        for request in record.before:
+            if request.name in REPEATED:
+                REPEATED[request.name](controller, request.argument)
+            elif request.name in REPEAT:
+                # They act by the activities that they begin, from the first one on.
+                verbs = verbs or make_verbs(config, robot, controller, None)
+                with contextlib.suppress(MotionRefusedError, ConfigurationError):
+                    repeat(verbs, request.name, request.argument)
+            else:
+                report.ended = _why(record.number, request)
+                return report
+        if record.device is None:
+            command = controller.tick(record.robot)
+        else:
+            command = controller.tick(record.robot, record.device, record.events)
+        if (computed := command_text(command)) != record.command:
+            report.difference = Difference(
+                record.number, record.robot.stamp_s, record.command, computed
+            )
+            return report
+        report.cycles += 1
+    return report
+
+
+def _why(number: int, request: Request) -> str:
+    return (
+        f"not replayed from cycle {number} on: {request.name} {request.argument}: motions of "
+        "programs are planned beside the loop, for a time that is not recorded"
+    )
+
+
+def _text(data: bytes) -> str:
+    message = codec_of(_STRING).decode(data)
+    return "" if isinstance(message, Malformed) else str(message["data"])

@@ -1,0 +1,102 @@
+"""Asks a JR3 board: what it is, then samples by its own clock, then by SYNC."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from cardan.conform.requirements import Level
+from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
+from cardan.conform.timeline import Event, Kind
+from cardan_jr3.conform.frames import pack, unpack
+from cardan_jr3.protocol import (
+    NODE_MASK,
+    Ack,
+    Bootup,
+    GetFsForces,
+    GetFsMoments,
+    GetState,
+    HostMessage,
+    SetFilter,
+    StartAsync,
+    StartSync,
+    Stop,
+    Sync,
+    ZeroOffs,
+    decode_from_board,
+    encode_from_host,
+)
+
+ACK_S = 0.5
+BOOT_S = 3.0
+PERIOD_US = 5000
+CUTOFF_CENTIHZ = 2000
+SYNCS = 20
+SYNC_S = 0.01
+HAND_S = 30.0
+
+
+class Jr3Pilot(Scenario):
+    """One host on the bus, with one request open at a time."""
+
+    def __init__(self, level: Level, seconds: float, node_id: int) -> None:
+        self._level = level
+        self._seconds = seconds
+        self._node_id = node_id
+        self._acked = self._booted = False
+
+    def answer(self, event: Event) -> Iterator[Act]:
+        frame = unpack(event.data) if event.kind is Kind.DATA else None
+        if frame is not None and frame.arbitration_id & NODE_MASK == self._node_id:
+            value = decode_from_board(*frame)
+            self._acked = self._acked or isinstance(value, Ack)
+            self._booted = self._booted or isinstance(value, Bootup)
+        return iter(())
+
+    def _say(self, message: HostMessage) -> Act:
+        return send(pack(encode_from_host(message, self._node_id)))
+
+    def _told(self, message: HostMessage) -> Script:
+        self._acked = False
+        yield self._say(message)
+        yield Wait(ACK_S, lambda: self._acked)
+        yield Wait(0.005)
+
+    def script(self) -> Script:
+        yield open_("")
+        yield mark("listen")
+        yield ask("rest", "Power the board anew, and leave the sensor alone.")
+        yield Wait(max(BOOT_S, self._seconds), lambda: self._booted)
+        yield Wait(0.1)
+        if self._level < Level.HOLD:
+            return
+        yield mark("ask")
+        for question in (GetState(), GetFsForces(), GetFsMoments()):
+            yield from self._told(question)
+        yield mark("start")
+        yield from self._told(StartAsync(CUTOFF_CENTIHZ, PERIOD_US))
+        yield Wait(0.1)
+        yield from self._told(ZeroOffs())
+        yield from self._told(SetFilter(CUTOFF_CENTIHZ))
+        yield Wait(0.2)
+        yield mark("run")
+        yield Wait(self._seconds)
+        yield mark("stop")
+        yield from self._told(Stop())
+        yield Wait(0.05)
+        yield mark("stopped")
+        yield Wait(0.2)
+        yield mark("sync")
+        yield from self._told(StartSync(CUTOFF_CENTIHZ))
+        yield mark("syncs")
+        for _ in range(SYNCS):
+            yield self._say(Sync())
+            yield Wait(SYNC_S)
+        yield mark("ask-again")
+        yield from self._told(GetState())
+        if self._level >= Level.BY_HAND:
+            yield from self._told(StartAsync(CUTOFF_CENTIHZ, PERIOD_US))
+            yield mark("load")
+            yield ask("load", "Press on the sensor with a few newtons.")
+            yield Wait(min(HAND_S, 4.0 * self._seconds))
+        yield mark("leave")
+        yield from self._told(Stop())

@@ -1,0 +1,75 @@
+"""The simulated tracking service and a pilot in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cardan.conform.runner import Act, Exchange
+from cardan.conform.timeline import Kind
+from cardan_leap.conform.scenario import CHANNEL
+from cardan_leap.peer import SimulatedLeapService
+
+LONGEST_S = 300.0
+"""Of a simulated run; a script that waits for what never comes ends before."""
+CLIENT, VERSION = 1, 6
+RATE_HZ = 50.0
+"""Less than a tracker's usual 110, for the sake of what frames cost to make."""
+
+
+class LeapRig:
+    """One client of the service, and a hand that does what is asked."""
+
+    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        self._conduct = conduct
+        self._service = SimulatedLeapService(rate_hz=RATE_HZ, faults=faults, seed=seed)
+        self._refused_s = faults.get("refuse", 0.0)
+        self._restarts = 0
+        self._open = False
+        self._now_s = 0.0
+
+    def run(self) -> None:
+        """Until the pilot's script is over."""
+        conduct, service = self._conduct, self._service
+        while not conduct.over and self._now_s < LONGEST_S:
+            self._do(conduct.due(self._now_s))
+            service.advance(self._now_s)
+            if service.restarts != self._restarts:
+                self._restarts = service.restarts
+                self._closed("the service restarts")
+            for _, text in service.outgoing():
+                if self._open:
+                    self._do(conduct.heard(self._now_s, CHANNEL, text.encode()))
+            if conduct.over:
+                break
+            self._now_s = max(self._now_s + 1e-6, min(service.next_due_s, conduct.next_s))
+
+    def _closed(self, why: str) -> None:
+        if self._open:
+            self._open = False
+            self._do(self._conduct.heard(self._now_s, CHANNEL, kind=Kind.CLOSED, note=why))
+
+    def _do(self, acts: list[Act]) -> None:
+        service = self._service
+        for act in acts:
+            if act.kind is Kind.DATA and self._open:
+                service.receive(CLIENT, act.data, self._now_s)
+            elif act.kind is Kind.OPENED:
+                self._connect()
+            elif act.kind is Kind.ASKED:
+                if act.channel == "enter":
+                    service.enter("right")
+                elif act.channel == "leave":
+                    service.leave("right")
+                elif act.channel == "unplug":
+                    service.unplug()
+
+    def _connect(self) -> None:
+        if self._now_s < self._refused_s:
+            note = "no service"
+            self._do(self._conduct.heard(self._now_s, CHANNEL, kind=Kind.REFUSED, note=note))
+            return
+        self._open = True
+        self._do(self._conduct.heard(self._now_s, CHANNEL, kind=Kind.OPENED))
+        code = self._service.connect(CLIENT, VERSION)
+        if code is not None:
+            self._closed(f"closed with {code}")

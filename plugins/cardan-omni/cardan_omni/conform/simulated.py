@@ -1,0 +1,79 @@
+"""The simulated libHD in this process and a pilot in virtual time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from cardan.conform.runner import Act, Exchange
+from cardan.conform.timeline import Kind
+from cardan.types import ZERO3, Vector3
+from cardan_omni.conform.calls import HdCalls
+from cardan_omni.driver.library import load
+from cardan_omni.peer import OmniFault, OmniSettings, SimulatedOmni
+
+LONGEST_S = 60.0
+"""Of a simulated run; a script that waits for what never comes ends before."""
+IDLE_S = 1e-3
+"""A step of time where the scheduler makes none."""
+REACH_M, TURN_RAD_S = 0.04, 2.0 * math.pi
+"""How far and how fast the hand moves."""
+
+
+class HdapiRig:
+    """A program of the library, and a hand that does what is asked."""
+
+    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        self._conduct = conduct
+        wanted = tuple(OmniFault(name, value) for name, value in faults.items())
+        self._device = SimulatedOmni(OmniSettings(virtual=True, seed=seed, faults=wanted))
+        self._calls = HdCalls(load(str(self._device.path)), lambda: self._now_s)
+        self._moved_s: float | None = None
+        """When the hand began to move; None: it is still."""
+        self._now_s = 0.0
+
+    def run(self) -> None:
+        """Until the pilot's script is over."""
+        conduct, device = self._conduct, self._device
+        ran_s = device.now_s
+        try:
+            while not conduct.over and self._now_s < LONGEST_S:
+                self._do(conduct.due(self._now_s))
+                if conduct.over:
+                    break
+                self._move()
+                before_s = self._now_s
+                device.step()
+                # The library's clock is that of the tick, in which the callback has looked at ours.
+                self._now_s = before_s + max(0.0, device.now_s - ran_s) or before_s
+                ran_s = device.now_s
+                if self._now_s == before_s:
+                    self._now_s = before_s + IDLE_S
+                for data in self._calls.ticks():
+                    self._do(conduct.heard(self._now_s, "", data))
+        finally:
+            self._calls.end()
+
+    def _do(self, acts: list[Act]) -> None:
+        for act in acts:
+            if act.kind is Kind.DATA:
+                answer = self._calls.do(act.data)
+                self._do(self._conduct.heard(self._now_s, act.channel, answer))
+            elif act.kind is Kind.OPENED:
+                self._do(self._conduct.heard(self._now_s, act.channel, kind=Kind.OPENED))
+                self._do(self._conduct.heard(self._now_s, act.channel, self._calls.began))
+            elif act.kind is Kind.ASKED:
+                self._by_hand(act.channel)
+
+    def _by_hand(self, what: str) -> None:
+        self._moved_s = self._now_s if what == "move" else None
+        if what == "unplug":
+            self._device.fault("unplug")
+        else:
+            self._device.hand(ZERO3, buttons=int(what == "press"), docked=what == "dock")
+
+    def _move(self) -> None:
+        if self._moved_s is not None:
+            turn = TURN_RAD_S * (self._now_s - self._moved_s)
+            away = REACH_M * math.sin(turn)
+            self._device.hand(Vector3(away, REACH_M * math.sin(0.5 * turn), 0.5 * away))

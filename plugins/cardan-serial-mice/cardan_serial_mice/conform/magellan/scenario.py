@@ -1,0 +1,69 @@
+"""Has somebody move a Magellan, and asks it for what it is."""
+
+from __future__ import annotations
+
+from cardan.conform.hands import HandPilot
+from cardan.conform.requirements import Level
+from cardan.conform.runner import Script, Wait, mark, send
+from cardan.conform.timeline import Event
+from cardan_serial_mice.protocol import (
+    MagellanKeys,
+    MagellanMotion,
+    MagellanReader,
+    Malformed,
+)
+from cardan_serial_mice.protocol.magellan import (
+    EXTENDED_COMPRESSED,
+    MODE_3D,
+    QUERY_EXTENDED,
+    QUERY_KEYS,
+    QUERY_VERSION,
+)
+
+BOOT_S = 1.2
+"""From power, which the open port gives, until a device hears."""
+REST_S = 0.6
+ANSWER_S = 0.6
+UNKNOWN = b"y0"
+"""No command."""
+
+
+class MagellanPilot(HandPilot):
+    """Reads; only from level 1 on it sends commands."""
+
+    def __init__(self, level: Level, seconds: float) -> None:
+        super().__init__(level, seconds)
+        self._reader = MagellanReader()
+        self._answered = False
+
+    def _note(self, event: Event) -> None:
+        for value in self._reader.feed(event.data):
+            if isinstance(value, MagellanMotion):
+                self._moved = self._moved or any(value)
+            elif isinstance(value, MagellanKeys):
+                self._pressed = True
+            if not isinstance(value, (MagellanMotion, Malformed)):
+                self._answered = True
+
+    def script(self) -> Script:
+        yield from self._begin(BOOT_S)
+        yield from self._motions(REST_S)
+        yield from self._keys()
+        if self._level >= Level.HOLD:
+            yield mark("ask")
+            # An empty command ends what somebody may have begun.
+            yield send(b"\r")
+            yield Wait(0.05)
+            for command in (QUERY_VERSION, MODE_3D, EXTENDED_COMPRESSED, QUERY_KEYS, UNKNOWN):
+                yield from self._told(command)
+            yield from self._again()
+            yield mark("ask-again")
+            yield from self._told(QUERY_EXTENDED)
+        if self._level >= Level.BY_HAND:
+            yield from self._unplugged()
+
+    def _told(self, command: bytes) -> Script:
+        self._answered = False
+        yield send(command + b"\r")
+        yield Wait(ANSWER_S, lambda: self._answered or self._gone)
+        yield Wait(0.02)

@@ -1,0 +1,48 @@
+"""Has somebody move a serial six-axis device, and asks it for what it is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cardan.conform.hands import HandPilot
+from cardan.conform.requirements import Level
+from cardan.conform.runner import Script, Wait, mark, send
+from cardan.conform.timeline import Event
+from cardan_serial_mice.conform.puck.decoded import Tongue
+
+REST_S = 0.6
+ANSWER_S = 0.6
+
+
+class PuckPilot(HandPilot):
+    """Reads; only from level 1 on it sends commands."""
+
+    def __init__(self, level: Level, seconds: float, tongue: Tongue[Any]) -> None:
+        super().__init__(level, seconds)
+        self._tongue, self._reader = tongue, tongue.reader()
+        self._command = b""
+        self._answered = False
+
+    def _note(self, event: Event) -> None:
+        for value in self._reader.feed(event.data):
+            self._moved = self._moved or any(self._tongue.counts(value))
+            mask = self._tongue.mask(value)
+            # Some tell their keys every second, whether they change or not.
+            if mask is not None and bool(mask) == (self._key == "press"):
+                self._pressed = True
+            if self._command and self._tongue.answers(value, self._command):
+                self._answered = True
+
+    def _told(self, command: bytes, within_s: float = ANSWER_S) -> Script:
+        self._answered, self._command = False, command
+        yield send(command + b"\r")
+        yield Wait(within_s, lambda: self._answered or self._gone)
+        yield Wait(0.02)
+
+    def _asked(self, commands: tuple[bytes, ...]) -> Script:
+        yield mark("ask")
+        # An empty command ends what somebody may have begun.
+        yield send(b"\r")
+        yield Wait(0.05)
+        for command in commands:
+            yield from self._told(command)

@@ -1,0 +1,72 @@
+"""A simulated serial device and a pilot in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cardan.conform.runner import Act, Exchange
+from cardan.conform.timeline import Kind
+from cardan_serial_mice.peer.core import simulated_serial_puck
+from cardan_serial_mice.protocol import serial_model_by_key
+
+LONGEST_S = 300.0
+"""Of a simulated run; a script that waits for what never comes ends before."""
+_RIGHT, _CLOCKWISE = (0.0, -0.5, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
+_REST = (0.0,) * 6
+
+
+class PuckRig:
+    """Has the device moved as a person would who does what is asked."""
+
+    def __init__(self, key: str, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        """`key`: of the device's model."""
+        self._conduct = conduct
+        model = serial_model_by_key(key)
+        self._device = simulated_serial_puck(model, faults=faults, jitter_lsb=1, seed=seed)
+        self._refused_s = faults.get("refuse", 0.0)
+        self._open = False
+        self._now_s = 0.0
+
+    def run(self) -> None:
+        """Until the pilot's script is over."""
+        conduct, device = self._conduct, self._device
+        while not conduct.over and self._now_s < LONGEST_S:
+            # First, or a hand that moves now would have moved since the device was last heard.
+            for data in device.reports(self._now_s):
+                if self._open:
+                    self._do(conduct.heard(self._now_s, "", data))
+            self._do(conduct.due(self._now_s))
+            if self._open and not device.plugged:
+                self._open = False
+                self._do(conduct.heard(self._now_s, "", kind=Kind.CLOSED))
+            if conduct.over:
+                break
+            self._now_s = max(self._now_s + 1e-6, min(device.next_due_s, conduct.next_s))
+
+    def _do(self, acts: list[Act]) -> None:
+        for act in acts:
+            if act.kind is Kind.DATA:
+                self._device.receive(act.data)
+            elif act.kind is Kind.OPENED:
+                self._open = self._now_s >= self._refused_s
+                if self._open:
+                    self._device.power(True)
+                kind = Kind.OPENED if self._open else Kind.REFUSED
+                self._do(self._conduct.heard(self._now_s, "", kind=kind))
+            elif act.kind is Kind.ASKED:
+                self._by_hand(act.channel)
+
+    def _by_hand(self, what: str) -> None:
+        device = self._device
+        if what == "push":
+            device.set_axes(_RIGHT)
+        elif what == "twist":
+            device.set_axes(_CLOCKWISE)
+        elif what == "let-go":
+            device.set_axes(_REST)
+        elif what == "press":
+            device.press(device.model.buttons[0])
+        elif what == "release":
+            device.release(device.model.buttons[0])
+        elif what == "unplug":
+            device.unplug()

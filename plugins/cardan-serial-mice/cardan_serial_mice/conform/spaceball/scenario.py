@@ -1,0 +1,38 @@
+"""Has a Spaceball reset and set up, and somebody move it."""
+
+from __future__ import annotations
+
+from cardan.conform.requirements import Level
+from cardan.conform.runner import Script, Wait, mark
+from cardan_serial_mice.conform.puck.scenario import REST_S, PuckPilot
+from cardan_serial_mice.conform.spaceball.packets import UNKNOWN, BallTongue
+from cardan_serial_mice.protocol.spaceball import (
+    BINARY,
+    QUERY_KEYS,
+    RATE_20_HZ,
+    RESET,
+    SEND_VECTORS,
+)
+
+BOOT_S = 2.0
+"""From power, which the open port gives, until it has said what it is."""
+RESET_S = 2.5
+
+
+class SpaceballPilot(PuckPilot):
+    """Without a command a Spaceball tells its buttons only, so motion is for level 1."""
+
+    def __init__(self, level: Level, seconds: float) -> None:
+        super().__init__(level, seconds, BallTongue())
+
+    def script(self) -> Script:
+        yield from self._begin(BOOT_S)
+        yield from self._keys()
+        if self._level >= Level.HOLD:
+            yield mark("reset")
+            yield from self._told(RESET, RESET_S)
+            yield Wait(0.1)
+            yield from self._asked((BINARY, RATE_20_HZ, SEND_VECTORS, QUERY_KEYS, UNKNOWN))
+            yield from self._motions(REST_S)
+        if self._level >= Level.BY_HAND:
+            yield from self._unplugged()

@@ -1,0 +1,33 @@
+"""Has somebody move a SpaceOrb, and asks it for what it is."""
+
+from __future__ import annotations
+
+from cardan.conform.requirements import Level
+from cardan.conform.runner import Script, Wait, mark
+from cardan_serial_mice.conform.puck.scenario import REST_S, PuckPilot
+from cardan_serial_mice.conform.spaceorb.packets import NULL_REGION, POLL, OrbTongue
+from cardan_serial_mice.protocol.spaceorb import HEARTBEAT_S, QUERY
+
+BOOT_S = 2.0
+"""From power, which the open port gives, until it has said what it is."""
+BEATS = 2.5
+"""Heartbeats of the phase in which it is only listened to."""
+
+
+class SpaceOrbPilot(PuckPilot):
+    """Reads; only from level 1 on it sends commands."""
+
+    def __init__(self, level: Level, seconds: float) -> None:
+        super().__init__(level, seconds, OrbTongue())
+
+    def script(self) -> Script:
+        yield from self._begin(BOOT_S)
+        yield mark("beats")
+        yield Wait(BEATS * HEARTBEAT_S)
+        yield from self._motions(REST_S)
+        yield from self._keys()
+        if self._level >= Level.HOLD:
+            yield from self._asked((QUERY, NULL_REGION, POLL))
+            yield from self._again()
+        if self._level >= Level.BY_HAND:
+            yield from self._unplugged()

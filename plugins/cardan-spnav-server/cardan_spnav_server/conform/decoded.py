@@ -1,0 +1,143 @@
+"""What judges of a daemon at spacenavd's socket look at: its records, decoded once."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from cardan.conform.timeline import Kind, Phase, Timeline
+from cardan.protocols.spnav import (
+    RECORD_BYTES,
+    Button,
+    Handshake,
+    Motion,
+    Reply,
+    Request,
+    ServerReader,
+    ServerRecord,
+    decode_request,
+)
+from cardan_spnav_server.conform.scenario import STRINGS
+
+
+class Record(NamedTuple):
+    """A record of the daemon, or its word that grants a version."""
+
+    number: int
+    """Of the event that completed it."""
+    time_s: float
+    channel: str
+    value: ServerRecord | Handshake
+
+    @property
+    def counts(self) -> tuple[int, ...]:
+        """Of a motion."""
+        return tuple(self.value[:6]) if isinstance(self.value, Motion) else ()
+
+
+class Asked(NamedTuple):
+    """A request of ours, and its replies: several of one that is answered with a string."""
+
+    number: int
+    time_s: float
+    request: Request
+    answers: tuple[Record, ...]
+
+    @property
+    def reply(self) -> Reply | None:
+        """The first of them."""
+        return self.answers[0].value if self.answers else None  # type: ignore[return-value]
+
+
+class SpnavSeen:
+    """The records of a timeline."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self.phases = timeline.phases()
+        self.records: list[Record] = []
+        self.streams: dict[str, bytes] = {}
+        """All that came on each connection."""
+        self.ended: list[tuple[int, str]] = []
+        """Closed or refused by the daemon, and words."""
+        self.taken = False
+        """Whether it took a connection."""
+        self.greeted: dict[str, tuple[int, float]] = {}
+        """Number and time of our handshakes, by connection."""
+        self._requests: list[tuple[int, float, str, Request]] = []
+        readers: dict[str, ServerReader] = {}
+        for number, event in enumerate(timeline):
+            if event.kind in (Kind.CLOSED, Kind.REFUSED) and not event.sent:
+                self.ended.append((number, event.note or event.kind.value))
+            elif event.kind is not Kind.DATA:
+                self.taken = self.taken or event.kind is Kind.OPENED
+            elif not event.sent:
+                reader = readers.setdefault(event.channel, ServerReader())
+                held = self.streams.get(event.channel, b"")
+                self.streams[event.channel] = held + event.data
+                for value in reader.feed(event.data):
+                    self.records.append(Record(number, event.time_s, event.channel, value))
+            elif len(event.data) == RECORD_BYTES:
+                request = decode_request(event.data)
+                assert isinstance(request, Request)
+                self._requests.append((number, event.time_s, event.channel, request))
+            else:
+                self.greeted.setdefault(event.channel, (number, event.time_s))
+        self.asked = [self._answered(at) for at in range(len(self._requests))]
+
+    def _answered(self, at: int) -> Asked:
+        """The request of that index, with replies of its code before the next one of its code."""
+        number, time_s, channel, request = self._requests[at]
+        later = (
+            n
+            for n, _, where, other in self._requests[at + 1 :]
+            if where == channel and other.code == request.code
+        )
+        end = next(later, None)
+        found = [
+            each
+            for each in self.records
+            if each.channel == channel
+            and isinstance(each.value, Reply)
+            and each.value.code == request.code
+            and each.number > number
+            and (end is None or each.number < end)
+        ]
+        return Asked(
+            number, time_s, request, tuple(found if request.code in STRINGS else found[:1])
+        )
+
+    def told(self, code: int, phase: str = "") -> Asked | None:
+        """The first request of that code, of a phase if one is named."""
+        where = self.phases.get(phase)
+        if phase and where is None:
+            return None
+        for each in self.asked:
+            there = where is None or where.first <= each.number < where.end
+            if there and each.request.code == code:
+                return each
+        return None
+
+    def phase(self, name: str) -> Phase | None:
+        """The phase of that name, if the pilot came to it."""
+        return self.phases.get(name)
+
+    def during(self, channel: str, *names: str) -> list[Record]:
+        """The records of a connection in these phases; of none: all."""
+        found = [self.phases[name] for name in names if name in self.phases]
+        return [
+            r
+            for r in self.records
+            if r.channel == channel
+            and (not names or any(p.first <= r.number < p.end for p in found))
+        ]
+
+    def motions(self, channel: str, *names: str) -> list[Record]:
+        """The motions among them."""
+        return [each for each in self.during(channel, *names) if each.counts]
+
+    def buttons(self, channel: str, *names: str) -> list[tuple[int, Button]]:
+        """The edges of buttons among them, each with its event's number."""
+        return [
+            (each.number, each.value)
+            for each in self.during(channel, *names)
+            if isinstance(each.value, Button)
+        ]

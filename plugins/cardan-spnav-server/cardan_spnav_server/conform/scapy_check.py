@@ -1,0 +1,78 @@
+"""The scapy layers as a second judge of the daemon's records, where they are installed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from cardan.conform.requirements import Verdict, failed, not_applicable, not_seen, passed
+from cardan.conform.second_reading import second_description
+from cardan.errors import ExtraMissingError
+from cardan.protocols.spnav import (
+    RECORD_BYTES,
+    Button,
+    ConfigChange,
+    DeviceChange,
+    Handshake,
+    Malformed,
+    Motion,
+    RawAxis,
+    RawButton,
+    Reply,
+)
+from cardan_spnav_server.conform.decoded import Record, SpnavSeen
+
+WORD_BYTES = 4
+COMPARED = 2000
+"""Records of a connection that are read twice, at most."""
+
+
+def readings_differ(seen: SpnavSeen) -> Verdict:
+    """Whether the layers cut and read the daemon's streams as the codec does."""
+    try:
+        layers = second_description("spnav")
+    except ExtraMissingError as missing:
+        return not_applicable(str(missing))
+    count = 0
+    for channel, stream in seen.streams.items():
+        at = 0
+        for each in seen.during(channel)[:COMPARED]:
+            word = layers.SpnavFromServer(stream[at : at + WORD_BYTES])
+            greets = isinstance(word, layers.SpnavHandshake)
+            size = WORD_BYTES if greets else RECORD_BYTES
+            layer = word if greets else layers.SpnavFromServer(stream[at : at + size])
+            at += size
+            broken = isinstance(layer, layers.SpnavBroken)
+            if broken != isinstance(each.value, Malformed):
+                return failed("one of them cannot read it", [each.number])
+            if not broken and not _alike(each, _flat(layer.fields.values())):
+                return failed("they read other numbers", [each.number])
+            count += 1
+    return passed(f"{count} records read twice") if count else not_seen("no records came")
+
+
+def _flat(values: Any) -> list[int]:
+    numbers: list[int] = []
+    for each in values:
+        numbers += each if isinstance(each, list) else [each]
+    return numbers
+
+
+def _alike(record: Record, read: list[int]) -> bool:
+    """Whether the layer's fields begin with what the codec read."""
+    value = record.value
+    words: tuple[int, ...] = ()
+    if isinstance(value, Handshake):
+        words = (value.version,)
+    elif isinstance(value, Reply):
+        words = (value.code, value.word >> 16, *value.data)
+    elif isinstance(value, Motion):
+        words = (0, *value)
+    elif isinstance(value, Button):
+        words = (1 if value.pressed else 2, value.number)
+    elif isinstance(value, DeviceChange):
+        words = (3, int(not value.added), *value[1:])
+    elif isinstance(value, ConfigChange):
+        words = (4, value.code, *value.data)
+    elif isinstance(value, (RawAxis, RawButton)):
+        words = (5 if isinstance(value, RawAxis) else 6, *map(int, value))
+    return tuple(read[: len(words)]) == words

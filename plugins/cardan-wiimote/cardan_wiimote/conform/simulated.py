@@ -1,0 +1,58 @@
+"""The simulated remote and a pilot in virtual time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from cardan.conform.runner import Act, Exchange
+from cardan.conform.timeline import Kind
+from cardan_wiimote.peer import SimulatedWiimote
+
+LONGEST_S = 300.0
+"""Of a simulated run; a script that waits for what never comes ends before."""
+
+
+class WiimoteRig:
+    """A remote with a Nunchuk, flat on a table."""
+
+    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        self._conduct = conduct
+        self._remote = SimulatedWiimote(
+            extension="nunchuk", tr="woken-by-1-2" in faults, faults=faults, noise_lsb=1, seed=seed
+        )
+        self._refused_s = faults.get("refuse", 0.0)
+        self._open = False
+        self._now_s = 0.0
+
+    def run(self) -> None:
+        """Until the pilot's script is over."""
+        conduct, remote = self._conduct, self._remote
+        while not conduct.over and self._now_s < LONGEST_S:
+            self._do(conduct.due(self._now_s))
+            for report in remote.reports(self._now_s):
+                if self._open:
+                    self._do(conduct.heard(self._now_s, "", report))
+            if self._open and not (remote.control_open and remote.interrupt_open):
+                # The system ends both channels when one has ended.
+                self._open = False
+                self._do(conduct.heard(self._now_s, "", kind=Kind.CLOSED))
+            if conduct.over:
+                break
+            self._now_s = max(self._now_s + 1e-6, min(remote.next_due_s, conduct.next_s))
+
+    def _do(self, acts: list[Act]) -> None:
+        remote = self._remote
+        for act in acts:
+            if act.kind is Kind.DATA and self._open:
+                remote.output(act.data, self._now_s)
+            elif act.kind is Kind.OPENED:
+                self._open = self._now_s >= self._refused_s and remote.connect(self._now_s)
+                kind = Kind.OPENED if self._open else Kind.REFUSED
+                self._do(self._conduct.heard(self._now_s, "", kind=kind))
+            elif act.kind is Kind.ASKED:
+                if act.channel == "press":
+                    remote.press("a")
+                elif act.channel == "release":
+                    remote.release("a")
+                elif act.channel == "power-off":
+                    remote.power_off(self._now_s)

@@ -1,0 +1,408 @@
+"""Whatever the guide is asked for, what comes out is inside range, speed and acceleration."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from cardan.drivers.motoros.trajectory_limiter import LONGEST_STEP_S, JointTrajectoryLimiter
+from cardan.errors import CommandError, ConfigurationError
+from cardan.types import (
+    IDENTITY_POSE,
+    HoldCommand,
+    JointCommand,
+    JointVelocityCommand,
+    PoseCommand,
+    RobotCommand,
+)
+from tests.examples import examples
+
+PERIOD_S = 0.004
+EPSILON = 1e-9
+
+LOWER = (-1.0, -0.02, -math.inf)
+UPPER = (0.5, 0.02, math.inf)
+SPEED = (2.0, 5.0, 1.0)
+ACCELERATION = (10.0, 60.0, 3.0)
+
+numbers = st.floats(-1000.0, 1000.0) | st.floats(-2.0, 2.0) | st.floats(-1e-3, 1e-3)
+triples = st.tuples(numbers, numbers, numbers)
+commands: st.SearchStrategy[RobotCommand] = st.one_of(
+    triples.map(JointCommand),
+    st.tuples(triples, triples).map(lambda both: JointCommand(*both)),
+    triples.map(JointVelocityCommand),
+    st.just(HoldCommand()),
+)
+
+
+def guide_at(
+    *positions: float, velocities: Sequence[float] | None = None
+) -> JointTrajectoryLimiter:
+    guide = JointTrajectoryLimiter(LOWER, UPPER, SPEED, ACCELERATION)
+    guide.place(positions, velocities)
+    return guide
+
+
+def assert_within(guide: JointTrajectoryLimiter, before: Sequence[float], dt_s: float) -> None:
+    for i, (v, v_before) in enumerate(zip(guide.velocities, before, strict=True)):
+        assert abs(v) <= SPEED[i] * (1.0 + EPSILON)
+        assert abs(v - v_before) <= ACCELERATION[i] * dt_s * (1.0 + EPSILON) + 1e-12
+        assert LOWER[i] <= guide.positions[i] <= UPPER[i]
+
+
+def run(
+    guide: JointTrajectoryLimiter,
+    command: RobotCommand,
+    times: int,
+    watch: Callable[[], None] | None = None,
+) -> None:
+    for _ in range(times):
+        guide.step(command, PERIOD_S)
+        if watch is not None:
+            watch()
+
+
+class TestGuarantees:
+    @settings(max_examples=examples(150))
+    @given(
+        start=st.tuples(st.floats(-1.0, 0.5), st.floats(-0.02, 0.02), st.floats(-9.0, 9.0)),
+        speeds=triples,
+        script=st.lists(
+            st.tuples(commands, st.integers(1, 40), st.floats(0.0, 0.2)), min_size=1, max_size=8
+        ),
+    )
+    def test_any_commands_in_any_periods_stay_inside_every_limit(
+        self, start: Sequence[float], speeds: Sequence[float], script
+    ) -> None:
+        guide = guide_at(*start, velocities=speeds)
+        assert_within(guide, guide.velocities, 0.0)
+        for command, times, dt_s in script:
+            for _ in range(times):
+                before = tuple(guide.velocities)
+                guide.step(command, dt_s)
+                assert_within(guide, before, min(dt_s, LONGEST_STEP_S))
+
+    @settings(max_examples=examples(100))
+    @given(
+        script=st.lists(
+            st.tuples(commands, st.integers(1, 40), st.floats(PERIOD_S, 5.0 * PERIOD_S)),
+            min_size=1,
+            max_size=8,
+        )
+    )
+    def test_within_a_factor_of_five_every_period_is_one_of_constant_acceleration(
+        self, script
+    ) -> None:
+        guide = guide_at(0.0, 0.0, 0.0)
+        for command, times, dt_s in script:
+            for _ in range(times):
+                before, speeds = tuple(guide.positions), tuple(guide.velocities)
+                guide.step(command, dt_s)
+                for i in range(3):
+                    mean = 0.5 * (speeds[i] + guide.velocities[i])
+                    assert guide.positions[i] == pytest.approx(before[i] + dt_s * mean, abs=1e-12)
+
+    @pytest.mark.parametrize("outside", [0.7, -1.3])
+    def test_a_joint_placed_outside_its_range_only_moves_inwards(self, outside: float) -> None:
+        guide = guide_at(outside, 0.0, 0.0, velocities=(math.copysign(1.0, outside), 0.0, 0.0))
+        assert guide.velocities[0] == 0.0
+        run(guide, JointVelocityCommand((math.copysign(1.0, outside), 0.0, 0.0)), 10)
+        run(guide, JointCommand((2.0 * outside, 0.0, 0.0)), 10)
+        assert guide.positions[0] == outside
+        assert guide.limited["range"] == {0}
+        distance = abs(outside)
+        for _ in range(400):
+            before = tuple(guide.velocities)
+            guide.step(JointCommand((0.0, 0.0, 0.0)), PERIOD_S)
+            assert abs(guide.positions[0]) <= distance
+            assert abs(guide.velocities[0] - before[0]) <= 10.0 * PERIOD_S * (1.0 + EPSILON)
+            distance = abs(guide.positions[0])
+        assert distance == pytest.approx(0.0, abs=1e-9)
+
+    def test_a_joint_told_to_stay_outside_its_range_stays(self) -> None:
+        guide = guide_at(0.6, 0.0, 0.0)
+        run(guide, JointCommand((0.6, 0.0, 0.0)), 50)
+        run(guide, HoldCommand(), 50)
+        assert guide.positions == [0.6, 0.0, 0.0]
+
+    def test_a_joint_that_must_stop_does_not_hold_the_others(self) -> None:
+        guide = guide_at(0.4, 0.0, 0.0)
+        run(guide, JointVelocityCommand((0.5, 0.0, 0.5)), 500)
+        assert guide.positions[0] == pytest.approx(0.5, abs=1e-6)
+        assert guide.velocities[2] == 0.5
+        assert guide.limited == {"range": {0}}
+
+    def test_the_end_of_the_range_is_reached_soon(self) -> None:
+        guide = guide_at(-1.0, 0.0, 0.0)
+        steps = 0
+        while guide.positions[0] < 0.5 - 1e-4:
+            guide.step(JointVelocityCommand((2.0, 0.0, 0.0)), PERIOD_S)
+            steps += 1
+        shortest_s = 1.5 / 2.0 + 2.0 / 10.0
+        assert steps * PERIOD_S < shortest_s + 0.06
+
+    @settings(max_examples=examples(50))
+    @given(dt_s=st.sampled_from([0.0, -1.0, -math.inf, math.nan, 1e-9]), command=commands)
+    def test_no_time_no_change(self, dt_s: float, command: RobotCommand) -> None:
+        guide = guide_at(0.1, 0.0, 0.0, velocities=(0.5, 0.1, -0.5))
+        guide.step(command, dt_s)
+        assert guide.positions == [0.1, 0.0, 0.0]
+        assert guide.velocities == [0.5, 0.1, -0.5]
+
+    @given(dt_s=st.floats(LONGEST_STEP_S) | st.just(math.inf), command=commands)
+    def test_a_long_period_counts_as_the_longest(self, dt_s: float, command: RobotCommand) -> None:
+        long, longest = guide_at(0.1, 0.0, 0.0), guide_at(0.1, 0.0, 0.0)
+        long.step(command, dt_s)
+        longest.step(command, LONGEST_STEP_S)
+        assert long.positions == longest.positions
+        assert long.velocities == longest.velocities
+
+    def test_the_lists_are_kept(self) -> None:
+        guide = guide_at(0.0, 0.0, 0.0)
+        positions, velocities = guide.positions, guide.velocities
+        run(guide, JointVelocityCommand((0.1, 0.1, 0.1)), 3)
+        guide.place((0.2, 0.0, 0.0))
+        assert guide.positions is positions
+        assert guide.velocities is velocities
+
+
+class TestDirection:
+    @settings(max_examples=examples(100))
+    @given(wanted=st.tuples(*[st.floats(-50.0, 50.0)] * 3))
+    def test_from_rest_the_motion_has_the_direction_asked_for(
+        self, wanted: Sequence[float]
+    ) -> None:
+        guide = JointTrajectoryLimiter((-1e3,) * 3, (1e3,) * 3, SPEED, ACCELERATION)
+        size = math.hypot(*wanted)
+        for _ in range(300):
+            guide.step(JointVelocityCommand(tuple(wanted)), PERIOD_S)
+            speed = math.hypot(*guide.velocities)
+            for v, w in zip(guide.velocities, wanted, strict=True):
+                assert v * size == pytest.approx(w * speed, abs=1e-9 * (1.0 + size))
+        if size > 0.01:
+            share = max(abs(w) / s for w, s in zip(wanted, SPEED, strict=True))
+            expected = size / max(1.0, share)
+            assert math.hypot(*guide.velocities) == pytest.approx(expected, rel=1e-9)
+
+    def test_the_change_has_the_direction_of_the_difference(self) -> None:
+        guide = guide_at(0.0, 0.0, 0.0, velocities=(0.5, 0.0, -0.5))
+        guide.step(JointVelocityCommand((0.0, 0.1, 0.5)), PERIOD_S)
+        # Joint 2 needs longest: 1 rad/s at 3 rad/s².
+        share = 3.0 * PERIOD_S
+        assert guide.velocities == pytest.approx([0.5 - 0.5 * share, 0.1 * share, -0.5 + share])
+        assert guide.limited["acceleration"] == {0, 2}
+
+    def test_a_step_is_taken_along_a_straight_line(self) -> None:
+        guide = JointTrajectoryLimiter((-9.0,) * 3, (9.0,) * 3, SPEED, ACCELERATION)
+        goal = (1.0, -0.5, 0.25)
+
+        def straight() -> None:
+            x, y, z = guide.positions
+            assert y == pytest.approx(-0.5 * x, abs=1e-9)
+            assert z == pytest.approx(0.25 * x, abs=1e-9)
+
+        run(guide, JointCommand(goal, (0.0,) * 3), 600, straight)
+        assert guide.positions == pytest.approx(goal, abs=1e-9)
+
+    def test_the_words_for_what_cut_the_step(self) -> None:
+        guide = guide_at(0.0, 0.0, 0.0)
+        guide.step(JointVelocityCommand((3.0, 0.0, 0.001)), PERIOD_S)
+        assert guide.limited == {"speed": {0}, "acceleration": {0}}
+        run(guide, JointVelocityCommand((0.1, 0.0, 0.0)), 100)
+        assert guide.limited == {}
+
+
+class TestFollowing:
+    def test_a_trajectory_inside_the_limits_comes_out_unchanged(self) -> None:
+        guide = guide_at(-0.9, -0.005, 0.3)
+        q, v = list(guide.positions), [0.0, 0.0, 0.0]
+        for k in range(500):
+            t = PERIOD_S * k
+            accelerations = (4.0 * math.sin(9.0 * t), 0.3 * math.cos(7.0 * t), -math.sin(4.0 * t))
+            for i, a in enumerate(accelerations):
+                q[i] += PERIOD_S * (v[i] + 0.5 * a * PERIOD_S)
+                v[i] += a * PERIOD_S
+            guide.step(JointCommand(tuple(q), tuple(v)), PERIOD_S)
+            assert guide.positions == pytest.approx(q, abs=1e-9)
+            assert guide.velocities == pytest.approx(v, abs=1e-9)
+            assert not guide.limited
+
+    @pytest.mark.parametrize("rate", [1.0, 3.0])
+    def test_a_sine_is_met_as_nearly_as_constant_acceleration_allows(self, rate: float) -> None:
+        guide = guide_at(0.0, 0.0, -0.2)
+        worst = 0.0
+        for k in range(1, 2000):
+            t = rate * PERIOD_S * k
+            goal = (0.0, 0.0, -0.2 * math.cos(t))
+            guide.step(JointCommand(goal, (0.0, 0.0, 0.2 * rate * math.sin(t))), PERIOD_S)
+            worst = max(worst, abs(guide.positions[2] - goal[2]))
+        jerk = 0.2 * rate**3
+        assert worst < jerk * PERIOD_S**3 / 12.0
+
+    def test_without_velocities_the_lag_is_that_of_two_periods_of_acceleration(self) -> None:
+        guide = guide_at(0.0, 0.0, -0.2)
+        worst = 0.0
+        for k in range(1, 2000):
+            goal = -0.2 * math.cos(PERIOD_S * k)
+            guide.step(JointCommand((0.0, 0.0, goal)), PERIOD_S)
+            worst = max(worst, abs(guide.positions[2] - goal))
+        assert worst < 0.2 * PERIOD_S**2
+
+    @settings(max_examples=examples(60))
+    @given(
+        start=st.tuples(st.floats(-0.9, 0.4), st.floats(-0.015, 0.015), st.floats(-2.0, 2.0)),
+        goal=st.tuples(st.floats(-0.9, 0.4), st.floats(-0.015, 0.015), st.floats(-2.0, 2.0)),
+        speeds=st.none() | st.just((0.0, 0.0, 0.0)),
+        dt_s=st.floats(0.001, 0.02),
+    )
+    def test_a_step_is_taken_without_overshoot_and_in_little_more_than_the_least_time(
+        self, start: Sequence[float], goal: Sequence[float], speeds, dt_s: float
+    ) -> None:
+        guide = guide_at(*start)
+        least_s = 0.0
+        for i in range(3):
+            way, v, a = abs(goal[i] - start[i]), SPEED[i], ACCELERATION[i]
+            longer = way > v * v / a
+            least_s = max(least_s, way / v + v / a if longer else 2.0 * math.sqrt(way / a))
+        command = JointCommand(tuple(goal), speeds)
+        time_s = arrived_s = 0.0
+        while time_s < 1.1 * least_s + 20.0 * dt_s:
+            guide.step(command, dt_s)
+            time_s += dt_s
+            for i in range(3):
+                past = (guide.positions[i] - goal[i]) * math.copysign(1.0, goal[i] - start[i])
+                assert past <= 1e-9
+            if any(abs(guide.positions[i] - goal[i]) > 1e-4 for i in range(3)):
+                arrived_s = time_s
+        assert arrived_s <= 1.05 * least_s + 8.0 * dt_s
+        assert guide.positions == pytest.approx(goal, abs=1e-6)
+
+    @settings(max_examples=examples(60))
+    @given(jumps=st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=20))
+    def test_a_joint_does_not_overshoot_because_another_changes_its_mind(
+        self, jumps: Sequence[float]
+    ) -> None:
+        guide = guide_at(-0.9, 0.0, 0.0)
+        for goal in jumps:
+            for _ in range(10):
+                guide.step(JointCommand((0.3, 0.0, goal), (0.0, 0.0, 0.0)), PERIOD_S)
+                assert guide.positions[0] <= 0.3 + 1e-9
+
+    def test_a_target_that_moves_is_caught_up_with(self) -> None:
+        guide = guide_at(0.0, 0.0, 0.0)
+        for k in range(500):
+            goal = 0.5 + 0.4 * PERIOD_S * k
+            guide.step(JointCommand((0.0, 0.0, goal), (0.0, 0.0, 0.4)), PERIOD_S)
+        assert guide.positions[2] == pytest.approx(goal, abs=1e-9)
+        assert guide.velocities[2] == pytest.approx(0.4)
+
+    def test_a_target_beyond_the_range_is_met_at_its_end(self) -> None:
+        guide = guide_at(0.0, 0.0, 0.0)
+        run(guide, JointCommand((3.0, 0.0, 0.5), (1.0, 0.0, 0.0)), 500)
+        assert guide.positions == pytest.approx([0.5, 0.0, 0.5], abs=1e-6)
+        assert guide.limited["range"] == {0}
+
+
+class TestBraking:
+    def test_hold_brakes_in_the_least_time_of_the_slowest_joint_and_stays(self) -> None:
+        guide = guide_at(-0.5, 0.0, 0.0, velocities=(1.0, 0.2, 0.9))
+        command, steps = HoldCommand(), 0
+        while not guide.at_rest:
+            guide.step(command, PERIOD_S)
+            steps += 1
+        assert steps == math.ceil(0.9 / 3.0 / PERIOD_S - 1e-9)
+        stopped = tuple(guide.positions)
+        assert stopped[2] == pytest.approx(0.9 * 0.9 / 6.0, abs=1e-3)
+        run(guide, command, 50)
+        assert tuple(guide.positions) == stopped
+
+    def test_the_stop_follows_the_direction_of_motion(self) -> None:
+        guide = guide_at(-0.5, 0.0, 0.0, velocities=(0.5, 0.1, -0.5))
+        while not guide.at_rest:
+            guide.brake(PERIOD_S)
+            x, y, z = guide.velocities
+            assert y == pytest.approx(0.2 * x, abs=1e-12)
+            assert z == pytest.approx(-x, abs=1e-12)
+
+    def test_a_brake_is_not_called_a_limit(self) -> None:
+        guide = guide_at(-0.5, 0.0, 0.0, velocities=(1.0, 0.0, 0.9))
+        guide.step(JointVelocityCommand((-9.0, 0.0, 0.0)), PERIOD_S)
+        assert guide.limited
+        guide.brake(PERIOD_S)
+        assert not guide.limited
+
+    def test_what_was_followed_before_a_brake_is_forgotten(self) -> None:
+        guide = guide_at(0.0, 0.0, 0.0)
+        for k in range(100):
+            guide.step(JointCommand((0.0, 0.0, 0.002 * k)), PERIOD_S)
+        while not guide.at_rest:
+            guide.brake(PERIOD_S)
+        stopped = tuple(guide.positions)
+        guide.step(JointCommand(stopped), PERIOD_S)
+        assert guide.at_rest
+
+
+class TestRefused:
+    BAD = (
+        (0.0, 0.0),
+        (0.0, 0.0, 0.0, 0.0),
+        (0.0, math.nan, 0.0),
+        (0.0, 0.0, math.inf),
+        (-math.inf, 0.0, math.inf),
+        (0.0, 1e300, 0.0),
+        (0.0, None, 0.0),
+        (),
+    )
+
+    @pytest.mark.parametrize("bad", BAD)
+    @pytest.mark.parametrize(
+        "make",
+        [
+            JointCommand,
+            lambda bad: JointCommand((0.0,) * 3, bad),
+            JointVelocityCommand,
+        ],
+    )
+    def test_bad_numbers_change_nothing(self, bad, make) -> None:
+        guide = guide_at(0.1, 0.0, 0.2, velocities=(0.3, 0.1, -0.1))
+        guide.step(JointVelocityCommand((9.0, 0.0, 0.0)), PERIOD_S)
+        before = (tuple(guide.positions), tuple(guide.velocities), guide.limited)
+        with pytest.raises(CommandError, match=r"joints|finite"):
+            guide.step(make(bad), PERIOD_S)
+        assert (tuple(guide.positions), tuple(guide.velocities), guide.limited) == before
+
+    @pytest.mark.parametrize("bad", BAD)
+    def test_nor_does_a_bad_place(self, bad) -> None:
+        guide = guide_at(0.1, 0.0, 0.2, velocities=(0.3, 0.1, -0.1))
+        with pytest.raises(CommandError, match="positions"):
+            guide.place(bad)
+        with pytest.raises(CommandError, match="velocities"):
+            guide.place((0.0,) * 3, bad)
+        assert guide.positions == [0.1, 0.0, 0.2]
+        assert guide.velocities == [0.3, 0.1, -0.1]
+
+    def test_other_commands(self) -> None:
+        guide = guide_at(0.0, 0.0, 0.0)
+        with pytest.raises(CommandError, match="takes no pose; it takes hold, joint"):
+            guide.step(PoseCommand(IDENTITY_POSE), PERIOD_S)
+        with pytest.raises(CommandError, match="external_axes"):
+            guide.step(JointCommand((0.0,) * 3, None, (0.1,)), PERIOD_S)
+
+    @pytest.mark.parametrize(
+        ("key", "limits"),
+        [
+            ("lower", ((0.0,), (1.0, 1.0), (1.0, 1.0), (1.0, 1.0))),
+            ("upper", ((0.0, 2.0), (1.0, 1.0), (1.0, 1.0), (1.0, 1.0))),
+            ("upper", ((0.0, math.nan), (1.0, 1.0), (1.0, 1.0), (1.0, 1.0))),
+            ("velocity", ((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (1.0, 1.0))),
+            ("velocity", ((0.0, 0.0), (1.0, 1.0), (1.0, math.nan), (1.0, 1.0))),
+            ("acceleration", ((0.0, 0.0), (1.0, 1.0), (1.0, 1.0), (math.inf, 1.0))),
+        ],
+    )
+    def test_limits_that_make_no_sense(self, key: str, limits) -> None:
+        with pytest.raises(ConfigurationError) as caught:
+            JointTrajectoryLimiter(*limits)
+        assert caught.value.key == key

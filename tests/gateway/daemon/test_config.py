@@ -1,0 +1,196 @@
+"""What the daemon's files may say."""
+
+import pytest
+
+from cardan.errors import ConfigurationError
+from cardan.gateway.daemon.config import read_layout
+from cardan.robots.arm_loader import our_texts
+
+ARM = '[robot]\ndriver = "sim_arm"\nrobot = "ur5"\n[arm]\nmodel = "ur5"\n'
+LAB = """
+[devices.left]
+driver = "keyboard"
+[robots.ur5]
+driver = "sim_arm"
+robot = "ur5"
+[[sessions]]
+name = "one"
+device = "left"
+robot = "ur5"
+[sessions.arm]
+model = "ur5"
+[[sessions]]
+name = "two"
+file = "arm.toml"
+start = false
+[sessions.limits]
+linear_speed_m_s = 0.1
+[faces.web]
+face = "rosbridge"
+port = 9191
+no-wait = true
+topics = ["/a", "/b"]
+"""
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "arm.toml").write_text(ARM)
+    return tmp_path
+
+
+def read(folder, **files):
+    for name, text in files.items():
+        (folder / f"{name}.toml").write_text(text)
+    return read_layout([folder / f"{name}.toml" for name in files])
+
+
+def test_a_file_with_a_robot_is_one_session(folder):
+    layout = read_layout([folder / "arm.toml"])
+    assert list(layout.sessions) == ["arm"]
+    assert layout.sessions["arm"].config.robot.driver == "sim_arm"
+    assert layout.sessions["arm"].start
+    assert not layout.faces
+
+
+@pytest.mark.parametrize("name", ["my lab", "läb", "-arm", "a" * 64])
+def test_a_file_whose_name_is_none_of_a_session(folder, name):
+    (folder / "arm.toml").rename(folder / f"{name}.toml")
+    with pytest.raises(ConfigurationError, match=r"the file's name, is the session's.*rename"):
+        read_layout([folder])
+
+
+def test_devices_and_robots_by_name(folder):
+    layout = read(folder, lab=LAB)
+    one, two = layout.sessions["one"], layout.sessions["two"]
+    assert one.config.device.driver == "keyboard"
+    assert one.config.robot.options == {"robot": "ur5"}
+    assert two.config.device is None
+    assert two.config.limits.linear_speed_m_s == 0.1
+    assert not two.start
+
+
+def test_a_faces_keys_are_its_options(folder):
+    web = read(folder, lab=LAB).faces["web"]
+    assert web.face == "rosbridge"
+    assert web.words == (
+        "--port", "9191", "--no-wait", "--topics", "/a", "--topics", "/b"
+    )  # fmt: skip
+
+
+def test_a_folder_is_all_of_its_files(folder):
+    (folder / "other.toml").write_text(ARM)
+    (folder / ".hidden.toml").write_text("no toml")
+    (folder / "notes.txt").write_text("no toml")
+    assert list(read_layout([folder]).sessions) == ["arm", "other"]
+
+
+def test_one_file_may_name_what_another_has(folder):
+    layout = read(
+        folder,
+        robots='[robots.r]\ndriver = "sim_arm"\nrobot = "ur5"\n',
+        sessions='[[sessions]]\nname = "s"\nrobot = "r"\n[sessions.arm]\nmodel = "ur5"\n',
+    )
+    assert list(layout.sessions) == ["s"]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "neither a session nor a face"),
+        ('[[sessions]]\nname = "s"\nrobot = "x"\n', "there is no [robots.x]; allowed: none"),
+        ('[[sessions]]\nname = "a b"\nrobot = "x"\n', "'a b' is not allowed; it must be letters"),
+        ('[[sessions]]\nrobot = "x"\n', "sessions.0.name: is missing"),
+        ('[faces.web]\nface = "telnet"\n', "faces.web.face: there is no face 'telnet'"),
+        ("[faces.rosbridge]\nport = { a = 1 }\n", "faces.rosbridge.port: is a table"),
+        ("[daemon]\nstart_limit = 0\n", "daemon.start_limit"),
+        ("[demon]\n", "demon: there is no such key"),
+        ('[faces.rosbridge]\n[robot]\ndriver = "sim_arm"\n', "faces: is the daemon's"),
+        ('[[sessions]]\nname = "arm"\nfile = "none.toml"\n', "cannot read"),
+        (LAB.replace('robot = "ur5"\n[sess', 'robot = "ur6"\n[sess'), "did you mean"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_file(folder, text, words):
+    with pytest.raises(ConfigurationError) as error:
+        read(folder, lab=text)
+    assert words in str(error.value)
+    assert "lab.toml" in str(error.value) or "neither" in words
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (LAB, '[robots.ur5]\ndriver = "sim_arm"\n'),
+        (LAB, '[[sessions]]\nname = "one"\nfile = "arm.toml"\n'),
+        ("[daemon]\n" + LAB, "[daemon]\n"),
+        (LAB, "[faces.one]\nface = 'router'\n"),
+    ],
+)
+def test_no_name_means_two_things(folder, first, second):
+    with pytest.raises(ConfigurationError, match=r"already|tell them apart"):
+        read(folder, lab=first, more=second)
+
+
+def test_a_folder_without_files_is_refused(tmp_path):
+    with pytest.raises(ConfigurationError, match=r"has no \.toml file"):
+        read_layout([tmp_path])
+    with pytest.raises(ConfigurationError, match="no file was given"):
+        read_layout([])
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "words"),
+    [
+        ('driver = "keyboard"', 'driver = "keybord"', "lab.toml:3:1: one.device.driver: "),
+        ('robot = "ur5"\n[[', 'robot = "ur6"\n[[', "lab.toml:6:1: one.robot.robot: "),
+        ('device = "left"', 'device = "lefd"', "lab.toml:9:1: one.device: .*did you mean 'left'"),
+        ("[sessions.arm]", "[sessions.arms]", "lab.toml:11:1: one.arms: "),
+        (
+            "linear_speed_m_s = 0.1",
+            "linear_speed = 0.1",
+            "lab.toml:18:1: two.limits.linear_speed",
+        ),
+        ("start = false", "starts = false", "lab.toml:16:1: two.starts: there is no such key"),
+        ('face = "rosbridge"', 'face = "rosbridg"', "lab.toml:20:1: faces.web.face: "),
+    ],
+)
+def test_an_error_says_where_its_key_stands(folder, was, now, words):
+    assert LAB.count(was) == 1
+    with pytest.raises(ConfigurationError, match=words):
+        read(folder, lab=LAB.replace(was, now))
+
+
+def test_an_error_in_the_file_that_a_session_names_is_of_that_file(folder):
+    (folder / "arm.toml").write_text(ARM.replace("model", "modell"))
+    with pytest.raises(ConfigurationError, match=r"arm\.toml:5:1: two\.arm\.modell: "):
+        read(folder, lab=LAB)
+
+
+@pytest.mark.parametrize("home", ["~", "$HOME", "${HOME}"])
+def test_a_home_in_a_path_is_expanded(folder, tmp_path, monkeypatch, home):
+    (folder / "arm.toml").rename(tmp_path / "other.toml")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    layout = read(folder, lab=LAB.replace("arm.toml", f"{home}/other.toml"))
+    assert layout.sessions["two"].config.arm.model == "ur5"
+
+
+def test_paths_are_relative_to_the_file_that_names_them(folder, monkeypatch):
+    (folder / "base").mkdir()
+    (folder / "base" / "arm.toml").write_text(
+        ARM.replace('robot = "ur5"', 'robot = "own.toml"').replace('"ur5"', '"own.toml"')
+    )
+    (folder / "base" / "own.toml").write_text('urdf = "own.urdf"\n')
+    (folder / "base" / "own.urdf").write_bytes(our_texts("ur5").urdf.encode())
+    monkeypatch.chdir("/")
+    layout = read(
+        folder,
+        lab='[daemon]\nevent_log = "log"\nsocket = "lab.sock"\n'
+        '[[sessions]]\nname = "one"\nfile = "base/arm.toml"\n'
+        '[faces.rosbridge]\ntoken-file = "tokens"\n',
+    )
+    config = layout.sessions["one"].config
+    assert config.arm.model == config.robot.options["robot"] == str(folder / "base" / "own.toml")
+    assert layout.daemon.event_log == str(folder / "log")
+    assert layout.daemon.socket == str(folder / "lab.sock")
+    assert layout.faces["rosbridge"].words == ("--token-file", str(folder / "tokens"))
+    assert read(folder, lab=LAB + '[daemon]\nevent_log = "none"\n').daemon.event_log == "none"

@@ -1,0 +1,765 @@
+"""Differential control: buttons that toggle the clutch and take the references anew."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+
+from cardan.gateway.arm.states import Inhibit
+from cardan.gateway.arm.status import Phase
+from cardan.gateway.motion.reference import ReferenceLimits
+from cardan.gateway.operator.filters import TwistFilter
+from cardan.gateway.operator.mapping import AXES, MappingOptions, Mode, Orientation
+from cardan.gateway.operator.position import mirrors, unfollowed
+from cardan.gateway.session.assembly import make_controller, make_robot
+from cardan.gateway.session.config import parse_config
+from cardan.spatial import (
+    add,
+    conjugate,
+    from_euler_zyx,
+    from_rotation_vector,
+    multiply,
+    norm,
+    rotate,
+    rotation_between,
+    scale,
+    subtract,
+)
+from cardan.types import (
+    IDENTITY,
+    ButtonEvent,
+    DeviceLink,
+    DeviceState,
+    Frame,
+    JointCommand,
+    Pose,
+    RobotLink,
+    Vector3,
+)
+from tests.examples import examples
+from tests.gateway.hand_rig import DEFLECTIONS, DT_S, HAND, HandRig, close, displaced
+
+pytestmark = pytest.mark.matrix
+
+NAN_AXES = (math.nan,) * 6
+
+
+def engaged(**options):
+    rig = HandRig(recapture="button_1", **options).run().tap("button_2")
+    assert rig.core.following
+    return rig
+
+
+# -- the law ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("frame", "expected"), [(Frame.BASE, (0.26, -0.32, 0.12)), (Frame.TOOL, (0.32, -0.32, 0.14))]
+)
+def test_the_papers_check_value(frame, expected):
+    start = Pose(Vector3(0.3, -0.35, 0.1), from_rotation_vector(Vector3(0.0, math.pi / 2, 0.0)))
+    rig = HandRig(
+        start=start, frame=frame, device_rpy_deg=(90.0, 0.0, 90.0), orientation=Orientation.FIXED
+    )
+    rig.put_hand(Pose(Vector3(0.0, -0.02, 0.05), IDENTITY)).run().tap("button_2")
+    rig.send_hand(Pose(Vector3(0.03, 0.0, 0.01), from_euler_zyx(0.3, 0.2, 0.1))).run(2.0)
+    assert close(rig.tcp.position, expected)
+    assert close(rig.turned, (0.0, 0.0, 0.0))
+    assert close(rig.mapped_hand, expected)
+
+
+def test_the_scale_multiplies_the_displacement():
+    rig = engaged(scale=(0.5, 2.0, 1.0, 1.0, 1.0, 1.0))
+    rig.send_hand(displaced(0.04, 0.03, 0.02)).run(2.0)
+    assert close(rig.moved, (0.02, 0.06, 0.02))
+
+
+angles = st.floats(-0.25, 0.25)
+turns = st.builds(Vector3, angles, angles, angles)
+rpys = st.tuples(*[st.floats(-180.0, 180.0)] * 3)
+
+
+@settings(max_examples=examples(25))
+@given(
+    turns,
+    rpys,
+    st.sampled_from([Orientation.FOLLOW_BASE, Orientation.FOLLOW_TOOL]),
+    st.sampled_from(list(Frame)),
+)
+def test_orientation_follows_as_the_reference_has_it(turn, rpy, kind, frame):
+    rig = engaged(device_rpy_deg=rpy, orientation=kind, frame=frame)
+    rig.send_hand(displaced(rx=turn.x, ry=turn.y, rz=turn.z)).run(2.0)
+    align = from_euler_zyx(*(math.radians(angle) for angle in rpy))
+    hand, start = rig.device.pose.orientation, rig.start.orientation
+    if kind is Orientation.FOLLOW_BASE:
+        increment = multiply(hand, conjugate(HAND.orientation))
+    else:
+        increment = multiply(conjugate(HAND.orientation), hand)
+    aligned = multiply(multiply(align, increment), conjugate(align))
+    both = (aligned, start) if kind is Orientation.FOLLOW_BASE else (start, aligned)
+    assert norm(rotation_between(multiply(*both), rig.tcp.orientation)) < 1e-6
+
+
+@pytest.mark.parametrize("frame", list(Frame))
+def test_without_a_word_on_orientation_the_frame_decides(frame):
+    rig = engaged(frame=frame)
+    rig.send_hand(displaced(rx=0.2, ry=-0.1)).run(2.0)
+    turn = Vector3(0.2, -0.1, 0.0)
+    assert close(rig.turned, turn if frame is Frame.BASE else rotate(rig.start.orientation, turn))
+
+
+def test_a_fixed_orientation_minds_no_flick_of_the_gimbal():
+    rig = engaged(orientation=Orientation.FIXED)
+    rig.put_hand(displaced(x=0.01, rx=2.0)).run(1.0)
+    assert close(rig.moved, (0.01, 0.0, 0.0))
+    assert rig.core.phase is Phase.HOLDING
+
+
+# -- the buttons -----------------------------------------------------------------------------------
+
+
+def test_a_session_starts_clutched_out():
+    rig = HandRig().run(0.1)
+    rig.send_hand(displaced(x=0.1)).run(0.5)
+    assert rig.core.phase is Phase.DISARMED
+    assert rig.message == "press 'button_2' to move"
+    assert rig.core.hand_map() is None
+    assert rig.moved == (0, 0, 0)
+
+
+def test_each_press_toggles_and_holding_means_nothing():
+    rig = HandRig().run().press("button_2").run(0.5)
+    assert rig.core.following
+    rig.send_hand(displaced(x=0.02)).run(1.0)
+    rig.release("button_2").run(0.1)
+    assert rig.core.following
+    rig.press("button_2").run(0.5)
+    assert not rig.core.following
+    assert rig.message == "let go of 'button_2', then press 'button_2' to move"
+    rig.send_hand(displaced(x=-0.2)).run(0.5).release("button_2").run(0.5)
+    assert close(rig.moved, (0.02, 0.0, 0.0))
+    rig.tap("button_2").send_hand(displaced(x=-0.19)).run(1.0)
+    assert close(rig.moved, (0.03, 0.0, 0.0))
+
+
+def test_recapture_forgets_slip_and_lag():
+    rig = engaged(slip_m=0.1)
+    rig.send_hand(displaced(y=0.4)).run(0.15)
+    assert "slips" in rig.message
+    rig.run(0.2)
+    before = rig.velocity[0].y
+    assert before > 0.2
+    rig.press("button_1").run()
+    assert rig.core.following
+    assert rig.message == ""
+    assert 0.0 < rig.velocity[0].y < before
+    y = rig.moved.y
+    way = 0.0
+    for _ in range(250):
+        rig.run()
+        assert rig.velocity[0].y >= -1e-9  # What moved on while it braked is not drawn back.
+        way = rig.moved.y - y
+    assert rig.core.at_rest
+    assert way == pytest.approx(before**2 / 2.0, abs=2e-3)
+    assert close(rig.mapped_hand, rig.tcp.position)
+
+
+def test_recapture_without_a_clutch_held_does_nothing():
+    rig = HandRig(recapture="button_1").run().tap("button_1")
+    assert rig.core.phase is Phase.DISARMED
+    rig = HandRig(deadman=("grip",), recapture="button_1").run().press("grip").run()
+    rig.send_hand(displaced(x=0.2)).run(0.3).press("button_1").run(1.0)
+    assert rig.core.following
+    assert 0.0 < rig.moved.x < 0.15
+
+
+@pytest.mark.parametrize(
+    ("order", "follows"),
+    [(("button_1", "button_2"), False), (("button_2", "button_1"), False)],
+)
+def test_both_buttons_in_one_tick_while_following(order, follows):
+    rig = engaged().send_hand(displaced(x=0.3)).run(0.3)
+    rig.press(*order).run(1.0)
+    assert rig.core.following is follows
+    assert rig.core.at_rest
+
+
+@pytest.mark.parametrize("order", [("button_1", "button_2"), ("button_2", "button_1")])
+def test_both_buttons_in_one_tick_while_clutched_out(order):
+    rig = HandRig(recapture="button_1").run().press(*order).run(0.1)
+    assert rig.core.following
+    assert rig.moved == (0, 0, 0)
+
+
+@given(st.lists(st.booleans(), max_size=7))
+@settings(max_examples=examples(50))
+def test_a_chattering_button_counts_its_presses(edges):
+    """All in one tick; what bounces is the driver's to remove, but nothing else comes of it."""
+    rig = HandRig().run()
+    down, presses = False, 0
+    for pressed in edges:
+        if pressed is not down:
+            (rig.press if pressed else rig.release)("button_2")
+            down, presses = pressed, presses + pressed
+    rig.run()
+    assert rig.core.following is (presses % 2 == 1)
+    assert rig.moved == (0, 0, 0)
+
+
+def test_out_and_in_again_in_one_tick_takes_the_references_anew():
+    rig = engaged().send_hand(displaced(x=0.1)).run(0.2)
+    rig.press("button_2").release("button_2").press("button_2").run(1.0)
+    assert rig.core.following
+    assert 0.0 < rig.moved.x < 0.06
+    assert close(rig.mapped_hand, rig.tcp.position)
+
+
+def test_clutch_and_dead_man_together_are_both_needed():
+    rig = HandRig(deadman=("button_1",), clutch="button_2").run()
+    assert rig.message == "press 'button_2', with 'button_1' held, to move"
+    rig.press("button_1").send_hand(displaced(x=0.05)).run(0.5)
+    assert rig.moved == (0, 0, 0)
+    rig.tap("button_2").send_hand(displaced(x=0.08)).run(1.0)
+    assert close(rig.moved, (0.03, 0, 0))
+    rig.release("button_1").run(0.5).send_hand(displaced()).run(0.5)
+    assert close(rig.moved, (0.03, 0, 0))
+    assert rig.core.phase is Phase.HOLDING
+    rig.press("button_1").run().send_hand(displaced(x=0.01)).run(1.0)
+    assert close(rig.moved, (0.04, 0, 0))
+
+
+def test_the_devices_axes_mean_nothing():
+    rig = engaged(deflections=DEFLECTIONS).send_hand(displaced(x=0.02)).run(1.0)
+    rig.device = rig.device._replace(axes=NAN_AXES)
+    rig.send_hand(displaced(x=0.04)).run(1.0).tap("button_2").tap("button_2")
+    rig.send_hand(displaced(x=0.05)).run(1.0)
+    assert close(rig.moved, (0.05, 0.0, 0.0))
+    assert rig.core.status().trips == 0
+
+
+# -- what takes the hand off, and what does not bring it back --------------------------------------
+
+
+@pytest.mark.parametrize("link", [DeviceLink.LOST, DeviceLink.STALE, DeviceLink.NEEDS_NEUTRAL])
+@pytest.mark.parametrize("told_anew", [False, True])
+def test_a_button_held_through_a_loss_is_not_pressed_anew(link, told_anew):
+    rig = HandRig().run().press("button_2").run(0.1).send_hand(displaced(x=0.1)).run(0.2)
+    live = rig.device
+    rig.device = live._replace(link=link, buttons=frozenset())
+    rig.run(0.5)
+    assert rig.core.at_rest
+    assert not rig.core.following
+    rig.device = live._replace(pose=rig.hand_goal)
+    if told_anew:
+        rig.press("button_2")
+    rig.run(0.5)
+    assert not rig.core.following
+    assert rig.message.endswith("let go of 'button_2', then press 'button_2' to move")
+    where = rig.moved
+    rig.release("button_2").run().tap("button_2").run(0.2)
+    assert rig.core.following
+    assert rig.moved == where
+
+
+def test_what_was_pressed_before_the_device_is_live_begins_nothing():
+    rig = HandRig().run()
+    rig.device = rig.device._replace(link=DeviceLink.LOST)
+    rig.run(0.1)
+    rig.device = rig.device._replace(link=DeviceLink.LIVE)
+    rig.release("button_2").press("button_2").run()
+    assert not rig.core.following
+    rig.release("button_2").press("button_2").run()
+    assert rig.core.following
+
+
+@pytest.mark.parametrize("trouble", ["lost", "alarm", "silent robot", "stopping"])
+def test_a_press_while_something_is_wrong_begins_nothing_later(trouble):
+    rig = HandRig().run()
+    good_device, good_robot = rig.device, rig.robot
+    if trouble == "lost":
+        rig.device = rig.device._replace(link=DeviceLink.LOST, reason="unplugged")
+    elif trouble == "alarm":
+        rig.robot = rig.robot._replace(alarm="the port is flooded")
+    elif trouble == "silent robot":
+        rig.robot = rig.robot._replace(link=RobotLink.LOST)
+    else:
+        rig.core.inhibit("the session's time is over", Inhibit.FOR_GOOD)
+    rig.run().tap("button_2").run(0.1)
+    rig.device = good_device._replace(stamp_s=rig.now_s)
+    rig.robot = good_robot
+    rig.send_hand(displaced(x=0.1)).run(0.5)
+    assert not rig.core.following
+    assert rig.moved == (0, 0, 0)
+    assert rig.core.status().trips == 0
+
+
+def test_somebody_else_may_take_the_hand_off_the_robot():
+    rig = engaged().send_hand(displaced(x=0.1)).run(0.2)
+    rig.core.inhibit("the force is lost", Inhibit.ONCE)
+    rig.press("button_2").run()  # In the same tick it is no deliberate act.
+    assert not rig.core.following
+    assert rig.core.phase is Phase.BRAKING
+    assert rig.message.startswith("stopped before: the force is lost; ")
+    rig.run(1.0)
+    assert rig.core.at_rest
+    rig.release("button_2").run().tap("button_2").run(0.5)
+    assert rig.core.following
+    assert rig.core.status().trips == 1
+
+
+def test_with_a_clutch_that_is_held_a_trip_takes_it_pressed_anew():
+    rig = HandRig(deadman=("button_2",)).run().press("button_2").run()
+    assert rig.core.following
+    rig.send_hand(displaced(x=0.1)).run(0.2).core.inhibit("the force is lost", Inhibit.ONCE)
+    rig.run(1.0)
+    assert not rig.core.following
+    rig.release("button_2").run().press("button_2").run()
+    assert rig.core.following
+
+
+def test_a_trip_of_nobody_is_nothing():
+    rig = HandRig().run()
+    rig.core.inhibit("the force is lost", Inhibit.ONCE)
+    rig.run().tap("button_2").run(0.1)
+    assert rig.core.following
+    assert rig.core.status().trips == 0
+
+
+def test_a_hand_that_is_suspended_is_waited_for_and_then_followed_without_a_step():
+    rig = engaged().send_hand(displaced(x=0.1)).run(0.15)
+    before = rig.moved
+    for _ in range(50):
+        rig.core.inhibit("the force is in doubt", Inhibit.MOTION_IGNORED)
+        rig.run()
+    assert rig.core.at_rest
+    assert rig.core.following
+    assert rig.moved.x - before.x < 0.03
+    rig.run(2.0)
+    assert close(rig.moved, (0.1, 0.0, 0.0))
+
+
+def test_a_press_in_the_tick_that_trips_does_not_arm():
+    rig = engaged().send_hand(displaced(x=0.1)).run(0.2)
+    rig.put_hand(displaced(x=0.6)).press("button_2").run()
+    assert not rig.core.following
+    assert rig.message.startswith("stopped before: the hand's pose jumped")
+    rig.run(1.0)
+    assert rig.core.at_rest
+
+
+def test_a_press_from_before_a_stall_begins_nothing():
+    rig = HandRig().run().press("button_2")
+    rig.run(0.3, dt_s=0.3)
+    assert not rig.core.following
+    rig.run(1.0)
+    assert not rig.core.following
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"stamp_s": -0.2}, "the hand's pose is 0.20 s old"),
+        ({"stamp_s": 0.3}, "the robot's pose is 0.30 s older than the hand's"),
+        ({"pose": None}, "the device gives no pose"),
+        ({"pose": Pose(Vector3(math.nan, 0.0, 0.0), IDENTITY)}, "the device gives no pose"),
+    ],
+)
+@pytest.mark.parametrize("held", [False, True])
+def test_a_clutch_that_is_not_taken_says_why(change, words, held):
+    button = "grip" if held else "button_2"
+    rig = HandRig(**({"deadman": ("grip",)} if held else {})).run()
+    good = rig.device
+    rig.fresh = False
+    change = dict(change)
+    if "stamp_s" in change:
+        change["stamp_s"] += rig.now_s + DT_S
+    rig.device = good._replace(**change)
+    rig.press(button).run()
+    assert not rig.core.following
+    assert f"the clutch was not engaged: {words}; let go of '{button}', then" in rig.message
+    rig.device, rig.fresh = good._replace(buttons=rig.device.buttons), True
+    rig.run(0.2)
+    assert not rig.core.following
+    rig.release(button).run().press(button).run()
+    assert rig.core.following
+    assert rig.message == ""
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_no_hand_is_taken_up_while_the_robot_is_far_behind(held):
+    button = "grip" if held else "button_2"
+    limits = ReferenceLimits(leash_m=0.09)
+    rig = HandRig(limits=limits, **({"deadman": ("grip",)} if held else {})).run()
+    rig.press(button).run().send_hand(displaced(x=0.14))
+    rig.stuck = True
+    rig.run(0.6)
+    assert rig.core.following
+    rig.release(button).run()
+    if not held:
+        rig.press(button).run().release(button).run()
+    assert not rig.core.following
+    rig.press(button).run()
+    assert not rig.core.following
+    assert "the clutch was not engaged: the robot is" in rig.message
+    assert "behind its reference" in rig.message
+    rig.run(2.0)
+    rig.stuck = False
+    rig.release(button).run(0.5).press(button).run()
+    assert rig.core.following
+
+
+def test_an_old_press_begins_nothing_but_still_ends():
+    rig = HandRig().run()
+    rig.events.append(ButtonEvent(rig.now_s - 0.7, "button_2", True))
+    rig.run()
+    assert "it was pressed 0.7 s ago" in rig.message
+    rig.tap("button_2")
+    assert rig.core.following
+    rig.events.append(ButtonEvent(rig.now_s - 0.7, "button_2", True))
+    rig.run()
+    assert not rig.core.following
+
+
+class Failing(TwistFilter):
+    Options = object
+    fails = False
+
+    def __init__(self):
+        super().__init__()
+        self.name = "failing"
+
+    def open(self):
+        pass
+
+    def close(self):
+        pass
+
+    def apply(self, twist, robot):
+        if self.fails:
+            raise RuntimeError("no more")
+        return twist
+
+    def status(self):
+        return ""
+
+
+def test_a_filter_that_fails_ends_the_following_at_once():
+    failing = Failing()
+    rig = engaged(filters=(failing,)).send_hand(displaced(x=0.1)).run(0.2)
+    failing.fails = True
+    rig.run()
+    assert not rig.core.following
+    assert rig.core.hand_map() is None
+    rig.run(0.5)
+    assert rig.core.at_rest
+
+
+def test_a_lost_pose_brakes_and_needs_a_press():
+    rig = engaged().send_hand(displaced(x=0.1)).run(0.3)
+    good = rig.device
+    rig.device = good._replace(pose=None)
+    rig.run(0.5)
+    assert rig.core.at_rest
+    assert "gives no pose" in rig.message
+    rig.device = good
+    rig.run(0.2)
+    assert not rig.core.following
+    rig.tap("button_2")
+    assert rig.core.following
+
+
+def test_letting_go_brakes_at_the_braking_limits_and_not_as_softly_as_the_motion_was():
+    limits = ReferenceLimits(linear_jerk_m_s3=5.0)
+    ways = []
+    for ends in ("clutch", "deadman", "trip"):
+        held = {"deadman": ("grip",)} if ends == "deadman" else {}
+        rig = HandRig(limits=limits, **held).run()
+        if held:
+            rig.press("grip").run()
+        else:
+            rig.tap("button_2")
+        rig.send_hand(displaced(x=0.14)).run(0.4)
+        x = rig.moved.x
+        if ends == "trip":
+            rig.device = rig.device._replace(link=DeviceLink.LOST)
+        elif held:
+            rig.release("grip")
+        else:
+            rig.press("button_2")
+        rig.run(1.0)
+        assert rig.core.at_rest
+        ways.append(rig.moved.x - x)
+    speed_m_s = limits.linear_speed_m_s
+    assert max(ways) <= speed_m_s**2 / (2.0 * limits.linear_acceleration_m_s2) + 2e-3
+    assert max(ways) - min(ways) < 2e-3
+
+
+# -- rate mode -------------------------------------------------------------------------------------
+
+
+def test_rate_mode_with_a_clutch_in_place_of_the_dead_man():
+    rest = (0.0,) * 6
+    rig = HandRig(mode=Mode.RATE, deflections=DEFLECTIONS).run().press("button_2").run()
+    assert "the device is not at rest; let go of 'button_2'" in rig.message
+    rig.device = rig.device._replace(axes=rest)
+    rig.run(0.2)
+    assert not rig.core.following
+    rig.release("button_2").run().tap("button_2")
+    assert rig.core.following
+    assert rig.core.hand_map() is None
+    rig.device = rig.device._replace(axes=(1.0, 0, 0, 0, 0, 0))
+    rig.run(0.5)
+    assert rig.core.phase is Phase.MOVING
+    rig.tap("button_2").run(0.3)
+    assert rig.core.at_rest
+    assert rig.message == "let go of the device, then press 'button_2' to move"
+
+
+# -- the map that forces go by ---------------------------------------------------------------------
+
+
+def determinant(m):
+    a, b, c, d, e, f, g, h, i = m
+    return a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g)
+
+
+@settings(max_examples=examples(25))
+@given(
+    rpys,
+    st.sampled_from(list(Frame)),
+    st.tuples(*[st.floats(0.1, 2.0)] * 3),
+    st.sampled_from(
+        [("x", "y", "z"), ("y", "z", "x"), ("-x", "-y", "z"), ("y", "-x", "fixed"), ("fixed",) * 3]
+    ),
+)
+def test_the_map_is_where_the_tcp_goes(rpy, frame, factors, axes):
+    rig = engaged(
+        device_rpy_deg=rpy,
+        frame=frame,
+        scale=(*factors, 1.0, 1.0, 1.0),
+        axes=(*axes, "rx", "ry", "rz"),
+    )
+    assert close(rig.mapped_hand, rig.start.position, 1e-12)
+    rig.send_hand(displaced(0.02, -0.03, 0.01, rz=0.2)).run(3.0)
+    assert close(rig.mapped_hand, rig.tcp.position)
+    rotation = rig.core.hand_map().rotation
+    assert determinant(rotation) == pytest.approx(1.0)
+    columns = [rotation[i::3] for i in range(3)]
+    for i, a in enumerate(columns):
+        for j, b in enumerate(columns):
+            assert sum(u * v for u, v in zip(a, b, strict=True)) == pytest.approx(
+                float(i == j), abs=1e-12
+            )
+    if axes == ("x", "y", "z") and frame is Frame.BASE:
+        align = from_euler_zyx(*(math.radians(angle) for angle in rpy))
+        for column, unit in zip(columns, ((1, 0, 0), (0, 1, 0), (0, 0, 1)), strict=True):
+            assert close(column, rotate(align, Vector3(*unit)), 1e-12)
+
+
+def test_the_map_moves_with_a_slip():
+    rig = engaged(slip_m=0.1).send_hand(displaced(y=0.4)).run(5.0)
+    assert close(rig.mapped_hand, rig.tcp.position)
+    assert rig.moved.y < 0.2
+
+
+def test_the_map_ends_where_the_workspace_ends():
+    """A wall beyond its edge is nothing that the TCP could meet."""
+    limits = ReferenceLimits(workspace_x_m=(0.45, 0.55))
+    rig = HandRig(limits=limits, recapture="button_1", slip_m=0.15).run().tap("button_2")
+    rig.send_hand(displaced(x=0.03, y=0.03)).run(2.0)
+    assert close(rig.mapped_hand, rig.tcp.position)
+    rig.send_hand(displaced(x=0.12, y=0.05)).run(2.0)
+    assert close(rig.tcp.position, (0.55, 0.05, 0.4), 1e-4)
+    assert close(rig.mapped_hand, (0.55, 0.05, 0.4), 1e-4)
+    rig.put_hand(displaced(x=0.2, y=0.06))  # Until the next tick: it follows along the edge alone.
+    assert close(rig.mapped_hand, (0.55, 0.06, 0.4), 1e-4)
+    rig.put_hand(displaced(x=0.12, y=0.05)).send_hand(displaced(x=0.02)).run(2.0)
+    assert close(rig.mapped_hand, rig.tcp.position)
+    assert close(rig.tcp.position, (0.52, 0.0, 0.4), 1e-4)
+
+
+@pytest.mark.parametrize(
+    ("options", "still"),
+    [
+        ({}, ()),
+        ({"scale": (0.1, -2.0, 1.0, 0.0, 0.0, 0.0)}, ()),
+        ({"scale": (1.0, 1.0, 0.0, 1.0, 1.0, 1.0)}, ("z",)),
+        ({"axes": ("fixed", "y", "rx", "rx", "ry", "rz")}, ("x", "z")),
+    ],
+)
+def test_directions_that_no_place_of_the_hand_moves(options, still):
+    assert unfollowed(MappingOptions(**options)) == still
+
+
+@pytest.mark.parametrize(
+    ("axes", "gone"),
+    [
+        (("x", "-y", "z"), True),
+        (("y", "x", "z"), True),
+        (("x", "x", "z"), True),
+        (("-x", "fixed", "z"), False),
+        (("rx", "y", "z"), False),
+        (("y", "x", "-z"), False),
+    ],
+)
+def test_forces_have_no_way_back_through_a_mirror(axes, gone):
+    axes = (*axes, *AXES[3:])
+    assert mirrors(MappingOptions(axes=axes)) is gone
+    assert (engaged(axes=axes).core.hand_map() is None) is gone
+    flipped = MappingOptions(axes=axes, scale=(-1.0, *[1.0] * 5))
+    if not gone and "fixed" not in axes and "rx" not in axes[:3]:
+        assert mirrors(flipped)
+
+
+# -- never a step ----------------------------------------------------------------------------------
+
+numbers = st.floats(-1.0, 1.0)
+actions = st.one_of(
+    st.tuples(st.just("tap"), st.sampled_from(["button_1", "button_2", "grip"])),
+    st.tuples(st.just("press"), st.sampled_from(["button_1", "button_2", "grip"])),
+    st.tuples(st.just("release"), st.sampled_from(["button_1", "button_2", "grip"])),
+    st.tuples(st.just("both"), st.permutations(["button_1", "button_2", "grip"])),
+    st.tuples(st.just("send"), st.tuples(*[st.floats(-0.4, 0.4)] * 3, *[numbers] * 3)),
+    st.tuples(st.just("send"), st.tuples(*[st.floats(-0.4, 0.4)] * 3, *[numbers] * 3)),
+    st.tuples(st.just("leap"), st.tuples(*[st.floats(-0.4, 0.4)] * 3, *[numbers] * 3)),
+    st.tuples(st.just("link"), st.sampled_from([DeviceLink.LOST, DeviceLink.LIVE])),
+    st.tuples(st.just("fresh"), st.booleans()),
+    st.tuples(st.just("stuck"), st.booleans()),
+    st.tuples(st.just("alarm"), st.sampled_from(["", "flooded"])),
+    st.tuples(st.just("axes"), st.sampled_from([DEFLECTIONS, (0.0,) * 6, NAN_AXES])),
+)
+plans = st.lists(
+    st.tuples(actions, st.integers(1, 60), st.sampled_from([0.002, 0.004, 0.012])),
+    min_size=5,
+    max_size=25,
+)
+
+
+def play(rig, plan):
+    for (kind, value), ticks, dt_s in plan:
+        if kind == "tap":
+            rig.tap(value)
+        elif kind == "press":
+            rig.press(value)
+        elif kind == "release":
+            rig.release(value)
+        elif kind == "both":
+            rig.press(*value).release(*value).press(value[0])
+        elif kind == "send":
+            rig.send_hand(displaced(*value))
+        elif kind == "leap":
+            rig.put_hand(displaced(*value))
+        elif kind == "link":
+            rig.device = rig.device._replace(link=value)
+        elif kind == "fresh":
+            rig.fresh = value
+        elif kind == "stuck":
+            rig.stuck = value
+        elif kind == "alarm":
+            rig.robot = rig.robot._replace(alarm=value)
+        else:
+            rig.device = rig.device._replace(axes=value)
+        for _ in range(ticks):
+            rig.run(dt_s, dt_s)
+            world = rig.core.hand_map()
+            pose_mode = rig.core.hand.mapping.options.mode is not Mode.RATE
+            assert (world is not None) is (rig.core.following and pose_mode)
+    return rig
+
+
+@settings(max_examples=examples(100))
+@given(
+    plans,
+    st.sampled_from([{"clutch": "button_2"}, {"clutch": "button_2", "deadman": ("grip",)},
+                     {"deadman": ("grip",)}]),
+    st.sampled_from(list(Frame)),
+    st.sampled_from([None, Orientation.FOLLOW_BASE, Orientation.FOLLOW_TOOL, Orientation.FIXED]),
+    rpys,
+    st.tuples(*[st.floats(0.1, 3.0)] * 6),
+    st.sampled_from([None, 4.0]),
+)  # fmt: skip
+def test_never_a_step(plan, buttons, frame, orientation, rpy, factors, jerk):
+    """The rig checks every command of whatever comes, and that a clutch taken at rest is still."""
+    rig = HandRig(
+        limits=ReferenceLimits(
+            linear_jerk_m_s3=jerk, workspace_x_m=(0.3, 0.8), workspace_z_m=(0.2, 0.7)
+        ),
+        frame=frame,
+        orientation=orientation,
+        device_rpy_deg=rpy,
+        scale=factors,
+        recapture="button_1",
+        **buttons,
+    )
+    play(rig.run().press("grip").run().tap("button_2"), plan)
+
+
+@settings(max_examples=examples(30))
+@given(plans)
+def test_nothing_moves_without_a_following_hand(plan):
+    """With a robot that is where it is told, so that nothing has to come back."""
+    plan = [step for step in plan if step[0][0] != "stuck"]
+    rig = HandRig(recapture="button_1").run().tap("button_2")
+    play(rig, plan)
+    rig.device = rig.device._replace(link=DeviceLink.LOST)
+    rig.run(0.3)
+    where = rig.tcp
+    assert rig.core.at_rest
+    rig.send_hand(displaced(x=0.2)).run(0.2)
+    assert norm(subtract(rig.tcp.position, where.position)) == 0.0
+    assert norm(scale(rotation_between(rig.tcp.orientation, where.orientation), 1.0)) < 1e-12
+
+
+# -- with the model of an arm ----------------------------------------------------------------------
+
+
+def test_an_arm_follows_by_its_joints_and_a_new_reference_moves_it_by_no_step():
+    config = parse_config(
+        {
+            "device": {"driver": "leap"},
+            "robot": {
+                "driver": "sim_arm", "robot": "gofa_crb15000_5", "pacing": "virtual",
+                "drive": "ideal",
+            },
+            "arm": {"model": "gofa_crb15000_5"},
+            "mapping": {"mode": "position", "clutch": "button_2", "recapture": "button_1"},
+        }
+    )  # fmt: skip
+    robot = make_robot(config)
+    engine = make_controller(config, robot)
+    robot.open()
+    cycles, period_s = robot.cycles(), robot.options.period_s
+    joints, x = [], 0.0
+
+    def go(seconds, speed=0.0, *presses):
+        nonlocal x
+        for tick in range(round(seconds / period_s)):
+            state = next(cycles)
+            x += speed * period_s
+            buttons = frozenset(presses if tick == 0 else ())
+            events = [ButtonEvent(state.stamp_s, button, True) for button in buttons]
+            pose = displaced(x=x)
+            hand = DeviceState(state.stamp_s, DeviceLink.LIVE, DEFLECTIONS, buttons, pose)
+            command = engine.tick(state, hand, events)
+            robot.send(command)
+            if isinstance(command, JointCommand):
+                joints.append(command.positions)
+        return engine.reference.pose.position
+
+    start = go(0.1)
+    assert go(0.1, 0.0, "button_2") == start
+    assert engine.following
+    assert close(subtract(go(0.5, -0.2), start), (-0.1, 0.0, 0.0), 0.02)
+    recaptured = go(1.5, 0.0, "button_1")
+    assert engine.following
+    assert engine.at_rest
+    end = add(recaptured, Vector3(0.05, 0.0, 0.0))
+    assert close(go(1.0, 0.05), end, 3e-3)
+    go(0.5, 0.0, "button_2")
+    assert not engine.following
+    speeds = np.diff(np.array(joints), axis=0) / period_s
+    bends = np.abs(np.diff(speeds, axis=0)) / period_s
+    kinematics = engine.body.servo.kinematics
+    assert (np.abs(speeds) <= kinematics.velocity + 1e-6).all()
+    assert (bends <= kinematics.acceleration * (1 + 1e-6) + 1e-6).all()

@@ -1,0 +1,120 @@
+"""A demo that is killed leaves no process and no folder behind."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import uuid
+from pathlib import Path
+
+import pytest
+
+from cardan.gateway.session.subprocesses import launched
+from tests.waiting import TRIES
+
+pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
+
+GONE_WITHIN_S = 20.0
+MOVING, STOPPED = b"moving", b"stopped before"
+MARK = "CARDAN_TEST_MARK"
+LEASHED = (sys.executable, "-m", "cardan.gateway.session.parent_death")
+
+
+def marked(mark):
+    """The processes that have `mark` in their environment."""
+    found = []
+    for process in Path("/proc").iterdir():
+        if process.name.isdigit():
+            try:
+                if f"{MARK}={mark}".encode() in (process / "environ").read_bytes():
+                    found.append(int(process.name))
+            except OSError:
+                continue
+    return found
+
+
+def until(condition):
+    """Whether it comes true; a process that is being replaced (exec) has no environment for a
+    moment."""
+    give_up_s = time.monotonic() + GONE_WITHIN_S
+    in_a_row = 0
+    while in_a_row < 10 and time.monotonic() < give_up_s:
+        in_a_row = in_a_row + 1 if condition() else 0
+        time.sleep(0.02)
+    return in_a_row == 10
+
+
+@pytest.fixture
+def mark():
+    made = uuid.uuid4().hex
+    yield made
+    for process in marked(made):
+        os.kill(process, signal.SIGKILL)
+
+
+@pytest.fixture
+def folder():
+    """One with a short path: the paths of sockets have 107 bytes at most."""
+    with tempfile.TemporaryDirectory() as made:
+        yield Path(made)
+
+
+@pytest.mark.timeout(300)  # Several demos, each for a stroke or two of its hand.
+@pytest.mark.real("gofa-0-KILL")
+@pytest.mark.parametrize(
+    ("name", "early", "number"),
+    [
+        *((name, early, "KILL") for name in ("gofa", "omni", "omni-sphere") for early in (0, 1)),
+        ("gofa", 0, "QUIT"),
+    ],
+)
+def test_a_killed_demo_takes_everything_with_it(name, early, number, mark, folder, tmp_path):
+    # One that is cut short before it moves, as the computer stood still, is followed by another.
+    assert any(killed(name, early, number, mark, folder, tmp_path) for _ in range(TRIES))
+
+
+def killed(name, early, number, mark, folder, tmp_path):
+    """Whether it was when it should be; in any case it leaves nothing."""
+    environment = {**os.environ, MARK: mark, "TMPDIR": str(folder)}
+    with subprocess.Popen(
+        [sys.executable, "-m", "cardan", "demo", name, "--seconds", "60"],
+        env=environment,
+        cwd=tmp_path,  # There may be a core dump.
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    ) as demo:
+        if early:
+            while len(marked(mark)) < 2:
+                assert demo.poll() is None
+        else:
+            while not any(each in (line := demo.stdout.readline()) for each in (MOVING, STOPPED)):
+                assert line, "the demo has ended"
+            assert len(marked(mark)) > 2
+        demo.send_signal(signal.Signals[f"SIG{number}"])
+    assert until(lambda: not marked(mark))
+    assert os.listdir(folder) == []
+    return early or MOVING in line
+
+
+def test_a_command_whose_launcher_is_gone_already_ends(tmp_path):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    done = subprocess.run(
+        [*LEASHED, str(folder), "sim", "spacemouse", "--hid", "s"],
+        cwd=folder,
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        timeout=GONE_WITHIN_S,
+    )
+    assert done.returncode in (0, 128 + signal.SIGTERM)
+    assert not folder.exists()
+
+
+def test_a_launcher_that_ends_it_keeps_its_folder(tmp_path):
+    with launched("sim", "spacemouse", "--hid", "s", folder=tmp_path):
+        assert (tmp_path / "s").exists()
+    assert os.listdir(tmp_path) == []

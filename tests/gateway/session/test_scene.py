@@ -1,0 +1,93 @@
+"""What a session tells of what is around its arm."""
+
+from __future__ import annotations
+
+import json
+import math
+from types import SimpleNamespace
+
+import pytest
+
+from cardan.gateway.bus.arm_topics import ArmNames
+from cardan.gateway.bus.options import NetworkOptions
+from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.reach import tcp_range_m
+from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.network import SessionNetwork
+from cardan.gateway.session.scene import surroundings
+from cardan.robots import load_arm
+from cardan.types import IDENTITY_POSE
+from tests.gateway.bus.rig import FakeNode
+
+TABLES = {
+    "robot": {"driver": "sim_arm", "robot": "ur5"},
+    "arm": {"model": "ur5", "safety_distance_m": 0.02},
+    "limits": {"workspace_x_m": [-0.5, 0.5], "workspace_z_m": [0.0, 0.8]},
+    "obstacles": [
+        {"name": "table", "box": [[0.2, -0.5, -0.1], [1.0, 0.5, 0.0]]},
+        {"name": "pole", "capsule": [[0.4, 0.0, 0.0], [0.4, 0.0, 0.6], 0.05]},
+        {"name": "floor", "plane": [[0.0, 0.0, 2.0], -0.2]},
+    ],
+}
+
+
+def told(tables, rigid=True):
+    """What is around the arm of a session of these tables."""
+    return json.loads(surroundings(parse_config(tables), rigid))
+
+
+def test_obstacles_workspace_and_what_is_kept_to_them():
+    around = told(TABLES)
+    assert around["workspace_m"] == [[-0.5, 0.5], None, [0.0, 0.8]]
+    table, pole, floor = around["obstacles"]
+    assert table["name"] == "table"
+    assert table["box"]["position"] == pytest.approx([0.6, 0.0, -0.05])
+    assert table["box"]["size_m"] == pytest.approx([0.8, 1.0, 0.1])
+    assert table["box"]["orientation"] == [0.0, 0.0, 0.0, 1.0]
+    assert pole["capsule"] == {"start": [0.4, 0, 0], "end": [0.4, 0, 0.6], "radius_m": 0.05}
+    assert floor["plane"] == {"normal": [0.0, 0.0, 1.0], "offset_m": -0.2}
+    assert around["obstacle_m"] == 0.02
+    assert 0.0 < around["own_body_m"] < 0.02
+
+
+def test_the_shapes_are_those_of_the_collision_model_each_after_its_joint():
+    model = load_arm("teo_right_arm")
+    tables = {
+        "robot": {"driver": "sim_arm", "robot": "teo_right_arm"},
+        "arm": {"model": "teo_right_arm"},
+    }
+    around = told(tables)
+    assert [each["name"] for each in around["shapes"]] == [each.name for each in model.shapes]
+    assert {each["joint"] for each in around["shapes"]} <= {"", *model.joint_names}
+    for each, shape in zip(around["shapes"], model.shapes, strict=True):
+        assert (each["joint"] == "") == (shape.body == 0)
+    assert around["home"] == list(model.home)
+    assert all(math.isfinite(each) for each in around["home"])
+    assert around["reach_m"] == [list(each) for each in tcp_range_m(ArmKinematics(model))]
+
+
+def test_without_a_model_there_is_the_workspace_alone():
+    tables = {**TABLES, "robot": {"driver": "sim_abb"}}
+    del tables["arm"], tables["obstacles"]
+    around = told(tables, rigid=False)
+    assert around["workspace_m"][0] == [-0.5, 0.5]
+    assert around["shapes"] == around["obstacles"] == []
+    assert around["home"] is around["obstacle_m"] is around["own_body_m"] is None
+    assert around["reach_m"] is None
+
+
+def test_where_collisions_are_not_avoided_no_distance_is_kept():
+    around = told({**TABLES, "arm": {"model": "ur5", "collisions": False}, "obstacles": []})
+    assert around["obstacle_m"] is around["own_body_m"] is None
+
+
+def test_a_session_tells_it_as_it_opens():
+    network = SessionNetwork(
+        NetworkOptions(), ArmNames(("joint_1",)), "", IDENTITY_POSE, print, bool, {}, "one"
+    )
+    network._node = node = FakeNode()
+    node.join = node.open = lambda: None
+    part = SimpleNamespace(capabilities=None, tap=None, witness=None)
+    network.open(part, part, None)
+    (topic,) = (name for name in node.publishers if name.endswith("/surroundings"))
+    assert [each["data"] for each in node.publishers[topic].messages] == ["one"]

@@ -1,0 +1,46 @@
+"""What a launched command prints before READY, with it and after it, however it comes."""
+
+import sys
+
+import pytest
+
+from cardan.errors import DriverError
+from cardan.gateway.session.subprocesses import Launched
+
+
+@pytest.fixture
+def command(tmp_path, monkeypatch):
+    """Have a shell script in place of ``cardan``: `command(script)`."""
+
+    def write(script):
+        path = tmp_path / "cardan"
+        path.write_text(f"#!/bin/sh\n{script}\n")
+        path.chmod(0o755)
+        monkeypatch.setattr(sys, "executable", str(path))
+
+    return write
+
+
+@pytest.mark.parametrize(
+    "script",
+    [
+        r"printf 'certificate\nREADY here\nafter\nla'",
+        r"printf certi; sleep 0.1; printf 'ficate\nREADY here\nafter\nla'",
+    ],
+    ids=["at once", "in pieces"],
+)
+def test_its_lines_are_told_apart_however_they_come(command, script):
+    command(f"trap 'printf st; exit 7' TERM; {script}; while :; do sleep 0.05; done")
+    launched = Launched("face", "console", ready_within_s=5.0)
+    assert launched.endpoint == "here"
+    assert launched.before == ["certificate"]
+    launched.end()
+    assert launched.lines == ("after", "last")
+    assert launched.code == 7
+
+
+def test_one_that_ends_before_it_serves_is_an_error_with_its_words(command, capsys):
+    command("echo certificate; echo 'no port' >&2; exit 3")
+    with pytest.raises(DriverError, match="`cardan face console` ended before it served"):
+        Launched("face", "console")
+    assert "no port" in capsys.readouterr().err
