@@ -1,22 +1,15 @@
-"""What the suites of drivers share: the controller that a pilot is, and the driver's core beside it
-in virtual time."""
+"""What the suites of drivers share: the controller that a pilot is, and that a driver has ended."""
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from cardan.conform.requirements import Verdict, not_seen
-from cardan.conform.runner import Act, Exchange, Scenario, Script, Wait, send
-from cardan.conform.timeline import Kind, Numbered, Seen
-from cardan.sim_peers.base import FaultSwitch, check_faults
+from cardan.conform.runner import Scenario, Script, Wait, send
+from cardan.conform.timeline import Numbered, Seen
 
-LONGEST_S = 300.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
-STEP_S = 1e-6
-LOOK_S = 0.01
-"""How often a driver's core is looked at, at least."""
 COME = 6.0
 """A driver has so many times the length of a phase to come, or to answer for the first time."""
 KEPT = 3
@@ -84,80 +77,3 @@ class CyclicController(Scenario):
         end_s = self.now_s + seconds
         while not done() and self.now_s < end_s:
             yield from self._cycles(step_s)
-
-
-class DriverRig(ABC):
-    """A driver's core and a pilot in virtual time; what one of them sends takes its time."""
-
-    def __init__(
-        self, conduct: Exchange, faults: Mapping[str, float], switches: Iterable[FaultSwitch]
-    ) -> None:
-        check_faults(faults, switches)
-        self._conduct, self._faults = conduct, faults
-        self._now_s = 0.0
-        self._flight: deque[tuple[float, Callable[[], None]]] = deque()
-
-    def run(self) -> None:
-        """Until the pilot's script is over."""
-        conduct, flight = self._conduct, self._flight
-        while not conduct.over and self._now_s < LONGEST_S:
-            self._do(conduct.due(self._now_s))
-            while flight and flight[0][0] <= self._now_s:
-                flight.popleft()[1]()
-            self._turn()
-            if conduct.over:
-                break
-            times = [conduct.next_s, self._now_s + LOOK_S, self._driver_next_s()]
-            if flight:
-                times.append(flight[0][0])
-            self._now_s = max(self._now_s + STEP_S, min(times))
-
-    def _later(self, seconds: float, act: Callable[[], None]) -> None:
-        """Do `act` so much later; what came before it is done before it."""
-        self._flight.append((self._now_s + seconds, act))
-
-    def _hear(
-        self, channel: str, data: bytes = b"", kind: Kind = Kind.DATA, note: str = ""
-    ) -> None:
-        """Something of the driver reaches the controller."""
-        self._do(self._conduct.heard(self._now_s, channel, data, kind=kind, note=note))
-
-    def _do(self, acts: list[Act]) -> None:
-        for act in acts:
-            if act.kind is Kind.DATA:
-                self._take(act.data, act.channel)
-            elif act.kind is Kind.OPENED:
-                self._hear(act.channel, kind=Kind.OPENED)
-                self._opened(act.channel)
-            elif act.kind is Kind.CLOSED:
-                self._closed(act.channel)
-            elif act.kind is Kind.ASKED:
-                self._by_hand(act.channel)
-
-    def _every(self, fault: str, count: int, most: bool = False) -> bool:
-        """Whether a fault of every VALUE-th acts; `most`: on all but those."""
-        if fault not in self._faults:
-            return False
-        strikes = count % int(self._faults[fault]) == 0
-        return not strikes if most else strikes
-
-    @abstractmethod
-    def _take(self, data: bytes, channel: str) -> None:
-        """The controller sends `data`."""
-
-    @abstractmethod
-    def _by_hand(self, what: str) -> None:
-        """Somebody is to do `what` with the driver's program."""
-
-    def _opened(self, channel: str) -> None:  # noqa: B027 - datagrams need none
-        """The controller listens on `channel`."""
-
-    def _closed(self, channel: str) -> None:  # noqa: B027
-        """The controller closes `channel`."""
-
-    def _turn(self) -> None:  # noqa: B027 - a core that only answers has no time of its own
-        """Whatever the driver does of itself."""
-
-    def _driver_next_s(self) -> float:
-        """When `_turn` has something to do."""
-        return self._now_s + LOOK_S

@@ -118,6 +118,24 @@ def number_of(item: Any) -> int:
 
 
 @dataclass(frozen=True)
+class Over(Generic[V, Item]):
+    """What requirements say something of one by one, and in which words."""
+
+    of: Callable[[V], Iterable[Item]]
+    good: str
+    """Said where none is wrong: the first ``{}`` is how many there are, a second how many of them
+    are wrong and yet few."""
+    what: str = ""
+    """What the wrong ones are called."""
+    nothing: str | Verdict | None = None
+    """Said where there is none, or the verdict then; None: the suite's words."""
+    unless: Callable[[V], Verdict | None] | None = None
+    """Where it gives a verdict, that is the verdict."""
+    few: float = 0.0
+    """The share of them that may be wrong."""
+
+
+@dataclass(frozen=True)
 class Requirement(Generic[V]):
     """One thing that the other side must do."""
 
@@ -155,13 +173,14 @@ class Requirements(Generic[V]):
         *,
         unless: Callable[[V], Verdict | None] | None = None,
         late_s: float = math.inf,
+        text: str = "",
     ) -> Callable[[Callable[[V], Verdict]], Callable[[V], Verdict]]:
         """Decorates the judge of requirement `number`, whose hundreds are its level. Where `unless`
         gives a verdict, that is the verdict. `late_s` is what this computer may be late by for a
-        failure to be the other side's."""
+        failure to be the other side's. `text` is the requirement's, where one judge has several."""
 
         def enter(judge: Callable[[V], Verdict]) -> Callable[[V], Verdict]:
-            self._enter(number, source, judge, inspect.getdoc(judge), unless, late_s)
+            self._enter(number, source, judge, text or inspect.getdoc(judge), unless, late_s)
             return judge
 
         return enter
@@ -170,10 +189,9 @@ class Requirements(Generic[V]):
         self,
         number: int,
         source: str,
-        over: Callable[[V], Iterable[Item]],
-        good: str,
+        over: Over[V, Item],
         *,
-        what: str = "",
+        good: str = "",
         nothing: str | Verdict | None = None,
         unless: Callable[[V], Verdict | None] | None = None,
         late_s: float = math.inf,
@@ -181,21 +199,24 @@ class Requirements(Generic[V]):
         """Decorates what says of one of `over` why it is wrong: words, empty where it is right,
         None where it is none of those that the requirement is about.
 
-        `good` is said where none is wrong, with their count for ``{}``; `what` the wrong ones are
-        called; `nothing` where there was none, words or a verdict, by default the suite's words.
-        Where `unless` gives a verdict, that is the verdict.
+        `good`, `nothing` and `unless` are said otherwise than `over` has them, where they are.
         """
+        good, absent = good or over.good, over.nothing if nothing is None else nothing
 
         def enter(wrong: Callable[[Item], str | None]) -> Callable[[Item], str | None]:
             def judge(seen: V) -> Verdict:
-                found = [(item, why) for item in over(seen) if (why := wrong(item)) is not None]
-                if not found and isinstance(nothing, Verdict):
-                    return nothing
-                words = nothing if isinstance(nothing, str) else self._nothing
-                bad = ((number_of(item), why) for item, why in found if why)
-                return none_wrong(bad, len(found), good.format(len(found)), words, what)
+                found = [(item, why) for item in over.of(seen) if (why := wrong(item)) is not None]
+                if not found and isinstance(absent, Verdict):
+                    return absent
+                words = absent if isinstance(absent, str) else self._nothing
+                bad = [(number_of(item), why) for item, why in found if why]
+                said = good.format(len(found), len(bad))
+                if len(bad) <= over.few * len(found):
+                    bad = []
+                return none_wrong(bad, len(found), said, words, over.what)
 
-            self._enter(number, source, judge, inspect.getdoc(wrong), unless, late_s)
+            doc = inspect.getdoc(wrong)
+            self._enter(number, source, judge, doc, unless or over.unless, late_s)
             return wrong
 
         return enter

@@ -1,4 +1,4 @@
-"""Judges whether a controller or a device is ever silent in a hold."""
+"""Judges when things come: steadily, and never silent in a hold."""
 
 from __future__ import annotations
 
@@ -41,3 +41,19 @@ def never_silent(held: Iterable[tuple[Phase | None, Sequence[Timed]]], most_s: f
     if not count:
         return not_seen("it was never held deflected")
     return passed(f"longest {longest * 1e3:.0f} ms", longest * 1e3, "ms")
+
+
+STEADY_SHARE = 0.95
+
+
+def steady(off: Sequence[tuple[float, int]], most: float, unit: str, nothing: str) -> Verdict:
+    """Whether 95 % of what came was no more than `most` off its time: by how much each was, and
+    the number of its event."""
+    if not off:
+        return not_seen(nothing)
+    figure = sorted(error for error, _ in off)[int(STEADY_SHARE * (len(off) - 1))]
+    said = f"95 % within {figure:.2f} {unit}"
+    late = [number for error, number in off if error > most]
+    if len(late) > (1.0 - STEADY_SHARE) * len(off):
+        return failed(said, late, figure, unit)
+    return passed(said, figure, unit)

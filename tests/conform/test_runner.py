@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from functools import partial
+from types import SimpleNamespace
 
 import pytest
 
@@ -16,6 +18,16 @@ from cardan.conform import (
     mark,
     open_,
     send,
+)
+from cardan.conform.requirements import (
+    NOTHING,
+    Over,
+    Requirements,
+    failed,
+    met,
+    not_applicable,
+    not_seen,
+    passed,
 )
 
 
@@ -102,9 +114,41 @@ def test_nothing_is_answered_after_the_end():
 
 
 def test_a_number_of_a_requirement_is_given_once():
-    from cardan.conform import Requirements, passed
-
     requires = Requirements("X")
     requires(101, "a page")(lambda seen: passed("good"))
     with pytest.raises(ValueError, match="X-101 is there already"):
         requires(101, "another page")(lambda seen: passed("good"))
+
+
+def judged(wrong, count, **options):
+    """The verdict on that many numbered things, of which the first `wrong` are wrong."""
+    requires = Requirements("X")
+    things = [SimpleNamespace(number=n, why="odd" if n < wrong else "") for n in range(count)]
+    requires.each(101, "", Over(lambda seen: seen, "{} things, {} odd", "things", **options))(
+        lambda each: each.why
+    )
+    return requires.all()[0].verdict(things, 0.0)
+
+
+@pytest.mark.parametrize(("wrong", "said"), [(0, "10 things, 0 odd"), (2, "10 things, 2 odd")])
+def test_few_may_be_wrong_where_that_is_allowed(wrong, said):
+    assert judged(wrong, 10, few=0.2) == passed(said)
+
+
+def test_more_may_not():
+    assert judged(3, 10, few=0.2) == failed("3 of 10 things: odd", (0, 1, 2))
+    assert judged(1, 10) == failed("1 of 10 things: odd", (0,))
+
+
+def test_of_none_it_is_said_why():
+    assert judged(0, 0).said == NOTHING
+    assert judged(0, 0, nothing="none was sent") == not_seen("none was sent")
+    assert judged(0, 0, nothing=not_applicable("it has none")) == not_applicable("it has none")
+    assert judged(1, 9, unless=lambda seen: not_seen("too late")) == not_seen("too late")
+
+
+def test_a_judge_of_several_requirements_has_a_text_for_each():
+    requires = Requirements("X")
+    for number, what in ((101, "one"), (102, "other")):
+        requires(number, "", text=f"It is {what}.")(partial(met, said=what))
+    assert [each.text for each in requires.all()] == ["It is one.", "It is other."]

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 from cardan.conform.connexion.decoded import ConnexionSeen, Report
 from cardan.conform.requirements import (
+    Over,
     Requirements,
     Verdict,
     failed,
@@ -78,37 +79,29 @@ def deflection_is_reported(seen: ConnexionSeen) -> Verdict:
     return passed(f"{len(found)} reports") if found else failed("none came")
 
 
-@requires(3, DESCRIPTOR)
-def report_ids_are_known(seen: ConnexionSeen) -> Verdict:
+REPORTS: Over[ConnexionSeen, Report] = Over(lambda seen: seen.reports, "{} reports")
+
+
+@requires.each(3, DESCRIPTOR, REPORTS)
+def report_ids_are_known(each: Report) -> str:
     """Reports have the ids 1, 2, 3, 16h, 17h, 1Ch and 1Dh, and no others."""
-    wrong = (
-        (each.number, f"id {each.value.report_id:#04x}")
-        for each in seen.reports
-        if isinstance(each.value, MalformedReport) and each.value.reason == UNKNOWN_ID
-    )
-    return none_wrong(wrong, len(seen.reports), f"{len(seen.reports)} reports", _NOTHING)
+    bad = each.value if isinstance(each.value, MalformedReport) else None
+    return f"id {bad.report_id:#04x}" if bad and bad.reason == UNKNOWN_ID else ""
 
 
-@requires(4, DESCRIPTOR)
-def reports_are_not_short(seen: ConnexionSeen) -> Verdict:
+@requires.each(4, DESCRIPTOR, REPORTS)
+def reports_are_not_short(each: Report) -> str:
     """No report is shorter than its id has it, and every value is one that it can have."""
-    wrong = (
-        (each.number, f"id {each.value.report_id:#04x}, {each.value.reason}")
-        for each in seen.reports
-        if isinstance(each.value, MalformedReport) and each.value.reason != UNKNOWN_ID
-    )
-    return none_wrong(wrong, len(seen.reports), f"{len(seen.reports)} reports", _NOTHING)
+    bad = each.value if isinstance(each.value, MalformedReport) else None
+    return f"id {bad.report_id:#04x}, {bad.reason}" if bad and bad.reason != UNKNOWN_ID else ""
 
 
-@requires(5, DESCRIPTOR)
-def reports_are_not_padded(seen: ConnexionSeen) -> Verdict:
+@requires.each(5, DESCRIPTOR, REPORTS)
+def reports_are_not_padded(each: Report) -> str:
     """No report is longer than its id has it."""
-    wrong = (
-        (each.number, f"id {each.raw[0]:#04x} with {len(each.raw)} bytes")
-        for each in seen.reports
-        if each.raw and len(each.raw) > max(LENGTHS.get(each.raw[0], {len(each.raw)}))
-    )
-    return none_wrong(wrong, len(seen.reports), f"{len(seen.reports)} reports", _NOTHING)
+    size = len(each.raw)
+    long = each.raw and size > max(LENGTHS.get(each.raw[0], {size}))
+    return f"id {each.raw[0]:#04x} with {size} bytes" if long else ""
 
 
 @requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")

@@ -4,61 +4,55 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.conform.runner import Act, Exchange
+from cardan.conform.rigs import Rig
+from cardan.conform.runner import Exchange
 from cardan.conform.timeline import Kind
 from cardan.protocols.connexion import model_by_key
 from cardan.sim_peers.spacemouse import SimulatedSpaceMouse
 
-LONGEST_S = 300.0
-"""Of a simulated run; a script that waits for what never comes ends before."""
 _MODEL = "spacenavigator"
 _WITH_BATTERY = "spacemouse-wireless"
 _RIGHT, _CLOCKWISE = (0.0, -0.5, 0.0, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0, 0.0, -1.0)
 _REST = (0.0,) * 6
 
 
-class ConnexionRig:
+class ConnexionRig(Rig):
     """Has the device moved as a person would who does what is asked."""
 
     def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        super().__init__(conduct)
         key = _WITH_BATTERY if "low-battery" in faults else _MODEL
-        self._conduct = conduct
         self._device = SimulatedSpaceMouse(
             model_by_key(key), faults=faults, jitter_lsb=1, seed=seed
         )
         self._refused_s = faults.get("refuse", 0.0)
-        self._open = False
-        self._now_s = 0.0
+        self._listens = False
 
-    def run(self) -> None:
-        """Until the pilot's script is over."""
-        conduct, device = self._conduct, self._device
-        while not conduct.over and self._now_s < LONGEST_S:
-            self._do(conduct.due(self._now_s))
-            for report in device.reports(self._now_s):
-                if self._open:
-                    self._do(conduct.heard(self._now_s, "", report))
-            if self._open and not device.plugged:
-                self._open = False
-                self._do(conduct.heard(self._now_s, "", kind=Kind.CLOSED))
-            if conduct.over:
-                break
-            self._now_s = max(self._now_s + 1e-6, min(device.next_due_s, conduct.next_s))
-            device.skip_to(self._now_s)
+    def _turn(self) -> None:
+        for report in self._device.reports(self._now_s):
+            if self._listens:
+                self._hear("", report)
+        if self._listens and not self._device.plugged:
+            self._listens = False
+            self._hear("", kind=Kind.CLOSED)
 
-    def _do(self, acts: list[Act]) -> None:
-        device = self._device
-        for act in acts:
-            if act.kind is Kind.DATA:
-                device.output(act.data, self._now_s)
-            elif act.kind is Kind.OPENED:
-                self._open = self._now_s >= self._refused_s
-                kind = Kind.OPENED if self._open else Kind.REFUSED
-                ids = f"{device.model.vendor_id:04x}:{device.model.product_id:04x}"
-                note = ids if self._open else "the device cannot be opened"
-                self._do(self._conduct.heard(self._now_s, "", kind=kind, note=note))
-            elif act.kind is Kind.ASKED:
-                self._by_hand(act.channel)
+    def _next_s(self) -> float:
+        return self._device.next_due_s
+
+    def _time_passed(self) -> None:
+        self._device.skip_to(self._now_s)
+
+    def _take(self, data: bytes, channel: str) -> None:
+        self._device.output(data, self._now_s)
+
+    def _open(self, channel: str) -> None:
+        model = self._device.model
+        self._listens = self._now_s >= self._refused_s
+        if self._listens:
+            ids = f"{model.vendor_id:04x}:{model.product_id:04x}"
+            self._hear("", kind=Kind.OPENED, note=ids)
+        else:
+            self._hear("", kind=Kind.REFUSED, note="the device cannot be opened")
 
     def _by_hand(self, what: str) -> None:
         device = self._device

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from functools import cached_property
 from itertools import pairwise
@@ -9,6 +10,7 @@ from typing import Any, NamedTuple
 
 from cardan.conform.timeline import Kind, Seen, Timeline
 from cardan.protocols.egm import (
+    EgmMotion,
     EgmRobot,
     EgmSensor,
     EgmSensorPathCorr,
@@ -65,6 +67,15 @@ class Robot(NamedTuple):
         if back is None or back.cartesian is None:
             return ()
         return tuple(back.cartesian.pos or ())
+
+
+def not_normal(motion: EgmMotion | None) -> str | None:
+    """How long a motion's quaternion is where that is not 1, to 1e-3; None: there is none."""
+    pose = None if motion is None else motion.cartesian
+    if pose is None or pose.orient is None:
+        return None
+    length = math.sqrt(sum(u * u for u in pose.orient))
+    return f"length {length:.4f}" if abs(length - 1.0) > 1e-3 else ""
 
 
 class Answer(NamedTuple):

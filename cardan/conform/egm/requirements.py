@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 
-from cardan.conform.egm.decoded import EgmSeen, Robot, step
+from cardan.conform.egm.decoded import EgmSeen, Robot, not_normal, step
 from cardan.conform.egm.scenario import STEP_M, STEP_RAD
 from cardan.conform.requirements import (
+    Over,
     Requirements,
     Verdict,
     at_most,
@@ -20,6 +22,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.conform.timing import steady
 from cardan.protocols.egm import MessageType, RapidState
 from cardan.protocols.egm.messages import EgmMotion
 from cardan.spatial import from_euler_zyx
@@ -32,9 +35,7 @@ LAW = f"{MANUAL}, control law and latency"
 PERIODS_S = (0.004032, 0.004)
 """Of a real and of a virtual controller."""
 PERIOD_TOLERANCE = 0.003
-JITTER_S = 0.0015
-JITTER_SHARE = 0.05
-"""More than this share of intervals may not be off by more than `JITTER_S`."""
+JITTER_MS = 1.5
 GAP_PERIODS = 12
 """Longest time without a datagram, in periods; abb_libegm gives a controller up sooner or later."""
 CLOCK_STEP_S = 0.05
@@ -74,17 +75,16 @@ def datagrams_are_messages(seen: EgmSeen) -> Verdict:
     return none_wrong(wrong, count, f"{count} datagrams", _NOTHING, "datagrams are none")
 
 
-@requires(3, f"{SCHEMA}; {LIBEGM}")
-def headers_are_whole(seen: EgmSeen) -> Verdict:
+ROBOTS: Over[EgmSeen, Robot] = Over(lambda seen: seen.robots, "{} datagrams", "datagrams")
+
+
+@requires.each(3, f"{SCHEMA}; {LIBEGM}", replace(ROBOTS, good="{} headers", what="headers"))
+def headers_are_whole(each: Robot) -> str:
     """Every header has seqno, tm and the mtype DATA."""
-    wrong = []
-    for each in seen.robots:
-        header = each.message.header
-        if header is None or header.seqno is None or header.tm_ms is None:
-            wrong.append((each.number, "seqno or tm is missing"))
-        elif header.mtype != MessageType.DATA:
-            wrong.append((each.number, f"mtype {header.mtype:d}"))
-    return none_wrong(wrong, len(seen.robots), f"{len(seen.robots)} headers", _NOTHING, "headers")
+    header = each.message.header
+    if header is None or header.seqno is None or header.tm_ms is None:
+        return "seqno or tm is missing"
+    return f"mtype {header.mtype:d}" if header.mtype != MessageType.DATA else ""
 
 
 def _sequence(seen: EgmSeen, wrong: Iterable[tuple[int, str]], what: str) -> Verdict:
@@ -162,16 +162,8 @@ def arrival_is_steady(seen: EgmSeen) -> Verdict:
     for session in _long(seen):
         gaps = [(b.time_s - a.time_s, b.number) for a, b in pairwise(session)]
         usual = sorted(gap for gap, _ in gaps)[len(gaps) // 2]
-        off += [(abs(gap - usual), index) for gap, index in gaps]
-    if not off:
-        return not_seen(f"no session of more than {ENOUGH} datagrams")
-    late = [index for error, index in off if error > JITTER_S]
-    ordered = sorted(error for error, _ in off)
-    figure = ordered[int(0.95 * (len(ordered) - 1))] * 1e3
-    said = f"95 % within {figure:.2f} ms"
-    if len(late) > JITTER_SHARE * len(off):
-        return failed(said, late, figure, "ms")
-    return passed(said, figure, "ms")
+        off += [(abs(gap - usual) * 1e3, index) for gap, index in gaps]
+    return steady(off, JITTER_MS, "ms", f"no session of more than {ENOUGH} datagrams")
 
 
 @requires(9, f"{MANUAL}: one datagram in each cycle of the motion task")
@@ -256,32 +248,19 @@ def _complete(motion: EgmMotion | None, name: str) -> str:
     return "" if motion.time_us is not None else f"{name} without time"
 
 
-@requires(13, LIBEGM)
-def both_motions_are_whole(seen: EgmSeen) -> Verdict:
+@requires.each(13, LIBEGM, ROBOTS)
+def both_motions_are_whole(each: Robot) -> str:
     """feedBack and planned each have six joints, a pose of pos and orient, and a time."""
-    wrong = []
-    for each in seen.robots:
-        m = each.message
-        lack = _complete(m.feed_back, "feedBack") or _complete(m.planned, "planned")
-        if lack:
-            wrong.append((each.number, lack))
-    return none_wrong(
-        wrong, len(seen.robots), f"{len(seen.robots)} datagrams", _NOTHING, "datagrams"
-    )
+    m = each.message
+    return _complete(m.feed_back, "feedBack") or _complete(m.planned, "planned")
 
 
-@requires(14, LIBEGM)
-def the_states_are_there(seen: EgmSeen) -> Verdict:
+@requires.each(14, LIBEGM, ROBOTS)
+def the_states_are_there(each: Robot) -> str:
     """Every datagram has motorState, mciState, rapidExecState and mciConvergenceMet."""
-    wrong = []
-    for each in seen.robots:
-        m = each.message
-        found = (m.motor_state, m.mci_state, m.rapid_exec_state, m.mci_convergence_met)
-        if None in found:
-            wrong.append((each.number, "one of them is missing"))
-    return none_wrong(
-        wrong, len(seen.robots), f"{len(seen.robots)} datagrams", _NOTHING, "datagrams"
-    )
+    m = each.message
+    found = (m.motor_state, m.mci_state, m.rapid_exec_state, m.mci_convergence_met)
+    return "one of them is missing" if None in found else ""
 
 
 def _poses(seen: EgmSeen) -> Iterator[tuple[Robot, EgmMotion]]:
@@ -291,39 +270,30 @@ def _poses(seen: EgmSeen) -> Iterator[tuple[Robot, EgmMotion]]:
                 yield each, motion
 
 
-@requires(15, f"{SCHEMA}, EgmQuaternion")
-def quaternions_are_normal(seen: EgmSeen) -> Verdict:
+@requires.each(
+    15,
+    f"{SCHEMA}, EgmQuaternion",
+    Over(_poses, "{} quaternions", "quaternions", nothing="no quaternion came"),
+)
+def quaternions_are_normal(each: tuple[Robot, EgmMotion]) -> str | None:
     """Every quaternion has the length 1, to 1e-3."""
-    wrong, count = [], 0
-    for each, motion in _poses(seen):
-        assert motion.cartesian is not None
-        orient = motion.cartesian.orient
-        if orient is not None:
-            count += 1
-            length = math.sqrt(sum(u * u for u in orient))
-            if abs(length - 1.0) > 1e-3:
-                wrong.append((each.number, f"length {length:.4f}"))
-    return none_wrong(wrong, count, f"{count} quaternions", "no quaternion came", "quaternions")
+    return not_normal(each[1])
 
 
-@requires(16, f"{SCHEMA}, EgmEuler; {LIBEGM}")
-def euler_agrees(seen: EgmSeen) -> Verdict:
+@requires.each(
+    16,
+    f"{SCHEMA}, EgmEuler; {LIBEGM}",
+    Over(_poses, "{} poses", "poses", nothing=not_applicable("no Euler angles are sent")),
+)
+def euler_agrees(each: tuple[Robot, EgmMotion]) -> str | None:
     """Euler angles, where they are sent, are the quaternion's: R = Rz Ry Rx."""
-    wrong, count = [], 0
-    for each, motion in _poses(seen):
-        pose = motion.cartesian
-        assert pose is not None
-        if pose.euler is None or pose.orient is None:
-            continue
-        count += 1
-        same = from_euler_zyx(*pose.euler)
-        dot = abs(sum(a * b for a, b in zip(same, pose.orient, strict=True)))
-        if dot < 1.0 - 1e-6:
-            apart = math.degrees(2.0 * math.acos(min(1.0, dot)))
-            wrong.append((each.number, f"{apart:.2f} degrees apart"))
-    if not count:
-        return not_applicable("no Euler angles are sent")
-    return none_wrong(wrong, count, f"{count} poses", _NOTHING, "poses")
+    pose = each[1].cartesian
+    if pose is None or pose.euler is None or pose.orient is None:
+        return None
+    same = from_euler_zyx(*pose.euler)
+    dot = abs(sum(a * b for a, b in zip(same, pose.orient, strict=True)))
+    apart = math.degrees(2.0 * math.acos(min(1.0, dot)))
+    return f"{apart:.2f} degrees apart" if dot < 1.0 - 1e-6 else ""
 
 
 @requires(17, f"{SCHEMA}, EgmMeasuredForce in both layouts")
@@ -423,33 +393,30 @@ def an_answered_session_lasts(seen: EgmSeen) -> Verdict:
     return passed(f"{phase.end_s - found[0].time_s:.1f} s, {len(found)} datagrams")
 
 
-@requires(102, f"{MANUAL}, egmstate; {SCHEMA}, EgmMotorState, EgmMCIState", late_s=LATE_ANSWERS_S)
-def holding_is_undisturbed(seen: EgmSeen) -> Verdict:
+@requires.each(
+    102,
+    f"{MANUAL}, egmstate; {SCHEMA}, EgmMotorState, EgmMCIState",
+    Over(_hold, "{} datagrams", "datagrams", nothing="the MCI never ran"),
+    late_s=LATE_ANSWERS_S,
+)
+def holding_is_undisturbed(each: Robot) -> str:
     """Once guidance runs and is answered, the motors stay on and the MCI stays RUNNING."""
-    found = _hold(seen)
-    if not found:
-        return not_seen("the MCI never ran")
-    wrong = []
-    for each in found:
-        if not each.motors_on:
-            wrong.append((each.number, "the motors went off"))
-        elif not each.running:
-            wrong.append((each.number, f"the MCI's state is {each.message.mci_state}"))
-    return none_wrong(wrong, len(found), f"{len(found)} datagrams", _NOTHING, "datagrams")
+    if not each.motors_on:
+        return "the motors went off"
+    return "" if each.running else f"the MCI's state is {each.message.mci_state}"
 
 
-@requires(103, f"{SCHEMA}, EgmRapidCtrlExecState; {LIBEGM}: UNDEFINED is a known defect")
-def the_program_is_said_to_run(seen: EgmSeen) -> Verdict:
+@requires.each(
+    103,
+    f"{SCHEMA}, EgmRapidCtrlExecState; {LIBEGM}: UNDEFINED is a known defect",
+    replace(ROBOTS, nothing="the MCI never ran"),
+)
+def the_program_is_said_to_run(each: Robot) -> str | None:
     """While the MCI is RUNNING, so is RAPID's execution state."""
-    running = [each for each in seen.robots if each.running]
-    wrong = (
-        (each.number, f"the state is {each.message.rapid_exec_state}")
-        for each in running
-        if each.message.rapid_exec_state != RapidState.RUNNING
-    )
-    return none_wrong(
-        wrong, len(running), f"{len(running)} datagrams", "the MCI never ran", "datagrams"
-    )
+    if not each.running:
+        return None
+    state = each.message.rapid_exec_state
+    return "" if state == RapidState.RUNNING else f"the state is {state}"
 
 
 def _apart(one: tuple[float, ...], other: tuple[float, ...]) -> float:

@@ -9,8 +9,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from cardan.conform.controllers import had_ended
-from cardan.conform.egm.decoded import Answer, EgmSeen, Robot, step
+from cardan.conform.egm.decoded import Answer, EgmSeen, Robot, not_normal, step
 from cardan.conform.requirements import (
+    Over,
     Requirements,
     Verdict,
     at_most,
@@ -49,8 +50,7 @@ def _ended_before(phase: str) -> Callable[[EgmSeen], Verdict | None]:
     return lambda seen: had_ended(seen, phase, seen.robots, seen.answers, ASKS)
 
 
-def _answers(seen: EgmSeen) -> list[Answer]:
-    return seen.answers
+ANSWERS: Over[EgmSeen, Answer] = Over(lambda seen: seen.answers, "{} answers")
 
 
 class Pair(NamedTuple):
@@ -125,7 +125,7 @@ def answers_are_messages(seen: EgmSeen) -> Verdict:
     return none_wrong(wrong, count, f"{count} answers", _NOTHING)
 
 
-@requires.each(103, f"{SCHEMA}, EgmHeader.mtype", _answers, "{} answers")
+@requires.each(103, f"{SCHEMA}, EgmHeader.mtype", ANSWERS)
 def answers_have_their_type(answer: Answer) -> str:
     """mtype is CORRECTION, or PATH_CORRECTION of a path correction."""
     path = isinstance(answer.message, EgmSensorPathCorr)
@@ -196,10 +196,7 @@ def answers_are_in_time(seen: EgmSeen) -> Verdict:
 
 
 @requires.each(
-    107,
-    f"{SCHEMA}; {MANUAL}: planned or speedRef of the mode, else the last one counts",
-    _answers,
-    "{} answers",
+    107, f"{SCHEMA}; {MANUAL}: planned or speedRef of the mode, else the last one counts", ANSWERS
 )
 def every_answer_has_a_reference(answer: Answer) -> str:
     """Every answer has a position or a speed, in joints or of the TCP, or a path correction."""
@@ -211,21 +208,15 @@ def every_answer_has_a_reference(answer: Answer) -> str:
     return "" if position or speed else "neither position nor speed"
 
 
-@requires(108, f"{SCHEMA}, EgmQuaternion")
-def quaternions_are_normal(seen: EgmSeen) -> Verdict:
+def _sends_none(seen: EgmSeen) -> Verdict | None:
+    sent = any(not_normal(_planned(each)) is not None for each in seen.answers)
+    return not_applicable("no quaternion is sent") if seen.answers and not sent else None
+
+
+@requires.each(108, f"{SCHEMA}, EgmQuaternion", ANSWERS, good="{} quaternions", unless=_sends_none)
+def quaternions_are_normal(answer: Answer) -> str | None:
     """Every quaternion has the length 1, to 1e-3."""
-    wrong, count = [], 0
-    for each in seen.answers:
-        motion = _planned(each)
-        orient = motion.cartesian.orient if motion and motion.cartesian else None
-        if orient is not None:
-            count += 1
-            length = math.sqrt(sum(u * u for u in orient))
-            if abs(length - 1.0) > 1e-3:
-                wrong.append((each.number, f"length {length:.4f}"))
-    if seen.answers and not count:
-        return not_applicable("no quaternion is sent")
-    return none_wrong(wrong, count, f"{count} quaternions", _NOTHING)
+    return not_normal(_planned(answer))
 
 
 def _first_answers(seen: EgmSeen) -> Iterator[tuple[Robot, Answer]]:
@@ -260,7 +251,7 @@ def _strays(robot: Robot, answer: Answer) -> str:
 
 
 @requires.each(
-    109, f"{LAW}; a stale target after a restart is a jump", _first_answers, "{} sessions"
+    109, f"{LAW}; a stale target after a restart is a jump", Over(_first_answers, "{} sessions")
 )
 def a_session_begins_where_the_arm_is(each: tuple[Robot, Answer]) -> str:
     """The first answer of every session is the measured position, with no speed."""
@@ -275,7 +266,7 @@ def _neighbours(seen: EgmSeen) -> Iterator[tuple[Answer, Answer]]:
             yield one, other
 
 
-@requires.each(110, LAW, _neighbours, "{} steps")
+@requires.each(110, LAW, Over(_neighbours, "{} steps"))
 def references_do_not_leap(each: tuple[Answer, Answer]) -> str | None:
     """From answer to answer the reference goes no further than 4 mm and 1 degree."""
     a, b = map(_planned, each)
@@ -295,9 +286,7 @@ def _while_stopped(seen: EgmSeen) -> Iterator[tuple[Robot, Answer]]:
 @requires.each(
     111,
     f"{LAW}; {LIBEGM} repeats its last reference there",
-    _while_stopped,
-    "{} answers",
-    nothing="it did not answer while commands do not act",
+    Over(_while_stopped, "{} answers", nothing="it did not answer while commands do not act"),
     unless=_ended_before("stopped"),
 )
 def it_follows_while_commands_do_not_act(each: tuple[Robot, Answer]) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from cardan.conform.controllers import DriverRig
 from cardan.conform.egm_driver.faults import FAULTS
 from cardan.conform.egm_driver.scenario import FIRST, SECOND
+from cardan.conform.rigs import DriverRig
 from cardan.conform.runner import Exchange
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import EgmSession

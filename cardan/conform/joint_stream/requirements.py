@@ -9,6 +9,7 @@ from itertools import pairwise
 from cardan.conform.joint_stream.decoded import JointStreamSeen, State
 from cardan.conform.joint_stream.scenario import SPEED_RAD_S, STEP_RAD
 from cardan.conform.requirements import (
+    Over,
     Requirements,
     Verdict,
     at_most,
@@ -19,6 +20,7 @@ from cardan.conform.requirements import (
     passed,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.conform.timing import steady
 from cardan.protocols.joint_stream import ControlMode
 
 PAGE = "docs/protocols/joint-stream.md"
@@ -27,7 +29,6 @@ STATE = f"{PAGE}, state"
 
 PERIOD_SHARE = 0.02
 JITTER_SHARE_OF_PERIOD = 0.4
-JITTER_SHARE = 0.05
 GAP_PERIODS = 12
 ACK_PERIODS, ACK_S = 3.0, 0.01
 HELD_RAD = math.radians(0.6)
@@ -51,6 +52,11 @@ COMMANDED = (
 
 _NOTHING = "no states came"
 requires: Requirements[JointStreamSeen] = Requirements("JS", _NOTHING)
+
+
+def _in(*phases: str, nothing: str | None = None) -> Over[JointStreamSeen, State]:
+    """The states of these phases."""
+    return Over(lambda seen: seen.during(*phases), "{} states", nothing=nothing)
 
 
 @requires(1, f"{RULES} 1: the client begins")
@@ -132,13 +138,9 @@ def arrival_is_steady(seen: JointStreamSeen) -> Verdict:
     found = _gaps(seen)
     if len(found) < 50:
         return not_seen("too few states")
-    off = [(abs(b.time_s - a.time_s - a.value.period_s) / a.value.period_s, b) for a, b in found]
-    late = [b.number for error, b in off if error > JITTER_SHARE_OF_PERIOD]
-    figure = sorted(error for error, _ in off)[int(0.95 * (len(off) - 1))]
-    said = f"95 % within {figure:.2f} periods"
-    if len(late) > JITTER_SHARE * len(off):
-        return failed(said, late, figure, "periods")
-    return passed(said, figure, "periods")
+    periods = ((a.value.period_s, a, b) for a, b in found)
+    off = [(abs(b.time_s - a.time_s - s) / s, b.number) for s, a, b in periods]
+    return steady(off, JITTER_SHARE_OF_PERIOD, "periods", _NOTHING)
 
 
 @requires(107, f"{RULES} 1: a state in each of its cycles")
@@ -193,16 +195,15 @@ def commands_are_acknowledged_soon(seen: JointStreamSeen) -> Verdict:
     )
 
 
-@requires(110, f"{STATE}: why commands do not act; empty when they do")
-def holding_is_undisturbed(seen: JointStreamSeen) -> Verdict:
+@requires.each(
+    110,
+    f"{STATE}: why commands do not act; empty when they do",
+    _in("hold", nothing="it was not held"),
+)
+def holding_is_undisturbed(each: State) -> str:
     """Held by commands of positions, it says so, and no reason why it would not."""
-    found = seen.during("hold")
-    wrong = [
-        (each.number, each.value.reason or f"mode {each.value.mode.name}")
-        for each in found
-        if each.value.reason or each.value.mode is not ControlMode.POSITION
-    ]
-    return none_wrong(wrong, len(found), f"{len(found)} states", "it was not held")
+    held = each.value.mode is ControlMode.POSITION
+    return each.value.reason or ("" if held else f"mode {each.value.mode.name}")
 
 
 @requires(111, f"{RULES} 4")
@@ -234,14 +235,14 @@ def an_arm_that_is_held_stands(seen: JointStreamSeen) -> Verdict:
     )
 
 
-@requires(113, f"{RULES} 6: malformed as a whole, and changes nothing")
-def junk_changes_nothing(seen: JointStreamSeen) -> Verdict:
+@requires.each(
+    113,
+    f"{RULES} 6: malformed as a whole, and changes nothing",
+    _in("junk", nothing="none was sent"),
+)
+def junk_changes_nothing(each: State) -> str:
     """What is no command changes nothing."""
-    found = seen.during("junk")
-    if not found:
-        return not_seen("none was sent")
-    wrong = [(e.number, e.value.reason) for e in found if e.value.reason]
-    return none_wrong(wrong, len(found), f"{len(found)} states", _NOTHING)
+    return each.value.reason
 
 
 @requires(114, f"{RULES} 2: the arm ignores other sessions")
@@ -303,21 +304,20 @@ def silence_makes_it_hold(seen: JointStreamSeen) -> Verdict:
     return none_wrong(wrong, len(late), f"{len(late)} states", _NOTHING)
 
 
-@requires(118, f"{STATE}: unit quaternion, norm within 0.001 of 1")
-def figures_are_plausible(seen: JointStreamSeen) -> Verdict:
+@requires.each(
+    118,
+    f"{STATE}: unit quaternion, norm within 0.001 of 1",
+    Over(lambda seen: (p for session in seen.sessions for p in pairwise(session)), "{} states"),
+)
+def figures_are_plausible(each: tuple[State, State]) -> str | None:
     """The stamp goes up with the sequence, by the period that is told."""
-    wrong, count = [], 0
-    for session in seen.sessions:
-        for a, b in pairwise(session):
-            cycles = b.value.sequence - a.value.sequence
-            if cycles <= 0:
-                continue
-            count += 1
-            off = b.value.stamp_s - a.value.stamp_s - cycles * a.value.period_s
-            # A forgotten client gets no states, and no sequence is used up.
-            if off < -0.5 * a.value.period_s:
-                wrong.append((b.number, f"{off * 1e3:.2f} ms off"))
-    return none_wrong(wrong, count, f"{count} states", _NOTHING)
+    a, b = each
+    cycles = b.value.sequence - a.value.sequence
+    if cycles <= 0:
+        return None
+    off = b.value.stamp_s - a.value.stamp_s - cycles * a.value.period_s
+    # A forgotten client gets no states, and no sequence is used up.
+    return f"{off * 1e3:.2f} ms off" if off < -0.5 * a.value.period_s else ""
 
 
 @requires(119, "cardan.dissect: a second description of the protocol")

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
 from cardan.conform.controllers import had_ended
 from cardan.conform.joint_stream.decoded import Command, JointStreamSeen, State
 from cardan.conform.requirements import (
+    Over,
     Requirements,
     Verdict,
     at_most,
@@ -141,30 +143,29 @@ def the_joints_are_the_arms(seen: JointStreamSeen) -> Verdict:
     return none_wrong(wrong, len(found), f"{len(found)} commands", _NOTHING)
 
 
-@requires(104, f"{HEADER}: sequence, from 1; {RULES} 2: from a greeting it may count anew")
-def commands_count_up_by_one(seen: JointStreamSeen) -> Verdict:
+COMMANDS: Over[JointStreamSeen, Said] = Over(_said, "{} commands")
+
+
+@requires.each(
+    104,
+    f"{HEADER}: sequence, from 1; {RULES} 2: from a greeting it may count anew",
+    Over(lambda seen: pairwise(_said(seen)), "{} commands"),
+)
+def commands_count_up_by_one(each: tuple[Said, Said]) -> str | None:
     """The sequence goes up by one from command to command."""
-    found = _said(seen)
-    wrong, count = [], 0
-    for a, b in pairwise(found):
-        if _greets(b.value):
-            continue
-        count += 1
-        if (b.value.sequence - a.value.sequence) & 0xFFFFFFFF != 1:
-            wrong.append((b.number, f"{b.value.sequence} after {a.value.sequence}"))
-    return none_wrong(wrong, count, f"{count} commands", _NOTHING)
+    a, b = (said.value for said in each)
+    if _greets(b):
+        return None
+    return "" if (b.sequence - a.sequence) & 0xFFFFFFFF == 1 else f"{b.sequence} after {a.sequence}"
 
 
-@requires(105, f"{RULES} 2: the session of the newest state")
-def the_session_is_the_newest(seen: JointStreamSeen) -> Verdict:
+@requires.each(105, f"{RULES} 2: the session of the newest state", COMMANDS)
+def the_session_is_the_newest(each: Said) -> str | None:
     """Commands have the session of the newest state, greetings 0."""
-    found = [e for e in _said(seen) if e.state is not None and not _greets(e.value)]
-    wrong = [
-        (e.number, f"session {e.value.session}, not {e.state.value.session}")
-        for e in found
-        if e.state is not None and e.value.session != e.state.value.session
-    ]
-    return none_wrong(wrong, len(found), f"{len(found)} commands", _NOTHING)
+    if each.state is None or _greets(each.value):
+        return None
+    told, newest = each.value.session, each.state.value.session
+    return "" if told == newest else f"session {told}, not {newest}"
 
 
 class Pair(NamedTuple):
@@ -300,12 +301,10 @@ def _outside(value: ArmCommand) -> str:
     return ""
 
 
-@requires(111, f"{RULES} 5: what is beyond is refused, and the arm holds")
-def commands_are_within_the_arm(seen: JointStreamSeen) -> Verdict:
+@requires.each(111, f"{RULES} 5: what is beyond is refused, and the arm holds", COMMANDS)
+def commands_are_within_the_arm(each: Said) -> str:
     """Positions are within the joints' ranges, and speeds within what the joints can do."""
-    found = _said(seen)
-    wrong = [(e.number, why) for e in found for why in [_outside(e.value)] if why]
-    return none_wrong(wrong, len(found), f"{len(found)} commands", _NOTHING)
+    return _outside(each.value)
 
 
 def _steps(seen: JointStreamSeen) -> Iterator[tuple[Said, Said, float]]:
@@ -319,61 +318,62 @@ def _steps(seen: JointStreamSeen) -> Iterator[tuple[Said, Said, float]]:
             yield a, b, passed_s
 
 
-@requires(112, f"{RULES} 4: what comes is followed at once")
-def positions_do_not_leap(seen: JointStreamSeen) -> Verdict:
+def _unpositioned(seen: JointStreamSeen) -> Verdict | None:
+    none = bool(_said(seen)) and not any(_steps(seen))
+    return not_applicable("it commands no positions") if none else None
+
+
+STEPS: Over[JointStreamSeen, tuple[Said, Said, float]] = Over(
+    _steps, "{} steps", unless=_unpositioned
+)
+
+
+@requires.each(112, f"{RULES} 4: what comes is followed at once", STEPS)
+def positions_do_not_leap(each: tuple[Said, Said, float]) -> str:
     """From command to command no joint goes further than its highest speed takes it, and a tenth
     more."""
-    wrong, count = [], 0
-    for a, b, passed_s in _steps(seen):
-        count += 1
-        for joint, (p, q) in enumerate(zip(a.value.values, b.value.values, strict=True)):
-            most = SPEED_SHARE * ARM.joints[joint].velocity * passed_s
-            if abs(q - p) > most:
-                wrong.append((b.number, f"joint {joint + 1} by {q - p:.3f} rad"))
-                break
-    if _said(seen) and not count:
-        return not_applicable("it commands no positions")
-    return none_wrong(wrong, count, f"{count} steps", _NOTHING)
+    a, b, passed_s = each
+    for joint, (p, q) in enumerate(zip(a.value.values, b.value.values, strict=True)):
+        if abs(q - p) > SPEED_SHARE * ARM.joints[joint].velocity * passed_s:
+            return f"joint {joint + 1} by {q - p:.3f} rad"
+    return ""
 
 
-@requires(113, f"{PAGE}, command: speeds at the positions, 0 for none; {RULES} 4")
-def speeds_are_those_of_the_positions(seen: JointStreamSeen) -> Verdict:
+@requires.each(
+    113,
+    f"{PAGE}, command: speeds at the positions, 0 for none; {RULES} 4",
+    # The positions may be limited in one step.
+    replace(STEPS, few=0.02),
+)
+def speeds_are_those_of_the_positions(each: tuple[Said, Said, float]) -> str:
     """The speeds beside positions are those at which the positions move, or 0: where a command is
     missing the arm goes on at them."""
-    wrong, count = [], 0
-    for a, b, passed_s in _steps(seen):
-        forward = (a.value.feed_forward, b.value.feed_forward)
-        count += 1
-        for joint, (p, q) in enumerate(zip(a.value.values, b.value.values, strict=True)):
-            told = 0.5 * (forward[0][joint] + forward[1][joint])
-            off = abs(told - (q - p) / passed_s)
-            if told and off > UNLIKE_RAD_S + UNLIKE_SHARE * abs((q - p) / passed_s):
-                wrong.append((b.number, f"joint {joint + 1}: {told:.3f} rad/s told"))
-                break
-    # The positions may be limited in one step.
-    few = len(wrong) <= 0.02 * count
-    if _said(seen) and not count:
-        return not_applicable("it commands no positions")
-    return none_wrong([] if few else wrong, count, f"{count} steps", _NOTHING)
+    a, b, passed_s = each
+    for joint, (p, q) in enumerate(zip(a.value.values, b.value.values, strict=True)):
+        told = 0.5 * (a.value.feed_forward[joint] + b.value.feed_forward[joint])
+        speed = (q - p) / passed_s
+        if told and abs(told - speed) > UNLIKE_RAD_S + UNLIKE_SHARE * abs(speed):
+            return f"joint {joint + 1}: {told:.3f} rad/s told"
+    return ""
 
 
-@requires(
+def _while_stopped(seen: JointStreamSeen) -> list[Said]:
+    numbers = {e.number for e in seen.during("estop")[STOPPED_STATES:]}
+    return [e for e in _said(seen, "estop") if e.state is not None and e.state.number in numbers]
+
+
+@requires.each(
     114,
     f"{RULES} 5: every command is ignored, and the next acts when that is over",
+    Over(_while_stopped, "{} commands", nothing="it did not answer then"),
     unless=_ended_before("estop"),
 )
-def a_stopped_arm_is_followed(seen: JointStreamSeen) -> Verdict:
+def a_stopped_arm_is_followed(each: Said) -> str:
     """While states say why commands do not act, it holds, or commands the measured position without
     speed."""
-    numbers = {e.number for e in seen.during("estop")[STOPPED_STATES:]}
-    found = [e for e in _said(seen, "estop") if e.state is not None and e.state.number in numbers]
-    wrong = []
-    for each in found:
-        if each.value.mode is ControlMode.HOLD:
-            continue
-        if _away(each) > NEAR_RAD or _speed(each) > STILL_RAD_S:
-            wrong.append((each.number, f"{math.degrees(_away(each)):.2f} degrees away"))
-    return none_wrong(wrong, len(found), f"{len(found)} commands", "it did not answer then")
+    still = _away(each) <= NEAR_RAD and _speed(each) <= STILL_RAD_S
+    held = each.value.mode is ControlMode.HOLD
+    return "" if held or still else f"{math.degrees(_away(each)):.2f} degrees away"
 
 
 @requires(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from cardan.conform.controllers import DriverRig
 from cardan.conform.joint_stream_driver.faults import FAULTS
 from cardan.conform.joint_stream_driver.requirements import PERIOD_S, ROBOT
+from cardan.conform.rigs import DriverRig
 from cardan.conform.runner import Exchange
 from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.sim_arm.options import SimArmOptions
@@ -48,7 +48,8 @@ class JointStreamDriverRig(DriverRig):
         """When and where motion began, and in which session."""
         self._target: tuple[float, ...] = ()
 
-    def _opened(self, channel: str) -> None:
+    def _open(self, channel: str) -> None:
+        super()._open(channel)
         self._listens = True
 
     # -- what the driver is asked to do -----------------------------------------------------------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from itertools import pairwise
 
 from cardan.conform.joint_trajectory.decoded import Goal, TrajectorySeen
@@ -184,39 +185,15 @@ def _refused(seen: TrajectorySeen, phase: str) -> Verdict:
 CHECKED = f"{ACTION}: error_code; {CONTROLLER}: goals are checked before they are accepted"
 
 
-@requires(203, CHECKED)
-def strangers_are_refused(seen: TrajectorySeen) -> Verdict:
-    """A goal for joints that the arm does not have is rejected, or ends as ABORTED with
-    INVALID_GOAL or INVALID_JOINTS; nothing moves."""
-    return _refused(seen, "unknown")
-
-
-@requires(204, CHECKED)
-def a_missing_joint_is_refused(seen: TrajectorySeen) -> Verdict:
-    """A goal that lacks a joint is rejected, or ends as ABORTED with INVALID_GOAL or
-    INVALID_JOINTS; nothing moves."""
-    return _refused(seen, "too-few")
-
-
-@requires(205, CHECKED)
-def a_missing_position_is_refused(seen: TrajectorySeen) -> Verdict:
-    """A goal whose last point lacks a position is rejected, or ends as ABORTED with INVALID_GOAL or
-    INVALID_JOINTS; nothing moves."""
-    return _refused(seen, "unequal")
-
-
-@requires(206, CHECKED)
-def two_points_at_a_time_are_refused(seen: TrajectorySeen) -> Verdict:
-    """A goal with two points at the same time is rejected, or ends as ABORTED with INVALID_GOAL or
-    INVALID_JOINTS; nothing moves."""
-    return _refused(seen, "same-time")
-
-
-@requires(207, CHECKED)
-def no_number_is_refused(seen: TrajectorySeen) -> Verdict:
-    """A goal with a position that is no number is rejected, or ends as ABORTED with INVALID_GOAL or
-    INVALID_JOINTS; nothing moves."""
-    return _refused(seen, "nan")
+for number, bad, how in (
+    (203, "unknown", "for joints that the arm does not have"),
+    (204, "too-few", "that lacks a joint"),
+    (205, "unequal", "whose last point lacks a position"),
+    (206, "same-time", "with two points at the same time"),
+    (207, "nan", "with a position that is no number"),
+):
+    refusal = "is rejected, or ends as ABORTED with INVALID_GOAL or INVALID_JOINTS; nothing moves."
+    requires(number, CHECKED, text=f"A goal {how} {refusal}")(partial(_refused, phase=bad))
 
 
 def _canceled(goal: Goal) -> Verdict:

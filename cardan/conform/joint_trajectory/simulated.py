@@ -8,11 +8,11 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 
-from cardan.conform.controllers import DriverRig
 from cardan.conform.joint_trajectory.faults import FAULTS
 from cardan.conform.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
 from cardan.conform.joint_trajectory.requirements import INVALID
 from cardan.conform.joint_trajectory.scenario import TURN
+from cardan.conform.rigs import DriverRig
 from cardan.conform.ros2_arm.names import DESCRIPTION, STATES, TOPICS
 from cardan.conform.runner import Exchange
 from cardan.protocols.ros2.actions import (
@@ -200,12 +200,14 @@ class ActionRig(DriverRig):
 
     # -- the arm ----------------------------------------------------------------------------------
 
-    def _opened(self, channel: str) -> None:
+    def _open(self, channel: str) -> None:
+        super()._open(channel)
         if channel == DESCRIPTION:
             self._tell(DESCRIPTION, TOPICS[DESCRIPTION].type, {"data": self._arm.urdf})
 
-    def _driver_next_s(self) -> float:
-        return min([self._cycles * PERIOD_S, *(due_s for due_s, _, _ in self._coming)])
+    def _next_s(self) -> float:
+        due = [self._cycles * PERIOD_S, *(due_s for due_s, _, _ in self._coming)]
+        return min(super()._next_s(), *due)
 
     def _turn(self) -> None:
         while self._coming and self._coming[0][0] <= self._now_s:

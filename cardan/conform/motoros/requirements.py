@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 
 from cardan.conform.motoros.decoded import Exchange, Heard, MotorosSeen
 from cardan.conform.motoros.scenario import STEP_RAD, STEP_S, UNKNOWN_TYPE
 from cardan.conform.requirements import (
+    Over,
     Requirements,
     Verdict,
     at_most,
@@ -163,9 +164,7 @@ def feedback_has_speeds(seen: MotorosSeen) -> Verdict:
 @requires.each(
     9,
     f"{MESSAGES}, ROBOT_STATUS: MotoROS sends no unknowns",
-    MotorosSeen.statuses,
-    "{} statuses",
-    nothing="no status came",
+    Over(MotorosSeen.statuses, "{} statuses", nothing="no status came"),
 )
 def statuses_are_plausible(each: tuple[Heard, RobotStatus]) -> str:
     """Switches of a status are 0 or 1, and the mode is 1 (teach) or 2 (play)."""
@@ -176,18 +175,15 @@ def statuses_are_plausible(each: tuple[Heard, RobotStatus]) -> str:
     return "" if s.mode in (ControllerMode.MANUAL, ControllerMode.AUTO) else f"mode {s.mode}"
 
 
-@requires(10, f"{STATES}: each message in one send()")
-def messages_are_not_torn(seen: MotorosSeen) -> Verdict:
+@requires.each(
+    10,
+    f"{STATES}: each message in one send()",
+    Over(lambda seen: seen.heard, "{} messages, {} in pieces", few=0.01),
+)
+def messages_are_not_torn(each: Heard) -> str:
     """Of a message whose first bytes have come the rest is there within half a millisecond."""
-    torn = [
-        (each.number, f"{(each.time_s - each.begun_s) * 1e3:.1f} ms")
-        for each in seen.heard
-        if each.time_s - each.begun_s > WHOLE_WITHIN_S
-    ]
-    if len(torn) > 0.01 * len(seen.heard):
-        return none_wrong(torn, len(seen.heard), "", "")
-    said = f"{len(seen.heard)} messages, {len(torn)} in pieces"
-    return passed(said) if seen.heard else not_seen("nothing came")
+    took_s = each.time_s - each.begun_s
+    return f"{took_s * 1e3:.1f} ms" if took_s > WHOLE_WITHIN_S else ""
 
 
 @requires(11, "cardan.dissect: a second description of the protocol")
@@ -241,12 +237,13 @@ def _control(seen: MotorosSeen, command: C, phase: str = "") -> list[Exchange]:
     ]
 
 
+def _bodies(found: Iterable[Exchange], kind: type) -> list[Exchange]:
+    """The requests with a body of a kind."""
+    return [e for e in found if e.request is not None and isinstance(e.request.body, kind)]
+
+
 def _points(seen: MotorosSeen, phase: str) -> list[Exchange]:
-    return [
-        each
-        for each in seen.exchanges(phase)
-        if each.request is not None and isinstance(each.request.body, JointTrajPtFull)
-    ]
+    return _bodies(seen.exchanges(phase), JointTrajPtFull)
 
 
 def _requests(seen: MotorosSeen) -> list[Exchange]:
@@ -435,8 +432,7 @@ def _held(seen: MotorosSeen) -> Verdict | None:
 @requires.each(
     113,
     f"{STATES}, ROBOT_STATUS; {CONTROLLER}: what ends motion",
-    lambda seen: seen.statuses("hold"),
-    "{} statuses",
+    Over(lambda seen: seen.statuses("hold"), "{} statuses"),
     unless=_held,
 )
 def holding_is_undisturbed(each: tuple[Heard, RobotStatus]) -> str:
@@ -490,13 +486,8 @@ def an_empty_queue_is_said_to_be(seen: MotorosSeen) -> Verdict:
 
 
 def _velocities(seen: MotorosSeen, phase: str) -> list[Exchange]:
-    return [
-        each
-        for each in seen.exchanges(phase)
-        if each.request is not None
-        and isinstance(each.request.body, JointVelocity)
-        and each.request.comm_type == CommType.SERVICE_REQUEST
-    ]
+    found = _bodies(seen.exchanges(phase), JointVelocity)
+    return [e for e in found if e.request and e.request.comm_type == CommType.SERVICE_REQUEST]
 
 
 _NO_VELOCITY = "the controller has no velocity mode"

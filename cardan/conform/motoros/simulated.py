@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from cardan.conform.rigs import TcpRig
 from cardan.conform.runner import Exchange
-from cardan.conform.tcp_rig import TcpRig
 from cardan.sim_peers.motoros_controller import (
     MotorosController,
     MotorosControllerOptions,
@@ -22,9 +22,9 @@ class MotorosRig(TcpRig[PortKind]):
         self._controller = MotorosController(options)
         super().__init__(conduct, MotorosServers(self._controller, options))
 
-    def _by_hand(self, what: str, now_s: float) -> None:
+    def _by_hand(self, what: str) -> None:
         doing = {
             "estop": self._controller.emergency_stop,
             "release": self._controller.release_emergency_stop,
         }
-        doing[what](now_s)
+        doing[what](self._now_s)

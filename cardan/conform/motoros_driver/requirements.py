@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Iterable, Iterator
+from functools import partial
 from itertools import pairwise
 
 from cardan.conform.motoros_driver.decoded import DriverSeen, Link, Neighbours, Said
@@ -14,6 +14,7 @@ from cardan.conform.motoros_driver.scenario import (
     STOPS,
 )
 from cardan.conform.requirements import (
+    Over,
     Requirements,
     Verdict,
     failed,
@@ -98,16 +99,25 @@ _NO_POINTS = "no points were sent"
 _NO_SPEEDS = "no speeds were sent"
 
 
-def _said(seen: DriverSeen) -> list[Said]:
-    return seen.said
+def _unused(seen: DriverSeen) -> Verdict | None:
+    """The client moves the arm, and does not by the velocity mode."""
+    unused = bool(seen.points) and not seen.velocities
+    return not_applicable("it does not use the velocity mode") if unused else None
 
 
-def _points(seen: DriverSeen) -> list[tuple[Said, JointTrajPtFull]]:
-    return seen.points
+MESSAGES_SAID: Over[DriverSeen, Said] = Over(lambda seen: seen.said, "{} messages")
 
+POINTS: Over[DriverSeen, tuple[Said, JointTrajPtFull]] = Over(
+    lambda seen: seen.points, "{} points", nothing=_NO_POINTS
+)
 
-def _speeds(seen: DriverSeen) -> list[tuple[Said, JointVelocity]]:
-    return seen.velocities
+NEIGHBOURS: Over[DriverSeen, Neighbours] = Over(
+    DriverSeen.neighbours, "{} points", nothing=_NO_POINTS
+)
+
+SPEEDS: Over[DriverSeen, tuple[Said, JointVelocity]] = Over(
+    lambda seen: seen.velocities, "{} messages", nothing=_NO_SPEEDS, unless=_unused
+)
 
 
 def _in_stock(seen: DriverSeen) -> Iterator[tuple[Said, str]]:
@@ -144,7 +154,10 @@ def a_message_is_one_piece(seen: DriverSeen) -> Verdict:
 
 
 @requires.each(
-    104, f"{SERVER}: a second message in the buffer can be lost; {MANUAL}", _said, "{} requests"
+    104,
+    f"{SERVER}: a second message in the buffer can be lost; {MANUAL}",
+    MESSAGES_SAID,
+    good="{} requests",
 )
 def one_request_at_a_time(said: Said) -> str | None:
     """No request is sent before the one before is answered; speeds sent as topics are none."""
@@ -159,9 +172,7 @@ def the_byte_order_is_the_controllers(seen: DriverSeen) -> Verdict:
     return none_wrong(seen.disordered, len(seen.said), f"{len(seen.said)} messages")
 
 
-@requires.each(
-    106, f"{MESSAGES}, comm_type and reply_code: 2 and 0 of a request", _said, "{} messages"
-)
+@requires.each(106, f"{MESSAGES}, comm_type and reply_code: 2 and 0 of a request", MESSAGES_SAID)
 def requests_are_requests(said: Said) -> str:
     """Everything is a service request with reply code 0; speeds may be topics."""
     head = said.message.comm_type, said.message.reply_code
@@ -179,7 +190,9 @@ def the_state_port_is_left_alone(seen: DriverSeen) -> Verdict:
 
 
 @requires.each(
-    108, f"{SERVER}: an unknown command is answered with the reply before", _in_stock, "{} messages"
+    108,
+    f"{SERVER}: an unknown command is answered with the reply before",
+    Over(_in_stock, "{} messages"),
 )
 def commands_are_known(each: tuple[Said, str]) -> str:
     """Types and commands are such as MotoROS has; the velocity mode's are used where it is."""
@@ -268,7 +281,7 @@ def a_refused_start_is_taken_for_one(seen: DriverSeen) -> Verdict:
 # -- trajectories ----------------------------------------------------------------------------------
 
 
-@requires.each(120, f"{SERVER}: else DATA_INSUFFICIENT", _points, "{} points", nothing=_NO_POINTS)
+@requires.each(120, f"{SERVER}: else DATA_INSUFFICIENT", POINTS)
 def points_are_complete(each: tuple[Said, JointTrajPtFull]) -> str:
     """Every point has a time, positions and velocities, and says so; all are finite."""
     point = each[1]
@@ -281,9 +294,11 @@ def points_are_complete(each: tuple[Said, JointTrajPtFull]) -> str:
 @requires.each(
     121,
     f"{SERVER}: within 30 pulses of the commanded position, else DATA_START_POS",
-    lambda seen: [(*each, seen.feedback_before(each[0].number)) for each in seen.points],
-    "{} trajectories",
-    nothing=_NO_POINTS,
+    Over(
+        lambda seen: [(*each, seen.feedback_before(each[0].number)) for each in seen.points],
+        "{} trajectories",
+        nothing=_NO_POINTS,
+    ),
 )
 def a_trajectory_begins_where_the_arm_is(
     each: tuple[Said, JointTrajPtFull, JointFeedback | None],
@@ -300,11 +315,7 @@ def a_trajectory_begins_where_the_arm_is(
 
 
 @requires.each(
-    122,
-    f"{CLIENT}: the index of the point; {SERVER}: 0 begins, below 0 is refused",
-    DriverSeen.neighbours,
-    "{} points",
-    nothing=_NO_POINTS,
+    122, f"{CLIENT}: the index of the point; {SERVER}: 0 begins, below 0 is refused", NEIGHBOURS
 )
 def points_count_up(each: Neighbours) -> str:
     """The sequence goes up by one from point to point of a trajectory."""
@@ -314,11 +325,7 @@ def points_count_up(each: Neighbours) -> str:
 
 
 @requires.each(
-    123,
-    f"{SERVER}: of a point that is not later nothing is queued, and it is SUCCESS",
-    DriverSeen.neighbours,
-    "{} points",
-    nothing=_NO_POINTS,
+    123, f"{SERVER}: of a point that is not later nothing is queued, and it is SUCCESS", NEIGHBOURS
 )
 def time_goes_on(each: Neighbours) -> str:
     """From point to point of a trajectory the time rises by a whole millisecond at least."""
@@ -343,13 +350,7 @@ def _too_fast(speeds: Iterable[float], share: float = 1.0) -> str:
     return ""
 
 
-@requires.each(
-    124,
-    f"{SERVER}: DATA_SPEED of a speed; positions are not checked there",
-    _points,
-    "{} points",
-    nothing=_NO_POINTS,
-)
+@requires.each(124, f"{SERVER}: DATA_SPEED of a speed; positions are not checked there", POINTS)
 def points_are_within_the_arm(each: tuple[Said, JointTrajPtFull]) -> str:
     """Positions are within the joints' ranges, and speeds within what the joints can do."""
     return _outside(each[1].pos) or _too_fast(each[1].vel)
@@ -370,11 +371,7 @@ def _steepest(one: JointTrajPtFull, other: JointTrajPtFull) -> list[float]:
 
 
 @requires.each(
-    125,
-    f"{SERVER}: increments beyond an axis's speed are refused, INC_MOVE_ERROR",
-    DriverSeen.neighbours,
-    "{} points",
-    nothing=_NO_POINTS,
+    125, f"{SERVER}: increments beyond an axis's speed are refused, INC_MOVE_ERROR", NEIGHBOURS
 )
 def the_way_between_is_within_the_arm(each: Neighbours) -> str:
     """On the cubic from point to point no joint is more than a tenth faster than it can be."""
@@ -443,7 +440,7 @@ def the_queue_does_not_run_empty(seen: DriverSeen) -> Verdict:
     return none_wrong(wrong, count, f"{count} points", "no points were sent in motion")
 
 
-@requires.each(129, f"{SERVER}: InvalidSubcode; {MANUAL}", _points, "{} points", nothing=_NO_POINTS)
+@requires.each(129, f"{SERVER}: InvalidSubcode; {MANUAL}", POINTS)
 def points_are_taken(each: tuple[Said, JointTrajPtFull]) -> str:
     """No point is answered INVALID, but a first one where the arm sags."""
     reply = each[0].reply
@@ -456,9 +453,11 @@ def points_are_taken(each: tuple[Said, JointTrajPtFull]) -> str:
 @requires.each(
     130,
     f"{SERVER}: a new point 0 splices nothing; in_motion of ROBOT_STATUS",
-    lambda seen: [(*each, seen.status_before(each[0].number)) for each in seen.points],
-    "{} trajectories",
-    nothing=_NO_POINTS,
+    Over(
+        lambda seen: [(*each, seen.status_before(each[0].number)) for each in seen.points],
+        "{} trajectories",
+        nothing=_NO_POINTS,
+    ),
 )
 def a_trajectory_begins_at_rest(
     each: tuple[Said, JointTrajPtFull, RobotStatus | None],
@@ -471,15 +470,6 @@ def a_trajectory_begins_at_rest(
 
 
 # -- the velocity mode -----------------------------------------------------------------------------
-
-
-def _unused(seen: DriverSeen) -> Verdict | None:
-    """The client moves the arm, and does not by the velocity mode."""
-    unused = bool(seen.points) and not seen.velocities
-    return not_applicable("it does not use the velocity mode") if unused else None
-
-
-of_speeds = functools.partial(requires.each, unless=_unused, nothing=_NO_SPEEDS)
 
 
 @requires(140, f"{VELOCITY}, finding out")
@@ -498,11 +488,13 @@ def the_velocity_mode_is_asked_for(seen: DriverSeen) -> Verdict:
     return _unused(seen) or none_wrong(wrong, count, f"{count} starts", _NO_SPEEDS)
 
 
-@of_speeds(
+@requires.each(
     141,
     f"{VELOCITY}, starting and stopping: 0, or 20 to 500 ms; 0, or 0.01 to 1",
-    _said,
-    "{} starts",
+    MESSAGES_SAID,
+    good="{} starts",
+    nothing=_NO_SPEEDS,
+    unless=_unused,
 )
 def the_watchdog_can_be_had(said: Said) -> str | None:
     """START_VEL_MODE asks for a watchdog and for a scale of acceleration that there are."""
@@ -528,8 +520,10 @@ def _streams(seen: DriverSeen) -> Iterator[tuple[Said, JointVelocity, JointVeloc
                 before = body
 
 
-@of_speeds(
-    142, f"{VELOCITY}, sequence: 0 arms, then strictly rising, modulo 2^31", _streams, "{} messages"
+@requires.each(
+    142,
+    f"{VELOCITY}, sequence: 0 arms, then strictly rising, modulo 2^31",
+    Over(_streams, "{} messages", nothing=_NO_SPEEDS, unless=_unused),
 )
 def speeds_count_up(each: tuple[Said, JointVelocity, JointVelocity | None]) -> str:
     """The first speeds after a start have sequence 0, and from there on it rises."""
@@ -540,7 +534,7 @@ def speeds_count_up(each: tuple[Said, JointVelocity, JointVelocity | None]) -> s
     return "" if rises else f"{body.sequence} after {before.sequence}"
 
 
-@of_speeds(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION", _speeds, "{} messages")
+@requires.each(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION", SPEEDS)
 def speeds_are_complete(each: tuple[Said, JointVelocity]) -> str:
     """Speeds say that they are, and no positions; all are finite."""
     fields = each[1].valid_fields
@@ -549,17 +543,17 @@ def speeds_are_complete(each: tuple[Said, JointVelocity]) -> str:
     return "" if all(map(math.isfinite, each[1].vel)) else "a number that is not finite"
 
 
-@of_speeds(144, f"{VELOCITY}, MOTO_VELOCITY_INFO: v_max", _speeds, "{} messages")
+@requires.each(144, f"{VELOCITY}, MOTO_VELOCITY_INFO: v_max", SPEEDS)
 def speeds_are_within_the_arm(each: tuple[Said, JointVelocity]) -> str:
     """No speed is higher than the controller said that it can be."""
     return _too_fast(each[1].vel)
 
 
-@of_speeds(
+@requires.each(
     145,
     f"{VELOCITY}: the newest command wins; nobody stands still at another one",
-    _speeds,
-    "{} streams",
+    SPEEDS,
+    good="{} streams",
 )
 def a_stream_begins_at_rest(each: tuple[Said, JointVelocity]) -> str | None:
     """The first speeds, of sequence 0, are zero."""
@@ -627,6 +621,9 @@ def _moves(found: Iterable[Said], since: Said | None = None) -> Iterator[tuple[i
             before = point
 
 
+NOT_MOVED = "it did not move the arm"
+
+
 def _stopped(seen: DriverSeen, what: str) -> Verdict:
     phases = seen.named(what)
     wrong = [each for phase in phases for each in _moves(seen.after(phase, STOPPED_WITHIN_S))]
@@ -636,43 +633,25 @@ def _stopped(seen: DriverSeen, what: str) -> Verdict:
         for each in seen.after(phase, 0.0)
         if each.command in POWER
     ]
-    return none_wrong(wrong, len(phases), f"{len(phases)} of them", "it did not move the arm")
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
-@requires(150, f"{ENDS}; e_stopped of ROBOT_STATUS")
-def an_emergency_stop_ends_motion(seen: DriverSeen) -> Verdict:
-    """In an emergency stop it sends no motion any more, and starts and resets nothing."""
-    return _stopped(seen, "estop")
-
-
-@requires(151, f"{ENDS}; in_error of ROBOT_STATUS")
-def an_alarm_ends_motion(seen: DriverSeen) -> Verdict:
-    """After an alarm it sends no motion any more, and starts and resets nothing by itself."""
-    return _stopped(seen, "alarm")
-
-
-@requires(152, f"{ENDS}; mode of ROBOT_STATUS")
-def teach_mode_ends_motion(seen: DriverSeen) -> Verdict:
-    """With the key in teach it sends no motion any more, and starts nothing."""
-    return _stopped(seen, "teach")
-
-
-@requires(153, f"{ENDS}; motion_possible of ROBOT_STATUS")
-def hold_ends_motion(seen: DriverSeen) -> Verdict:
-    """In hold it sends no motion any more, and starts nothing."""
-    return _stopped(seen, "hold")
-
-
-@requires(154, f"{ENDS}; drives_powered of ROBOT_STATUS")
-def drives_off_end_motion(seen: DriverSeen) -> Verdict:
-    """With the drives off it sends no motion any more, and does not switch them on by itself."""
-    return _stopped(seen, "servo-off")
-
-
-@requires(155, f"{ENDS}; motion_possible of ROBOT_STATUS")
-def a_collaborative_stop_ends_motion(seen: DriverSeen) -> Verdict:
-    """After a collaborative stop it sends no motion any more, and starts nothing by itself."""
-    return _stopped(seen, "pfl")
+for number, field, what, when, starts in (
+    (150, "e_stopped", "estop", "In an emergency stop", "starts and resets nothing"),
+    (151, "in_error", "alarm", "After an alarm", "starts and resets nothing by itself"),
+    (152, "mode", "teach", "With the key in teach", "starts nothing"),
+    (153, "motion_possible", "hold", "In hold", "starts nothing"),
+    (
+        154,
+        "drives_powered",
+        "servo-off",
+        "With the drives off",
+        "does not switch them on by itself",
+    ),
+    (155, "motion_possible", "pfl", "After a collaborative stop", "starts nothing by itself"),
+):
+    text = f"{when} it sends no motion any more, and {starts}."
+    requires(number, f"{ENDS}; {field} of ROBOT_STATUS", text=text)(partial(_stopped, what=what))
 
 
 @requires(156, f"{ENDS}; {AGAIN}")
@@ -682,7 +661,7 @@ def it_does_not_start_by_itself(seen: DriverSeen) -> Verdict:
     phases = seen.named(*names)
     found = [(e.number, f"command {e.command}") for e in seen.during(*names) if e.command in POWER]
     found += _moves(seen.during(*names))
-    return none_wrong(found, len(phases), f"{len(phases)} of them", "it did not move the arm")
+    return none_wrong(found, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
 @requires(157, f"{STATES}: a cycle every 25 ms; without states nobody sees what the arm does")
@@ -690,7 +669,7 @@ def without_states_it_stops(seen: DriverSeen) -> Verdict:
     """When the state port falls silent, no motion is commanded from 0.3 s on."""
     phases = seen.named("silence")
     wrong = [each for phase in phases for each in _moves(seen.after(phase, BLIND_WITHIN_S))]
-    return none_wrong(wrong, len(phases), f"{len(phases)} of them", "it did not move the arm")
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
 @requires(158, f"{SERVER}: a request is answered within its 5 s at most, or never")
@@ -710,7 +689,7 @@ def an_unanswered_request_ends_the_connection(seen: DriverSeen) -> Verdict:
             for e in seen.after(phase, 0.0)
             if e.owed and not e.is_topic and e.channel == link.channel
         ]
-    return none_wrong(wrong, len(phases), f"{len(phases)} of them", "it did not move the arm")
+    return none_wrong(wrong, len(phases), f"{len(phases)} of them", NOT_MOVED)
 
 
 def _link_in(seen: DriverSeen, phase: Phase) -> Link | None:
@@ -747,7 +726,7 @@ def _came_again(seen: DriverSeen, what: str, port: str) -> Verdict:
     """Whether a connection that ended in a phase was made again."""
     phases = seen.named(what, f"{what} over")
     if not phases:
-        return not_seen("it did not move the arm")
+        return not_seen(NOT_MOVED)
     wrong, count = [], 0
     firsts = [phase for phase in phases if not phase.name.endswith("over")]
     for phase in firsts:
@@ -779,7 +758,7 @@ def messages_in_pieces_are_read(seen: DriverSeen) -> Verdict:
     """Messages of the controller that come in pieces, or several at once, disturb nothing."""
     phases = seen.named("pieces")
     if not phases:
-        return not_seen("it did not move the arm")
+        return not_seen(NOT_MOVED)
     wrong = []
     for phase in phases:
         last_s = phase.end_s - 0.5 * (phase.end_s - phase.start_s)

@@ -6,8 +6,8 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 
-from cardan.conform.controllers import LOOK_S, DriverRig
 from cardan.conform.motoros_driver.faults import FAULTS
+from cardan.conform.rigs import LOOK_S, DriverRig
 from cardan.conform.runner import Exchange
 from cardan.conform.timeline import Kind
 from cardan.drivers.motoros.connections import CHANNELS, Channel
@@ -94,7 +94,8 @@ class MotorosDriverRig(DriverRig):
 
     # -- connections ------------------------------------------------------------------------------
 
-    def _opened(self, channel: str) -> None:
+    def _open(self, channel: str) -> None:
+        super()._open(channel)
         self._listens.add(channel)
 
     def _closed(self, channel: str) -> None:
@@ -231,7 +232,7 @@ class MotorosDriverRig(DriverRig):
         speed = SPEED_RAD_S * math.sin(2.0 * math.pi * self._now_s / SWING_S)
         return JointVelocityCommand((0.0,) * (len(state.joints) - 1) + (speed,))
 
-    def _driver_next_s(self) -> float:
+    def _next_s(self) -> float:
         if self._ended:
             return self._now_s + LOOK_S
         return min(self._session.next_s, self._now_s + LOOK_S)

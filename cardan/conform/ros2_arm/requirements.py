@@ -6,6 +6,7 @@ import math
 from itertools import pairwise
 
 from cardan.conform.requirements import (
+    Over,
     Requirements,
     Verdict,
     at_most,
@@ -18,6 +19,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.ros2_arm.decoded import RosArmSeen, State
 from cardan.conform.ros2_arm.scenario import STEP_RAD
+from cardan.conform.timing import steady
 
 BROADCASTER = "ros2_controllers, joint_state_broadcaster"
 JOINT_STATE = "sensor_msgs/msg/JointState"
@@ -28,7 +30,6 @@ ZENOH = "rmw_zenoh, attachment of every message"
 RATE_HZ = (10.0, 1100.0)
 SILENT_PERIODS = 10
 JITTER = 0.4
-JITTER_SHARE = 0.05
 FAR_RAD = 100.0
 STAMP_LEAP_S = 1.0
 HELD_RAD = math.radians(0.6)
@@ -48,6 +49,9 @@ def states_come(seen: RosArmSeen) -> Verdict:
     rate = (len(found) - 1) / (found[-1].time_s - found[0].time_s)
     said = f"{rate:.1f} a second"
     return met(RATE_HZ[0] <= rate <= RATE_HZ[1], said)
+
+
+STATES: Over[RosArmSeen, State] = Over(lambda seen: seen.states, "{} states")
 
 
 @requires(2, JOINT_STATE)
@@ -133,24 +137,27 @@ def _sequences(seen: RosArmSeen) -> list[tuple[State, State, int]]:
     ]
 
 
-@requires(8, f"{ZENOH}: sequence number")
-def none_is_missing(seen: RosArmSeen) -> Verdict:
+def _uncounted(seen: RosArmSeen) -> Verdict | None:
+    none = bool(seen.states) and not _sequences(seen)
+    return not_applicable("the transport does not count") if none else None
+
+
+COUNTED: Over[RosArmSeen, tuple[State, State, int]] = Over(
+    _sequences, "{} messages", unless=_uncounted
+)
+
+
+@requires.each(8, f"{ZENOH}: sequence number", COUNTED)
+def none_is_missing(each: tuple[State, State, int]) -> str:
     """No message of a publisher is missing."""
-    found = _sequences(seen)
-    if seen.states and not found:
-        return not_applicable("the transport does not count")
-    wrong = ((b.number, f"{n - 1} are missing") for _, b, n in found if n > 1)
-    return none_wrong(wrong, len(found), f"{len(found)} messages", _NOTHING)
+    return f"{each[2] - 1} are missing" if each[2] > 1 else ""
 
 
-@requires(9, f"{ZENOH}: sequence number")
-def they_come_once_and_in_order(seen: RosArmSeen) -> Verdict:
+@requires.each(9, f"{ZENOH}: sequence number", COUNTED)
+def they_come_once_and_in_order(each: tuple[State, State, int]) -> str:
     """No message comes twice, or after a later one."""
-    found = _sequences(seen)
-    if seen.states and not found:
-        return not_applicable("the transport does not count")
-    wrong = ((b.number, f"{b.sequence} after {a.sequence}") for a, b, n in found if n <= 0)
-    return none_wrong(wrong, len(found), f"{len(found)} messages", _NOTHING)
+    a, b, n = each
+    return f"{b.sequence} after {a.sequence}" if n <= 0 else ""
 
 
 def _usual(found: list[State]) -> float:
@@ -168,12 +175,7 @@ def arrival_is_steady(seen: RosArmSeen) -> Verdict:
     if not usual:
         return failed("several come at once", [found[1].number])
     off = [(abs(b.time_s - a.time_s - usual) / usual, b.number) for a, b in pairwise(found)]
-    late = [number for error, number in off if error > JITTER]
-    figure = sorted(error for error, _ in off)[int(0.95 * (len(off) - 1))]
-    said = f"95 % within {figure:.2f} periods"
-    if len(late) > JITTER_SHARE * len(off):
-        return failed(said, late, figure, "periods")
-    return passed(said, figure, "periods")
+    return steady(off, JITTER, "periods", _NOTHING)
 
 
 @requires(11, f"{BROADCASTER}: one message in each cycle of the controller manager")
@@ -192,39 +194,36 @@ def there_are_no_pauses(seen: RosArmSeen) -> Verdict:
     return at_most(SILENT_PERIODS * usual * 1e3, longest * 1e3, "ms", said, [number])
 
 
-@requires(12, f"{JOINT_STATE}, header.stamp: when it was recorded")
-def states_are_stamped(seen: RosArmSeen) -> Verdict:
+@requires.each(12, f"{JOINT_STATE}, header.stamp: when it was recorded", STATES)
+def states_are_stamped(each: State) -> str:
     """Every message has a stamp."""
     # A gripper's node may leave it out: that is another publisher.
-    found = seen.states
-    wrong = ((each.number, "it is zero") for each in found if not each.stamp_s)
-    return none_wrong(wrong, len(found), f"{len(found)} states", _NOTHING)
+    return "" if each.stamp_s else "it is zero"
 
 
-@requires(13, f"{JOINT_STATE}, header.stamp")
-def stamps_go_up(seen: RosArmSeen) -> Verdict:
+def _stamped(seen: RosArmSeen) -> list[tuple[State, State]]:
+    pairs = [p for found in seen.publishers().values() for p in pairwise(found)]
+    return [(a, b) for a, b in pairs if a.stamp_s and b.stamp_s]
+
+
+STAMPED: Over[RosArmSeen, tuple[State, State]] = Over(
+    _stamped, "{} states", nothing="no stamps came"
+)
+
+
+@requires.each(13, f"{JOINT_STATE}, header.stamp", STAMPED)
+def stamps_go_up(each: tuple[State, State]) -> str:
     """From message to message of a publisher the stamp goes up."""
-    pairs = [p for found in seen.publishers().values() for p in pairwise(found)]
-    stamped = [(a, b) for a, b in pairs if a.stamp_s and b.stamp_s]
-    wrong = [
-        (b.number, f"by {b.stamp_s - a.stamp_s:.3f} s")
-        for a, b in stamped
-        if b.stamp_s <= a.stamp_s
-    ]
-    return none_wrong(wrong, len(stamped), f"{len(stamped)} states", "no stamps came")
+    by_s = each[1].stamp_s - each[0].stamp_s
+    return f"by {by_s:.3f} s" if each[1].stamp_s <= each[0].stamp_s else ""
 
 
-@requires(14, f"{JOINT_STATE}, header.stamp; REP 103: ROS time")
-def stamps_do_not_leap(seen: RosArmSeen) -> Verdict:
+@requires.each(14, f"{JOINT_STATE}, header.stamp; REP 103: ROS time", STAMPED)
+def stamps_do_not_leap(each: tuple[State, State]) -> str:
     """Stamps advance as time does, to a second from message to message."""
-    pairs = [p for found in seen.publishers().values() for p in pairwise(found)]
-    stamped = [(a, b) for a, b in pairs if a.stamp_s and b.stamp_s]
-    wrong = []
-    for a, b in stamped:
-        leap_s = (b.stamp_s - a.stamp_s) - (b.time_s - a.time_s)
-        if abs(leap_s) > STAMP_LEAP_S:
-            wrong.append((b.number, f"by {leap_s:.0f} s"))
-    return none_wrong(wrong, len(stamped), f"{len(stamped)} states", "no stamps came")
+    a, b = each
+    leap_s = (b.stamp_s - a.stamp_s) - (b.time_s - a.time_s)
+    return f"by {leap_s:.0f} s" if abs(leap_s) > STAMP_LEAP_S else ""
 
 
 @requires(15, f"{JOINT_STATE}: the state of a joint, which is in one place")

@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from cardan.conform.requirements import (
     Outcome,
+    Over,
     Verdict,
     at_most,
     failed,
@@ -300,34 +301,33 @@ def wrong_programs_are_refused_in_words(seen: UrSeen) -> Verdict:
     return passed(f"line {words[0].line}: {words[0].text!r}")
 
 
+def _not_held(seen: UrSeen) -> Verdict | None:
+    return None if seen.sent_during("hold") else not_seen("it was not held")
+
+
 def _follows(state: State) -> bool:
     return bool(state.values[REPORT] == Report.FOLLOWS)
 
 
-@requires(114, f"{GUIDE}: robot_mode, safety_mode, runtime_state, target_speed_fraction")
-def holding_is_undisturbed(seen: UrSeen) -> Verdict:
+@requires.each(
+    114,
+    f"{GUIDE}: robot_mode, safety_mode, runtime_state, target_speed_fraction",
+    Over(lambda seen: seen.during("hold"), "{} states", nothing="it was not held"),
+    unless=_not_held,
+)
+def holding_is_undisturbed(each: State) -> str:
     """Held by the driver's program, the robot is RUNNING, safety is normal, the program plays and
     the speed slider stands at 100 %."""
-    found = seen.during("hold")
-    if not seen.sent_during("hold") or not found:
-        return not_seen("it was not held")
-    wrong = []
-    for each in found:
-        v = each.values
-        for bad, words in (
-            (v["safety_mode"] not in MOVES_IN, f"safety mode {v['safety_mode']}"),
-            (v["robot_mode"] != RobotMode.RUNNING, f"robot mode {v['robot_mode']}"),
-            (v[RUNTIME] != RuntimeState.PLAYING, f"runtime state {v[RUNTIME]}"),
-            (
-                v["target_speed_fraction"] < 0.999,
-                f"the speed slider at {100.0 * v['target_speed_fraction']:.0f} %",
-            ),
-            (not _follows(each), f"the program reports {v[REPORT]}"),
-        ):
-            if bad:
-                wrong.append((each.number, words))
-                break
-    return none_wrong(wrong, len(found), f"{len(found)} states", "")
+    v = each.values
+    slider = v["target_speed_fraction"]
+    causes = (
+        (v["safety_mode"] not in MOVES_IN, f"safety mode {v['safety_mode']}"),
+        (v["robot_mode"] != RobotMode.RUNNING, f"robot mode {v['robot_mode']}"),
+        (v[RUNTIME] != RuntimeState.PLAYING, f"runtime state {v[RUNTIME]}"),
+        (slider < 0.999, f"the speed slider at {100.0 * slider:.0f} %"),
+        (not _follows(each), f"the program reports {v[REPORT]}"),
+    )
+    return next((words for bad, words in causes if bad), "")
 
 
 @requires(115, f"{GUIDE}: inputs act in the cycle after they came; {DRIVER}")
@@ -454,20 +454,17 @@ def _last_joint(states: Sequence[State], name: str = "actual_q") -> list[float]:
     return [each.values[name][-1] - first for each in states]
 
 
-def _moved(seen: UrSeen) -> list[State] | Verdict:
-    """The states of the motion there, or why there are none."""
+def _unmoved(seen: UrSeen) -> Verdict | None:
+    """Why nothing can be judged of the motion there; None: it can."""
     if not seen.sent_during("out"):
         return not_seen("it was not tried")
-    found = seen.during("out")
-    return found if len(found) > 1 else not_seen(NO_STATES)
+    return not_seen(NO_STATES) if len(seen.during("out")) < 2 else None
 
 
-@requires(201, f"{SCRIPT}: servoj")
+@requires(201, f"{SCRIPT}: servoj", unless=_unmoved)
 def commands_move_it(seen: UrSeen) -> Verdict:
     """The last joint moves within 0.1 s of the first command that says so."""
-    found = _moved(seen)
-    if isinstance(found, Verdict):
-        return found
+    found = seen.during("out")
     sent = seen.sent_during("out")
     first = sent[0].values[LAST_JOINT]
     told = next((c for c in sent if abs(c.values[LAST_JOINT] - first) > 0.02 * STEP_RAD), None)
@@ -482,34 +479,28 @@ def commands_move_it(seen: UrSeen) -> Verdict:
     return at_most(1e3 * MOVES_WITHIN_S, 1e3 * took_s, "ms", said, [moved.number])
 
 
-@requires(202, f"{SCRIPT}: servoj")
+@requires(202, f"{SCRIPT}: servoj", unless=_unmoved)
 def it_gets_there(seen: UrSeen) -> Verdict:
     """Half a second after a step of 0.2 degrees the joint is there, to a tenth of it."""
-    found = _moved(seen)
-    if isinstance(found, Verdict):
-        return found
+    found = seen.during("out")
     far = _last_joint(found)[-1]
     said = f"{math.degrees(far):.3f} degrees"
     return met(abs(far / STEP_RAD - 1.0) < REACHED_SHARE, said, [found[-1].number])
 
 
-@requires(203, f"{SCRIPT}: servoj, lookahead_time and gain")
+@requires(203, f"{SCRIPT}: servoj, lookahead_time and gain", unless=_unmoved)
 def it_does_not_overshoot(seen: UrSeen) -> Verdict:
     """On its way it goes no more than 20 % beyond the step's end."""
-    found = _moved(seen)
-    if isinstance(found, Verdict):
-        return found
+    found = seen.during("out")
     beyond = max(_last_joint(found)) / STEP_RAD - 1.0
     said = f"{100.0 * max(beyond, 0.0):.1f} %"
     return met(beyond < BEYOND_SHARE, said)
 
 
-@requires(204, f"{SCRIPT}: servoj")
+@requires(204, f"{SCRIPT}: servoj", unless=_unmoved)
 def the_other_joints_stand(seen: UrSeen) -> Verdict:
     """Meanwhile no other joint moves by more than a tenth of the step."""
-    found = _moved(seen)
-    if isinstance(found, Verdict):
-        return found
+    found = seen.during("out")
     first = found[0].values["actual_q"][:-1]
     far = max(
         abs(a - b) for s in found for a, b in zip(s.values["actual_q"][:-1], first, strict=True)
@@ -518,12 +509,10 @@ def the_other_joints_stand(seen: UrSeen) -> Verdict:
     return met(far < AWAY_SHARE * STEP_RAD, said)
 
 
-@requires(205, f"{GUIDE}: actual_qd, target_qd")
+@requires(205, f"{GUIDE}: actual_qd, target_qd", unless=_unmoved)
 def speeds_are_those_of_the_joints(seen: UrSeen) -> Verdict:
     """The speeds that it tells add up to the way that the joint goes, to a tenth of it."""
-    found = _moved(seen)
-    if isinstance(found, Verdict):
-        return found
+    found = seen.during("out")
     wrong = []
     for place, speed in (("actual_q", "actual_qd"), ("target_q", "target_qd")):
         way = sum(
@@ -557,12 +546,10 @@ def deserted_in_motion_it_stops(seen: UrSeen) -> Verdict:
     )
 
 
-@requires(207, f"{SCRIPT}: servoj; a program begun anew starts where the arm is")
+@requires(207, f"{SCRIPT}: servoj; a program begun anew starts where the arm is", unless=_unmoved)
 def it_comes_back(seen: UrSeen) -> Verdict:
     """Begun anew, the program takes the joint back to where it was, to a tenth of the step."""
-    there, back = _moved(seen), seen.during("back")
-    if isinstance(there, Verdict):
-        return there
+    there, back = seen.during("out"), seen.during("back")
     if not seen.sent_during("back") or not back:
         return not_seen("no program followed then")
     left = back[-1].values["actual_q"][-1] - there[0].values["actual_q"][-1]
@@ -593,11 +580,9 @@ def _never_local(seen: UrSeen) -> Verdict | None:
     return not_applicable(_NO_REMOTE_CONTROL)
 
 
-@requires(302, f"{BOARD}: is in remote control")
+@requires(302, f"{BOARD}: is in remote control", unless=_never_local)
 def local_control_is_told(seen: UrSeen) -> Verdict:
     """In local control the dashboard says so, and in remote control again."""
-    if (why := _never_local(seen)) is not None:
-        return why
     found = [
         [
             each.said
@@ -610,11 +595,9 @@ def local_control_is_told(seen: UrSeen) -> Verdict:
     return met(said == "false then true", said)
 
 
-@requires(303, "UR's user manual, e-Series: remote control")
+@requires(303, "UR's user manual, e-Series: remote control", unless=_never_local)
 def local_control_takes_no_programs(seen: UrSeen) -> Verdict:
     """In local control a program that is sent is not begun."""
-    if (why := _never_local(seen)) is not None:
-        return why
     uploads = _programs(seen, "local")
     if not uploads:
         return not_seen(NO_PROGRAM)

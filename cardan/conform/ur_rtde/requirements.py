@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from itertools import pairwise
-from typing import Any
 
 from cardan.conform.requirements import (
+    Over,
     Requirements,
     Verdict,
     at_most,
@@ -17,7 +17,7 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.ur_rtde.decoded import RTDE, SECOND, Exchange, State, Stream, UrSeen
+from cardan.conform.ur_rtde.decoded import RTDE, SECOND, Exchange, Heard, State, Stream, UrSeen
 from cardan.conform.ur_rtde.scapy_check import readings_differ
 from cardan.conform.ur_rtde.scenario import (
     FUTURE_VERSION,
@@ -282,17 +282,15 @@ def arrival_is_steady(seen: UrSeen) -> Verdict:
     return at_most(1e3 * JITTER_S, 1e3 * figure, "ms", said, [number])
 
 
-@requires(14, "a controller writes a packet at once; half of one says nothing yet")
-def packets_are_not_torn(seen: UrSeen) -> Verdict:
+@requires.each(
+    14,
+    "a controller writes a packet at once; half of one says nothing yet",
+    Over(lambda seen: seen.heard, "{} packets, {} in pieces", nothing="nothing came", few=0.01),
+)
+def packets_are_not_torn(each: Heard) -> str:
     """Of an RTDE packet whose first bytes have come the rest is there within half a millisecond."""
-    torn = [
-        (each.number, f"{(each.time_s - each.begun_s) * 1e3:.1f} ms")
-        for each in seen.heard
-        if each.time_s - each.begun_s > WHOLE_WITHIN_S
-    ]
-    allowed = len(torn) <= 0.01 * len(seen.heard)
-    said = f"{len(seen.heard)} packets, {len(torn)} in pieces"
-    return none_wrong([] if allowed else torn, len(seen.heard), said, "nothing came")
+    took_s = each.time_s - each.begun_s
+    return f"{took_s * 1e3:.1f} ms" if took_s > WHOLE_WITHIN_S else ""
 
 
 @requires(15, f"{GUIDE}: each client has its recipes and its frequency")
@@ -312,7 +310,14 @@ def another_client_has_its_own_rate(seen: UrSeen) -> Verdict:
     return none_wrong([] if allowed else wrong, len(found), said, "")
 
 
-def _implausible(values: dict[str, Any]) -> str:
+@requires.each(
+    16,
+    f"{GUIDE}: field names, units and modes",
+    Over(lambda seen: seen.states, "{} states", nothing=NO_STATES),
+)
+def states_are_plausible(each: State) -> str:
+    """Values are finite, joints inside their ranges, modes known, and the speed slider 0 to 1."""
+    values = each.values
     for name, value in values.items():
         numbers = value if isinstance(value, tuple) else (value,)
         if not all(map(math.isfinite, numbers)):
@@ -327,16 +332,8 @@ def _implausible(values: dict[str, Any]) -> str:
     ):
         if values[name] not in known._value2member_map_:
             return f"{name} {values[name]}"
-    if not 0.0 <= values["target_speed_fraction"] <= 1.0:
-        return f"target_speed_fraction {values['target_speed_fraction']:g}"
-    return ""
-
-
-@requires(16, f"{GUIDE}: field names, units and modes")
-def states_are_plausible(seen: UrSeen) -> Verdict:
-    """Values are finite, joints inside their ranges, modes known, and the speed slider 0 to 1."""
-    wrong = ((each.number, why) for each in seen.states if (why := _implausible(each.values)))
-    return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", NO_STATES)
+    slider = values["target_speed_fraction"]
+    return "" if 0.0 <= slider <= 1.0 else f"target_speed_fraction {slider:g}"
 
 
 @requires(17, f"{GUIDE}: robot_status_bits, safety_status_bits")

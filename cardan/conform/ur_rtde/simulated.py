@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
+from cardan.conform.rigs import TcpRig
 from cardan.conform.runner import Exchange
-from cardan.conform.tcp_rig import TcpRig
 from cardan.conform.timeline import Kind
 from cardan.conform.ur_rtde.decoded import REVERSE
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions, UrServers
@@ -33,7 +33,7 @@ class UrRig(TcpRig[PortKind]):
         self._calls: dict[str, int] = {}
         """Sockets of programs, by their channels."""
 
-    def _by_hand(self, what: str, now_s: float) -> None:
+    def _by_hand(self, what: str) -> None:
         controller = self._controller
         if what in ("slider-half", "slider-full"):
             controller.slider = 0.5 if what == "slider-half" else 1.0
@@ -49,7 +49,7 @@ class UrRig(TcpRig[PortKind]):
             super()._open(channel)
             return
         self._listening = True
-        self._do(self._conduct.heard(self._now_s, channel, kind=Kind.OPENED))
+        self._hear(channel, kind=Kind.OPENED)
 
     def _closed(self, channel: str) -> None:
         if channel == REVERSE:
@@ -65,7 +65,7 @@ class UrRig(TcpRig[PortKind]):
 
     def _carry(self) -> None:
         super()._carry()
-        conduct, sockets = self._conduct, self._controller.sockets
+        sockets = self._controller.sockets
         for opening in sockets.openings():
             if not self._listening:
                 sockets.lost(opening.number, "nobody listens")
@@ -73,12 +73,12 @@ class UrRig(TcpRig[PortKind]):
             channel = f"{REVERSE} {opening.number}"
             self._calls[channel] = opening.number
             sockets.opened(opening.number)
-            self._do(conduct.heard(self._now_s, channel, kind=Kind.OPENED))
+            self._hear(channel, kind=Kind.OPENED)
         channels = {number: channel for channel, number in self._calls.items()}
         for number, data in sockets.outgoing():
             if number in channels:
-                self._do(conduct.heard(self._now_s, channels[number], data))
+                self._hear(channels[number], data)
         for number in sockets.closings():
             if number in channels:
                 del self._calls[channels[number]]
-                self._do(conduct.heard(self._now_s, channels[number], kind=Kind.CLOSED))
+                self._hear(channels[number], kind=Kind.CLOSED)

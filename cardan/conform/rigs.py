@@ -1,0 +1,231 @@
+"""What is simulated, and a pilot, together in virtual time: what the rigs of the suites share."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, ClassVar, Generic, TypeVar
+
+from cardan.conform.runner import Act, Exchange
+from cardan.conform.timeline import Kind
+from cardan.sim_peers.base import FaultSwitch, check_faults
+from cardan.sim_peers.link import FaultyLink
+from cardan.sim_peers.tcp_servers import KindT, TcpServers
+
+LONGEST_S = 300.0
+"""Of a simulated run; a script that waits for what never comes ends before."""
+LOOK_S = 0.01
+"""How often a driver's core is looked at, at least."""
+NETWORK_S = 1e-4
+"""How long a piece is on its way to servers."""
+
+SentT = TypeVar("SentT")
+
+
+class Rig(ABC):
+    """Carries what is simulated and the pilot say, and has done what is asked by hand."""
+
+    step_s: ClassVar[float] = 1e-6
+    """Time goes on by this at least."""
+
+    def __init__(self, conduct: Exchange) -> None:
+        self._conduct = conduct
+        self._now_s = 0.0
+        self._flight: deque[tuple[float, Callable[[], None]]] = deque()
+
+    def run(self) -> None:
+        """Until the pilot's script is over."""
+        conduct, flight = self._conduct, self._flight
+        while not conduct.over and self._now_s < LONGEST_S:
+            self._do(conduct.due(self._now_s))
+            while flight and flight[0][0] <= self._now_s:
+                flight.popleft()[1]()
+            self._turn()
+            if conduct.over:
+                break
+            times = [conduct.next_s, self._next_s()]
+            if flight:
+                times.append(flight[0][0])
+            self._now_s = max(self._now_s + self.step_s, min(times))
+            self._time_passed()
+
+    def _later(self, seconds: float, act: Callable[[], None]) -> None:
+        """Do `act` so much later; what came before it is done before it."""
+        self._flight.append((self._now_s + seconds, act))
+
+    def _hear(
+        self, channel: str, data: bytes = b"", kind: Kind = Kind.DATA, note: str = ""
+    ) -> None:
+        """Something that is simulated reaches the pilot."""
+        self._do(self._conduct.heard(self._now_s, channel, data, kind=kind, note=note))
+
+    def _do(self, acts: list[Act]) -> None:
+        for act in acts:
+            if act.kind is Kind.DATA:
+                self._take(act.data, act.channel)
+            elif act.kind is Kind.OPENED:
+                self._open(act.channel)
+            elif act.kind is Kind.CLOSED:
+                self._closed(act.channel)
+            elif act.kind is Kind.ASKED:
+                self._by_hand(act.channel)
+
+    @abstractmethod
+    def _take(self, data: bytes, channel: str) -> None:
+        """The pilot sends `data`."""
+
+    @abstractmethod
+    def _by_hand(self, what: str) -> None:
+        """Somebody is asked to do `what`."""
+
+    @abstractmethod
+    def _turn(self) -> None:
+        """Whatever is simulated does by now."""
+
+    @abstractmethod
+    def _next_s(self) -> float:
+        """When `_turn` has something to do."""
+
+    def _open(self, channel: str) -> None:
+        """The pilot opens `channel`."""
+        self._hear(channel, kind=Kind.OPENED)
+
+    def _closed(self, channel: str) -> None:  # noqa: B027 - datagrams need none
+        """The pilot closes `channel`."""
+
+    def _time_passed(self) -> None:  # noqa: B027 - most only have turns
+        """It is later than it was."""
+
+
+class DriverRig(Rig):
+    """A driver's core and a pilot that is its controller; what one of them sends takes its time."""
+
+    def __init__(
+        self, conduct: Exchange, faults: Mapping[str, float], switches: Iterable[FaultSwitch]
+    ) -> None:
+        check_faults(faults, switches)
+        super().__init__(conduct)
+        self._faults = faults
+
+    def _turn(self) -> None:
+        """A core that only answers has no time of its own."""
+
+    def _next_s(self) -> float:
+        return self._now_s + LOOK_S
+
+    def _every(self, fault: str, count: int, most: bool = False) -> bool:
+        """Whether a fault of every VALUE-th acts; `most`: on all but those."""
+        if fault not in self._faults:
+            return False
+        strikes = count % int(self._faults[fault]) == 0
+        return not strikes if most else strikes
+
+
+class CyclicRig(Rig, Generic[SentT]):
+    """A simulated controller that sends in each of its cycles, with a network both ways."""
+
+    step_s = 0.0
+
+    def __init__(
+        self,
+        conduct: Exchange,
+        period_s: float,
+        faults: Mapping[str, float],
+        seed: int,
+        garbage: bool = False,
+    ) -> None:
+        """`faults`: those of the network; `garbage`: junk comes with what it sends."""
+        super().__init__(conduct)
+        self._period_s = period_s
+        self._cycles = 0
+        self._out: FaultyLink[SentT] = FaultyLink(faults, seed + 2, garbage)
+        self._in: FaultyLink[bytes] = FaultyLink(faults, seed + 3)
+
+    @abstractmethod
+    def _receive(self, data: bytes) -> None:
+        """What the pilot sent reaches the controller."""
+
+    @abstractmethod
+    def _cycle(self, due_s: float) -> Iterable[SentT]:
+        """What it sends in the cycle of `due_s`."""
+
+    @abstractmethod
+    def _tell(self, sent: SentT) -> None:
+        """What it sent reaches the pilot."""
+
+    def _take(self, data: bytes, channel: str) -> None:
+        self._in.push(self._now_s, data)
+
+    def _turn(self) -> None:
+        for data in self._in.pop(self._now_s):
+            self._receive(data)
+        due_s = self._cycles * self._period_s
+        if self._now_s >= due_s:
+            self._cycles += 1
+            for sent in self._cycle(due_s):
+                self._out.push(self._now_s, sent)
+        for sent in self._out.pop(self._now_s):
+            self._tell(sent)
+
+    def _next_s(self) -> float:
+        times = (self._cycles * self._period_s, self._out.next_s(), self._in.next_s())
+        return min(each for each in times if each is not None)
+
+
+class TcpRig(Rig, Generic[KindT]):
+    """A simulated controller's TCP servers and a pilot that is their client."""
+
+    def __init__(self, conduct: Exchange, servers: TcpServers[KindT, Any]) -> None:
+        super().__init__(conduct)
+        self._servers = servers
+        self._numbers: dict[str, int] = {}
+
+    def run(self) -> None:
+        """Until the pilot's script is over."""
+        self._servers.advance(0.0)
+        super().run()
+
+    def _turn(self) -> None:
+        self._servers.advance(self._now_s)
+        self._carry()
+
+    def _next_s(self) -> float:
+        return self._servers.next_s
+
+    def _take(self, data: bytes, channel: str) -> None:
+        self._later(NETWORK_S, lambda: self._deliver(channel, data))
+
+    def _deliver(self, channel: str, data: bytes) -> None:
+        """What we sent has come."""
+        if channel in self._numbers:
+            self._servers.data(self._numbers[channel], data, self._now_s)
+            self._carry()
+
+    def _carry(self) -> None:
+        for number, data in self._servers.outgoing():
+            channel = self._channel(number)
+            if channel is not None:
+                self._hear(channel, data)
+        for number in (*self._servers.closing(), *self._servers.aborting()):
+            channel = self._channel(number)
+            if channel is not None:
+                del self._numbers[channel]
+                self._hear(channel, kind=Kind.CLOSED)
+
+    def _channel(self, number: int) -> str | None:
+        return next((name for name, each in self._numbers.items() if each == number), None)
+
+    def _closed(self, channel: str) -> None:
+        if channel in self._numbers:
+            self._servers.eof(self._numbers.pop(channel), self._now_s)
+
+    def _open(self, channel: str) -> None:
+        number = None
+        if not self._servers.silent:
+            # A channel's name begins with that of its port.
+            kind = next(each for each in self._servers.kinds if channel.startswith(each))
+            number = self._servers.accepted(kind, self._now_s)
+        if number is not None:
+            self._numbers[channel] = number
+        self._hear(channel, kind=Kind.REFUSED if number is None else Kind.OPENED)
