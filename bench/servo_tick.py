@@ -146,7 +146,7 @@ def _peers(name: str) -> tuple[dict[str, Timed], list[str]]:
 
 
 def _require_that_it_follows(peer: native.Peer, arm: ArmKinematics, what: str) -> None:
-    """Who is timed has to do the same: its arm follows the goal within its limits."""
+    """Each that is timed has to do the same: its arm follows the goal within its limits."""
     start = arm.forward(np.array(arm.arm.home))
     goal = start
     for tick in range(200):

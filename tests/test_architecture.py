@@ -5,6 +5,7 @@ import fnmatch
 import functools
 import graphlib
 import importlib
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -459,3 +460,16 @@ def test_names_that_only_we_knew_do_not_come_back():
     folders = [PACKAGE, *(folder / folder.name.replace("-", "_") for folder in PLUGINS)]
     names = {path for folder in folders for path in folder.rglob("*") if path.stem in GONE}
     assert not {path for path in names if path.suffix == ".py"}
+
+
+def test_sentences_have_a_subject_of_the_field():
+    """A client, a sender, an operator; not "Who ..." or "whoever"."""
+    pattern = re.compile(r"\b[Ww]hoever\b|(?:\"\"\"|\. |# )Who (?!may\b)[a-z]+ ")
+    found = [
+        f"{path.relative_to(SOURCE_TREE)}:{number}: {line.strip()}"
+        for folder in (PACKAGE, *(folder / folder.name.replace("-", "_") for folder in PLUGINS))
+        for path in folder.rglob("*.py")
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if pattern.search(line)
+    ]
+    assert found == []

@@ -225,7 +225,7 @@ class WaitingSubscription:
 
 
 class Presence:
-    """Who publishes, subscribes to or serves one name, by the liveliness tokens of the bus.
+    """Publishers, subscribers or servers of one name, by the liveliness tokens of the bus.
 
     A node that closes or dies is gone from it at once; one whose computer vanishes, when its
     lease ends.
@@ -282,7 +282,7 @@ class Service:
         ring = zenoh_module().handlers.RingChannel(REQUESTS_KEPT)
         self._queryable = node.declare_queryable(key, ring)
         self._try_recv = self._queryable.handler.try_recv
-        # Who sees the token asks at once, so it comes last.
+        # A node that sees the token asks at once, so it comes last.
         self._token = node.declare_token(entity)
 
     def poll(self) -> ServiceRequest | None:
@@ -451,7 +451,7 @@ class BusNode:
         return WaitingSubscription(self, entity, key, depth)
 
     def presence(self, kind: str, name: str) -> Presence:
-        """Who has an endpoint of a `kind` (PUBLISHER, SUBSCRIPTION, SERVICE) with this name.
+        """Nodes with an endpoint of a `kind` (PUBLISHER, SUBSCRIPTION, SERVICE) with this name.
         Raises RosNameError."""
         return Presence(self, kind, self.full_name_of(name))
 
@@ -636,7 +636,7 @@ def _config(mode: str, listen: Sequence[str], connect: Sequence[str], file: str)
         # Publishers that keep messages for latecomers need it; and it says who sent a message.
         "timestamping/enabled": True,
         "transport/link/tx/lease": LEASE_MS,
-        # Who leaves waits for connections that are being made: 10 s, where a peer stands still.
+        # Closing waits for connections that are being made: 10 s, where a peer stands still.
         "transport/unicast/open_timeout": LEASE_MS,
         "transport/link/tx/queue/size/data": TX_BATCHES,
         # Its files stay in /dev/shm, up to 16 MB each, when a process is killed.

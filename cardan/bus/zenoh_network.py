@@ -366,8 +366,8 @@ class _Declared:
 
 
 class _Watch:
-    """Who is told when a service's last server has gone. By the graph, and not by a subscription of
-    its own: one that is declared while a token appears may miss it."""
+    """Listeners that are told when a service's last server has gone. By the graph, and not by a
+    subscription of its own: one that is declared while a token appears may miss it."""
 
     def __init__(
         self,

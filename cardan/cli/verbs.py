@@ -53,7 +53,7 @@ def carry_out(arm: CartesianArm, verb: str, words: Sequence[str], wait: bool) ->
 
 
 def _awaited(arm: CartesianArm, motion: Motion) -> bool:
-    """Wait for the end of a motion, and whether it arrived; whoever interrupts that stops the
+    """Wait for the end of a motion, and whether it arrived; an interrupt stops the
     arm."""
     try:
         while not motion.over:

@@ -1,8 +1,8 @@
 """What time it is on a page or on another computer, by the clock here, and so how old what it
 sends is.
 
-Its clock has nothing in common with ours. Who asks it the time knows that it said it between
-question and answer: the quickest round trip of late tells best. Times are monotonic, s.
+Its clock has nothing in common with ours. A client that asks it the time knows that it was said
+between question and answer: the quickest round trip of late tells best. Times are monotonic, s.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Signals that end a program, taken as a request to end in good order.
 
 A program that moves a robot, or stands in for one, must not die of a signal that it could have
-taken: a robot is braked by whoever commands it.
+taken: a robot is braked by the process that commands it.
 """
 
 from __future__ import annotations

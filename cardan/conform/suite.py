@@ -32,7 +32,7 @@ class Suite(Generic[V]):
     name: ClassVar[str]
     """As ``cardan conform NAME`` has it."""
     judges: ClassVar[str]
-    """Who is judged: "the controller", "the driver"."""
+    """The side that is judged: "the controller", "the driver"."""
     speaks: ClassVar[str]
     """The protocol, one line."""
     target: ClassVar[str]

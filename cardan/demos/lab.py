@@ -74,7 +74,7 @@ def simulated_lab(demo: Demo, seconds: float) -> Iterator[tuple[Peers, Layout, L
 def write_lab(peers: Peers) -> Path:
     """Write the lab's file into the demo's folder."""
     file = peers.folder / "lab.toml"
-    # In place of the old one at once: whoever reads it finds one of them, whole.
+    # In place of the old one at once: a reader finds one of them, whole.
     fresh = file.with_suffix(".new")
     fresh.write_text(as_toml(peers.tables), encoding="utf-8")
     return fresh.replace(file)

@@ -40,7 +40,7 @@ class Heard(NamedTuple):
 
 
 def listen(endpoints: Iterable[Endpoint], seconds: float = LISTEN_S) -> dict[Endpoint, Heard]:
-    """Who sends to these UDP ports within `seconds`, or until all are heard; nobody is answered."""
+    """Senders to these UDP ports within `seconds`, or until all are heard; nobody is answered."""
     other: dict[Endpoint, bytes] = {}
     heard: dict[Endpoint, set[str]] = {}
     failed: dict[Endpoint, Heard] = {}

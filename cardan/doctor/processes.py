@@ -28,8 +28,8 @@ class Holder(NamedTuple):
 
 
 def holders(targets: Iterable[str], root: Path = Path("/")) -> dict[str, Holder]:
-    """Who has each of these files or sockets ("/dev/hidraw0", "socket:[4711]") open, where that
-    may be seen: a user sees their own processes, the superuser all."""
+    """Processes that have each of these files or sockets ("/dev/hidraw0", "socket:[4711]") open,
+    where that may be seen: a user sees their own processes, the superuser all."""
     wanted = set(targets)
     found: dict[str, Holder] = {}
     for process in processes(root):

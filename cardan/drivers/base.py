@@ -74,7 +74,7 @@ class Driver(Openable):
     peer: ClassVar[str] = ""
     """The simulated peer that stands in for the hardware: ``cardan sim PEER``."""
     tap: Tap | None = None
-    """Who records the raw bytes that are exchanged; set and taken off at any time."""
+    """Recorder of the raw bytes that are exchanged; set and taken off at any time."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         """Takes an `Options` object, or its fields as keywords.

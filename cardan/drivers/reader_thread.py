@@ -135,7 +135,7 @@ class ReadDevice(OperatorDevice, Generic[C]):
             self._end(thread)
 
     def _end(self, thread: threading.Thread) -> None:
-        """It is closed, if `thread` still was its reader: whoever waits for a state is told."""
+        """It is closed, if `thread` still was its reader: what waits for a state is told."""
         with self._lock:
             if self._thread is not thread:
                 return

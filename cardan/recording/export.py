@@ -42,7 +42,7 @@ class ExportReport:
     folder: Path
     frames: Frames
     writer: str
-    """Who wrote it."""
+    """The author."""
 
     @property
     def complete(self) -> bool:

@@ -1,7 +1,7 @@
 """Publishes a record onto the bus, under the original names with the original spacing.
 
 What could move an arm is held back unless it is asked for. Then it comes as from any other program:
-whoever takes it decides, a session by its arming sequence and its authority.
+the receiver decides, a session by its arming sequence and its authority.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ SHOWING_TYPES = frozenset(
         "visualization_msgs/msg/MarkerArray",
     }
 )
-"""Types that show something and command nothing, whoever publishes them."""
+"""Types that show something and command nothing, from any publisher."""
 
 COMMANDS_WORDS = (
     "with --commands: a live session treats these topics like any other source of the network: it "

@@ -192,7 +192,7 @@ export class Arm {
     return reply.result;
   }
 
-  /** Brake the arm, whoever has the authority. Rejects with why that is not known to have worked. */
+  /** Brake the arm, without authority over it. Rejects with why that is not known to have worked. */
   async stop(): Promise<void> {
     this.stops.asked();
     try {

@@ -12,7 +12,7 @@ export const STALL_MS = 150;
 /** Of the pointer beyond the control's edge, CSS pixels. */
 const MARGIN_PX = 32;
 
-/** Armed, and nothing was held for so long: whoever went away leaves the arm to others. */
+/** Armed, and nothing was held for so long: a page that nobody uses leaves the arm to others. */
 export const IDLE_MS = 180_000;
 
 /** How often frames go out that hold nothing, so that the server knows that the hand is free. */

@@ -123,7 +123,7 @@ export class Link {
     return this.bridge.send({ op, ...fields });
   }
 
-  /** Whoever holds on this channel has just proved to be there. */
+  /** The person who holds on this channel has just proved to be there. */
   renew(channel: number): void {
     const nowMs = performance.now();
     if (nowMs - (this.renewedMs.get(channel) ?? -Infinity) < RENEW_MS) return;

@@ -1,4 +1,4 @@
-"""An arm in virtual time for the reproductions: a simulated robot, whoever drives it, a record.
+"""An arm in virtual time for the reproductions: a simulated robot, its driver, a record.
 
 The robot is the driver of the simulated arm, so commands go through its protocol and act one cycle
 after the state they answer. Drive "ideal" has no dynamics; "dynamic" is the rigid-body plant with

@@ -66,7 +66,7 @@ requires: Requirements[MotorosSeen] = Requirements("MOTO")
 
 @requires(1, f"{STATES}: nothing is ever read there")
 def states_come_unasked(seen: MotorosSeen) -> Verdict:
-    """The state port sends feedback and status to whoever connects."""
+    """The state port sends feedback and status to every client."""
     count, states = len(seen.feedback("listen")), len(seen.statuses("listen"))
     said = f"{count} feedbacks, {states} statuses"
     return met(count > 0 and states > 0, said)

@@ -136,7 +136,7 @@ class EgmSession:
         self.port = options.listen_port
         """The UDP port in use, where the options leave the choice (0: any)."""
         self._foreign: Address | None = None
-        """Who was refused since a datagram was accepted last."""
+        """Senders that were refused since a datagram was accepted last."""
         self._rivals: set[Address] = set()
         """Ports of the controller's address that were heard beside its own: other programs, however
         slowly they count."""

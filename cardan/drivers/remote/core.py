@@ -111,7 +111,7 @@ class RemoteCore(BusCore):
         self.leased = False
         """Whether the device is ours."""
         self.taken_by = ""
-        """Who else has it; empty: nobody, as far as is known."""
+        """Another holder of the lease; empty: none that is known."""
 
     # -- what it asks --------------------------------------------------------------------------
 

@@ -75,7 +75,7 @@ class Shared(NamedTuple):
     """Of the process that shares it: another number, another process."""
     sent_s: float
     lessee: int
-    """Who has it; 0: nobody."""
+    """Holder of the lease; 0: none."""
     lessee_name: str
     asked_s: float
     """Stamp of that one's newest claim, by its clock."""

@@ -1,4 +1,4 @@
-"""Who may move the arm: one source at a time."""
+"""Authority over an arm: one source at a time may move it."""
 
 from __future__ import annotations
 

@@ -120,7 +120,7 @@ class ArmController:
         self.listener: Listener | None = None
         """What begins activities beside the operator device."""
         self.witness: RequestRecorder | None = None
-        """Who writes down what the ticks depend on beside their arguments."""
+        """Records what the ticks depend on beside their arguments."""
         self.ticks = 0
         """Counts the ticks that have begun."""
         self._noting = 0

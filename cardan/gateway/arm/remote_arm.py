@@ -127,7 +127,7 @@ class RemotePacketArm(CartesianArm):
         try:
             self._send(request, packet)
         except OSError as error:
-            # Who reads sees the end for itself, and says why.
+            # The reader sees the end for itself, and says why.
             if isinstance(error, BlockingIOError) or not pending.done.wait(STOP_TIMEOUT_S):
                 self._forget(request.id)
                 raise MotionLoopError(f"the session takes no requests: {error.strerror}") from None

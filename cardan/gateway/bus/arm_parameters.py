@@ -178,7 +178,7 @@ class ArmParameters:
         self.inputs.append((service.poll, client))
 
     def observe(self, values: Mapping[str, float], now_ns: int) -> None:
-        """Publish what has changed of the arm's parameters, whoever changed it. For the loop."""
+        """Publish what has changed of the arm's parameters, by any client. For the loop."""
         event = self.table.event(self._node.full_name, to_ros(values), now_ns)
         if event is not None:
             self._events.put(codec_of(EVENT_TYPE).encode(event), now_ns)

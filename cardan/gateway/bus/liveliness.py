@@ -1,4 +1,4 @@
-"""Who is on the bus, by liveliness tokens: whether the one that asked for a motion is still there.
+"""Participants of the bus, by liveliness tokens: whether the client of a motion is still there.
 
 A token vanishes with its process: at once where the process ends, however it does, as the computer
 then closes its connections; after the lease of its Zenoh session where the computer or the cable
@@ -116,8 +116,9 @@ class Askers:
         return self._owners.get(zid)
 
     def identity(self, packet: Received | ServiceRequest) -> Identity:
-        """Who sent a packet: the node that has its GID; of a GID that is not known, as old releases
-        of rmw_zenoh name publishers at random, or that is another session's, the session."""
+        """The sender of a packet: the node that has its GID; of a GID that is not known, as old
+        releases of rmw_zenoh name publishers at random, or that is another session's, the
+        session."""
         gid = b"" if packet.attachment is None else packet.attachment.gid
         zid = packet.zid if isinstance(packet, Received) else ""
         session = self._owners.get(zid)

@@ -112,7 +112,7 @@ class ShareOptions(Options):
 
 
 class ShareCore:
-    """Who has a device, and what that one is told. Times are monotonic, s."""
+    """The lease of a shared device, and what its holder is told. Times are monotonic, s."""
 
     def __init__(self, driver: str, run: int) -> None:
         """`run`: a number that no other process has, not 0."""
@@ -145,7 +145,7 @@ class ShareCore:
         """Claims that were refused, and edges that were dropped, by kind."""
 
     def lessee(self, now_s: float) -> str:
-        """Who has the device; empty: nobody."""
+        """The holder of the lease; empty: none."""
         self._expire(now_s)
         return "" if self._claim is None else self._claim.name or "a session"
 

@@ -85,7 +85,7 @@ _log = logging.getLogger(__name__)
 
 
 class _Route(NamedTuple):
-    """Who asked a session something."""
+    """A client that sent a session a request."""
 
     connection: Connection
     ask: int
@@ -126,9 +126,9 @@ class Daemon:
         self._event_log: EventLog | None = None
         self._ids = itertools.count(1)
         self._routes: dict[tuple[str, int], _Route] = {}
-        """Who waits for the answer to a request, by session and the daemon's own number."""
+        """Clients that wait for the answer to a request, by session and the daemon's own number."""
         self._motions: dict[tuple[str, int], _Route] = {}
-        """Who is told of a motion, by session and the motion's id."""
+        """Clients that are told of a motion, by session and the motion's id."""
         self._shared: dict[str, SharedDevice] = {}
         """The devices that several sessions share, by name."""
         for name, session in layout.sessions.items():
@@ -149,7 +149,7 @@ class Daemon:
             kept.unit.start(time.monotonic())
 
     def _share(self) -> None:
-        """Who shares devices by now, each session by what it runs with; who has one keeps it."""
+        """Find which sessions share devices, by what they run with; a holder keeps its device."""
         before, self._shared = self._shared, {}
         entries = {}
         for name in (*self.layout.sessions, *self._kept):
@@ -632,7 +632,7 @@ class Daemon:
         self._share()
 
     def _asker_gone(self, name: str, motion: int) -> None:
-        """Who asked for a motion is gone: one without end must not go on."""
+        """The client of a motion is gone: a motion without end must not go on."""
         route = self._motions.pop((name, motion), None)
         kept = self._kept.get(name)
         if route is None or not route.endless or kept is None:
@@ -660,7 +660,7 @@ class Daemon:
                 layout = self._read()
             except CardanError as error:
                 layout = error
-            except Exception as error:  # Who asked waits for an answer.
+            except Exception as error:  # The client waits for an answer.
                 layout = ConfigurationError("", shortage(error) or repr(error))
             self._told(lambda: over(self._take_layout(layout, check_only)))
 

@@ -28,7 +28,7 @@ LIVE: Final = "live"
 """The state of a link over which reports come."""
 
 SOURCES: Final = (HAND, VERBS, "stream")
-"""Who may have the authority; a stream's owner has any name, which is no label."""
+"""Sources that may have the authority; a stream's owner has any name, which is no label."""
 
 _SNAPSHOT_FIELDS: Final = frozenset(each.name for each in dataclasses.fields(Snapshot))
 

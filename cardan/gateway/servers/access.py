@@ -1,4 +1,4 @@
-"""Who may come in to a web server: by token, by the page it comes from, by the name it used.
+"""Access control of a web server: by token, Origin and Host.
 
 A browser lets every page open a WebSocket to this machine, and says in ``Origin`` which page it
 was. A page may have its own name resolve to this machine's address (DNS rebinding): ``Host`` has
@@ -33,7 +33,7 @@ class AccessDenied(NamedTuple):
 
 
 class Caller(NamedTuple):
-    """Who wants to come in, as the request's first lines say."""
+    """A client, as the first lines of its request describe it."""
 
     address: str
     """IP address."""

@@ -18,7 +18,7 @@ BEAT_S = 0.1
 """How often it is looked, besides at each frame that comes."""
 
 BUSY_SHARE = 0.5
-"""Who worked for this share of the time was busy and did not stand still."""
+"""A thread that worked for this share of the time was busy and did not stand still."""
 
 _CLOCK = getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC)
 """Goes on while the computer sleeps, where there is such a clock."""

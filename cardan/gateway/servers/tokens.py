@@ -42,7 +42,7 @@ class Role(enum.IntEnum):
 
 
 WITHOUT_TOKEN = Role.OPERATOR
-"""Who comes in where no token is needed, and who has a token to which no role is written."""
+"""Role of clients where no token is needed, and of tokens without a role."""
 
 
 class Tokens:

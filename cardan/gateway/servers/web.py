@@ -138,7 +138,7 @@ class FrontOptions(Options):
     """File with the certificate's private key (PEM)."""
     plaintext: bool = False
     """Serve other computers without a certificate, where the network between is protected by
-    something else (a VPN): whoever reads there has the token."""
+    something else (a VPN): a listener there has the token."""
     hosts: tuple[str, ...] = ()
     """Names of this machine that clients may use, besides its host name and its addresses."""
     origins: tuple[str, ...] = ()

@@ -85,7 +85,7 @@ class SessionProcess:
         self._give_up_s = math.inf
         self._channel, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs, contextlib.ExitStack() as undone:
-            # Who is short of files tries again and again: nothing may be left open by that.
+            # When files are short this is tried again and again: nothing may be left open by that.
             undone.callback(self._channel.close)
             said, saying = os.pipe()
             undone.callback(os.close, said)

@@ -87,7 +87,7 @@ MICROSOFT = 0x045E
 """Vendor whose pads have two numbers exchanged, whatever drives them."""
 XONE: Final = "xone-gip-gamepad"
 _BY_CAPS: Final = frozenset({"xpad", XONE, "xpadneo", "hid-steam"})
-"""Drivers that number buttons by what is printed on them, whoever made the pad."""
+"""Drivers that number buttons by what is printed on them, whatever the pad's maker."""
 
 
 def north_and_west_exchanged(vendor: int, kernel_driver: str) -> bool:

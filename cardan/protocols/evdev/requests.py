@@ -65,7 +65,7 @@ def eviocgabs(code: int) -> int:
 
 
 class InputId(NamedTuple):
-    """Who made a device."""
+    """Bus, vendor, product and version of a device."""
 
     bustype: int
     vendor: int

@@ -55,15 +55,15 @@ class Graph:
         return _types(self.entities(SERVICE))
 
     def publishers(self, topic: str) -> list[Entity]:
-        """Who publishes `topic`."""
+        """Publishers of `topic`."""
         return self._having(topic, PUBLISHER)
 
     def subscribers(self, topic: str) -> list[Entity]:
-        """Who subscribes to `topic`."""
+        """Subscribers of `topic`."""
         return self._having(topic, SUBSCRIPTION)
 
     def servers(self, service: str) -> list[Entity]:
-        """Who offers `service`."""
+        """Servers of `service`."""
         return self._having(service, SERVICE)
 
     def by_name(self, kind: str) -> dict[str, list[Entity]]:

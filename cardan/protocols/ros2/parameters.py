@@ -1,7 +1,7 @@
 """The parameters of a node as ROS 2 knows them: requests in, responses and events out.
 
 A :class:`ParameterServer` has a table of what there is; the values stay where they are used, and
-are handed in. Who serves it carries the changes out.
+are handed in. The server carries the changes out.
 
 Source: rcl_interfaces, and the behaviour of rclcpp's parameter services.
 """

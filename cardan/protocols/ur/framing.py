@@ -48,7 +48,7 @@ class ScriptReader:
         """What has not ended has more bytes than a program may have, and is not kept."""
         self._whole: list[str] = []
         self.refused = 0
-        """Programs that had too many bytes; whoever says so sets it to 0."""
+        """Programs that had too many bytes; the reporter sets it to 0."""
 
     @property
     def open(self) -> bool:

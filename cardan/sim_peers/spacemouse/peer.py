@@ -57,7 +57,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, kw_only=True)
 class PuckPeerOptions(NodeOptions):
-    """Who moves a device that has a cap."""
+    """Options of what moves a device that has a cap."""
 
     keyboard: bool = option(False, "Move it with this terminal's keys.")
     """Instead of the script."""

@@ -1,7 +1,7 @@
 """What URScript's operators do with its values.
 
 Numbers, truths, texts, lists (of lists: matrices), poses and structs. All of them are values: a
-list is never changed in place, so that whoever has it keeps what it had.
+list is never changed in place, so that its holders keep what they had.
 
 Source: UR's script manual, 5.x: numbers, variables and types; matrix and array expressions.
 """

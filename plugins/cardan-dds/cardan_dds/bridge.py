@@ -248,7 +248,7 @@ class Bridge:
             if len(cdr) > MOST_BYTES:
                 self._say(f"{name}: a message of more than {MOST_BYTES} bytes is not passed on")
             elif writer is not None:
-                # Whoever stops an arm need not say its name first.
+                # A client that stops an arm need not say its name first.
                 stops = name.endswith("/stop")
                 publisher = self._publisher(writer, name, type_name, stops)
             if publisher is None:

@@ -344,7 +344,7 @@ class Participant:
         return self._library.core.Qos(*policies)
 
     def discovery(self) -> Discovery:
-        """Who comes and goes. Raises DriverError."""
+        """Participants that come and go. Raises DriverError."""
         return Discovery(self._library, self._participant)
 
     def waiter(self) -> Waiter:

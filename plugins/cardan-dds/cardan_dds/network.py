@@ -397,7 +397,7 @@ class _Hub:
             return self.graph.by_handle(handle)
 
     def writer_of(self, sample: Sample) -> Endpoint | None:
-        """Who wrote a sample. In the thread."""
+        """The writer of a sample. In the thread."""
         writer = self.by_handle(sample.writer)
         if writer is None and self._discover():
             writer = self.by_handle(sample.writer)
@@ -774,7 +774,7 @@ class _Server(_Given):
             replies, self._replies = self._replies, []
         for data, client, end_s in replies:
             if self._hub.by_handle(client.handle) is None:
-                continue  # Who asked is gone.
+                continue  # The client is gone.
             if self._met(client) or now_s >= end_s:
                 self._writer.write(data)
             else:

@@ -63,7 +63,7 @@ WAYS_OUT = (
 
 
 def vendor(guid: bytes) -> str:
-    """Who made the DDS with a participant or endpoint of this GUID; empty: nobody known.
+    """Vendor of the DDS with a participant or endpoint of this GUID; empty: nobody known.
 
     The first two bytes are the vendor's by the habit of all that are known here.
     """

@@ -61,5 +61,5 @@ def test_every_parameter_is_read_and_set_by_foxglove(session, foxglove):
                 assert client.set(**each) == [each]
             return not [said for said in client.heard if said["op"] == "status"]
 
-        # Who commanded before keeps the arm for its lease.
+        # The client that commanded before keeps the arm for its lease.
         until(all_are_set, "every parameter is set")

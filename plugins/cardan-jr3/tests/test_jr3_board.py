@@ -18,7 +18,7 @@ SCALES = jr3.TEO_SENSORS["right-hand"]
 
 
 class Host:
-    """Whoever talks to the board: times what comes back."""
+    """A client of the board: times what comes back."""
 
     def __init__(self, **options):
         options.setdefault("boot_s", 0.0)

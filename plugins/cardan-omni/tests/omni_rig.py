@@ -66,7 +66,7 @@ class Rig:
         return self
 
     def click(self, button, times=1):
-        """Press and let go as fast as a button is believed, whoever looks meanwhile."""
+        """Press and let go as fast as a button is believed, also while it is read."""
         for _ in range(times):
             self.buttons |= button
             self.run(0.027)

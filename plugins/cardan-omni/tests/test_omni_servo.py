@@ -368,7 +368,7 @@ def test_an_error_of_no_device_is_everybodys(bench: Bench) -> None:
 
 
 def test_who_finds_another_devices_error_passes_it_on(bench: Bench) -> None:
-    """The library has one stack, and whoever looks takes all of it."""
+    """The library has one stack, and a reader takes all of it."""
     tick = Tick()
     other = Servo(tick, bench.library.functions, OTHER, clock=bench.library.clock, realtime=False)
     call = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)(other.callback)

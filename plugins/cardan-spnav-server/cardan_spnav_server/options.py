@@ -20,7 +20,7 @@ class SpnavServerOptions(Options):
     socket: Annotated[str, bounds.SOCKET_PATH, bounds.MEETING] = DEFAULT_SOCKET
     """Path of the socket to create; programs look there, or where SPNAV_SOCKET says."""
     access: Literal["owner", "everybody"] = "owner"
-    """Who may connect: the user who serves (mode 0600), or every user of this machine (0666)."""
+    """Users that may connect: the server's own (mode 0600), or all of this machine (0666)."""
     full_scale: Annotated[float, bounds.COUNTS] | None = None
     """Counts that programs get for a full deflection; None: as many as spacenavd gives of the
     device's model, 350 where that is not known."""

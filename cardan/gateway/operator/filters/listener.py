@@ -28,7 +28,7 @@ _ADVICE = Advice(served="does another filter or program listen there? Give anoth
 
 
 class Sender(NamedTuple):
-    """Who sent a datagram: a process by its number, or an address and port."""
+    """Sender of a datagram: a process by its number, or an address and port."""
 
     host: str = ""
     """Empty: a process of this computer, by its Unix socket."""
@@ -179,7 +179,7 @@ class DatagramListener:
 
 
 def _sender(ancillary: list[tuple[int, int, bytes]], address: Any) -> Sender:
-    """Who sent what came with this: the kernel tells the process, or address and port."""
+    """Sender of what came with this: the kernel tells the process, or address and port."""
     if isinstance(address, tuple):
         return Sender(*address[:2])
     for _level, _kind, data in ancillary:

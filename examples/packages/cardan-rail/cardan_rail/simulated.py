@@ -37,7 +37,7 @@ OFF_S = 1.0
 """A restart takes so long."""
 MUTE_S = 0.5
 CLIENT_SILENT_S = 1.0
-"""Who has been silent for so long is no client any more, and another one may come."""
+"""A client that was silent for so long is none any more, and another one may come."""
 
 TOO_FAST = 1.5
 """Times an axis' speed. What is asked for within it is taken: where datagrams come late, a command
