@@ -226,9 +226,13 @@ def test_the_network_is_joined_as_a_session_joins_it(monkeypatch, tmp_path):
     file.write_text(f'{robot}[network]\nrouter = "tcp/10.0.0.1:7447"\nmode = "client"\n')
     said("network", str(file), program=app)
     assert seen == [BusOptions(router="tcp/10.0.0.1:7447", mode="client")]
+    with pytest.raises(ConfigurationError, match="give one of them"):
+        said("network", str(file), "--router", "tcp/10.0.0.2:7447", program=app)
     file.write_text(robot)
     with pytest.raises(ConfigurationError, match=r"has no table \[network\]"):
         said("network", str(file), program=app)
+    said("network", "--router", "tcp/10.0.0.2:7447", program=app)
+    assert seen[1:] == [BusOptions(router="tcp/10.0.0.2:7447")]
 
 
 def test_where_nobody_is_met_the_remedies_are_said(monkeypatch):

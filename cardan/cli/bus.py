@@ -61,7 +61,7 @@ def bus_options(
 
     if router:
         if session is not None:
-            raise ConfigurationError("--session, --router", "give one of them")
+            raise ConfigurationError("session's file, --router", "give one of them")
         return BusOptions(router=router)
     if session is None:
         options = BusOptions() if publishes else met_here(BusOptions())
@@ -100,6 +100,7 @@ def network(
             help="Configuration file whose \\[network] says how to join; default: its defaults.",
         ),
     ] = None,
+    router: Router = "",
     as_json: AsJson = False,
 ) -> None:
     """List the nodes, topics and services that are on the bus.
@@ -107,7 +108,7 @@ def network(
     Joins it, looks for two seconds, and says what to do where nobody was met."""
     from cardan.bus.discovery import remedies, survey, unseen
 
-    options = bus_options(file)
+    options = bus_options(file, router)
     found = survey(options)
     if advice := remedies(options, found):
         for each in advice:
