@@ -404,7 +404,7 @@ class ArmController:
         with self.lock:
             self.note("begin", type(activity).__name__)
             self._on(Event.EXECUTES, activity)
-            self._recovered_way = NO_WAY
+            self._trip_reason, self._recovered_way = "", NO_WAY
 
     def drop(self) -> None:
         """Forget an activity that rests."""

@@ -631,8 +631,10 @@ def test_a_robot_that_is_lost_ends_the_motion(cause):
     world.link, world.hold_reason = RobotLink.LIVE, ""
     world.tick(50)
     assert world.command == HoldCommand()
+    assert world.verbs.controller.message.startswith("stopped before: ")
     again = world.verbs.movl(world.moved(0.0, 0.0, 0.05))
     world.tick()
+    assert world.verbs.controller.message == ""
     np.testing.assert_allclose(world.command.positions, world.q, atol=1e-3)
     assert world.run(again).outcome is Outcome.DONE
 
