@@ -249,6 +249,8 @@ _WIDE = """def wide():
   set_digital_out(0, True xor False)
   popup("p", blocking=False)
   speedj([0.1, 0, 0, 0, 0, 0], 2.0, 0.01)
+  ft_rtde_input_enable(True, 0.1, [0, 0, 0.05], [0, 0, 0])
+  direct_torque([5, -5, 2, 0.1, 0, 0], friction_comp=False)
   join handle
   kill handle
   socket_close("s")
