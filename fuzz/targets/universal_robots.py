@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
+from itertools import pairwise
 from typing import Any
 
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
 from cardan.drivers.ur_rtde.session import CHANNELS, UrSession
-from cardan.protocols.ur import dashboard, primary, robot_state, rtde
+from cardan.protocols.ur import dashboard, primary, realtime, robot_state, rtde
 from cardan.protocols.ur.framing import ScriptReader
 from cardan.protocols.ur.program import Servoing, program
 from cardan.protocols.ur.script import LARGEST, Program, parse
@@ -105,6 +106,39 @@ def _primary_streams() -> Iterator[bytes]:
     )
     yield primary.key_message(1.0, "PROGRAM_XXX_STARTED", "a") + primary.text_message(1.0, "b")
     yield primary.exception_message(2.0, 3, "c")
+
+
+_FORMS = tuple(
+    realtime.RealtimeForm(version) for version in ((3, 2), (3, 5), (5, 0), (5, 4), (5, 9), (5, 10))
+)
+
+
+def _realtime_feed() -> Callable[[bytes], Iterable[Any]]:
+    reader = realtime.RealtimeReader()
+
+    def feed(data: bytes) -> Iterator[Any]:
+        reader.feed(data)
+        while (found := reader.take()) is not None:
+            yield [form.read(found) for form in _FORMS]
+
+    return feed
+
+
+def _realtime(data: bytes) -> object:
+    """A packet has what a version had, if it is not shorter than that."""
+    packets = joined_streams(_realtime_feed, data)
+    for found in packets:
+        for older, newer in pairwise(found):
+            assert newer is None or older is not None
+    return tuple(sum(each is not None for each in found) for found in packets)
+
+
+def _realtime_streams() -> Iterator[bytes]:
+    controller = UrController()
+    value = Telemetry(controller).value
+    packets = [form.pack(value) for form in _FORMS]
+    yield b"".join(packets)
+    yield packets[-1][:-8] + packets[0]
 
 
 def _dashboard_feed() -> Callable[[bytes], Iterable[Any]]:
@@ -215,6 +249,8 @@ _WIDE = """def wide():
   set_digital_out(0, True xor False)
   popup("p", blocking=False)
   speedj([0.1, 0, 0, 0, 0, 0], 2.0, 0.01)
+  ft_rtde_input_enable(True, 0.1, [0, 0, 0.05], [0, 0, 0])
+  direct_torque([5, -5, 2, 0.1, 0, 0], friction_comp=False)
   join handle
   kill handle
   socket_close("s")
@@ -375,6 +411,7 @@ def _controller_packets() -> Iterator[Packets]:
 TARGETS = (
     Target("ur.rtde", Form.BYTES, _rtde, _rtde_streams),
     Target("ur.primary", Form.BYTES, _primary, _primary_streams),
+    Target("ur.realtime", Form.BYTES, _realtime, _realtime_streams),
     Target(
         "ur.dashboard",
         Form.TEXT,

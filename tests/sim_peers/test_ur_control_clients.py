@@ -187,6 +187,32 @@ def test_contact_and_freedrive(arm):
     arm.home()
 
 
+def test_a_sensor_of_others_feels_the_payload_that_nobody_wrote_away(arm):
+    control, receive = arm.control, arm.receive
+    assert control.setPayload(1.0, [0.0, 0.0, 0.0])
+    until(lambda: receive.getPayload() == 1.0, "the payload")
+    for enable in (control.ftRtdeInputEnable, control.enableExternalFtSensor):
+        assert not any(receive.getActualTCPForce())
+        assert enable(True, 0.3, [0.0, 0.0, 0.05], [0.0, 0.0, 0.02])
+        until(lambda: abs(receive.getActualTCPForce()[2] - 9.82) < 1e-6, "its weight")
+        assert enable(False)
+        until(lambda: not any(receive.getActualTCPForce()), "the arm's own sensor")
+    assert control.isProgramRunning()
+
+
+def test_torques_move_a_joint():
+    address = own_address(3)
+    with served("sim", "ur", "--host", address, "--running", "--software", "5.26"):
+        arm = Arm(address)
+        arm.stream(lambda: arm.control.directTorque([8.0, 0, 0, 0, 0, 0]), 50)
+        assert arm.receive.getActualQ()[0] > 1e-3
+        # Its program goes on with the last of them until there is another call.
+        assert arm.control.stopJ(2.0) is None
+        arm.rests()
+        assert arm.control.isProgramRunning()
+        arm.close()
+
+
 def test_answers_and_settings(arm):
     control, receive = arm.control, arm.receive
     pose = receive.getActualTCPPose()

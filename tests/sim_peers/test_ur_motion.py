@@ -11,13 +11,25 @@ from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyMode
 from cardan.robots import load_arm
 from cardan.sim_peers.ur_controller import UrController, UrControllerOptions
 from cardan.sim_peers.ur_controller.actions import Wait
+from cardan.sim_peers.ur_controller.dynamics import ROTORS_KG_M2
 from cardan.sim_peers.ur_controller.kinematics import frame_of, pose_of
 from cardan.sim_peers.ur_controller.motion import ControlMode
 from cardan.sim_peers.ur_controller.motion_functions import motion_functions
 from cardan.sim_peers.ur_controller.pose_functions import pose_functions
 from cardan.sim_peers.ur_controller.telemetry import Telemetry
 from cardan.sim_peers.ur_controller.values import Pose
-from cardan.spatial import compose, inverse, norm, rotation_between, subtract
+from cardan.spatial import (
+    compose,
+    conjugate,
+    cross,
+    inverse,
+    norm,
+    rotate,
+    rotation_between,
+    scale,
+    subtract,
+)
+from cardan.types import Vector3
 
 HOME = (0.0, -1.5707963267948966, 1.5707963267948966, -1.5707963267948966, -1.5707963267948966, 0.0)
 CLOSE = 1e-6
@@ -581,7 +593,7 @@ def test_movej_keeps_to_what_the_joints_can():
     assert not arm.why
     assert np.abs(arm.qd).max() == pytest.approx(math.pi)
     arm.do("movej", [-2.0, *HOME[1:]], t=0.5)
-    assert "joint 1 was asked for" in arm.why
+    assert "was asked for" in arm.why
 
 
 def test_steady_and_history():
@@ -737,6 +749,122 @@ def test_a_hard_contact_is_a_protective_stop_that_can_be_left():
     assert not arm.motion.moving
     arm.do("movel", arm.pose(z=0.05), v=0.1)
     assert not arm.why
+
+
+def sensed(arm, *wrench):
+    Telemetry(arm.controller).write({"external_force_torque": wrench})
+
+
+def test_a_sensor_of_others_takes_the_place_of_the_arms_own():
+    arm = table(below_m=-0.002)
+    flange = arm.motion.kinematics.forward(arm.motion.actual_q)
+    own = arm.call("get_tcp_force")
+    assert own[2] > 1.0
+    sensed(arm, 1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+    assert arm.call("get_tcp_force") == own
+    arm.call("ft_rtde_input_enable", True, 0.5, [0.0, 0.0, 0.1])
+    felt = arm.call("get_tcp_force")
+    force = rotate(flange.orientation, Vector3(1.0, 2.0, 3.0))
+    torque = rotate(flange.orientation, Vector3(0.1 - 0.2, 0.2 + 0.1, 0.3))
+    assert felt == pytest.approx((*force, *torque))
+    told = Telemetry(arm.controller).value
+    assert told("actual_TCP_force") == felt
+    assert told("wrench_calc_from_currents") == own
+    assert arm.call("force") == pytest.approx(math.sqrt(14.0))
+    sensed(arm, 0.0, 0.0, 0.0, 0.0, math.nan, 0.0)
+    assert arm.call("get_tcp_force") == felt
+    arm.call("ft_rtde_input_enable", False)
+    assert arm.call("get_tcp_force") == own
+
+
+@pytest.mark.parametrize(
+    ("name", "lever"), [("ft_rtde_input_enable", 1.0), ("enable_external_ft_sensor", -1.0)]
+)
+def test_the_payload_is_taken_out_of_what_it_feels(name, lever):
+    arm = Arm()
+    arm.call(name, True)
+    arm.call("set_payload", 1.0, [0.1, 0.0, 0.0])
+    turn = arm.motion.kinematics.forward(arm.motion.actual_q).orientation
+    weight = Vector3(0.0, 0.0, 9.82)
+    torque = scale(cross(rotate(turn, Vector3(0.1, 0.0, 0.0)), weight), lever)
+    assert arm.call("get_tcp_force") == pytest.approx((*weight, *torque))
+
+
+def test_force_mode_goes_by_the_sensor_of_others():
+    arm = Arm()
+    turn = arm.motion.kinematics.forward(arm.motion.actual_q).orientation
+    arm.call("ft_rtde_input_enable", True)
+    arm.call("force_mode", *DOWN, [0, 0, -10, 0, 0, 0], 2, LIMITS)
+    height = arm.motion.target_tcp_pose()[2]
+    for force, speed in ((0.0, -0.05), (10.0, 0.0), (30.0, 0.02)):
+        sensed(arm, *rotate(conjugate(turn), Vector3(0.0, 0.0, force)), 0.0, 0.0, 0.0)
+        arm.wait(0.1)
+        assert arm.call("get_target_tcp_speed")[2] == pytest.approx(speed, abs=1e-6)
+    assert arm.motion.target_tcp_pose()[2] < height
+
+
+def test_torques_move_the_arm_as_its_dynamics_have_it():
+    arm = Arm()
+    motion, dynamics = arm.motion, arm.controller.dynamics
+    torque = [4.0, -8.0, 5.0, 0.5, -0.5, 0.2]
+    q, qd = list(HOME), [0.0] * 6
+    for _ in range(150):
+        action = arm.call("direct_torque", torque)
+        assert arm.frame(action) == ""
+        assert motion.left_of(action, arm.dt_s) is None
+        masses = np.array(dynamics.mass_matrix(q, motion.load)) + np.diag(ROTORS_KG_M2)
+        changes = np.linalg.solve(masses, np.array(torque) - dynamics.coriolis(q, qd, motion.load))
+        qd = qd + changes * arm.dt_s
+        q = q + qd * arm.dt_s
+        assert motion.target_q == pytest.approx(q, abs=1e-9)
+    assert motion.control_mode is ControlMode.TORQUE
+    assert np.abs(qd).max() > 0.1
+    arm.wait(0.5)
+    assert motion.control_mode is ControlMode.POSITION
+    assert not motion.moving
+
+
+def test_without_torques_the_arm_goes_on_and_keeps_its_energy():
+    arm = Arm()
+    for _ in range(50):
+        arm.frame(arm.call("direct_torque", [10.0, 10.0, 5.0, 1.0, 1.0, 0.1]))
+
+    def energy():
+        motion = arm.motion
+        masses = np.array(arm.controller.dynamics.mass_matrix(motion.target_q, motion.load))
+        speeds = np.array(motion.target_qd)
+        return 0.5 * speeds @ (masses + np.diag(ROTORS_KG_M2)) @ speeds
+
+    before = energy()
+    for _ in range(200):
+        assert arm.frame(arm.call("direct_torque", [0.0] * 6)) == ""
+    assert energy() == pytest.approx(before, rel=0.02)
+
+
+def test_torques_that_push_against_something_come_to_rest_on_its_stiffness():
+    arm = table()
+    motion = arm.motion
+    for _ in range(1500):
+        columns = motion.kinematics.jacobian(motion.target_q, motion.tcp)
+        push = np.array([column[2] for column in columns])
+        held = 30.0 * (np.array(HOME) - motion.target_q) * (1, 0, 0, 1, 1, 1)
+        torque = held - 20.0 * np.array(motion.target_qd) - 15.0 * push
+        assert arm.frame(arm.call("direct_torque", torque.tolist())) == ""
+    assert arm.call("get_tcp_force")[2] == pytest.approx(15.0, abs=3.0)
+
+
+def test_what_torques_cannot_be():
+    arm = Arm()
+    with pytest.raises(ValueError, match="which is not 6 joints"):
+        arm.call("direct_torque", [0.0] * 5)
+    with pytest.raises(ValueError, match="which is not 0 to 1 for each joint"):
+        arm.call("direct_torque", [0.0] * 6, viscous_scale=[2.0] * 6)
+    while not arm.frame(arm.call("direct_torque", [150.0, 0.0, 0.0, 0.0, 0.0, 0.0])):
+        assert len(arm.frames) < 1000
+    assert "was asked for" in arm.why
+    arm.call("freedrive_mode")
+    with pytest.raises(ValueError, match="freedrive"):
+        arm.call("direct_torque", [0.0] * 6)
 
 
 def test_freedrive():

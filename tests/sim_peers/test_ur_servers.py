@@ -263,6 +263,28 @@ def test_what_is_no_rtde_is_told_so():
     assert number in world.closed
 
 
+@pytest.mark.parametrize(
+    "words", [b"GET / HTTP/1.1\r\n", b"POST / HTTP/1.1\r\n", b"SSH-2.0-", b"\x16\x03\x01\x02\0"]
+)
+def test_a_client_that_speaks_another_protocol_is_let_go_of(words):
+    world = World()
+    for count in (1, 2):
+        number = world.join("rtde")
+        assert world.say(number, words[:2]) == b""
+        assert number not in world.closed
+        world.say(number, words[2:])
+        assert number in world.closed
+        assert f"the client does not speak RTDE ({count} so far)" in world.servers.events[-1][1]
+
+
+def test_a_long_recipe_before_the_version_is_answered():
+    world = World()
+    number = world.join("rtde")
+    long = ask_outputs(125.0, [f"output_double_register_{n}" for n in range(48)])
+    assert b"has to be agreed on first" in world.say(number, long)
+    assert number not in world.closed
+
+
 def test_programs_wait_in_their_sockets_while_many_wait_here():
     world = World()
     number, other = world.join("primary"), world.join("dashboard")

@@ -47,6 +47,7 @@ class PacketType(enum.IntEnum):
 
 
 _KINDS: Final = frozenset(PacketType)
+_SETUPS: Final = (PacketType.OUTPUTS, PacketType.INPUTS)
 _DATA: Final = int(PacketType.DATA)
 
 
@@ -218,6 +219,12 @@ class PacketReader:
             return False
         size, kind = _HEADER.unpack_from(self._pending)
         return kind not in _KINDS or size > _LONGEST_TEXT
+
+    @property
+    def foreign_request(self) -> bool:
+        """The same of a client's first packet; one may ask for a recipe, however long, before the
+        version is agreed on."""
+        return self.foreign and self._pending[_WORD.size] not in _SETUPS
 
     def feed(self, data: bytes) -> None:
         """Add what came."""

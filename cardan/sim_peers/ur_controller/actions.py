@@ -69,6 +69,12 @@ class SpeedL(NamedTuple):
     left_s: float
 
 
+class DirectTorque(NamedTuple):
+    """Drive the joints by torques (N·m) for a frame, beside those that hold the arm's weight."""
+
+    torques: tuple[float, ...]
+
+
 class StopJ(NamedTuple):
     """Slow the joints down to rest."""
 

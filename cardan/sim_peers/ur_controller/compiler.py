@@ -496,7 +496,14 @@ class Compiler:
         code = await self._expression(found.thread, scope)
         if code.takes_time:
             return _Code(_raises(line, "a thread is a variable"))
-        handle = code.do
+        value = code.do
+
+        def handle(own: _Locals) -> int:
+            given = value(own)
+            if given.__class__ is not int:
+                raise ProgramError(line, f"{found.how}: {operators.text(given)!r} is not a thread")
+            return int(given)
+
         if found.how == "kill":
 
             def kill(own: _Locals) -> None:
@@ -957,6 +964,8 @@ def _bound(
     for name, value in call.named:
         if name not in parameters:
             return f"{call.name}() has no argument {name}"
+        if name in bound:
+            return f"{call.name}(): {name} is given twice"
         bound[name] = value
     for name in parameters:
         if name not in bound and name not in defaults:

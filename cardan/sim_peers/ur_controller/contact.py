@@ -22,7 +22,8 @@ _COASTS_S: Final = 0.01
 """Time constant of what coasts without force, at a damping of 1."""
 _QUICKEST: Final = (5.0,) * 3 + (25.0,) * 3
 """Accelerations of compliant axes, m/s² and rad/s²."""
-_UP: Final = Vector3(0.0, 0.0, 1.0)
+UP: Final = Vector3(0.0, 0.0, 1.0)
+"""Where a plane pushes."""
 
 
 class Plane(NamedTuple):
@@ -81,13 +82,14 @@ class ForceMode:
         at: Frame,
         change: tuple[Vector3, Vector3],
         felt: Vector3,
-        stiffness_n_m: float,
+        touched: tuple[float, Vector3],
         dt_s: float,
     ) -> tuple[Vector3, Vector3]:
         """How the TCP goes in a frame (m, rad): the program's own `change` along the axes that are
         not compliant, and what the force wants along those that are.
 
-        `felt` is the force on the tool, and the stiffness that of what it touches; 0: nothing.
+        `felt` is the force on the tool, and `touched` the stiffness of what it touches (N/m; 0:
+        nothing) and the direction in which that pushes.
         """
         asked = self._last
         if asked is None:
@@ -99,7 +101,7 @@ class ForceMode:
             along = axes[axis]
             if asked.free[number]:
                 missing = asked.wrench[number] + (0.0 if part else dot(felt, along))
-                against = 0.0 if part else stiffness_n_m * dot(along, _UP) ** 2
+                against = 0.0 if part else touched[0] * dot(along, touched[1]) ** 2
                 self._speed(number, missing, against, asked.limits[number], dt_s)
                 way = self._speeds[number] * dt_s
             else:

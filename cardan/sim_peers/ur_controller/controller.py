@@ -79,16 +79,17 @@ class UrController:
         plane = None
         if options.contact_z_m is not None:
             plane = Plane(options.contact_z_m, options.contact_stiffness_n_m)
+        self.dynamics = Dynamics(arm)
         self.motion = Motion(
             Kinematics(UR_LINKS[options.robot], low, high),
             options.start or arm.home,
             arm.velocity,
             low,
             high,
+            self.dynamics,
             plane=plane,
             say=self._said,
         )
-        self.dynamics = Dynamics(arm)
         self.registers = Registers()
         self.io = RobotIo()
         self.popups = Popups(self._popped)
@@ -465,6 +466,7 @@ class UrController:
         for name, values in vars(Registers()).items():
             getattr(self.registers, name)[:] = values
         vars(self.io).update(vars(RobotIo()))
+        self.motion.sensor, self.motion.sensed = None, (0.0,) * len(self.motion.sensed)
         self.mode, self._mode_at = RobotMode.POWER_OFF, None
         self.frames, self._start_s = 0, self._now_s
         self._note("restart")

@@ -19,6 +19,10 @@ Triple = tuple[float, float, float]
 Rows = tuple[Triple, Triple, Triple]
 
 
+ROTORS_KG_M2 = (0.5,) * 3 + (0.1,) * 3
+"""What the motors' rotors have behind their gears, for what torques make of a motion (chosen)."""
+
+
 class Load(NamedTuple):
     """A rigid body in the frame of the last joint."""
 
@@ -94,6 +98,17 @@ class Dynamics:
     def coriolis(self, q: Sequence[float], qd: Sequence[float], load: Load) -> tuple[float, ...]:
         """The joints' torques of a motion without gravity and acceleration, N·m."""
         return self.effort(q, qd, (0.0,) * len(q), load, _NOTHING).torques
+
+    def acceleration(
+        self, q: Sequence[float], qd: Sequence[float], torques: Sequence[float], load: Load
+    ) -> list[float]:
+        """What torques beside those that hold the weight (N·m) make of a motion, rad/s²."""
+        taken = self.coriolis(q, qd, load)
+        left = [torque - each for torque, each in zip(torques, taken, strict=True)]
+        masses = [list(row) for row in self.mass_matrix(q, load)]
+        for row, inertia in enumerate(ROTORS_KG_M2):
+            masses[row][row] += inertia
+        return _solved(masses, left)
 
     def effort(
         self,
@@ -184,6 +199,27 @@ class Dynamics:
             turning,
             carried,
         )
+
+
+def _solved(matrix: Sequence[Sequence[float]], right: Sequence[float]) -> list[float]:
+    """`x` of `matrix x = right`, by Cholesky's decomposition: `matrix` is symmetric and positive
+    definite."""
+    lower: list[list[float]] = []
+    half: list[float] = []
+    for row, value in zip(matrix, right, strict=True):
+        made: list[float] = []
+        for other in lower:
+            known = sum(a * b for a, b in zip(made, other, strict=False))
+            made.append((row[len(made)] - known) / other[-1])
+        half.append(value - sum(a * b for a, b in zip(made, half, strict=True)))
+        made.append(math.sqrt(row[len(made)] - sum(a * a for a in made)))
+        half[-1] /= made[-1]
+        lower.append(made)
+    found = [0.0] * len(half)
+    for at in reversed(range(len(half))):
+        known = sum(lower[n][at] * found[n] for n in range(at + 1, len(half)))
+        found[at] = (half[at] - known) / lower[at][at]
+    return found
 
 
 _AXES = (Vector3(1.0, 0.0, 0.0), Vector3(0.0, 1.0, 0.0), Vector3(0.0, 0.0, 1.0))

@@ -23,6 +23,7 @@ from typing import Final
 from cardan.sim_peers.kinematics import AXES, Differential, forward
 from cardan.sim_peers.ur_controller.actions import (
     Action,
+    DirectTorque,
     Move,
     MoveC,
     MoveJ,
@@ -34,8 +35,8 @@ from cardan.sim_peers.ur_controller.actions import (
     StopL,
     Wait,
 )
-from cardan.sim_peers.ur_controller.contact import Compliance, ForceMode, Plane
-from cardan.sim_peers.ur_controller.dynamics import Load
+from cardan.sim_peers.ur_controller.contact import UP, Compliance, ForceMode, Plane
+from cardan.sim_peers.ur_controller.dynamics import Dynamics, Load
 from cardan.sim_peers.ur_controller.kinematics import Kinematics, pose_of
 from cardan.sim_peers.ur_controller.paths import (
     Course,
@@ -57,6 +58,7 @@ from cardan.spatial import (
     multiply,
     norm,
     normalized,
+    rotate,
     rotation_between,
     scale,
     subtract,
@@ -83,6 +85,9 @@ _TOO_FAST: Final = 1.05
 _ROUNDING: Final = 1e-9
 
 
+SENSED_STIFFNESS_N_M: Final = 20_000.0
+"""Of what another sensor feels, to force mode (chosen)."""
+
 _IN_TOOL_SPACE: Final = (MoveL, MoveC, SpeedL)
 
 
@@ -102,6 +107,16 @@ class Payload:
     mass: float = 0.0
     cog: tuple[float, ...] = (0.0, 0.0, 0.0)
     inertia: tuple[float, ...] = (0.0,) * 6
+
+
+@dataclass
+class ExternalSensor:
+    """A force sensor of others, whose measurements a client of RTDE writes."""
+
+    place: tuple[float, ...]
+    """From the flange, m."""
+    turned: bool
+    """Levers count the other way round, as with `enable_external_ft_sensor`."""
 
 
 class _StopError(Exception):
@@ -148,11 +163,12 @@ class Motion:
         speed: Sequence[float],
         low: Sequence[float],
         high: Sequence[float],
+        dynamics: Dynamics,
         *,
         plane: Plane | None = None,
         say: Callable[[str], None] = lambda text: None,
     ) -> None:
-        self.kinematics = kinematics
+        self.kinematics, self._dynamics = kinematics, dynamics
         self.target_q = list(start)
         self.target_qd = [0.0] * AXES
         self.target_qdd = [0.0] * AXES
@@ -169,6 +185,12 @@ class Motion:
         self.paused = False
         """The program is: the arm rests on its path."""
         self.force = ForceMode()
+        self.sensor: ExternalSensor | None = None
+        """That takes the place of the arm's own; None: none does."""
+        self.sensed: tuple[float, ...] = (0.0,) * AXES
+        """What a client has written of it: force (N) and torque (N·m), in the flange's axes."""
+        self._by_torque = False
+        """A program drives the joints by torques in this frame."""
         self.scale = 1.0
         """How fast a program's motion is, as a share; it follows the slider."""
         self._fresh = True
@@ -221,6 +243,8 @@ class Motion:
         """How the arm is controlled now."""
         if self.freedrive:
             return ControlMode.TEACH
+        if self._by_torque:
+            return ControlMode.TORQUE
         return ControlMode.POSITION if self.force.asked is None else ControlMode.FORCE
 
     @property
@@ -260,7 +284,24 @@ class Motion:
         return Differential(forward(self.actual_q, self.kinematics.links)).is_singular(threshold)
 
     def tcp_force(self) -> Pose:
-        """The force on the tool (N, N·m) about the flange, base frame, since it was zeroed."""
+        """The force on the tool (N, N·m) about the flange, base frame: by the sensor of others, or
+        `contact_force`."""
+        sensor = self.sensor
+        if sensor is None:
+            return self.contact_force()
+        turn = self.kinematics.forward(self.actual_q).orientation
+        force = Vector3(*self.sensed[:3])
+        way = -1.0 if sensor.turned else 1.0
+        lever = scale(cross(Vector3(*sensor.place), force), way)
+        force, torque = rotate(turn, force), rotate(turn, add(Vector3(*self.sensed[3:]), lever))
+        # It feels the load's weight, which is taken out.
+        held = scale(Vector3(*self.gravity), self.payload.mass)
+        centre = rotate(turn, Vector3(*self.payload.cog))
+        return Pose((*add(force, held), *add(torque, scale(cross(centre, held), way))))
+
+    def contact_force(self) -> Pose:
+        """The force of what the arm touches (N, N·m) about the flange, base frame, since it was
+        zeroed."""
         force = self._felt()
         if not any(force):
             return Pose((0.0,) * AXES)
@@ -270,8 +311,11 @@ class Motion:
 
     def joint_torques(self) -> list[float]:
         """What the contact has the joints hold, N·m."""
-        columns = self.kinematics.jacobian(self.actual_q, self.tcp)
-        return [column[2] * self.pushed() for column in columns]
+        return self._joint_torques(self.actual_q)
+
+    def _joint_torques(self, q: Sequence[float]) -> list[float]:
+        pushed = self._pushed(q)
+        return [column[2] * pushed for column in self.kinematics.jacobian(q, self.tcp)]
 
     def zero_force(self) -> None:
         """What the sensor feels now is none."""
@@ -294,9 +338,12 @@ class Motion:
 
     def pushed(self) -> float:
         """How hard what the TCP touches pushes it up, N."""
+        return self._pushed(self.actual_q)
+
+    def _pushed(self, q: Sequence[float]) -> float:
         if self._plane is None:
             return 0.0
-        return self._plane.force(self.kinematics.forward(self.actual_q, self.tcp).position)
+        return self._plane.force(self.kinematics.forward(q, self.tcp).position)
 
     def _felt(self) -> Vector3:
         return subtract(Vector3(0.0, 0.0, self.pushed()), self._zero)
@@ -341,6 +388,8 @@ class Motion:
         """What of an action is left after the frame that was last."""
         if isinstance(action, MoveJ | MoveL | MoveC):
             return None if self._released(action) else action
+        if isinstance(action, DirectTorque):
+            return None
         if isinstance(action, StopJ | StopL):
             return action if self.moving else None
         if isinstance(action, SpeedJ | SpeedL) and action.left_s == 0.0:
@@ -373,6 +422,7 @@ class Motion:
             self.scale, self._fresh = scale, False
         most = _SLIDER_PER_S * dt_s
         self.scale += min(max(scale - self.scale, -most), most)
+        self._by_torque = isinstance(action, DirectTorque)
         why = ""
         try:
             q = self._asked(action, dt_s)
@@ -464,6 +514,8 @@ class Motion:
             except _StopError:
                 return self._braked(dt_s)
         self._twist = self._line = None
+        if isinstance(action, DirectTorque):
+            return self._driven(action.torques, dt_s)
         if isinstance(action, ServoJ):
             share = -math.expm1(-dt_s * self.scale / action.lookahead_s)
             return [q + (goal - q) * share for goal, q in zip(action.q, self._q, strict=True)]
@@ -472,6 +524,17 @@ class Motion:
             return self._toward(aims, action.acceleration * self.scale * dt_s, dt_s)
         assert isinstance(action, StopJ)
         return self._toward([0.0] * AXES, action.deceleration * dt_s, dt_s)
+
+    def _driven(self, torques: Sequence[float], dt_s: float) -> list[float]:
+        q, qd = self._q, self._qd
+        if self._plane is not None:
+            # Where the target is, and not the arm that follows it: a contact that comes late would
+            # make it bounce ever higher.
+            torques = [a + b for a, b in zip(torques, self._joint_torques(q), strict=True)]
+        changes = self._dynamics.acceleration(q, qd, torques, self.load)
+        return [
+            at + (v + change * dt_s) * dt_s for at, v, change in zip(q, qd, changes, strict=True)
+        ]
 
     def _braked(self, dt_s: float) -> list[float]:
         return self._toward([0.0] * AXES, _STOP_RAD_S2 * dt_s, dt_s)
@@ -517,9 +580,15 @@ class Motion:
         way = subtract(after.position, before.position)
         turn = rotation_between(before.orientation, after.orientation)
         here = self.kinematics.forward(self.target_q, self.tcp)
-        touched = self._plane if self.pushed() > 0.0 else None
-        stiffness = 0.0 if touched is None else touched.stiffness_n_m
-        way, turn = self.force.motion(here, (way, turn), self._felt(), stiffness, dt_s)
+        if self.sensor is None:
+            felt, touched = self._felt(), (0.0, UP)
+            if self._plane is not None and self.pushed() > 0.0:
+                touched = (self._plane.stiffness_n_m, UP)
+        else:
+            felt = Vector3(*self.tcp_force()[:3])
+            size = norm(felt)
+            touched = (SENSED_STIFFNESS_N_M, scale(felt, 1.0 / size)) if size else (0.0, UP)
+        way, turn = self.force.motion(here, (way, turn), felt, touched, dt_s)
         if not any(way) and not any(turn):
             return list(self.target_q)
         found = self.kinematics.inverse(_displaced(here, way, turn), self.target_q, self.tcp)

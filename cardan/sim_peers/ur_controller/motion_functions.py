@@ -9,6 +9,7 @@ from cardan.common.bounds import Range
 from cardan.sim_peers.kinematics import AXES
 from cardan.sim_peers.ur_controller import checks
 from cardan.sim_peers.ur_controller.actions import (
+    DirectTorque,
     MoveC,
     MoveJ,
     MoveL,
@@ -22,11 +23,12 @@ from cardan.sim_peers.ur_controller.contact import Compliance
 from cardan.sim_peers.ur_controller.kinematics import frame_of, pose_of
 from cardan.sim_peers.ur_controller.language import (
     KINEMATICS_STEPS,
+    MASS_STEPS,
     POSE_STEPS,
     Function,
     costing,
 )
-from cardan.sim_peers.ur_controller.motion import Motion, Payload
+from cardan.sim_peers.ur_controller.motion import ExternalSensor, Motion, Payload
 from cardan.sim_peers.ur_controller.operators import text
 from cardan.sim_peers.ur_controller.values import Pose
 from cardan.spatial import norm
@@ -52,16 +54,45 @@ def motion_functions(motion: Motion) -> Mapping[str, Function]:
     return {
         **costing(POSE_STEPS, others),
         **costing(KINEMATICS_STEPS, _kinematics(motion)),
+        **costing(MASS_STEPS, _torques(motion)),
     }
 
 
 # -- moves -----------------------------------------------------------------------------------------
 
 
+def _ready(motion: Motion) -> None:
+    if motion.freedrive:
+        raise ValueError("the arm is in freedrive mode")
+
+
+def _torques(motion: Motion) -> Mapping[str, Function]:
+    def direct_torque(torque: Any, friction: Any, viscous: Any, coulomb: Any) -> DirectTorque:
+        _ready(motion)
+        # The model's joints have no friction that any of these would take away.
+        checks.truth("friction_comp", friction)
+        for name, scales in (("viscous_scale", viscous), ("coulomb_scale", coulomb)):
+            if not all(0.0 <= each <= 1.0 for each in checks.vector(name, scales)):
+                raise ValueError(f"{name} is {text(scales)}, which is not 0 to 1 for each joint")
+        return DirectTorque(checks.joints("torque", torque))
+
+    return {
+        "direct_torque": Function(
+            ("torque", "friction_comp", "viscous_scale", "coulomb_scale"),
+            {
+                "friction_comp": True,
+                "viscous_scale": [0.9, 0.9, 0.8, 0.9, 0.9, 0.9],
+                "coulomb_scale": [0.8, 0.8, 0.7, 0.8, 0.8, 0.8],
+            },
+            direct_torque,
+            takes_time=True,
+        )
+    }
+
+
 def _moves(motion: Motion) -> Mapping[str, Function]:
     def ready() -> None:
-        if motion.freedrive:
-            raise ValueError("the arm is in freedrive mode")
+        _ready(motion)
 
     def tool(name: str, value: Any) -> Frame:
         """Of a pose, or of joints."""
@@ -196,6 +227,22 @@ def _modes(motion: Motion) -> Mapping[str, Function]:
     def end_freedrive() -> None:
         motion.freedrive = False
 
+    def sensor(turned: bool) -> Function:
+        def enable(enable: Any, mass: Any, offset: Any, cog: Any) -> None:
+            # Its own mass is the arm's to carry, which moves as it is told to.
+            checks.not_below_zero("sensor_mass", mass)
+            checks.vector("sensor_cog", cog, 3)
+            place = checks.vector("sensor_measuring_offset", offset, 3)
+            on = checks.truth("enable", enable)
+            motion.sensor = ExternalSensor(place, turned) if on else None
+
+        nowhere = [0.0, 0.0, 0.0]
+        return Function(
+            ("enable", "sensor_mass", "sensor_measuring_offset", "sensor_cog"),
+            {"sensor_mass": 0.0, "sensor_measuring_offset": nowhere, "sensor_cog": nowhere},
+            enable,
+        )
+
     def tool_contact(direction: Any) -> int:
         return motion.touched(checks.vector("direction", direction))
 
@@ -207,6 +254,8 @@ def _modes(motion: Motion) -> Mapping[str, Function]:
         "end_force_mode": Function((), {}, motion.end_force),
         "force_mode_set_damping": Function(("damping",), {}, damping),
         "force_mode_set_gain_scaling": Function(("scaling",), {}, gain),
+        "ft_rtde_input_enable": sensor(turned=False),
+        "enable_external_ft_sensor": sensor(turned=True),
         "freedrive_mode": Function(
             ("freeAxes", "feature"), {"freeAxes": [1] * AXES, "feature": nothing}, freedrive
         ),

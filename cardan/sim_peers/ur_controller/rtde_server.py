@@ -34,7 +34,7 @@ MOST_RECIPES: Final = 255
 
 
 class Claims:
-    """Which client may write which variables."""
+    """Which client may write which variables, and what all clients have in common."""
 
     def __init__(self, faults: Mapping[str, float]) -> None:
         self._owners: dict[str, object] = {}
@@ -42,6 +42,8 @@ class Claims:
         """A fieldbus has them all."""
         self._shared = faults.get("shared-inputs", 0.0) > 0.0
         self._kept = faults.get("kept-inputs", 0.0) > 0.0
+        self.foreign = 0
+        """Clients that spoke another protocol."""
 
     def taken(self, name: str, by: object) -> bool:
         """Whether somebody else has it."""
@@ -80,6 +82,8 @@ class RtdeClient:
             self._known = {n: kind for n, kind in telemetry.outputs.items() if n not in LATER}
         self._version = 0
         """Of the protocol; 0: none is agreed on."""
+        self._met = False
+        """A packet has come."""
         self._started = False
         self._outputs: list[tuple[Recipe, int]] = []
         """With each, how many frames lie between two packages."""
@@ -90,7 +94,12 @@ class RtdeClient:
     def data(self, data: bytes) -> None:
         """Bytes came."""
         self._reader.feed(data)
+        if not self._met and self._reader.foreign_request:
+            self._claims.foreign += 1
+            self.failure = f"the client does not speak RTDE ({self._claims.foreign} so far)"
+            return
         while not self.failure and (found := self._reader.take()) is not None:
+            self._met = True
             self._take(*found)
         if self._reader.failure and not self.failure:
             self.failure = self._reader.failure

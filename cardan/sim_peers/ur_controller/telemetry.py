@@ -24,6 +24,7 @@ from cardan.protocols.ur.variables import (
     of_series,
 )
 from cardan.sim_peers.kinematics import Frames, forward, jacobian
+from cardan.sim_peers.ur_controller.checks import LARGEST
 from cardan.sim_peers.ur_controller.controller import UrController
 from cardan.sim_peers.ur_controller.dynamics import Effort
 from cardan.sim_peers.ur_controller.kinematics import pose_of
@@ -167,6 +168,10 @@ class Telemetry:
                     io.analog_outputs[number] = _share(ratio, io.analog_outputs[number])
                     io.analog_output_domains[number] = domains >> number & 1
 
+        sensed = values.get("external_force_torque")
+        if sensed is not None and all(abs(each) <= LARGEST for each in sensed):
+            self._motion.sensed = tuple(sensed)
+
     def _register_setters(self) -> dict[str, Callable[[Any], None]]:
         registers = self._controller.registers
 
@@ -248,7 +253,7 @@ class Telemetry:
             "elbow_position": lambda: actual().frames.origins[2],
             "elbow_velocity": self._elbow_velocity,
             "actual_TCP_force": motion.tcp_force,
-            "wrench_calc_from_currents": motion.tcp_force,
+            "wrench_calc_from_currents": motion.contact_force,
             "tcp_force_scalar": lambda: math.hypot(*motion.tcp_force()[:3]),
             "ft_raw_wrench": self._raw_wrench,
             "joint_position_deviation_ratio": self._deviation,
