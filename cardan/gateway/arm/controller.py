@@ -209,6 +209,8 @@ class ArmController:
     def message(self) -> str:
         """Why nothing moves and what to do about it; empty when all is well."""
         with self.lock:
+            if ended := self._inhibits.get(Inhibit.FOR_GOOD):
+                return ended
             if self.robot is None:
                 return "waiting for the robot"
             if not self.state.link.ready:

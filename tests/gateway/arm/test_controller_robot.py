@@ -457,6 +457,13 @@ def test_a_trip_from_outside_is_one_trip_and_none_where_nobody_moves_the_arm():
     assert "the guard says no" in rig.status.message
 
 
+def test_the_end_of_a_session_is_said_also_where_the_robot_is_not_ready():
+    rig = Driven().run(0.1, hold_reason="the motors are off")
+    assert rig.status.message == "the motors are off"
+    rig.core.inhibit("stopped on request", Inhibit.FOR_GOOD)
+    assert rig.status.message == "stopped on request"
+
+
 def test_an_acknowledgement_comes_too_early_while_readings_leap():
     rig = Driven().drive()
     there = Pose(add(rig.robot.pose.position, Vector3(0.0, 0.4, 0.0)), IDENTITY)

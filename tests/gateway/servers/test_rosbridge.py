@@ -23,7 +23,7 @@ from cardan.errors import AddressError, ConfigurationError, OptionError
 
 cbor2 = pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
-from cardan.gateway.servers import rosbridge as face, rosbridge_client, sending, web  # noqa: E402
+from cardan.gateway.servers import connection, rosbridge as face, rosbridge_client, web  # noqa: E402
 from cardan.gateway.servers.rosbridge import RosbridgeOptions  # noqa: E402
 from cardan.protocols.rosbridge.delivery import MAX_SUBSCRIPTIONS  # noqa: E402
 from cardan.protocols.rosbridge.forms import Sample  # noqa: E402
@@ -615,7 +615,7 @@ def test_a_client_that_reads_a_kilobyte_per_second_harms_nobody(network, running
             assert quick.receive()["msg"]["name"] == [str(number)]
             waiting = behind.connection.transport.get_write_buffer_size()
             one = len(json.dumps(big(number))) + 1000
-            assert waiting <= sending.FREE_BYTES + 2 * one, "one put, one being sent"
+            assert waiting <= connection.FREE_BYTES + 2 * one, "one put, one being sent"
         assert behind.sender.outbox.superseded > 100
         over.set()
         crawling.join(WAIT_S)
