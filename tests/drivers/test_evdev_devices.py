@@ -476,8 +476,12 @@ def test_a_keyboard_over_its_socket(tmp_path):
     """
     options = KeyboardOptions(transport="socket", path=str(tmp_path / "s"), grab=True)
     with in_a_thread(peer(tmp_path, "keyboard", script)) as served, Keyboard(options) as keyboard:
-        state = wait_for(lambda: (s := keyboard.state()).axes[5] == 1.0 and s, "no full yaw")
-        assert state.buttons == {"space"}
+
+        def yaws_while_held():
+            state = keyboard.state()
+            return state.axes[5] == 1.0 and state.buttons == {"space"}
+
+        wait_for(yaws_while_held, "no full yaw with the dead-man held")
         assert served.device.grabbed_by is not None
         wait_for(lambda: not any(keyboard.state().axes), "not let go")
 
