@@ -33,7 +33,7 @@ AREAS: dict[str, tuple[str, ...]] = {
 }
 """Files and folders; one may be part of a larger area, too."""
 
-NO_SURVIVORS = ("states", "authority", "access")
+NO_SURVIVORS = ("arming", "states", "authority", "access")
 """Where a mutant that no test notices is an error."""
 
 _GATEWAY = ("tests/gateway/arm", "tests/gateway/operator", "tests/gateway/motion")

@@ -240,7 +240,7 @@ def test_a_press_at_a_bad_moment_begins_nothing_and_nothing_later(tick):
         (REST, {"link": DeviceLink.LOST}, "the device is lost"),
         ((math.nan, 0.0, 0.0, 0.0, 0.0, 0.0), {}, "not numbers"),
         (FORWARD, {"age_s": 0.11}, "deflected but silent for 0.11 s"),
-        (REST, {"age_s": -0.2}, "0.2 s in the future"),
+        (REST, {"age_s": -0.2}, "a time 0.2 s in the future"),
     ],
 )
 def test_a_fault_disarms_and_takes_the_act_anew(axes, tick, words):
@@ -596,12 +596,34 @@ def test_a_pose_that_is_none_is_not_taken_nor_followed():
     assert posed().tick(REST, pose=broken).fault == ""
 
 
-def test_a_dead_man_is_taken_when_its_pose_is_and_a_pose_is_never_at_rest():
+@pytest.mark.parametrize("free", [True, False])
+def test_a_hand_is_taken_when_its_robot_is_there_and_deflections_at_any_time(free):
     asked = Asked(POSE)
     asked.tick(pose=HAND)
-    request = asked.tick(REST, "left", pose=HAND, behind="the robot lags")
+    assert "not engaged" not in asked.advice
+    request = asked.tick(REST, "left", pose=HAND, behind="the robot lags", free=free)
     assert request.acts
     assert not request.armed
+    assert "the clutch was not engaged: the robot lags" in asked.advice
+    asked = Asked(POSE)
+    asked.tick()
+    assert "not engaged" not in asked.advice
+    asked = Asked()
+    asked.tick()
+    assert asked.tick(REST, "left", behind="the robot lags", free=free).engages
+
+
+def test_a_device_that_was_gone_was_not_let_go():
+    asked = Asked()
+    asked.tick()
+    asked.tick(link=DeviceLink.LOST)
+    assert asked.arming is Arming.DISARMED
+    assert not asked.tick(REST, "left").acts
+    asked = Asked(BARE)
+    asked.tick(FORWARD, barred="held")
+    asked.tick(link=DeviceLink.LOST, barred="held")
+    assert asked.arming is Arming.DEFLECTED
+    assert asked.tick(REST, barred="held").acts
 
 
 # -- the clutch's presses --------------------------------------------------------------------------
@@ -631,6 +653,13 @@ def test_a_second_press_without_a_release_does_not_count():
     asked = Asked(CLUTCH)
     asked.tick()
     assert not asked.tick(REST, "right", events=[press(), press(), press()]).armed
+
+
+def test_a_press_that_came_too_late_and_a_second_one_are_no_act():
+    asked = Asked(CLUTCH)
+    asked.tick()
+    events = [press(1.1 * CLUTCH_WITHIN_S), press()]
+    assert not asked.tick(REST, "right", events=events).armed
 
 
 def test_other_buttons_are_no_clutch():
@@ -843,3 +872,9 @@ def test_the_act_is_an_instruction(options, act):
     assert asked.source.act_words() == act
     asked.tick(link=DeviceLink.LOST)
     assert asked.source.act_words() == f"wait for the device (the device is lost), then {act}"
+
+
+def test_no_request_asks_for_nothing():
+    assert tuple(NO_REQUEST) == (
+        Arming.DISARMED, False, False, False, ZERO_TWIST, {}, False, "", ""
+    )  # fmt: skip
