@@ -401,3 +401,31 @@ def test_a_wall_is_told_where_it_holds_and_not_where_the_reference_rests_at_it()
         assert reference.linear == ZERO3
         reference.shape(ZERO_TWIST, DT_S)
         assert not reference.at_workspace_limit
+
+
+@pytest.mark.parametrize("more", [0.0053, 0.02])
+def test_at_a_wall_that_is_too_near_the_whole_budget_is_used_and_no_more(more):
+    now = stopping_speed(0.02, A_WALL, DT_S) + more
+    reference = placed(BOX, Pose(Vector3(0.58, 0.0, 0.8), IDENTITY))
+    reference.linear = Vector3(now, 0.0, 0.0)
+    reference.shape(Twist(Vector3(0.25, 0.0, 0.0), ZERO3), DT_S)
+    assert reference.linear.x == pytest.approx(now - 1.0 * DT_S)
+
+
+@pytest.mark.parametrize("limits", [ReferenceLimits(), BOX])
+def test_however_slow_it_is_it_comes_to_rest(limits):
+    reference = placed(limits)
+    reference.linear = Vector3(1e-160, 0.0, 0.0)
+    reference.shape(ZERO_TWIST, DT_S)
+    assert not reference.moving
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.25])
+def test_a_robot_that_is_a_little_behind_changes_no_speed(speed):
+    reference = placed()
+    for _ in range(100):
+        x, y, z = reference.pose.position
+        reference.observe(Pose(Vector3(x - 0.001, y, z), IDENTITY))
+        reference.advance(Twist(Vector3(speed, 0.0, 0.0), ZERO3), DT_S)
+    assert reference.linear.x == pytest.approx(speed)
+    assert reference.twist == Twist(reference.linear, ZERO3, Frame.BASE)
