@@ -143,7 +143,7 @@ def expected(place, now, wanted):
 
 shares = st.sampled_from((-1.0, -0.999, -0.9, 0.0, 0.9, 0.999, 1.0))
 places = st.tuples(shares, shares, shares)
-steps = st.tuples(*[st.floats(-1.0, 1.0)] * 3)
+steps = st.tuples(*[st.sampled_from((-1.0, -0.4, 0.0, 0.3, 1.0))] * 3)
 
 
 @given(places, steps, steps)
@@ -153,7 +153,7 @@ def test_walls_come_first_and_the_rest_as_far_as_it_fits(place, now, step):
     # What may be there: a velocity that the period before allowed.
     limiter.reset(at, [0.28 * v for v in now])
     before = limiter.velocity
-    change = 2.0 * DT_S / math.sqrt(3.0)
+    change = 2.0 * DT_S / max(1.0, math.hypot(*step))
     wanted = Vector3(*(v + change * s for v, s in zip(before, step, strict=True)))
     got = limiter._confined(BOX, wanted, DT_S)
     assert got == pytest.approx(expected(at, before, wanted), abs=1e-9)
