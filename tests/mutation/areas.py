@@ -13,6 +13,7 @@ AREAS: dict[str, tuple[str, ...]] = {
         "cardan/gateway/operator/input.py",
         "cardan/gateway/operator/mapping.py",
     ),
+    "states": ("cardan/gateway/arm/states.py", "cardan/gateway/operator/arming.py"),
     "authority": ("cardan/gateway/arm/authority.py",),
     "limits": (
         "cardan/drivers/limiters.py",
@@ -32,7 +33,7 @@ AREAS: dict[str, tuple[str, ...]] = {
 }
 """Files and folders; one may be part of a larger area, too."""
 
-NO_SURVIVORS = ("authority", "access")
+NO_SURVIVORS = ("arming", "states", "authority", "access")
 """Where a mutant that no test notices is an error."""
 
 _GATEWAY = ("tests/gateway/arm", "tests/gateway/operator", "tests/gateway/motion")

@@ -98,6 +98,14 @@ def variants(node: ast.AST) -> Iterator[ast.AST]:
         yield changed(test=ast.Constant(False))
         if isinstance(node, ast.IfExp):
             yield changed(test=ast.Constant(True))
+    elif isinstance(node, ast.match_case):
+        yield changed(guard=ast.Constant(False))
+        if node.guard is not None:
+            yield changed(guard=ast.Constant(True))
+    elif isinstance(node, ast.MatchOr):
+        for index in range(len(node.patterns)):  # One is left out: another stands there twice.
+            other = node.patterns[index - 1]
+            yield changed(patterns=[*node.patterns[:index], other, *node.patterns[index + 1 :]])
     elif isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
         yield changed(value=ast.Constant(None))
     elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Attribute):
@@ -121,6 +129,12 @@ def header(statement: ast.stmt) -> str:
     return ast.unparse(statement).partition("\n")[0]
 
 
+def shown(node: ast.AST) -> str:
+    """What is no statement, as written; a case without what it holds."""
+    text = ast.unparse(node).strip()
+    return text.partition("\n")[0] if isinstance(node, ast.match_case) else text
+
+
 def without_effect(node: ast.AST, field: str) -> bool:
     """Whether what stands in `field` is said to people or to type checkers only, or is what the
     errors and logs say."""
@@ -141,18 +155,18 @@ def mutants_of(path: str) -> list[Mutant]:
         if isinstance(node, ast.stmt):
             statement = node
         if statement is not None and not without_effect(node, ""):
-            before = ""
             for number, new in enumerate(variants(node)):
-                before = before or header(statement)
+                before = header(statement)
                 saved = dict(vars(node))
                 vars(node).update(vars(new))
                 after = header(statement)
                 vars(node).update(saved)
                 if after == before:  # Below the first line of a statement that holds others.
-                    before, after = ast.unparse(node), ast.unparse(new)
+                    before, after = shown(node), shown(new)
                 change = f"{before} -> {after}"
                 where = index[id(statement)], index[id(node)]
-                line = getattr(node, "lineno", statement.lineno)
+                placed = node.pattern if isinstance(node, ast.match_case) else node
+                line = getattr(placed, "lineno", statement.lineno)
                 found.append(Mutant(path, line, function, change, *where, number))
         inside = scope
         if isinstance(node, (*FUNCTIONS, ast.ClassDef)):

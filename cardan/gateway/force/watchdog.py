@@ -45,11 +45,11 @@ class ForceGuard:
     def __init__(self, max_age_s: float) -> None:
         """`max_age_s`: a measured force that is older is not rendered."""
         self._source_lost_s = max_age_s + SOURCE_LOST_S
-        self.rendered = False
+        self.rendered: bool
         """Whether force was rendered in this engagement."""
-        self.in_doubt = False
+        self.in_doubt: bool
         """Whether the robot is to wait: force has not begun, or is interrupted."""
-        self.heard = False
+        self.heard: bool
         """Whether the device's newest snapshot is of this engagement."""
         self.losses = 0
         """How often teleoperation was disengaged."""
@@ -57,12 +57,7 @@ class ForceGuard:
         """Total time in which teleoperation went on without the force that it had had before."""
         self.lost_reason = ""
         """Why force was lost the last time."""
-        self._engaged = False
-        self._sequence = 0
-        self._begun_s = self._seen_s = NEVER_S
-        self._missing_s = self._derated_s = 0.0
-        self._given_s = NEVER_S
-        self._disengage_reason = ""
+        self.release()
 
     def engage(self, sequence: int, now_s: float) -> None:
         """Clutch-in; the command `sequence` is the first that engages."""

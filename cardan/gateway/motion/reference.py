@@ -113,7 +113,6 @@ class Reference:
         self.ahead_rad = 0.0
         """Angle from the orientation last observed to the reference."""
         self.at_workspace_limit = False
-        self._ahead = self._turned_ahead = ZERO3
         self._has_workspace = any(limits.workspace_m)
         self._smooth_linear: JerkLimitedVector | None = None
         self._smooth_angular: JerkLimitedVector | None = None

@@ -326,8 +326,6 @@ class OperatorInput:
                 arming = Arming.DISARMED if self._refusal else arming
         else:
             arming, acts = armed_by_rest(arming, at_rest, bool(view.barred))
-            if arming.armed and followed:
-                arming = Arming.DISARMED  # A pose is never at rest.
         return arming, acts
 
     def _take_presses(

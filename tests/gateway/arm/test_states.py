@@ -9,6 +9,7 @@ import pytest
 from cardan.gateway.arm import controller
 from cardan.gateway.arm.states import (
     RESTING,
+    Act,
     Event,
     Facts,
     Inhibit,
@@ -17,10 +18,17 @@ from cardan.gateway.arm.states import (
     Readings,
     Separation,
     States,
+    arming_after,
     inhibits_after,
+    link_after,
+    motion_after,
+    phase_of,
+    readings_after,
     separation_after,
 )
-from cardan.gateway.operator.arming import Arming
+from cardan.gateway.arm.status import Phase
+from cardan.gateway.operator.arming import Arming, armed_by_deadman, armed_by_rest
+from cardan.gateway.operator.input import NO_REQUEST
 
 ALL = [
     States(*each) for each in itertools.product(Link, Readings, Motion, Separation, (Arming.ARMED,))
@@ -91,3 +99,213 @@ def test_what_inhibits_for_one_tick_keeps_its_first_reason_and_what_is_said_its_
         inhibits = inhibits_after(inhibits, reason, kind)
     assert inhibits == {Inhibit.ONCE: "first", Inhibit.WHILE_SAID: "lost"}
     assert inhibits_after(inhibits, "", Inhibit.WHILE_SAID) == {Inhibit.ONCE: "first"}
+
+
+# -- each machine: what changes, and that nothing else does ----------------------------------------
+
+
+def facts_where(**known):
+    return [facts for facts in FACTS if known.items() <= facts._asdict().items()]
+
+
+def others(members, *but):
+    return [each for each in members if each not in but]
+
+
+def changes_of(after, members):
+    """{(state, event, facts): next state} wherever it is another one."""
+    return {
+        (state, event, facts): after(state, event, facts)
+        for state, event, facts in itertools.product(members, Event, FACTS)
+        if after(state, event, facts) is not state
+    }
+
+
+def changes(*rules):
+    """The same of rules (states, event, facts, next state)."""
+    return {
+        (state, event, each): after
+        for states, event, facts, after in rules
+        for state in states
+        for each in facts
+        if state is not after
+    }
+
+
+def test_what_changes_the_link():
+    moving, at_rest = facts_where(moving=True), facts_where(moving=False)
+    assert changes_of(link_after, Link) == changes(
+        (Link, Event.READY, FACTS, Link.READY),
+        (Link, Event.UNREADY, moving, Link.BRAKING_BLIND),
+        (Link, Event.UNREADY, at_rest, Link.ABSENT),
+        ([Link.BRAKING_BLIND], Event.FORGOTTEN, FACTS, Link.ABSENT),
+    )
+
+
+@pytest.mark.parametrize("link", Link)
+@pytest.mark.parametrize("motion", Motion)
+def test_what_changes_whether_readings_are_believed(link, motion):
+    states = States(link=link, motion=motion)
+    rejected = [Readings.REJECTED, Readings.REJECTED_ELSEWHERE]
+    absent, uncommanded = link is Link.ABSENT, motion is Motion.UNCOMMANDED
+    elsewhere = Readings.REJECTED_ELSEWHERE
+
+    def after(readings, event, facts):
+        return readings_after(readings, event, states)
+
+    assert changes_of(after, Readings) == changes(
+        (Readings, Event.PLACED, FACTS, Readings.ACCEPTED),
+        (Readings, Event.BELIEVED, FACTS, Readings.ACCEPTED),
+        (Readings if absent else [], Event.LEAPT, FACTS, elsewhere),
+        ([] if absent else [Readings.ACCEPTED], Event.LEAPT, FACTS, Readings.REJECTED),
+        (rejected if uncommanded else [], Event.RETURNED, FACTS, elsewhere),
+        (rejected, Event.INVALID, FACTS, elsewhere),
+    )
+
+
+def test_what_changes_what_moves_the_arm():
+    device, none = facts_where(device=True), facts_where(device=False)
+    commanded = others(Motion, Motion.UNCOMMANDED)
+    assert changes_of(motion_after, Motion) == changes(
+        (Motion, Event.FORGOTTEN, FACTS, Motion.UNCOMMANDED),
+        (Motion, Event.PLACED, facts_where(moving=True), Motion.BRAKING),
+        (Motion, Event.PLACED, facts_where(moving=False, device=True), Motion.HOLDING),
+        (Motion, Event.PLACED, facts_where(moving=False, device=False), Motion.UNCOMMANDED),
+        ([Motion.UNCOMMANDED], Event.ENGAGED, FACTS, Motion.HOLDING),
+        (Motion, Event.FOLLOWS, FACTS, Motion.FOLLOWING),
+        (Motion, Event.EXECUTES, FACTS, Motion.EXECUTING),
+        (Motion, Event.RESYNCHRONIZES, FACTS, Motion.RESYNCHRONIZING),
+        (others(Motion, *RESTING), Event.BRAKES, FACTS, Motion.BRAKING),
+        (Motion, Event.COASTED, none, Motion.UNCOMMANDED),
+        (commanded, Event.COASTED, device, Motion.HOLDING),
+        (commanded, Event.OVER, FACTS, Motion.HOLDING),
+    )
+
+
+def test_what_changes_whether_command_and_robot_are_apart():
+    resynchronizes, stay = facts_where(resynchronizes=True), facts_where(resynchronizes=False)
+    again = facts_where(resynchronizes=True, near=False)
+    done = [facts for facts in FACTS if facts not in again]
+    waits, apart = Separation.TO_RESYNCHRONIZE, Separation.APART
+    assert changes_of(separation_after, Separation) == changes(
+        (others(Separation, Separation.LEFT), Event.UNREADY, FACTS, Separation.NONE),
+        (others(Separation, Separation.LEFT), Event.PLACED, FACTS, Separation.NONE),
+        ([waits], Event.LEAPT, FACTS, Separation.NONE),
+        ([waits], Event.RESYNCHRONIZES, FACTS, Separation.NONE),
+        (Separation, Event.HELD, resynchronizes, waits),
+        (Separation, Event.HELD, stay, apart),
+        (Separation, Event.NOT_BACK, FACTS, apart),
+        (Separation, Event.LEFT, FACTS, Separation.LEFT),
+        ([Separation.LEFT], Event.ASKED, FACTS, Separation.NONE),
+        ([apart], Event.ACKNOWLEDGED, again, waits),
+        ([apart], Event.ACKNOWLEDGED, done, Separation.NONE),
+    )
+
+
+def test_an_event_acts_on_each_machine_and_only_being_disarmed_on_the_arming():
+    for each, event, facts in itertools.product(ALL, Event, FACTS):
+        assert each.after(event, facts) == States(
+            link_after(each.link, event, facts),
+            readings_after(each.readings, event, each),
+            motion_after(each.motion, event, facts),
+            separation_after(each.separation, event, facts),
+            Arming.DISARMED if event is Event.DISARMED else Arming.ARMED,
+        )
+
+
+def test_what_a_state_is_asked():
+    assert {each for each in Link if each.ready} == {Link.READY}
+    assert {each for each in Readings if each.rejected} == set(Readings) - {Readings.ACCEPTED}
+    assert {each for each in Readings if each.elsewhere} == {Readings.REJECTED_ELSEWHERE}
+    assert {each for each in Motion if each.commanded} == set(Motion) - {Motion.UNCOMMANDED}
+    assert {each for each in Motion if each.braking} == {Motion.BRAKING}
+    assert {each for each in Separation if each.waits} == {Separation.TO_RESYNCHRONIZE}
+    assert {each for each in Separation if each.apart} == {Separation.APART}
+    assert {each for each in Separation if each.together} == {Separation.NONE}
+    assert {each for each in Separation if each.left} == {Separation.LEFT}
+    assert {each for each in Arming if each.armed} == {Arming.ARMED, Arming.CLAIMING}
+    assert {each for each in Arming if each.claims} == {Arming.CLAIMING}
+    assert Facts() == (False, False, False, False)
+
+
+# -- the operator's request ------------------------------------------------------------------------
+
+BOTH = (False, True)
+
+
+def all_requests():
+    """(arming, request, acknowledges, owns, refused) without faults."""
+    for before, asked, acts, *rest in itertools.product(Arming, Arming, BOTH, BOTH, BOTH, BOTH):
+        yield before, NO_REQUEST._replace(arming=asked, acts=acts), *rest
+
+
+def test_a_fault_of_the_device_trips_and_one_of_a_filter_only_a_device_that_is_or_gets_armed():
+    for before, request, *rest in all_requests():
+        fault = request._replace(fault="lost")
+        assert arming_after(before, fault, *rest) == (Arming.DISARMED, Act.TRIP)
+        fault = request._replace(filter_fault="broken")
+        trips = before.armed or request.armed
+        after = (Arming.DISARMED, Act.TRIP) if trips else (request.arming, None)
+        assert arming_after(before, fault, *rest) == after
+
+
+def test_what_follows_from_a_request_without_a_fault():
+    for before, request, acknowledges, owns, refused in all_requests():
+        asked = request.arming
+        wants = before.armed and asked.claims and not owns
+        if before.armed and not asked.armed:
+            act = Act.LET_GO
+        elif asked.armed and not before.armed:
+            act = Act.TAKE if asked.claims else Act.ARM
+        elif request.acts and acknowledges:
+            act = Act.ACKNOWLEDGE
+        elif wants:
+            act = Act.TRIP if refused else Act.TAKE
+        else:
+            act = None
+        after = Arming.DISARMED if act is Act.TRIP else asked
+        assert arming_after(before, request, acknowledges, owns, refused) == (after, act)
+
+
+def test_the_act_by_a_dead_man_is_its_release_with_the_device_at_rest_and_its_press():
+    for before, at_rest, barred in itertools.product(Arming, BOTH, BOTH):
+        released = before is Arming.RELEASED
+        after = armed_by_deadman(before, False, at_rest, barred)
+        assert after == (Arming.RELEASED if released or at_rest else Arming.DISARMED, False)
+        after = armed_by_deadman(before, True, at_rest, barred)
+        assert after == (Arming.ARMED if released and not barred else Arming.DISARMED, released)
+
+
+@pytest.mark.parametrize("before", Arming)
+def test_the_act_without_a_button_is_rest_and_where_it_is_barred_to_let_go(before):
+    assert armed_by_rest(before, True, False) == (Arming.ARMED, True)
+    assert armed_by_rest(before, False, False) == (Arming.DISARMED, False)
+    assert armed_by_rest(before, False, True) == (Arming.DEFLECTED, False)
+    assert armed_by_rest(before, True, True) == (Arming.DISARMED, before is Arming.DEFLECTED)
+
+
+# -- what people are told --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("moving", BOTH)
+@pytest.mark.parametrize("asks", BOTH)
+@pytest.mark.parametrize("recovers", BOTH)
+def test_a_robot_that_is_not_ready_is_told_first(moving, asks, recovers):
+    for motion, arming in itertools.product(Motion, Arming):
+        absent = States(Link.ABSENT, motion=motion, arming=arming)
+        assert phase_of(absent, moving, asks, recovers) is Phase.NO_ROBOT
+        blind = absent._replace(link=Link.BRAKING_BLIND)
+        assert phase_of(blind, moving, asks, recovers) is Phase.BRAKING
+        ready = absent._replace(link=Link.READY)
+        assert (phase_of(ready, moving, asks, recovers) is Phase.RECOVERING) == recovers
+
+
+def test_a_robot_that_is_ready_moves_as_somebody_wants_or_brakes_or_rests():
+    for motion, arming, asks in itertools.product(Motion, Arming, BOTH):
+        states = States(Link.READY, motion=motion, arming=arming)
+        wanted = motion is Motion.EXECUTING or (motion is Motion.FOLLOWING and asks)
+        phase = Phase.MOVING if wanted else Phase.BRAKING
+        assert phase_of(states, True, asks, False) is phase
+        driven = motion in (Motion.FOLLOWING, Motion.EXECUTING)
+        phase = Phase.HOLDING if driven or arming.armed else Phase.DISARMED
+        assert phase_of(states, False, asks, False) is phase

@@ -4,7 +4,17 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.common.haptics import HapticState, OperatingState
-from cardan.gateway.force.watchdog import BEGINS_WITHIN_S, FORCE_LOST_S, ForceGuard
+from cardan.gateway.force.watchdog import (
+    BEGINS_WITHIN_S,
+    DERATED,
+    FORCE_LOST_S,
+    IN_A_FIXTURE_N,
+    IN_DOUBT_S,
+    LEAST_DERATING,
+    LET_OUT,
+    SOURCE_LOST_S,
+    ForceGuard,
+)
 from cardan.types import Vector3
 
 PERIOD_S = 0.004
@@ -152,3 +162,140 @@ def test_a_device_that_cannot_be_enabled_may_become_ready_within_a_second():
     words, after_s = rig.see(disabled, 2.0, refusal="no force: it is not calibrated")
     assert words == "there is no force: it is not calibrated"
     assert after_s == pytest.approx(BEGINS_WITHIN_S, abs=2 * PERIOD_S)
+
+
+# -- at the borders: times that are exact, as the clutch was pressed at zero ---------------------
+
+LATER_S = 0.001
+
+
+class Exact:
+    """A guard that was engaged at zero, and sees a state at chosen times."""
+
+    def __init__(self, *rendered_at_s):
+        self.guard = ForceGuard(max_age_s=0.0)
+        self.guard.engage(5, 0.0)
+        for now_s in rendered_at_s:
+            assert self.at(now_s, IN) == ""
+
+    def at(self, now_s, state, *, fixtures=True, refusal="", source=""):
+        return self.guard.disengage_reason(
+            state, now_s, fixtures=fixtures, refusal=refusal, source=source
+        )
+
+
+def pushing(given_n, of_n, **known):
+    """A device that pushes with so much of what is commanded."""
+    return IN._replace(
+        force=Vector3(given_n, 0.0, 0.0), force_commanded=Vector3(of_n, 0.0, 0.0), **known
+    )
+
+
+def test_a_guard_that_nobody_engaged_says_nothing():
+    guard = ForceGuard(max_age_s=0.1)
+    for now_s in (0.0, 60.0):
+        words = guard.disengage_reason(OUT, now_s, fixtures=True, refusal="", source="")
+        assert (words, guard.lost_reason, guard.losses, guard.out_s) == ("", "", 0, 0.0)
+        assert (guard.rendered, guard.in_doubt, guard.heard) == (False, False, False)
+
+
+def test_what_was_seen_before_the_clutch_out_does_not_count_after_it():
+    warm = pushing(0.1, 1.0, thermal_derating=0.9 * DERATED)
+    for state in (OUT, warm):
+        rig = Exact(0.0)
+        assert rig.at(FORCE_LOST_S, state) == ""
+        rig.guard.engage(5, 1.0)
+        assert rig.at(1.0, IN) == ""
+        assert rig.at(1.0 + 0.5 * IN_DOUBT_S, state) == ""
+        assert not rig.guard.in_doubt
+    rig.guard.release()
+    assert rig.at(9.0, OUT) == ""
+
+
+def test_the_robot_waits_after_and_not_at_the_time_of_doubt():
+    warm = pushing(0.1, 1.0, thermal_derating=0.9 * DERATED)
+    for state in (OUT, warm):
+        rig = Exact(0.0)
+        rig.at(IN_DOUBT_S, state)
+        assert not rig.guard.in_doubt
+        rig.at(IN_DOUBT_S + LATER_S, state)
+        assert rig.guard.in_doubt
+
+
+def test_a_force_is_lost_after_and_not_at_its_time():
+    rig = Exact(0.0)
+    assert rig.at(FORCE_LOST_S, OUT) == ""
+    assert rig.guard.lost_reason == "the tick was late"
+    assert rig.at(FORCE_LOST_S + LATER_S, OUT) == "the force is lost: the tick was late"
+    assert rig.guard.lost_reason == "the force is lost: the tick was late"
+    rig = Exact(0.0)
+    assert rig.at(LATER_S, OUT._replace(reason="")) == ""
+    assert rig.guard.lost_reason == "the device gives none"
+
+
+def test_a_quarter_of_the_time_with_force_makes_up_for_time_without():
+    for with_s, lost in ((0.16, True), (0.24, False)):
+        rig = Exact(0.0)
+        assert rig.at(0.14, OUT) == ""
+        assert rig.at(0.14 + with_s, IN) == ""
+        assert bool(rig.at(0.14 + with_s + 0.06, OUT)) is lost
+
+
+def test_force_may_begin_until_and_at_a_second():
+    rig = Exact()
+    assert rig.at(BEGINS_WITHIN_S, OUT) == ""
+    assert rig.at(BEGINS_WITHIN_S + LATER_S, OUT) == "the force has not begun: the tick was late"
+
+
+@pytest.mark.parametrize(
+    ("asked_n", "fixtures", "state", "words"),
+    [
+        (1.4 * IN_A_FIXTURE_N, True, OperatingState.ENABLED, "would push with 0.1 N at once"),
+        (15.0 * IN_A_FIXTURE_N, True, OperatingState.ENABLED, "would push with 1.5 N at once"),
+        (IN_A_FIXTURE_N, True, OperatingState.ENABLED, "the force has not begun"),
+        (15.0 * IN_A_FIXTURE_N, False, OperatingState.ENABLED, "the force has not begun"),
+        (15.0 * IN_A_FIXTURE_N, True, OperatingState.PAUSED, "the force has not begun"),
+        (15.0 * IN_A_FIXTURE_N, True, OperatingState.DISABLED, "there is no force"),
+    ],
+)
+def test_a_fixture_that_would_push_at_once_is_named(asked_n, fixtures, state, words):
+    asked = OUT._replace(state=state, force_commanded=Vector3(asked_n, 0.0, 0.0))
+    assert words in Exact().at(2.0 * BEGINS_WITHIN_S, asked, fixtures=fixtures)
+
+
+def test_the_least_share_of_warm_motors_is_still_enough():
+    assert Exact(0.0).at(0.1, pushing(0.0, 0.0, thermal_derating=LEAST_DERATING)) == ""
+    warm = pushing(0.0, 0.0, thermal_derating=0.99 * LEAST_DERATING)
+    assert "is limited to 20% of the largest" in Exact(0.0).at(0.1, warm)
+
+
+@pytest.mark.parametrize(
+    ("left", "given_n", "lost"),
+    [
+        (0.99 * DERATED, 0.99 * LET_OUT, True),
+        (DERATED, 0.99 * LET_OUT, False),
+        (0.99 * DERATED, LET_OUT, False),
+    ],
+)
+def test_warm_motors_that_give_too_little_of_what_is_asked_lose_the_force(left, given_n, lost):
+    rig, warm = Exact(0.0), pushing(given_n, 1.0, thermal_derating=left)
+    assert rig.at(FORCE_LOST_S, warm) == ""
+    assert ("let them cool down" in rig.at(FORCE_LOST_S + LATER_S, warm)) is lost
+    assert rig.guard.in_doubt is lost
+
+
+def test_motors_that_are_cool_in_between_begin_anew():
+    rig, warm = Exact(0.0), pushing(0.1, 1.0, thermal_derating=0.9 * DERATED)
+    assert rig.at(0.1, warm) == ""
+    assert rig.at(0.11, pushing(1.0, 1.0)) == ""
+    assert rig.at(0.22, warm) == ""
+
+
+def test_a_measured_force_is_lost_after_and_not_at_its_time():
+    rig = Exact(0.0)
+    rig.guard.give(0.0)
+    assert rig.at(SOURCE_LOST_S, IN) == ""
+    assert rig.at(0.2, IN) == "the measured force is lost: none for 0.20 s"
+    rig = Exact(1.0)
+    rig.guard.give(1.0)
+    assert rig.at(1.25, IN, source="gone") == ("the measured force is lost: none for 0.25 s, gone")

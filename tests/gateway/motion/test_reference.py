@@ -5,9 +5,20 @@ import math
 import pytest
 from hypothesis import given, settings, strategies as st
 
+from cardan.common.braking import stopping_speed
+from cardan.errors import OptionError
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
-from cardan.spatial import from_rotation_vector, norm, rotate, rotation_between, scale, subtract
-from cardan.types import IDENTITY, ZERO3, ZERO_TWIST, Frame, Pose, Twist, Vector3
+from cardan.spatial import (
+    add,
+    from_rotation_vector,
+    multiply,
+    norm,
+    rotate,
+    rotation_between,
+    scale,
+    subtract,
+)
+from cardan.types import IDENTITY, ZERO3, ZERO_TWIST, Frame, Pose, Quaternion, Twist, Vector3
 from tests.examples import examples
 
 DT_S = 0.004
@@ -175,3 +186,246 @@ def test_a_fault_does_not_wait_for_the_jerk():
     )
     follow(smooth, Twist(Vector3(0.1, 0, 0), ZERO3), 300)  # and it goes on from there
     assert smooth.linear.x == pytest.approx(0.1)
+
+
+# -- limits, and a reference that is placed --------------------------------------------------------
+
+
+def test_the_limits_by_themselves():
+    limits = ReferenceLimits()
+    assert (limits.linear_speed_m_s, limits.linear_acceleration_m_s2) == (0.25, 1.0)
+    assert (limits.angular_speed_rad_s, limits.angular_acceleration_rad_s2) == (1.0, 4.0)
+    assert (limits.leash_m, limits.leash_rad) == (0.05, 0.3)
+    assert limits.workspace_m == (None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("workspace_x_m", (0.2, 0.1)),
+        ("workspace_y_m", (0.1, 0.1)),
+        ("workspace_z_m", (0.3, -0.3)),
+        ("linear_speed_m_s", -1.0),
+    ],
+)
+def test_limits_that_are_none_are_refused(key, value):
+    with pytest.raises(OptionError) as refused:
+        ReferenceLimits(**{key: value})
+    assert refused.value.key == key
+
+
+def stands(reference):
+    assert (reference.linear, reference.angular) == (ZERO3, ZERO3)
+    assert (reference.ahead_m, reference.ahead_rad, reference.leash_used) == (0.0, 0.0, 0.0)
+    assert not reference.at_workspace_limit
+    assert not reference.moving
+
+
+def test_before_it_is_placed_it_is_nowhere_and_rests():
+    reference = Reference(ReferenceLimits())
+    stands(reference)
+    for act in (
+        lambda: reference.observe(START),
+        lambda: reference.move(ZERO3, ZERO3, DT_S),
+        lambda: reference.shape(ZERO_TWIST, DT_S),
+    ):
+        with pytest.raises(RuntimeError, match="placed"):
+            act()
+
+
+def test_where_it_is_placed_it_begins_anew():
+    limits = ReferenceLimits(
+        linear_jerk_m_s3=20.0, angular_jerk_rad_s3=80.0, workspace_z_m=(0.7, 0.8)
+    )
+    quick = Twist(Vector3(0.2, 0.0, 0.2), Vector3(0.0, 0.5, 0.0))
+    used, fresh = placed(limits), placed(limits)
+    follow(used, quick, 100)
+    used.observe(START)
+    assert used.at_workspace_limit
+    assert used.leash_used > 0.0
+    used.place(START)
+    stands(used)
+    for each in (used, fresh):
+        each.advance(quick, DT_S)
+    assert used.twist == fresh.twist
+    assert used.pose == fresh.pose
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_turn_alone_is_a_motion_and_so_is_a_way_alone(axis):
+    some = [0.0, 0.0, 0.0]
+    some[axis] = 0.1
+    for twist in (Twist(Vector3(*some), ZERO3), Twist(ZERO3, Vector3(*some))):
+        reference = placed()
+        follow(reference, twist, 1)
+        assert reference.moving
+
+
+# -- how far it is ahead ---------------------------------------------------------------------------
+
+turns = st.builds(Vector3, *[st.floats(-1.7, 1.7)] * 3)
+places = st.builds(Vector3, *[st.floats(-1.0, 1.0)] * 3)
+
+
+@given(places, turns, places, turns, st.booleans())
+def test_how_far_it_is_ahead_of_what_was_measured(at, turn, seen_at, seen_turn, other_sign):
+    reference = placed(pose=Pose(at, from_rotation_vector(turn)))
+    q = from_rotation_vector(seen_turn)
+    measured = Pose(seen_at, Quaternion(*(-c for c in q)) if other_sign else q)
+    reference.observe(measured)
+    ahead = rotation_between(q, reference.pose.orientation)
+    assert reference.ahead_m == pytest.approx(math.dist(at, seen_at), abs=1e-12)
+    assert reference.ahead_rad == pytest.approx(norm(ahead), abs=1e-7)
+    assert reference._ahead == pytest.approx(subtract(at, seen_at))
+    if norm(ahead) < 3.1:  # Half a turn is one either way.
+        assert reference._turned_ahead == pytest.approx(ahead, abs=1e-7)
+
+
+@pytest.mark.parametrize("angle_rad", [1e-10, 1e-9, 1e-3, 0.1])
+def test_a_turn_however_small_is_ahead_by_as_much(angle_rad):
+    reference = placed(pose=Pose(ZERO3, from_rotation_vector(Vector3(0.0, angle_rad, 0.0))))
+    reference.observe(Pose(ZERO3, IDENTITY))
+    assert reference._turned_ahead.y == pytest.approx(angle_rad, rel=1e-4)
+
+
+def test_the_share_of_the_leash_is_the_worse_of_the_two():
+    reference = placed()
+    for way_m, turn_rad, share in ((0.025, 0.03, 0.5), (0.005, 0.15, 0.5), (0.0, 0.6, 2.0)):
+        seen = Pose(
+            add(START.position, Vector3(0.0, way_m, 0.0)),
+            from_rotation_vector(Vector3(0.0, 0.0, turn_rad)),
+        )
+        reference.observe(seen)
+        assert reference.leash_used == pytest.approx(share)
+
+
+# -- axes, smoothing, moving -----------------------------------------------------------------------
+
+TILT = from_rotation_vector(Vector3(0.3, -0.8, 0.5))
+TILTED = Pose(START.position, TILT)
+
+
+@pytest.mark.parametrize("frame", Frame)
+def test_along_which_axes_a_twist_is(frame):
+    reference = placed(pose=TILTED)
+    reference.shape(Twist(Vector3(0.1, 0.02, 0.0), Vector3(0.0, 0.3, 0.1), frame), 1.0)
+    linear, angular = Vector3(0.1, 0.02, 0.0), Vector3(0.0, 0.3, 0.1)
+    if frame is Frame.TOOL:
+        linear = rotate(TILT, linear)
+    if frame is not Frame.BASE:
+        angular = rotate(TILT, angular)
+    assert reference.linear == pytest.approx(linear)
+    assert reference.angular == pytest.approx(angular)
+    assert reference.pose == TILTED
+
+
+def test_a_motion_is_integrated_along_the_base_s_axes():
+    reference = placed(pose=TILTED)
+    angular = Vector3(0.2, -0.3, 0.4)
+    reference.move(Vector3(0.1, -0.2, 0.3), angular, 0.5)
+    assert reference.pose.position == pytest.approx((0.55, -0.1, 0.95))
+    turned = multiply(from_rotation_vector(scale(angular, 0.5)), TILT)
+    assert reference.pose.orientation == pytest.approx(turned)
+
+
+def test_after_a_stop_that_did_not_wait_the_jerk_is_bounded_from_the_speed_that_is_left():
+    fast = Twist(Vector3(0.2, 0.0, 0.0), Vector3(0.0, 0.5, 0.0))
+    reference = placed(SMOOTH)
+    follow(reference, fast, 300)
+    for _ in range(5):
+        reference.observe(reference.pose)
+        reference.shape(ZERO_TWIST, DT_S, smooth=False)
+    linear, angular = reference.linear, reference.angular
+    assert linear.x == pytest.approx(0.2 - 5 * 1.0 * DT_S)
+    assert angular.y == pytest.approx(0.5 - 5 * 4.0 * DT_S)
+    reference.shape(fast, DT_S)
+    assert norm(subtract(reference.linear, linear)) <= 20.0 * DT_S**2 * (1 + 1e-6)
+    assert norm(subtract(reference.angular, angular)) <= 80.0 * DT_S**2 * (1 + 1e-6)
+    bare = placed()
+    bare.shape(ZERO_TWIST, DT_S, smooth=False)
+    assert not bare.moving
+
+
+# -- walls -----------------------------------------------------------------------------------------
+
+BOX = ReferenceLimits(workspace_x_m=(0.4, 0.6), workspace_y_m=(-0.1, 0.1), workspace_z_m=(0.7, 0.9))
+A_WALL = 1.0 / math.sqrt(3.0)
+"""Of the acceleration by itself, m/s², what one of three walls may take."""
+
+
+def expected_at_walls(now, target, place):
+    """The next velocity at the walls of BOX, found by halving."""
+    wanted, braked = list(target), list(now)
+    for axis, (lower, upper) in enumerate(BOX.workspace_m):
+        up = stopping_speed(upper - place[axis], A_WALL, DT_S)
+        down = -stopping_speed(place[axis] - lower, A_WALL, DT_S)
+        wanted[axis] = min(max(wanted[axis], down), up)
+        step = A_WALL * DT_S
+        braked[axis] = min(max(now[axis] - step, min(up, now[axis])), now[axis] + step)
+        if now[axis] < down:
+            braked[axis] = min(down, now[axis] + step)
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        share = 0.5 * (low + high)
+        change = [b + share * (w - b) - n for b, w, n in zip(braked, wanted, now, strict=True)]
+        low, high = (share, high) if math.hypot(*change) <= 1.0 * DT_S else (low, share)
+    return [b + low * (w - b) for b, w in zip(braked, wanted, strict=True)]
+
+
+near = st.sampled_from((0.0, 1e-4, 1e-3, 0.01, 0.05, 0.1))
+signs = st.sampled_from((-1.0, 1.0))
+speeds_m_s = st.sampled_from((-0.14, -0.1, -0.02, -0.001, 0.0, 0.001, 0.02, 0.1, 0.14))
+triple = st.tuples(speeds_m_s, speeds_m_s, speeds_m_s)
+
+
+@settings(max_examples=examples(300))
+@given(triple, triple, st.tuples(near, near, near), st.tuples(signs, signs, signs))
+def test_walls_come_first_and_the_rest_as_far_as_it_fits(now, target, gaps, sides):
+    centre = (0.5, 0.0, 0.8)
+    place = [c + s * (0.1 - gap) for c, s, gap in zip(centre, sides, gaps, strict=True)]
+    reference = placed(BOX, Pose(Vector3(*place), IDENTITY))
+    reference.linear = Vector3(*now)
+    reference.shape(Twist(Vector3(*target), ZERO3), DT_S)
+    assert reference.linear == pytest.approx(expected_at_walls(now, target, place), abs=1e-9)
+
+
+def test_a_wall_is_told_where_it_holds_and_not_where_the_reference_rests_at_it():
+    at = Pose(Vector3(0.5, 0.0, 0.875), IDENTITY)
+    for walls in ((0.75, 0.875), (0.875, 1.0)):
+        reference = placed(ReferenceLimits(workspace_z_m=walls), at)
+        reference.shape(ZERO_TWIST, DT_S)
+        assert not reference.at_workspace_limit
+        outwards = 0.1 if walls[1] == 0.875 else -0.1
+        reference.shape(Twist(Vector3(0.0, 0.0, outwards), ZERO3), DT_S)
+        assert reference.at_workspace_limit
+        assert reference.linear == ZERO3
+        reference.shape(ZERO_TWIST, DT_S)
+        assert not reference.at_workspace_limit
+
+
+@pytest.mark.parametrize("more", [0.0053, 0.02])
+def test_at_a_wall_that_is_too_near_the_whole_budget_is_used_and_no_more(more):
+    now = stopping_speed(0.02, A_WALL, DT_S) + more
+    reference = placed(BOX, Pose(Vector3(0.58, 0.0, 0.8), IDENTITY))
+    reference.linear = Vector3(now, 0.0, 0.0)
+    reference.shape(Twist(Vector3(0.25, 0.0, 0.0), ZERO3), DT_S)
+    assert reference.linear.x == pytest.approx(now - 1.0 * DT_S)
+
+
+@pytest.mark.parametrize("limits", [ReferenceLimits(), BOX])
+def test_however_slow_it_is_it_comes_to_rest(limits):
+    reference = placed(limits)
+    reference.linear = Vector3(1e-160, 0.0, 0.0)
+    reference.shape(ZERO_TWIST, DT_S)
+    assert not reference.moving
+
+
+@pytest.mark.parametrize("speed", [0.02, 0.25])
+def test_a_robot_that_is_a_little_behind_changes_no_speed(speed):
+    reference = placed()
+    for _ in range(100):
+        x, y, z = reference.pose.position
+        reference.observe(Pose(Vector3(x - 0.001, y, z), IDENTITY))
+        reference.advance(Twist(Vector3(speed, 0.0, 0.0), ZERO3), DT_S)
+    assert reference.linear.x == pytest.approx(speed)
+    assert reference.twist == Twist(reference.linear, ZERO3, Frame.BASE)

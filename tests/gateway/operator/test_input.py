@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.operator.arming import Arming
 from cardan.gateway.operator.input import CLUTCH_WITHIN_S, NO_REQUEST, ArmView, OperatorInput
-from cardan.gateway.operator.mapping import MappingOptions, Mode, TwistMapping
+from cardan.gateway.operator.mapping import GripperOptions, MappingOptions, Mode, TwistMapping
 from cardan.types import (
     IDENTITY,
     IDENTITY_POSE,
@@ -240,7 +240,7 @@ def test_a_press_at_a_bad_moment_begins_nothing_and_nothing_later(tick):
         (REST, {"link": DeviceLink.LOST}, "the device is lost"),
         ((math.nan, 0.0, 0.0, 0.0, 0.0, 0.0), {}, "not numbers"),
         (FORWARD, {"age_s": 0.11}, "deflected but silent for 0.11 s"),
-        (REST, {"age_s": -0.2}, "0.2 s in the future"),
+        (REST, {"age_s": -0.2}, "a time 0.2 s in the future"),
     ],
 )
 def test_a_fault_disarms_and_takes_the_act_anew(axes, tick, words):
@@ -350,3 +350,531 @@ def test_a_button_that_the_device_has_not_is_told_in_place_of_an_act_that_cannot
 def test_motion_of_any_kind_is_asked_for(linear, angular, rates, asks):
     twist = Twist(Vector3(0.0, linear, 0.0), Vector3(0.0, 0.0, angular), ZERO_TWIST.frame)
     assert NO_REQUEST._replace(twist=twist, rates=rates).asks is asks
+
+
+# -- what a request says beside the twist ----------------------------------------------------------
+
+BACK = (-1.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+BOTH = MappingOptions(clutch="right", deadman=("left",))
+POSE = MappingOptions(mode=Mode.POSITION, deadman=("left",))
+POSE_CLUTCH = MappingOptions(mode=Mode.POSITION, clutch="right")
+POSE_BOTH = MappingOptions(mode=Mode.POSITION, clutch="right", deadman=("left",))
+AWAY = Pose(Vector3(0.101, 0.2, 0.3), IDENTITY)
+
+
+def clutched(options, *held, pose=None):
+    """A source whose clutch was pressed and let go."""
+    asked = Asked(options)
+    asked.tick(pose=pose)
+    assert asked.tick(REST, "right", *held, events=[press()], pose=pose).armed
+    asked.tick(REST, *held, events=[RELEASE], pose=pose)
+    return asked
+
+
+def test_an_operator_claims_the_arm_by_a_button_or_by_motion():
+    assert Asked().arm().arming is Arming.CLAIMING
+    assert clutched(CLUTCH).arming is Arming.CLAIMING
+    both = clutched(BOTH)
+    assert both.arming is Arming.ARMED
+    both.tick(REST, "left")
+    assert both.arming is Arming.CLAIMING
+    bare = Asked(BARE)
+    assert bare.tick(REST).arming is Arming.ARMED
+    assert bare.tick(FORWARD).arming is Arming.CLAIMING
+    assert bare.tick(REST).arming is Arming.ARMED
+
+
+def test_any_button_that_goes_down_is_a_press():
+    asked = Asked()
+    assert asked.tick(events=[press(), RELEASE]).pressed
+    assert not asked.tick(events=[RELEASE]).pressed
+    assert not asked.tick().pressed
+
+
+def test_joints_move_only_while_the_operator_is_followed():
+    asked = Asked(MappingOptions(deadman=("left",), joints={"rx": "rail"}, joint_speed_rad_s=0.5))
+    tilted = (0.0, 0.0, 0.0, 0.4, 0.0, 0.0)
+    assert asked.tick(tilted, "left").rates == {}
+    asked.arm()
+    assert asked.tick(tilted, "left").rates == {"rail": pytest.approx(0.2)}
+    assert asked.tick(tilted, "left", suspended=True).rates == {}
+    assert asked.tick(tilted, "left", free=False).rates == {}
+    assert Asked().arm().tick(FORWARD, "left").rates == {}
+
+
+def test_an_armed_device_stays_so_where_only_its_buttons_are_ignored():
+    asked = Asked().arm()
+    assert asked.tick(REST, "left", void=True).armed
+    deflected = Asked(BARE)
+    deflected.tick(FORWARD, barred="held")
+    assert deflected.arming is Arming.DEFLECTED
+    deflected.tick(FORWARD, void=True)
+    assert deflected.arming is Arming.DISARMED
+
+
+def test_the_gripper_is_the_operator_s_who_drives():
+    gripper = GripperOptions(toggle="right")
+    asked = Asked()
+    asked.source = OperatorInput(TwistMapping(DEADMAN, gripper), ReferenceLimits())
+    mapping = asked.source.mapping
+    asked.tick(events=[press()])
+    assert not mapping.gripper_closed
+    asked.tick(REST, "left")
+    asked.tick(REST, events=[press()])
+    assert not mapping.gripper_closed  # Armed, and the dead-man is not held.
+    asked.tick(REST, "left", events=[press()])
+    assert mapping.gripper_closed
+
+
+# -- the hand's pose -------------------------------------------------------------------------------
+
+
+def posed(options=POSE):
+    """A source that follows a hand."""
+    asked = Asked(options)
+    asked.tick(pose=HAND)
+    asked.tick(REST, "left", pose=HAND)
+    assert asked.armed
+    return asked
+
+
+def test_an_absolute_hand_sends_the_tcp_where_it_is():
+    options = MappingOptions(mode=Mode.ABSOLUTE, deadman=("left",), origin_m=Vector3(0, 0, 0))
+    twist = posed(options).tick(REST, "left", pose=HAND).twist
+    assert twist.linear.x > 0.0
+    assert twist.linear.y > twist.linear.x
+
+
+def test_a_hand_is_taken_up_anew_when_the_dead_man_beside_the_clutch_is_held():
+    asked = clutched(POSE_BOTH, pose=HAND)
+    assert not asked.request.following
+    assert asked.tick(REST, "left", pose=HAND).following
+    assert asked.tick(REST, "left", pose=AWAY).twist.linear.x > 0.0
+    asked.tick(REST, pose=AWAY)
+    request = asked.tick(REST, "left", pose=AWAY, behind="the robot lags")
+    assert not request.armed
+    assert not request.following
+    assert "the clutch was not engaged: the robot lags; " in asked.advice
+
+
+def test_a_dead_man_that_was_let_go_and_held_again_in_between_takes_the_hand_up_anew():
+    asked = posed()
+    again = [("left", False, 0.0), ("left", True, 0.0)]
+    assert asked.tick(REST, "left", pose=AWAY, events=again).twist == ZERO_TWIST
+    asked = posed()
+    assert asked.tick(REST, "left", pose=AWAY, events=[("other", False, 0.0)]).asks
+    assert posed().tick(REST, "left", pose=AWAY, events=[("left", True, 0.0)]).asks
+
+
+def test_letting_go_takes_the_hand_up_anew():
+    asked = posed()
+    asked.tick(pose=HAND)
+    assert not asked.source.hand_map()
+    request = asked.tick(REST, "left", pose=AWAY)
+    assert request.armed
+    assert request.twist == ZERO_TWIST
+    assert asked.source.hand_map()
+    asked.disarm()
+    assert not asked.source.hand_map()
+    assert not Asked().source.hand_map()
+
+
+def test_a_press_of_the_clutch_lets_go_of_the_hand_although_it_is_engaged_again_at_once():
+    asked = Asked(POSE_CLUTCH)
+    asked.tick(pose=HAND)
+    asked.tick(REST, "right", events=[press()], pose=HAND)
+    assert asked.source.hand_map()
+    presses = [RELEASE, press(), RELEASE, press()]
+    request = asked.tick(REST, "right", events=presses, pose=AWAY)
+    assert request.armed
+    assert request.twist == ZERO_TWIST
+
+
+def test_the_references_are_taken_anew_where_hand_and_tcp_are():
+    options = MappingOptions(mode=Mode.POSITION, deadman=("left",), recapture="grip")
+    for event, moves in (
+        (("grip", True, 0.0), False),
+        (("grip", False, 0.0), True),
+        (("other", True, 0.0), True),
+    ):
+        asked = posed(options)
+        assert asked.tick(REST, "left", pose=AWAY, events=[event]).asks is moves
+    asked = posed(options)
+    both = [("grip", True, 0.0), ("grip", False, 0.0)]
+    assert not asked.tick(REST, "left", pose=AWAY, events=both).asks
+
+
+def test_the_hand_belongs_to_where_the_arm_comes_to_rest():
+    asked = Asked(POSE)
+    asked.tick(pose=HAND)
+    resting = Pose(Vector3(0.01, 0.0, 0.0), IDENTITY)
+    assert asked.tick(REST, "left", pose=HAND, resting=resting).twist.linear.x > 0.0
+
+
+def test_a_suspended_hand_is_followed_on_without_a_motion():
+    asked = posed()
+    request = asked.tick(REST, "left", pose=AWAY, suspended=True)
+    assert request.following
+    assert request.twist == ZERO_TWIST
+    assert asked.source.hand_map()
+
+
+def test_what_the_hand_is_told():
+    assert Asked().arm().source.remark == ""
+    asked = posed()
+    assert asked.source.remark == ""
+    for reached in range(1, 41):
+        far = Pose(Vector3(0.1 + 0.005 * reached, 0.2, 0.3), IDENTITY)
+        asked.tick(REST, "left", pose=far)
+    assert asked.armed
+    assert "the clutch slips" in asked.source.remark
+
+
+def test_a_hand_that_leaps_is_let_go():
+    asked = posed()
+    far = Pose(Vector3(0.5, 0.2, 0.3), IDENTITY)
+    request = asked.tick(REST, "left", pose=far)
+    assert request.fault == "the hand's pose jumped: another hand, or the sensor lost it"
+    assert not request.armed
+    assert posed().tick(REST, pose=far).fault == ""  # It is not followed.
+
+
+def test_deflections_mean_nothing_where_the_pose_is_followed():
+    asked = Asked(POSE)
+    asked.tick(FORWARD, pose=HAND)
+    assert asked.tick(FORWARD, "left", pose=HAND).engages
+    asked = Asked(POSE_CLUTCH)
+    asked.tick(FORWARD, pose=HAND)
+    assert asked.tick(FORWARD, "right", pose=HAND, events=[press()]).engages
+    not_numbers = (math.nan, *REST[1:])
+    assert posed().tick(not_numbers, "left", pose=HAND).fault == ""
+
+
+@pytest.mark.parametrize(
+    ("age_s", "ok"), [(0.1, True), (0.1001, False), (-0.1, True), (-0.1001, False)]
+)
+def test_how_old_a_report_may_be_to_the_border(age_s, ok):
+    robot_s = 0.0
+    device = DeviceState(-age_s, DeviceLink.LIVE, FORWARD, frozenset({"left"}), HAND)
+    still = device._replace(axes=REST)
+    rate = OperatorInput(TwistMapping(DEADMAN), ReferenceLimits())
+    assert (rate._fault(device, robot_s) == "") is ok
+    assert (rate._fault(still, robot_s) == "") is (ok or age_s > 0.0)
+    pose = OperatorInput(TwistMapping(POSE), ReferenceLimits())
+    assert (pose._fault(device, robot_s) == "") is ok
+    free = device._replace(buttons=frozenset())
+    assert (pose._fault(free, robot_s) == "") is (ok or age_s > 0.0)
+    robot = RobotState(robot_s, RobotLink.LIVE, 1, 0, DT_S, (), (), IDENTITY_POSE, "")
+    view = ArmView(robot, DT_S, IDENTITY_POSE, IDENTITY_POSE, Arming.RELEASED, True)
+    request = pose.request(device, (), view)
+    assert request.engages is ok
+
+
+@pytest.mark.parametrize(
+    ("age_s", "words"),
+    [
+        (0.25, "the hand's pose is 0.25 s old"),
+        (-0.3, "the robot's pose is 0.3"),
+    ],
+)
+def test_why_a_pose_is_not_taken(age_s, words):
+    for options, held in ((POSE, "left"), (POSE_CLUTCH, "right")):
+        asked = Asked(options)
+        asked.tick(pose=HAND)
+        events = [press()] if held == "right" else []
+        assert not asked.tick(REST, held, pose=HAND, age_s=age_s, events=events).armed
+        assert f"the clutch was not engaged: {words}" in asked.advice
+
+
+def test_a_pose_that_is_none_is_not_taken_nor_followed():
+    broken = Pose(Vector3(math.nan, 0.0, 0.0), IDENTITY)
+    asked = Asked(POSE)
+    asked.tick(pose=HAND)
+    assert not asked.tick(REST, "left", pose=broken).armed
+    assert "the clutch was not engaged: the device gives no pose; " in asked.advice
+    assert posed().tick(REST, "left", pose=broken).fault == "the device gives no pose to follow"
+    assert posed().tick(REST, pose=broken).fault == ""
+
+
+@pytest.mark.parametrize("free", [True, False])
+def test_a_hand_is_taken_when_its_robot_is_there_and_deflections_at_any_time(free):
+    asked = Asked(POSE)
+    asked.tick(pose=HAND)
+    assert "not engaged" not in asked.advice
+    request = asked.tick(REST, "left", pose=HAND, behind="the robot lags", free=free)
+    assert request.acts
+    assert not request.armed
+    assert "the clutch was not engaged: the robot lags" in asked.advice
+    asked = Asked(POSE)
+    asked.tick()
+    assert "not engaged" not in asked.advice
+    asked = Asked()
+    asked.tick()
+    assert asked.tick(REST, "left", behind="the robot lags", free=free).engages
+
+
+def test_a_device_that_was_gone_was_not_let_go():
+    asked = Asked()
+    asked.tick()
+    asked.tick(link=DeviceLink.LOST)
+    assert asked.arming is Arming.DISARMED
+    assert not asked.tick(REST, "left").acts
+    asked = Asked(BARE)
+    asked.tick(FORWARD, barred="held")
+    asked.tick(link=DeviceLink.LOST, barred="held")
+    assert asked.arming is Arming.DEFLECTED
+    assert asked.tick(REST, barred="held").acts
+
+
+# -- the clutch's presses --------------------------------------------------------------------------
+
+
+def test_a_press_needs_a_button_that_was_seen_up():
+    asked = Asked(CLUTCH)
+    assert not asked.tick(REST, "right", events=[press()]).acts  # Nothing was seen before.
+    asked = Asked(CLUTCH)
+    asked.tick(REST, "right")
+    assert not asked.tick(REST, "right", events=[press()]).acts
+    asked.tick(REST, "right")
+    assert asked.tick(REST, "right", events=[RELEASE, press()]).engages
+    asked = Asked(CLUTCH)
+    asked.tick(link=DeviceLink.LOST)
+    assert not asked.tick(REST, "right", events=[RELEASE, press()]).acts
+    asked = Asked(CLUTCH)
+    asked.tick()
+    assert not asked.tick(REST, "right", events=[press()], link=DeviceLink.LOST).acts
+
+
+def test_a_second_press_without_a_release_does_not_count():
+    asked = Asked(CLUTCH)
+    asked.tick()
+    request = asked.tick(FORWARD, "right", events=[press(), press()])
+    assert not request.armed
+    asked = Asked(CLUTCH)
+    asked.tick()
+    assert not asked.tick(REST, "right", events=[press(), press(), press()]).armed
+
+
+def test_a_press_that_came_too_late_and_a_second_one_are_no_act():
+    asked = Asked(CLUTCH)
+    asked.tick()
+    events = [press(1.1 * CLUTCH_WITHIN_S), press()]
+    assert not asked.tick(REST, "right", events=events).armed
+
+
+def test_other_buttons_are_no_clutch():
+    asked = Asked(CLUTCH)
+    asked.tick()
+    assert not asked.tick(REST, "x", events=[("x", True, 0.0)]).acts
+    asked = clutched(CLUTCH)
+    assert asked.tick(REST, "x", events=[("x", True, 0.0)]).armed
+    events = [("x", False, 0.0), press()]
+    assert not asked.tick(REST, "right", "x", events=events).armed
+
+
+def test_a_press_after_a_fault_in_the_same_tick_does_not_engage():
+    asked = clutched(CLUTCH)
+    request = asked.tick(FORWARD, "right", events=[press()], age_s=0.2)
+    assert request.fault
+    assert not request.acts
+    asked = clutched(POSE_CLUTCH, pose=HAND)
+    far = Pose(Vector3(0.5, 0.2, 0.3), IDENTITY)
+    request = asked.tick(REST, "right", events=[press()], pose=far)
+    assert request.fault
+    assert not request.armed
+
+
+def test_a_press_counts_for_half_a_second():
+    source = OperatorInput(TwistMapping(CLUTCH), ReferenceLimits())
+    robot = RobotState(1.0, RobotLink.LIVE, 1, 0, DT_S, (), (), IDENTITY_POSE, "")
+    view = ArmView(robot, DT_S, IDENTITY_POSE, IDENTITY_POSE, Arming.DISARMED, True)
+    device = DeviceState(1.0, DeviceLink.LIVE, REST, frozenset())
+    source.request(device, (), view)
+    edge = ButtonEvent(1.0 - CLUTCH_WITHIN_S, "right", True)
+    assert source.request(device._replace(buttons=frozenset({"right"})), (edge,), view).engages
+
+
+def test_a_press_that_is_accepted_takes_back_why_the_one_before_was_not():
+    asked = Asked(CLUTCH)
+    asked.tick()
+    asked.tick(FORWARD, "right", events=[press()])
+    assert "not engaged" in asked.advice
+    asked.tick(REST, events=[RELEASE])
+    asked.tick(REST, "right", events=[press()])
+    assert asked.armed
+    assert "not engaged" not in asked.advice
+    asked = Asked(CLUTCH)
+    asked.tick()
+    asked.tick(FORWARD, "right", events=[press()])
+    asked.disarm()
+    assert "not engaged" not in asked.advice
+
+
+# -- filters ---------------------------------------------------------------------------------------
+
+
+class Filter:
+    """A filter that does as it is told."""
+
+    name = "rule"
+
+    def __init__(self, apply, status=lambda: ""):
+        self._apply, self.status = apply, status
+
+    def apply(self, twist, robot):
+        return self._apply(twist)
+
+
+def fails(*_):
+    raise ValueError("no reading")
+
+
+def turned(linear, angular=(0.0, 0.0, 0.0)):
+    return lambda twist: Twist(Vector3(*linear), Vector3(*angular), twist.frame)
+
+
+@pytest.mark.parametrize(
+    ("apply", "words"),
+    [
+        (fails, "the filter rule failed: ValueError('no reading')"),
+        (turned((math.nan, 0, 0)), "the filter rule gives values that are not numbers"),
+        (turned((0, 0, 0), (0, math.inf, 0)), "the filter rule gives values that are not numbers"),
+    ],
+)
+def test_a_filter_that_fails_stops_and_the_first_is_named(apply, words):
+    seen = []
+    asked = Asked().arm()
+    asked.source.filters = (
+        Filter(lambda twist: twist),
+        Filter(apply),
+        Filter(lambda twist: seen.append(twist) or twist),
+        Filter(fails),
+    )
+    asked.source.filters[-1].name = "later"
+    request = asked.tick(FORWARD, "left")
+    assert request.filter_fault == words
+    assert request.twist == ZERO_TWIST
+    assert seen == [ZERO_TWIST]
+
+
+def test_filters_shape_motion_one_after_the_other_and_begin_none():
+    asked = Asked().arm()
+    asked.source.filters = (
+        Filter(lambda twist: twist._replace(linear=Vector3(twist.linear.x, 0.5, 0.0))),
+        Filter(lambda twist: twist._replace(angular=Vector3(0.0, 0.0, twist.linear.y))),
+    )
+    twist = asked.tick(FORWARD, "left").twist
+    assert twist.linear.x > 0.0
+    assert twist.linear.y == twist.angular.z == 0.5
+    turn = (0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    assert asked.tick(turn, "left").twist.linear.y == 0.5
+    assert asked.tick(REST, "left").twist == ZERO_TWIST
+    assert not Asked(BARE).tick(REST).filter_fault
+
+
+def test_what_filters_say_is_told():
+    asked = Asked()
+    asked.source.filters = (
+        Filter(fails, lambda: "slow here"),
+        Filter(fails),
+        Filter(fails, fails),
+        Filter(fails, lambda: 7),
+    )
+    assert asked.source.filter_words() == (
+        "slow here",
+        "the filter rule failed: ValueError('no reading')",
+        "the filter rule failed: TypeError('status() gave 7, not a text')",
+    )
+
+
+# -- words -----------------------------------------------------------------------------------------
+
+TWO = MappingOptions(deadman=("left", "right"))
+CLUTCHES = MappingOptions(clutch="right", deadman=("left", "up"))
+
+
+@pytest.mark.parametrize(
+    ("options", "arming", "axes", "held", "words"),
+    [
+        (BARE, Arming.DISARMED, FORWARD, (), "let go of the device to go on"),
+        (DEADMAN, Arming.RELEASED, REST, (), "press 'left' to move"),
+        (
+            TWO,
+            Arming.DISARMED,
+            BACK,
+            ("left",),
+            "let go of the device and of 'left' or 'right', then press 'left' or 'right' to go on",
+        ),
+        (POSE, Arming.DISARMED, FORWARD, ("left",), "let go of 'left', then press it to go on"),
+        (CLUTCH, Arming.DISARMED, REST, (), "press 'right' to move"),
+        (
+            CLUTCH,
+            Arming.DISARMED,
+            FORWARD,
+            (),
+            "let go of the device, then press 'right' to move",
+        ),
+        (
+            CLUTCH,
+            Arming.DISARMED,
+            REST,
+            ("right",),
+            "let go of 'right', then press 'right' to move",
+        ),
+        (POSE_CLUTCH, Arming.DISARMED, FORWARD, (), "press 'right' to move"),
+        (
+            CLUTCHES,
+            Arming.DISARMED,
+            REST,
+            (),
+            "press 'right', with 'left' or 'up' held, to move",
+        ),
+    ],
+)
+def test_how_to_go_on_is_told(options, arming, axes, held, words):
+    asked = Asked(options)
+    assert asked.source.advice("why; ", arming) == "why; "  # Nothing was seen of the device.
+    asked.tick(axes, *held, void=True)
+    assert asked.source.advice("why; ", arming) == f"why; {words}"
+
+
+def test_a_reason_that_is_the_device_s_own_is_told_once():
+    asked = Asked()
+    asked.tick(link=DeviceLink.LOST)
+    assert asked.source.advice("", Arming.DISARMED) == "the device is lost"
+    assert asked.source.advice("held; ", Arming.DISARMED) == "held; the device is lost"
+    assert asked.source.advice("the device is lost; ", Arming.DISARMED) == "the device is lost"
+    told = DeviceState(1.0, DeviceLink.LOST, REST, frozenset(), reason="unplugged")
+    assert asked.source._fault(told, 1.0) == "unplugged"
+
+
+def test_a_refusal_is_told_in_place_of_why():
+    asked = Asked(CLUTCH)
+    asked.tick()
+    asked.tick(FORWARD, "right", events=[press()])
+    asked.tick(REST)
+    words = "the clutch was not engaged: the device is not at rest; press 'right' to move"
+    assert asked.source.advice("why; ", Arming.DISARMED) == words
+
+
+@pytest.mark.parametrize(
+    ("options", "act"),
+    [
+        (BARE, "move the device and let it go"),
+        (TWO, "let go of 'left' or 'right', then press it"),
+        (BOTH, "press 'right'"),
+    ],
+)
+def test_the_act_is_an_instruction(options, act):
+    asked = Asked(options)
+    assert asked.source.act_words() == act
+    asked.tick()
+    assert asked.source.act_words() == act
+    asked.tick(link=DeviceLink.LOST)
+    assert asked.source.act_words() == f"wait for the device (the device is lost), then {act}"
+
+
+def test_no_request_asks_for_nothing():
+    assert tuple(NO_REQUEST) == (
+        Arming.DISARMED, False, False, False, ZERO_TWIST, {}, False, "", ""
+    )  # fmt: skip

@@ -5,8 +5,16 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.errors import OptionError
-from cardan.gateway.operator.mapping import AXES, GripperOptions, MappingOptions, Mode, TwistMapping
+from cardan.errors import ConfigurationError, OptionError
+from cardan.gateway.operator.mapping import (
+    AXES,
+    ENABLE_WITHIN_S,
+    GripperOptions,
+    MappingOptions,
+    Mode,
+    Orientation,
+    TwistMapping,
+)
 from cardan.spatial import norm
 from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState, Frame
 
@@ -131,3 +139,107 @@ def test_which_buttons_are_the_dead_man(deadman, buttons):
     for held in ((), ("c",), ("a",), ("left", "c")):
         device = DeviceState(0.0, DeviceLink.LIVE, (0.0,) * 6, frozenset(held), None)
         assert mapping.deadman_held(device) is (not buttons or bool({*buttons} & {*held}))
+
+
+@pytest.mark.parametrize("yaw_deg", [90.0, 1.0])
+def test_yaw_turns_rotations_about_the_base_s_axes_only(yaw_deg):
+    sine, cosine = math.sin(math.radians(yaw_deg)), math.cos(math.radians(yaw_deg))
+    for frame, turned in ((Frame.BASE, True), (Frame.MIXED, False), (Frame.TOOL, False)):
+        options = MappingOptions(
+            linear_speed_m_s=1.0, angular_speed_rad_s=1.0, yaw_deg=yaw_deg, frame=frame
+        )
+        twist = TwistMapping(options).twist((1, 0, 0, 1, 0, 0))
+        ahead, aside = (1, 0, 0), (cosine, sine, 0)
+        assert twist.linear == pytest.approx(ahead if frame is Frame.TOOL else aside)
+        assert twist.angular == pytest.approx(aside if turned else ahead)
+
+
+def test_a_press_that_enables_counts_until_and_at_its_age():
+    mapping = TwistMapping(MappingOptions(enable="right"))
+    edge = [ButtonEvent(10.0, "right", True)]
+    assert mapping.asks_to_enable(state(), edge, 10.0 + ENABLE_WITHIN_S)
+    assert not mapping.asks_to_enable(state(), edge, 10.001 + ENABLE_WITHIN_S)
+
+
+def test_a_press_of_its_button_passes_the_device_on():
+    mapping = TwistMapping(MappingOptions(pass_on="menu"))
+    assert mapping.passes_on(edges("menu"))
+    assert mapping.passes_on(edges("left", "menu", "-menu"))
+    assert not mapping.passes_on(edges("-menu"))
+    assert not mapping.passes_on(edges("left"))
+    assert not mapping.passes_on([])
+    assert not TwistMapping(MappingOptions()).passes_on(edges("menu"))
+
+
+# -- options ---------------------------------------------------------------------------------------
+
+POSITION = {"mode": Mode.POSITION, "deadman": "left"}
+ABSOLUTE = {"mode": Mode.ABSOLUTE, "deadman": "left", "origin_m": (0.5, 0.0, 0.3)}
+WHOLE = {**ABSOLUTE, "orientation": Orientation.ABSOLUTE}
+
+
+def test_what_is_so_by_itself():
+    options = MappingOptions()
+    assert options.mode is Mode.RATE
+    assert (options.linear_speed_m_s, options.angular_speed_rad_s) == (0.1, 0.4)
+    assert (options.approach_speed_m_s, options.approach_speed_rad_s) == (0.05, 0.3)
+    assert (options.slip_m, options.slip_rad) == (0.15, 0.6)
+    assert options.joint_speed_rad_s == 0.4
+    assert (GripperOptions().closed_value, GripperOptions().open_value) == (1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("key", "known"),
+    [
+        ("linear_speed_m_s", {"linear_speed_m_s": -1.0}),
+        ("axes", {"axes": ("x", "y", "z", "rx", "ry", "up")}),
+        ("axes", {"axes": ("x", "y", "z", "rx", "ry", "--rz")}),
+        ("joints", {"joints": {"up": "rail"}}),
+        ("joints", {"joints": {"fixed": "rail"}}),
+        ("device_rpy_deg", {"device_rpy_deg": (0.0, 0.0, 90.0)}),
+        ("orientation", {"orientation": Orientation.FIXED}),
+        ("deadman", {"mode": Mode.POSITION}),
+        ("joints", {**POSITION, "joints": {"x": "rail"}}),
+        ("recapture", {"recapture": "grip"}),
+        ("recapture", {**ABSOLUTE, "recapture": "grip"}),
+        ("origin_m", {**POSITION, "origin_m": (0.5, 0.0, 0.3)}),
+        ("device_centre_m", {**POSITION, "device_centre_m": (0.0, 0.0, 0.1)}),
+        ("hand_to_tool_rpy_deg", {**POSITION, "hand_to_tool_rpy_deg": (0.0, 0.0, 90.0)}),
+        ("orientation", {**POSITION, "orientation": Orientation.ABSOLUTE}),
+        (
+            "hand_to_tool_rpy_deg",
+            {**WHOLE, **POSITION, "origin_m": None, "hand_to_tool_rpy_deg": (0.0, 0.0, 90.0)},
+        ),
+        ("origin_m", {"mode": Mode.ABSOLUTE, "deadman": "left"}),
+        ("frame", {**ABSOLUTE, "frame": Frame.TOOL}),
+        ("orientation", {**WHOLE, "axes": ("x", "y", "z", "-rx", "ry", "rz")}),
+        ("orientation", {**WHOLE, "axes": ("x", "y", "z", "rx", "ry", "-rz")}),
+        ("orientation", {**WHOLE, "scale": (1.0, 1.0, 1.0, 0.5, 1.0, 1.0)}),
+        ("orientation", {**WHOLE, "scale": (1.0, 1.0, 1.0, 1.0, 1.0, 0.5)}),
+        ("hand_to_tool_rpy_deg", {**ABSOLUTE, "hand_to_tool_rpy_deg": (0.0, 0.0, 90.0)}),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(key, known):
+    with pytest.raises(ConfigurationError) as refused:
+        MappingOptions(**known)
+    assert refused.value.key == key
+
+
+@pytest.mark.parametrize(
+    "known",
+    [
+        {},
+        {"axes": ("x", "-y", "fixed", "rz", "ry", "rx"), "joints": {"-rz": "rail"}},
+        {"mode": Mode.POSITION, "clutch": "left", "recapture": "grip"},
+        {**POSITION, "device_rpy_deg": (0.0, 0.0, 90.0), "orientation": Orientation.FIXED},
+        {**POSITION, "frame": Frame.TOOL},
+        {**ABSOLUTE, "device_centre_m": (0.0, 0.0, 0.1)},
+        WHOLE,
+        {**WHOLE, "hand_to_tool_rpy_deg": (0.0, 0.0, 90.0)},
+        {**WHOLE, "axes": ("y", "x", "z", "rx", "ry", "rz")},
+        {**WHOLE, "scale": (2.0, 2.0, 0.5, 1.0, 1.0, 1.0)},
+        {**ABSOLUTE, "axes": ("x", "y", "z", "-rx", "ry", "rz")},
+    ],
+)
+def test_options_that_go_together_are_taken(known):
+    assert TwistMapping(MappingOptions(**known)).options.mode is known.get("mode", Mode.RATE)
