@@ -17,7 +17,7 @@ folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 python3 -m venv "$folder/venv"
 "$folder/venv/bin/pip" install --quiet --disable-pip-version-check \
-    "cyclonedds==11.0.1" "dora-rs==1.1.0" pyarrow
+    "cyclonedds==11.0.1" "dora-rs==1.1.0" "pyarrow==26.0.1"
 mkdir -p "$folder/share/std_msgs/msg"
 echo "string data" >"$folder/share/std_msgs/msg/String.msg"
 echo "<package><name>std_msgs</name></package>" >"$folder/share/std_msgs/package.xml"

@@ -804,7 +804,7 @@ def follow_advice(w: World) -> None:
     """Do what the message says: one act."""
     message = w.core.status().message
     said = message.removeprefix(f"stopped before: {w.core._trip_reason}; ")
-    w.stale = False  # Whoever acts has a device that tells of it.
+    w.stale = False  # A person who acts has a device that reports it.
     for pattern, is_so, act in ADVICE:
         if re.search(pattern, said) and is_so(w):
             act(w)
@@ -821,7 +821,7 @@ def follow_advice(w: World) -> None:
 
 
 def leads_to_motion(w: World) -> int:
-    """(d): whoever does what the message says, and moves the device then, moves the arm; returns
+    """(d): doing what the message says, and moving the device then, moves the arm; returns
     after how many acts."""
     said = []
     for acts in range(16):
