@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 
@@ -19,7 +20,7 @@ from cardan.gateway.arm.body import (
 )
 from cardan.gateway.arm.neighbours import NeighbourBodies
 from cardan.gateway.arm.output_check import OutputLimits
-from cardan.gateway.kinematics.base import FloatArray, Kinematics, short_way, to_pose
+from cardan.gateway.kinematics.base import SE3, FloatArray, Kinematics, short_way, to_pose
 from cardan.gateway.motion.reference import Reference
 from cardan.gateway.servo.choice import AnyServo
 from cardan.gateway.servo.lag import ResponseLag
@@ -102,6 +103,7 @@ class ArmBody(Body):
         self._continuous: list[bool] = servo.kinematics.continuous.tolist()
         self._still = np.zeros(servo.joints)
         self.neighbours = neighbours
+        self._placed: list[Sequence[SE3]] = [()] * len(neighbours)
         self._sent: FloatArray | None = None
         self._relaxed = getattr(servo.kinematics, "relaxed", None)
         self._lag = ResponseLag(lag_s, servo.kinematics.continuous)
@@ -159,7 +161,13 @@ class ArmBody(Body):
 
     def place_neighbour(self, index: int, joints: Sequence[float], ways_m: Sequence[float]) -> None:
         first = sum(len(each.shapes) for each in self.neighbours[:index])
-        self.servo.move(first, self.neighbours[index].frames(joints), ways_m)
+        self._placed[index] = frames = self.neighbours[index].frames(joints)
+        self.servo.move(first, frames, ways_m)
+
+    def neighbour_frames(self) -> list[SE3]:
+        """Where the neighbours' bodies were placed last, for any thread: the frame of each of their
+        shapes in the base."""
+        return list(itertools.chain.from_iterable(self._placed))
 
     # -- what is measured ------------------------------------------------------------------------
 

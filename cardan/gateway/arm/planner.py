@@ -6,7 +6,7 @@ It has kinematics of its own and takes milliseconds, so it runs beside the contr
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, NamedTuple, Protocol
 
@@ -98,9 +98,14 @@ class Planner:
         *,
         obstacles: Iterable[Obstacle] = (),
         tool_shapes: Iterable[BodyShape] = (),
+        movers: Iterable[BodyShape] = (),
+        mover_frames: Callable[[], Sequence[SE3]] = tuple,
+        ignored: Collection[tuple[str, str]] = (),
         workspace: Workspace = (None, None, None),
         margins: Margins | None = None,
     ) -> None:
+        """`movers` and `ignored` as of CollisionModel; `mover_frames` says where each of the movers
+        is now, and is taken to stay."""
         self.model = model
         self.kinematics = ArmKinematics(model)
         boundless = tuple(
@@ -110,7 +115,8 @@ class Planner:
             for joint in model.joints
         )
         self._boundless = ArmKinematics(model._replace(joints=boundless))
-        self.collision = CollisionModel(self.kinematics, obstacles, tool_shapes)
+        self.collision = CollisionModel(self.kinematics, obstacles, tool_shapes, movers, ignored)
+        self._mover_frames = mover_frames
         self.workspace = workspace
         self.margins = margins or Margins()
         self.names = model.joint_names
@@ -260,6 +266,7 @@ class Planner:
             candidates.append(nearest)
         if not candidates:
             raise self._why_not(verb, placement, start)
+        self._place_movers()
         candidates.sort(key=lambda q: float((np.abs(q - start) / speeds).max()))
         first: MotionRefusedError | None = None
         for goal in candidates:
@@ -275,7 +282,7 @@ class Planner:
     def _check_joint_path(self, verb: str, start: FloatArray, goal: FloatArray) -> None:
         share, pair = self._free_share(start, goal)
         if pair is not None:
-            raise _collision(verb, pair, share)
+            raise self._collision(verb, pair, share)
         if not any(self.workspace):
             return
         was_outside = False
@@ -297,6 +304,7 @@ class Planner:
 
         Raises JointLimitError, CollisionError or MotionRefusedError, with how far along.
         """
+        self._place_movers()
         last = max(1, len(positions) - 1)
         for index in range(1, len(positions)):
             before, q = positions[index - 1], positions[index]
@@ -306,7 +314,7 @@ class Planner:
                 raise outside
             along, pair = self._free_share(before, q)
             if pair is not None:
-                raise _collision(verb, pair, (index - 1 + along) / last)
+                raise self._collision(verb, pair, (index - 1 + along) / last)
             if any(self.workspace):
                 self._check_entered(verb, before, q, where)
         goal = self.forward(positions[-1]).translation.tolist()
@@ -323,6 +331,10 @@ class Planner:
                 return
             raise _further(error, where) from None
 
+    def _place_movers(self) -> None:
+        frames = self._mover_frames()
+        self.collision.move(0, frames, [0.0] * len(frames))
+
     def _free_share(
         self, start: FloatArray, end: FloatArray
     ) -> tuple[float, tuple[str, str] | None]:
@@ -334,6 +346,15 @@ class Planner:
             return share, pair
         return self.collision.free_share(start, end, self.margins.own_body_m)
 
+    def _collision(self, verb: str, pair: tuple[str, str], share: float) -> CollisionError:
+        comes, to = pair
+        solids = self.collision.pair_solids[self.collision.pairs.index(pair)]
+        if solids[0] >= self.collision.first_mover:
+            comes, to = to, f"{comes}, where that is now,"
+        return CollisionError(
+            f"{verb}: {comes} would come too near to {to} after {share:.0%} of the way", pair, share
+        )
+
     # -- a line --------------------------------------------------------------------------------
 
     def dry_run(self, verb: str, path: Line, start: FloatArray) -> DryRun:
@@ -342,6 +363,7 @@ class Planner:
         Raises JointLimitError, CollisionError, OutOfReachError or MotionRefusedError, with how far
         along the line.
         """
+        self._place_movers()
         begin, end = path.at(0.0)[0], path.at(path.duration_s)[0]
         way_m = norm(subtract(end.position, begin.position))
         angle = norm(rotation_between(begin.orientation, end.orientation))
@@ -377,7 +399,7 @@ class Planner:
                 )
             along, pair = self._free_share(before, q)
             if pair is not None:
-                raise _collision(verb, pair, (index - 1 + along) / count)
+                raise self._collision(verb, pair, (index - 1 + along) / count)
             with np.errstate(divide="ignore"):
                 allowed = velocity * step_s / jump
             worst = int(np.argmin(allowed))
@@ -401,14 +423,6 @@ def _returns(kinematics: ArmKinematics, before: FloatArray, q: FloatArray) -> bo
     outside_before = np.maximum(kinematics.lower - before, before - kinematics.upper)
     outside = np.maximum(kinematics.lower - q, q - kinematics.upper)
     return bool(np.all((outside <= 1e-9) | (outside <= outside_before)))
-
-
-def _collision(verb: str, pair: tuple[str, str], share: float) -> CollisionError:
-    return CollisionError(
-        f"{verb}: {pair[0]} would come too near to {pair[1]} after {share:.0%} of the way",
-        pair,
-        share,
-    )
 
 
 def _further(error: MotionRefusedError, where: str) -> MotionRefusedError:

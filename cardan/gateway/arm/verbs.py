@@ -111,10 +111,14 @@ class ArmVerbs:
         self.controller, self.body, self.model = controller, body, model
         self.servo = body.servo
         self.capabilities = capabilities
+        collision = body.servo.collision
         self.planner = Planner(
             model,
             obstacles=tuple(obstacles),
             tool_shapes=tuple(tool_shapes),
+            movers=[shape for each in body.neighbours for shape in each.shapes],
+            mover_frames=body.neighbour_frames,
+            ignored=() if collision is None else collision.ignored,
             workspace=options.streams.workspace_m,
             margins=options.margins,
         )

@@ -80,6 +80,7 @@ class CollisionModel:
         those of what others move, each in a frame that is at the base until `move`.
         `ignored`: names of a mover and of a shape of the arm that are not kept apart."""
         self.kinematics = kinematics
+        self.ignored = ignored
         arm, n = kinematics.arm, kinematics.joints
         self._geometry: Any = pin.GeometryModel()
         self.solids: list[Solid] = []

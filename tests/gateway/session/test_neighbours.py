@@ -9,7 +9,7 @@ import pytest
 
 from cardan.bus.node import Received
 from cardan.common.native import NativePartError
-from cardan.errors import ConfigurationError
+from cardan.errors import CollisionError, ConfigurationError
 from cardan.gateway.arm.neighbours import NS
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.arm.status import Phase
@@ -23,6 +23,7 @@ from cardan.gateway.session.assembly import (
     make_controller,
     make_neighbours,
     make_robot,
+    make_verbs,
 )
 from cardan.gateway.session.config import parse_config
 from cardan.protocols.ros2.cdr import codec_of
@@ -168,11 +169,17 @@ def hear(session, joints, age_s, velocities=(), **more):
     session.topic.say(joints, velocities, stamp_s=now_s - age_s, at_s=now_s, **more)
 
 
-def armed(joints=HOME, age_s=0.0):
-    session = Session()
+def known(joints=HOME, age_s=0.0, **config):
+    """A session that has heard of its neighbour, disarmed."""
+    session = Session(**config)
     for _ in range(5):
         session.cycle(held=False)
         hear(session, joints, age_s)
+    return session
+
+
+def armed(joints=HOME, age_s=0.0):
+    session = known(joints, age_s)
     for _ in range(3):
         session.cycle()
         hear(session, joints, age_s)
@@ -230,6 +237,31 @@ def test_two_arms_that_are_driven_at_each_other_both_stop():
         assert np.abs(one.q - moved[id(one)]).max() > 0.05
         assert not one.core.body.moving
     assert SAFETY_M <= nearest < 0.12
+
+
+VERBS_INWARD = {
+    "movj": lambda verbs, pose: verbs.movj(pose),
+    "movl": lambda verbs, pose: verbs.movl(pose),
+}
+
+
+@pytest.mark.parametrize("verb", VERBS_INWARD)
+def test_a_verb_through_a_neighbour_is_refused_before_it_begins(verb):
+    """Where the neighbour is now; where it has gone away the same verb moves the arm."""
+    session = known(neighbour={**FACING, "base_xyz_m": [1.2, 0.218, 0.0]})
+    session.cycle(held=False)
+    verbs = make_verbs(session.config, session.robot, session.core, None)
+    begin = session.core.body.pose
+    goal = begin._replace(position=begin.position._replace(x=begin.position.x + 0.22))
+    with pytest.raises(CollisionError, match=r"'s \w+, where that is now, after \d+%") as refused:
+        VERBS_INWARD[verb](verbs, goal)
+    assert any(name.startswith("right's ") for name in refused.value.pair)
+    assert not session.core.body.moving
+
+    away = HOME + np.array((math.pi / 2.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+    hear(session, away, 0.0)
+    session.cycle(held=False)
+    VERBS_INWARD[verb](verbs, goal)
 
 
 def test_one_that_comes_moves_no_arm_at_rest_and_the_words_say_so():
@@ -454,11 +486,16 @@ def test_too_many_pairs_are_refused_and_the_remedy_is_said():
 
 def test_bodies_that_overlap_at_home_are_said_and_can_be_ignored():
     pan = ["l_shoulder_pan_link", "r_shoulder_pan_link"]
-    found = []
+    found, planned = [], []
     for ignore in ([], [pan]):
         neighbour = {"ignore": ignore}
         arms = table("pr2_left_arm", "pr2_right_arm", neighbour=neighbour)
         found.append([w for w in cautions(parse_config(arms)) if w.startswith("neighbours")])
+        config = parse_config(arms)
+        robot = make_robot(config)
+        verbs = make_verbs(config, robot, make_controller(config, robot), None)
+        planned.append(("right's r_shoulder_pan_link", pan[0]) in verbs.planner.collision.pairs)
+    assert planned == [True, False]
     assert len(found[0]) == 1
     assert "right's r_shoulder_pan_link and l_shoulder_pan_link overlap by" in found[0][0]
     assert not found[1]
