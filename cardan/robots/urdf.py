@@ -17,8 +17,8 @@ from xml.parsers import expat
 from cardan.common.options import suggestion
 from cardan.errors import ConfigurationError, about
 from cardan.robots.arm_model import TIME_TO_FULL_SPEED_S, JointKind
-from cardan.spatial import from_euler_zyx, normalized
-from cardan.types import IDENTITY, JointLimits, Quaternion, Vector3
+from cardan.spatial import compose, from_euler_zyx, normalized
+from cardan.types import IDENTITY, IDENTITY_POSE, ZERO3, JointLimits, Pose, Quaternion, Vector3
 
 LARGEST_NUMBER = 1e6
 """No length, angle, speed or mass of an arm is larger: a mistake, and products would overflow."""
@@ -35,6 +35,9 @@ MOST_NESTED = 100
 MOVING = tuple(kind.value for kind in JointKind)
 LOOSE = ("planar", "floating")
 """Joints with several directions: only ever held."""
+
+ARM_BASE = "arm_base"
+"""The link that `arm_form` adds, with as many "_" behind it as make it another one."""
 
 _VERSIONS = ("1.0", "1.1", "1.2")
 _LENGTHS: Mapping[str, tuple[str, ...]] = {
@@ -108,6 +111,13 @@ class TreeJoint(NamedTuple):
             return IDENTITY
         return from_euler_zyx(*_numbers(origin, "rpy", of))
 
+    def placement(self) -> Pose:
+        """Its frame in its parent's, where its own direction is at 0. Raises ConfigurationError."""
+        origin, at = self.element.find("origin"), ZERO3
+        if origin is not None and origin.get("xyz") is not None:
+            at = Vector3(*_numbers(origin, "xyz", f"the origin of joint {self.name!r}"))
+        return Pose(at, self.orientation())
+
     def refused(self) -> ConfigurationError:
         """What is raised where it stands and none of its kind may."""
         return _wrong(f"joint {self.name!r} is {self.kind!r}; allowed: fixed, {', '.join(MOVING)}")
@@ -141,6 +151,15 @@ class Tree(NamedTuple):
             found.append(self.above[link])
             link = found[-1].parent
         return found[::-1]
+
+    def fixed_links(self) -> dict[str, Pose]:
+        """The links that are fixed to the root, and where they are in its frame."""
+        found = {self.root: IDENTITY_POSE}
+        for link in self.links:
+            joint = self.above.get(link)
+            if joint is not None and joint.kind == "fixed" and joint.parent in found:
+                found[link] = compose(found[joint.parent], joint.placement())
+        return found
 
     def home(self) -> dict[str, float]:
         """Joints by name, rad or m, of a <group_state> "home": an SRDF's element, here out of an
@@ -555,7 +574,7 @@ def arm_form(
         elif (of_joint := limits.get(joint.get("name", ""))) is not None:
             _put_limits(joint, of_joint)
     if root is not None:
-        name = "arm_base"
+        name = ARM_BASE
         while name in tree.links or name in tree.joints:
             name += "_"
         ET.SubElement(robot, "link", name=name)

@@ -48,20 +48,25 @@ class NeighbourBodies:
     """Where the bodies of another arm are, in the base of this one."""
 
     def __init__(
-        self, name: str, model: ArmModel, base: Pose | None = None, acceleration_share: float = 1.0
+        self,
+        name: str,
+        model: ArmModel,
+        base: Pose = IDENTITY_POSE,
+        acceleration_share: float = 1.0,
+        *,
+        one_robot: bool = False,
     ) -> None:
-        """`base`: the neighbour's base in this arm's; None: they are arms of one robot whose models
-        begin at one base, and what does not move with the joints is this arm's already.
-
-        `acceleration_share`: of its joints' accelerations what it may use.
+        """`base`: the neighbour's base in this arm's. `acceleration_share`: of its joints'
+        accelerations what it may use. `one_robot`: they are arms of one robot, and what does not
+        move with the neighbour's joints is this arm's already.
         """
         self.name, self.model = name, model
         self._kinematics = arm = ArmKinematics(model)
         self.names = model.joint_names
-        shapes = [each for each in model.shapes if base is not None or each.body > 0]
+        shapes = [each for each in model.shapes if each.body > 0 or not one_robot]
         self.shapes = tuple(each._replace(name=self.label(each.name)) for each in shapes)
         """Each in the frame of its body."""
-        self._base = to_se3(IDENTITY_POSE if base is None else base)
+        self._base = to_se3(base)
         self._reach = reach_of(model, self.shapes)
         self._moves = (self._reach > 0.0).any(axis=0)
         hulls = [_hull(each.shape) for each in self.shapes]

@@ -73,7 +73,8 @@ from cardan.gateway.session.config import (
     parse_config,
 )
 from cardan.robots import ArmModel, load_arm
-from cardan.spatial import compose, norm, scale, to_rotation_vector
+from cardan.robots.urdf import ARM_BASE, read_tree
+from cardan.spatial import compose, inverse, norm, scale, to_rotation_vector
 from cardan.types import (
     IDENTITY_POSE,
     CommandKind,
@@ -522,13 +523,17 @@ def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
                     f"{arm.acceleration_share:g}: it stops later than is expected here"
                 )
             back = [
-                each for each in sessions[other].neighbours if _is_of(sessions, other, each, name)
+                number
+                for number, each in enumerate(sessions[other].neighbours)
+                if _is_of(sessions, other, each, name)
             ]
             if not back:
                 found.append(
                     f"{key}: {who} has no neighbour for this arm, and may drive into it: add one"
                 )
-            elif name < other and (away := _apart(table.base(), back[0].base())) is not None:
+            elif name < other and (
+                away := _apart(_base_of(config, index), _base_of(sessions[other], back[0]))
+            ):
                 found.append(
                     f"{key}.base_xyz_m: by where {who} has this arm's base, the two bases are "
                     f"{away[0] * 1e3:.0f} mm and {math.degrees(away[1]):.1f} degrees off: each is "
@@ -544,9 +549,41 @@ def _is_of(
     return own_topic(sessions[own], table.topic) == own_topic(sessions[other], "joint_states")
 
 
-def _apart(one: Pose | None, other: Pose | None) -> tuple[float, float] | None:
+def _base_of(config: SessionConfig, index: int) -> Pose:
+    """Of the arm of ``[[neighbours]]`` number `index`, in the base of a session's arm."""
+    table = config.neighbours[index]
+    given = table.base()
+    if given is not None or not has_rigid_arm(config):
+        return given or IDENTITY_POSE
+    assert config.arm is not None
+    model = load_arm(config.arm.model, "arm.model")
+    own, theirs = (read_tree(each.urdf).fixed_links() for each in (model, load_arm(table.model)))
+    common = [link for link in own if link in theirs]
+    common = [link for link in common if link.rstrip("_") != ARM_BASE] or common
+    key = f"neighbours.{index}.base_xyz_m"
+    if not common:
+        raise ConfigurationError(
+            key,
+            f"is missing: {config.arm.model!r} and {table.model!r} have no link in common that "
+            "neither moves, as arms of one robot have; say where its base is",
+        )
+    found = compose(own[common[0]], inverse(theirs[common[0]]))
+    for link in common[1:]:
+        away = _apart(found, compose(theirs[link], inverse(own[link])))
+        if away is not None:
+            raise ConfigurationError(
+                key,
+                f"is missing: {config.arm.model!r} and {table.model!r} hold joints between "
+                f"{common[0]!r} and {link!r} differently, by {away[0] * 1e3:.0f} mm and "
+                f"{math.degrees(away[1]):.1f} degrees: give both files the same [hold], or say "
+                "where its base is",
+            )
+    return found
+
+
+def _apart(one: Pose, other: Pose) -> tuple[float, float] | None:
     """How far two bases, each in the other, are from being inverse: m and rad; None: they are."""
-    closed = compose(one or IDENTITY_POSE, other or IDENTITY_POSE)
+    closed = compose(one, other)
     away = norm(closed.position), norm(to_rotation_vector(closed.orientation))
     return away if away[0] > SAME_BASE_M or away[1] > SAME_BASE_RAD else None
 
@@ -582,7 +619,13 @@ def make_neighbour_bodies(config: SessionConfig) -> list[NeighbourBodies]:
             )
         if not config.arm.i_accept_links_without_bodies:
             model.require_bodies(key)
-        made = NeighbourBodies(table.name, model, table.base(), table.acceleration_share)
+        made = NeighbourBodies(
+            table.name,
+            model,
+            _base_of(config, index),
+            table.acceleration_share,
+            one_robot=table.base_xyz_m is None,
+        )
         if not made.shapes:
             raise ConfigurationError(key, f"no link of {table.model!r} that moves has a body")
         found.append(made)

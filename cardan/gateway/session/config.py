@@ -105,8 +105,8 @@ class NeighbourTable(Options):
     topic: str
     """Of its joint states on the network: "/right/joint_states"."""
     base_xyz_m: tuple[Coordinate, Coordinate, Coordinate] | None = None
-    """Where its model's base is in this arm's; None: both are arms of one robot, and their models
-    begin at the same link."""
+    """Where its model's base is in this arm's; None: both are arms of one robot, whose description
+    says it."""
     base_rpy_deg: Angles = (0.0, 0.0, 0.0)
     acceleration_share: Annotated[float, bounds.SHARE] = ServoOptions.acceleration_share
     """Of its joints' accelerations, as its own session's [arm] has it: how late it stops."""
@@ -127,7 +127,7 @@ class NeighbourTable(Options):
             )
 
     def base(self) -> Pose | None:
-        """Of the neighbour in this arm's base; None: theirs is one."""
+        """Of the neighbour in this arm's base; None: by the robot's description."""
         if self.base_xyz_m is None:
             return None
         x, y, z = (math.radians(angle) for angle in self.base_rpy_deg)

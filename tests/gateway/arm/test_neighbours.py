@@ -11,7 +11,7 @@ from cardan.robots import load_arm
 from cardan.types import Pose, Quaternion, Vector3
 
 MODEL = load_arm("ur5")
-BODIES = NeighbourBodies("right", MODEL)
+BODIES = NeighbourBodies("right", MODEL, one_robot=True)
 NAMES, HOME = MODEL.joint_names, MODEL.home
 EPOCH_NS = 1_700_000_000 * NS
 
@@ -216,7 +216,7 @@ def surface(shape, generator):
 
 def test_the_way_is_that_of_the_age_and_of_the_stop():
     speeds = np.full(len(MODEL.shapes) - 1, 0.5)
-    fast, slow = (NeighbourBodies("it", MODEL, None, share) for share in (1.0, 0.1))
+    fast, slow = (NeighbourBodies("it", MODEL, acceleration_share=share) for share in (1.0, 0.1))
     way = fast.ways_m(speeds, 0.1)[0]
     assert way > 0.05
     assert slow.ways_m(speeds, 0.1)[0] > way

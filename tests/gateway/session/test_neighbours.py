@@ -5,6 +5,7 @@ import math
 import re
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from cardan.bus.node import Received
@@ -21,6 +22,7 @@ from cardan.gateway.session.assembly import (
     cautions,
     disagreements,
     make_controller,
+    make_neighbour_bodies,
     make_neighbours,
     make_robot,
     make_verbs,
@@ -32,7 +34,9 @@ from cardan.protocols.ros2.names import dds_type
 from cardan.protocols.ros2.zenoh import Attachment
 from cardan.recording.verify import REPEATED
 from cardan.robots import load_arm
-from cardan.types import DeviceLink, DeviceState
+from cardan.robots.arm_bodies import to_se3
+from cardan.types import IDENTITY, DeviceLink, DeviceState, Pose
+from tests.robots.test_arm_tree import TREE, WHOLE, put
 
 STATE = "sensor_msgs/msg/JointState"
 KEY = f"0/joint_states/{dds_type(STATE)}/hash"
@@ -499,6 +503,61 @@ def test_bodies_that_overlap_at_home_are_said_and_can_be_ignored():
     assert len(found[0]) == 1
     assert "right's r_shoulder_pan_link and l_shoulder_pan_link overlap by" in found[0][0]
     assert not found[1]
+
+
+def of_one_tree(folder, left, right):
+    """The configuration of the left arm's session whose neighbour is the right one."""
+    (folder / "tree.urdf").write_text(TREE, encoding="utf-8")
+    for side, more in (("l", left), ("r", right)):
+        text = f'urdf = "tree.urdf"\ntcp = "{side}/tcp"\n{more}'
+        (folder / f"{side}.toml").write_text(text, encoding="utf-8")
+    load_arm.cache_clear()
+    own, other = (str(folder / f"{side}.toml") for side in "lr")
+    arm = {"model": own, "i_accept_links_without_bodies": True}
+    return parse_config(table(own, other, neighbour={}, arm=arm))
+
+
+@pytest.mark.parametrize(
+    ("left", "right"), [("l/mount", "r/mount"), ("torso", "r/mount"), ("torso", "torso")]
+)
+def test_the_base_of_the_other_arm_of_a_robot_is_where_its_description_has_it(
+    tmp_path, left, right
+):
+    config = of_one_tree(tmp_path, f'base = "{left}"', f'base = "{right}"')
+    (bodies,) = make_neighbour_bodies(config)
+    whole = pin.buildModelFromXML(WHOLE)
+    data, q = whole.createData(), pin.neutral(whole)
+    joints = (0.3, -1.1, 0.7)
+    for name, value in zip(bodies.names, joints, strict=True):
+        put(whole, q, name, value)
+    pin.framesForwardKinematics(whole, data, q)
+    own, hand = (data.oMf[whole.getFrameId(link, pin.BODY)] for link in (left, "r/hand"))
+    there = own.actInv(hand)
+    (hand_at,) = (
+        frame * to_se3(Pose(shape.shape.start, IDENTITY))
+        for shape, frame in zip(bodies.shapes, bodies.frames(joints), strict=True)
+        if shape.name == "right's r/hand"
+    )
+    np.testing.assert_allclose(hand_at.translation, there.translation, atol=1e-9)
+    assert {shape.name.split("/")[0] for shape in bodies.shapes} == {"right's r"}
+
+
+def test_arms_of_one_robot_that_hold_it_differently_are_refused(tmp_path):
+    held = [f'base = "{side}/mount"\n[hold]\nlift = 0.{side == "r":d}5' for side in "lr"]
+    with pytest.raises(
+        ConfigurationError, match=r"hold joints between 'world' and '\S+' diff"
+    ) as no:
+        make_neighbour_bodies(of_one_tree(tmp_path, *held))
+    assert no.value.key == "neighbours.0.base_xyz_m"
+    assert "by 100 mm and 0.0 degrees: give both files the same [hold]" in str(no.value)
+
+
+def test_arms_of_two_robots_need_the_base_said():
+    config = parse_config(table("ur5", "pr2_left_arm", neighbour={}))
+    with pytest.raises(
+        ConfigurationError, match=r"'ur5' and 'pr2_left_arm' have no link in common"
+    ):
+        make_neighbour_bodies(config)
 
 
 def two(left=(), right=(), **changes):
