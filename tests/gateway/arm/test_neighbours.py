@@ -216,7 +216,10 @@ def surface(shape, generator):
 
 def test_the_way_is_that_of_the_age_and_of_the_stop():
     speeds = np.full(len(MODEL.shapes) - 1, 0.5)
-    fast, slow = (NeighbourBodies("it", MODEL, acceleration_share=share) for share in (1.0, 0.1))
+    fast, slow = (
+        NeighbourBodies("it", MODEL, acceleration_share=share, one_robot=True)
+        for share in (1.0, 0.1)
+    )
     way = fast.ways_m(speeds, 0.1)[0]
     assert way > 0.05
     assert slow.ways_m(speeds, 0.1)[0] > way
