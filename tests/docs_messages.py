@@ -268,6 +268,7 @@ PAGES = {
                 "Conformance",
                 (
                     "conform",
+                    "cardan-conform-arms/cardan_conform_arms",
                     "cardan-jr3/cardan_jr3/conform",
                     "cardan-leap/cardan_leap/conform",
                     "cardan-omni/cardan_omni/conform",

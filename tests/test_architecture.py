@@ -82,6 +82,7 @@ gateway serves rosbridge itself, to programs instead of a robot; the console rea
 pages."""
 IMPURE = {"socket", "select", "selectors", "threading", "asyncio", "time", "subprocess", "pathlib"}
 MODULES = sorted(PACKAGE.rglob("*.py"))
+SUITES_OF_ARMS = sorted(SOURCE_TREE.glob("plugins/cardan-conform-arms/cardan_conform_arms/**/*.py"))
 GONE = frozenset(
     [
         "faces",
@@ -147,9 +148,6 @@ GATEWAY_ROOMS = {
 ARM_LIBRARIES = {"numpy", "pinocchio", "coal", "eigenpy", "daqp"}
 ARM_MODEL = (
     "cardan.common.arm_libraries",
-    "cardan.conform.joint_stream.simulated",
-    "cardan.conform.joint_stream_driver.scenario",
-    "cardan.conform.ros2_arm.simulated",
     "cardan.gateway.arm.motions.",
     "cardan.gateway.arm.arm_body",
     "cardan.gateway.arm.device",
@@ -177,8 +175,12 @@ ARM_MODEL = (
     "cardan.sim_peers.arm.controller",
     "cardan.sim_peers.arm.plant",
     "cardan.sim_peers.arm.udp",
+    "cardan_conform_arms.joint_stream.simulated",
+    "cardan_conform_arms.joint_stream_driver.scenario",
+    "cardan_conform_arms.ros2_arm.simulated",
 )
-"""Modules that need the extra cardan[arm]; all others are imported without it."""
+"""Modules that need the extra cardan[arm]; all others of the package, and of the plug-in with
+suites of arms, are imported without it."""
 
 IMPORT_WITHOUT = """
 import importlib, sys
@@ -228,8 +230,10 @@ def imported(path):
                 yield from (f"cardan.{alias.name}" for alias in node.names)
 
 
-def module_name(path, root=SOURCE_TREE):
-    parts = path.relative_to(root).with_suffix("").parts
+def module_name(path):
+    parts = path.relative_to(SOURCE_TREE).with_suffix("").parts
+    if parts[0] == "plugins":
+        parts = parts[2:]
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
@@ -264,9 +268,10 @@ def test_imports_point_one_way(name):
 def test_the_judge_never_imports_what_it_judges():
     """Drivers are run by the rigs of their suites, which are loaded only where one is simulated."""
     judges = [path for path in MODULES if room(path) == "conform"]
+    assert SUITES_OF_ARMS
     strange = [
-        f"{path.relative_to(PACKAGE)} imports {name}"
-        for path in judges
+        f"{path.relative_to(SOURCE_TREE)} imports {name}"
+        for path in (*judges, *SUITES_OF_ARMS)
         for name in imported(path)
         if name.endswith(".simulated")
         or (name.startswith("cardan.drivers") and not runs_a_driver(path))
@@ -302,7 +307,7 @@ def outside(path):
 
 def test_what_stands_on_the_package_is_there():
     assert {"studies", "lerobot_robot_cardan", "cardan_dds", "cardan_foxglove"} < BESIDE
-    assert "cardan_dissect" in BESIDE
+    assert {"cardan_conform_arms", "cardan_dissect"} < BESIDE
     assert {"cardan_serial_mice", "cardan_spnav_server"} < BESIDE
     assert {
         "cardan_jr3",
@@ -330,7 +335,7 @@ def test_a_plug_in_is_reached_by_its_entry_points_alone(folder):
         loaded = importlib.import_module(module)
         assert getattr(loaded, name) if name else loaded
     found = {
-        (module_name(path, folder), name.partition(".")[0])
+        (module_name(path), name.partition(".")[0])
         for path in package.rglob("*.py")
         for name in imported(path)
         if name.partition(".")[0] in BESIDE - {package.name}
@@ -343,7 +348,7 @@ def test_only_what_is_for_dissection_needs_it():
     """Everything else of these plug-ins is imported where cardan-dissect is not installed."""
     packages = {each.partition(".")[0] for each in KNOW_DISSECTION}
     names = {
-        module_name(path, folder)
+        module_name(path)
         for folder in PLUGINS
         for path in folder.glob("*/**/*.py")
         if folder.name.replace("-", "_") in packages and "tests" not in path.parts
@@ -408,9 +413,9 @@ def said_without_an_arms_model(paths):
 
 
 def test_only_what_needs_an_arms_model_needs_the_extra():
-    said = said_without_an_arms_model(MODULES)
+    said = said_without_an_arms_model((*MODULES, *SUITES_OF_ARMS))
     assert [name for name in said if not name.startswith(ARM_MODEL)] == []
-    assert "cardan.gateway.arm.device" in said
+    assert {"cardan.gateway.arm.device", "cardan_conform_arms.ros2_arm.simulated"} <= said.keys()
     assert len(set(said.values())) == 1
     assert said["cardan.gateway.arm.device"].endswith('pip install "cardan[arm]"')
 
@@ -440,6 +445,11 @@ def assert_no_circles(sources):
 @pytest.mark.parametrize("name", FREE_OF_CIRCLES)
 def test_no_import_circles(name):
     assert_no_circles((PACKAGE / name).rglob("*.py"))
+
+
+@pytest.mark.parametrize("folder", PLUGINS, ids=lambda folder: folder.name)
+def test_no_import_circles_in_a_plug_in(folder):
+    assert_no_circles((folder / folder.name.replace("-", "_")).rglob("*.py"))
 
 
 def test_the_rooms_of_the_gateway_stand_on_each_other():

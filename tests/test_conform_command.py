@@ -151,6 +151,17 @@ def test_without_scapy_its_requirement_says_what_to_install():
     assert [each["outcome"] for each in found] == ["not applicable"]
 
 
+@pytest.mark.parametrize("name", ["joint-stream", "ros2-arm"])
+def test_a_suite_of_a_plug_in_that_is_not_installed_says_what_installs_it(monkeypatch, name):
+    monkeypatch.setattr(registry.FINDER, "_installed", list)
+    with pytest.raises(ConfigurationError) as error:
+        run(name, "--level", "0")
+    told = str(error.value)
+    assert told.startswith(f"protocol: {name!r} is in the folder plugins/cardan-conform-arms ")
+    assert "`pip install ./plugins/cardan-conform-arms`" in told
+    assert "\n" not in told
+
+
 def test_suites_of_other_packages_are_there_and_broken_ones_are_named(output, monkeypatch):
     points = [
         EntryPoint("another", "cardan.conform.egm.suite:Egm", registry.ENTRY_POINT_GROUP),

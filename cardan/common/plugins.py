@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
+_CONFORM_ARMS = "plugins/cardan-conform-arms"
 _DISSECT = "plugins/cardan-dissect"
 _JR3 = "plugins/cardan-jr3"
 _LEAP = "plugins/cardan-leap"
@@ -49,6 +50,9 @@ IN_SOURCE_TREE = {
         "spnav": _SPNAV_SERVER,
     },
     "protocol": {
+        **dict.fromkeys(
+            ("joint-stream", "joint-stream-driver", "joint-trajectory", "ros2-arm"), _CONFORM_ARMS
+        ),
         "hdapi": _OMNI,
         "jr3": _JR3,
         "leap": _LEAP,

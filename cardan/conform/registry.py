@@ -13,12 +13,8 @@ BUILT_IN = {
     "3dconnexion": "cardan.conform.connexion.suite:Connexion",
     "egm": "cardan.conform.egm.suite:Egm",
     "egm-driver": "cardan.conform.egm_driver.suite:EgmDriver",
-    "joint-stream": "cardan.conform.joint_stream.suite:JointStream",
-    "joint-stream-driver": "cardan.conform.joint_stream_driver.suite:JointStreamDriver",
-    "joint-trajectory": "cardan.conform.joint_trajectory.suite:JointTrajectory",
     "motoros": "cardan.conform.motoros.suite:Motoros",
     "motoros-driver": "cardan.conform.motoros_driver.suite:MotorosDriver",
-    "ros2-arm": "cardan.conform.ros2_arm.suite:Ros2Arm",
     "ur-rtde": "cardan.conform.ur_rtde.suite:UrRtde",
 }
 """Our own. Imported when they are asked for: each brings its simulated peer along. Other packages

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from cardan.conform.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
-from cardan.conform.joint_trajectory.scenario import apart
-from cardan.conform.ros2_arm.decoded import RosArmSeen, State
 from cardan.conform.timeline import Event, Kind, Timeline
 from cardan.protocols.ros2.actions import CANCEL_TYPE, STATUS_TYPE, GoalStatus
 from cardan.protocols.ros2.cdr import Malformed, Message, decoded
+from cardan_conform_arms.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
+from cardan_conform_arms.joint_trajectory.scenario import apart
+from cardan_conform_arms.ros2_arm.decoded import RosArmSeen, State
 
 _REQUESTS = {
     GOAL: TYPE.send_goal.request,

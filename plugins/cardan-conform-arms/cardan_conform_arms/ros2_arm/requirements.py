@@ -17,9 +17,9 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.ros2_arm.decoded import RosArmSeen, State
-from cardan.conform.ros2_arm.scenario import STEP_RAD
 from cardan.conform.timing import steady
+from cardan_conform_arms.ros2_arm.decoded import RosArmSeen, State
+from cardan_conform_arms.ros2_arm.scenario import STEP_RAD
 
 BROADCASTER = "ros2_controllers, joint_state_broadcaster"
 JOINT_STATE = "sensor_msgs/msg/JointState"

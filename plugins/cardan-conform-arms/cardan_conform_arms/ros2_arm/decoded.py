@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from cardan.conform.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
 from cardan.conform.timeline import Kind, Seen, Timeline
 from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan_conform_arms.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
 
 
 class State(NamedTuple):

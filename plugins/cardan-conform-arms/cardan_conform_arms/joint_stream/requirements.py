@@ -6,8 +6,6 @@ import math
 import statistics
 from itertools import pairwise
 
-from cardan.conform.joint_stream.decoded import JointStreamSeen, State
-from cardan.conform.joint_stream.scenario import SPEED_RAD_S, STEP_RAD
 from cardan.conform.requirements import (
     Over,
     Requirements,
@@ -22,6 +20,8 @@ from cardan.conform.requirements import (
 from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.conform.timing import steady
 from cardan.protocols.joint_stream import ControlMode
+from cardan_conform_arms.joint_stream.decoded import JointStreamSeen, State
+from cardan_conform_arms.joint_stream.scenario import SPEED_RAD_S, STEP_RAD
 
 PAGE = "docs/protocols/joint-stream.md"
 RULES = f"{PAGE}, rules"

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar
 
-from cardan.conform.joint_stream.decoded import JointStreamSeen
-from cardan.conform.joint_stream.suite import PORT
-from cardan.conform.joint_stream_driver.faults import FAULTS
-from cardan.conform.joint_stream_driver.requirements import requires
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Scenario
 from cardan.conform.suite import Suite, Transport
+from cardan_conform_arms.joint_stream.decoded import JointStreamSeen
+from cardan_conform_arms.joint_stream.suite import PORT
+from cardan_conform_arms.joint_stream_driver.faults import FAULTS
+from cardan_conform_arms.joint_stream_driver.requirements import requires
 
 
 class JointStreamDriver(Suite[JointStreamSeen]):
@@ -27,7 +27,7 @@ class JointStreamDriver(Suite[JointStreamSeen]):
     requirements = requires.all()
     transport = Transport("udp", {"": PORT}, frozenset(("",)))
     sees = partial(JointStreamSeen, arm_sends=True)
-    rig = "cardan.conform.joint_stream_driver.simulated:JointStreamDriverRig"
+    rig = "cardan_conform_arms.joint_stream_driver.simulated:JointStreamDriverRig"
     own_faults = FAULTS
     seconds = 0.8
     # Seen where it is ended, which only level 3 does.
@@ -35,6 +35,6 @@ class JointStreamDriver(Suite[JointStreamSeen]):
 
     def pilot(self, level: Level, seconds: float) -> Scenario:
         # The simulated arm needs the extra cardan[arm]; judging what it heard does not.
-        from cardan.conform.joint_stream_driver.scenario import ArmPilot
+        from cardan_conform_arms.joint_stream_driver.scenario import ArmPilot
 
         return ArmPilot(level, seconds)

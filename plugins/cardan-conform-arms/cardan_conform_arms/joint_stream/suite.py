@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.joint_stream.decoded import JointStreamSeen
-from cardan.conform.joint_stream.requirements import requires
-from cardan.conform.joint_stream.scenario import JointStreamPilot
 from cardan.conform.suite import Suite, Transport
+from cardan_conform_arms.joint_stream.decoded import JointStreamSeen
+from cardan_conform_arms.joint_stream.requirements import requires
+from cardan_conform_arms.joint_stream.scenario import JointStreamPilot
 
 PORT = 6520
 
@@ -25,7 +25,7 @@ class JointStream(Suite[JointStreamSeen]):
     transport = Transport("udp", {"": PORT})
     sees = JointStreamSeen
     asks = JointStreamPilot
-    rig = "cardan.conform.joint_stream.simulated:JointStreamRig"
+    rig = "cardan_conform_arms.joint_stream.simulated:JointStreamRig"
     seconds = 2.0
     # Beyond the cycle of the rig; while it is held; below the speed of a micro-motion.
     tried_with: ClassVar[Mapping[str, float]] = {

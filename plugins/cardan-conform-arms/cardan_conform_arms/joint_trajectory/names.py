@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from cardan.conform.ros2_arm.names import DESCRIPTION, STATES, TOPICS, Channel
 from cardan.protocols.ros2.actions import CANCEL_TYPE, STATUS_TYPE
 from cardan.protocols.ros2.interfaces import action_type
+from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES, TOPICS, Channel
 
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
 """Where it is unless said otherwise."""

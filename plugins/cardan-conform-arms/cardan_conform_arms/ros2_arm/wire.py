@@ -10,9 +10,9 @@ from collections.abc import Iterator, Mapping
 
 from cardan.bus.node import BusNode, Client, Publisher, WaitingSubscription
 from cardan.bus.options import BusOptions
-from cardan.conform.ros2_arm.names import Channel
 from cardan.conform.transports import Wire, Wires
 from cardan.protocols.ros2.zenoh import DEFAULT_QOS, LATCHED_QOS
+from cardan_conform_arms.ros2_arm.names import Channel
 
 NODE = "cardan_conform"
 DEPTH = 1000

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import ClassVar
 
-from cardan.conform.ros2_arm.decoded import RosArmSeen
-from cardan.conform.ros2_arm.names import TOPICS
-from cardan.conform.ros2_arm.requirements import requires
-from cardan.conform.ros2_arm.scenario import RosArmPilot
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.transports import Wires
+from cardan_conform_arms.ros2_arm.decoded import RosArmSeen
+from cardan_conform_arms.ros2_arm.names import TOPICS
+from cardan_conform_arms.ros2_arm.requirements import requires
+from cardan_conform_arms.ros2_arm.scenario import RosArmPilot
 
 
 class Ros2Arm(Suite[RosArmSeen]):
@@ -25,7 +25,7 @@ class Ros2Arm(Suite[RosArmSeen]):
     transport = Transport("other")
     sees = RosArmSeen
     asks = RosArmPilot
-    rig = "cardan.conform.ros2_arm.simulated:RosArmRig"
+    rig = "cardan_conform_arms.ros2_arm.simulated:RosArmRig"
     seconds = 2.6
     tried_with: ClassVar[Mapping[str, float]] = {
         "restart": 1.5,
@@ -37,6 +37,6 @@ class Ros2Arm(Suite[RosArmSeen]):
 
     def wires(self, target: str) -> Wires:
         # Zenoh comes with the extra cardan[network].
-        from cardan.conform.ros2_arm.wire import RosWires
+        from cardan_conform_arms.ros2_arm.wire import RosWires
 
         return RosWires(target, TOPICS)

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from cardan.conform.joint_stream_driver.faults import FAULTS
-from cardan.conform.joint_stream_driver.requirements import PERIOD_S, ROBOT
 from cardan.conform.rigs import DriverRig
 from cardan.conform.runner import Exchange
 from cardan.drivers.robot_core import WAKE_S
@@ -22,6 +20,8 @@ from cardan.protocols.joint_stream import (
     encode_command,
 )
 from cardan.types import HoldCommand, JointCommand, RobotCommand, RobotState
+from cardan_conform_arms.joint_stream_driver.faults import FAULTS
+from cardan_conform_arms.joint_stream_driver.requirements import PERIOD_S, ROBOT
 
 NETWORK_S = 2e-4
 WAY_RAD, SWING_S = 0.02, 1.0

@@ -8,13 +8,13 @@ from collections.abc import Iterator, Sequence
 
 from cardan.conform.controllers import COME, KEPT, CyclicController
 from cardan.conform.egm.scenario import JUNK
-from cardan.conform.joint_stream_driver.requirements import PERIOD_S, ROBOT
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Act, Script, Wait, ask, mark, open_, send
 from cardan.conform.timeline import Event, Kind
 from cardan.sim_peers.arm.controller import SimulatedArm
 from cardan.sim_peers.arm.faults import RESTART_SILENCE_S
 from cardan.sim_peers.arm.options import PlantOptions, SimulatedArmOptions
+from cardan_conform_arms.joint_stream_driver.requirements import PERIOD_S, ROBOT
 
 STEP_S = 0.002
 SESSION = 41

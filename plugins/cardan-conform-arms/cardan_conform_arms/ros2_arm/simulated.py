@@ -6,12 +6,12 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 
 from cardan.conform.rigs import CyclicRig
-from cardan.conform.ros2_arm.names import DESCRIPTION, STATES, TOPICS
 from cardan.conform.runner import Exchange
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.sim_peers.arm.plant import ArmPlant
 from cardan.sim_peers.ros2_arm.controllers import RosArm, StateMessage
 from cardan.sim_peers.ros2_arm.options import RosArmOptions
+from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES, TOPICS
 
 WALL_S = 1.7e9
 STEP_S = 0.002

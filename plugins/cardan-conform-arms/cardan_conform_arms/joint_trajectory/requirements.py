@@ -6,8 +6,6 @@ import math
 from functools import partial
 from itertools import pairwise
 
-from cardan.conform.joint_trajectory.decoded import Goal, TrajectorySeen
-from cardan.conform.joint_trajectory.scenario import LATE_S, NEAR, REST_S, STEP, TOLERANCE_S
 from cardan.conform.requirements import (
     Outcome,
     Requirements,
@@ -20,8 +18,10 @@ from cardan.conform.requirements import (
     not_seen,
     passed,
 )
-from cardan.conform.ros2_arm.decoded import State
 from cardan.protocols.ros2.actions import GoalStatus
+from cardan_conform_arms.joint_trajectory.decoded import Goal, TrajectorySeen
+from cardan_conform_arms.joint_trajectory.scenario import LATE_S, NEAR, REST_S, STEP, TOLERANCE_S
+from cardan_conform_arms.ros2_arm.decoded import State
 
 ACTION = "control_msgs/action/FollowJointTrajectory"
 DESIGN = "design.ros2.org, Actions"

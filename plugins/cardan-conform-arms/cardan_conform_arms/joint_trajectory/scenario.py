@@ -6,14 +6,14 @@ import hashlib
 import math
 from collections.abc import Iterator, Mapping
 
-from cardan.conform.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
 from cardan.conform.requirements import Level
-from cardan.conform.ros2_arm.names import DESCRIPTION, STATES, TOPICS, joints_of
 from cardan.conform.runner import Act, Scenario, Script, Wait, mark, open_, send
 from cardan.conform.timeline import Event, Kind
 from cardan.protocols.ros2.actions import CANCEL_TYPE, NO_ID
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 from cardan.protocols.ros2.messages import completed
+from cardan_conform_arms.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
+from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES, TOPICS, joints_of
 
 STEP = 3e-3
 """Of a joint, rad: 0.17 degrees."""

@@ -1,4 +1,4 @@
-"""A client of the joint stream over a real socket."""
+"""Clients of the joint stream: those that end, and our own over a real socket."""
 
 from __future__ import annotations
 
@@ -6,15 +6,32 @@ import threading
 
 import pytest
 
-from cardan.conform import Level, registry, run
+from cardan.conform import Level, Outcome, registry, run
+from cardan.conform.run import simulated
 from cardan.demos.examples import free_ports
 from cardan.drivers.sim_arm import SimArm
 from cardan.types import HoldCommand, JointCommand
 
+SUITE = registry.load("joint-stream-driver")
+
+
+def test_a_driver_that_has_ended_is_not_judged_by_what_comes_later():
+    report, _ = simulated(SUITE, Level.BY_HAND, {"gives-up": 1.0})
+    assert report.failed == ("JSPC-115",)
+    found = {each.id: each for each in report.results}
+    for number in (116, 117, 118, 119, 120, 121, 301):
+        verdict = found[f"JSPC-{number}"]
+        assert verdict.outcome is Outcome.NOT_SEEN
+        assert verdict.said == "not judged: it had ended (JSPC-115)"
+
+
+def test_a_driver_that_only_does_not_follow_is_judged():
+    report, _ = simulated(SUITE, Level.HOLD, {"greets-once": 1.0})
+    assert report.failed == ("JSPC-119", "JSPC-121")
+
 
 @pytest.mark.matrix
 def test_our_driver_is_judged_over_a_real_socket():
-    suite = registry.load("joint-stream-driver")
     port = free_ports()
     driver = SimArm(transport="udp", endpoint=f"127.0.0.1:{port}", period_s=0.008)
     ended = threading.Event()
@@ -31,7 +48,7 @@ def test_our_driver_is_judged_over_a_real_socket():
     thread.start()
     told = []
     try:
-        report, _ = run.at(suite, f"127.0.0.1:{port}", Level.HOLD, told.append, seconds=0.8)
+        report, _ = run.at(SUITE, f"127.0.0.1:{port}", Level.HOLD, told.append, seconds=0.8)
     finally:
         ended.set()
         thread.join()

@@ -6,11 +6,11 @@ import math
 from collections.abc import Iterator, Sequence
 
 from cardan.conform.requirements import Level
-from cardan.conform.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
 from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
 from cardan.conform.timeline import Event, Kind
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.messages import default_message
+from cardan_conform_arms.ros2_arm.names import COMMANDS, DESCRIPTION, STATES, TOPICS, joints_of
 
 STEP_RAD = 3.5e-4
 """Of every joint at once: 0.02 degrees, which no arm makes a millimetre of."""

@@ -8,12 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping
 
-from cardan.conform.joint_trajectory.faults import FAULTS
-from cardan.conform.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
-from cardan.conform.joint_trajectory.requirements import INVALID
-from cardan.conform.joint_trajectory.scenario import TURN
 from cardan.conform.rigs import DriverRig
-from cardan.conform.ros2_arm.names import DESCRIPTION, STATES, TOPICS
 from cardan.conform.runner import Exchange
 from cardan.protocols.ros2.actions import (
     CANCEL_TYPE,
@@ -26,6 +21,11 @@ from cardan.protocols.ros2.actions import (
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan.robots import JointKind, load_arm
+from cardan_conform_arms.joint_trajectory.faults import FAULTS
+from cardan_conform_arms.joint_trajectory.names import CANCEL, FEEDBACK, GOAL, RESULT, STATUS, TYPE
+from cardan_conform_arms.joint_trajectory.requirements import INVALID
+from cardan_conform_arms.joint_trajectory.scenario import TURN
+from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES, TOPICS
 
 ARM = "pr2_right_arm"
 """With two joints that are continuous."""

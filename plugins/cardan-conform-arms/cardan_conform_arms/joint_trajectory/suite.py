@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from cardan.conform.joint_trajectory.decoded import TrajectorySeen
-from cardan.conform.joint_trajectory.faults import FAULTS
-from cardan.conform.joint_trajectory.names import ACTION, channels_of
-from cardan.conform.joint_trajectory.requirements import requires
-from cardan.conform.joint_trajectory.scenario import TrajectoryPilot
 from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.transports import Wires
 from cardan.errors import ConfigurationError
 from cardan.protocols.ros2.names import RosNameError, checked_name
+from cardan_conform_arms.joint_trajectory.decoded import TrajectorySeen
+from cardan_conform_arms.joint_trajectory.faults import FAULTS
+from cardan_conform_arms.joint_trajectory.names import ACTION, channels_of
+from cardan_conform_arms.joint_trajectory.requirements import requires
+from cardan_conform_arms.joint_trajectory.scenario import TrajectoryPilot
 
 
 class JointTrajectory(Suite[TrajectorySeen]):
@@ -29,7 +29,7 @@ class JointTrajectory(Suite[TrajectorySeen]):
     requirements = requires.all()
     transport = Transport("other")
     sees = TrajectorySeen
-    rig = "cardan.conform.joint_trajectory.simulated:ActionRig"
+    rig = "cardan_conform_arms.joint_trajectory.simulated:ActionRig"
     own_faults = FAULTS
     seconds = 0.5
 
@@ -41,7 +41,7 @@ class JointTrajectory(Suite[TrajectorySeen]):
 
     def wires(self, target: str) -> Wires:
         # Zenoh comes with the extra cardan[network].
-        from cardan.conform.ros2_arm.wire import RosWires
+        from cardan_conform_arms.ros2_arm.wire import RosWires
 
         router, action, *joints = [*target.split(","), ""][: max(2, target.count(",") + 1)]
         self._joints = tuple(joints)

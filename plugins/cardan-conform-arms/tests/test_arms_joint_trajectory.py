@@ -12,18 +12,7 @@ import pytest
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.conform import Level, Outcome, registry, run
-from cardan.conform.joint_trajectory.names import (
-    CANCEL,
-    FEEDBACK,
-    GOAL,
-    RESULT,
-    STATUS,
-    channels_of,
-)
-from cardan.conform.joint_trajectory.requirements import requires
-from cardan.conform.joint_trajectory.scenario import FAR
 from cardan.conform.requirements import failed
-from cardan.conform.ros2_arm.names import DESCRIPTION, STATES
 from cardan.conform.run import simulated
 from cardan.conform.runner import Exchange
 from cardan.conform.timeline import Event, Kind, Timeline
@@ -35,6 +24,17 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import revised
 from cardan.protocols.ros2.messages import completed
 from cardan.robots import JointKind, load_arm
+from cardan_conform_arms.joint_trajectory.names import (
+    CANCEL,
+    FEEDBACK,
+    GOAL,
+    RESULT,
+    STATUS,
+    channels_of,
+)
+from cardan_conform_arms.joint_trajectory.requirements import requires
+from cardan_conform_arms.joint_trajectory.scenario import FAR
+from cardan_conform_arms.ros2_arm.names import DESCRIPTION, STATES
 from tests import conformance_tables as tables
 from tests.gateway.arm.arms import DT_S
 from tests.gateway.bus.rig import Bench
@@ -179,6 +179,7 @@ class GripperRig(SessionRig):
 ALL = ("tcp/127.0.0.1:7447", "/controller/follow_joint_trajectory")
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize("named", [True, False])
 def test_of_an_arm_with_a_gripper_the_joints_are_judged_that_are_named(named):
     suite, bench = registry.load(SUITE.name), Bench()
@@ -191,18 +192,21 @@ def test_of_an_arm_with_a_gripper_the_joints_are_judged_that_are_named(named):
         assert "error_code -2" in found["102"].said
 
 
+@pytest.mark.matrix
 def test_joints_that_nobody_publishes_are_asked_nothing():
     suite = registry.load(SUITE.name)
     suite.wires(",".join((*ALL, "elbow_of_nobody")))
     assert judged(Bench(), suite=suite)["101"].outcome is Outcome.NOT_SEEN
 
 
+@pytest.mark.matrix
 def test_a_session_that_leaves_whole_turns_as_they_are_fails(monkeypatch):
     monkeypatch.setattr(Plans, "_nearest_turns", lambda _self, wanted, _start: wanted)
     found = worse_than(Outcome.PASSED, judged(turned_arm(-2)))
     assert list(found) == ["212"]
 
 
+@pytest.mark.matrix
 def test_a_session_that_forgets_early_cancellations_fails(monkeypatch):
     monkeypatch.setattr(Goals, "_remember_cancelled", lambda _self, _goal_id: None)
     found = worse_than(Outcome.PASSED, judged(turned_arm(0), earlier=CANCEL))
@@ -222,6 +226,7 @@ def test_each_requirement_is_failed_by_a_fault():
     assert caught == {each.id for each in requires.all()}
 
 
+@pytest.mark.matrix
 def test_an_arm_that_begins_a_whole_turn_is_stopped_and_asked_no_more():
     _, timeline = simulated(SUITE, Level.MOVE, {"whole-turn": 1.0})
     seen = SUITE.see(timeline)
@@ -230,6 +235,7 @@ def test_an_arm_that_begins_a_whole_turn_is_stopped_and_asked_no_more():
     assert "home" not in seen.phases
 
 
+@pytest.mark.matrix
 def test_nothing_that_comes_ends_the_pilot_or_a_judge():
     """Bytes that are no messages, at any time and on any channel."""
     pilot = SUITE.pilot(Level.MOVE, 0.1)
@@ -243,6 +249,7 @@ def test_nothing_that_comes_ends_the_pilot_or_a_judge():
     assert worse_than(Outcome.PASSED, {r.id: r.judge(seen) for r in requires.all()}) == {}
 
 
+@pytest.mark.matrix
 def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
     timeline = Timeline()
     described = {"data": '<joint name="a" type="continuous"/><joint name="b" type="revolute"/>'}
@@ -258,6 +265,7 @@ def test_joints_of_another_publisher_and_infinite_ones_are_seen_as_they_are():
     assert requires.all()[0].judge(seen) == failed("a position is no number", [5])
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize("index", [None, 0, 1, 7])
 @pytest.mark.parametrize("names", [[], ["a"], ["a", "b", "c"]])
 def test_feedback_of_every_distribution_is_read(names, index):
@@ -282,6 +290,7 @@ def _hear(timeline, channel, given, name=None):
     timeline.add(Event(0.0, Kind.DATA, channel=channel, data=data))
 
 
+@pytest.mark.matrix
 @pytest.mark.parametrize(
     ("target", "states"),
     [
@@ -295,6 +304,7 @@ def test_a_target_is_a_router_and_an_action(target, states):
     assert SUITE._joints == ()
 
 
+@pytest.mark.matrix
 def test_a_target_whose_action_is_no_name_is_an_error():
     with pytest.raises(ConfigurationError, match=r"--target.*'a b' is no ROS name"):
         SUITE.wires("tcp/127.0.0.1:7447,a b")

@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from cardan.conform.controllers import had_ended
-from cardan.conform.joint_stream.decoded import Command, JointStreamSeen, State
 from cardan.conform.requirements import (
     Over,
     Requirements,
@@ -25,6 +24,7 @@ from cardan.conform.requirements import (
 from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.protocols.joint_stream import ArmCommand, ControlMode, is_newer
 from cardan.robots import load_arm
+from cardan_conform_arms.joint_stream.decoded import Command, JointStreamSeen, State
 
 PAGE = "docs/protocols/joint-stream.md"
 RULES = f"{PAGE}, rules"
