@@ -3,6 +3,7 @@ meet the same signals wherever they are started."""
 
 import os
 import re
+import runpy
 import shutil
 import subprocess
 import sys
@@ -12,10 +13,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-import conftest
-from conftest import pytest_ignore_collect
-
-CONFTEST = Path(conftest.__file__)
+# By its path: plug-ins' tests have a conftest, too.
+CONFTEST = Path(__file__).parents[1] / "conftest.py"
+pytest_ignore_collect = runpy.run_path(str(CONFTEST))["pytest_ignore_collect"]
 
 TESTS = """
 import pytest
