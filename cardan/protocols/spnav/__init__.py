@@ -24,7 +24,6 @@ from cardan.protocols.spnav.records import (
     ConfigChange as ConfigChange,
     Data as Data,
     DeviceChange as DeviceChange,
-    Event as Event,
     Malformed as Malformed,
     Motion as Motion,
     RawAxis as RawAxis,
