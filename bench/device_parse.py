@@ -21,7 +21,6 @@ from cardan.drivers.core import DeviceCore
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.drivers.spnav import SpnavCore, SpnavOptions
 from cardan.protocols.connexion import encode_motion, find_model
-from cardan.protocols.spnav import encode_motion as encode_spnav_motion
 from cardan.types import DeviceLink, DeviceState
 from cardan_leap.driver import LeapCore, LeapOptions
 from cardan_leap.peer import SimulatedLeapService
@@ -34,6 +33,7 @@ from cardan_serial_mice.protocol import (
     encode_spaceball_motion,
     serial_model_by_key,
 )
+from cardan_spnav_server.protocol import encode_motion as encode_spnav_motion
 from cardan_wiimote.driver import WiimoteOptions
 from tests.drivers import evdev_bench
 from tests.plugin_rigs import jr3_rig, wiimote_bench

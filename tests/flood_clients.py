@@ -30,13 +30,9 @@ from cardan.protocols.joint_stream import (
 )
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from cardan.protocols.spnav import (
-    NEWEST_VERSION,
-    encode_handshake,
-    encode_motion,
-    encode_sensitivity,
-)
+from cardan.protocols.spnav import NEWEST_VERSION, encode_handshake, encode_sensitivity
 from cardan.types import Vector3
+from cardan_spnav_server.protocol import encode_motion
 from tests.gateway.servers.console.rig import PageProgram
 from tests.protocols.test_handheld import TELEOP
 from tests.waiting import until

@@ -14,8 +14,8 @@ import pytest
 
 from cardan.drivers.spnav import SpnavCore, SpnavOptions, core as spnav
 from cardan.protocols.connexion import model_by_key
-from cardan.protocols.spnav import encode_button, encode_motion
 from cardan.types import DeviceLink
+from cardan_spnav_server.protocol import encode_button, encode_motion
 from tests.drivers import (
     evdev_bench,
     handheld_rig,

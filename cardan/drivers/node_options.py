@@ -7,6 +7,9 @@ from typing import Annotated
 
 from cardan.bus.options import BusOptions
 from cardan.common import bounds
+from cardan.drivers.simulated import OWN, Way
+from cardan.errors import OptionError
+from cardan.protocols.ros2.names import RosNameError, checked_name
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,5 +28,16 @@ class NodeOptions(BusOptions):
         return replace(self, port=0, router=f"tcp/127.0.0.1:{self.port}", mode="peer")
 
 
-SIMULATED_LISTEN = BusOptions().listen
+def require_name(key: str, given: object, name: str) -> None:
+    """Raises OptionError for the option `key`, of the value `given`, where `name`, which is made of
+    it, is no name of ROS 2."""
+    try:
+        checked_name(name)
+    except RosNameError as error:
+        raise OptionError(key, given, f"a name of ROS 2 ({error})") from None
+
+
+SIMULATED: tuple[Way, ...] = (
+    {"port": OWN, "zenoh_config": ("",), "listen": (BusOptions().listen,)},
+)
 """In a demo nobody else is let in."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Generic
+from typing import Generic, NamedTuple
 
 from cardan.sim_peers.base import FaultSwitch, TimedActs, check_faults
 from cardan.sim_peers.carriers.base import M
@@ -74,3 +74,47 @@ class PeriodicDevice(ABC, Generic[M]):
         """Send nothing for the time before `now_s`: the machine was too busy to simulate it."""
         missed = math.ceil((now_s - self.next_due_s) / self._period_s)
         self.next_due_s += max(0, missed) * self._period_s
+
+
+class HeldModel(NamedTuple):
+    """What a scripted hand needs of a device."""
+
+    name: str
+    buttons: Mapping[int, str]
+
+
+class HeldPeriodicDevice(PeriodicDevice[M]):
+    """One with six deflections and buttons, which a hand holds, on a program's page or node."""
+
+    model: HeldModel
+
+    def __init__(
+        self, period_s: float, faults: Mapping[str, float], switches: Sequence[FaultSwitch]
+    ) -> None:
+        super().__init__(period_s, faults, switches)
+        self.axes: tuple[float, ...] = (0.0,) * 6
+        """Deflections, -1..1, robot frame."""
+        self.held: tuple[str, ...] = ()
+        self.led: bool | None = None
+        self.rumble = 0.0
+        """What the hand is to feel, as it was told last, 0..1."""
+
+    def set_axes(self, axes: Sequence[float]) -> None:
+        """Deflect it."""
+        self.axes = tuple(axes)
+
+    def press(self, label: str) -> None:
+        """Press a button."""
+        self.held = (*self.held, label)
+
+    def release(self, label: str) -> None:
+        """Let a button go."""
+        self.held = tuple(each for each in self.held if each != label)
+
+    def silence(self) -> None:
+        """What sends its reports hangs."""
+        self.silent = True
+
+    def resume(self) -> None:
+        """It goes on."""
+        self.silent = False

@@ -10,17 +10,17 @@ from cardan.sim_peers.command import PeerCommand
 ENTRY_POINT_GROUP = "cardan.sim_peers"
 
 BUILT_IN = {
-    "abb-gofa": "cardan.sim_peers.egm_controller.command:AbbGofa",
+    "abb-gofa": "cardan.sim_peers.egm_controller.udp:AbbGofa",
     "arm": "cardan.sim_peers.arm.command:Arm",
-    "gamepad": "cardan.sim_peers.evdev.command:Gamepad",
-    "keyboard": "cardan.sim_peers.evdev.command:Keyboard",
-    "motoman-gp8": "cardan.sim_peers.motoros_controller.command:MotomanGp8",
-    "phone": "cardan.sim_peers.handheld.command:PhonePage",
-    "ros2-arm": "cardan.sim_peers.ros2_arm.command:Ros2Arm",
-    "ros2-device": "cardan.sim_peers.ros2_device.command:Ros2Device",
-    "spacemouse": "cardan.sim_peers.spacemouse.command:SpaceMouse",
-    "ur": "cardan.sim_peers.ur_controller.command:Ur",
-    "xr": "cardan.sim_peers.handheld.command:XrPage",
+    "gamepad": "cardan.sim_peers.evdev.peer:Gamepad",
+    "keyboard": "cardan.sim_peers.evdev.peer:Keyboard",
+    "motoman-gp8": "cardan.sim_peers.motoros_controller.tcp:MotomanGp8",
+    "phone": "cardan.sim_peers.handheld.peer:PhonePage",
+    "ros2-arm": "cardan.sim_peers.ros2_arm.peer:Ros2Arm",
+    "ros2-device": "cardan.sim_peers.ros2_device.peer:Ros2Device",
+    "spacemouse": "cardan.sim_peers.spacemouse.peer:SpaceMouse",
+    "ur": "cardan.sim_peers.ur_controller.tcp:Ur",
+    "xr": "cardan.sim_peers.handheld.peer:XrPage",
 }
 """Our own peers. Other packages add theirs by an entry point of the same form."""
 

@@ -33,6 +33,7 @@ from cardan_leap.driver import LeapCore, LeapOptions
 from cardan_serial_mice import protocol as cs
 from cardan_serial_mice.driver.session import SerialSession
 from cardan_serial_mice.protocol import models as serial_models
+from cardan_spnav_server import protocol as spnav_server
 from cardan_wiimote import protocol as wm
 from cardan_wiimote.driver import WiimoteCore, WiimoteOptions
 from fuzz.target import Form, Packets, Target
@@ -209,17 +210,17 @@ def _spnav_server(data: bytes) -> object:
 
 
 def _spnav_records() -> Iterator[bytes]:
-    yield spnav.encode_handshake(1) + spnav.encode_motion((0, 0, 175, 0, 0, 0), 16)
-    yield spnav.encode_motion((0, 0, 175, 0, 0, 0), 16) + spnav.encode_button(1, True)
-    yield spnav.encode_device(spnav.DeviceChange(True, 0, 0x206, 0x46D, 0xC626))
-    yield spnav.encode_config(spnav.ConfigChange(3, (1, 2, 3, 4, 5, 6)))
+    yield spnav.encode_handshake(1) + spnav_server.encode_motion((0, 0, 175, 0, 0, 0), 16)
+    yield spnav_server.encode_motion((0, 0, 175, 0, 0, 0), 16) + spnav_server.encode_button(1, True)
+    yield spnav_server.encode_device(spnav.DeviceChange(True, 0, 0x206, 0x46D, 0xC626))
+    yield spnav_server.encode_config(spnav.ConfigChange(3, (1, 2, 3, 4, 5, 6)))
     yield spnav.encode_reply(int(spnav.Code.DEV_NAXES), (6,))
     yield b"".join(spnav.encode_string(int(spnav.Code.DEV_NAME), "SpaceNavigator " * 4))
 
 
 def _spnav_client(data: bytes) -> object:
     for newest in (0, 1):
-        found = joined_streams(lambda newest=newest: spnav.ClientReader(newest).feed, data)
+        found = joined_streams(lambda newest=newest: spnav_server.ClientReader(newest).feed, data)
     return kinds(found)
 
 
@@ -233,15 +234,15 @@ def _spnav_requests() -> Iterator[bytes]:
     )
 
 
-_DATA = (spnav.Reply, spnav.Request)
+_DATA = (spnav.Reply, spnav_server.Request)
 
 
 def _spnav_strings(packets: Packets) -> object:
-    assembler = spnav.StringAssembler()
+    assembler = spnav_server.StringAssembler()
     found: list[object] = []
     for packet in packets:
         record = spnav.decode_server_record(packet[:32].ljust(32, b"\0"))
-        request = spnav.decode_request(packet[:32].ljust(32, b"\0"))
+        request = spnav_server.decode_request(packet[:32].ljust(32, b"\0"))
         asked = (each for each in (record, request) if isinstance(each, _DATA))
         found += [assembler.take(each.data) for each in asked]
     return kinds(found)
@@ -266,17 +267,17 @@ def _spnav_core(packets: Packets) -> object:
     core.on_lost("closed", now_s)
     now_s += 5.0
     core.on_opened(now_s)
-    reader = spnav.ClientReader()
+    reader = spnav_server.ClientReader()
     for _ in range(60):
         now_s += 0.01
         for piece in core.outgoing():
             for value in reader.feed(piece):
                 if isinstance(value, spnav.Handshake):
                     core.on_bytes(spnav.encode_handshake(value.version), now_s)
-                elif isinstance(value, spnav.Request):
+                elif isinstance(value, spnav_server.Request):
                     core.on_bytes(spnav.encode_reply(value.word, (), spnav.FAILED), now_s)
         core.on_time(now_s)
-    core.on_bytes(spnav.encode_motion((0,) * 6, 16), now_s)
+    core.on_bytes(spnav_server.encode_motion((0,) * 6, 16), now_s)
     now_s += 0.01
     assert core.state(now_s).link in (DeviceLink.LIVE, DeviceLink.NEEDS_NEUTRAL), core.diagnosis(
         now_s
@@ -289,7 +290,7 @@ def _spnav_core_packets() -> Iterator[Packets]:
     yield (
         spnav.encode_handshake(1),
         *(spnav.encode_reply(int(code), (2, 0, 0)) for code in spnav.Code),
-        spnav.encode_motion((0, 0, 175, 0, 0, 0), 16),
+        spnav_server.encode_motion((0, 0, 175, 0, 0, 0), 16),
     )
 
 

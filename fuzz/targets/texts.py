@@ -26,7 +26,6 @@ from cardan.gateway.force import link
 from cardan.gateway.operator.filters.readings import decode_centroid, decode_proximity
 from cardan.gateway.servers import stats
 from cardan.gateway.servers.access import AccessControl, AccessDenied, Caller
-from cardan.gateway.servers.assets import AssetError, Packages
 from cardan.gateway.servers.tokens import Role, Tokens, parse_tokens
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.snapshot import Snapshot
@@ -39,6 +38,7 @@ from cardan.robots.mjcf import urdf_of
 from cardan.robots.urdf import normal_form, read_tree
 from cardan.types import Vector3
 from cardan_foxglove import protocol as foxglove
+from cardan_foxglove.assets import AssetError, Packages
 from fuzz.target import Form, Packets, Target
 from fuzz.targets.captures import _file, _folder
 from fuzz.targets.common import joined_streams, kinds, near, same, text_of

@@ -5,9 +5,7 @@ import math
 import pytest
 
 from cardan.demos.examples import free_ports
-from cardan.drivers.handheld import HandheldOptions
-from cardan.drivers.phone import Phone, PhoneOptions
-from cardan.drivers.xr import Xr, XrOptions
+from cardan.drivers.handheld import HandheldOptions, Phone, PhoneOptions, Xr, XrOptions
 from cardan.errors import DeviceNotFoundError, OptionError
 from cardan.protocols.handheld import Gamepad, OperatorFrame, Part, encode_frame
 from cardan.sim_peers.handheld import FAULTS, PagePeer, PagePeerOptions, XrPeerOptions

@@ -5,9 +5,8 @@ import math
 import pytest
 
 from cardan.demos.examples import free_ports
-from cardan.drivers.ros2_joy import Ros2Joy, Ros2JoyOptions
+from cardan.drivers.ros2_nodes import Ros2Joy, Ros2JoyOptions, Ros2Spacenav, Ros2SpacenavOptions
 from cardan.drivers.ros2_nodes.core import JOY_TYPE
-from cardan.drivers.ros2_spacenav import Ros2Spacenav, Ros2SpacenavOptions
 from cardan.errors import DeviceNotFoundError, OptionError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message

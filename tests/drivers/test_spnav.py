@@ -13,13 +13,7 @@ import pytest
 
 from cardan.drivers.spnav import Spnav, SpnavCore, SpnavOptions
 from cardan.errors import CommandError, DeviceAccessError, DeviceNotFoundError, NotOpenError
-from cardan.protocols.spnav import (
-    RECORD_BYTES,
-    Code,
-    encode_button,
-    encode_handshake,
-    encode_motion,
-)
+from cardan.protocols.spnav import RECORD_BYTES, Code, encode_handshake
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.types import ButtonEvent, DeviceFeedback, DeviceLink, DeviceState
 from cardan_serial_mice.driver import SpaceMouseSerial
@@ -32,6 +26,7 @@ from cardan_spnav_server import (
     core as server_core,
     identity_of,
 )
+from cardan_spnav_server.protocol import encode_button, encode_motion
 from tests.serving import in_a_thread
 from tests.spacenavd import TIMEOUT_S, PuckHand, spacenavd
 

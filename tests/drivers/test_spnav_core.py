@@ -19,22 +19,24 @@ from cardan.drivers.spnav.core import (
 from cardan.protocols.spnav import (
     FAILED,
     RECORD_BYTES,
-    ClientReader,
     Code,
     ConfigChange,
     DeviceChange,
     Handshake,
     LedMode,
+    encode_handshake,
+    encode_reply,
+)
+from cardan.types import ButtonEvent, DeviceLink
+from cardan_spnav_server.protocol import (
+    ClientReader,
     Request,
     Sensitivity,
     encode_button,
     encode_config,
     encode_device,
-    encode_handshake,
     encode_motion,
-    encode_reply,
 )
-from cardan.types import ButtonEvent, DeviceLink
 
 REST = (0, 0, 0, 0, 0, 0)
 PUSH = (0, 0, 175, 0, 0, 0)

@@ -135,7 +135,8 @@ def test_the_graph_follows_the_tokens():
     assert graph.nodes() == ["/arm"]
     assert [e.kind for e in graph.publishers("/state/pose")] == [PUBLISHER]
     assert [e.kind for e in graph.subscribers("/state/pose")] == [SUBSCRIPTION]
-    assert len(graph.of_node("/arm")) == 3
+    found = graph.entities(PUBLISHER, SUBSCRIPTION, SERVICE)
+    assert [each.full_node for each in found] == ["/arm"] * 3
     assert graph.remove(entity().token(0)) == entity()
     assert graph.remove(entity().token(0)) is None
     assert graph.publishers("/state/pose") == []

@@ -290,11 +290,3 @@ def test_codes_have_names(codes):
     for code in codes:
         assert sm.name_of(codes, int(code)) == code.name
     assert sm.name_of(codes, 987654) == "987654"
-
-
-def test_a_subcode_is_named_by_its_result():
-    assert sm.subcode_name(sm.MotionResult.NOT_READY, 5006) == "SERVO_OFF"
-    assert sm.subcode_name(sm.MotionResult.INVALID, 3011) == "DATA_START_POS"
-    assert sm.subcode_name(sm.MotionResult.FAILURE, 5006) == "SERVO_OFF"
-    assert sm.subcode_name(sm.MotionResult.FAILURE, 3004) == "GROUPNO"
-    assert sm.subcode_name(sm.MotionResult.INVALID, 42) == "42"

@@ -3,4 +3,3 @@
 from cardan.drivers.abb_egm.driver import AbbEgm as AbbEgm
 from cardan.drivers.abb_egm.options import AbbEgmOptions as AbbEgmOptions
 from cardan.drivers.abb_egm.session import EgmSession as EgmSession
-from cardan.drivers.abb_egm.stream import EgmStream as EgmStream

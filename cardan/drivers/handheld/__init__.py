@@ -1,7 +1,6 @@
-"""Hands that a page of the console shows: what the drivers of phones and headsets share."""
+"""Hands that a page of the console shows: phones, headsets."""
 
-from cardan.drivers.handheld.core import HandheldCore as HandheldCore
-from cardan.drivers.handheld.device import HandheldDevice as HandheldDevice
+from cardan.drivers.handheld.device import Phone as Phone, Xr as Xr
 from cardan.drivers.handheld.options import (
     HandheldOptions as HandheldOptions,
     PhoneOptions as PhoneOptions,

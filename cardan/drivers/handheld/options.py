@@ -6,10 +6,8 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from cardan.common.bounds import Range
-from cardan.drivers.node_options import NodeOptions
+from cardan.drivers.node_options import NodeOptions, require_name
 from cardan.drivers.shaping import ShapingOptions
-from cardan.errors import OptionError
-from cardan.protocols.ros2.names import RosNameError, checked_name
 
 STALE_AFTER_S = Range(0.1, 0.3, "s", "a page that is dead moves the arm for so long")
 FULL_TURN_DEG = Range(5.0, 90.0, "°", "smaller is noise, and no wrist turns further")
@@ -37,11 +35,8 @@ class HandheldOptions(NodeOptions, ShapingOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for key, given in (("topic", self.topic), ("name", f"/{self.name}")):
-            try:
-                checked_name(given)
-            except RosNameError as error:
-                raise OptionError(key, getattr(self, key), f"a name of ROS 2 ({error})") from None
+        require_name("topic", self.topic, self.topic)
+        require_name("name", self.name, f"/{self.name}")
 
 
 @dataclass(frozen=True, kw_only=True)

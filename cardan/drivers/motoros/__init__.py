@@ -5,7 +5,4 @@ from cardan.drivers.motoros.errors import (
     IoConnectionError as IoConnectionError,
     IoRefusedError as IoRefusedError,
 )
-from cardan.drivers.motoros.io_client import IoClient as IoClient
-from cardan.drivers.motoros.motion_control import Phase as Phase
 from cardan.drivers.motoros.options import MotorosOptions as MotorosOptions
-from cardan.drivers.motoros.session import MotorosSession as MotorosSession

@@ -8,12 +8,11 @@ import time
 from typing import Any, ClassVar
 
 from cardan.bus.node import Publisher
-from cardan.drivers.node_options import SIMULATED_LISTEN
+from cardan.drivers.node_options import SIMULATED
 from cardan.drivers.remote.core import RemoteCore
 from cardan.drivers.remote.options import RemoteOptions
 from cardan.drivers.remote.shared import CLAIM_TYPE, Claim, claim_message
 from cardan.drivers.ros2_nodes.device import LOOK_S, MEET_S, BusDevice
-from cardan.drivers.simulated import OWN
 from cardan.errors import DeviceAccessError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.types import DeviceCapabilities, DeviceFeedback
@@ -29,7 +28,7 @@ class Remote(BusDevice[RemoteCore]):
     summary = "any operator device of another computer, by `cardan share`"
     page = "remote.md"
     peer = "spacemouse"
-    simulated = ({"port": OWN, "zenoh_config": ("",), "listen": (SIMULATED_LISTEN,)},)
+    simulated = SIMULATED
     gives, suits = "what that device gives", "as for that device"
     takes_back = "light, rumble, where that device has them"
     options: RemoteOptions

@@ -7,10 +7,8 @@ from typing import Annotated, Literal
 
 from cardan.common.bounds import Range
 from cardan.common.options import require
-from cardan.drivers.node_options import NodeOptions
+from cardan.drivers.node_options import NodeOptions, require_name
 from cardan.drivers.remote.shared import claim_topic, state_topic
-from cardan.errors import OptionError
-from cardan.protocols.ros2.names import RosNameError, checked_name
 
 MAX_AGE_S = Range(0.02, 0.5, "s", "a hand that is gone moves the arm for so long")
 
@@ -46,11 +44,8 @@ class RemoteOptions(NodeOptions):
             f"less than max_age_s, {1e3 * self.max_age_s:g} ms: what waits grows old",
         )
         require("/" not in self.device, "device", self.device, "a name without /")
-        for key, given in (("device", self.topic), ("name", f"/{self.name}")):
-            try:
-                checked_name(given)
-            except RosNameError as error:
-                raise OptionError(key, getattr(self, key), f"a name of ROS 2 ({error})") from None
+        require_name("device", self.device, self.topic)
+        require_name("name", self.name, f"/{self.name}")
 
     @property
     def topic(self) -> str:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 from cardan.drivers.datagram_robot import DatagramRobot
-from cardan.drivers.node_options import SIMULATED_LISTEN
+from cardan.drivers.node_options import SIMULATED
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
 from cardan.drivers.ros2_arm.session import LIVING_S, Ros2ArmSession
 from cardan.drivers.ros2_arm.transport import DESCRIPTION_TIMEOUT_S, TRANSPORTS, Ros2Transport
-from cardan.drivers.simulated import OWN
 from cardan.errors import ConfigurationError, DriverError
 from cardan.robots import limits_in
 from cardan.types import HoldCommand, JointLimits
@@ -28,14 +27,7 @@ class Ros2Arm(DatagramRobot[Ros2ArmSession]):
     summary = "any arm of a ROS 2 system (ros2_control)"
     page = "ros2-arm.md"
     peer = "ros2-arm"
-    simulated = (
-        {
-            "transport": ("zenoh",),
-            "port": OWN,
-            "zenoh_config": ("",),
-            "listen": (SIMULATED_LISTEN,),
-        },
-    )
+    simulated = ({"transport": ("zenoh",), **SIMULATED[0]},)
     options: Ros2ArmOptions
     title = "the ROS 2 arm's driver"
 

@@ -9,9 +9,7 @@ from cardan.bus.dds_options import DdsOptions
 from cardan.common import bounds
 from cardan.common.bounds import Range
 from cardan.common.options import require
-from cardan.drivers.node_options import NodeOptions
-from cardan.errors import OptionError
-from cardan.protocols.ros2.names import RosNameError, checked_name
+from cardan.drivers.node_options import NodeOptions, require_name
 from cardan.robots import load_arm
 from cardan.types import JointLimits
 
@@ -82,10 +80,7 @@ class Ros2ArmOptions(NodeOptions):
             given = getattr(self, key)
             if key == "command_topic" and not given:
                 continue
-            try:
-                checked_name(f"/{given}" if key == "name" else given)
-            except RosNameError as error:
-                raise OptionError(key, given, f"a name of ROS 2 ({error})") from None
+            require_name(key, given, f"/{given}" if key == "name" else given)
         joints = self.joints
         unique = len(set(joints)) == len(joints) and all(joints)
         require(unique, "joints", joints, "a name of its own for each joint")

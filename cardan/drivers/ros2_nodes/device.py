@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 import time
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from cardan.bus.node import BusNode, Presence, Publisher, WaitingSubscription
-from cardan.drivers.node_options import NodeOptions
+from cardan.drivers.node_options import SIMULATED, NodeOptions
 from cardan.drivers.reader_thread import ReadDevice
 from cardan.drivers.ros2_nodes.core import BusCore, JoyCore
-from cardan.drivers.ros2_nodes.options import JoyOptions
+from cardan.drivers.ros2_nodes.options import JoyOptions, Ros2JoyOptions, Ros2SpacenavOptions
 from cardan.errors import DeviceNotFoundError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.zenoh import PUBLISHER
@@ -175,3 +175,43 @@ class NodeDevice(BusDevice[JoyCore]):
             "RMW_IMPLEMENTATION=rmw_zenoh_cpp, and ROS 2's router (rmw_zenohd) or the "
             f"one that `router` names ({self._on_bus.bus.router or 'none'})"
         )
+
+
+class Ros2Spacenav(NodeDevice):
+    """A 3D mouse that ROS 2's spacenav_node reads."""
+
+    Options: ClassVar[type[Ros2SpacenavOptions]] = Ros2SpacenavOptions
+    summary = "3D mice by ROS 2's spacenav_node"
+    page = "ros2-spacenav.md"
+    peer = "ros2-device"
+    simulated = SIMULATED
+    gives, suits = "six deflections, buttons", "rate, base or tool frame"
+    options: Ros2SpacenavOptions
+    _kind = "3D mouse"
+    _node_name = "spacenav_node"
+    _touch = "touch the cap and let go once"
+
+
+class Ros2Joy(NodeDevice, RumblingDevice[JoyCore]):
+    """A gamepad or joystick that ROS 2's joy_node or game_controller_node reads."""
+
+    Options: ClassVar[type[Ros2JoyOptions]] = Ros2JoyOptions
+    summary = "gamepads by ROS 2's joy_node or game_controller_node"
+    page = "ros2-joy.md"
+    peer = "ros2-device"
+    simulated = SIMULATED
+    gives, suits = "sticks, buttons", "rate, base frame"
+    takes_back = "rumble"
+    options: Ros2JoyOptions
+    _kind = "gamepad"
+    _node_name = "joy_node or game_controller_node"
+    _touch = "press any button once"
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        able = super().capabilities
+        return able._replace(feedback=frozenset({"rumble"} if self.options.feedback_topic else ()))
+
+    @property
+    def _feedback_topic(self) -> str:
+        return self.options.feedback_topic

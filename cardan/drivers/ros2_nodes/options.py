@@ -7,10 +7,8 @@ from typing import Annotated, Literal
 
 from cardan.common.bounds import Range
 from cardan.common.options import require
-from cardan.drivers.node_options import NodeOptions
+from cardan.drivers.node_options import NodeOptions, require_name
 from cardan.drivers.shaping import ShapingOptions
-from cardan.errors import OptionError
-from cardan.protocols.ros2.names import RosNameError, checked_name
 
 STALE_AFTER_S = Range(0.1, 1.0, "s", "a node that is dead moves the arm for so long")
 FULL_SCALE = Range(0.01, 1000.0, "", "no node's numbers are larger")
@@ -50,11 +48,8 @@ class JoyOptions(NodeOptions, ShapingOptions):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for key, given in (("topic", self.topic), ("name", f"/{self.name}")):
-            try:
-                checked_name(given)
-            except RosNameError as error:
-                raise OptionError(key, getattr(self, key), f"a name of ROS 2 ({error})") from None
+        require_name("topic", self.topic, self.topic)
+        require_name("name", self.name, f"/{self.name}")
 
     @property
     def mapped(self) -> tuple[Six, Six]:
@@ -99,11 +94,7 @@ class Ros2JoyOptions(JoyOptions):
         super().__post_init__()
         require(len(self.axes) in (0, 6), "axes", self.axes, "six numbers, or none")
         if self.feedback_topic:
-            try:
-                checked_name(self.feedback_topic)
-            except RosNameError as error:
-                given = self.feedback_topic
-                raise OptionError("feedback_topic", given, f"a name of ROS 2 ({error})") from None
+            require_name("feedback_topic", self.feedback_topic, self.feedback_topic)
 
     @property
     def mapped(self) -> tuple[Six, Six]:

@@ -10,6 +10,3 @@ from cardan.drivers.spacemouse.device import (
 from cardan.drivers.spacemouse.options import (
     SpaceMouseOptions as SpaceMouseOptions,
 )
-from cardan.drivers.spacemouse.transports import (
-    HidCandidate as HidCandidate,
-)

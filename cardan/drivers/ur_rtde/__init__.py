@@ -2,4 +2,3 @@
 
 from cardan.drivers.ur_rtde.driver import UrRtde as UrRtde
 from cardan.drivers.ur_rtde.options import UrRtdeOptions as UrRtdeOptions
-from cardan.drivers.ur_rtde.session import UrSession as UrSession

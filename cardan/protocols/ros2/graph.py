@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from cardan.protocols.ros2.zenoh import CLIENT, NODE, PUBLISHER, SERVICE, SUBSCRIPTION, Entity
+from cardan.protocols.ros2.zenoh import NODE, PUBLISHER, SERVICE, SUBSCRIPTION, Entity
 
 
 class Graph:
@@ -72,11 +72,6 @@ class Graph:
         for each in self.entities(kind):
             found.setdefault(each.name, []).append(each)
         return dict(sorted(found.items()))
-
-    def of_node(self, node: str) -> list[Entity]:
-        """The endpoints of the node with this full name."""
-        kinds = (PUBLISHER, SUBSCRIPTION, SERVICE, CLIENT)
-        return [each for each in self.entities(*kinds) if each.full_node == node]
 
     def _having(self, name: str, kind: str) -> list[Entity]:
         return [each for each in self.entities(kind) if each.name == name]

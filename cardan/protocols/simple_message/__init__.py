@@ -25,7 +25,6 @@ from cardan.protocols.simple_message.codes import (
     ReplyCode as ReplyCode,
     ValidFields as ValidFields,
     name_of as name_of,
-    subcode_name as subcode_name,
 )
 from cardan.protocols.simple_message.framing import (
     LONGEST_PREFIX as LONGEST_PREFIX,
@@ -45,10 +44,8 @@ from cardan.protocols.simple_message.messages import (
     DhLink as DhLink,
     DhParameters as DhParameters,
     Empty as Empty,
-    IoCtrlReply as IoCtrlReply,
     JointFeedback as JointFeedback,
     JointFeedbackEx as JointFeedbackEx,
-    JointPosition as JointPosition,
     Joints as Joints,
     JointTrajPt as JointTrajPt,
     JointTrajPtFull as JointTrajPtFull,

@@ -213,26 +213,9 @@ class ActiveMode(enum.IntEnum):
     VELOCITY = 2
 
 
-SUBCODES: dict[int, type[enum.IntEnum]] = {
-    MotionResult.INVALID: InvalidSubcode,
-    MotionResult.NOT_READY: NotReadySubcode,
-}
-
-
 def name_of(codes: type[enum.IntEnum], value: int) -> str:
     """The name of `value` in `codes`, or the number itself."""
     try:
         return codes(value).name
     except ValueError:
         return str(value)
-
-
-def subcode_name(result: int, subcode: int) -> str:
-    """The name of a reply's subcode, which depends on its result.
-
-    CHECK_MOTION_READY answers FALSE with a NOT_READY subcode, so both tables count there.
-    """
-    codes = SUBCODES.get(result)
-    if codes is None:
-        codes = NotReadySubcode if subcode >= NotReadySubcode.UNSPECIFIED else InvalidSubcode
-    return name_of(codes, subcode)

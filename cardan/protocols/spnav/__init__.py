@@ -1,9 +1,9 @@
-"""The protocol of spacenavd's socket, both versions and both sides."""
+"""The protocol of spacenavd's socket, both versions, as a client speaks it; the server's side is in
+the plug-in cardan-spnav-server."""
 
 from cardan.protocols.spnav.codes import (
     DEFAULT_SOCKET as DEFAULT_SOCKET,
     DEVICE_TYPES as DEVICE_TYPES,
-    MASK_V0 as MASK_V0,
     MASK_V1 as MASK_V1,
     NEWEST_VERSION as NEWEST_VERSION,
     REQUEST_TAG as REQUEST_TAG,
@@ -14,8 +14,6 @@ from cardan.protocols.spnav.codes import (
 )
 from cardan.protocols.spnav.records import (
     FAILED as FAILED,
-    INT_MAX as INT_MAX,
-    INT_MIN as INT_MIN,
     MAX_BUTTONS as MAX_BUTTONS,
     OK as OK,
     RECORD_BYTES as RECORD_BYTES,
@@ -24,39 +22,25 @@ from cardan.protocols.spnav.records import (
     ConfigChange as ConfigChange,
     Data as Data,
     DeviceChange as DeviceChange,
-    Event as Event,
     Malformed as Malformed,
     Motion as Motion,
     RawAxis as RawAxis,
     RawButton as RawButton,
     Reply as Reply,
-    Request as Request,
     ServerRecord as ServerRecord,
-    bits_of as bits_of,
     decode_handshake as decode_handshake,
-    decode_request as decode_request,
-    decode_sensitivity as decode_sensitivity,
     decode_server_record as decode_server_record,
-    encode_button as encode_button,
-    encode_config as encode_config,
-    encode_device as encode_device,
     encode_handshake as encode_handshake,
-    encode_motion as encode_motion,
     encode_reply as encode_reply,
     encode_request as encode_request,
     encode_sensitivity as encode_sensitivity,
-    float_of as float_of,
-    from_robot_axes as from_robot_axes,
     to_robot_axes as to_robot_axes,
 )
 from cardan.protocols.spnav.streams import (
-    ClientReader as ClientReader,
     Handshake as Handshake,
-    Sensitivity as Sensitivity,
     ServerReader as ServerReader,
 )
 from cardan.protocols.spnav.strings import (
     CHUNK_BYTES as CHUNK_BYTES,
-    StringAssembler as StringAssembler,
     encode_string as encode_string,
 )

@@ -75,8 +75,6 @@ class EventMask(enum.IntFlag):
     RAW_BUTTON = 0x20
 
 
-MASK_V0 = EventMask.MOTION | EventMask.BUTTON
-"""Events of a client without a handshake."""
 MASK_V1 = EventMask.MOTION | EventMask.BUTTON | EventMask.DEVICE
 """Events of a client after the handshake, until it sets its own mask."""
 

@@ -33,14 +33,12 @@ ADDED, REMOVED = 0, 1
 MAX_BUTTONS = 256
 """Button numbers are below this; spacenavd itself knows fewer."""
 
-INT_MIN, INT_MAX = -(2**31), 2**31 - 1
 
 _HANDSHAKE_TAG = 0x7FAA5500
 _HANDSHAKE_MASK = 0xFFFFFF00
 
 _RECORD = struct.Struct("=8i")
 _EIGHT = _RECORD.unpack
-_WORD = struct.Struct("=i")
 _UNSIGNED = struct.Struct("=I")
 _FLOAT = struct.Struct("=f")
 
@@ -98,19 +96,6 @@ class RawButton(NamedTuple):
 
     number: int
     pressed: bool
-
-
-class Request(NamedTuple):
-    """What a client asks."""
-
-    word: int
-    """The first word as it came; a reply repeats it."""
-    data: Data
-
-    @property
-    def code(self) -> int:
-        """What is asked for, one of `Code` where it is known."""
-        return self.word & 0xFFFF
 
 
 class Reply(NamedTuple):
@@ -173,42 +158,6 @@ def decode_server_record(record: bytes) -> ServerRecord:
 _CODES = frozenset(Code)
 
 
-def decode_request(record: bytes) -> Request | Malformed:
-    """The value of a record that a client of version 1 sent. Never raises.
-
-    Unknown codes are requests, too: a server answers them with `FAILED`.
-    """
-    if len(record) != RECORD_BYTES:
-        return Malformed("of the wrong length", 0)
-    words = _EIGHT(record)
-    return Request(words[0], words[1:])
-
-
-def encode_motion(counts: Sequence[int], period_ms: int) -> bytes:
-    """Event 0 of six counts; beyond 32 bits they are clamped."""
-    x, y, z, rx, ry, rz = (_clamped(count) for count in counts)
-    return _RECORD.pack(MOTION, x, y, z, rx, ry, rz, _clamped(period_ms))
-
-
-def encode_button(number: int, pressed: bool) -> bytes:
-    """Event 1 or 2. Raises ValueError for a number that is not below `MAX_BUTTONS`."""
-    if not 0 <= number < MAX_BUTTONS:
-        raise ValueError(f"button number is {number}; allowed: 0 to {MAX_BUTTONS - 1}")
-    return _RECORD.pack(PRESS if pressed else RELEASE, number, int(pressed), 0, 0, 0, 0, 0)
-
-
-def encode_device(change: DeviceChange) -> bytes:
-    """Event 3. Raises ValueError for what does not fit 32 bits."""
-    added, number, device_type, vendor_id, product_id = change
-    op = ADDED if added else REMOVED
-    return _packed(DEVICE, (op, number, device_type, vendor_id, product_id, 0, 0))
-
-
-def encode_config(change: ConfigChange) -> bytes:
-    """Event 4. Raises ValueError for what does not fit 32 bits."""
-    return _packed(CONFIG, (change.code, *change.data))
-
-
 def encode_request(code: int, data: Sequence[int] = ()) -> bytes:
     """A request as libspnav sends it; missing data are zero.
 
@@ -218,14 +167,14 @@ def encode_request(code: int, data: Sequence[int] = ()) -> bytes:
         raise ValueError(f"request code is {code:#x}; allowed: 0 to 0xffff")
     if len(data) > DATA_WORDS:
         raise ValueError(f"{len(data)} words of data; allowed: up to {DATA_WORDS}")
-    return _packed(REQUEST_TAG | code, (*data, *(0,) * (DATA_WORDS - len(data))))
+    return encode_words(REQUEST_TAG | code, (*data, *(0,) * (DATA_WORDS - len(data))))
 
 
 def encode_reply(word: int, data: Sequence[int] = (), status: int = OK) -> bytes:
     """The answer to a request whose first word was `word`; up to six words of data."""
     if len(data) > STATUS:
         raise ValueError(f"{len(data)} words of data; allowed: up to {STATUS}")
-    return _packed(word, (*data, *(0,) * (STATUS - len(data)), status))
+    return encode_words(word, (*data, *(0,) * (STATUS - len(data)), status))
 
 
 def encode_handshake(version: int) -> bytes:
@@ -255,24 +204,6 @@ def encode_sensitivity(sensitivity: float) -> bytes:
         raise ValueError(f"sensitivity is {sensitivity!r}; allowed: a 32-bit float") from None
 
 
-def decode_sensitivity(word: bytes) -> float:
-    """The sensitivity in four bytes; NaN and infinities are possible."""
-    (value,) = _FLOAT.unpack(word)
-    return float(value)
-
-
-def float_of(word: int) -> float:
-    """The float whose bits are the data word `word`."""
-    (value,) = _FLOAT.unpack(_WORD.pack(word))
-    return float(value)
-
-
-def bits_of(value: float) -> int:
-    """The data word that carries a float. Raises ValueError for what is no 32-bit float."""
-    (word,) = _WORD.unpack(encode_sensitivity(value))
-    return int(word)
-
-
 # ---------------------------------------------------------------------------------------------
 # Axes
 
@@ -290,17 +221,8 @@ def to_robot_axes(
     return (z, -x, y, rz, -rx, ry)
 
 
-def from_robot_axes(axes: Sequence[float], full_scale: float) -> tuple[int, ...]:
-    """spacenavd's counts of deflections in -1..1, rounded."""
-    x, y, z, rx, ry, rz = axes
-    return tuple(round(u * full_scale) for u in (-y, z, x, -ry, rz, rx))
-
-
-def _clamped(value: int) -> int:
-    return min(INT_MAX, max(INT_MIN, value))
-
-
-def _packed(word: int, data: Sequence[int]) -> bytes:
+def encode_words(word: int, data: Sequence[int]) -> bytes:
+    """A record of `word` and seven words. Raises ValueError for what does not fit 32 bits."""
     try:
         return _RECORD.pack(word, *data)
     except struct.error:

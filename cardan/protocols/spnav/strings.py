@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from cardan.protocols.spnav.records import STATUS, Data, Malformed, encode_reply
+from cardan.protocols.spnav.records import encode_reply
 
 CHUNK_BYTES = 24
 CONTINUED = 0x10000
@@ -27,30 +27,3 @@ def encode_string(word: int, text: str) -> list[bytes]:
         records.append(encode_reply(word, _SIX.unpack(chunk), status))
         left = left[CHUNK_BYTES:]
     return records
-
-
-class StringAssembler:
-    """Puts a string together from the data of its records."""
-
-    def __init__(self) -> None:
-        self._text = bytearray()
-        self._left: int | None = None
-        """Bytes that are still to come; None: no string is under way."""
-
-    def take(self, data: Data) -> str | Malformed | None:
-        """The string when `data` ends it, None when more is to come, Malformed out of order.
-
-        Bytes that are no UTF-8 are replaced. Never raises.
-        """
-        left = data[STATUS] & 0xFFFF
-        if not data[STATUS] & CONTINUED:
-            self._text.clear()
-        elif left != self._left:
-            self._left = None
-            return Malformed("with an impossible value", 0)
-        self._text += _SIX.pack(*data[:STATUS])[: min(left, CHUNK_BYTES)]
-        if left > CHUNK_BYTES:
-            self._left = left - CHUNK_BYTES
-            return None
-        self._left = None
-        return self._text.decode(errors="replace")

@@ -9,9 +9,12 @@ import time
 from typing import Any
 
 from cardan.common.sockets import opened
+from cardan.sim_peers.command import PeerCommand
 from cardan.sim_peers.datagrams import DatagramPeer
 from cardan.sim_peers.egm_controller.controller import EgmController
+from cardan.sim_peers.egm_controller.faults import FAULTS
 from cardan.sim_peers.egm_controller.options import EgmControllerOptions
+from cardan.sim_peers.egm_controller.scripts import SCRIPT_VERBS, SCRIPTS
 
 log = logging.getLogger(__name__)
 
@@ -78,3 +81,13 @@ class EgmControllerPeer(DatagramPeer):
             self.core.sending_failed()
             with contextlib.suppress(OSError):
                 self._socket.send(data)
+
+
+class AbbGofa(PeerCommand[EgmControllerOptions]):
+    """An ABB GoFa CRB 15000-5 in Externally Guided Motion (protobuf on UDP, 250 Hz)."""
+
+    Options, Peer = EgmControllerOptions, EgmControllerPeer
+    page = "simulated-peers.md"
+    speaks = "[EGM](protocols/egm.md), protobuf on UDP, 250 Hz"
+    epilog = "Prints READY and the PC's address once it sends."
+    faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

@@ -13,7 +13,6 @@ from cardan.sim_peers.evdev.hand import (
 )
 from cardan.sim_peers.evdev.models import (
     MODELS as MODELS,
-    Model as Model,
 )
 from cardan.sim_peers.evdev.peer import (
     EvdevPeer as EvdevPeer,

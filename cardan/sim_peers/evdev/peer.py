@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from cardan.common import bounds
 from cardan.errors import ConfigurationError, OptionError
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.carriers.base import Carrier
-from cardan.sim_peers.command import option
+from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.evdev.carriers import EventSocket, UinputCarrier
 from cardan.sim_peers.evdev.core import InputEvents, SimulatedInput
-from cardan.sim_peers.evdev.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
+from cardan.sim_peers.evdev.faults import FAULTS
+from cardan.sim_peers.evdev.hand import (
+    GAMEPAD_SCRIPTS,
+    KEYBOARD_SCRIPTS,
+    SCRIPT_VERBS,
+    SCRIPTS,
+    ScriptedHand,
+)
 from cardan.sim_peers.evdev.models import MODELS, Model
 from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
 
@@ -72,3 +79,42 @@ def _model(options: EvdevPeerOptions) -> Model:
         if options.model in ("", model.key):
             return model
     raise OptionError("model", options.model, f"one of {', '.join(each.key for each in models)}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class GamepadOptions(EvdevPeerOptions):
+    """A pad of one of several models."""
+
+    model: str = option(
+        "",
+        "Which pad; see --list-models.",
+        metavar="NAME",
+        listed=[(model.key, model.name) for model in MODELS if model.is_gamepad],
+    )
+
+
+class Gamepad(PeerCommand[EvdevPeerOptions]):
+    """An Xbox or PlayStation gamepad, as Linux gives its events to programs."""
+
+    Options: ClassVar[type[EvdevPeerOptions]] = GamepadOptions
+    Peer = EvdevPeer
+    page = "simulated-devices.md"
+    speaks = (
+        "[input events](protocols/evdev.md), a frame per packet of a Unix socket, or the "
+        "kernel's own by uinput"
+    )
+    epilog = "Prints READY and where it is once it can be opened."
+    faults, scripts, verbs = FAULTS, GAMEPAD_SCRIPTS, SCRIPT_VERBS
+
+
+@dataclass(frozen=True, kw_only=True)
+class KeyboardOptions(EvdevPeerOptions):
+    """The one keyboard."""
+
+    kind: Literal["gamepad", "keyboard"] = "keyboard"
+
+
+class Keyboard(Gamepad):
+    """A keyboard, as Linux gives its events to programs."""
+
+    Options, scripts = KeyboardOptions, KEYBOARD_SCRIPTS

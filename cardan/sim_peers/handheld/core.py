@@ -7,8 +7,8 @@ twist it by 30° at most; the ways are a drag of the second finger (phone), or g
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Final, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Final, Literal
 
 from cardan.protocols.handheld import (
     BUTTONS,
@@ -22,7 +22,7 @@ from cardan.protocols.handheld import (
     to_angles,
 )
 from cardan.sim_peers.base import FaultSwitch, TimedActs
-from cardan.sim_peers.periodic import PERIODIC_FAULTS, PeriodicDevice
+from cardan.sim_peers.periodic import PERIODIC_FAULTS, HeldModel, HeldPeriodicDevice
 from cardan.spatial import add, conjugate, from_rotation_vector, multiply, rotate, scale
 from cardan.types import Quaternion, Vector3
 
@@ -60,14 +60,7 @@ STANDS: Final = Vector3(0.3, 0.1, 1.2)
 HOLD: Final = "hold"
 
 
-class Model(NamedTuple):
-    """What a scripted hand needs of a device."""
-
-    name: str
-    buttons: Mapping[int, str]
-
-
-class SimulatedHand(PeriodicDevice[bytes]):
+class SimulatedHand(HeldPeriodicDevice[bytes]):
     """A page and the hand that it shows, which a script deflects (-1..1, robot frame)."""
 
     def __init__(
@@ -80,12 +73,7 @@ class SimulatedHand(PeriodicDevice[bytes]):
         super().__init__(PERIOD_S, faults, FAULTS)
         self.kind, self.part = kind, part
         names = [HOLD, *(each for each in BUTTONS[kind] if each != "align")]
-        self.model = Model(kind, dict(enumerate(names)))
-        self.axes: tuple[float, ...] = (0.0,) * 6
-        self.held: tuple[str, ...] = ()
-        self.led: bool | None = None
-        self.rumble = 0.0
-        """What the page was told to be felt, 0..1."""
+        self.model = HeldModel(kind, dict(enumerate(names)))
         self.tracking = self.visible = self.senses = True
         self.stuck = self.leapt = False
         self.aligns_until_s = ALIGNS_S
@@ -112,18 +100,6 @@ class SimulatedHand(PeriodicDevice[bytes]):
 
     # -- the hand -------------------------------------------------------------------------------
 
-    def set_axes(self, axes: Sequence[float]) -> None:
-        """Deflect it."""
-        self.axes = tuple(axes)
-
-    def press(self, label: str) -> None:
-        """Press a button."""
-        self.held = (*self.held, label)
-
-    def release(self, label: str) -> None:
-        """Let a button go."""
-        self.held = tuple(each for each in self.held if each != label)
-
     def replug(self) -> None:
         """The page is open again, and Align is pressed on it."""
         super().replug()
@@ -132,14 +108,6 @@ class SimulatedHand(PeriodicDevice[bytes]):
     def align(self) -> None:
         """Press Align."""
         self.aligns_until_s = self.next_due_s + ALIGNS_S
-
-    def silence(self) -> None:
-        """The page hangs."""
-        self.silent = True
-
-    def resume(self) -> None:
-        """The page goes on."""
-        self.silent = False
 
     def lose_sensors(self) -> None:
         """The sensors tell nothing more."""

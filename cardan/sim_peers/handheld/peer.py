@@ -12,10 +12,10 @@ from cardan.protocols.ros2.messages import default_message
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.carriers.base import Carrier
 from cardan.sim_peers.carriers.bus import BusCarrier, BusPeerOptions
-from cardan.sim_peers.command import option
+from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandPeer
 from cardan.sim_peers.handheld.console import ConsolePage
-from cardan.sim_peers.handheld.core import HandKind, SimulatedHand
+from cardan.sim_peers.handheld.core import FAULTS, HandKind, SimulatedHand
 from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
 
 FRAME = "cardan_msgs/msg/OperatorFrame"
@@ -139,3 +139,19 @@ class PagePeer(HandPeer[SimulatedHand, bytes]):
         hand = ScriptedHand(steps, device.model)
         made = ConsoleCarrier if options.console else page_on_bus
         super().__init__(device, hand, made(device, options), options)  # type: ignore[arg-type]
+
+
+class PhonePage(PeerCommand[PagePeerOptions]):
+    """A page of the console with a phone's orientation and touch."""
+
+    Options, Peer = PagePeerOptions, PagePeer
+    page = "simulated-devices.md"
+    speaks = "[operator frames](protocols/handheld.md), Zenoh"
+    epilog = "Prints READY and the Zenoh endpoint that others connect to once it serves."
+    faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
+
+
+class XrPage(PhonePage):
+    """A page of the console with a headset's controllers, or a phone with AR."""
+
+    Options = XrPeerOptions

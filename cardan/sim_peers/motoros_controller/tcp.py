@@ -8,7 +8,9 @@ from typing import TextIO
 
 from cardan.common.files import create_file
 from cardan.errors import ConfigurationError
+from cardan.sim_peers.command import PeerCommand
 from cardan.sim_peers.motoros_controller.controller import MotorosController
+from cardan.sim_peers.motoros_controller.faults import FAULTS
 from cardan.sim_peers.motoros_controller.options import MotorosControllerOptions
 from cardan.sim_peers.motoros_controller.servers import PORT_KINDS, MotorosServers, PortKind
 from cardan.sim_peers.tcp_peer import TcpPeer
@@ -89,3 +91,16 @@ def _created(path: str) -> TextIO:
         return create_file(path)
     except OSError as error:
         raise ConfigurationError("log", f"{path!r} cannot be written: {error.strerror}") from None
+
+
+class MotomanGp8(PeerCommand[MotorosControllerOptions]):
+    """A Yaskawa Motoman GP8 that runs MotoROS (simple message on three TCP ports)."""
+
+    Options, Peer = MotorosControllerOptions, MotorosControllerPeer
+    page = "simulated-peers.md"
+    speaks = (
+        "[simple message](protocols/simple-message.md) on three TCP ports, with [velocity "
+        "mode](protocols/motoros-velocity-mode.md)"
+    )
+    epilog = "Prints READY and the address of motion once it serves."
+    faults = FAULTS

@@ -11,6 +11,7 @@ from cardan.bus.transports import OtherNode, OtherPublisher, OtherSubscription
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.zenoh import LATCHED_QOS
 from cardan.sim_peers.base import SimulatedPeer
+from cardan.sim_peers.command import PeerCommand
 from cardan.sim_peers.link import FaultyLink
 from cardan.sim_peers.ros2_arm.controllers import (
     GRIPPER_SENDER,
@@ -20,7 +21,7 @@ from cardan.sim_peers.ros2_arm.controllers import (
     RosArm,
     StateMessage,
 )
-from cardan.sim_peers.ros2_arm.options import RosArmOptions
+from cardan.sim_peers.ros2_arm.options import FAULTS, RosArmOptions
 
 log = logging.getLogger(__name__)
 
@@ -150,3 +151,16 @@ class RosArmPeer(SimulatedPeer):
             log.info("the controller is unloaded")
             self._commands.close()
             self._commands = None
+
+
+class Ros2Arm(PeerCommand[RosArmOptions]):
+    """An arm under ros2_control: joint states, a controller, a description (rmw_zenoh or DDS)."""
+
+    Options, Peer = RosArmOptions, RosArmPeer
+    page = "simulated-peers.md"
+    speaks = "[ROS 2](protocols/ros2.md), Zenoh or DDS, 100 Hz"
+    epilog = (
+        "Prints READY and the Zenoh endpoint that others connect to, or the DDS domain, once it "
+        "serves."
+    )
+    faults = FAULTS

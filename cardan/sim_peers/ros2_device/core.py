@@ -8,13 +8,13 @@ a device, and nothing without one.
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping, Sequence
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Literal
 
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.sim_peers.base import FaultSwitch, TimedActs
-from cardan.sim_peers.periodic import PERIODIC_FAULTS, PeriodicDevice
+from cardan.sim_peers.periodic import PERIODIC_FAULTS, HeldModel, HeldPeriodicDevice
 
 StockNode = Literal["spacenav", "joy_node", "game_controller"]
 
@@ -39,44 +39,20 @@ SPACENAV_FULL = 350.0 / 512.0
 """What spacenav_node makes of a full deflection."""
 
 
-class NodeModel(NamedTuple):
-    """What a scripted hand needs of a device."""
-
-    name: str
-    buttons: Mapping[int, str]
-
-
-class SimulatedNode(PeriodicDevice[bytes]):
+class SimulatedNode(HeldPeriodicDevice[bytes]):
     """A node and its device, which a hand deflects (-1..1, robot frame)."""
 
     def __init__(self, node: StockNode, faults: Mapping[str, float], seed: int = 0) -> None:
         super().__init__(PERIODS_S[node], faults, FAULTS)
         self.node = node
         count = BUTTONS[node]
-        self.model = NodeModel(node, {number: f"button-{number}" for number in range(count)})
-        self.axes: tuple[float, ...] = (0.0,) * 6
-        self.held: tuple[str, ...] = ()
-        self.led: bool | None = None
-        self.rumble = 0.0
-        """What it was told last, 0..1."""
+        self.model = HeldModel(node, {number: f"button-{number}" for number in range(count)})
         self.device_there = True
         self._random = random.Random(seed)
         self._nan = faults.get("nan", 0.0)
         self._nodes_faults = TimedActs(faults, {"exit": self.exit, "hang": self.fall_silent})
 
     # -- the hand -------------------------------------------------------------------------------
-
-    def set_axes(self, axes: Sequence[float]) -> None:
-        """Deflect it."""
-        self.axes = tuple(axes)
-
-    def press(self, label: str) -> None:
-        """Press a button."""
-        self.held = (*self.held, label)
-
-    def release(self, label: str) -> None:
-        """Let a button go."""
-        self.held = tuple(each for each in self.held if each != label)
 
     def unplug(self) -> None:
         """The device is taken away; the node stays."""
@@ -85,14 +61,6 @@ class SimulatedNode(PeriodicDevice[bytes]):
     def replug(self) -> None:
         """The device is there again."""
         self.device_there = True
-
-    def silence(self) -> None:
-        """The node hangs."""
-        self.silent = True
-
-    def resume(self) -> None:
-        """The node goes on."""
-        self.silent = False
 
     def exit(self) -> None:
         """The node ends."""

@@ -8,9 +8,9 @@ from typing import Any
 
 from cardan.sim_peers.base import load_script
 from cardan.sim_peers.carriers.bus import BusCarrier, BusPeerOptions
-from cardan.sim_peers.command import option
+from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandPeer
-from cardan.sim_peers.ros2_device.core import JOY, TOPICS, SimulatedNode, StockNode
+from cardan.sim_peers.ros2_device.core import FAULTS, JOY, TOPICS, SimulatedNode, StockNode
 from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, ScriptedHand
 
 FEEDBACK_TOPIC = "/joy/set_feedback"
@@ -47,3 +47,13 @@ class NodePeer(HandPeer[SimulatedNode, bytes]):
         steps = load_script(options.script, SCRIPTS, SCRIPT_VERBS)
         hand = ScriptedHand(steps, device.model)
         super().__init__(device, hand, node_on_bus(device, options), options)  # type: ignore[arg-type]
+
+
+class Ros2Device(PeerCommand[NodePeerOptions]):
+    """ROS 2's spacenav_node, joy_node or game_controller_node with a device (rmw_zenoh)."""
+
+    Options, Peer = NodePeerOptions, NodePeer
+    page = "simulated-devices.md"
+    speaks = "[ROS 2](protocols/ros2.md), Zenoh"
+    epilog = "Prints READY and the Zenoh endpoint that others connect to once it serves."
+    faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

@@ -25,9 +25,10 @@ from cardan.sim_peers.carriers.uhid import (
 )
 from cardan.sim_peers.carriers.unix_socket import ReportSocket
 from cardan.sim_peers.carriers.usbip import UsbipCarrier
-from cardan.sim_peers.command import option
+from cardan.sim_peers.command import PeerCommand, option
 from cardan.sim_peers.hand_peer import HandPeer, NodeOptions
 from cardan.sim_peers.spacemouse.core import SimulatedSpaceMouse
+from cardan.sim_peers.spacemouse.faults import FAULTS
 from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS, SCRIPTS, Puck, ScriptedHand
 from cardan.sim_peers.spacemouse.keyboard import (
     KEYBOARD_HELP,
@@ -242,3 +243,16 @@ def _usbip(
     )
     carrier = UsbipCarrier(usb, options.host, port, options.bus_id)
     return carrier
+
+
+class SpaceMouse(PeerCommand[SpaceMousePeerOptions]):
+    """A 3Dconnexion device (HID reports), moved by a script or by the keyboard."""
+
+    Options, Peer = SpaceMousePeerOptions, SpaceMousePeer
+    page = "simulated-devices.md"
+    speaks = (
+        "[HID reports](protocols/3dconnexion-hid.md), one per packet of a Unix socket, by "
+        "uhid or USB/IP"
+    )
+    epilog = "Prints READY and where it is once it can be opened."
+    faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

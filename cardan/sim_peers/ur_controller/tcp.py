@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from cardan.sim_peers.command import PeerCommand
 from cardan.sim_peers.tcp_peer import TcpPeer
 from cardan.sim_peers.ur_controller.connector import Connector
 from cardan.sim_peers.ur_controller.controller import UrController
+from cardan.sim_peers.ur_controller.faults import FAULTS
 from cardan.sim_peers.ur_controller.options import UrControllerOptions
 from cardan.sim_peers.ur_controller.servers import PortKind, UrServers
 
@@ -39,3 +41,16 @@ class UrControllerPeer(TcpPeer[PortKind]):
 
     def _port_of(self, kind: PortKind) -> int:
         return self.options.ports[kind]
+
+
+class Ur(PeerCommand[UrControllerOptions]):
+    """A Universal Robots UR5e or UR5 (RTDE, client interfaces and dashboard on TCP ports)."""
+
+    Options, Peer = UrControllerOptions, UrControllerPeer
+    page = "simulated-peers.md"
+    speaks = (
+        "[RTDE; primary, secondary and real-time interface with URScript; dashboard]"
+        "(protocols/ur.md) on TCP ports"
+    )
+    epilog = "Prints READY and the address of RTDE once it serves."
+    faults = FAULTS

@@ -7,6 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from cardan.protocols import simple_message as sm
 from cardan_dissect import simple_message as layers
+from cardan_dissect.dissectors.streams import subcode_name
 from tests.protocols.test_simple_message_codec import BODIES, TYPES, WIRES
 
 NOT_ON_THE_WIRE = {"byte_order", "real_bytes", "prefix"}
@@ -82,3 +83,11 @@ def test_numbers_have_the_same_names():
         for code in ours:
             short = theirs[code].split(" (")[0].removesuffix("_MODE")
             assert short in code.name, (code, theirs[code])
+
+
+def test_a_subcode_is_named_by_its_result():
+    assert subcode_name(sm.MotionResult.NOT_READY, 5006) == "SERVO_OFF"
+    assert subcode_name(sm.MotionResult.INVALID, 3011) == "DATA_START_POS"
+    assert subcode_name(sm.MotionResult.FAILURE, 5006) == "SERVO_OFF"
+    assert subcode_name(sm.MotionResult.FAILURE, 3004) == "GROUPNO"
+    assert subcode_name(sm.MotionResult.INVALID, 42) == "42"

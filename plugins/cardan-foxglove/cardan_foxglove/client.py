@@ -27,7 +27,6 @@ from cardan.common.extras import missing_extra
 from cardan.errors import DriverError, shown
 from cardan.gateway.arm.backlog import STALE_S, is_stale, stale_words
 from cardan.gateway.servers.allow_list import Allowed
-from cardan.gateway.servers.assets import Packages
 from cardan.gateway.servers.calls import Caller, CallError, Mailbox
 from cardan.gateway.servers.connection import Sender, ready
 from cardan.gateway.servers.graph import definition
@@ -44,6 +43,7 @@ from cardan.protocols.ros2.messages import MessageError, Stamp, completed
 from cardan.protocols.ros2.names import RosNameError
 from cardan.protocols.ros2.parameters import content_of
 from cardan_foxglove import protocol
+from cardan_foxglove.assets import Packages
 from cardan_foxglove.protocol import CDR, JSON, ROS2MSG
 
 CLOCK, CLOCK_TYPE = "/clock", "rosgraph_msgs/msg/Clock"

@@ -22,7 +22,6 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.bounds import ANY_PORT
 from cardan.common.options import Options
-from cardan.gateway.servers.assets import Packages
 from cardan.gateway.servers.base import Face, Ready
 from cardan.gateway.servers.calls import Caller, Mailbox
 from cardan.gateway.servers.graph import VisibleGraph
@@ -32,6 +31,7 @@ from cardan.gateway.servers.refusals import Refusals
 from cardan.gateway.servers.tokens import Role
 from cardan.gateway.servers.web import Front, FrontConnection, WebOptions, serve_until
 from cardan.protocols.ros2.cdr import Malformed, codec_of
+from cardan_foxglove.assets import Packages
 from cardan_foxglove.client import Client, Shown, sdk, shared_feeds
 from cardan_foxglove.protocol import SUBPROTOCOLS
 

@@ -6,11 +6,11 @@ import math
 from collections import deque
 from collections.abc import Sequence
 
-from cardan.protocols.spnav import (
+from cardan.protocols.spnav import MASK_V1
+from cardan_spnav_server.protocol import (
     INT_MAX,
     INT_MIN,
     MASK_V0,
-    MASK_V1,
     ClientReader,
     StringAssembler,
     encode_button,

@@ -27,20 +27,22 @@ from cardan.protocols.spnav import (
     Handshake,
     LedMode,
     Malformed,
+    encode_handshake,
+    encode_reply,
+    encode_string,
+)
+from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
+from cardan_spnav_server.client import SpnavClient
+from cardan_spnav_server.identity import DeviceIdentity
+from cardan_spnav_server.protocol import (
     Request,
     Sensitivity,
     bits_of,
     encode_config,
     encode_device,
-    encode_handshake,
-    encode_reply,
-    encode_string,
     float_of,
     from_robot_axes,
 )
-from cardan.types import NEVER_S, ButtonEvent, DeviceLink, DeviceState
-from cardan_spnav_server.client import SpnavClient
-from cardan_spnav_server.identity import DeviceIdentity
 
 MOTION_PERIOD_S = 0.008
 """Shortest period of sending a changing deflection."""

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, strategies as st
 
 from cardan.protocols.spnav import (
-    MASK_V0,
     MASK_V1,
     Button,
     Code,
@@ -19,13 +18,10 @@ from cardan.protocols.spnav import (
     Motion,
     Reply,
     ServerReader,
-    StringAssembler,
-    bits_of,
     encode_handshake,
     encode_request,
     encode_sensitivity,
     encode_string,
-    float_of,
 )
 from cardan.types import ButtonEvent, DeviceLink, DeviceState
 from cardan_spnav_server import DeviceIdentity, SpnavServerCore, SpnavServerOptions
@@ -36,6 +32,7 @@ from cardan_spnav_server.core import (
     REPEAT_PERIOD_S,
     STALE_AFTER_S,
 )
+from cardan_spnav_server.protocol import MASK_V0, StringAssembler, bits_of, float_of
 
 REST = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 PUSH = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)

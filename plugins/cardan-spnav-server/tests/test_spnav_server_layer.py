@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, strategies as st
 
 from cardan.protocols import spnav as codec
-from cardan_spnav_server import dissect as layers
+from cardan_spnav_server import dissect as layers, protocol as server
 from cardan_spnav_server.dissect import (
     SpnavBroken,
     SpnavDevice,
@@ -112,7 +112,7 @@ seven = st.tuples(*[i32] * 7)
 
 @given(six, i32)
 def test_motion_of_the_codec(axes, period_ms):
-    record = SpnavFromServer(codec.encode_motion(axes, period_ms))
+    record = SpnavFromServer(server.encode_motion(axes, period_ms))
     assert type(record) is SpnavMotion
     found = tuple(record.getfieldval(name) for name in ("x", "y", "z", "rx", "ry", "rz"))
     assert (*found, record.period_ms) == (*axes, period_ms)
@@ -121,7 +121,7 @@ def test_motion_of_the_codec(axes, period_ms):
 
 @given(st.integers(0, codec.MAX_BUTTONS - 1), st.booleans())
 def test_buttons_of_the_codec(number, pressed):
-    record = SpnavFromServer(codec.encode_button(number, pressed))
+    record = SpnavFromServer(server.encode_button(number, pressed))
     assert type(record) is (SpnavPress if pressed else layers.SpnavRelease)
     assert (record.button, record.pressed) == (number, pressed)
     raw = layers.SpnavRawButton(button=number, pressed=pressed)
@@ -131,14 +131,14 @@ def test_buttons_of_the_codec(number, pressed):
 @given(st.booleans(), st.integers(0, 2**31 - 1), i32, i32, i32)
 def test_devices_of_the_codec(added, number, device_type, vendor, product):
     change = codec.DeviceChange(added, number, device_type, vendor, product)
-    record = SpnavFromServer(codec.encode_device(change))
+    record = SpnavFromServer(server.encode_device(change))
     found = (record.device, record.device_type, record.vendor, record.product)
     assert (not record.operation, *found) == change
 
 
 @given(i32, six, i32)
 def test_other_events_of_the_codec(code, data, axis):
-    record = SpnavFromServer(codec.encode_config(codec.ConfigChange(code, data)))
+    record = SpnavFromServer(server.encode_config(codec.ConfigChange(code, data)))
     found = tuple(record.getfieldval(f"data_{n}") for n in range(6))
     assert (record.code, found) == (code, data)
     raw = layers.SpnavRawAxis(axis=axis, value=code)
@@ -174,7 +174,7 @@ def test_strings_of_the_codec(text):
     assert [reply.continued for reply in replies] == [False, *[True] * (len(replies) - 1)]
     built = string_messages(SpnavReply, 0x2000, text.encode())
     assert list(map(bytes, built)) == records
-    assembler = codec.StringAssembler()
+    assembler = server.StringAssembler()
     taken = [assembler.take((*reply.words, reply.last)) for reply in built]
     assert taken == [*[None] * (len(built) - 1), text]
 

@@ -97,7 +97,7 @@ class _SimpleMessages(Conversation):
             title.append(name_of(MessageType if points else MotionCommand, body.command))
         if isinstance(body, simple_message.MotionReply):
             title.append(name_of(MotionResult, body.result))
-            title.append(simple_message.subcode_name(body.result, body.subcode))
+            title.append(subcode_name(body.result, body.subcode))
         return Decoded(body, " ".join(title))
 
 
@@ -256,3 +256,16 @@ class Rtde(StreamDissector):
             len(set(data)) == 1 and len(data) >= LEAST_DATA and data[0][0].startswith(f"{end} >")
         )
         return f"the robot at {end}" if agreed or stream else ""
+
+
+def subcode_name(result: int, subcode: int) -> str:
+    """The name of a reply's subcode, which depends on its result.
+
+    CHECK_MOTION_READY answers FALSE with a NOT_READY subcode, so both tables count there.
+    """
+    not_ready = simple_message.NotReadySubcode
+    if result == MotionResult.INVALID or (
+        result != MotionResult.NOT_READY and subcode < not_ready.UNSPECIFIED
+    ):
+        return simple_message.name_of(simple_message.InvalidSubcode, subcode)
+    return simple_message.name_of(not_ready, subcode)

@@ -11,12 +11,11 @@ from cardan.protocols.spnav import (
     Handshake,
     Motion,
     Reply,
-    Request,
     ServerReader,
     ServerRecord,
-    decode_request,
 )
 from cardan_spnav_server.conform.scenario import STRINGS
+from cardan_spnav_server.protocol import Request, decode_request
 
 
 class Record(NamedTuple):

@@ -32,8 +32,6 @@ from cardan.protocols.spnav import (
     LedMode,
     Malformed,
     Motion,
-    StringAssembler,
-    float_of,
 )
 from cardan_spnav_server.conform.decoded import Asked, Record, SpnavSeen
 from cardan_spnav_server.conform.scapy_check import readings_differ
@@ -47,6 +45,7 @@ from cardan_spnav_server.conform.scenario import (
     STRINGS,
     UNKNOWN,
 )
+from cardan_spnav_server.protocol import StringAssembler, float_of
 
 PROTOCOL = "FreeSpacenav, spacenavd's description of its protocol"
 LIBSPNAV = "FreeSpacenav libspnav, src/spnav.c"

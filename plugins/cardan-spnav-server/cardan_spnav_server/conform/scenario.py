@@ -22,12 +22,12 @@ from cardan.protocols.spnav import (
     Motion,
     Reply,
     ServerReader,
-    bits_of,
     encode_handshake,
     encode_request,
     encode_sensitivity,
     encode_string,
 )
+from cardan_spnav_server.protocol import bits_of
 
 OLD, NEW, OTHER = "v0", "v1", "other"
 """Connections: one that says nothing, as of version 0; one that asks; and one to compare with."""

@@ -22,15 +22,9 @@ from cardan.protocols.spnav import (
     EventMask,
     Motion,
     Reply,
-    Request,
-    bits_of,
     decode_handshake,
-    decode_request,
     decode_server_record,
-    encode_button,
-    encode_device,
     encode_handshake,
-    encode_motion,
     encode_reply,
 )
 from cardan.sim_peers.base import check_faults
@@ -39,6 +33,14 @@ from cardan_spnav_server.conform.faults import FAULTS
 from cardan_spnav_server.conform.scenario import NEW, OLD, OTHER
 from cardan_spnav_server.core import SpnavServerCore
 from cardan_spnav_server.identity import DeviceIdentity
+from cardan_spnav_server.protocol import (
+    Request,
+    bits_of,
+    decode_request,
+    encode_button,
+    encode_device,
+    encode_motion,
+)
 
 LONGEST_S = 300.0
 """Of a simulated run; a script that waits for what never comes ends before."""
