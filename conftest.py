@@ -80,6 +80,18 @@ PARTS = ("computing", "real", "matrix")
 REAL_AT_MOST = 150
 """Most tests of ``make test`` that wait for something real."""
 
+LONGEST = (
+    "tests/sweep/test_sweep.py",
+    "tests/test_ending.py",
+    "tests/gateway/daemon/test_serve.py",
+    "tests/gateway/session/test_remote_device.py",
+    "tests/sim_peers/test_ur_public_client.py",
+    "plugins/cardan-serial-mice/tests/test_serial_judges.py",
+    "tests/gateway/session/test_parent_death.py",
+)
+"""Files whose ``real`` tests take longest, which begin first: else the other worker waits for the
+last of them, whatever it does."""
+
 OUR_MARKS = ("real", "matrix", "judged", "shown_on")
 
 ALL_MATRIX = re.compile(r"^pytestmark = .*mark\.matrix|^    pytest\.mark\.matrix,$", re.MULTILINE)
@@ -153,6 +165,11 @@ def check_ids(items: Sequence[pytest.Item]) -> None:
         raise pytest.UsageError(f"marks name parameters that are not there: {sorted(missing)}")
 
 
+def place_of(file: str) -> int:
+    """When a file with ``real`` tests begins."""
+    return LONGEST.index(file) if file in LONGEST else len(LONGEST)
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Keep the part that is asked for."""
     check_marks(items)
@@ -162,6 +179,8 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if asked is not None:
         left_out = [item for item in items if part_of(item) != asked]
         items[:] = [item for item in items if part_of(item) == asked]
+        if asked == "real":
+            items.sort(key=lambda item: place_of(item.nodeid.partition("::")[0]))
         config.hook.pytest_deselected(items=left_out)
 
 

@@ -236,6 +236,21 @@ def test_each_test_runs_in_one_part(tmp_path):
     assert len(collected(tmp_path)[0]) == 5
 
 
+def test_of_the_real_tests_the_longest_begin_first(tmp_path):
+    later, first = tmp_path / "test_early.py", tmp_path / conftest.LONGEST[-1]
+    first.parent.mkdir(parents=True)
+    marked = "import pytest\n@pytest.mark.real\ndef test_{}(): ..."
+    later.write_text(marked.format("short"))
+    first.write_text(marked.format("long"))
+    assert collected(tmp_path, "--part=real")[0] == ["test_long", "test_short"]
+    assert collected(tmp_path)[0] == ["test_short", "test_long"]
+
+
+@pytest.mark.parametrize("file", conftest.LONGEST)
+def test_a_file_that_begins_first_has_real_tests(file):
+    assert "mark.real" in (CONFTEST.parent / file).read_text(encoding="utf-8")
+
+
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -28,6 +28,7 @@ def outcomes(mode):
     return {each.id: each.outcome for each in report.results}
 
 
+@pytest.mark.matrix("standard")
 @pytest.mark.parametrize("mode", ["stream", "standard"])
 def test_a_client_of_trajectories_meets_what_concerns_it(mode):
     found = outcomes(mode)

@@ -416,7 +416,15 @@ def test_faults_of_the_line_never_move_the_robot_afterwards(mode, fault, value, 
         assert run.controller.command_rad(0) == where
 
 
-@pytest.mark.parametrize("fault", [{"split": 1.0}, {"merge": 1.0}, {"strict-recv": 1.0}])
+@pytest.mark.matrix(
+    *("velocity-merge", "velocity-strict-recv", "stream-split", "stream-strict-recv"),
+    *("standard-split", "standard-merge"),
+)
+@pytest.mark.parametrize(
+    "fault",
+    [{"split": 1.0}, {"merge": 1.0}, {"strict-recv": 1.0}],
+    ids=lambda each: next(iter(each)),
+)
 @pytest.mark.parametrize("mode", MODES)
 def test_how_bytes_are_cut_makes_no_difference(mode, fault):
     run = turning(rig(mode, faults=fault).ready()).run(1.0)

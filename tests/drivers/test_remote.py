@@ -48,6 +48,9 @@ NETWORKS = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.matrix(  # With every change, one offset without playout, and the other with it.
+    *(f"{ids}-{link}" for ids in ("-1000000.0", "playout--40.0") for link in NETWORKS.kwargs["ids"])
+)
 @NETWORKS
 @pytest.mark.parametrize("offset_s", [-40.0, 1e6])
 @PLAYOUTS
@@ -201,6 +204,13 @@ def test_a_link_that_is_cut_in_one_direction_stops_in_time(way, playout_ms):
 # -- clocks that jump, or lie ---------------------------------------------------------------------
 
 
+SEEDS_NOW = {"-lan": 0, "-lte": 1, "playout-lan": 2, "playout-lte": 3}
+"""One for each link with every change; in the matrix, all for all."""
+
+
+@pytest.mark.matrix(
+    *(f"{ids}-{seed}" for ids, now in SEEDS_NOW.items() for seed in range(4) if seed != now)
+)
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("link", [LAN, LTE], ids=["lan", "lte"])
 @PLAYOUTS

@@ -179,6 +179,7 @@ def waiting(down=LTE.link, **options):
     return bench
 
 
+@pytest.mark.matrix("0-0.03", "0-0.2", "1-0.01", "1-0.2", "2-0.01", "2-0.03")
 @pytest.mark.parametrize("again_s", [0.01, 0.03, 0.2])
 @pytest.mark.parametrize("seed", range(3))
 def test_what_was_let_go_of_never_moves_again_from_the_buffer(seed, again_s):

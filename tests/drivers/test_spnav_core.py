@@ -470,6 +470,10 @@ def repeat(daemon, counts, period_s, duration_s):
         daemon.motion(counts)
 
 
+@pytest.mark.matrix(
+    *(f"{ids}-60.0" for ids in ("0-6e-05", "0-0.0011", "1-0.0003", "1-0.002")),
+    *(f"{ids}-0.0" for ids in ("0-0.0003", "0-0.002", "1-6e-05", "1-0.0011")),
+)
 @pytest.mark.parametrize("held_s", [0.0, 60.0])
 @pytest.mark.parametrize("period_s", [60e-6, 300e-6, 1.1e-3, 2e-3])
 @pytest.mark.parametrize("version", [0, 1])

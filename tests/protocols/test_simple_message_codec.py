@@ -67,14 +67,30 @@ TYPES = [(body, msg_type) for body in BODIES for msg_type in SHARED.get(body, (N
 WIRES = [sm.wire(order, reals) for order in sm.ByteOrder for reals in (4, 8)]
 
 
+def named(wire):
+    return f"{wire.byte_order.name}-{wire.real_bytes}"
+
+
+ON_EACH_WIRE = [
+    pytest.param(
+        *of_type,
+        wire,
+        marks=() if place == number % len(WIRES) else pytest.mark.matrix,
+        id=f"{of_type[0].__name__}-{of_type[1]}-{named(wire)}",
+    )
+    for number, of_type in enumerate(TYPES)
+    for place, wire in enumerate(WIRES)
+]
+"""With every change, each type on one wire, and each wire with every fourth type."""
+
+
 def test_every_type_and_every_body_is_served():
     served = {kind for _, kind in TYPES} | set(messages._TYPES.values())
     assert served >= set(sm.MessageType) - {16, 17}
     assert set(sm.Body.__args__) == set(BODIES)
 
 
-@pytest.mark.parametrize("wire", WIRES, ids=lambda w: f"{w.byte_order.name}-{w.real_bytes}")
-@pytest.mark.parametrize(("body", "msg_type"), TYPES, ids=str)
+@pytest.mark.parametrize(("body", "msg_type", "wire"), ON_EACH_WIRE)
 @settings(max_examples=examples(20))
 @given(data=st.data())
 def test_every_message_comes_back_as_it_was(body, msg_type, wire, data):

@@ -80,6 +80,7 @@ def test_no_hardware_is_opened(file, monkeypatch):
 
 
 @pytest.mark.matrix("request_stop-<lambda>", "suspend-<lambda>", "acknowledge-<lambda>")
+@pytest.mark.matrix("request_stop-<lambda>", "hold_off-<lambda>")  # Inhibit, as trip and suspend.
 @pytest.mark.parametrize(
     ("name", "request_by"),
     [

@@ -11,6 +11,7 @@ from hypothesis import given, settings, strategies as st
 from cardan.errors import ConfigurationError
 from cardan.robots.arm_model import Box, Capsule
 from cardan.robots.fitting import MOST_PIECES, OVER_M, OVER_SHARE, THINNEST_M, Hull, fit
+from tests.examples import examples
 
 CUBE = np.array(list(itertools.product((-0.1, 0.1), repeat=3)))
 SEEDS = st.integers(0, 2**32 - 1)
@@ -90,7 +91,7 @@ def inside_hull(points, rng, number=4000):
 
 
 @given(seed=SEEDS, how=BOTH)
-@settings(max_examples=12)
+@settings(max_examples=examples(24))
 def test_all_of_the_hull_is_covered(seed, how):
     points = cloud(seed)
     found = fit(points, how)
@@ -134,7 +135,7 @@ def distance_of(first, second):
 
 
 @given(seed=SEEDS.filter(lambda seed: seed % 8 in (0, 3, 4, 5, 6, 7)), how=BOTH)
-@settings(max_examples=6)
+@settings(max_examples=examples(12))
 def test_nothing_is_farther_from_the_cover_than_from_the_hull(seed, how):
     points = cloud(seed)
     if len(points) < 20:
@@ -153,7 +154,7 @@ def test_nothing_is_farther_from_the_cover_than_from_the_hull(seed, how):
 
 
 @given(seed=SEEDS)
-@settings(max_examples=20)
+@settings(max_examples=examples(40))
 def test_the_simplified_hull_is_within_its_margin_of_all_points(seed):
     points = cloud(seed)
     hull = Hull(points)
@@ -165,7 +166,7 @@ def test_the_simplified_hull_is_within_its_margin_of_all_points(seed):
 
 
 @given(seed=SEEDS)
-@settings(max_examples=5)
+@settings(max_examples=examples(8))
 def test_the_largest_distance_is_that_of_no_sample_exceeded(seed):
     points = cloud(seed)
     found = fit(points, "tight")

@@ -82,6 +82,7 @@ def test_nothing_is_felt_above_the_surface():
     assert mean_force(pressing(-0.005)) == pytest.approx([0.0, 0.0, 0.0], abs=0.15)
 
 
+@pytest.mark.matrix("base-exerted--1.0", "tool-felt--1.0")
 @pytest.mark.parametrize(
     ("frame", "sense", "sign"),
     [
