@@ -15,7 +15,7 @@ import pytest
 
 # By its path: plug-ins' tests have a conftest, too.
 CONFTEST = Path(__file__).parents[1] / "conftest.py"
-pytest_ignore_collect = runpy.run_path(str(CONFTEST))["pytest_ignore_collect"]
+conftest = SimpleNamespace(**runpy.run_path(str(CONFTEST)))
 
 TESTS = """
 import pytest
@@ -190,8 +190,8 @@ def test_only_a_file_without_a_test_of_the_part_is_left_unread(tmp_path, asked, 
     file = tmp_path / "test_file.py"
     file.write_text(text)
     config = SimpleNamespace(getoption={"--part": asked}.__getitem__)
-    assert bool(pytest_ignore_collect(file, config)) == left_out
-    assert not pytest_ignore_collect(tmp_path, config)
+    assert bool(conftest.pytest_ignore_collect(file, config)) == left_out
+    assert not conftest.pytest_ignore_collect(tmp_path, config)
 
 
 PARTED = """

@@ -53,16 +53,17 @@ class OverError(Exception):
 
 
 def use_console(
-    browser: str, folder: Path, seconds: float, say: _Say = print
+    browser: str, folder: Path, seconds: float, say: _Say = print, still_s: float = STILL_S
 ) -> tuple[Snapshot, list[str]]:
     """Run the example of the console, and the person at its page with the program `browser`, until
     all is done there, for `seconds` at most; `say` is told what happens. Pictures of the page go to
-    `folder`. Gives the session's last snapshot, and what was not as it should be."""
+    `folder`, each `still_s` after the page shows its motive. Gives the session's last snapshot, and
+    what was not as it should be."""
     with simulated_hardware(choose_demo("console"), seconds) as (config, _):
         assert config.network is not None
         with with_face("console", config.network, "127.0.0.1", 0) as face, Pauses() as pauses:
             over = threading.Event()
-            person = Person(face.endpoint, folder, say, over)
+            person = Person(face.endpoint, folder, say, over, still_s)
             thread = threading.Thread(target=person.work, args=(browser,), daemon=True)
             thread.start()
             try:
@@ -79,10 +80,13 @@ def use_console(
 class Person:
     """Somebody at the page, until `over` is set."""
 
-    def __init__(self, address: str, folder: Path, say: _Say, over: threading.Event) -> None:
+    def __init__(
+        self, address: str, folder: Path, say: _Say, over: threading.Event, still_s: float = STILL_S
+    ) -> None:
         self.done: list[str] = []
         """What went as it should."""
         self._address, self._folder, self._say, self._over = address, folder, say, over
+        self._still_s = still_s
         self._failed = ""
         self._shown = ""
         """The page's own line about why nothing moves, when the time was over."""
@@ -226,7 +230,7 @@ class Person:
 
     def _photograph(self, tab: Tab, name: str) -> None:
         self._check_time()
-        time.sleep(STILL_S)
+        time.sleep(self._still_s)
         tab.photograph(self._folder / f"console-{name}.png")
 
     def _wait(self, tab: Tab, expression: str) -> None:
