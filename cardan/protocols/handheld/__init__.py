@@ -6,6 +6,9 @@ the hand means, `teleop` the message of the public teleop page. docs/protocols/h
 
 from cardan.protocols.handheld.frames import (
     BUTTONS as BUTTONS,
+    MAX_JOINTS as MAX_JOINTS,
+    VERSION as VERSION,
+    Body as Body,
     Gamepad as Gamepad,
     JogJoints as JogJoints,
     JogTwist as JogTwist,
@@ -18,6 +21,8 @@ from cardan.protocols.handheld.frames import (
     encode_frame as encode_frame,
 )
 from cardan.protocols.handheld.motion import (
+    LEAP_M as LEAP_M,
+    LEAP_RAD as LEAP_RAD,
     Held as Held,
     Sample as Sample,
     Yaw as Yaw,

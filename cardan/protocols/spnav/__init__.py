@@ -22,6 +22,7 @@ from cardan.protocols.spnav.records import (
     ConfigChange as ConfigChange,
     Data as Data,
     DeviceChange as DeviceChange,
+    Event as Event,
     Malformed as Malformed,
     Motion as Motion,
     RawAxis as RawAxis,

@@ -3,8 +3,10 @@
 from cardan.sim_peers.egm_controller.arguments import Mode as Mode
 from cardan.sim_peers.egm_controller.contact import Surface as Surface
 from cardan.sim_peers.egm_controller.controller import (
+    Counters as Counters,
     EgmController as EgmController,
 )
+from cardan.sim_peers.egm_controller.events import Event as Event
 from cardan.sim_peers.egm_controller.external_motion import EgmState as EgmState
 from cardan.sim_peers.egm_controller.faults import FAULTS as FAULTS
 from cardan.sim_peers.egm_controller.options import (
@@ -12,6 +14,7 @@ from cardan.sim_peers.egm_controller.options import (
     EgmControllerOptions as EgmControllerOptions,
 )
 from cardan.sim_peers.egm_controller.scripts import (
+    SCRIPT_VERBS as SCRIPT_VERBS,
     SCRIPTS as SCRIPTS,
 )
 from cardan.sim_peers.egm_controller.udp import EgmControllerPeer as EgmControllerPeer

@@ -13,6 +13,7 @@ from cardan.sim_peers.evdev.hand import (
 )
 from cardan.sim_peers.evdev.models import (
     MODELS as MODELS,
+    Model as Model,
 )
 from cardan.sim_peers.evdev.peer import (
     EvdevPeer as EvdevPeer,
