@@ -13,7 +13,7 @@ from xml.etree import ElementTree
 import pytest
 
 import conftest
-from conftest import pytest_ignore_collect
+from conftest import WAITS_S, give_time, pytest_ignore_collect
 
 CONFTEST = Path(conftest.__file__)
 
@@ -225,6 +225,24 @@ def collected(folder, *options):
         check=False,
     )
     return re.findall(r"::(\S+)", done.stdout), done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("marks", "time_s"),
+    [
+        ([], None),
+        ([pytest.mark.timeout(5)], 5),
+        ([pytest.mark.real], WAITS_S),
+        ([pytest.mark.matrix], WAITS_S),
+        ([pytest.mark.matrix, pytest.mark.timeout(900)], 900),
+    ],
+)
+def test_what_waits_for_something_real_has_the_time_for_it(request, marks, time_s):
+    item = pytest.Function.from_parent(request.node.parent, name="it", callobj=lambda: None)
+    for mark in marks:
+        item.add_marker(mark)
+    give_time([item])
+    assert [each.args[0] for each in item.iter_markers("timeout")] == [time_s] * bool(time_s)
 
 
 def test_each_test_runs_in_one_part(tmp_path):

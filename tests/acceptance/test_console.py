@@ -38,7 +38,6 @@ def test_a_browser_that_does_not_start_is_found_fault_with(tmp_path):
 
 
 @pytest.mark.real
-@pytest.mark.timeout(200)
 def test_a_person_moves_the_arm_by_the_page_and_takes_pictures_of_it(tmp_path):
     pytest.importorskip(
         "zenoh", reason="eclipse-zenoh is not installed: pip install cardan[console]"

@@ -28,7 +28,7 @@ from tests.sweep.operators import (
 from tests.sweep.world import await_rest, rests, stamp_s, statuses
 from tests.waiting import until
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(120)]
+pytestmark = pytest.mark.matrix
 
 RCLPY = ("jazzy", "kilted")
 WITH_SERVICES = ("zenoh-ros2-sdk", "roslibpy", "dora-rs")

@@ -19,7 +19,7 @@ from tests.npm import installed
 from tests.ros2_packages import write_packages
 from tests.sweep.plan import RESULT, command, plan, wanted_rows
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.matrix
 
 MODULE = (Path(__file__).parent / "roslib_judge.mjs").read_text(encoding="utf-8")
 LATCHED = ("_static", "_description", "/configuration", "/surroundings")

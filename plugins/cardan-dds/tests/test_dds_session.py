@@ -113,7 +113,6 @@ def test_the_description_is_there_for_who_comes_late(user):
     handle.close()
 
 
-@pytest.mark.timeout(180)
 def test_a_node_of_dora_rs_watches_and_commands_the_arm(domain, tmp_path):
     """With the face alone: of two participants that RustDDS meets at once it may forget the writers
     of one (findings/rustdds_forgets_writers_when_another_participant_joins.sh)."""

@@ -400,7 +400,6 @@ def test_a_plan_of_moveit_is_carried_out(user):
     joints.close()
 
 
-@pytest.mark.timeout(120)
 def test_joint_states_with_speeds_are_a_stream_of_them(user):
     """As JointStateTopicSystem of ros2_control sends them; names in any order."""
     joint_state = "sensor_msgs/msg/JointState"

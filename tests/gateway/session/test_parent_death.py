@@ -63,7 +63,6 @@ def folder():
         yield Path(made)
 
 
-@pytest.mark.timeout(300)  # Several demos, each for a stroke or two of its hand.
 @pytest.mark.real("gofa-0-KILL")
 @pytest.mark.parametrize(
     ("name", "early", "number"),
