@@ -42,13 +42,13 @@ from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArm
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceCapabilities, DeviceLink, DeviceState
 from tests.serving import PATIENT, in_a_thread
-from tests.waiting import STOOD_STILL, done_again, until
+from tests.waiting import STOOD_STILL, WITHIN_S, done_again, until
 
 pytestmark = pytest.mark.matrix
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "verbs-ur5-simulated.toml"
 QUICK = {"cpts": 0.2, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0}
-TIMEOUT_S = 20.0
+TIMEOUT_S = WITHIN_S
 HEARTBEAT_S = 0.5
 BRAKING_S = 0.3
 """From 0.25 m/s at 1 m/s²."""
