@@ -275,6 +275,7 @@ def test_a_cut_socket_rests_and_releases(arm, running):
         until(lambda: arm.verbs()[-2:] == ["twist", "release"], "the page has left")
 
 
+@pytest.mark.usefixtures("notices_pauses")
 def test_a_server_that_stood_still_acts_on_nothing_that_waited(arm, running, page):
     held(page)
     until(lambda: arm.requests, "the arm is asked")
