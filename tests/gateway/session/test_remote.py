@@ -384,17 +384,22 @@ PROGRAM = """
 import sys
 from cardan.gateway.session.remote import RemoteArm
 
+def say(*words):
+    # In one piece: print() of two threads is mixed.
+    sys.stdout.write(" ".join(map(str, words)) + "\\n")
+    sys.stdout.flush()
+
 class Told(RemoteArm):
     def _take(self, packet):
         if packet.startswith(b'{"elapsed_s"'):
-            print(packet.decode(), flush=True)
+            say(packet.decode())
         return super()._take(packet)
 
 with Told(sys.argv[1]) as arm:
     line = arm.movv([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
     sys.stdin.readline()
-    print("MOTION", line.outcome.value, line.reason, flush=True)
-    print("STREAM", arm.twist([0.0, 0.0, 0.02, 0.0, 0.0, 0.0]), flush=True)
+    say("MOTION", line.outcome.value, line.reason)
+    say("STREAM", arm.twist([0.0, 0.0, 0.02, 0.0, 0.0, 0.0]))
     arm.movv([0.0, 0.0, 0.02, 0.0, 0.0, 0.0])
     sys.stdin.readline()
 """
