@@ -92,6 +92,11 @@ LONGEST = (
 """Files whose ``real`` tests take longest, which begin first: else the other worker waits for the
 last of them, whatever it does."""
 
+WAITS_S = 300.0
+"""Longest time for a test that waits for something real: each wait has a limit of its own, which a
+computer that works never reaches, and a test may have many. The others have `timeout` in
+pyproject.toml."""
+
 OUR_MARKS = ("real", "matrix", "judged", "shown_on")
 
 ALL_MATRIX = re.compile(r"^pytestmark = .*mark\.matrix|^    pytest\.mark\.matrix,$", re.MULTILINE)
@@ -170,11 +175,19 @@ def place_of(file: str) -> int:
     return LONGEST.index(file) if file in LONGEST else len(LONGEST)
 
 
+def give_time(items: Iterable[pytest.Item]) -> None:
+    """Give each test that waits for something real the time for it, unless it has its own."""
+    for item in items:
+        if part_of(item) != "computing" and item.get_closest_marker("timeout") is None:
+            item.add_marker(pytest.mark.timeout(WAITS_S))
+
+
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Keep the part that is asked for."""
     check_marks(items)
     if config.args_source is config.ArgsSource.TESTPATHS:
         check_ids(items)
+    give_time(items)
     asked = config.getoption("--part")
     if asked is not None:
         left_out = [item for item in items if part_of(item) != asked]

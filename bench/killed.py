@@ -50,7 +50,7 @@ AT_SPEED = 0.9
 REST_M_S = 0.001
 """Slower than this the arm rests, and stays at rest for REST_S."""
 REST_S = 0.5
-WITHIN_S = 30.0
+WITHIN_S = 120.0
 """Longest wait for the arm to have its speed, and to rest."""
 
 COMM_TIMEOUT_S = 0.2

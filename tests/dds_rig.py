@@ -6,8 +6,9 @@ from cardan.bus.dds_options import DdsOptions
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
 from cardan_dds.network import DdsNetwork
+from tests.waiting import WITHIN_S
 
-TIMEOUT_S = 20.0
+TIMEOUT_S = WITHIN_S
 
 OPTIONS, SESSION_OPTIONS = (
     DdsOptions(dds_domain=each) for each in random.SystemRandom().sample(range(50, 100), 2)

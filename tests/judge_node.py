@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 SEGMENT = re.compile(r"/dev/shm/fastrtps_[0-9a-f]{16}\b")
-WAIT_S = 20.0
+WAIT_S = 120.0
 """Longest wait for what comes at once; participants announce themselves every few seconds."""
 
 

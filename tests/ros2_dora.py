@@ -14,7 +14,7 @@ warnings.filterwarnings("ignore", message="dora-rs ROS2 Bridge")
 import dora  # noqa: E402
 import pyarrow as pa  # noqa: E402
 
-TIMEOUT_S = 20.0
+TIMEOUT_S = 120.0
 
 
 def main(config, arm):

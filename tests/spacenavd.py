@@ -20,8 +20,9 @@ from cardan.protocols.spnav import (
 )
 from cardan_serial_mice.peer import SerialPuckPeer, SerialPuckPeerOptions
 from tests.serving import in_a_thread
+from tests.waiting import WITHIN_S
 
-TIMEOUT_S = 30.0
+TIMEOUT_S = WITHIN_S
 
 PROBES = 30
 """Most starts of the daemon until it has found its device."""

@@ -423,7 +423,6 @@ def test_the_page_gets_the_reports_tables(reported, tmp_path):
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(200)  # Of dozens of programs, which all have to start.
 def test_a_short_run_ends_in_good_order_when_it_is_interrupted(tmp_path_factory):
     pytest.importorskip("zenoh", reason="cardan[network]")
     pytest.importorskip("prometheus_client", reason="cardan[metrics]")

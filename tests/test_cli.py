@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from cardan import __version__
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
@@ -24,7 +25,7 @@ def cardan(*arguments, code=0, **options):
         [sys.executable, "-m", "cardan", *map(str, arguments)],
         capture_output=True,
         text=True,
-        timeout=50,
+        timeout=WITHIN_S,
         env=ENVIRONMENT,
         **options,
     )
@@ -51,7 +52,7 @@ class Peer:
 
     def __exit__(self, *_exception):
         self._process.send_signal(signal.SIGTERM)
-        self.said, self.logged = self._process.communicate(timeout=20)
+        self.said, self.logged = self._process.communicate(timeout=WITHIN_S)
         self.code = self._process.returncode
 
 

@@ -227,6 +227,24 @@ def collected(folder, *options):
     return re.findall(r"::(\S+)", done.stdout), done.stdout + done.stderr
 
 
+@pytest.mark.parametrize(
+    ("marks", "time_s"),
+    [
+        ([], None),
+        ([pytest.mark.timeout(5)], 5),
+        ([pytest.mark.real], conftest.WAITS_S),
+        ([pytest.mark.matrix], conftest.WAITS_S),
+        ([pytest.mark.matrix, pytest.mark.timeout(900)], 900),
+    ],
+)
+def test_what_waits_for_something_real_has_the_time_for_it(request, marks, time_s):
+    item = pytest.Function.from_parent(request.node.parent, name="it", callobj=lambda: None)
+    for mark in marks:
+        item.add_marker(mark)
+    conftest.give_time([item])
+    assert [each.args[0] for each in item.iter_markers("timeout")] == [time_s] * bool(time_s)
+
+
 def test_each_test_runs_in_one_part(tmp_path):
     (tmp_path / "test_parted.py").write_text(PARTED)
     (tmp_path / "test_unmarked.py").write_text(UNMARKED)

@@ -79,7 +79,6 @@ def test_what_is_no_program_is_part_of_an_example() -> None:
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(300)
 def test_mypy_has_nothing_to_say(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("MYPYPATH", ":".join(SOURCES[1:]))
     files = [*map(str, sorted(folder.glob("*.py"))), *EXAMPLES]
@@ -95,13 +94,11 @@ def test_mypy_has_nothing_to_say(folder: Path, monkeypatch: pytest.MonkeyPatch) 
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(300)
 def test_pyright_has_nothing_to_say(folder: Path) -> None:
     assert pyright(folder, str(folder), *EXAMPLES) == []
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(300)
 def test_pyright_knows_the_options_of_every_driver(tmp_path: Path, folder: Path) -> None:
     (tmp_path / "pyrightconfig.json").write_bytes((folder / "pyrightconfig.json").read_bytes())
     for name, driver in DRIVERS.items():
@@ -169,7 +166,6 @@ class Editor:
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(300)
 def test_an_editor_completes_options(tmp_path: Path, folder: Path) -> None:
     (tmp_path / "pyrightconfig.json").write_bytes((folder / "pyrightconfig.json").read_bytes())
     before = "cardan.SpaceMouse.Options(dead"

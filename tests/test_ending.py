@@ -27,8 +27,6 @@ pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 ROBOT = "GP8, MotoROS velocity"
 """It stands as soon as it is commanded to."""
 SPEED_M_S = 0.1
-ENDS_WITHIN_S = 10.0
-"""After Ctrl-C, whatever the terminal does."""
 
 SIGNALS = [signal.SIGHUP, signal.SIGQUIT, signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM]
 
@@ -280,7 +278,7 @@ def test_a_session_that_nobody_sees_holds_and_ends_when_told(moving, kind, numbe
             fill(writing)  # A terminal is full soon.
         moving.wait_until_at_rest()
         assert program.process.poll() is None
-        assert program.end(number, number, within_s=ENDS_WITHIN_S) == 0
+        assert program.end(number, number) == 0
 
 
 def test_a_session_that_is_seen_again_says_why_it_held(moving):
@@ -323,7 +321,7 @@ def test_a_command_waits_for_its_reader_and_can_be_told_not_to(words):
         fill(writing)
         with Program(*words, stdout=writing) as program:
             until(lambda: waits_to_write(program.process.pid), "the thread that writes")
-            assert program.end(signal.SIGINT, within_s=ENDS_WITHIN_S) == 128 + signal.SIGINT
+            assert program.end(signal.SIGINT) == 128 + signal.SIGINT
             assert program.err == ""
 
 
@@ -336,7 +334,7 @@ def test_what_serves_does_so_whoever_reads(tmp_path, name, kind):
         Program(*words, stdout=writing, stderr=writing) as program,
     ):
         until(lambda: list(tmp_path.iterdir()), "the socket")
-        assert program.end(signal.SIGINT, within_s=ENDS_WITHIN_S) == 0
+        assert program.end(signal.SIGINT) == 0
 
 
 def test_a_hand_at_a_terminal_that_is_not_read(tmp_path):
@@ -356,7 +354,7 @@ def test_a_hand_at_a_terminal_that_is_not_read(tmp_path):
         for _ in range(40):  # Each key changes what is shown.
             os.write(reading, b"wsad")
             threading.Event().wait(0.02)
-        assert program.end(signal.SIGINT, within_s=ENDS_WITHIN_S) == 0
+        assert program.end(signal.SIGINT) == 0
 
 
 # -- output that fails ----------------------------------------------------------------------------

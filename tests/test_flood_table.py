@@ -23,7 +23,6 @@ def test_the_arm_is_at_rest_in_time_after_the_last_byte():
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(180)
 @pytest.mark.parametrize("name", SERVERS)
 def test_a_flood_moves_nothing_late(name):
     if name == "Foxglove":

@@ -9,7 +9,7 @@ import pytest
 from tests.docs_commands import BY_HAND, RUN
 from tests.tutorials import PAGES, follow, steps
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.matrix
 
 ELSEWHERE = re.compile(
     r"cardan (?:demo|devices|dissect|doctor|network|plot|replay|sim omni)\b|.*\blever\b|pip |cp |"

@@ -85,8 +85,10 @@ class Reconnector:
 
     def _found(self, zid: str) -> None:
         since_s = self._lost.pop(zid, None)
-        if zid in self._told and since_s is not None:
-            self._told.discard(zid)
+        self._told.discard(zid)
+        if since_s is not None:
+            # Also where the other one was quicker to mend it than this one to tell the loss: no
+            # session comes back by the same id that has not been there all the time.
             gap_s = time.monotonic() - since_s
             _log.warning("connected to Zenoh session %s again, after %.1f s", zid, gap_s)
 
@@ -123,6 +125,8 @@ class Reconnector:
             lost = set(self._lost)
         with self._joined("client", None) as client:
             nodes = _nodes(client)
+        if nodes is None:
+            return  # Nobody is known to have ended.
         with self._changed:
             self._forget(lost - nodes.keys())
             for zid in self._lost.keys() & lost - self._told:
@@ -162,12 +166,15 @@ class Reconnector:
             session.close()
 
 
-def _nodes(client: Any) -> dict[str, str]:
-    """The nodes of each Zenoh session, by the tokens that the router knows."""
+def _nodes(client: Any) -> dict[str, str] | None:
+    """The nodes of each Zenoh session, by the tokens that the router knows. None: it did not tell
+    all of them in time."""
     replies = client.liveliness().get(f"{LIVELINESS}/*/*/*/*/{NODE}/**", timeout=ROUTER_TIMEOUT_S)
-    found = [Entity.parse(str(each.ok.key_expr)) for each in replies if each.ok is not None]
     names: dict[str, set[str]] = {}
-    for each in found:
+    for reply in replies:
+        if reply.ok is None:
+            return None
+        each = Entity.parse(str(reply.ok.key_expr))
         if each is not None:
             names.setdefault(each.zid, set()).add(each.full_node)
     return {zid: ", ".join(sorted(nodes)) for zid, nodes in names.items()}

@@ -146,7 +146,6 @@ def test_what_does_not_happen_in_time_is_found_fault_with(watched):
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(300)
 def test_the_whole_of_it():
     lines = []
     assert live_in_lab(lines.append) == []

@@ -18,7 +18,6 @@ from tests.acceptance.rosbridge_program import RosbridgeProgram
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(180)  # Eight processes begin one after the other.
 def test_a_program_at_rosbridge_moves_the_robot_and_the_record_is_exact(tmp_path):
     lines = []
     assert run_on_the_network(tmp_path, 8.0, lines.append) == []

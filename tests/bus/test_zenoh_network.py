@@ -8,11 +8,11 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.protocols.ros2.interfaces import revised
 from tests.serving import free_endpoint
-from tests.waiting import until
+from tests.waiting import WITHIN_S, until
 
 pytestmark = pytest.mark.matrix
 
-TIMEOUT_S = 20.0
+TIMEOUT_S = WITHIN_S
 TRIGGER = "std_srvs/srv/Trigger"
 
 

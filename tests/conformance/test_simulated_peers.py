@@ -10,7 +10,7 @@ from cardan.conform.run import simulated
 from cardan_omni.peer import available
 from tests import conformance_tables as tables
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.matrix
 COMPILED = pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled")
 SUITES = [
     pytest.param(name, marks=COMPILED) if name == "hdapi" else name for name in registry.names()

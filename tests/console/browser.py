@@ -22,7 +22,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from cardan.errors import DriverError
 
-WAIT_S = 60.0
+WAIT_S = 120.0
 """Longest wait for a browser on a busy computer."""
 
 LEAVE_S = 10.0

@@ -14,7 +14,7 @@ from tests.console.hold_table import ENDS, SPEED_M_S, Pages, tried
 from tests.console.rig import face
 from tests.waiting import until
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]  # A browser that draws by software.
+pytestmark = pytest.mark.matrix  # A browser that draws by software.
 
 LATE_S = 1.0
 """What a busy computer adds: none of these programs has a core of its own, in a test."""

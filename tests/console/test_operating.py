@@ -16,7 +16,7 @@ from tests.console.hand import MOUSE, RELOADED, enable, hold, jog
 from tests.console.served_arm import ARM, motion_of, served_arm, stops
 from tests.gateway.servers.rig import WAIT_S
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]  # A browser that draws by software.
+pytestmark = pytest.mark.matrix  # A browser that draws by software.
 
 TRIGGER = "std_srvs/srv/Trigger"
 NO_VALUES = codec_of("std_srvs/srv/Trigger_Request").encode({DUMMY_MEMBER: 0})

@@ -13,7 +13,7 @@ from cardan.robots import load_arm
 from tests.console.hand import RELOADED
 from tests.console.served_arm import served_arm
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]  # A browser that draws by software.
+pytestmark = pytest.mark.matrix  # A browser that draws by software.
 
 OBJ = "v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 VISUAL = (

@@ -166,7 +166,6 @@ def test_a_daemon_that_fails_is_found_fault_with(quick, monkeypatch, capsys):
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(300)
 def test_it_runs_and_leaves_nothing():
     with tempfile.TemporaryDirectory() as folder:  # Names of sockets are short.
         done = subprocess.run(
@@ -182,7 +181,6 @@ def test_it_runs_and_leaves_nothing():
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(300)
 def test_ctrl_c_ends_it_and_leaves_nothing():
     with Program("demo", "lab", "--seconds", "60") as program:
         program.wait_for("gofa +running", within_s=STARTS_WITHIN_S)

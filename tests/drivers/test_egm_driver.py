@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import itertools
 import math
@@ -19,6 +20,7 @@ from cardan.drivers.abb_egm import AbbEgm, AbbEgmOptions, address, driver as dri
 from cardan.errors import AddressError, CommandError, DriverError, NotOpenError
 from cardan.protocols.egm import EgmMeasuredForce, EgmRapidData
 from cardan.types import HoldCommand, JointCommand, JointVelocityCommand, RobotLink, RobotState
+from tests.waiting import WITHIN_S
 
 from .egm_controller import HOME, PERIOD_S, Controller, sensor_of, speeds_of
 
@@ -36,7 +38,7 @@ class Peer:
         self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self.socket.bind(("127.0.0.1", 0))
         self.socket.connect(robot.endpoint)
-        self.socket.settimeout(1.0)
+        self.socket.settimeout(WITHIN_S)
 
     def say(self, times: int = 1) -> None:
         """Send the next datagrams."""
@@ -55,9 +57,10 @@ class Peer:
         self.socket.setblocking(False)
         try:
             while True:
-                answers.append(self.socket.recv(2048))
+                with contextlib.suppress(ConnectionRefusedError):  # It comes before what is there.
+                    answers.append(self.socket.recv(2048))
         except BlockingIOError:
-            self.socket.settimeout(1.0)
+            self.socket.settimeout(WITHIN_S)
         return answers
 
 
@@ -128,6 +131,7 @@ class LiveController:
     def __exit__(self, *_: object) -> None:
         self.ended.set()
         self.thread.join()
+        self.answers += self.peer.rest()
 
 
 class TestLoop:

@@ -14,10 +14,11 @@ from cardan.errors import AddressError, CommandError, NotOpenError
 from cardan.sim_peers.motoros_controller import MotorosControllerOptions, MotorosControllerPeer
 from cardan.types import HoldCommand, JointVelocityCommand, RobotLink
 from tests.serving import in_a_thread
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
-PATIENCE_S = 30.0
+PATIENCE_S = WITHIN_S
 TURN = JointVelocityCommand((0.4, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 

@@ -19,11 +19,11 @@ from cardan.types import HoldCommand, JointCommand, RobotLink
 from cardan_dds.node import DdsNode
 from tests.dds_rig import OPTIONS
 from tests.drivers.ros2_rig import joint_states
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
 HOME = load_arm("ur5").home
-WITHIN_S = 40.0
 
 
 def cycles(robot):

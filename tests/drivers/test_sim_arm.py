@@ -191,7 +191,7 @@ def test_real_time_keeps_an_absolute_schedule():
         start_s = time.monotonic()
         states = drive(robot, 50, lambda _: HoldCommand())
         assert time.monotonic() - start_s >= 49 * 0.004 - 0.001
-        assert abs(states[-1].stamp_s - time.monotonic()) < 1.0
+        assert start_s <= states[0].stamp_s < states[-1].stamp_s <= time.monotonic()
 
 
 def test_instants_that_were_missed_are_counted_and_left_out(monkeypatch):

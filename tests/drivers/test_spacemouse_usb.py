@@ -27,11 +27,11 @@ from cardan.protocols.connexion import (
     model_by_key,
 )
 from cardan.types import DeviceFeedback, DeviceLink
-from tests.waiting import until
+from tests.waiting import WITHIN_S, until
 
 pytestmark = pytest.mark.matrix
 
-PATIENCE_S = 10.0
+PATIENCE_S = WITHIN_S
 REST = encode_motion(0, 0, 0, 0, 0, 0)
 UP = encode_motion(0, 0, -175, 0, 0, 0)
 

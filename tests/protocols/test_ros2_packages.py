@@ -91,7 +91,6 @@ def test_nothing_is_written_over_nor_beside_what_is_there(tmp_path):
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(120)
 @pytest.mark.parametrize("distribution", ["jazzy", "kilted"])
 def test_rosidl_parses_all_that_is_here_and_has_the_same_hashes(distribution, tmp_path):
     root = Path(__file__).parents[2]

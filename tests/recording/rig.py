@@ -26,7 +26,7 @@ from cardan.sim_peers.base import parse_script
 from cardan.sim_peers.scripted import play
 from cardan.sim_peers.spacemouse import SCRIPT_VERBS, ScriptedHand, SimulatedSpaceMouse
 from tests.serving import PATIENT
-from tests.waiting import until
+from tests.waiting import WITHIN_S, until
 
 NODE = "/cartesian_control_server_ros2"
 STRING = "std_msgs/msg/String"
@@ -169,6 +169,6 @@ def live_session(endpoint: str, **tables):
         yield session
     finally:
         session.stop("enough")
-        thread.join(20.0)
+        thread.join(WITHIN_S)
         assert not thread.is_alive()
         assert not failed

@@ -15,6 +15,7 @@ from rosbags.rosbag2 import Reader
 
 from cardan.bus.node import BusNode, gid_of
 from cardan.bus.options import BusOptions
+from cardan.demos.pauses import Pauses
 from cardan.errors import CaptureError, OptionError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.zenoh import LATCHED_QOS, PUBLISHER, Attachment
@@ -33,6 +34,8 @@ from tests.waiting import until
 
 TEXT = codec_of(STRING)
 CARDAN = (sys.executable, "-m", "cardan")
+LATE_AT_EACH = 4
+"""Zenoh here and there, the recorder and its writer, each as late as this computer was."""
 AGAIN_S = 0.5
 """A motion that nobody has heard is asked for again; one asked for anew begins anew."""
 
@@ -53,6 +56,11 @@ def put_all(publisher, count, first=0):
     until(lambda: publisher.heard)
     for number in range(first, first + count):
         publisher.put(text(number), 1_000 + number)
+
+
+def topics_of(recorder):
+    """Of which it has written a message."""
+    return {topic.name for topic in list(recorder._topics.values()) if topic is not None}
 
 
 def names_in(path):
@@ -131,6 +139,13 @@ def test_a_type_that_cardan_does_not_know_is_recorded_and_named(tmp_path):
     assert message.topic[:3] == ("/strange", "strange_msgs/msg/Thing", mark)
 
 
+WHOLE = {
+    *(f"{NODE}/{topic}" for topic in ("configuration", "engine", "raw/robot")),
+    *(f"{NODE}/{topic}" for topic in ("state/pose", "state/status")),
+    *("/joint_states", "/tf", "/tf_static", "/robot_description", "/diagnostics"),
+}
+
+
 @pytest.mark.real
 def test_a_session_is_recorded_whole(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "session.mcap"
@@ -138,13 +153,11 @@ def test_a_session_is_recorded_whole(tmp_path):
     with recorder:
         with live_session(endpoint) as session:
             until(lambda: session.snapshot.cycles > 400)
+            # Some are told once a second, and only while somebody listens.
+            until(lambda: topics_of(recorder) >= WHOLE, "every topic")
         report = recorder.close()
     assert report.complete, report.lines()
-    names = names_in(path)
-    for topic in ("configuration", "engine", "raw/robot", "state/pose", "state/status"):
-        assert names[f"{NODE}/{topic}"], topic
-    for topic in ("/joint_states", "/tf", "/tf_static", "/robot_description", "/diagnostics"):
-        assert names[topic], topic
+    assert names_in(path).keys() >= WHOLE
     for message in RecordReader(path):
         assert message.topic.publishers == (NODE,)
         assert isinstance(codec_of(message.topic.type_name).decode(message.data), dict)
@@ -219,10 +232,11 @@ def test_a_recorder_that_is_killed_has_lost_less_than_a_second(tmp_path):
             until(lambda: publisher.heard)
             end_s = time.monotonic() + 2.5
             number = 0
-            while time.monotonic() < end_s:
-                number += 1
-                publisher.put(text(number), time.time_ns())
-                time.sleep(0.001)
+            with Pauses() as pauses:
+                while time.monotonic() < end_s:
+                    number += 1
+                    publisher.put(text(number), time.time_ns())
+                    time.sleep(0.001)
         finally:
             killed_ns = time.time_ns()
             os.kill(process.pid, signal.SIGKILL)
@@ -232,7 +246,8 @@ def test_a_recorder_that_is_killed_has_lost_less_than_a_second(tmp_path):
     found = list(reader)
     assert reader.cut_off
     assert [each.sequence for each in found] == list(range(1, len(found) + 1))
-    assert killed_ns - found[-1].log_ns < 1_000_000_000
+    late_s = LATE_AT_EACH * pauses.longest_s
+    assert killed_ns - found[-1].log_ns < 1e9 * (1.0 + late_s), late_s
     with path.open("rb") as stream:
         rows = read_on(stream)
     assert [message.log_time for _, _, message in rows] == [each.log_ns for each in found]

@@ -16,6 +16,7 @@ from cardan.protocols.joint_stream import ArmCommand, ControlMode, decode_state,
 from cardan.robots import load_arm
 from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArmPeer
 from tests.serving import in_a_thread
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
@@ -38,7 +39,7 @@ def serving(**changes):
 def client(peer):
     host, port = peer.endpoint.split(":")
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
-        link.settimeout(2.0)
+        link.settimeout(WITHIN_S)
         link.connect((host, int(port)))
         yield link
 
@@ -76,7 +77,7 @@ def test_a_taken_port_is_named():
 @pytest.mark.real
 def test_the_command_serves_it():
     command = (sys.executable, "-m", "cardan", "sim", "arm")
-    arguments = ("--listen", "127.0.0.1:0", "--seconds", "20", "--drive", "ideal")
+    arguments = ("--listen", "127.0.0.1:0", "--seconds", "300", "--drive", "ideal")
     surroundings = ("--plane", "0,0,0,0,0,1", "--sphere=-1,0,0,0.1", "--payload", "0.5")
     with subprocess.Popen(
         [*command, *arguments, *surroundings], stdout=subprocess.PIPE, text=True
@@ -85,7 +86,7 @@ def test_the_command_serves_it():
             ready, endpoint = process.stdout.readline().split()
             assert ready == "READY"
             with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
-                link.settimeout(5.0)
+                link.settimeout(WITHIN_S)
                 host, port = endpoint.split(":")
                 link.sendto(HELLO, (host, int(port)))
                 assert decode_state(link.recv(4096)).positions == load_arm("ur5").home

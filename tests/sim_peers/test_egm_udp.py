@@ -15,6 +15,7 @@ from cardan.protocols.egm.messages import EgmRobot
 from cardan.sim_peers.egm_controller import EgmControllerOptions, EgmControllerPeer
 from tests.serving import in_a_thread
 from tests.sim_peers.egm_pc import TS, echo
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
@@ -23,7 +24,7 @@ pytestmark = pytest.mark.matrix
 def pc_socket():
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as pc:
         pc.bind(("127.0.0.1", 0))
-        pc.settimeout(2.0)
+        pc.settimeout(WITHIN_S)
         yield pc
 
 
@@ -53,7 +54,7 @@ def converse(pc, count, answer=True):
 def test_answers_are_taken_and_the_schedule_holds():
     with pc_socket() as pc:
         port = pc.getsockname()[1]
-        with serving(pc_port=port, mode="joint") as peer:
+        with serving(pc_port=port, mode="joint", comm_timeout_s=WITHIN_S) as peer:
             assert peer.endpoint == f"127.0.0.1:{port}"
             got = converse(pc, 100)
             source_port = peer.local_port
@@ -89,7 +90,7 @@ def test_nobody_listens_at_first():
             time.sleep(0.001)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as pc:
             pc.bind(address)
-            pc.settimeout(2.0)
+            pc.settimeout(WITHIN_S)
             got = converse(pc, 20)
             codes = [event.code for event in peer.core.events]
     assert codes == [41830]

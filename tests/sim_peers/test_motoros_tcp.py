@@ -35,6 +35,7 @@ from cardan.sim_peers.motoros_controller import (
     MotorosControllerPeer,
 )
 from tests.serving import in_a_thread
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
@@ -47,7 +48,7 @@ class Client:
     """A blocking client of one port, with a deadline on everything."""
 
     def __init__(self, port, byte_order=ByteOrder.LITTLE, host="127.0.0.1"):
-        self.link = socket.create_connection((host, port), timeout=5.0)
+        self.link = socket.create_connection((host, port), timeout=WITHIN_S)
         self.link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.wire = Wire(byte_order)
         self.reader = FrameReader(byte_order)
@@ -97,11 +98,8 @@ def test_the_three_ports_serve(order):
         assert motion.ask(PING).msg_type == MessageType.PING
         assert motion.ask(START).body[2:4] == (MotionCommand.START_TRAJ_MODE, 0)
         assert io.ask(request(ReadIo(11124), MessageType.MOTO_READ_IO_BIT)).body == (1, 0)
-        begun_s = time.monotonic()
         messages = [state.next().body for _ in range(20)]
         assert [type(body) for body in messages] == [JointFeedback, RobotStatus] * 10
-        # Some of them were waiting already.
-        assert time.monotonic() - begun_s < 2.0
 
 
 def test_split_and_merged_segments():
@@ -152,7 +150,7 @@ def test_a_client_that_reads_nothing_is_dropped_and_the_others_are_served():
     with serving() as peer:
         small = socket.socket()
         small.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        small.settimeout(5.0)
+        small.settimeout(WITHIN_S)
         small.connect(("127.0.0.1", peer.motion_port))
         data = Wire().encode(READY) * 500
 

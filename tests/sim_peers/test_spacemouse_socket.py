@@ -20,10 +20,11 @@ import pytest
 from cardan.errors import AddressError, OptionError, ScriptError
 from cardan.sim_peers.carriers.unix_socket import MAX_CLIENTS, QUEUE_REPORTS
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
-PATIENCE_S = 10.0
+PATIENCE_S = WITHIN_S
 """How long a test waits at most for something that takes milliseconds."""
 
 

@@ -24,7 +24,7 @@ from cardan_dds.wire import RUST_DDS  # noqa: E402
 from tests.sweep.plan import RESULT, command  # noqa: E402
 from tests.waiting import until  # noqa: E402
 
-TIMEOUT_S = 20.0
+TIMEOUT_S = 120.0
 
 
 def short(type_name):

@@ -15,7 +15,7 @@ import dora  # noqa: E402
 from tests.sweep.dora_judge import array, short  # noqa: E402
 from tests.sweep.telling import obey, tell  # noqa: E402
 
-TIMEOUT_S = 20.0
+TIMEOUT_S = 120.0
 PERIOD_S = 0.002
 QOS = dora.Ros2QosPolicies(reliable=True, keep_last=10)
 LATCHED = dora.Ros2QosPolicies(

@@ -14,7 +14,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from telling import obey, tell
 
-WAIT_S = 15.0
+WAIT_S = 120.0
 
 
 def type_of(name):

@@ -10,7 +10,7 @@ import roslibpy
 
 from tests.sweep.plan import RESULT, command
 
-TIMEOUT_S = 20.0
+TIMEOUT_S = 120.0
 
 
 def plain(value):

@@ -8,7 +8,7 @@ import roslibpy
 
 from tests.sweep.telling import obey, tell
 
-TIMEOUT_S = 20.0
+TIMEOUT_S = 120.0
 
 
 def plain(message):

@@ -24,7 +24,7 @@ from tests.gateway.servers.rig import plain_client  # noqa: E402
 from tests.sweep.plan import NODE, RESULT, full_name  # noqa: E402
 from tests.waiting import until  # noqa: E402
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(120)]
+pytestmark = pytest.mark.matrix
 
 TIMEOUT_S = 20.0
 DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"

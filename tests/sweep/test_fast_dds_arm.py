@@ -10,7 +10,7 @@ from tests.fastdds import FastNode
 from tests.sweep.plan import NODE, RESULT
 from tests.waiting import until, until_streamed
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(120)]
+pytestmark = pytest.mark.matrix
 
 POSE, TWIST = "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/Twist"
 JOINTS, EMPTY = "sensor_msgs/msg/JointState", "std_msgs/msg/Empty"

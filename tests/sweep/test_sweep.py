@@ -18,12 +18,13 @@ from tests.network_table import Shown
 from tests.npm import installed
 from tests.ros2_packages import write_packages
 from tests.sweep.plan import RESULT, command, plan, wanted_rows
+from tests.waiting import WITHIN_S
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.matrix
 
 MODULE = (Path(__file__).parent / "roslib_judge.mjs").read_text(encoding="utf-8")
 LATCHED = ("_static", "_description", "/configuration", "/surroundings")
-TIMEOUT_S = 20.0
+TIMEOUT_S = WITHIN_S
 ROSLIB = ("node", "--input-type=module", "-e", MODULE, "--")
 
 

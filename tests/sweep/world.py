@@ -21,7 +21,7 @@ from cardan.protocols.ros2.messages import completed
 from tests.network_table import ACTION_PARTS, Kind, Row
 from tests.serving import free_tcp_port
 from tests.sweep.plan import NAMESPACE, NODE, RESULT, RUMBLED
-from tests.waiting import until
+from tests.waiting import WITHIN_S, until
 
 SESSION = """
 [device]
@@ -49,7 +49,7 @@ device = true
 router = ""
 listen = ["{endpoint}"]
 """
-TIMEOUT_S = 30.0
+TIMEOUT_S = WITHIN_S
 FEED_PERIOD_S = 0.03
 MOVE_PERIOD_S = 0.3
 JOY = "sensor_msgs/msg/Joy"

@@ -315,7 +315,6 @@ ACTION = "/left/joint_trajectory_controller/follow_joint_trajectory"
 
 
 @pytest.mark.matrix
-@pytest.mark.timeout(180)
 @pytest.mark.parametrize(("text", "left_out"), [(SESSION, ()), (ARM_SESSION, ("212",))])
 def test_a_session_on_the_bus_meets_every_requirement(text, left_out, tmp_path):
     """As `cardan conform joint-trajectory --target` judges it."""

@@ -278,7 +278,6 @@ def test_what_is_left_open_when_the_network_is_closed_can_still_be_closed():
     brief.close()
 
 
-@pytest.mark.timeout(180)
 def test_endpoints_come_and_go_in_many_threads(pair):
     """Three seconds on an idle computer, 22 where 8 others want each core: one that stands still is
     told from one that is slow round by round."""

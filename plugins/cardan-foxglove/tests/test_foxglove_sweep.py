@@ -18,7 +18,7 @@ from tests.sweep.plan import NODE
 from tests.sweep.test_sweep import check, told
 from tests.waiting import until
 
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.matrix
 
 session, judgement = conftest.session, shared.judgement  # Fixtures.
 

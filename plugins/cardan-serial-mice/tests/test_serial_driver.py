@@ -30,11 +30,11 @@ from cardan_serial_mice.protocol import (
 from serial_bench import REST, STEP_S, Bench
 from tests.examples import examples
 from tests.serving import in_a_thread
-from tests.waiting import until
+from tests.waiting import WITHIN_S, until
 
 pytestmark = pytest.mark.matrix
 
-PATIENCE_S = 10.0
+PATIENCE_S = WITHIN_S
 DEFLECTION = (0.4, -0.2, 0.6, -0.1, 0.3, -0.5)
 LATE_S = 0.1 + STEP_S
 """The rule: neutral so long after the last good report."""

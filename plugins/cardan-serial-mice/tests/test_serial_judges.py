@@ -14,10 +14,11 @@ import pytest
 
 from cardan_serial_mice.peer import SerialPuckPeer, SerialPuckPeerOptions
 from tests.serving import in_a_thread
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
-PATIENCE_S = 15.0
+PATIENCE_S = WITHIN_S
 MODELS = {
     "magellan": "MAGELLAN  Version 5.79",
     "spaceball-2003": "8 buttons",

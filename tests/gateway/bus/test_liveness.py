@@ -21,13 +21,14 @@ from cardan.protocols.ros2.cdr import codec_of
 from tests.dds_rig import OPTIONS
 from tests.gateway.bus.asker import SERVICE, slow_twist
 from tests.serving import PATIENT, free_endpoint, served as router
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
 ARM = f"/{DEFAULT_NAME}"
 RESULT = "cardan_msgs/msg/CommandResult"
 TWIST = "geometry_msgs/msg/Twist"
-TIMEOUT_S = 40.0
+TIMEOUT_S = WITHIN_S
 GONE = "the node that asked is gone"
 
 

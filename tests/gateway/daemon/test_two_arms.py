@@ -21,7 +21,7 @@ from tests.serving import free_endpoint
 from tests.waiting import until
 
 # Whole programs, which begin one after the other; all bounds are generous.
-pytestmark = [pytest.mark.matrix, pytest.mark.timeout(240)]
+pytestmark = pytest.mark.matrix
 
 EXAMPLE = Path(__file__).parents[3] / "examples/two-arms"
 

@@ -11,8 +11,9 @@ from contextlib import contextmanager, suppress
 from websockets.sync.client import connect
 
 from cardan.gateway.servers.rosbridge import RosbridgeOptions, RosbridgeServer
+from tests.waiting import WITHIN_S
 
-WAIT_S = 20.0
+WAIT_S = WITHIN_S
 """Longest wait for what comes at once."""
 
 

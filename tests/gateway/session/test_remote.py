@@ -42,13 +42,13 @@ from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions, SimulatedArm
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
 from cardan.types import DeviceCapabilities, DeviceLink, DeviceState
 from tests.serving import PATIENT, in_a_thread
-from tests.waiting import STOOD_STILL, done_again, until
+from tests.waiting import STOOD_STILL, WITHIN_S, done_again, until
 
 pytestmark = pytest.mark.matrix
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "verbs-ur5-simulated.toml"
 QUICK = {"cpts": 0.2, "cpta": 1.0, "cprs": 1.0, "cpra": 4.0}
-TIMEOUT_S = 20.0
+TIMEOUT_S = WITHIN_S
 HEARTBEAT_S = 0.5
 BRAKING_S = 0.3
 """From 0.25 m/s at 1 m/s²."""
@@ -384,17 +384,22 @@ PROGRAM = """
 import sys
 from cardan.gateway.session.remote import RemoteArm
 
+def say(*words):
+    # In one piece: print() of two threads is mixed.
+    sys.stdout.write(" ".join(map(str, words)) + "\\n")
+    sys.stdout.flush()
+
 class Told(RemoteArm):
     def _take(self, packet):
         if packet.startswith(b'{"elapsed_s"'):
-            print(packet.decode(), flush=True)
+            say(packet.decode())
         return super()._take(packet)
 
 with Told(sys.argv[1]) as arm:
     line = arm.movv([0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
     sys.stdin.readline()
-    print("MOTION", line.outcome.value, line.reason, flush=True)
-    print("STREAM", arm.twist([0.0, 0.0, 0.02, 0.0, 0.0, 0.0]), flush=True)
+    say("MOTION", line.outcome.value, line.reason)
+    say("STREAM", arm.twist([0.0, 0.0, 0.02, 0.0, 0.0, 0.0]))
     arm.movv([0.0, 0.0, 0.02, 0.0, 0.0, 0.0])
     sys.stdin.readline()
 """

@@ -12,10 +12,11 @@ from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import SessionProcess
 from tests.serving import free_endpoint
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
-TIMEOUT_S = 30.0
+TIMEOUT_S = WITHIN_S
 
 
 @contextmanager
