@@ -149,7 +149,7 @@ class Between:
     def __init__(self, session):
         self._bodies = session.core.body.neighbours[0]
         own = ArmKinematics(load_arm(session.config.arm.model))
-        self._model = CollisionModel(own, movers=self._bodies.shapes)
+        self._model = CollisionModel(own, movers=[self._bodies.shapes])
         self._pairs = [
             pair
             for pair, (one, _) in enumerate(self._model.pair_solids)
@@ -550,6 +550,15 @@ def test_arms_of_one_robot_that_hold_it_differently_are_refused(tmp_path):
         make_neighbour_bodies(of_one_tree(tmp_path, *held))
     assert no.value.key == "neighbours.0.base_xyz_m"
     assert "by 100 mm and 0.0 degrees: give both files the same [hold]" in str(no.value)
+
+
+def test_arms_that_both_move_a_joint_are_refused(tmp_path):
+    config = of_one_tree(tmp_path, 'base = "base_link"', 'base = "base_link"')
+    with pytest.raises(
+        ConfigurationError, match=r"both move lift, .* let both hold it, with base = 'torso' in"
+    ) as no:
+        make_neighbour_bodies(config)
+    assert no.value.key == "neighbours.0.model"
 
 
 def test_arms_of_two_robots_need_the_base_said():
