@@ -64,6 +64,8 @@ class NeighbourBodies:
         shapes = [each for each in model.shapes if each.body > 0 or not one_robot]
         self.shapes = tuple(each._replace(name=self.label(each.name)) for each in shapes)
         """Each in the frame of its body."""
+        self.base = base
+        """The neighbour's, in this arm's."""
         self._base = to_se3(base)
         self._reach = reach_of(model, self.shapes)
         self._moves = (self._reach > 0.0).any(axis=0)

@@ -386,7 +386,7 @@ def make_network(
             joints, description = model.joint_names, model.urdf
     names = ArmNames(joints, options.base_frame, options.flange_frame, options.tcp_frame)
     tables = as_table(config, from_file=False)
-    around = surroundings(config, has_rigid_arm(config))
+    around = surroundings(config, has_rigid_arm(config), make_neighbour_bodies(config))
     return SessionNetwork(options, names, description, tool, offer, full, tables, around)
 
 
