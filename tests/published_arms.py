@@ -230,6 +230,37 @@ SMALL = (
 )
 """For every change: five, seven and six joints; of the last no mesh is there."""
 
+TALOS_COARSE = """base = "torso_2_link"
+[collision]
+fit = "coarse"
+ignore = [["torso_2_link", "arm_{0}_2_link"], ["arm_{0}_5_link", "arm_{0}_7_link"]]
+"""
+"""A tight fit of both arms and of the legs has too many pairs."""
+
+SIDES = ("left", "right")
+TWO_ARMS = {
+    "tiago_dual": tuple(
+        Published(
+            f"tiago_{side}",
+            "tiago_description/robots/tiago_dual.urdf",
+            f"arm_{side}_tool_link",
+            'base = "torso_lift_link"\nhome_deg = [20.0, 30.0, 90.0, 90.0, -50.0, 14.0, 0.0]\n',
+        )
+        for side in SIDES
+    ),
+    "talos": tuple(
+        Published(
+            f"talos_{side}",
+            "talos_data/robots/talos_full_v2.urdf",
+            f"gripper_{side}_base_link",
+            TALOS_COARSE.format(side),
+        )
+        for side in SIDES
+    ),
+}
+"""The left and the right arm of a robot, which hold what is between them. From the TIAGo's home
+both hands can go towards each other."""
+
 WITHOUT_MESHES = '[collision]\nmeshes = "ignore"\n'
 SERVOS = """
 [velocity_deg_s]

@@ -3,7 +3,7 @@ import type { Link } from "./link.ts";
 import type { Message, Rosbridge } from "./rosbridge.ts";
 import type { Pose, Quat, Vec3 } from "./spatial.ts";
 import { Stops } from "./stops.ts";
-import type { Surroundings } from "./surroundings.ts";
+import type { Heard, Surroundings } from "./surroundings.ts";
 
 const ASK_TYPE = "cardan_msgs/srv/Ask";
 
@@ -96,6 +96,8 @@ export class Arm {
   status: Status | null = null;
   snapshot: Snapshot | null = null;
   surroundings: Surroundings | null = null;
+  /** Where its neighbours were heard to be, by their names. */
+  readonly neighbours = new Map<string, Heard>();
   /** When the newest state came, ms of the page. */
   heardMs = -Infinity;
   onDescription: () => void = () => {};
@@ -108,6 +110,7 @@ export class Arm {
   lends = false;
   private readonly link: Source;
   private readonly ends: (() => void)[] = [];
+  private readonly neighbourEnds: (() => void)[] = [];
   private requests = 0;
   private readonly stops = new Stops();
 
@@ -133,6 +136,7 @@ export class Arm {
     }, 0);
     hear(`${name}/surroundings`, "std_msgs/msg/String", (m: { data: string }) => {
       this.surroundings = JSON.parse(m.data) as Surroundings;
+      this.hearNeighbours(this.surroundings);
       this.onSurroundings();
     }, 0);
     hear("/tf_static", "tf2_msgs/msg/TFMessage", (m: Transforms) => {
@@ -173,8 +177,25 @@ export class Arm {
 
   /** Hear no more of it. */
   close(): void {
-    for (const end of this.ends) end();
-    this.ends.length = 0;
+    for (const end of [...this.ends, ...this.neighbourEnds]) end();
+    this.ends.length = this.neighbourEnds.length = 0;
+  }
+
+  private hearNeighbours(told: Surroundings): void {
+    for (const end of this.neighbourEnds) end();
+    this.neighbourEnds.length = 0;
+    this.neighbours.clear();
+    for (const { name, topic, joints } of told.neighbours ?? []) {
+      const take = (message: Message) => {
+        const m = message as unknown as JointState;
+        const positions = new Map(m.name.map((each, index) => [each, m.position[index] ?? NaN]));
+        // Others may publish on the topic, too.
+        if (!joints.every((each) => Number.isFinite(positions.get(each.name)))) return;
+        this.neighbours.set(name, { joints: positions, ms: performance.now() });
+      };
+      const type = "sensor_msgs/msg/JointState";
+      this.neighbourEnds.push(this.link.bridge.subscribe(topic, type, take, DRAWN_MS));
+    }
   }
 
   /** A verb of the Cartesian interface; docs/cartesian-device.md. Rejects with the arm's reason. */

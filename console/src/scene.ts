@@ -7,7 +7,7 @@ import { Figure } from "./figure.ts";
 import { t } from "./i18n.ts";
 import type { Part } from "./settings.ts";
 import { type Pose, type Vec3, norm, subtract } from "./spatial.ts";
-import { Around, nearness, warning } from "./surroundings.ts";
+import { Around, isOld, nearness, warning } from "./surroundings.ts";
 import type { Colour, Meshes } from "./visuals.ts";
 
 const TRAIL_POINTS = 1200;
@@ -123,7 +123,8 @@ export class Scene {
     const lines = grid.material as THREE.LineBasicMaterial;
     lines.transparent = true;
     lines.opacity = 0.22;
-    this.scene.add(grid, this.base, this.measured, this.around.workspace, this.around.obstacles);
+    this.scene.add(grid, this.base, this.measured);
+    this.scene.add(this.around.workspace, this.around.obstacles, this.around.neighbours);
 
     this.commanded = new THREE.Mesh(
       new THREE.TorusGeometry(0.02, 0.0025, 8, 40),
@@ -242,7 +243,8 @@ export class Scene {
     void this.dress(arm);
     this.around.load(arm.surroundings, this.robot, this.reach);
     this.around.showShells(this.shows("capsules"));
-    const names = arm.surroundings.obstacles.map((each) => each.name).join(", ");
+    const { obstacles, neighbours } = arm.surroundings;
+    const names = [...obstacles, ...(neighbours ?? [])].map((each) => each.name).join(", ");
     const words = names ? `${this.label}. ${t("shown_obstacles")}: ${names}.` : this.label;
     this.renderer.domElement.setAttribute("aria-label", words);
     this.warm = false;
@@ -257,7 +259,7 @@ export class Scene {
     this.measured.visible = this.shows("tcp");
     this.trail.visible = this.shows("trail");
     this.around.workspace.visible = this.shows("workspace");
-    this.around.obstacles.visible = this.shows("obstacles");
+    this.around.obstacles.visible = this.around.neighbours.visible = this.shows("obstacles");
     this.around.showShells(this.shows("capsules"));
     if (this.ghost) this.ghost.visible = this.hasGhost && this.shows("ghost");
     this.showLooks();
@@ -280,6 +282,7 @@ export class Scene {
     this.commanded.visible = moves && this.shows("commanded");
     if (arm.commanded) place(this.commanded, arm.commanded);
     this.showForce(arm);
+    this.around.follow(arm.neighbours, performance.now());
     this.showClearance(arm);
   }
 
@@ -370,6 +373,11 @@ export class Scene {
       arm.status?.moving ? 1 : 0,
       arm.snapshot?.clearance_m ?? 1,
       arm.snapshot?.at_workspace_limit ? 1 : 0,
+      ...(arm.surroundings?.neighbours ?? []).flatMap((each) => {
+        const heard = arm.neighbours.get(each.name);
+        if (!heard) return [];
+        return [...heard.joints.values(), isOld(each, heard, performance.now()) ? 1 : 0];
+      }),
     ];
     if (now.length === this.drawn.length && now.every((each, at) => same(each, this.drawn[at]))) return;
     this.drawn = now;

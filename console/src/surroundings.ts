@@ -11,6 +11,22 @@ type Solid = {
   plane?: { normal: Vec3; offset_m: number };
 };
 
+type Placed = { position: Vec3; orientation: Quat };
+
+/** Another arm, that moves by itself: its base in this one's, and its joints from there on, each where
+ * it is in the body before at zero. */
+export type Neighbour = {
+  name: string;
+  topic: string;
+  max_age_s: number;
+  base: Placed;
+  joints: (Placed & { name: string; axis: Vec3; slides: boolean })[];
+  shapes: (Solid & { joint: string })[];
+};
+
+/** Joint positions of a neighbour by name, and when they came, ms of the page. */
+export type Heard = { joints: ReadonlyMap<string, number>; ms: number };
+
 /** What an arm's session tells of what is around it: base axes, m and rad. */
 export type Surroundings = {
   workspace_m: readonly (Range | null)[];
@@ -19,6 +35,7 @@ export type Surroundings = {
   obstacles: Solid[];
   /** Of the arm, each in the frame of the link after its joint; "" is the base. */
   shapes: (Solid & { joint: string })[];
+  neighbours?: Neighbour[];
   /** How many links have no body, and which; empty or absent: all have one. */
   links_without_body?: string;
   /** The keys of visual meshes, by what the description calls them. */
@@ -40,6 +57,9 @@ const KEPT_M = { obstacle: 0.01, ownBody: 0.005 };
 
 const COLOURS = {
   obstacle: new THREE.Color(0x8b7355),
+  neighbour: new THREE.Color(0x8e7cc3),
+  /** Of a neighbour that nothing was heard of for long. */
+  old: new THREE.Color(0x9aa0a6),
   shell: new THREE.Color(0x30a46c),
   near: new THREE.Color(0xf59e0b),
   touching: new THREE.Color(0xe5484d),
@@ -53,7 +73,8 @@ export function nearness(
   told: Surroundings | null,
 ): number {
   if (clearance === null) return 0;
-  const obstacle = told?.obstacles.some((each) => pair.includes(each.name)) ?? false;
+  const solids = [told?.obstacles, ...(told?.neighbours ?? []).map((each) => each.shapes)];
+  const obstacle = solids.flat().some((each) => each && pair.includes(each.name));
   const kind = obstacle ? "obstacle" : "ownBody";
   const kept = (obstacle ? told?.obstacle_m : told?.own_body_m) ?? KEPT_M[kind];
   return Math.max(0, Math.min(1, 1 + (kept - clearance) / WARNS_M[kind]));
@@ -75,10 +96,64 @@ export function walls(
   return { low: [x[0], y[0], z[0]], high: [x[1], y[1], z[1]] };
 }
 
-/** Workspace, obstacles, and the collision shapes of the arm with the distance that is kept. */
+/** A neighbour's bodies, and what moves them. */
+class Other {
+  readonly root = new THREE.Group();
+  readonly told: Neighbour;
+  readonly materials: THREE.MeshLambertMaterial[] = [];
+  private readonly moved: THREE.Group[] = [];
+
+  constructor(told: Neighbour) {
+    this.told = told;
+    this.root.visible = false;
+    put(this.root, told.base);
+    let before = this.root;
+    for (const joint of told.joints) {
+      const [fixed, moved] = [new THREE.Group(), new THREE.Group()];
+      put(fixed, joint);
+      before.add(fixed);
+      fixed.add(moved);
+      this.moved.push(moved);
+      before = moved;
+    }
+  }
+
+  /** The body after a joint; "" is the base. */
+  after(joint: string): THREE.Group | undefined {
+    return joint ? this.moved[this.told.joints.findIndex((each) => each.name === joint)] : this.root;
+  }
+
+  /** Take what was heard last; before that it is not shown, and once that is old it is grey. */
+  follow(heard: Heard | undefined, nowMs: number): void {
+    this.root.visible = heard !== undefined;
+    const old = !heard || isOld(this.told, heard, nowMs);
+    for (const each of this.materials) each.userData["own"] = old ? COLOURS.old : COLOURS.neighbour;
+    this.told.joints.forEach((joint, index) => {
+      const [moved, value] = [this.moved[index], heard?.joints.get(joint.name)];
+      if (!moved || value === undefined) return;
+      const axis = new THREE.Vector3(...joint.axis);
+      if (joint.slides) moved.position.copy(axis.multiplyScalar(value));
+      else moved.quaternion.setFromAxisAngle(axis, value);
+    });
+  }
+}
+
+function put(group: THREE.Group, at: Placed): void {
+  group.position.set(...at.position);
+  group.quaternion.set(...at.orientation);
+}
+
+/** Whether a neighbour may be elsewhere by now. */
+export function isOld(neighbour: Neighbour, heard: Heard, nowMs: number): boolean {
+  return nowMs - heard.ms > 1e3 * neighbour.max_age_s;
+}
+
+/** Workspace, obstacles, neighbours, and the collision shapes of the arm with the distance that is kept. */
 export class Around {
   readonly workspace = new THREE.Group();
   readonly obstacles = new THREE.Group();
+  readonly neighbours = new THREE.Group();
+  private readonly others: Other[] = [];
   private readonly shells: THREE.Mesh[] = [];
   private readonly materials = new Map<string, THREE.MeshLambertMaterial[]>();
   private readonly edge = new THREE.LineBasicMaterial({ color: COLOURS.edge });
@@ -89,6 +164,17 @@ export class Around {
     for (const each of told.obstacles) {
       const mesh = solid(each, 0, 3 * reach);
       if (mesh) this.obstacles.add(this.painted(mesh, each.name, COLOURS.obstacle, 0.55));
+    }
+    for (const each of told.neighbours ?? []) {
+      const other = new Other(each);
+      for (const shape of each.shapes) {
+        const mesh = solid(shape, 0, reach);
+        if (!mesh) continue;
+        other.after(shape.joint)?.add(this.painted(mesh, shape.name, COLOURS.old, 0.55));
+        other.materials.push(mesh.material as THREE.MeshLambertMaterial);
+      }
+      this.others.push(other);
+      this.neighbours.add(other.root);
     }
     for (const each of robot ? told.shapes : []) {
       const mesh = solid(each, told.obstacle_m ?? 0, reach);
@@ -103,6 +189,11 @@ export class Around {
 
   showShells(on: boolean): void {
     for (const each of this.shells) each.visible = on;
+  }
+
+  /** Put the neighbours where they were heard to be, by their names; `colour` then colours them. */
+  follow(heard: ReadonlyMap<string, Heard>, nowMs: number): void {
+    for (const each of this.others) each.follow(heard.get(each.told.name), nowMs);
   }
 
   /** Colour the pair that is near, 0 to 1, and the wall that is met. */
@@ -125,6 +216,8 @@ export class Around {
     this.shells.length = 0;
     this.materials.clear();
     this.obstacles.clear();
+    this.neighbours.clear();
+    this.others.length = 0;
     this.workspace.clear();
   }
 

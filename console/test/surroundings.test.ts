@@ -1,6 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { Around, type Surroundings, nearness, walls } from "../src/surroundings.ts";
+import * as THREE from "three";
+import { Around, type Heard, type Surroundings, nearness, walls } from "../src/surroundings.ts";
 
 const AROUND: Surroundings = {
   workspace_m: [[-0.5, 0.5], null, [0, 0.8]],
@@ -51,4 +52,63 @@ test("obstacles stand where they are, and what is near is coloured", () => {
   assert.notDeepEqual(colour(), far);
   around.load({ ...AROUND, obstacles: [], workspace_m: [null, null, null] }, null, 1);
   assert.equal(around.obstacles.children.length + around.workspace.children.length, 0);
+});
+
+const FLAT = [0, 0, 0, 1] as const;
+
+const NEIGHBOUR: Surroundings = {
+  ...AROUND,
+  neighbours: [
+    {
+      name: "right",
+      topic: "/right/joint_states",
+      max_age_s: 0.15,
+      base: { position: [1, 0, 0], orientation: [0, 0, 1, 0] },
+      joints: [
+        { name: "lift", position: [0, 0, 0.2], orientation: [...FLAT], axis: [0, 0, 1], slides: true },
+        { name: "pan", position: [0.1, 0, 0], orientation: [...FLAT], axis: [0, 0, 1], slides: false },
+      ],
+      shapes: [
+        { name: "right's foot", joint: "", capsule: { start: [0, 0, 0], end: [0, 0, 0], radius_m: 0.1 } },
+        { name: "right's hand", joint: "pan", capsule: { start: [0.3, 0, 0], end: [0.3, 0, 0], radius_m: 0.05 } },
+      ],
+    },
+  ],
+};
+
+test("a neighbour is where its joints have it, and grey once that is old", () => {
+  const around = new Around();
+  around.load(NEIGHBOUR, null, 1);
+  const heard = new Map<string, Heard>();
+  const [root] = around.neighbours.children;
+  assert.ok(root);
+  around.follow(heard, 0);
+  assert.equal(root.visible, false);
+  heard.set("right", { joints: new Map([["pan", Math.PI / 2], ["lift", 0.5], ["other", 3]]), ms: 1000 });
+  const meshes: THREE.Mesh[] = [];
+  around.neighbours.traverse((each) => { if (each instanceof THREE.Mesh) meshes.push(each); });
+  const colours = () => {
+    around.colour(0, [], false);
+    return meshes.map((each) => (each.material as THREE.MeshLambertMaterial).color.getHex());
+  };
+  around.follow(heard, 1100);
+  const young = colours();
+  assert.equal(root.visible, true);
+  around.neighbours.updateMatrixWorld(true);
+  const places = meshes.map((each) => each.getWorldPosition(new THREE.Vector3()).toArray());
+  const expected = [[0.9, -0.3, 0.7], [1, 0, 0]]; // The hand, the foot.
+  expected.forEach((at, index) => {
+    at.forEach((value, axis) => assert.ok(Math.abs((places[index]?.[axis] ?? NaN) - value) < 1e-9));
+  });
+  around.follow(heard, 1151);
+  const old = colours();
+  old.forEach((each, index) => assert.notEqual(each, young[index]));
+  around.follow(heard, 1150);
+  assert.deepEqual(colours(), young);
+  // It is kept as far away as obstacles are.
+  const pair = ["right's hand", "wrist"];
+  assert.equal(nearness(0.02, pair, NEIGHBOUR), 1);
+  assert.equal(nearness(0.02, pair, AROUND), 0);
+  around.load(AROUND, null, 1);
+  assert.equal(around.neighbours.children.length, 0);
 });

@@ -12,7 +12,6 @@ expects of bodies that close in. So even one at rest is kept away some mm more t
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 from collections.abc import Sequence
@@ -20,13 +19,12 @@ from collections.abc import Sequence
 from cardan.common.arm_libraries import np, pin
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray, short_way, to_se3
-from cardan.gateway.kinematics.collision import reach_of
+from cardan.gateway.kinematics.collision import hull_of, reach_of
 from cardan.gateway.servo.bounds import JointBounds
 from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.servo.servo import closing_deceleration
-from cardan.robots import ArmModel, Capsule, Shape
-from cardan.spatial import add, rotate
-from cardan.types import IDENTITY_POSE, NEVER_S, Pose, Vector3
+from cardan.robots import ArmModel
+from cardan.types import IDENTITY_POSE, NEVER_S, Pose
 
 NS = 1_000_000_000
 
@@ -66,10 +64,12 @@ class NeighbourBodies:
         shapes = [each for each in model.shapes if each.body > 0 or not one_robot]
         self.shapes = tuple(each._replace(name=self.label(each.name)) for each in shapes)
         """Each in the frame of its body."""
+        self.base = base
+        """The neighbour's, in this arm's."""
         self._base = to_se3(base)
         self._reach = reach_of(model, self.shapes)
         self._moves = (self._reach > 0.0).any(axis=0)
-        hulls = [_hull(each.shape) for each in self.shapes]
+        hulls = [hull_of(each.shape) for each in self.shapes]
         counts = [len(points) for points, _ in hulls]
         self._points = np.array([point for points, _ in hulls for point in points])
         self._point_bodies = np.repeat([each.body for each in self.shapes], counts)
@@ -121,16 +121,6 @@ class NeighbourBodies:
         way = speeds * time_s + speeds * speeds / (2.0 * deceleration_m_s2)
         found: list[float] = np.minimum(way, FARTHEST_M).tolist()
         return found
-
-
-def _hull(shape: Shape) -> tuple[list[Vector3], float]:
-    """Points around which a ball of the radius sweeps the convex shape."""
-    if isinstance(shape, Capsule):
-        return [shape.start, shape.end], shape.radius_m
-    half = [0.5 * size for size in shape.size_m]
-    corners = itertools.product(*((-each, each) for each in half))
-    turn, at = shape.pose.orientation, shape.pose.position
-    return [add(at, rotate(turn, Vector3(*corner))) for corner in corners], 0.0
 
 
 class NeighbourWatch:

@@ -98,7 +98,7 @@ class Planner:
         *,
         obstacles: Iterable[Obstacle] = (),
         tool_shapes: Iterable[BodyShape] = (),
-        movers: Iterable[BodyShape] = (),
+        movers: Iterable[Sequence[BodyShape]] = (),
         mover_frames: Callable[[], Sequence[SE3]] = tuple,
         ignored: Collection[tuple[str, str]] = (),
         workspace: Workspace = (None, None, None),

@@ -116,7 +116,7 @@ class ArmVerbs:
             model,
             obstacles=tuple(obstacles),
             tool_shapes=tuple(tool_shapes),
-            movers=[shape for each in body.neighbours for shape in each.shapes],
+            movers=[each.shapes for each in body.neighbours],
             mover_frames=body.neighbour_frames,
             ignored=() if collision is None else collision.ignored,
             workspace=options.streams.workspace_m,

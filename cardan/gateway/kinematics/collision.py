@@ -6,6 +6,7 @@ than that of two capsules, and the loop has 50 µs for all of them.
 
 from __future__ import annotations
 
+import itertools
 import math
 import operator
 from collections.abc import Collection, Iterable, Sequence
@@ -16,8 +17,8 @@ from cardan.errors import below
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import SE3, FloatArray
 from cardan.robots import ArmModel, BodyShape, Box, Capsule, JointKind, Shape
-from cardan.robots.arm_bodies import coal_shape
-from cardan.spatial import norm
+from cardan.robots.arm_bodies import coal_shape, to_se3
+from cardan.spatial import add, norm, rotate
 from cardan.types import Vector3
 
 ADVANCE_STOP = 1e-3
@@ -27,6 +28,9 @@ ADVANCE_STOP = 1e-3
 LEAST_ROOM_M = 5e-4
 """Distance that a pair in contact may move to show whether it separates."""
 
+
+TINY = 1e-30
+"""Squared length of a capsule's axis below which it is a sphere, m²."""
 
 _MIN_DISTANCE = operator.attrgetter("min_distance")
 
@@ -66,18 +70,22 @@ class Closest(NamedTuple):
 
 
 class CollisionModel:
-    """All pairs of an arm's shapes that could touch, and all obstacles against the arm."""
+    """All pairs of an arm's shapes that could touch, and all obstacles against the arm.
+
+    A shape that is wholly inside another of its body is never nearer to anything: where that one is
+    kept apart from something, it is left out.
+    """
 
     def __init__(
         self,
         kinematics: ArmKinematics,
         obstacles: Iterable[Obstacle] = (),
         tool: Iterable[BodyShape] = (),
-        movers: Iterable[BodyShape] = (),
+        movers: Iterable[Sequence[BodyShape]] = (),
         ignored: Collection[tuple[str, str]] = (),
     ) -> None:
         """`tool` are further shapes of the arm's bodies, as a gripper is of the last; `movers`
-        those of what others move, each in a frame that is at the base until `move`.
+        those of each of what others move, in frames that are at the base until `move`.
         `ignored`: names of a mover and of a shape of the arm that are not kept apart."""
         self.kinematics = kinematics
         self.ignored = ignored
@@ -92,7 +100,8 @@ class CollisionModel:
             self._add(obstacle.name, 0, obstacle.shape)
         self.first_mover = len(self.solids)
         """Where in `solids` the movers begin; they are the last."""
-        for mover in movers:
+        moved = [(number, each) for number, shapes in enumerate(movers, 2) for each in shapes]
+        for _, mover in moved:
             self._add(mover.name, 0, mover.shape)
         self._local = [_coal_shape(each.shape)[1] for each in self.solids[self.first_mover :]]
         self._solid_grown_m = [0.0] * len(self.solids)
@@ -104,6 +113,10 @@ class CollisionModel:
             if self._can_touch(first, second, fixed_to_base)
             and (self.solids[second].name, self.solids[first].name) not in ignored
         ]
+        owners = [(0, solid.body) for solid in self.solids[:fixed_to_base]]
+        owners += [(1, 0)] * (self.first_mover - fixed_to_base)
+        owners += [(number, each.body) for number, each in moved]
+        pairs = _without_inner(pairs, [solid.shape for solid in self.solids], owners)
         # The body that moves more is the second of its pair.
         bodies = [solid.body for solid in self.solids]
         pairs = [(a, b) if bodies[a] <= bodies[b] else (b, a) for a, b in pairs]
@@ -243,6 +256,54 @@ class CollisionModel:
             if gain < ADVANCE_STOP:
                 return share, self.pairs[nearest]
             share += gain
+
+
+def _without_inner(
+    pairs: list[tuple[int, int]],
+    shapes: Sequence[Shape | HalfSpace],
+    owners: Sequence[tuple[int, int]],
+) -> list[tuple[int, int]]:
+    """Without those of a shape of which one around it has the same pair; `owners`: what each of
+    `shapes` is fixed to. The lower index is the first of each pair."""
+    around: list[list[int]] = [[] for _ in shapes]
+    for one, other in itertools.permutations(range(len(shapes)), 2):
+        if owners[one] != owners[other] or not _is_inside(shapes[one], shapes[other]):
+            continue
+        # Of two that are the same, the first is kept.
+        if one > other or not _is_inside(shapes[other], shapes[one]):
+            around[one].append(other)
+    kept = set(pairs)
+    return [
+        (a, b)
+        for a, b in pairs
+        if not any((min(each, b), max(each, b)) in kept for each in around[a])
+        and not any((min(a, each), max(a, each)) in kept for each in around[b])
+    ]
+
+
+def _is_inside(shape: Shape | HalfSpace, other: Shape | HalfSpace) -> bool:
+    """Whether no point of `shape` is outside `other`."""
+    if isinstance(shape, HalfSpace) or isinstance(other, HalfSpace):
+        return False
+    corners, radius_m = hull_of(shape)
+    points = np.array(corners)
+    if isinstance(other, Box):
+        local = (points - other.pose.position) @ to_se3(other.pose).rotation
+        return bool((np.abs(local) + radius_m <= 0.5 * np.array(other.size_m)).all())
+    along, offset = np.subtract(other.end, other.start), points - other.start
+    share = np.clip(offset @ along / max(along @ along, TINY), 0.0, 1.0)
+    away = np.linalg.norm(offset - share[:, None] * along, axis=1)
+    return bool((away + radius_m <= other.radius_m).all())
+
+
+def hull_of(shape: Shape) -> tuple[list[Vector3], float]:
+    """Points around which a ball of the radius sweeps the convex shape."""
+    if isinstance(shape, Capsule):
+        return [shape.start, shape.end], shape.radius_m
+    half = [0.5 * size for size in shape.size_m]
+    corners = itertools.product(*((-each, each) for each in half))
+    turn, at = shape.pose.orientation, shape.pose.position
+    return [add(at, rotate(turn, Vector3(*corner))) for corner in corners], 0.0
 
 
 def _coal_shape(shape: Shape | HalfSpace) -> tuple[Any, Any]:

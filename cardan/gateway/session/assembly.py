@@ -386,7 +386,7 @@ def make_network(
             joints, description = model.joint_names, model.urdf
     names = ArmNames(joints, options.base_frame, options.flange_frame, options.tcp_frame)
     tables = as_table(config, from_file=False)
-    around = surroundings(config, has_rigid_arm(config))
+    around = surroundings(config, has_rigid_arm(config), make_neighbour_bodies(config))
     return SessionNetwork(options, names, description, tool, offer, full, tables, around)
 
 
@@ -609,6 +609,15 @@ def make_neighbour_bodies(config: SessionConfig) -> list[NeighbourBodies]:
                 f"is missing: the joints of {table.model!r} are this arm's own, so it is no other "
                 "arm of the same robot; say where its base is",
             )
+        if table.base_xyz_m is None and joints & own:
+            both = [name for name in model.joint_names if name in own]
+            link = read_tree(model.urdf).joints[both[-1]].child
+            raise ConfigurationError(
+                key,
+                f"{table.model!r} and this arm both move {', '.join(both)}, and each would know "
+                f"where it is by its own session alone: let both hold it, with base = {link!r} in "
+                "their .toml files",
+            )
         topic = own_topic(config, table.topic)
         who, theirs = heard.setdefault(topic, (f"the neighbour {table.name!r}", joints))
         if theirs is not joints and joints <= theirs:
@@ -666,7 +675,7 @@ def _collision(
     return CollisionModel(
         arm,
         [_obstacle(each) for each in config.obstacles],
-        movers=[shape for each in neighbours for shape in each.shapes],
+        movers=[each.shapes for each in neighbours],
         ignored=ignored,
     )
 

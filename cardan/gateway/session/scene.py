@@ -7,17 +7,24 @@ orientations as x y z w.
 from __future__ import annotations
 
 import json
-from typing import Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.session.config import ObstacleTable, SessionConfig
-from cardan.robots import Box, Capsule, Shape, load_arm
+from cardan.robots import ArmModel, BodyShape, Box, Capsule, JointKind, Shape, load_arm
 from cardan.spatial import norm, scale
-from cardan.types import Vector3
+from cardan.types import Pose, Vector3
+
+if TYPE_CHECKING:
+    from cardan.gateway.arm.neighbours import NeighbourBodies
 
 
-def surroundings(config: SessionConfig, rigid: bool) -> str:
-    """What is around the arm of a session, as JSON; `rigid`: whether its links are.
+def surroundings(
+    config: SessionConfig, rigid: bool, neighbours: Sequence[NeighbourBodies] = ()
+) -> str:
+    """What is around the arm of a session, as JSON; `rigid`: whether its links are; `neighbours`:
+    those of `config`.
 
     ``workspace_m``: for x, y and z the range that the TCP keeps to, or null. ``reach_m``: those
     that it has within the joints' limits, null where no arm is known. ``obstacles``: each
@@ -25,9 +32,13 @@ def surroundings(config: SessionConfig, rigid: bool) -> str:
     likewise, in the frame that is fixed to the link after ``joint``; "" is the base.
     ``obstacle_m`` and ``own_body_m``: the distances that are kept to obstacles and between the
     arm's own bodies; null where collisions are not avoided. ``links_without_body``: how many, and
-    which, in words; "" where all have one. ``visuals``: by the name that the arm's description has
-    for a visual mesh, the key by which the console has it; ``visuals_left_out``: those that it has
-    not, in words. ``home``: joints to begin from, null where none are known.
+    which, in words; "" where all have one. ``neighbours``: of each its ``name``, the ``topic`` of
+    its joint states, ``max_age_s`` of these, its ``base`` in this one, its ``shapes``, as those of
+    the arm, and its ``joints`` from the base on: each by ``name``, where it is in the body before
+    at zero, and its ``axis``, along which it ``slides`` or about which it turns. ``visuals``: by
+    the name that the arm's description has for a visual mesh, the key by which the console has it;
+    ``visuals_left_out``: those that it has not, in words. ``home``: joints to begin from, null
+    where none are known.
     """
     table = config.arm
     avoids = table is not None and table.collisions and rigid
@@ -42,11 +53,10 @@ def surroundings(config: SessionConfig, rigid: bool) -> str:
         from cardan.robots.visuals import keep_visuals
 
         model = load_arm(table.model)
-        joints = ("", *model.joint_names)
-        shapes = [
-            {"name": each.name, "joint": joints[each.body], **_solid(each.shape)}
-            for each in model.shapes
-        ]
+        for named, each in zip(config.neighbours, neighbours, strict=True):
+            if named.base_xyz_m is None:
+                model = model.without(each.model)
+        shapes = _shapes(model, model.shapes)
         home, bare = list(model.home), model.links_without_body()
         kept = keep_visuals(table.model)
         visuals, left_out = kept.keys, kept.in_words()
@@ -57,6 +67,25 @@ def surroundings(config: SessionConfig, rigid: bool) -> str:
             "reach_m": reach_m,
             "obstacles": [{"name": each.name, **_obstacle(each)} for each in config.obstacles],
             "shapes": shapes,
+            "neighbours": [
+                {
+                    "name": each.name,
+                    "topic": "" if config.network is None else config.network.absolute(named.topic),
+                    "max_age_s": named.max_age_s,
+                    "base": _pose(each.base),
+                    "joints": [
+                        {
+                            "name": joint.name,
+                            **_pose(joint.placement),
+                            "axis": list(joint.axis),
+                            "slides": joint.kind is JointKind.PRISMATIC,
+                        }
+                        for joint in each.model.joints
+                    ],
+                    "shapes": _shapes(each.model, each.shapes),
+                }
+                for named, each in zip(config.neighbours, neighbours, strict=True)
+            ],
             "links_without_body": bare,
             "visuals": visuals,
             "visuals_left_out": left_out,
@@ -76,6 +105,13 @@ def _obstacle(table: ObstacleTable) -> dict[str, Any]:
     return {"plane": {"normal": list(unit), "offset_m": table.plane[1]}}
 
 
+def _shapes(model: ArmModel, shapes: Sequence[BodyShape]) -> list[dict[str, Any]]:
+    joints = ("", *model.joint_names)
+    return [
+        {"name": each.name, "joint": joints[each.body], **_solid(each.shape)} for each in shapes
+    ]
+
+
 def _solid(shape: Shape) -> dict[str, Any]:
     if isinstance(shape, Capsule):
         return {
@@ -86,11 +122,9 @@ def _solid(shape: Shape) -> dict[str, Any]:
             }
         }
     assert isinstance(shape, Box)
-    w, x, y, z = shape.pose.orientation
-    return {
-        "box": {
-            "position": list(shape.pose.position),
-            "orientation": [x, y, z, w],
-            "size_m": list(shape.size_m),
-        }
-    }
+    return {"box": {**_pose(shape.pose), "size_m": list(shape.size_m)}}
+
+
+def _pose(pose: Pose) -> dict[str, Any]:
+    w, x, y, z = pose.orientation
+    return {"position": list(pose.position), "orientation": [x, y, z, w]}

@@ -3,9 +3,11 @@
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from cardan.errors import ConfigurationError
+from cardan.gateway.kinematics import collision as module
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import (
     CollisionModel,
@@ -13,8 +15,8 @@ from cardan.gateway.kinematics.collision import (
     Obstacle,
     box_obstacle,
 )
-from cardan.robots import BodyShape, Capsule, load_arm
-from cardan.types import Vector3
+from cardan.robots import BodyShape, Box, Capsule, load_arm
+from cardan.types import Pose, Quaternion, Vector3
 
 FLOOR = Obstacle("floor", HalfSpace(Vector3(0.0, 0.0, 1.0), -0.4))
 POST = Obstacle("post", Capsule(Vector3(0.6, 0.5, -0.2), Vector3(0.6, 0.5, 0.9), 0.05))
@@ -146,6 +148,64 @@ def test_a_pair_that_is_too_near_already_may_only_part():
     at_wall = home + share * (beyond - home)
     assert collision.free_share(at_wall, home, 0.05) == (1.0, None)
     assert collision.free_share(at_wall, beyond, 0.05)[0] < 0.05
+
+
+def nested(generator, body):
+    """Shapes of a body, each with smaller ones in it, and once more."""
+    found = []
+    for number in range(4):
+        at = Vector3(*generator.uniform(-0.1, 0.1, 3))
+        pose = Pose(at, Quaternion(*(each / 2.0 for each in generator.choice((-1.0, 1.0), 4))))
+        outer = Box(pose, tuple(generator.uniform(0.12, 0.2, 3)))
+        if number % 2:
+            outer = Capsule(at, at._replace(x=at.x + 0.1), 0.12)
+        inner = Box(pose, (0.04, 0.05, 0.06)), Capsule(at, at._replace(y=at.y + 0.01), 0.02)
+        found += [BodyShape(f"inner {number}", body, shape) for shape in inner]
+        found += [BodyShape(f"outer {number}", body, outer) for _ in range(2)]
+    return found
+
+
+def test_a_shape_inside_another_of_its_body_is_left_out_and_no_distance_is_larger(monkeypatch):
+    generator = np.random.default_rng(7)
+    tool, movers = nested(generator, 6), [nested(generator, 1), nested(generator, 1)]
+    kinematics = ArmKinematics(load_arm("ur5"))
+    ignored = {("outer 0", "wrist_1_link")}
+
+    def made():
+        return CollisionModel(kinematics, (POST, WALL), tool, movers, ignored)
+
+    fewer = made()
+    monkeypatch.setattr(module, "_without_inner", lambda pairs, *_: pairs)
+    every = made()
+    assert 4 * len(fewer.pairs) < len(every.pairs)
+    of_wrist = {pair[0] for pair in fewer.pairs if pair[1] == "wrist_1_link"}
+    # What is around it is not kept apart there.
+    assert "inner 0" in of_wrist
+    assert not of_wrist & {"inner 1", "inner 2", "inner 3"}
+
+    def nearest(collision, q):
+        """By the bodies of each pair."""
+        first = len(kinematics.arm.shapes) + len(tool)
+        owners = [each.body for each in collision.solids[:first]]
+        owners += ["post", "wall", *("one",) * len(movers[0]), *("other",) * len(movers[1])]
+        found = {}
+        for distance, (one, other) in zip(collision.at(q), collision.pair_solids, strict=True):
+            key = owners[one], owners[other]
+            found[key] = min(found.get(key, math.inf), distance)
+        return found
+
+    frames = [pin.SE3(pin.exp3(generator.normal(size=3)), generator.normal(size=3)) for _ in movers]
+    for collision in (fewer, every):
+        per_shape = [frame for frame, shapes in zip(frames, movers, strict=True) for _ in shapes]
+        collision.move(0, per_shape, [0.0] * len(per_shape))
+    for _ in range(20):
+        q = generator.uniform(-3.0, 3.0, 6)
+        one, other = nearest(fewer, q), nearest(every, q)
+        assert one.keys() == other.keys()
+        for key, distance in other.items():
+            # How deep bodies overlap may be said otherwise for the one around.
+            expected = distance if distance > 0.0 else min(one[key], 1e-6)
+            assert one[key] == pytest.approx(expected, abs=1e-6)
 
 
 def test_a_box_needs_its_corners_in_order():

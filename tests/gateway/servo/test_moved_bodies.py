@@ -23,7 +23,7 @@ BRICK = BodyShape(
 
 def made(kind, movers, obstacles=()):
     kinematics = ArmKinematics(load_arm("ur5"))
-    return kind(kinematics, CollisionModel(kinematics, obstacles, movers=movers))
+    return kind(kinematics, CollisionModel(kinematics, obstacles, movers=[movers]))
 
 
 def compiled_distances(servo, q):

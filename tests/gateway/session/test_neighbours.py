@@ -1,6 +1,7 @@
 """Two arms that know each other's bodies, in virtual time: sessions' controllers on simulated arms,
 and the joint states of each as the other's session hears them."""
 
+import json
 import math
 import re
 
@@ -28,6 +29,7 @@ from cardan.gateway.session.assembly import (
     make_verbs,
 )
 from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.scene import surroundings
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
 from cardan.protocols.ros2.names import dds_type
@@ -149,7 +151,7 @@ class Between:
     def __init__(self, session):
         self._bodies = session.core.body.neighbours[0]
         own = ArmKinematics(load_arm(session.config.arm.model))
-        self._model = CollisionModel(own, movers=self._bodies.shapes)
+        self._model = CollisionModel(own, movers=[self._bodies.shapes])
         self._pairs = [
             pair
             for pair, (one, _) in enumerate(self._model.pair_solids)
@@ -550,6 +552,24 @@ def test_arms_of_one_robot_that_hold_it_differently_are_refused(tmp_path):
         make_neighbour_bodies(of_one_tree(tmp_path, *held))
     assert no.value.key == "neighbours.0.base_xyz_m"
     assert "by 100 mm and 0.0 degrees: give both files the same [hold]" in str(no.value)
+
+
+def test_what_a_neighbour_of_the_same_robot_moves_is_told_once(tmp_path):
+    config = of_one_tree(tmp_path, 'base = "l/mount"', 'base = "r/mount"')
+    around = json.loads(surroundings(config, True, make_neighbour_bodies(config)))
+    own = {each["name"] for each in around["shapes"]}
+    assert {"torso", "l/hand"} <= own
+    assert not {name for name in own if name.startswith("r/")}
+    assert "right's r/hand" in {each["name"] for each in around["neighbours"][0]["shapes"]}
+
+
+def test_arms_that_both_move_a_joint_are_refused(tmp_path):
+    config = of_one_tree(tmp_path, 'base = "base_link"', 'base = "base_link"')
+    with pytest.raises(
+        ConfigurationError, match=r"both move lift, .* let both hold it, with base = 'torso' in"
+    ) as no:
+        make_neighbour_bodies(config)
+    assert no.value.key == "neighbours.0.model"
 
 
 def test_arms_of_two_robots_need_the_base_said():

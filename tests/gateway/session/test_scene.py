@@ -6,17 +6,21 @@ import json
 import math
 from types import SimpleNamespace
 
+import numpy as np
+import pinocchio as pin
 import pytest
 
 from cardan.gateway.bus.arm_topics import ArmNames
 from cardan.gateway.bus.options import NetworkOptions
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.reach import tcp_range_m
+from cardan.gateway.session.assembly import make_neighbour_bodies
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.network import SessionNetwork
 from cardan.gateway.session.scene import surroundings
 from cardan.robots import load_arm
-from cardan.types import IDENTITY_POSE
+from cardan.robots.arm_bodies import to_se3
+from cardan.types import IDENTITY_POSE, Pose, Quaternion, Vector3
 from tests.gateway.bus.rig import FakeNode
 
 TABLES = {
@@ -64,6 +68,41 @@ def test_the_shapes_are_those_of_the_collision_model_each_after_its_joint():
     assert around["home"] == list(model.home)
     assert all(math.isfinite(each) for each in around["home"])
     assert around["reach_m"] == [list(each) for each in tcp_range_m(ArmKinematics(model))]
+
+
+def test_neighbours_are_told_with_all_that_places_their_bodies():
+    """By the joints of the JSON alone they are where the session keeps away from them."""
+    neighbour = {
+        "name": "right",
+        "model": "teo_right_arm",
+        "topic": "right/joint_states",
+        "base_xyz_m": [1.4, 0.1, 0.2],
+        "base_rpy_deg": [10.0, 20.0, 30.0],
+        "max_age_s": 0.2,
+    }
+    tables = {**TABLES, "network": {"namespace": "cell"}, "neighbours": [neighbour]}
+    config = parse_config(tables)
+    (bodies,) = made = make_neighbour_bodies(config)
+    (told,) = json.loads(surroundings(config, True, made))["neighbours"]
+    assert (told["name"], told["topic"]) == ("right", "/cell/right/joint_states")
+    assert told["max_age_s"] == 0.2
+    assert [each["name"] for each in told["joints"]] == list(bodies.names)
+    assert [each["name"] for each in told["shapes"]] == [each.name for each in bodies.shapes]
+
+    def placed(at):
+        x, y, z, w = at["orientation"]
+        return to_se3(Pose(Vector3(*at["position"]), Quaternion(w, x, y, z)))
+
+    q = np.linspace(-0.4, 0.7, len(bodies.names))
+    frames = {"": placed(told["base"])}
+    at = frames[""]
+    for joint, value in zip(told["joints"], q, strict=True):
+        assert not joint["slides"]
+        turned = pin.SE3(pin.exp3(np.array(joint["axis"]) * value), np.zeros(3))
+        frames[joint["name"]] = at = at * placed(joint) * turned
+    for shape, frame in zip(told["shapes"], bodies.frames(q.tolist()), strict=True):
+        there = frames[shape["joint"]]
+        np.testing.assert_allclose(there.homogeneous, frame.homogeneous, atol=1e-9)
 
 
 def test_without_a_model_there_is_the_workspace_alone():
