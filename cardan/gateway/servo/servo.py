@@ -42,7 +42,7 @@ MAX_PARTS = 3
 """Parts of a twist that slides, each with a path speed of its own."""
 
 MAX_ROWS = 16
-"""Closing pairs in one programme, the most urgent first: more cannot act on seven joints."""
+"""Closing pairs in one programme, the most urgent first: more cannot act on nine joints."""
 
 CLOSING_LEVER_M = 0.13
 """Lever that turns the acceleration of the slowest joint into a deceleration of bodies: shorter
@@ -157,6 +157,7 @@ class Servo:
         self._own_axes = self._wanted.reshape(2, 3)
         self._rows = np.zeros((MAX_ROWS, n + 1))
         self._rows_of_joints = self._rows[:, :n]
+        self._gradients = np.zeros((0 if collision is None else len(collision.pairs), n))
         self._highest = np.full(n + 1 + MAX_ROWS, UNBOUNDED)
         self._lowest = np.zeros(n + 1 + MAX_ROWS)
         self._sense = np.zeros(n + MAX_PARTS + MAX_ROWS, dtype=np.int32)
@@ -304,8 +305,8 @@ class Servo:
             self._add_posture(joint_rate, pace)
         stiffness = self._stiffness()
         self._price_slowing(pace, stiffness)
-        rows = self._rows_near(dt_s)
-        v = self._solve(dt_s, rows)
+        v = self._solve(dt_s)
+        rows = self._active
         s = min(1.0, float(v[n]) / pace) if pace > AT_REST else 1.0
         tight = self._tight(v[:n], rows) if slide else ()
         if self.policy is Policy.REACH and tight:
@@ -349,7 +350,7 @@ class Servo:
             normal[:n, n] = normal[n, :n] = rate / -pace
             linear[n] = float(rate.dot(feedback)) / pace
         self._price_slowing(pace, options.path_stiffness)
-        v = self._solve(dt_s, self._rows_near(dt_s))
+        v = self._solve(dt_s)
         self.path_speed = s = min(1.0, float(v[n]) / pace) if pace > AT_REST else 1.0
         self._held = self._ending and s < SLOWED
         self._error_m = self._error_rad = 0.0
@@ -364,7 +365,7 @@ class Servo:
         self._diagonal[:] = 1.0
         self._linear[:] = 0.0
         self._highest[n], self._lowest[n] = 0.0, 0.0
-        v = self._solve(dt_s, self._rows_near(dt_s))
+        v = self._solve(dt_s)
         self.path_speed = 0.0
         self._held = False
         self.twist[:] = 0.0
@@ -460,12 +461,13 @@ class Servo:
             )
             feedback[3:] *= speed / error
 
-    def _rows_near(self, dt_s: float) -> int:
-        """Fill in a row for each pair of bodies that could meet; returns how many."""
+    def _add_rows(self, dt_s: float) -> None:
+        """Fill in a row for each pair of bodies that could meet within the joints' bounds, which
+        are filled in: those that could be farthest beyond what they may."""
         collision = self.collision
         self._active = 0
         if collision is None or not collision.pairs:
-            return 0
+            return
         options = self.options
         distances = collision.update()
         self._nearest_m = min(distances)
@@ -489,21 +491,23 @@ class Servo:
                 < closing[pair] * (closing[pair] / (2.0 * deceleration) + dt_s)
             ]
         if not near:
-            return 0
-        if len(near) > MAX_ROWS:
-            closing = collision.sweep(self.v)
-            room = [
-                distances[pair] - safety[pair] - closing[pair] ** 2 / (2.0 * deceleration)
-                for pair in near
-            ]
-            near = [pair for _, pair in sorted(zip(room, near, strict=True))[:MAX_ROWS]]
-        collision.gradients(near, self._rows_of_joints)
-        first = self.joints + 1
-        self._lowest[first : first + len(near)] = [
-            -stopping_speed(distances[pair] - safety[pair], deceleration, dt_s) for pair in near
-        ]
-        self._active = len(near)
-        return len(near)
+            return
+        n = self.joints
+        rows = self._gradients[: len(near)]
+        collision.gradients(near, rows)
+        least = np.array(
+            [-stopping_speed(distances[pair] - safety[pair], deceleration, dt_s) for pair in near]
+        )
+        # What no speed within the joints' bounds can bring too near needs no row.
+        room = np.maximum(rows, 0.0).dot(self._lowest[:n])
+        room += np.minimum(rows, 0.0).dot(self._highest[:n])
+        room -= least
+        binding = np.flatnonzero(room < TIGHT_M_S)
+        if len(binding) > MAX_ROWS:
+            binding = binding[np.argsort(room[binding], kind="stable")[:MAX_ROWS]]
+        self._active = count = len(binding)
+        self._rows_of_joints[:count] = rows[binding]
+        self._lowest[n + 1 : n + 1 + count] = least[binding]
 
     def _add_posture(self, joint_rate: FloatArray | None, speed: float) -> None:
         """Pull towards the posture, and what is asked of joints, where the task leaves freedom.
@@ -583,10 +587,12 @@ class Servo:
         self._wanted[:] = (x[n:] / paces).dot(parts)
         return x, min(1.0, float(x[n:].dot(paces) / paces.dot(paces)))
 
-    def _solve(self, dt_s: float, rows: int) -> FloatArray:
+    def _solve(self, dt_s: float) -> FloatArray:
         """The programme's solution, v and s; a braking ramp where there is none."""
         highest, lowest = self._highest, self._lowest
         self._ending = self.bounds.fill(self.q.tolist(), self.v.tolist(), dt_s, lowest, highest)
+        self._add_rows(dt_s)
+        rows = self._active
         end = self.joints + 1 + rows
         return self._programme(
             self._normal,

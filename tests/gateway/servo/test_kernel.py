@@ -451,7 +451,7 @@ def test_the_iterations_of_the_worst_tick_are_counted():
         )
         for i in range(8)
     ]
-    options = ServoOptions(influence_distance_m=2.0, policy=Policy.REACH)
+    options = ServoOptions(influence_distance_m=2.0, safety_distance_m=0.6, policy=Policy.REACH)
     servo = CompiledServo(kinematics, CollisionModel(kinematics, boxes), options)
     generator = np.random.default_rng(0)
     home = servo.pose

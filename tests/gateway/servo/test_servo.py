@@ -15,7 +15,7 @@ from cardan.gateway.servo import compiled, servo as in_python
 from cardan.gateway.servo.choice import choose_servo
 from cardan.gateway.servo.compiled import CompiledServo
 from cardan.gateway.servo.options import Policy, ServoOptions
-from cardan.gateway.servo.servo import Servo
+from cardan.gateway.servo.servo import MAX_ROWS, Servo
 from cardan.robots import load_arm
 from cardan.types import Vector3
 from tests.examples import examples
@@ -206,6 +206,26 @@ def test_a_thin_wall_is_not_touched_slid_along_and_left_without_hesitation(polic
     before = made.placement.translation.copy()
     drive.run((-0.1, 0, 0), 0.5 / 0.95, ramp_s=DT_S, slide=True)
     assert (made.placement.translation - before)[0] < -0.95 * 0.1 * 0.5
+
+
+def test_bodies_that_stay_near_hide_none_that_comes():
+    """More of them than have a row each, as many covers of two links beside each other are: nearer
+    than is kept, and nothing that the arm does brings them nearer."""
+    drive = wall()
+    posts = [
+        box_obstacle(f"post {i}", Vector3(-0.1, -0.1, low), Vector3(-0.088, 0.1, low + 0.001))
+        for i, low in enumerate(np.linspace(0.07, 0.09, 2 * MAX_ROWS))
+    ]
+    near = Obstacle("wall", drive.servo.collision.solids[-1].shape)
+    crowded = Drive(servo(obstacles=(*posts, near), q_deg=np.degrees(drive.servo.q)))
+    made = crowded.servo
+    apart = dict(zip(made.collision.pairs, made.collision.at(made.q), strict=True))
+    beside = [each for pair, each in apart.items() if pair[0].startswith("post") and each < 0.01]
+    assert len(beside) >= 2 * MAX_ROWS
+    crowded.run((0.5, 0, 0), 1.5, ramp_s=0.5, slide=True)
+    drive.run((0.5, 0, 0), 1.5, ramp_s=0.5, slide=True)
+    assert crowded.clearance_m > 0.009
+    assert made.q == pytest.approx(drive.servo.q, abs=0.005)
 
 
 def test_without_sliding_the_line_ends_at_the_wall():

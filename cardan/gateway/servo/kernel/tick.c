@@ -132,78 +132,6 @@ static void gradient(const Kernel *kernel, size_t pair, double *row)
     }
 }
 
-/* The MAX_ROWS of `near` with the least room, in place of the first. */
-static void keep_most_urgent(Kernel *kernel, int count)
-{
-    double deceleration = kernel->options.closing_deceleration_m_s2;
-    for (int i = 0; i < count; i++) {
-        size_t pair = (size_t)kernel->near[i];
-        double speed = closing(kernel, pair, kernel->state.v);
-        kernel->room[i] = kernel->separations[pair].distance_m - kept_m(kernel, pair) -
-                          speed * speed / (2.0 * deceleration);
-    }
-    for (int i = 0; i < MAX_ROWS; i++) {
-        int least = i;
-        for (int j = i + 1; j < count; j++)
-            if (kernel->room[j] < kernel->room[least])
-                least = j;
-        double room = kernel->room[i];
-        int32_t pair = kernel->near[i];
-        kernel->room[i] = kernel->room[least];
-        kernel->near[i] = kernel->near[least];
-        kernel->room[least] = room;
-        kernel->near[least] = pair;
-    }
-}
-
-/* A row of the programme for each pair of bodies that could meet. */
-static void add_rows(Kernel *kernel, double dt_s)
-{
-    KernelState *state = &kernel->state;
-    Programme *programme = &kernel->programme;
-    const KernelOptions *options = &kernel->options;
-    state->active = programme->rows = 0;
-    if (!kernel->pair_count)
-        return;
-    double deceleration = options->closing_deceleration_m_s2;
-    double fastest = fastest_closing(kernel, state->v);
-    double stop = fastest * (fastest / (2.0 * deceleration) + dt_s);
-    double farthest = fmax(options->influence_distance_m, options->safety_distance_m + stop) +
-                      kernel->most_grown_m;
-    kernel_separate(kernel, farthest);
-    int count = 0;
-    for (size_t i = 0; i < kernel->pair_count; i++) {
-        double distance = kernel->separations[i].distance_m;
-        if (!(distance < farthest))
-            continue;
-        double grown = kernel->grown_m[kernel->pairs[i].first];
-        if (!(distance < options->influence_distance_m + grown)) {
-            double speed = closing(kernel, i, state->v);
-            if (!(distance - kernel->pairs[i].safety_m - grown <
-                  speed * (speed / (2.0 * deceleration) + dt_s)))
-                continue;
-        }
-        kernel->near[count++] = (int32_t)i;
-    }
-    if (count > MAX_ROWS) {
-        keep_most_urgent(kernel, count);
-        count = MAX_ROWS;
-    }
-    for (int r = 0; r < count; r++) {
-        size_t pair = (size_t)kernel->near[r];
-        gradient(kernel, pair, programme->row[r]);
-        for (int i = kernel->n; i < kernel->n + MAX_PARTS; i++)
-            programme->row[r][i] = 0.0;
-        programme->row_name[r] = (int)pair;
-        programme->least[r] = -stopping_speed(
-            kernel->separations[pair].distance_m - kept_m(kernel, pair), deceleration, dt_s);
-    }
-    state->active = programme->rows = count;
-}
-
-/* ----------------------------------------------------------------------------------------------
- * The programme */
-
 /* How long the joint that needs longest takes to stop. */
 static double stopping_time(const Kernel *kernel)
 {
@@ -254,6 +182,91 @@ static void fill_bounds(Kernel *kernel, double dt_s)
     }
 }
 
+/* How fast a pair may close in: negative. */
+static double least_of(const Kernel *kernel, size_t pair, double dt_s)
+{
+    return -stopping_speed(kernel->separations[pair].distance_m - kept_m(kernel, pair),
+                           kernel->options.closing_deceleration_m_s2, dt_s);
+}
+
+/* Of `near` those that speeds within the joints' bounds can bring too near, MAX_ROWS at most: those
+ * that can be farthest beyond what they may. Returns how many; they are the first. */
+static int keep_those_that_bind(Kernel *kernel, int count, double dt_s)
+{
+    const Programme *programme = &kernel->programme;
+    int kept = 0;
+    for (int i = 0; i < count; i++) {
+        double row[MAX_JOINTS];
+        size_t pair = (size_t)kernel->near[i];
+        double room = -least_of(kernel, pair, dt_s);
+        gradient(kernel, pair, row);
+        for (int j = 0; j < kernel->n; j++)
+            room += row[j] * (row[j] > 0.0 ? programme->lowest[j] : programme->highest[j]);
+        if (room < TIGHT_M_S) {
+            kernel->near[kept] = kernel->near[i];
+            kernel->room[kept++] = room;
+        }
+    }
+    for (int i = 0; i < MAX_ROWS && kept > MAX_ROWS; i++) {
+        int least = i;
+        for (int j = i + 1; j < kept; j++)
+            if (kernel->room[j] < kernel->room[least])
+                least = j;
+        double room = kernel->room[i];
+        int32_t pair = kernel->near[i];
+        kernel->room[i] = kernel->room[least];
+        kernel->near[i] = kernel->near[least];
+        kernel->room[least] = room;
+        kernel->near[least] = pair;
+    }
+    return kept < MAX_ROWS ? kept : MAX_ROWS;
+}
+
+/* A row of the programme for each pair of bodies that could meet within the joints' bounds, which
+ * are filled in. */
+static void add_rows(Kernel *kernel, double dt_s)
+{
+    KernelState *state = &kernel->state;
+    Programme *programme = &kernel->programme;
+    const KernelOptions *options = &kernel->options;
+    state->active = programme->rows = 0;
+    if (!kernel->pair_count)
+        return;
+    double deceleration = options->closing_deceleration_m_s2;
+    double fastest = fastest_closing(kernel, state->v);
+    double stop = fastest * (fastest / (2.0 * deceleration) + dt_s);
+    double farthest = fmax(options->influence_distance_m, options->safety_distance_m + stop) +
+                      kernel->most_grown_m;
+    kernel_separate(kernel, farthest);
+    int count = 0;
+    for (size_t i = 0; i < kernel->pair_count; i++) {
+        double distance = kernel->separations[i].distance_m;
+        if (!(distance < farthest))
+            continue;
+        double grown = kernel->grown_m[kernel->pairs[i].first];
+        if (!(distance < options->influence_distance_m + grown)) {
+            double speed = closing(kernel, i, state->v);
+            if (!(distance - kernel->pairs[i].safety_m - grown <
+                  speed * (speed / (2.0 * deceleration) + dt_s)))
+                continue;
+        }
+        kernel->near[count++] = (int32_t)i;
+    }
+    count = keep_those_that_bind(kernel, count, dt_s);
+    for (int r = 0; r < count; r++) {
+        size_t pair = (size_t)kernel->near[r];
+        gradient(kernel, pair, programme->row[r]);
+        for (int i = kernel->n; i < kernel->n + MAX_PARTS; i++)
+            programme->row[r][i] = 0.0;
+        programme->row_name[r] = (int)pair;
+        programme->least[r] = least_of(kernel, pair, dt_s);
+    }
+    state->active = programme->rows = count;
+}
+
+/* ----------------------------------------------------------------------------------------------
+ * The programme */
+
 /* The programme's solution in its x; a braking ramp where there is none. */
 static void solve_programme(Kernel *kernel)
 {
@@ -269,10 +282,9 @@ static void solve_programme(Kernel *kernel)
     }
 }
 
-static void solve(Kernel *kernel, double dt_s)
+static void solve(Kernel *kernel)
 {
     kernel->programme.unknowns = kernel->n + 1;
-    fill_bounds(kernel, dt_s);
     solve_programme(kernel);
 }
 
@@ -697,8 +709,9 @@ static void brake(Kernel *kernel, double dt_s)
     for (int i = 0; i <= n; i++)
         programme->hessian[i][i] = 1.0;
     programme->lowest[n] = programme->highest[n] = 0.0;
+    fill_bounds(kernel, dt_s);
     add_rows(kernel, dt_s);
-    solve(kernel, dt_s);
+    solve(kernel);
     state->path_speed = 0.0;
     kernel->held = false;
     memset(state->twist, 0, sizeof state->twist);
@@ -767,8 +780,9 @@ double kernel_tick(Kernel *kernel, double dt_s, int32_t flags)
     damp(kernel, joint_rate, pace);
     double stiffness = path_stiffness(kernel);
     price_slowing(kernel, pace, stiffness);
+    fill_bounds(kernel, dt_s);
     add_rows(kernel, dt_s);
-    solve(kernel, dt_s);
+    solve(kernel);
     double share = pace > AT_REST ? fmin(1.0, programme->x[n] / pace) : 1.0;
     int tight[MAX_ROWS], blocked = flags & KERNEL_SLIDE ? find_tight(kernel, tight) : 0;
     double parts[MAX_PARTS][6];
@@ -821,8 +835,9 @@ double kernel_tick_joints(Kernel *kernel, double dt_s)
     programme->hessian[n][n] = 1.0;
     programme->linear[n] = pace > AT_REST ? along / pace : 0.0;
     price_slowing(kernel, pace, kernel->options.path_stiffness);
+    fill_bounds(kernel, dt_s);
     add_rows(kernel, dt_s);
-    solve(kernel, dt_s);
+    solve(kernel);
     double share = pace > AT_REST ? fmin(1.0, programme->x[n] / pace) : 1.0;
     state->path_speed = share;
     kernel->held = kernel->ending && share < SLOWED;
