@@ -46,11 +46,39 @@ static double product(int n, const double *a, const double *b)
 /* ----------------------------------------------------------------------------------------------
  * Distances */
 
-static void separate(Kernel *kernel, const ChainPose *pose, Body *bodies)
+/* Rather all pairs are looked at anew than how far they came be a sum without digits. */
+#define FARTHEST_TRAVEL_M 1e3
+
+/* All pairs are to be looked at. */
+static void forget_distances(Kernel *kernel)
 {
-    for (size_t i = 0; i < kernel->shape_count; i++)
-        if (kernel->shapes[i].body > 0)
-            body_place(&kernel->shapes[i], &pose->bodies[kernel->shapes[i].body], &bodies[i]);
+    kernel->travel_m = 0.0;
+    for (size_t i = 0; i < kernel->pair_count; i++)
+        kernel->clear_m[i] = -INFINITY;
+}
+
+/* The arm is at `kernel->pose`, whose joints `q` are: no pair came nearer than the joints moved since
+ * it was looked at. */
+static void travel(Kernel *kernel, const double *q)
+{
+    kernel->looks++;
+    for (int i = 0; i < kernel->n; i++) {
+        kernel->travel_m += kernel->farthest[i] * fabs(q[i] - kernel->looked_at[i]);
+        kernel->looked_at[i] = q[i];
+    }
+    if (kernel->travel_m < FARTHEST_TRAVEL_M)
+        return;
+    forget_distances(kernel);
+}
+
+static const Body *placed(Kernel *kernel, int32_t shape)
+{
+    int32_t body = kernel->shapes[shape].body;
+    if (body > 0 && kernel->placed[shape] != kernel->looks) {
+        body_place(&kernel->shapes[shape], &kernel->pose.bodies[body], &kernel->bodies[shape]);
+        kernel->placed[shape] = kernel->looks;
+    }
+    return &kernel->bodies[shape];
 }
 
 /* What its distance leaves of how much farther away it is kept than others. */
@@ -59,22 +87,38 @@ static double separate_pair(Kernel *kernel, size_t i, double far_m)
     const KernelPair *pair = &kernel->pairs[i];
     Separation *found = &kernel->separations[i];
     double grown_m = kernel->grown_m[pair->first];
-    body_separation(&kernel->bodies[pair->first], &kernel->bodies[pair->second], far_m + grown_m,
+    body_separation(placed(kernel, pair->first), placed(kernel, pair->second), far_m + grown_m,
                     found);
-    return found->distance_m - grown_m;
+    double left = found->distance_m - grown_m;
+    kernel->clear_m[i] = left + kernel->travel_m;
+    return left;
 }
 
-void kernel_separate(Kernel *kernel, double far_m)
+/* The pair that was nearest still nearly is: what is farther away than it need not be known. */
+static double separate_nearest(Kernel *kernel)
 {
-    separate(kernel, &kernel->pose, kernel->bodies);
-    /* The pair that was nearest still nearly is: what is farther away than it need not be known. */
     int32_t before = kernel->state.nearest;
-    bool known = before >= 0 && (size_t)before < kernel->pair_count;
-    double least = known ? separate_pair(kernel, (size_t)before, INFINITY) : INFINITY;
-    if (!known)
-        kernel->state.nearest = -1;
+    if (before >= 0 && (size_t)before < kernel->pair_count)
+        return separate_pair(kernel, (size_t)before, INFINITY);
+    kernel->state.nearest = -1;
+    return INFINITY;
+}
+
+static void note_nearest(Kernel *kernel, double least)
+{
+    kernel->nearest_m = least;
+    bool any = kernel->state.nearest >= 0;
+    kernel->state.distance_m =
+        any ? kernel->separations[kernel->state.nearest].distance_m : INFINITY;
+}
+
+void kernel_separate(Kernel *kernel, const double *q, double far_m)
+{
+    travel(kernel, q);
+    double least = separate_nearest(kernel);
+    int32_t before = kernel->state.nearest;
     for (size_t i = 0; i < kernel->pair_count; i++) {
-        if (known && i == (size_t)before)
+        if ((int32_t)i == before || kernel->clear_m[i] > kernel->travel_m + fmax(far_m, least))
             continue;
         double left = separate_pair(kernel, i, fmax(far_m, least));
         if (left < least) {
@@ -82,26 +126,25 @@ void kernel_separate(Kernel *kernel, double far_m)
             kernel->state.nearest = (int32_t)i;
         }
     }
-    kernel->nearest_m = least;
-    bool any = kernel->state.nearest >= 0;
-    kernel->state.distance_m =
-        any ? kernel->separations[kernel->state.nearest].distance_m : INFINITY;
+    note_nearest(kernel, least);
+}
+
+static double swept(const Kernel *kernel, const double *sweep, const double *v)
+{
+    double sum = 0.0;
+    for (int i = 0; i < kernel->n; i++)
+        sum += sweep[i] * fabs(v[i]);
+    return sum;
 }
 
 static double closing(const Kernel *kernel, size_t pair, const double *v)
 {
-    double sum = 0.0;
-    for (int i = 0; i < kernel->n; i++)
-        sum += kernel->pairs[pair].sweep[i] * fabs(v[i]);
-    return sum;
+    return swept(kernel, kernel->pairs[pair].sweep, v);
 }
 
 static double fastest_closing(const Kernel *kernel, const double *v)
 {
-    double sum = 0.0;
-    for (int i = 0; i < kernel->n; i++)
-        sum += kernel->farthest[i] * fabs(v[i]);
-    return sum;
+    return swept(kernel, kernel->farthest, v);
 }
 
 /* How far apart a pair is kept: only the first, which moves less, may be a body that others move. */
@@ -132,28 +175,105 @@ static void gradient(const Kernel *kernel, size_t pair, double *row)
     }
 }
 
-/* The MAX_ROWS of `near` with the least room, in place of the first. */
-static void keep_most_urgent(Kernel *kernel, int count)
+/* What decides which pairs have a row in the programme. */
+typedef struct {
+    double dt_s;
+    double least_m; /* of what is left of a pair's distance, so far */
+    int count;      /* pairs that could meet, so far */
+} Search;
+
+/* Below which of what is left of its distance a pair that closes in at `speed` could meet. */
+static double meets_m(const Kernel *kernel, double safety_m, double speed, const Search *search)
 {
-    double deceleration = kernel->options.closing_deceleration_m_s2;
-    for (int i = 0; i < count; i++) {
-        size_t pair = (size_t)kernel->near[i];
-        double speed = closing(kernel, pair, kernel->state.v);
-        kernel->room[i] = kernel->separations[pair].distance_m - kept_m(kernel, pair) -
-                          speed * speed / (2.0 * deceleration);
+    double braking = speed * speed / (2.0 * kernel->options.closing_deceleration_m_s2);
+    return fmax(kernel->options.influence_distance_m, safety_m + braking + speed * search->dt_s);
+}
+
+/* Beyond which it is neither the nearest nor among the MAX_ROWS with the least room. */
+static double matters_m(const Kernel *kernel, double safety_m, double speed, const Search *search)
+{
+    double far_m = meets_m(kernel, safety_m, speed, search);
+    if (search->count >= MAX_ROWS) {
+        double braking = speed * speed / (2.0 * kernel->options.closing_deceleration_m_s2);
+        far_m = fmin(far_m, kernel->room[MAX_ROWS - 1] + safety_m + braking);
     }
-    for (int i = 0; i < MAX_ROWS; i++) {
-        int least = i;
-        for (int j = i + 1; j < count; j++)
-            if (kernel->room[j] < kernel->room[least])
-                least = j;
-        double room = kernel->room[i];
-        int32_t pair = kernel->near[i];
-        kernel->room[i] = kernel->room[least];
-        kernel->near[i] = kernel->near[least];
-        kernel->room[least] = room;
-        kernel->near[least] = pair;
+    return fmax(far_m, search->least_m);
+}
+
+/* `near` has the MAX_ROWS with the least room, which is what their distance leaves once they have
+ * braked, in its order; of equal ones the first pairs. */
+static void look_at(Kernel *kernel, size_t i, Search *search)
+{
+    double safety = kernel->pairs[i].safety_m, speed = closing(kernel, i, kernel->state.v);
+    double far_m = matters_m(kernel, safety, speed, search);
+    if (kernel->clear_m[i] > kernel->travel_m + far_m)
+        return;
+    double left = separate_pair(kernel, i, far_m);
+    if (left < search->least_m) {
+        search->least_m = left;
+        kernel->state.nearest = (int32_t)i;
     }
+    if (!(left < meets_m(kernel, safety, speed, search)))
+        return;
+    double room =
+        left - safety - speed * speed / (2.0 * kernel->options.closing_deceleration_m_s2);
+    int place = search->count < MAX_ROWS ? search->count : MAX_ROWS;
+    search->count++;
+    for (; place > 0; place--) {
+        double before = kernel->room[place - 1];
+        int32_t pair = kernel->near[place - 1];
+        if (!(room < before || (room == before && (int32_t)i < pair)))
+            break;
+        if (place < MAX_ROWS) {
+            kernel->room[place] = before;
+            kernel->near[place] = pair;
+        }
+    }
+    if (place < MAX_ROWS) {
+        kernel->room[place] = room;
+        kernel->near[place] = (int32_t)i;
+    }
+}
+
+/* As the pairs are, so that their rows stay where they are while `near` has room for all. */
+static void order_by_number(int32_t *pairs, int count)
+{
+    for (int i = 1; i < count; i++) {
+        int32_t pair = pairs[i];
+        int place = i;
+        for (; place > 0 && pairs[place - 1] > pair; place--)
+            pairs[place] = pairs[place - 1];
+        pairs[place] = pair;
+    }
+}
+
+/* The pairs in `near`, and how many they are. */
+static int find_near(Kernel *kernel, double dt_s)
+{
+    travel(kernel, kernel->state.q);
+    Search search = {.dt_s = dt_s, .least_m = separate_nearest(kernel)};
+    /* First those that probably are it again: most others need not be looked at then. */
+    int32_t before[MAX_ROWS];
+    int known = kernel->near_count;
+    memcpy(before, kernel->near, (size_t)known * sizeof *before);
+    for (int r = 0; r < known; r++) {
+        kernel->seen[before[r]] = kernel->looks;
+        look_at(kernel, (size_t)before[r], &search);
+    }
+    for (size_t i = 0; i < kernel->group_count; i++) {
+        PairGroup *group = &kernel->groups[i];
+        double speed = swept(kernel, group->sweep, kernel->state.v);
+        group->far_m = matters_m(kernel, group->safety_m, speed, &search) + kernel->travel_m;
+    }
+    for (size_t i = 0; i < kernel->pair_count; i++)
+        if (!(kernel->clear_m[i] > kernel->groups[kernel->group[i]].far_m) &&
+            kernel->seen[i] != kernel->looks)
+            look_at(kernel, i, &search);
+    note_nearest(kernel, search.least_m);
+    kernel->near_count = search.count < MAX_ROWS ? search.count : MAX_ROWS;
+    if (search.count <= MAX_ROWS)
+        order_by_number(kernel->near, search.count);
+    return kernel->near_count;
 }
 
 /* A row of the programme for each pair of bodies that could meet. */
@@ -161,34 +281,11 @@ static void add_rows(Kernel *kernel, double dt_s)
 {
     KernelState *state = &kernel->state;
     Programme *programme = &kernel->programme;
-    const KernelOptions *options = &kernel->options;
+    double deceleration = kernel->options.closing_deceleration_m_s2;
     state->active = programme->rows = 0;
     if (!kernel->pair_count)
         return;
-    double deceleration = options->closing_deceleration_m_s2;
-    double fastest = fastest_closing(kernel, state->v);
-    double stop = fastest * (fastest / (2.0 * deceleration) + dt_s);
-    double farthest = fmax(options->influence_distance_m, options->safety_distance_m + stop) +
-                      kernel->most_grown_m;
-    kernel_separate(kernel, farthest);
-    int count = 0;
-    for (size_t i = 0; i < kernel->pair_count; i++) {
-        double distance = kernel->separations[i].distance_m;
-        if (!(distance < farthest))
-            continue;
-        double grown = kernel->grown_m[kernel->pairs[i].first];
-        if (!(distance < options->influence_distance_m + grown)) {
-            double speed = closing(kernel, i, state->v);
-            if (!(distance - kernel->pairs[i].safety_m - grown <
-                  speed * (speed / (2.0 * deceleration) + dt_s)))
-                continue;
-        }
-        kernel->near[count++] = (int32_t)i;
-    }
-    if (count > MAX_ROWS) {
-        keep_most_urgent(kernel, count);
-        count = MAX_ROWS;
-    }
+    int count = find_near(kernel, dt_s);
     for (int r = 0; r < count; r++) {
         size_t pair = (size_t)kernel->near[r];
         gradient(kernel, pair, programme->row[r]);
@@ -608,20 +705,28 @@ static double slide(Kernel *kernel, double parts[MAX_PARTS][6], int count, doubl
  * excluded by how far their bodies can move; so nothing is missed between two ticks. */
 static bool strikes(Kernel *kernel, const double *step)
 {
-    bool placed = false;
+    bool stepped = false;
+    double fastest = fastest_closing(kernel, step) + kernel->travel_m;
     for (size_t i = 0; i < kernel->pair_count; i++) {
-        double before = kernel->separations[i].distance_m;
-        if (!(before >= 0.0) || !(closing(kernel, i, step) > before))
+        if (kernel->clear_m[i] > fastest)
             continue;
-        if (!placed) {
+        double nearer = closing(kernel, i, step);
+        separate_pair(kernel, i, nearer);
+        double before = kernel->separations[i].distance_m;
+        if (!(before >= 0.0) || !(nearer > before))
+            continue;
+        if (!stepped) {
             double there[MAX_JOINTS];
             ChainPose pose;
             pose.bodies[0] = kernel->pose.bodies[0];
             for (int j = 0; j < kernel->n; j++)
                 there[j] = kernel->state.q[j] + step[j];
             chain_update(&kernel->chain, there, &pose);
-            separate(kernel, &pose, kernel->ahead);
-            placed = true;
+            for (size_t j = 0; j < kernel->shape_count; j++)
+                if (kernel->shapes[j].body > 0)
+                    body_place(&kernel->shapes[j], &pose.bodies[kernel->shapes[j].body],
+                               &kernel->ahead[j]);
+            stepped = true;
         }
         Separation after;
         body_separation(&kernel->ahead[kernel->pairs[i].first],
@@ -856,7 +961,8 @@ int32_t kernel_place(Kernel *kernel, const double *q)
     kernel->held = false;
     programme_forget(&kernel->programme);
     update(kernel);
-    kernel_separate(kernel, 0.0);
+    forget_distances(kernel); /* What is known is so for motion within the limits only. */
+    kernel_separate(kernel, q, 0.0);
     return true;
 }
 
@@ -928,7 +1034,8 @@ void kernel_kinematics(Kernel *kernel, const double *q, double rotation[9], doub
 void kernel_distances(Kernel *kernel, const double *q, double *distances, double *gradients)
 {
     chain_update(&kernel->chain, q, &kernel->pose);
-    kernel_separate(kernel, INFINITY);
+    kernel_separate(kernel, q, INFINITY);
+    forget_distances(kernel);
     for (size_t i = 0; i < kernel->pair_count; i++) {
         distances[i] = kernel->separations[i].distance_m;
         gradient(kernel, i, gradients + i * (size_t)kernel->n);
