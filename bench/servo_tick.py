@@ -94,10 +94,10 @@ def _cardan(kind: type[AnyServo], name: str, rows: int, pairs: int = PAIRS) -> A
     arm = kinematics(name)
     collision = shorten(CollisionModel(arm, surroundings()), pairs)
     home = np.array(arm.arm.home)
-    influence = 1e-6
-    if rows:
-        influence = sorted(collision.at(home))[rows - 1] + 0.02
-    options = ServoOptions(influence_distance_m=influence, closing_deceleration_m_s2=50.0)
+    kept_m = sorted(collision.at(home))[rows - 1] + 0.02 if rows else 1e-6
+    options = ServoOptions(
+        safety_distance_m=kept_m, self_distance_m=kept_m, closing_deceleration_m_s2=50.0
+    )
     servo = kind(arm, collision, options)
     servo.place(home)
     return servo

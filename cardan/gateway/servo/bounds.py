@@ -5,7 +5,9 @@ from __future__ import annotations
 import math
 from operator import truediv
 
+from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import FloatArray, Kinematics
+from cardan.robots import JointKind
 
 
 class JointBounds:
@@ -23,6 +25,10 @@ class JointBounds:
         self.upper = kinematics.upper.tolist()
         self.velocity = [speed_share * v for v in kinematics.velocity.tolist()]
         self.acceleration = [acceleration_share * a for a in kinematics.acceleration.tolist()]
+        self.prismatic = [False] * len(self.lower)
+        if isinstance(kinematics, ArmKinematics):
+            kinds = [joint.kind for joint in kinematics.arm.joints]
+            self.prismatic = [kind is JointKind.PRISMATIC for kind in kinds]
         self._joints = tuple(
             zip(self.lower, self.upper, self.velocity, self.acceleration, strict=True)
         )

@@ -67,8 +67,6 @@ OPTIONS = (
     "path_stiffness",
     "posture_gain_1_s",
     "posture_weight",
-    "safety_distance_m",
-    "influence_distance_m",
 )
 """Options of the servo that the kernel takes as they are."""
 

@@ -60,7 +60,5 @@ class ServoOptions(Options):
     self_distance_m: Annotated[float, bounds.SAFETY_DISTANCE_M] = 0.005
     """The arm's own bodies are kept this far apart: their capsules contain them with more room
     than that, and some pass each other closely in every posture."""
-    influence_distance_m: Annotated[float, bounds.LENGTH_M] = 0.1
-    """Pairs nearer than this, or than they need to stop, are watched in the programme."""
     closing_deceleration_m_s2: Annotated[float, bounds.LINEAR_ACCELERATION_M_S2] = 2.0
     """Deceleration that is expected of bodies that close in, if the joints can brake so."""

@@ -45,8 +45,8 @@ MAX_ROWS = 16
 """Closing pairs in one programme, the most urgent first: more cannot act on nine joints."""
 
 CLOSING_LEVER_M = 0.13
-"""Lever that turns the acceleration of the slowest joint into a deceleration of bodies: shorter
-than those that move a TCP fast."""
+"""Lever that turns the acceleration of the slowest joint that turns into a deceleration of bodies:
+shorter than those that move a TCP fast."""
 
 AT_REST = 1e-5
 """Speed, rad/s or m/s, that counts as rest: the tail of an exponential approach, which no drive
@@ -89,8 +89,11 @@ def servo_steps(dt_s: float) -> list[float]:
 
 def closing_deceleration(options: ServoOptions, bounds: JointBounds) -> float:
     """Deceleration, m/s², that is expected of bodies that close in."""
-    lowest: float = min(bounds.acceleration)
-    return min(options.closing_deceleration_m_s2, CLOSING_LEVER_M * lowest)
+    lowest: float = min(
+        acceleration if slides else CLOSING_LEVER_M * acceleration
+        for acceleration, slides in zip(bounds.acceleration, bounds.prismatic, strict=True)
+    )
+    return min(options.closing_deceleration_m_s2, lowest)
 
 
 def safety_distances(options: ServoOptions, collision: CollisionModel) -> list[float]:
@@ -468,37 +471,30 @@ class Servo:
         self._active = 0
         if collision is None or not collision.pairs:
             return
-        options = self.options
-        distances = collision.update()
+        n, distances = self.joints, collision.update()
         self._nearest_m = min(distances)
-        influence = options.influence_distance_m
         deceleration = self._closing_m_s2
         safety, grown = self._safety, collision.grown_m
-        most_grown = max(grown)
-        if most_grown > 0.0:
+        if max(grown) > 0.0:
             safety = [kept + more for kept, more in zip(safety, grown, strict=True)]
-        fastest = collision.fastest_closing(self.v)
-        stop = fastest * (fastest / (2.0 * deceleration) + dt_s)
-        farthest = max(influence, options.safety_distance_m + stop) + most_grown
+        # What no speed within the joints' bounds can bring too near needs no row: first by how far
+        # its bodies can move at most, then by its gradient.
+        fastest = np.maximum(self._highest[:n], -self._lowest[:n])
+        speed = collision.fastest_closing(fastest) + TIGHT_M_S
+        farthest = max(safety) + speed * (speed / (2.0 * deceleration) + dt_s)
         near = [pair for pair, distance in enumerate(distances) if distance < farthest]
-        if farthest > influence and near:
-            closing = collision.sweep(self.v)
-            near = [
-                pair
-                for pair in near
-                if distances[pair] < influence + grown[pair]
-                or distances[pair] - safety[pair]
-                < closing[pair] * (closing[pair] / (2.0 * deceleration) + dt_s)
-            ]
         if not near:
             return
-        n = self.joints
+        closing = collision.sweep(fastest) + TIGHT_M_S
+        needs = (safety + closing * (closing / (2.0 * deceleration) + dt_s)).tolist()
+        near = [pair for pair in near if distances[pair] < needs[pair]]
+        if not near:
+            return
         rows = self._gradients[: len(near)]
         collision.gradients(near, rows)
         least = np.array(
             [-stopping_speed(distances[pair] - safety[pair], deceleration, dt_s) for pair in near]
         )
-        # What no speed within the joints' bounds can bring too near needs no row.
         room = np.maximum(rows, 0.0).dot(self._lowest[:n])
         room += np.minimum(rows, 0.0).dot(self._highest[:n])
         room -= least

@@ -418,7 +418,7 @@ def test_a_tick_takes_no_memory_and_asks_the_system_for_nothing(tmp_path):
 
 
 def test_a_tick_leaves_nothing_in_python():
-    servo = made(influence_distance_m=1.0)
+    servo = made(safety_distance_m=0.5)
     goal = servo.pose
 
     def ticks(count):
@@ -451,7 +451,7 @@ def test_the_iterations_of_the_worst_tick_are_counted():
         )
         for i in range(8)
     ]
-    options = ServoOptions(influence_distance_m=2.0, safety_distance_m=0.6, policy=Policy.REACH)
+    options = ServoOptions(safety_distance_m=0.6, policy=Policy.REACH)
     servo = CompiledServo(kinematics, CollisionModel(kinematics, boxes), options)
     generator = np.random.default_rng(0)
     home = servo.pose

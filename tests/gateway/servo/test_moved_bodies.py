@@ -7,9 +7,10 @@ import pinocchio as pin
 import pytest
 
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+from cardan.gateway.kinematics.collision import CollisionModel, Obstacle, box_obstacle
 from cardan.gateway.servo import native
 from cardan.gateway.servo.compiled import CompiledServo
+from cardan.gateway.servo.options import ServoOptions
 from cardan.gateway.servo.servo import Servo
 from cardan.robots import BodyShape, Box, Capsule, load_arm
 from cardan.types import Pose, Quaternion, Vector3
@@ -171,3 +172,35 @@ def test_the_kernel_takes_no_placement_that_is_none(frame, grown_m):
     with pytest.raises(ValueError, match="cannot be where numbers are none"):
         servo.move(0, [frame], [grown_m])
     assert (compiled_distances(servo, q) == before).all()
+
+
+@pytest.mark.parametrize("name", ["ur5", "pr2_right_arm"])
+def test_what_is_not_looked_at_is_farther_away(name):
+    """A pair that was far away is looked at again before it can have come near: at fast motion, at
+    slow, after a jump, and with a body that others move."""
+    kinematics = ArmKinematics(load_arm(name))
+    wall = box_obstacle("wall", Vector3(-2.0, -2.0, -0.5), Vector3(2.0, -0.45, 0.9))
+    ball = BodyShape("ball", 1, Capsule(Vector3(0.0, 0.0, 0.0), Vector3(0.0, 0.0, 0.0), 0.1))
+    collision = CollisionModel(kinematics, (wall,), movers=[(ball,)])
+    servo, afresh = (CompiledServo(kinematics, collision, ServoOptions()) for _ in range(2))
+    rng, home = np.random.default_rng(5), np.array(kinematics.arm.home)
+    joints, rows = len(home), set()
+    for part in range(6):
+        if part % 3 == 0:
+            servo.place(home + rng.uniform(-0.2, 0.2, joints))
+        goal = home + rng.uniform(-1.2, 1.2, joints)
+        for tick in range(100):
+            at = np.array((0.8, -0.2, 0.6 + 0.3 * math.sin(0.05 * tick)))
+            for each in (servo, afresh):
+                each.move(0, [pin.SE3(np.eye(3), at)], [0.02])
+            afresh.place(servo.q.copy())
+            afresh.move_at(servo.v.copy())
+            for each in (servo, afresh):
+                each.tick_joints(goal, np.zeros(joints), DT_S)
+            found, true = servo.status(), afresh.status()
+            assert found.active_pairs == true.active_pairs
+            assert found.nearest_pair == true.nearest_pair
+            assert found.distance_m == pytest.approx(true.distance_m, abs=1e-9)
+            assert servo.q == pytest.approx(afresh.q, abs=1e-9)
+            rows.add(found.active_pairs)
+    assert len(rows) > 3  # They come and go.

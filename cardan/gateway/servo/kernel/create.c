@@ -149,11 +149,40 @@ static bool take_memory(Kernel *kernel, size_t shapes, size_t pairs)
     kernel->ahead = calloc(shapes + 1, sizeof *kernel->ahead);
     kernel->pairs = calloc(pairs + 1, sizeof *kernel->pairs);
     kernel->separations = calloc(pairs + 1, sizeof *kernel->separations);
+    kernel->placed = calloc(shapes + 1, sizeof *kernel->placed);
     kernel->near = calloc(pairs + 1, sizeof *kernel->near);
     kernel->room = calloc(pairs + 1, sizeof *kernel->room);
+    kernel->clear_m = calloc(pairs + 1, sizeof *kernel->clear_m);
+    kernel->groups = calloc(pairs + 1, sizeof *kernel->groups);
+    kernel->group = calloc(pairs + 1, sizeof *kernel->group);
     kernel->grown_m = calloc(shapes + 1, sizeof *kernel->grown_m);
     return kernel->shapes && kernel->bodies && kernel->ahead && kernel->pairs &&
-           kernel->separations && kernel->near && kernel->room && kernel->grown_m;
+           kernel->separations && kernel->placed && kernel->near && kernel->room && kernel->clear_m &&
+           kernel->groups && kernel->group && kernel->grown_m;
+}
+
+static bool group_pairs(Kernel *kernel)
+{
+    /* By the body of the first and the second: 0, or 1 more than the number of the group. */
+    int32_t *numbers = calloc((size_t)(kernel->n + 1) * (kernel->shape_count + 1), sizeof *numbers);
+    if (!numbers)
+        return false;
+    for (size_t i = 0; i < kernel->pair_count; i++) {
+        const KernelPair *pair = &kernel->pairs[i];
+        size_t body = (size_t)kernel->shapes[pair->first].body;
+        int32_t *number = &numbers[body * kernel->shape_count + (size_t)pair->second];
+        if (!*number)
+            *number = (int32_t)++kernel->group_count;
+        kernel->group[i] = *number - 1;
+        PairGroup *group = &kernel->groups[kernel->group[i]];
+        for (int j = 0; j < kernel->n; j++) {
+            group->sweep[j] = fmax(group->sweep[j], pair->sweep[j]);
+            kernel->farthest[j] = fmax(kernel->farthest[j], pair->sweep[j]);
+        }
+        group->safety_m = fmax(group->safety_m, pair->safety_m);
+    }
+    free(numbers);
+    return true;
 }
 
 Kernel *kernel_create(const KernelArm *arm, const KernelOptions *options,
@@ -191,9 +220,11 @@ Kernel *kernel_create(const KernelArm *arm, const KernelOptions *options,
         memcpy(kernel->shapes, shapes, shape_count * sizeof *shapes);
     if (pair_count)
         memcpy(kernel->pairs, pairs, pair_count * sizeof *pairs);
-    for (size_t pair = 0; pair < pair_count; pair++)
-        for (int i = 0; i < n; i++)
-            kernel->farthest[i] = fmax(kernel->farthest[i], pairs[pair].sweep[i]);
+    if (!group_pairs(kernel)) {
+        kernel_destroy(kernel);
+        *reason = KERNEL_NO_MEMORY;
+        return NULL;
+    }
     for (size_t i = 0; i < shape_count; i++)
         if (shapes[i].body == 0) {
             body_place(&shapes[i], &kernel->pose.bodies[0], &kernel->bodies[i]);
@@ -216,8 +247,12 @@ void kernel_destroy(Kernel *kernel)
     free(kernel->ahead);
     free(kernel->pairs);
     free(kernel->separations);
+    free(kernel->placed);
     free(kernel->near);
     free(kernel->room);
+    free(kernel->clear_m);
+    free(kernel->groups);
+    free(kernel->group);
     free(kernel->grown_m);
     free(kernel);
 }
@@ -241,9 +276,11 @@ int32_t kernel_move(Kernel *kernel, size_t first, size_t count, const double *pl
         kernel->ahead[shape] = kernel->bodies[shape];
         kernel->grown_m[shape] = grown_m[i];
     }
-    kernel->most_grown_m = 0.0;
-    for (size_t i = 0; i < kernel->shape_count; i++)
-        kernel->most_grown_m = fmax(kernel->most_grown_m, kernel->grown_m[i]);
+    for (size_t i = 0; i < kernel->pair_count; i++) {
+        size_t shape = (size_t)kernel->pairs[i].first;
+        if (shape >= first && shape - first < count)
+            kernel->clear_m[i] = -INFINITY;
+    }
     return true;
 }
 

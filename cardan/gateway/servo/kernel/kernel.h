@@ -45,7 +45,6 @@ typedef struct {
     double damping, singular_below, damping_floor;
     double path_stiffness;
     double posture_gain_1_s, posture_weight;
-    double safety_distance_m, influence_distance_m;
     double closing_deceleration_m_s2; /* what the joints can brake with is taken off already */
 } KernelOptions;
 

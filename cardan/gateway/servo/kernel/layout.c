@@ -24,7 +24,6 @@ static const size_t LAYOUT[] = {
     AT(KernelOptions, damping), AT(KernelOptions, singular_below),
     AT(KernelOptions, damping_floor), AT(KernelOptions, path_stiffness),
     AT(KernelOptions, posture_gain_1_s), AT(KernelOptions, posture_weight),
-    AT(KernelOptions, safety_distance_m), AT(KernelOptions, influence_distance_m),
     AT(KernelOptions, closing_deceleration_m_s2),
     sizeof(KernelShape),
     AT(KernelShape, kind), AT(KernelShape, body), AT(KernelShape, start), AT(KernelShape, end),

@@ -46,11 +46,39 @@ static double product(int n, const double *a, const double *b)
 /* ----------------------------------------------------------------------------------------------
  * Distances */
 
-static void separate(Kernel *kernel, const ChainPose *pose, Body *bodies)
+/* Rather all pairs are looked at anew than how far they came be a sum without digits. */
+#define FARTHEST_TRAVEL_M 1e3
+
+/* All pairs are to be looked at. */
+static void forget_distances(Kernel *kernel)
 {
-    for (size_t i = 0; i < kernel->shape_count; i++)
-        if (kernel->shapes[i].body > 0)
-            body_place(&kernel->shapes[i], &pose->bodies[kernel->shapes[i].body], &bodies[i]);
+    kernel->travel_m = 0.0;
+    for (size_t i = 0; i < kernel->pair_count; i++)
+        kernel->clear_m[i] = -INFINITY;
+}
+
+/* The arm is at `kernel->pose`, whose joints `q` are: no pair came nearer than the joints moved since
+ * it was looked at. */
+static void travel(Kernel *kernel, const double *q)
+{
+    kernel->looks++;
+    for (int i = 0; i < kernel->n; i++) {
+        kernel->travel_m += kernel->farthest[i] * fabs(q[i] - kernel->looked_at[i]);
+        kernel->looked_at[i] = q[i];
+    }
+    if (kernel->travel_m < FARTHEST_TRAVEL_M)
+        return;
+    forget_distances(kernel);
+}
+
+static const Body *placed(Kernel *kernel, int32_t shape)
+{
+    int32_t body = kernel->shapes[shape].body;
+    if (body > 0 && kernel->placed[shape] != kernel->looks) {
+        body_place(&kernel->shapes[shape], &kernel->pose.bodies[body], &kernel->bodies[shape]);
+        kernel->placed[shape] = kernel->looks;
+    }
+    return &kernel->bodies[shape];
 }
 
 /* What its distance leaves of how much farther away it is kept than others. */
@@ -59,22 +87,38 @@ static double separate_pair(Kernel *kernel, size_t i, double far_m)
     const KernelPair *pair = &kernel->pairs[i];
     Separation *found = &kernel->separations[i];
     double grown_m = kernel->grown_m[pair->first];
-    body_separation(&kernel->bodies[pair->first], &kernel->bodies[pair->second], far_m + grown_m,
+    body_separation(placed(kernel, pair->first), placed(kernel, pair->second), far_m + grown_m,
                     found);
-    return found->distance_m - grown_m;
+    double left = found->distance_m - grown_m;
+    kernel->clear_m[i] = left + kernel->travel_m;
+    return left;
 }
 
-void kernel_separate(Kernel *kernel, double far_m)
+/* The pair that was nearest still nearly is: what is farther away than it need not be known. */
+static double separate_nearest(Kernel *kernel)
 {
-    separate(kernel, &kernel->pose, kernel->bodies);
-    /* The pair that was nearest still nearly is: what is farther away than it need not be known. */
     int32_t before = kernel->state.nearest;
-    bool known = before >= 0 && (size_t)before < kernel->pair_count;
-    double least = known ? separate_pair(kernel, (size_t)before, INFINITY) : INFINITY;
-    if (!known)
-        kernel->state.nearest = -1;
+    if (before >= 0 && (size_t)before < kernel->pair_count)
+        return separate_pair(kernel, (size_t)before, INFINITY);
+    kernel->state.nearest = -1;
+    return INFINITY;
+}
+
+static void note_nearest(Kernel *kernel, double least)
+{
+    kernel->nearest_m = least;
+    bool any = kernel->state.nearest >= 0;
+    kernel->state.distance_m =
+        any ? kernel->separations[kernel->state.nearest].distance_m : INFINITY;
+}
+
+void kernel_separate(Kernel *kernel, const double *q, double far_m)
+{
+    travel(kernel, q);
+    double least = separate_nearest(kernel);
+    int32_t before = kernel->state.nearest;
     for (size_t i = 0; i < kernel->pair_count; i++) {
-        if (known && i == (size_t)before)
+        if ((int32_t)i == before || kernel->clear_m[i] > kernel->travel_m + fmax(far_m, least))
             continue;
         double left = separate_pair(kernel, i, fmax(far_m, least));
         if (left < least) {
@@ -82,26 +126,25 @@ void kernel_separate(Kernel *kernel, double far_m)
             kernel->state.nearest = (int32_t)i;
         }
     }
-    kernel->nearest_m = least;
-    bool any = kernel->state.nearest >= 0;
-    kernel->state.distance_m =
-        any ? kernel->separations[kernel->state.nearest].distance_m : INFINITY;
+    note_nearest(kernel, least);
+}
+
+static double swept(const Kernel *kernel, const double *sweep, const double *v)
+{
+    double sum = 0.0;
+    for (int i = 0; i < kernel->n; i++)
+        sum += sweep[i] * fabs(v[i]);
+    return sum;
 }
 
 static double closing(const Kernel *kernel, size_t pair, const double *v)
 {
-    double sum = 0.0;
-    for (int i = 0; i < kernel->n; i++)
-        sum += kernel->pairs[pair].sweep[i] * fabs(v[i]);
-    return sum;
+    return swept(kernel, kernel->pairs[pair].sweep, v);
 }
 
 static double fastest_closing(const Kernel *kernel, const double *v)
 {
-    double sum = 0.0;
-    for (int i = 0; i < kernel->n; i++)
-        sum += kernel->farthest[i] * fabs(v[i]);
-    return sum;
+    return swept(kernel, kernel->farthest, v);
 }
 
 /* How far apart a pair is kept: only the first, which moves less, may be a body that others move. */
@@ -189,6 +232,51 @@ static double least_of(const Kernel *kernel, size_t pair, double dt_s)
                            kernel->options.closing_deceleration_m_s2, dt_s);
 }
 
+/* Below which of what is left of its distance a pair that can close in at `speed` needs a row. */
+static double needs_row_m(const Kernel *kernel, double safety_m, double speed, double dt_s)
+{
+    speed += TIGHT_M_S;
+    return safety_m +
+           speed * (speed / (2.0 * kernel->options.closing_deceleration_m_s2) + dt_s);
+}
+
+/* The pairs that speeds within the joints' bounds could bring too near in `near`, by how far their
+ * bodies can move at most; how many, and the nearest pair of all. */
+static int find_near(Kernel *kernel, double dt_s)
+{
+    const Programme *programme = &kernel->programme;
+    double fastest[MAX_JOINTS];
+    for (int i = 0; i < kernel->n; i++)
+        fastest[i] = fmax(programme->highest[i], -programme->lowest[i]);
+    travel(kernel, kernel->state.q);
+    double least = separate_nearest(kernel);
+    int32_t before = kernel->state.nearest;
+    for (size_t i = 0; i < kernel->group_count; i++) {
+        PairGroup *group = &kernel->groups[i];
+        double speed = swept(kernel, group->sweep, fastest);
+        group->far_m = fmax(needs_row_m(kernel, group->safety_m, speed, dt_s), least);
+    }
+    int count = 0;
+    for (size_t i = 0; i < kernel->pair_count; i++) {
+        double far_m = kernel->groups[kernel->group[i]].far_m;
+        if ((int32_t)i != before) {
+            if (kernel->clear_m[i] > kernel->travel_m + far_m)
+                continue;
+            double left = separate_pair(kernel, i, far_m);
+            if (left < least) {
+                least = left;
+                kernel->state.nearest = (int32_t)i;
+            }
+        }
+        double speed = closing(kernel, i, fastest);
+        if (kernel->separations[i].distance_m <
+            needs_row_m(kernel, kept_m(kernel, i), speed, dt_s))
+            kernel->near[count++] = (int32_t)i;
+    }
+    note_nearest(kernel, least);
+    return count;
+}
+
 /* Of `near` those that speeds within the joints' bounds can bring too near, MAX_ROWS at most: those
  * that can be farthest beyond what they may. Returns how many; they are the first. */
 static int keep_those_that_bind(Kernel *kernel, int count, double dt_s)
@@ -228,31 +316,10 @@ static void add_rows(Kernel *kernel, double dt_s)
 {
     KernelState *state = &kernel->state;
     Programme *programme = &kernel->programme;
-    const KernelOptions *options = &kernel->options;
     state->active = programme->rows = 0;
     if (!kernel->pair_count)
         return;
-    double deceleration = options->closing_deceleration_m_s2;
-    double fastest = fastest_closing(kernel, state->v);
-    double stop = fastest * (fastest / (2.0 * deceleration) + dt_s);
-    double farthest = fmax(options->influence_distance_m, options->safety_distance_m + stop) +
-                      kernel->most_grown_m;
-    kernel_separate(kernel, farthest);
-    int count = 0;
-    for (size_t i = 0; i < kernel->pair_count; i++) {
-        double distance = kernel->separations[i].distance_m;
-        if (!(distance < farthest))
-            continue;
-        double grown = kernel->grown_m[kernel->pairs[i].first];
-        if (!(distance < options->influence_distance_m + grown)) {
-            double speed = closing(kernel, i, state->v);
-            if (!(distance - kernel->pairs[i].safety_m - grown <
-                  speed * (speed / (2.0 * deceleration) + dt_s)))
-                continue;
-        }
-        kernel->near[count++] = (int32_t)i;
-    }
-    count = keep_those_that_bind(kernel, count, dt_s);
+    int count = keep_those_that_bind(kernel, find_near(kernel, dt_s), dt_s);
     for (int r = 0; r < count; r++) {
         size_t pair = (size_t)kernel->near[r];
         gradient(kernel, pair, programme->row[r]);
@@ -620,20 +687,28 @@ static double slide(Kernel *kernel, double parts[MAX_PARTS][6], int count, doubl
  * excluded by how far their bodies can move; so nothing is missed between two ticks. */
 static bool strikes(Kernel *kernel, const double *step)
 {
-    bool placed = false;
+    bool stepped = false;
+    double fastest = fastest_closing(kernel, step) + kernel->travel_m;
     for (size_t i = 0; i < kernel->pair_count; i++) {
-        double before = kernel->separations[i].distance_m;
-        if (!(before >= 0.0) || !(closing(kernel, i, step) > before))
+        if (kernel->clear_m[i] > fastest)
             continue;
-        if (!placed) {
+        double nearer = closing(kernel, i, step);
+        separate_pair(kernel, i, nearer);
+        double before = kernel->separations[i].distance_m;
+        if (!(before >= 0.0) || !(nearer > before))
+            continue;
+        if (!stepped) {
             double there[MAX_JOINTS];
             ChainPose pose;
             pose.bodies[0] = kernel->pose.bodies[0];
             for (int j = 0; j < kernel->n; j++)
                 there[j] = kernel->state.q[j] + step[j];
             chain_update(&kernel->chain, there, &pose);
-            separate(kernel, &pose, kernel->ahead);
-            placed = true;
+            for (size_t j = 0; j < kernel->shape_count; j++)
+                if (kernel->shapes[j].body > 0)
+                    body_place(&kernel->shapes[j], &pose.bodies[kernel->shapes[j].body],
+                               &kernel->ahead[j]);
+            stepped = true;
         }
         Separation after;
         body_separation(&kernel->ahead[kernel->pairs[i].first],
@@ -871,7 +946,8 @@ int32_t kernel_place(Kernel *kernel, const double *q)
     kernel->held = false;
     programme_forget(&kernel->programme);
     update(kernel);
-    kernel_separate(kernel, 0.0);
+    forget_distances(kernel); /* What is known is so for motion within the limits only. */
+    kernel_separate(kernel, q, 0.0);
     return true;
 }
 
@@ -943,7 +1019,8 @@ void kernel_kinematics(Kernel *kernel, const double *q, double rotation[9], doub
 void kernel_distances(Kernel *kernel, const double *q, double *distances, double *gradients)
 {
     chain_update(&kernel->chain, q, &kernel->pose);
-    kernel_separate(kernel, INFINITY);
+    kernel_separate(kernel, q, INFINITY);
+    forget_distances(kernel);
     for (size_t i = 0; i < kernel->pair_count; i++) {
         distances[i] = kernel->separations[i].distance_m;
         gradient(kernel, i, gradients + i * (size_t)kernel->n);
