@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from cardan.common.troubles import AREAS, troubles
 from cardan.demos.examples import find_demos
 from cardan.drivers import registry as drivers
 from cardan.drivers.base import Driver, OperatorDevice
@@ -209,6 +210,22 @@ def _states() -> str:
     return markdown(("machine", "state", "meaning"), rows)
 
 
+def _troubles() -> str:
+    """A section for each area, and in it one for each code."""
+    made = []
+    for letter, title in AREAS.items():
+        made.append(f"## {title}\n\n")
+        for code, (_, words, cause, now, do, page) in troubles().items():
+            if code[0] == letter:
+                said = "  \n".join(f"``{each}``" if "`" in each else f"`{each}`" for each in words)
+                about = page.partition("#")[0].removesuffix(".md")
+                made.append(
+                    f"### {code}\n\n{said}\n\n{cause}\n\n- Meanwhile: {now}\n"
+                    f"- What to do: {do}\n- [{about}]({page})\n\n"
+                )
+    return "".join(made)
+
+
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("README.md", "overview"): _overview,
     ("docs/devices.md", "devices"): _devices,
@@ -217,6 +234,7 @@ TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/judged.md", "network"): _network,
     ("docs/spnav.md", "buttons"): _spnav_buttons,
     ("docs/who-moves-the-arm.md", "states"): _states,
+    ("docs/troubleshooting.md", "troubles"): _troubles,
     ("docs/simulated-peers.md", "peers"): _peers("simulated-peers.md"),
     ("docs/simulated-devices.md", "peers"): _peers("simulated-devices.md"),
     ("docs/simulated-devices.md", "faults of jr3"): _faults("jr3"),

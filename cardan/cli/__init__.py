@@ -35,6 +35,7 @@ from cardan.cli.common import (
 from cardan.cli.conform import conform
 from cardan.cli.daemon import COMMANDS as DAEMON_COMMANDS, arm, checked, service
 from cardan.cli.doctor import doctor
+from cardan.cli.explain import explain
 from cardan.cli.face import face
 from cardan.cli.installed import CardanCommands
 from cardan.cli.recording import export, plot, record, replay
@@ -74,7 +75,7 @@ app.add_typer(service)
 app.add_typer(robots)
 for _command in (
     network, echo, hz, messages, share, record, replay, plot, export, *DAEMON_COMMANDS, doctor,
-    conform,
+    explain, conform,
 ):  # fmt: skip
     # Of an arm's verbs -0.1 is a number, and no option.
     _settings = {"ignore_unknown_options": _command is arm}
