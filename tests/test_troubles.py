@@ -3,15 +3,24 @@
 from __future__ import annotations
 
 import ast
+import io
 import json
+import re
 from itertools import pairwise
 
 import pytest
+from rich.console import Console
 
 from cardan.cli import main
+from cardan.cli.doctor import _lines
 from cardan.common import troubles
 from cardan.common.tables import parse_toml
+from cardan.doctor.base import caution
+from cardan.gateway.daemon.view import why
+from cardan.gateway.session.snapshot import Snapshot
+from cardan.gateway.session.terminal_view import plain, render
 from tests import message_texts
+from tests.docs_commands import BLOCK
 from tests.message_texts import VALUE
 
 TABLE = troubles.troubles()
@@ -48,28 +57,28 @@ def test_an_entry_says_all(code):
         assert 4 <= len(entry[key]) <= 240, key
 
 
+def codes_in(text):
+    """Without the quick look that `code_of` begins with."""
+    sayings = troubles.sayings()
+    return {code for words, _, code in sayings if troubles.pattern(words).search(text)}
+
+
 def test_each_of_their_messages_is_said_somewhere(said):
     unsaid = [
-        (code, pattern.pattern)
-        for _, pattern, code in troubles.patterns()
-        if not any(pattern.search(text) for text in said)
+        (code, words)
+        for words, _, code in troubles.sayings()
+        if not any(troubles.pattern(words).search(text) for text in said)
     ]
     assert unsaid == []
 
 
-def test_no_message_has_two_codes(said):
+def test_a_message_has_one_code_at_most_and_it_is_found(said):
     doubts = {}
     for text, place in said.items():
-        codes = {code for _, pattern, code in troubles.patterns() if pattern.search(text)}
-        if len(codes) > 1:
+        codes = codes_in(text)
+        if len(codes) > 1 or {troubles.code_of(text)} - {None} != codes:
             doubts[text] = (place, codes)
     assert doubts == {}
-
-
-def test_the_quick_look_finds_what_the_patterns_find(said):
-    for text in said:
-        codes = {code for _, pattern, code in troubles.patterns() if pattern.search(text)}
-        assert {troubles.code_of(text)} - {None} == codes
 
 
 def test_values_are_left_out():
@@ -91,6 +100,53 @@ def test_a_message_of_several_lines_has_a_code_in_each():
         "d",
         "a.e: is missing: the table needs it [S003]",
     ]
+
+
+SHOWN = re.compile(r"^ *cardan(?: \w+)?: (?!WARNING)(\S.*)$", re.MULTILINE)
+
+
+def is_said(words, said):
+    """Whether the sources can say this, the values put in."""
+    return any(
+        max(parts, key=len) in words and re.search(".*".join(map(re.escape, parts)), words)
+        for parts in (text.split(VALUE) for text in said)
+        if len(re.findall(r"[a-z]{2,}", " ".join(parts))) > 1
+    )
+
+
+def test_messages_that_pages_show_are_said_and_have_their_codes(said):
+    shown = {
+        message: path.name
+        for path in (message_texts.ROOT / "docs").glob("*.md")
+        for language, block in BLOCK.findall(path.read_text(encoding="utf-8"))
+        for message in SHOWN.findall(block)
+        if not language
+    }
+    assert len(shown) > 15
+    bare = {message: re.sub(r" \[[A-Z]\d{3}\]$", "", message) for message in shown}
+    assert {each: troubles.coded(bare[each]) for each in shown} == {each: each for each in shown}
+    # Of a value that is not allowed the rest is a text of its own: what is.
+    parts = {each.partition("is not allowed; it must be ")[2] or each for each in bare.values()}
+    assert {part for part in parts if not is_said(part, said)} == set()
+
+
+def test_people_are_shown_the_code():
+    """Where no error ends the command: the views of a session and of the daemon."""
+    off = "the motors are off"
+    ends = f"{off} [{troubles.code_of(off)}]"
+    snapshot = Snapshot(
+        message=off, diagnosis=["the cap rests off zero, at (1, 2) counts: re-zero"]
+    )
+    console = Console(file=io.StringIO(), width=140)
+    console.print(render(snapshot))
+    assert ends in console.file.getvalue()
+    assert plain(snapshot).endswith(f"| {ends}")
+    assert why({"reason": "", "why": off, "state": "running"}) == ends
+
+
+def test_a_finding_of_the_doctor_has_both_codes():
+    finding = caution("real-time", "real-time scheduling is not allowed", "why", "mend")
+    assert _lines(finding)[0].plain.endswith("is not allowed  [real-time, S021]")
 
 
 def run(monkeypatch, capsys, *words):

@@ -6,14 +6,12 @@ some 0.02 ms: it belongs where words are shown to people, never in a control cyc
 
 from __future__ import annotations
 
-import difflib
 import functools
 import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from cardan.common.tables import parse_toml
 from cardan.errors import ConfigurationError
 
 FILE = Path(__file__).with_suffix(".toml")
@@ -30,6 +28,9 @@ AREAS = {
 
 GAP = "..."
 """Stands for a value in the words of a message."""
+
+KEY = ": "
+"""Begins words that come first in a message, or after the key that it is about."""
 
 
 class Trouble(NamedTuple):
@@ -49,6 +50,8 @@ class Trouble(NamedTuple):
 @functools.cache
 def troubles() -> Mapping[str, Trouble]:
     """All entries by code, in the order of the file."""
+    from cardan.common.tables import parse_toml
+
     tables = parse_toml(FILE.read_text(encoding="utf-8"), FILE.name)
     return {
         code: Trouble(code, tuple(table["words"]), *(table[key] for key in Trouble._fields[2:]))
@@ -58,25 +61,34 @@ def troubles() -> Mapping[str, Trouble]:
 
 
 @functools.cache
-def patterns() -> tuple[tuple[str, re.Pattern[str], str], ...]:
-    """For each way of saying a message a part of it, what finds all of it, and its code."""
-    found = []
-    for trouble in troubles().values():
-        for words in trouble.words:
-            parts = words.strip(". ").split(GAP)
-            text = ".*?".join(map(re.escape, parts))
-            # What begins with a letter does not begin within a word.
-            pattern = re.compile(rf"\b{text}" if words[0].isalpha() else text)
-            found.append((max(parts, key=len), pattern, trouble.code))
-    return tuple(found)
+def sayings() -> tuple[tuple[str, str, str], ...]:
+    """Each way of saying a message, the longest of its fixed parts, and its code."""
+    return tuple(
+        (words, max(_parts(words), key=len), trouble.code)
+        for trouble in troubles().values()
+        for words in trouble.words
+    )
+
+
+@functools.cache
+def pattern(words: str) -> re.Pattern[str]:
+    """What finds a message that is said in this way."""
+    text = ".*?".join(map(re.escape, _parts(words)))
+    # What begins with a letter does not begin within a word.
+    begin = "(?:^|: )" if words.startswith(KEY) else r"\b" if words[0].isalpha() else ""
+    return re.compile(begin + text)
+
+
+def _parts(words: str) -> list[str]:
+    return words.removeprefix(KEY).strip(". ").split(GAP)
 
 
 def code_of(message: str) -> str | None:
     """The code of a message, by the first of its words that are known; None: it has none."""
     found = [
         (match.start(), -len(match[0]), code)
-        for part, pattern, code in patterns()
-        if part in message and (match := pattern.search(message))
+        for words, part, code in sayings()
+        if part in message and (match := pattern(words).search(message))
     ]
     return min(found)[2] if found else None
 
@@ -89,6 +101,8 @@ def coded(message: str) -> str:
 
 def explained(asked: str) -> Trouble:
     """The entry of a code, or of a message. Raises ConfigurationError: there is none."""
+    import difflib
+
     table = troubles()
     code = asked.strip(" []").upper()
     if code not in table:
