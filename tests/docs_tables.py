@@ -1,5 +1,5 @@
-"""Writes the tables of the documentation that drivers, simulated peers and demos declare, and the
-pages of messages.
+"""Writes the tables of the documentation that drivers, simulated peers, demos and codes of messages
+declare.
 
 Each stands in its page between the lines that `begin` and END have;
 test_docs_tables holds them current. To write all of them anew: ``make docs-tables``.
@@ -25,7 +25,7 @@ from cardan.sim_peers import registry as peers
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import SERIAL_MODELS
 from cardan_spnav_server import identity_of
-from tests import docs_messages, network_table
+from tests import network_table
 
 ROOT = Path(__file__).parents[1]
 END = "<!-- end -->\n"
@@ -253,7 +253,6 @@ def main() -> None:
         path = ROOT / page
         text = path.read_text(encoding="utf-8")
         path.write_text(replaced(text, begin(name), table()), encoding="utf-8")
-    docs_messages.main()
 
 
 if __name__ == "__main__":
