@@ -171,12 +171,14 @@ def test_explain_as_json(monkeypatch, capsys):
     assert json.loads(printed.out) == {**TABLE["S001"]._asdict(), "words": [*TABLE["S001"].words]}
 
 
-@pytest.mark.parametrize("asked", ["S0001", "there is no such kye"])
-def test_explain_names_what_is_near(monkeypatch, capsys, asked):
+@pytest.mark.parametrize(
+    ("asked", "near"), [("S0001", "S001"), ("R999", "R009"), ("motors off", "R004")]
+)
+def test_explain_names_what_is_near(monkeypatch, capsys, asked, near):
     code, printed = run(monkeypatch, capsys, "explain", asked)
     assert code == 2
-    assert "no entry is known for" in printed.err
-    assert "S00" in printed.err
+    assert printed.err.startswith(f"cardan: no entry is known for {asked!r}; near it: ")
+    assert near in printed.err
     assert printed.out == ""
 
 

@@ -109,10 +109,8 @@ def explained(asked: str) -> Trouble:
         code = code_of(asked) or ""
     if code:
         return table[code]
-    near = difflib.get_close_matches(asked.strip(" []").upper(), table, n=3, cutoff=0.6)
+    near = difflib.get_close_matches(asked.strip(" []").upper(), table, n=3, cutoff=0.5)
     words = {each.lower(): trouble.code for trouble in table.values() for each in trouble.words}
     near += [words[each] for each in difflib.get_close_matches(asked.lower(), words, n=3)]
-    listed = ", ".join(f"{each} ({table[each].words[0]})" for each in dict.fromkeys(near))
-    raise ConfigurationError(
-        "", f"no entry is known for {asked!r}" + (f"; near it: {listed}" if listed else "")
-    )
+    listed = f"; near it: {', '.join(dict.fromkeys(near))}" if near else ""
+    raise ConfigurationError("", f"no entry is known for {asked!r}{listed}")
