@@ -1,5 +1,5 @@
-"""Writes the tables of the documentation that drivers, simulated peers and demos declare, and the
-pages of messages.
+"""Writes the tables of the documentation that drivers, simulated peers, demos and codes of messages
+declare.
 
 Each stands in its page between the lines that `begin` and END have;
 test_docs_tables holds them current. To write all of them anew: ``make docs-tables``.
@@ -14,6 +14,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from cardan.common.troubles import AREAS, troubles
 from cardan.demos.examples import find_demos
 from cardan.drivers import registry as drivers
 from cardan.drivers.base import Driver, OperatorDevice
@@ -24,7 +25,7 @@ from cardan.sim_peers import registry as peers
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import SERIAL_MODELS
 from cardan_spnav_server import identity_of
-from tests import docs_messages, network_table
+from tests import network_table
 
 ROOT = Path(__file__).parents[1]
 END = "<!-- end -->\n"
@@ -209,6 +210,22 @@ def _states() -> str:
     return markdown(("machine", "state", "meaning"), rows)
 
 
+def _troubles() -> str:
+    """A section for each area, and in it one for each code."""
+    made = []
+    for letter, title in AREAS.items():
+        made.append(f"## {title}\n\n")
+        for code, (_, words, cause, now, do, page) in troubles().items():
+            if code[0] == letter:
+                said = "  \n".join(f"``{each}``" if "`" in each else f"`{each}`" for each in words)
+                about = page.partition("#")[0].removesuffix(".md")
+                made.append(
+                    f"### {code}\n\n{said}\n\n{cause}\n\n- Meanwhile: {now}\n"
+                    f"- What to do: {do}\n- [{about}]({page})\n\n"
+                )
+    return "".join(made)
+
+
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("README.md", "overview"): _overview,
     ("docs/devices.md", "devices"): _devices,
@@ -217,6 +234,7 @@ TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/judged.md", "network"): _network,
     ("docs/spnav.md", "buttons"): _spnav_buttons,
     ("docs/who-moves-the-arm.md", "states"): _states,
+    ("docs/troubleshooting.md", "troubles"): _troubles,
     ("docs/simulated-peers.md", "peers"): _peers("simulated-peers.md"),
     ("docs/simulated-devices.md", "peers"): _peers("simulated-devices.md"),
     ("docs/simulated-devices.md", "faults of jr3"): _faults("jr3"),
@@ -235,7 +253,6 @@ def main() -> None:
         path = ROOT / page
         text = path.read_text(encoding="utf-8")
         path.write_text(replaced(text, begin(name), table()), encoding="utf-8")
-    docs_messages.main()
 
 
 if __name__ == "__main__":

@@ -255,7 +255,7 @@ def test_what_needs_an_arms_model_says_what_to_install(
     lines = [line for line in light.cardan(*words, codes=(3,)).splitlines() if "cardan: " in line]
     (line,) = lines
     assert "an arm's model needs numpy, pin, coal" in line
-    assert line.endswith('pip install "cardan[arm]"')
+    assert line.endswith('pip install "cardan[arm]" [S007]')
 
 
 def test_the_source_archive_is_whole(tmp_path_factory: pytest.TempPathFactory, sdist: Path) -> None:

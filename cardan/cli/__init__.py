@@ -29,12 +29,14 @@ from cardan.cli.common import (
     begin_serving,
     check_seconds,
     print_json,
+    print_problem,
     print_table,
     print_unusable,
 )
 from cardan.cli.conform import conform
 from cardan.cli.daemon import COMMANDS as DAEMON_COMMANDS, arm, checked, service
 from cardan.cli.doctor import doctor
+from cardan.cli.explain import explain
 from cardan.cli.face import face
 from cardan.cli.installed import CardanCommands
 from cardan.cli.recording import export, plot, record, replay
@@ -47,6 +49,7 @@ from cardan.common.plugins import Loaded
 from cardan.common.resource_errors import shortage
 from cardan.common.signals import raised_on_ending
 from cardan.common.text_sanitizer import printable
+from cardan.common.troubles import coded
 from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
 from cardan.gateway.daemon.control import ControlError
@@ -74,7 +77,7 @@ app.add_typer(service)
 app.add_typer(robots)
 for _command in (
     network, echo, hz, messages, share, record, replay, plot, export, *DAEMON_COMMANDS, doctor,
-    conform,
+    explain, conform,
 ):  # fmt: skip
     # Of an arm's verbs -0.1 is a number, and no option.
     _settings = {"ignore_unknown_options": _command is arm}
@@ -134,13 +137,12 @@ def _run() -> int:
             return EXIT_USAGE
         words = " ".join(message().split()).removesuffix(".")
         command = context.command_path if context is not None else "cardan"
-        print(f"cardan: {words}; `{command} --help` says what there is", file=sys.stderr)
+        print_problem(f"{words}; `{command} --help` says what there is")
         return EXIT_USAGE
 
 
 def _fail(error: CardanError, code: int) -> int:
-    keep = "\n" if isinstance(error, ConfigurationError) else ""
-    print(f"cardan: {printable(str(error), keep)}", file=sys.stderr)
+    print_problem(str(error), "\n" if isinstance(error, ConfigurationError) else "")
     return code
 
 
@@ -267,7 +269,7 @@ def run(
     begin_serving(verbose, log_level)
     config = load_config(file)
     for words in cautions(config):
-        print(f"cardan: WARNING: {words}", file=sys.stderr)
+        print_problem(f"WARNING: {words}")
     recorder: Launched | None = None
     with contextlib.ExitStack() as opened:
         for option, wanted in (("--record", record_to is not None), ("--console", console)):
@@ -298,11 +300,11 @@ def run(
         for line in recorder.lines:
             print(f"{record_to}: {printable(line)}")
         if record_to is not None and (why := why_incomplete(recorder, record_to)):
-            print(f"cardan: {printable(why)}", file=sys.stderr)
+            print_problem(why)
     if outcome.last.error:
-        print(f"cardan: {outcome.last.error}", file=sys.stderr)
+        print_problem(outcome.last.error, "\n")
     if outcome.exit_code == EXIT_OK and (problem := _final_problem(outcome.last)):
-        print(f"cardan: {problem}", file=sys.stderr)
+        print_problem(problem)
         raise typer.Exit(EXIT_INCOMPLETE)
     recorded_all = recorder is None or recorder.code == EXIT_OK
     raise typer.Exit(outcome.exit_code or (EXIT_OK if recorded_all else EXIT_INCOMPLETE))
@@ -351,7 +353,7 @@ def check(file: ConfigFile, as_json: AsJson = False) -> None:
         return
     print(f"{file}: fine{', with WARNINGS' if warnings else ''}")
     for words in warnings:
-        print(f"  WARNING  {words}")
+        print(f"  WARNING  {coded(words)}")
     for part, words in parts:
         print(f"  {part:<8} {printable(words)}")
 
@@ -483,7 +485,7 @@ def devices(as_json: AsJson = False) -> None:
                 device.identity,
                 device.transport,
                 device.path,
-                device.obstacle or "ready",
+                (device.obstacle if as_json else coded(device.obstacle)) or "ready",
             )
             for device in (found if as_json else _merged(found))
         ),

@@ -7,6 +7,7 @@ import json
 import logging
 import math
 import os
+import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,6 +18,7 @@ from cardan.common import output
 from cardan.common.logs import FORMAT_VARIABLE, LEVEL_VARIABLE, LogFormat, log_to_stderr
 from cardan.common.plugins import Loaded
 from cardan.common.text_sanitizer import printable
+from cardan.common.troubles import coded
 from cardan.errors import ConfigurationError, OptionError
 
 EXIT_OK = 0
@@ -89,6 +91,12 @@ def begin_serving(
     form = form or (LogFormat(told) if told in {each.value for each in LogFormat} else None)
     log_to_stderr(getattr(logging, level.name), form or LogFormat.TEXT)
     output.keep_up()
+
+
+def print_problem(words: str, keep: str = "") -> None:
+    """Print on standard error what is wrong, with its code where it has one; `keep`: characters
+    that are printed as they are."""
+    print(f"cardan: {coded(printable(words, keep))}", file=sys.stderr)
 
 
 def print_json(value: Any) -> None:

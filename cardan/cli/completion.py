@@ -1,4 +1,4 @@
-"""What the shell completes: names of demos, drivers, sessions, faces, devices, topics, verbs.
+"""What the shell completes: names of demos, drivers, sessions, devices, topics, verbs, codes.
 
 A shell waits for these while a person types: they end soon, and say nothing where there is nothing.
 """
@@ -47,6 +47,17 @@ def drivers(incomplete: str) -> Offered:
     from cardan.drivers import registry
 
     return [(name, "") for name in registry.names() if name.startswith(incomplete)]
+
+
+def codes(incomplete: str) -> Offered:
+    """Codes of messages."""
+    from cardan.common.troubles import troubles
+
+    return [
+        (code, trouble.words[0])
+        for code, trouble in troubles().items()
+        if code.startswith(incomplete.upper())
+    ]
 
 
 def robots(incomplete: str) -> Offered:

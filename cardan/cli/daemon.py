@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -22,10 +21,12 @@ from cardan.cli.common import (
     Verbose,
     begin_serving,
     print_json,
+    print_problem,
 )
 from cardan.common.logs import LogFormat, found_format
 from cardan.common.places import in_file
 from cardan.common.text_sanitizer import printable
+from cardan.common.troubles import coded
 from cardan.errors import ConfigurationError, MotionRefusedError, below
 
 if TYPE_CHECKING:
@@ -265,7 +266,7 @@ def log(
                 print_json(row)
                 continue
             clock = time.strftime("%H:%M:%S", time.localtime(time_s))
-            print(f"{clock} {source}| {printable(text)}", flush=True)
+            print(f"{clock} {source}| {coded(printable(text))}", flush=True)
 
 
 def events(
@@ -287,7 +288,7 @@ def events(
             clock = time.strftime("%H:%M:%S", time.localtime(event["time_s"]))
             why = f": {event['why']}" if event["why"] else ""
             words = f"{clock} {event['name']}  {event['event']}  {event['what']}{why}"
-            print(printable(words), flush=True)
+            print(coded(printable(words)), flush=True)
 
 
 def arm(
@@ -325,7 +326,7 @@ def arm(
         with DaemonArm(name, path=socket, source=source) as device:
             found, good = carry_out(device, verb, numbers or [], wait)
     except MotionRefusedError as error:
-        print(f"cardan: {printable(str(error))}", file=sys.stderr)
+        print_problem(str(error))
         raise typer.Exit(EXIT_INCOMPLETE) from None
     if as_json:
         print_json(as_plain(found))

@@ -12,6 +12,7 @@ import typer
 from cardan.cli.common import EXIT_INCOMPLETE, AsJson
 from cardan.cli.daemon import Socket
 from cardan.common.text_sanitizer import printable
+from cardan.common.troubles import code_of
 from cardan.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -88,7 +89,8 @@ def _lines(finding: Finding) -> list[Text]:
 
     level = finding.level.value
     mark = (_MARKS if _has_marks() else _PLAIN_MARKS)[level]
-    code = f"  [{finding.code}]" if finding.why else ""
+    codes = ", ".join(filter(None, (finding.code, code_of(finding.what))))
+    code = f"  [{codes}]" if finding.why else ""
     what = f" {printable(finding.what)}{printable(code)}"
     lines = [Text.assemble("  ", (mark, _STYLES[level]), what)]
     if finding.why:

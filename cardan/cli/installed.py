@@ -23,7 +23,7 @@ ENTRY_POINT_GROUP = "cardan.commands"
 
 GROUPS = {
     "Run": "demo check run arm",
-    "Devices and robots": "devices drivers udev share doctor robots force haptic spnav",
+    "Devices and robots": "devices drivers udev share doctor explain robots force haptic spnav",
     "Network": "network echo hz messages face",
     "Record": "record replay plot export",
     "Daemon": "serve ps top log events start stop restart switch reload service",

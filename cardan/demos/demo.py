@@ -15,6 +15,7 @@ from pathlib import Path
 
 from cardan.common.haptics import FeedbackLimits
 from cardan.common.tables import resolved
+from cardan.common.troubles import coded
 from cardan.demos.examples import Demo, find_demos, read_demo
 from cardan.demos.pauses import Pauses
 from cardan.demos.peers import Peers
@@ -255,7 +256,7 @@ def run_demo(seconds: float, name: str = "gofa", picture_of: Callable[[str], str
     if outcome.exit_code == EXIT_OK or outcome.last.cycles:
         view.console.print(summary(outcome.last))
     if outcome.exit_code != EXIT_OK:
-        print(f"cardan: {outcome.last.error}", file=sys.stderr)
+        print(f"cardan: {coded(outcome.last.error)}", file=sys.stderr)
         return outcome.exit_code
     if not outcome.last.finished or outcome.last.ending == STOPPED_ON_REQUEST:
         view.console.print("ended early: not judged")

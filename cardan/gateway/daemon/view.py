@@ -18,6 +18,7 @@ from rich.console import Console
 from rich.text import Text
 
 from cardan.common.text_sanitizer import printable
+from cardan.common.troubles import coded
 from cardan.gateway.session.live_display import LivePanel
 
 COLUMNS: Final = ("name", "state", "for", "arm", "moved by", "device", "robot", "cpu")
@@ -80,7 +81,7 @@ def why(row: Row) -> str:
         words.append(f"changes wait until nobody has its arm: {waits}")
     if row["state"] == "running" and row.get("endpoint"):
         words.append(f"at {row['endpoint']}")
-    return printable("; ".join(filter(None, words)))
+    return coded(printable("; ".join(filter(None, words))))
 
 
 def way(metrics: Mapping[str, float | None]) -> str:

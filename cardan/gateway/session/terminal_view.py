@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from cardan.common import output
+from cardan.common.troubles import coded
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.operator.mapping import AXES
 from cardan.gateway.session.live_display import LivePanel
@@ -127,14 +128,14 @@ def render(snapshot: Snapshot) -> RenderableType:
         links.append(f"   battery {s.battery:.0%}")
     lines: list[RenderableType] = [links]
     if s.message:
-        lines.append(Text(s.message, style="yellow"))
+        lines.append(Text(coded(s.message), style="yellow"))
     if s.authority_refused:
         lines.append(Text(f"refused: {s.authority_refused}", style="dim"))
     if s.arm_limits and s.phase != Phase.NO_ROBOT.value:
         lines.append(Text("; ".join(s.arm_limits), style="magenta"))
     if s.filters:
         lines.append(Text("; ".join(s.filters), style="cyan"))
-    lines += [Text(line, style="dim") for line in _diagnosis(s)[:3]]
+    lines += [Text(coded(line), style="dim") for line in _diagnosis(s)[:3]]
     columns = Table.grid(padding=(0, 4))
     columns.add_row(hand, robot)
     return Panel(Group(*lines, Text(), columns), title="cardan", subtitle="Ctrl-C: brake and stop")
@@ -229,7 +230,7 @@ class SessionView:
             print(plain(snapshot), flush=True)
         advice = {_DIGITS.sub("", line): line for line in _diagnosis(snapshot)}
         for line in advice.keys() - self._advice:
-            print(f"{'':10} {advice[line]}", flush=True)
+            print(f"{'':10} {coded(advice[line])}", flush=True)
         self._advice = set(advice)
 
 
@@ -248,7 +249,7 @@ def plain(snapshot: Snapshot) -> str:
         if s.measured_force_n is not None:
             text += f", for the hand {_newtons(s.measured_force_n)} N"
     said = _messages(s)
-    return f"{text}  | {said}" if said else text
+    return f"{text}  | {coded(said)}" if said else text
 
 
 def summary(snapshot: Snapshot) -> Table:

@@ -1,0 +1,116 @@
+"""Codes of the messages that an operator must act on, with cause and remedy: troubles.toml.
+
+A message is known by its fixed words, so that the place that says it needs no code. Looking takes
+some 0.02 ms: it belongs where words are shown to people, never in a control cycle.
+"""
+
+from __future__ import annotations
+
+import functools
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from cardan.errors import ConfigurationError
+
+FILE = Path(__file__).with_suffix(".toml")
+
+AREAS = {
+    "S": "Settings and the command line",
+    "D": "Operator devices",
+    "R": "Robots and their links",
+    "M": "Motion, authority, arming",
+    "F": "Force feedback",
+    "N": "Network, daemon, records",
+}
+"""What a code's letter stands for."""
+
+GAP = "..."
+"""Stands for a value in the words of a message."""
+
+KEY = ": "
+"""Begins words that come first in a message, or after the key that it is about."""
+
+
+class Trouble(NamedTuple):
+    """An entry of the table."""
+
+    code: str
+    words: tuple[str, ...]
+    """Ways in which the message is said."""
+    cause: str
+    now: str
+    """What happens meanwhile."""
+    do: str
+    page: str
+    """Of the documentation, below docs/."""
+
+
+@functools.cache
+def troubles() -> Mapping[str, Trouble]:
+    """All entries by code, in the order of the file."""
+    from cardan.common.tables import parse_toml
+
+    tables = parse_toml(FILE.read_text(encoding="utf-8"), FILE.name)
+    return {
+        code: Trouble(code, tuple(table["words"]), *(table[key] for key in Trouble._fields[2:]))
+        for code, table in tables.items()
+        if isinstance(table, dict)
+    }
+
+
+@functools.cache
+def sayings() -> tuple[tuple[str, str, str], ...]:
+    """Each way of saying a message, the longest of its fixed parts, and its code."""
+    return tuple(
+        (words, max(_parts(words), key=len), trouble.code)
+        for trouble in troubles().values()
+        for words in trouble.words
+    )
+
+
+@functools.cache
+def pattern(words: str) -> re.Pattern[str]:
+    """What finds a message that is said in this way."""
+    text = ".*?".join(map(re.escape, _parts(words)))
+    # What begins with a letter does not begin within a word.
+    begin = "(?:^|: )" if words.startswith(KEY) else r"\b" if words[0].isalpha() else ""
+    return re.compile(begin + text)
+
+
+def _parts(words: str) -> list[str]:
+    return words.removeprefix(KEY).strip(". ").split(GAP)
+
+
+def code_of(message: str) -> str | None:
+    """The code of a message, by the first of its words that are known; None: it has none."""
+    found = [
+        (match.start(), -len(match[0]), code)
+        for words, part, code in sayings()
+        if part in message and (match := pattern(words).search(message))
+    ]
+    return min(found)[2] if found else None
+
+
+def coded(message: str) -> str:
+    """`message` with the code of each of its lines, as people are shown it: "... [S004]"."""
+    lines = message.split("\n")
+    return "\n".join(f"{line} [{code}]" if (code := code_of(line)) else line for line in lines)
+
+
+def explained(asked: str) -> Trouble:
+    """The entry of a code, or of a message. Raises ConfigurationError: there is none."""
+    import difflib
+
+    table = troubles()
+    code = asked.strip(" []").upper()
+    if code not in table:
+        code = code_of(asked) or ""
+    if code:
+        return table[code]
+    near = difflib.get_close_matches(asked.strip(" []").upper(), table, n=3, cutoff=0.5)
+    words = {each.lower(): trouble.code for trouble in table.values() for each in trouble.words}
+    near += [words[each] for each in difflib.get_close_matches(asked.lower(), words, n=3)]
+    listed = f"; near it: {', '.join(dict.fromkeys(near))}" if near else ""
+    raise ConfigurationError("", f"no entry is known for {asked!r}{listed}")
