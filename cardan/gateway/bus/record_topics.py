@@ -147,9 +147,18 @@ class _EngineTap:
             before.append(requests.popleft()[1])
         self._kept.append(encode_cycle(number, before, cycle))
         if self._heard:
-            for _ in range(min(len(self._kept), AT_ONCE)):
-                text = self._kept.popleft()
-                self._publisher.put(self._codec.encode({"data": text}), now_ns)
+            self._publish_kept(AT_ONCE, now_ns)
+
+    def finish(self, now_ns: int) -> None:
+        """Publish all that is kept where somebody subscribes, and take nothing any more."""
+        if self._publisher.heard:
+            self._publish_kept(len(self._kept), now_ns)
+        self.end()
+
+    def _publish_kept(self, most: int, now_ns: int) -> None:
+        for _ in range(min(len(self._kept), most)):
+            text = self._kept.popleft()
+            self._publisher.put(self._codec.encode({"data": text}), now_ns)
 
 
 class SessionTaps:
@@ -192,8 +201,8 @@ class SessionTaps:
             raw.publish(now_ns)
 
     def close(self) -> None:
-        """Take nothing any more: the bus is left."""
-        self._engine.end()
+        """Take nothing any more: the bus is about to be left."""
+        self._engine.finish(time.time_ns())
         for raw in self._raw:
             raw.end()
 

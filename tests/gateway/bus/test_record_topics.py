@@ -94,6 +94,14 @@ def test_kept_cycles_go_out_a_few_at_a_time(rig):
         before = len(rig.engine.messages)
 
 
+def test_what_is_kept_still_goes_out_when_the_session_ends(rig):
+    rig.run(200)
+    rig.engine.heard = True
+    rig.run(1)
+    rig.taps.close()
+    assert rig.numbers() == list(range(1, 202))
+
+
 def test_nothing_is_kept_for_long(rig):
     rig.run(round(KEPT_S / 0.004) + 100)
     assert rig.controller.witness is None
