@@ -49,7 +49,7 @@ def test_a_message_arrives_as_it_was_sent(pair):
     until(lambda: heard)
     assert heard[0][0] == HELLO
     topic = until(lambda: (found := listener.topics()["/chatter"]).publishers and found)
-    assert topic == (STRING, ("/talker",), ("/listener",), False, "")
+    assert topic == (STRING, ("/talker",), ("/listener",), False)
     assert listener.topics(others=True)["/chatter"].subscribers == ()
     handle.close()
     publisher.close()

@@ -18,6 +18,7 @@ pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/card
 
 from cardan.bus.network import Failure
 from cardan.errors import ExtraMissingError
+from cardan.gateway.servers.connection import FREE_BYTES
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import full_text
 from cardan.protocols.ros2.messages import completed
@@ -666,5 +667,5 @@ def test_what_is_large_leaves_room_for_pings(network, package):
         whole = []
         while len(whole) < 2:
             whole = list(connection.recv_streaming(decode=False))
-        assert max(map(len, whole)) <= connection.FREE_BYTES
+        assert max(map(len, whole)) <= FREE_BYTES
         assert sum(map(len, whole)) == 3_000_000 + 10

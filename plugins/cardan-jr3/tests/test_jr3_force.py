@@ -25,6 +25,7 @@ from cardan_omni.peer.library import available
 from studies.haptics.loop import Rig
 from tests.gateway.force.fakes import PERIOD_S, robot_state
 from tests.gateway.force.test_session import ScriptedRobot, drivers, session as fake_session  # noqa: F401
+from tests.plugin_rigs import PLUGINS as PLUGINS  # The Omni's tests can be imported then.
 from tests.serving import in_a_thread
 
 pytestmark = pytest.mark.matrix
@@ -76,7 +77,7 @@ class PenDown(ScriptedRobot):
 @pytest.mark.skipif(not available(), reason="the simulated libHD was not compiled")
 def test_a_pen_that_is_pressed_down_pushes_the_hand_up(monkeypatch):
     for name, target in (
-        ("fake_haptic", "tests.gateway.force.test_omni:VirtualOmni"),
+        ("fake_haptic", "test_omni_session:VirtualOmni"),
         ("virtual_jr3", f"{__name__}:VirtualJr3"),
         ("scripted", f"{__name__}:PenDown"),
     ):

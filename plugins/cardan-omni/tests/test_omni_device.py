@@ -177,7 +177,7 @@ def test_what_stands_in_the_way_of_opening_is_said(bench, fault, kind, words):
     with pytest.raises(kind, match=words):
         omni.open()
     state = omni.state()
-    assert (state.link, state.pose) == (DeviceLink.LOST, None)
+    assert (state.link, state.pose) == (DeviceLink.CLOSED, None)
 
 
 def test_a_device_that_comes_later_is_picked_up(bench):
