@@ -103,6 +103,11 @@ class Suite(Generic[V]):
         """Whether what we sent changes nothing in what is judged: level 0 sends nothing else."""
         return False
 
+    def asks_it(self, frame: bytes) -> bool | None:
+        """Of a frame of a bus, which does not say whose it is: whether it goes to what is judged,
+        or comes from it; None: neither."""
+        return None
+
     def redacted(self, event: Event) -> Event:
         """`event` without serial numbers and addresses in its bytes."""
         return event

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, NoReturn, Protocol, TypeVar
 
 
 class Kind(enum.Enum):
@@ -48,8 +48,30 @@ class Phase(NamedTuple):
     end_s: float
 
 
+class Unasked(dict[str, Phase]):
+    """The phases of what somebody else recorded, who asked for nothing: whoever looks for one gets
+    UnaskedError."""
+
+    def _none(self, *_: object) -> NoReturn:
+        raise UnaskedError
+
+    get = __getitem__ = __contains__ = __iter__ = keys = values = items = _none  # type: ignore[assignment]
+
+
+class UnaskedError(Exception):
+    """A judge wants what came of something that was asked for, and nobody asked for it."""
+
+
 class Timeline:
     """Events in their order. Numbers of events count from 0."""
+
+    start_ns: int | None = None
+    """The wall time of its zero, ns since the epoch, where it is a capture's."""
+    lacks = ""
+    """Why a capture may not show what was there: words. No failure is judged then."""
+    unsure: int | None = None
+    """Of a capture that may begin in the middle of things: the number of the last event that shows
+    it, and no failure, where evidence does not go beyond it."""
 
     def __init__(self) -> None:
         self.events: list[Event] = []
@@ -78,6 +100,8 @@ class Timeline:
 
     def phases(self) -> dict[str, Phase]:
         """By name; of two of one name the later."""
+        if self.start_ns is not None:
+            return Unasked()
         marks = [(n, each) for n, each in enumerate(self.events) if each.kind is Kind.MARK]
         found = {}
         for index, (first, event) in enumerate(marks):
