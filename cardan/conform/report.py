@@ -10,17 +10,9 @@ from typing import Any
 from xml.etree import ElementTree
 
 from cardan.conform.redaction import Redaction
-from cardan.conform.requirements import (
-    Level,
-    Outcome,
-    Requirement,
-    V,
-    Verdict,
-    not_applicable,
-    not_seen,
-)
+from cardan.conform.requirements import Level, Outcome, V, Verdict, not_seen
 from cardan.conform.suite import Suite
-from cardan.conform.timeline import Kind, Timeline, UnaskedError
+from cardan.conform.timeline import Kind, Timeline
 from cardan.errors import ConfigurationError
 
 FORM = 1
@@ -196,7 +188,7 @@ def judged(
         if each.level > level:
             verdict: Verdict = not_seen(f"level {each.level:d} was not run")
         else:
-            verdict = _verdict(each, seen, timeline)
+            verdict = timeline.verdict(each, seen)
         evidence = tuple(clean(line) for line in _evidence(suite, timeline, verdict))
         results.append(
             Result(
@@ -225,23 +217,6 @@ def judged(
         version,
         tuple(results),
     )
-
-
-def _verdict(requirement: Requirement[V], seen: V, timeline: Timeline) -> Verdict:
-    """What a timeline shows of a requirement; of a capture nothing that it cannot show."""
-    try:
-        found = requirement.verdict(seen, timeline.late_s)
-    except UnaskedError:
-        return not_applicable("nobody asked for it in this capture")
-    if found.outcome is Outcome.PASSED and timeline.lacks:
-        return found._replace(said=f"{found.said}, in what the capture has")
-    if found.outcome is not Outcome.FAILED:
-        return found
-    if timeline.lacks:
-        return not_seen(f"not judged: {timeline.lacks}; {found.said}")
-    if timeline.unsure is not None and max(found.evidence, default=-1) <= timeline.unsure:
-        return not_seen(f"not judged: the capture may begin in the middle of it; {found.said}")
-    return found
 
 
 def _evidence(suite: Suite[V], timeline: Timeline, verdict: Verdict) -> list[str]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import enum
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple, NoReturn, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
+
+from cardan.conform.requirements import Requirement, V, Verdict
 
 
 class Kind(enum.Enum):
@@ -48,30 +50,11 @@ class Phase(NamedTuple):
     end_s: float
 
 
-class Unasked(dict[str, Phase]):
-    """The phases of what somebody else recorded, who asked for nothing: whoever looks for one gets
-    UnaskedError."""
-
-    def _none(self, *_: object) -> NoReturn:
-        raise UnaskedError
-
-    get = __getitem__ = __contains__ = __iter__ = keys = values = items = _none  # type: ignore[assignment]
-
-
-class UnaskedError(Exception):
-    """A judge wants what came of something that was asked for, and nobody asked for it."""
-
-
 class Timeline:
     """Events in their order. Numbers of events count from 0."""
 
     start_ns: int | None = None
     """The wall time of its zero, ns since the epoch, where it is a capture's."""
-    lacks = ""
-    """Why a capture may not show what was there: words. No failure is judged then."""
-    unsure: int | None = None
-    """Of a capture that may begin in the middle of things: the number of the last event that shows
-    it, and no failure, where evidence does not go beyond it."""
 
     def __init__(self) -> None:
         self.events: list[Event] = []
@@ -93,6 +76,10 @@ class Timeline:
         """Note that something was read, or done, so long after it could have been."""
         self.late_s = max(self.late_s, seconds)
 
+    def verdict(self, requirement: Requirement[V], seen: V) -> Verdict:
+        """On `seen`, which a suite made of it."""
+        return requirement.verdict(seen, self.late_s)
+
     @property
     def end_s(self) -> float:
         """When the last event was; 0 for an empty one."""
@@ -100,8 +87,6 @@ class Timeline:
 
     def phases(self) -> dict[str, Phase]:
         """By name; of two of one name the later."""
-        if self.start_ns is not None:
-            return Unasked()
         marks = [(n, each) for n, each in enumerate(self.events) if each.kind is Kind.MARK]
         found = {}
         for index, (first, event) in enumerate(marks):

@@ -1,8 +1,8 @@
 """Makes of a capture the timeline that `cardan conform --capture` judges.
 
 What is judged has the port that the suite's protocol is known for, or its client has. The capture
-says nothing of a connection whose beginning it lacks, and nothing after the first of its bytes that
-are missing.
+says nothing of a connection after the first of its bytes that are missing; where the beginning of
+one is, no failure is judged.
 """
 
 from __future__ import annotations
@@ -11,9 +11,21 @@ import os
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NoReturn
 
-from cardan.conform import Event, Kind, Suite, Timeline
+from cardan.conform import (
+    Event,
+    Kind,
+    Outcome,
+    Requirement,
+    Suite,
+    Timeline,
+    Verdict,
+    not_applicable,
+    not_seen,
+)
+from cardan.conform.requirements import V
+from cardan.conform.timeline import Phase
 from cardan.conform.transports import host_and_port
 from cardan.errors import CaptureError, ConfigurationError
 from cardan_dissect import CaptureReader, network, registry, tcp
@@ -24,8 +36,50 @@ PATIENCE_S = 15.0
 """A request that the end of the capture left open for a shorter time was perhaps answered."""
 BEGINNING_S = 0.5
 """What went on before a capture of datagrams shows within this time."""
+LACKS_BYTES = "the capture lacks bytes of a connection"
 MOST_TOLD = 10
 """Flows that are named where none is the protocol's."""
+
+
+class UnaskedError(Exception):
+    """A judge wants what came of something that was asked for, and nobody asked for it."""
+
+
+class _Unasked(dict[str, Phase]):
+    """Phases of which there is none: whoever looks for one gets UnaskedError."""
+
+    def _none(self, *_: object) -> NoReturn:
+        raise UnaskedError
+
+    get = __getitem__ = __contains__ = __iter__ = keys = values = items = _none
+
+
+class Captured(Timeline):
+    """A timeline that somebody else recorded. Nothing is judged that it cannot show."""
+
+    lacks = ""
+    """Why it may not show what was there: no failure is judged then."""
+    unsure = -2
+    """Of one that may begin in the middle of things: the number of the last event that shows it. A
+    failure is none where its evidence does not go beyond it."""
+
+    def phases(self) -> dict[str, Phase]:
+        return _Unasked()
+
+    def verdict(self, requirement: Requirement[V], seen: V) -> Verdict:
+        try:
+            found = super().verdict(requirement, seen)
+        except UnaskedError:
+            return not_applicable("nobody asked for it in this capture")
+        if found.outcome is Outcome.PASSED and self.lacks:
+            return found._replace(said=f"{found.said}, in what the capture has")
+        if found.outcome is not Outcome.FAILED:
+            return found
+        if self.lacks:
+            return not_seen(f"not judged: {self.lacks}; {found.said}")
+        if max(found.evidence, default=-1) <= self.unsure:
+            return not_seen(f"not judged: the capture may begin in the middle of it; {found.said}")
+        return found
 
 
 def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") -> Timeline:
@@ -59,9 +113,10 @@ class _Reading(ABC):
     """Collects the events of one protocol's packets."""
 
     def __init__(self, suite: Suite[Any], host: str, shift: int) -> None:
-        self.ports = {name: port + shift for name, port in suite.transport.ports.items()}
+        _, known, ours, pilots = suite.transport
+        self.ports = {name: port + shift for name, port in known.items() if name not in pilots}
+        self.ours = ours
         self.host = host
-        self.ours = suite.transport.ours
         self.events: list[tuple[int, Event]] = []
         """With the times of their packets, ns."""
         self.lacks: list[str] = []
@@ -134,6 +189,8 @@ class _Connection:
     """Ways in which its SYN was seen: to what is judged, and from it."""
     open: bool = False
     over: bool = False
+    reached: dict[bool, int] = field(default_factory=dict)
+    """By ways: the sequence number of the last segment without bytes."""
     streams: Mapping[bool, tcp.TcpStream] = field(
         default_factory=lambda: {way: tcp.TcpStream() for way in (False, True)}
     )
@@ -156,16 +213,18 @@ class _Tcp(_Reading):
         syn = segment.flags & (TCP_SYN | TCP_ACK)
         known = self._connections.get(key)
         if syn == TCP_SYN and (known is None or known.over or (sent in known.begun and known.open)):
-            if known is not None and known.open and not known.over:
-                self._end(known, time_ns, sent)
+            if known is not None:
+                self._complete(known)
+                if known.open and not known.over:
+                    self._end(known, time_ns, sent)
             known = self._connections[key] = _Connection(self._channel(names))
         if known is None:
-            if segment.payload or not segment.flags & (TCP_FIN | TCP_RST):
-                self.lacks.append("the capture lacks the beginning of a connection")
-                self._connections[key] = _Connection("", over=True)
-            return True
-        if not known.over:
-            self._follow(known, segment, sent, syn, time_ns)
+            if not segment.payload:
+                return True
+            self.lacks.append("the capture lacks the beginning of a connection")
+            known = self._connections[key] = _Connection(self._channel(names), {False, True}, True)
+            self._tell(known, time_ns, Kind.OPENED, False)
+        self._follow(known, segment, sent, syn, time_ns)
         return True
 
     def _channel(self, names: frozenset[str]) -> str:
@@ -182,29 +241,32 @@ class _Tcp(_Reading):
     ) -> None:
         if syn & TCP_SYN:
             known.begun.add(sent)
-        if segment.flags & TCP_RST and not known.open:
+        if segment.flags & TCP_RST and not known.open and not known.over:
             known.over = True
             self._tell(known, time_ns, Kind.REFUSED, sent)
             return
-        if segment.payload and len(known.begun) < 2:
+        if segment.payload and not known.open:
             self._lost(known, "the capture lacks the beginning of a connection")
             return
+        if not segment.payload and not syn & TCP_SYN:
+            known.reached[sent] = segment.sequence
+            if segment.flags & TCP_FIN:
+                self._complete(known)
         for event in known.streams[sent].feed(segment, time_ns):
-            if not known.over:
-                self._read(known, event, sent, time_ns)
+            self._read(known, event, sent, time_ns)
         # A stream ends what was before its beginning, which is none of this connection's.
         if syn == TCP_SYN | TCP_ACK and not known.open and len(known.begun) == 2:
             known.open = True
             self._tell(known, time_ns, Kind.OPENED, False)
 
     def _read(self, known: _Connection, event: tcp.Event, sent: bool, time_ns: int) -> None:
-        if isinstance(event, tcp.Bytes):
+        if isinstance(event, tcp.Bytes) and not known.over:
             self._tell(known, event.time_ns, Kind.DATA, sent, event.data)
         elif isinstance(event, tcp.Gap):
-            self._lost(known, "the capture lacks bytes of a connection")
+            self._lost(known, LACKS_BYTES)
         elif isinstance(event, tcp.Cut):
             self._lost(known, "the capture cut some of its packets")
-        elif isinstance(event, tcp.End) and known.open:
+        elif isinstance(event, tcp.End) and known.open and not known.over:
             self._end(known, time_ns, sent)
 
     def _tell(
@@ -223,17 +285,22 @@ class _Tcp(_Reading):
         if known.channel:
             self.lacks.append(why)
 
+    def _complete(self, known: _Connection) -> None:
+        """Look whether the last of its bytes came, which no later ones would tell."""
+        if any(known.streams[way].missing_before(at) for way, at in known.reached.items()):
+            self._lost(known, LACKS_BYTES)
+
     def finish(self) -> None:
         for known in self._connections.values():
+            self._complete(known)
             for sent, stream in known.streams.items():
                 for event in stream.flush():
-                    if not known.over:
-                        self._read(known, event, sent, self.last_ns)
+                    self._read(known, event, sent, self.last_ns)
 
 
 def _read(
     reading: _Reading, path: str | os.PathLike[str], suite: Suite[Any], protocol: str
-) -> Timeline:
+) -> Captured:
     kinds = registry.dissectors()
     capture = CaptureReader(kinds, {})
     broken = 0
@@ -286,8 +353,8 @@ def _check_flows(
         )
 
 
-def _timeline(events: list[tuple[int, Event]], lacks: Iterable[str]) -> Timeline:
-    found = Timeline()
+def _timeline(events: list[tuple[int, Event]], lacks: Iterable[str]) -> Captured:
+    found = Captured()
     found.start_ns = events[0][0] if events else 0
     found.lacks = "; ".join(dict.fromkeys(lacks))
     for time_ns, event in events:
@@ -295,7 +362,7 @@ def _timeline(events: list[tuple[int, Event]], lacks: Iterable[str]) -> Timeline
     return found
 
 
-def _unsure(found: Timeline) -> int:
+def _unsure(found: Captured) -> int:
     """Of the first events of each way and channel, the last one that the beginning has."""
     firsts: dict[tuple[str, bool], int] = {}
     for number, event in enumerate(found):
@@ -305,7 +372,7 @@ def _unsure(found: Timeline) -> int:
     return max(firsts.values(), default=-1)
 
 
-def _leave_open(found: Timeline, ours: frozenset[str], last_ns: int) -> None:
+def _leave_open(found: Captured, ours: frozenset[str], last_ns: int) -> None:
     """Take out what was asked of what is judged when the capture ended and is open still."""
     assert found.start_ns is not None
     end_s = (last_ns - found.start_ns) * 1e-9
@@ -321,7 +388,7 @@ def _leave_open(found: Timeline, ours: frozenset[str], last_ns: int) -> None:
             settled.add(event.channel)
 
 
-def _of_bus(suite: Suite[Any], path: str | os.PathLike[str]) -> Timeline:
+def _of_bus(suite: Suite[Any], path: str | os.PathLike[str]) -> Captured:
     capture = CaptureReader((), {})
     events, lacks = [], []
     for packet in _frames(capture, path):
@@ -330,7 +397,7 @@ def _of_bus(suite: Suite[Any], path: str | os.PathLike[str]) -> Timeline:
             lacks.append("the capture cut some of its frames")
         elif asks is not None:
             events.append((packet.time_ns, Event(0.0, Kind.DATA, asks, "", packet.data)))
-    if not events:
+    if all(event.sent for _, event in events):
         raise ConfigurationError(
             "--capture",
             f"{os.fspath(path)} has no frames of it in {capture.packets} packets; --target is "
