@@ -344,7 +344,7 @@ def _check_flows(
         there = f"there are {', '.join(flows[:MOST_TOLD])}{more}" if flows else "there are none"
         hints = "".join(f"; {line}" for line in capture.hints.lines(kinds, "--target :"))
         raise ConfigurationError(
-            "--capture", f"{name} has no flow at {where}: {there}; --target says which{hints}"
+            "--capture", f"{name} has no flow at {where}: {there}; --target says which one{hints}"
         )
     if len(reading.judged) > 1:
         listed = ", ".join(reading.judged)
@@ -397,11 +397,11 @@ def _of_bus(suite: Suite[Any], path: str | os.PathLike[str]) -> Captured:
             lacks.append("the capture cut some of its frames")
         elif asks is not None:
             events.append((packet.time_ns, Event(0.0, Kind.DATA, asks, "", packet.data)))
+    name = os.fspath(path)
     if all(event.sent for _, event in events):
         raise ConfigurationError(
             "--capture",
-            f"{os.fspath(path)} has no frames of it in {capture.packets} packets; --target is "
-            f"{suite.target}",
+            f"{name} has no frames of it in {capture.packets} packets; --target is {suite.target}",
         )
     if capture.lost:
         lacks.append(f"the capturing program lost {capture.lost} packets")
