@@ -45,6 +45,14 @@ def conform(
         str,
         typer.Option(metavar="TARGET", help="The real thing; without it, its simulated peer."),
     ] = "",
+    capture: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Judge what somebody recorded: pcap, pcapng or a log of a CAN bus. --target, "
+            "[HOST][:PORT], then says which flow of it.",
+        ),
+    ] = None,
     level: Annotated[
         int | None,
         typer.Option(
@@ -100,8 +108,8 @@ def conform(
     ] = False,
 ) -> None:
     """Judge a controller, a device or a driver by numbered requirements: its simulated peer in
-    virtual time, or the real thing at --target. Level 0, the default there, only listens. Exit
-    code 4 where a requirement is not met."""
+    virtual time, or the real thing at --target, or a --capture. Level 0, the default at a target,
+    only listens. Exit code 4 where a requirement is not met."""
     from cardan.conform import registry
 
     if list_:
@@ -132,9 +140,19 @@ def conform(
             raise ConfigurationError(
                 "--save", f"{save} cannot be written: {error.strerror}"
             ) from None
-    report, missing = _judged(
-        suite, target, level, seconds, fault or [], seed, yes, at_switch, save
-    )
+    if capture is not None and (fault or level is not None or seconds):
+        raise ConfigurationError(
+            "--capture", "it is judged as it is: leave --fault, --level and --seconds out"
+        )
+    if capture is not None:
+        from cardan.conform import run
+
+        report, timeline = run.captured(suite, capture, target)
+        report, missing = (report, []) if save is None else run.save(save, suite, report, timeline)
+    else:
+        report, missing = _judged(
+            suite, target, level, seconds, fault or [], seed, yes, at_switch, save
+        )
     forms = {
         Form.TEXT: report.as_text,
         Form.MARKDOWN: report.as_markdown,

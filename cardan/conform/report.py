@@ -188,7 +188,7 @@ def judged(
         if each.level > level:
             verdict: Verdict = not_seen(f"level {each.level:d} was not run")
         else:
-            verdict = each.verdict(seen, timeline.late_s)
+            verdict = timeline.verdict(each, seen)
         evidence = tuple(clean(line) for line in _evidence(suite, timeline, verdict))
         results.append(
             Result(

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import Any
 
 from cardan import __version__
+from cardan.common.extras import missing_extra
+from cardan.common.plugins import entry_points
 from cardan.conform import live
 from cardan.conform.attachments import pcap, write_mcap
 from cardan.conform.redaction import Redaction
@@ -22,6 +24,8 @@ from cardan.conform.timeline import Timeline
 from cardan.conform.transports import host_and_port
 from cardan.errors import CaptureError, ExtraMissingError
 
+CAPTURES = "cardan.captures"
+"""The entry points of what makes of a suite, a file and a target's words a timeline."""
 LIVE_S = 10.0
 """Default length of a phase at a target."""
 
@@ -69,6 +73,29 @@ def at(
     return report, conduct.timeline
 
 
+def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[Report, Timeline]:
+    """Judge what somebody else recorded. `target`, ``[HOST][:PORT]``, says which of its flows, and
+    where it is not at the usual port.
+
+    Raises CaptureError for a file that cannot be read, ConfigurationError for one without such a
+    flow, and ExtraMissingError without the plug-in that reads captures.
+    """
+    point = next(iter(entry_points(CAPTURES)), None)
+    if point is None:
+        absent = ModuleNotFoundError("nothing installed reads captures")
+        raise missing_extra("judging a capture", "cardan-dissect", "dissect", absent)
+    timeline: Timeline = point.load()(suite, path, target)
+    report = judged(
+        suite,
+        timeline,
+        suite.levels,
+        target=path.name,
+        version=__version__,
+        redaction=Redaction(),
+    )
+    return report, timeline
+
+
 def save(
     folder: Path, suite: Suite[Any], report: Report, timeline: Timeline
 ) -> tuple[Report, list[str]]:
@@ -78,7 +105,8 @@ def save(
     Simulated runs are stamped as of the epoch's zero, so that the same run gives the same bytes.
     """
     missing = []
-    start_ns = 0 if report.simulated else time.time_ns() - round(timeline.end_s * 1e9)
+    now_ns = 0 if report.simulated else time.time_ns() - round(timeline.end_s * 1e9)
+    start_ns = now_ns if timeline.start_ns is None else timeline.start_ns
     try:
         folder.mkdir(parents=True, exist_ok=True)
         capture = pcap(suite, timeline, start_ns)

@@ -23,6 +23,8 @@ class Transport(NamedTuple):
     """Of each channel: the port that is known for it, on the side that listens."""
     ours: frozenset[str] = frozenset()
     """Of `ports`: those that we listen at, where the other side is the client."""
+    pilots: frozenset[str] = frozenset()
+    """Of `ports`: those of clients that are as only our pilot is; no other's is one of them."""
 
 
 class Suite(Generic[V]):
@@ -81,7 +83,7 @@ class Suite(Generic[V]):
     def wires(self, target: str) -> Wires:
         """The wires to `target`, ``HOST[:PORT]`` of the first of the transport's ports; nothing is
         opened yet. ConfigurationError says what it takes."""
-        kind, known, ours = self.transport
+        kind, known, ours, _ = self.transport
         first = next(iter(known.values()))
         host, port = host_and_port(target, "--target", first)
         if kind == "udp":
@@ -102,6 +104,11 @@ class Suite(Generic[V]):
     def only_asks(self, event: Event) -> bool:
         """Whether what we sent changes nothing in what is judged: level 0 sends nothing else."""
         return False
+
+    def asks_it(self, frame: bytes) -> bool | None:
+        """Of a frame of a bus, which does not say whose it is: whether it goes to what is judged,
+        or comes from it; None: neither."""
+        return None
 
     def redacted(self, event: Event) -> Event:
         """`event` without serial numbers and addresses in its bytes."""

@@ -6,6 +6,8 @@ import enum
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple, Protocol, TypeVar
 
+from cardan.conform.requirements import Requirement, V, Verdict
+
 
 class Kind(enum.Enum):
     """What an event is."""
@@ -51,6 +53,9 @@ class Phase(NamedTuple):
 class Timeline:
     """Events in their order. Numbers of events count from 0."""
 
+    start_ns: int | None = None
+    """The wall time of its zero, ns since the epoch, where it is a capture's."""
+
     def __init__(self) -> None:
         self.events: list[Event] = []
         self.late_s = 0.0
@@ -70,6 +75,10 @@ class Timeline:
     def was_late(self, seconds: float) -> None:
         """Note that something was read, or done, so long after it could have been."""
         self.late_s = max(self.late_s, seconds)
+
+    def verdict(self, requirement: Requirement[V], seen: V) -> Verdict:
+        """On `seen`, which a suite made of it."""
+        return requirement.verdict(seen, self.late_s)
 
     @property
     def end_s(self) -> float:

@@ -162,6 +162,8 @@ class UrSeen(Seen):
         self.opened: list[str] = []
         self.ended: list[tuple[int, Event]] = []
         """Connections of ours that the controller closed or refused."""
+        self.old: set[str] = set()
+        """Channels on which an older version of RTDE is spoken."""
         self.called: list[tuple[int, Event]] = []
         """Programs of ours that came to our port, and what they sent."""
         self._connections: dict[str, _Connection] = {}
@@ -306,6 +308,8 @@ class UrSeen(Seen):
         elif isinstance(reply, Accepted) and reply.kind is PacketType.PROTOCOL_VERSION:
             if reply.accepted and isinstance(asked, Request):
                 connection.version = asked.version
+                if asked.version != VERSION:
+                    self.old.add(heard.channel)
         elif isinstance(reply, Accepted) and reply.kind is PacketType.START and reply.accepted:
             connection.stream, connection.stream_s = [], heard.time_s
         elif isinstance(reply, Accepted) and reply.kind is PacketType.PAUSE:

@@ -6,7 +6,7 @@ from typing import Any
 
 from cardan.conform.requirements import Verdict
 from cardan.conform.second_reading import COMPARED, read_twice, second_description
-from cardan.conform.ur_rtde.decoded import OLD, Heard, UrSeen
+from cardan.conform.ur_rtde.decoded import Heard, UrSeen
 from cardan.protocols.ur.rtde import Data, SetupReply
 
 
@@ -19,7 +19,7 @@ def readings_differ(seen: UrSeen) -> Verdict:
         return layers.malformed(layer) or _difference(seen, each, layer, layers)
 
     # The layers are of version 2; of what is no data there is little.
-    heard = [each for each in seen.heard if each.channel != OLD]
+    heard = [each for each in seen.heard if each.channel not in seen.old]
     data = [each for each in heard if isinstance(each.reply, Data)]
     chosen = [each for each in heard if not isinstance(each.reply, Data)]
     chosen += data[:: max(1, len(data) // COMPARED)]

@@ -89,7 +89,12 @@ class UrRtde(Suite[UrSeen]):
     """Our address, as the target reaches it."""
     peer = "ur"
     requirements = requires.all()
-    transport = Transport("tcp", {**_PORTS, REVERSE: REVERSE_PORT}, frozenset((REVERSE,)))
+    transport = Transport(
+        "tcp",
+        {**_PORTS, REVERSE: REVERSE_PORT},
+        frozenset((REVERSE,)),
+        frozenset((SECOND, OLD)),
+    )
     sees = UrSeen
     rig = "cardan.conform.ur_rtde.simulated:UrRig"
     seconds = 3.0

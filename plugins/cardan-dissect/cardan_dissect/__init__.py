@@ -90,7 +90,7 @@ def dissect_file(
     everything before the damage was written), ConfigurationError for an option that no dissector
     has and for a number out of its range.
     """
-    capture = _Capture(registry.dissectors(), numbers)
+    capture = CaptureReader(registry.dissectors(), numbers)
     paths = [path] if isinstance(path, str | os.PathLike) else path
     if len(paths) > 1:
         _look(paths)
@@ -161,7 +161,7 @@ def _look(paths: Iterable[str | os.PathLike[str]]) -> None:
         raise CaptureError("; ".join(wrong[:MOST_TOLD]) + more)
 
 
-class _Capture:
+class CaptureReader:
     """What was found in a capture, with a dissector of each protocol that it needs."""
 
     def __init__(
@@ -180,7 +180,9 @@ class _Capture:
         self.others: Counter[str] = Counter()
         self.hints = Hints()
         self._figures: dict[tuple[Dissector, str], Figures] = {}
-        self._cut: Counter[int] = Counter()
+        self.lost = 0
+        """Packets that the capturing programs say they lost."""
+        self.cut: Counter[int] = Counter()
         """How many packets the capture cut, by the bytes that it kept of them."""
         self._copies = 0
         self._late: list[str] = []
@@ -204,10 +206,11 @@ class _Capture:
                 number, last_ns, link_type, _, data, wire_bytes, _ = packet
                 begins = False
                 if wire_bytes > len(data):
-                    self._cut[len(data)] += 1
+                    self.cut[len(data)] += 1
                 if number % PROGRESS_PACKETS == 0:
                     progress(number, file.share)
                 yield network.unwrapped(packet) if link_type in network.COOKED_BYTES else packet
+            self.lost += file.lost
 
     def is_copy(self, packet: CapturedPacket, parsed: Segment | str) -> bool:
         """Whether what is in a packet was seen on another interface just before."""
@@ -300,8 +303,10 @@ class _Capture:
         yield from self.hints.lines(self._kinds)
         if self._copies:
             yield f"{self._copies} packets were seen on a second interface, and are counted once"
-        if self._cut:
-            kept, most = max(self._cut), self._cut.total()
+        if self.lost:
+            yield f"the capturing program says that it lost {self.lost} packets"
+        if self.cut:
+            kept, most = max(self.cut), self.cut.total()
             yield (
                 f"{most} packets are cut by the capture, which kept {kept} bytes of them at most "
                 "(tcpdump -s 0 keeps all)"

@@ -51,8 +51,10 @@ UNPACKED_BY = {
 STANDARD_INPUT = "-"
 LINK_CAN = 227
 """LINKTYPE_CAN_SOCKETCAN, of frames out of a log."""
-SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, PACKET = 0x0A0D0D0A, 1, 2, 3, 6
+SECTION, INTERFACE, OLD_PACKET, SIMPLE_PACKET, STATISTICS, PACKET = 0x0A0D0D0A, 1, 2, 3, 5, 6
 OPTION_END, OPTION_RESOLUTION, OPTION_OFFSET = 0, 9, 14
+OPTIONS_DROPPED = 5, 7
+"""Of statistics: packets that the interface dropped, and that the system did."""
 
 _new = tuple.__new__
 
@@ -117,6 +119,8 @@ class Capture:
 
     def __init__(self, path: str | os.PathLike[str], first: int = 1) -> None:
         self.path = os.fspath(path)
+        self.lost = 0
+        """Packets that the capturing program says it lost, in a pcapng file."""
         self._count = first - 1
         self._stream: BinaryIO | None = None
         self._bytes: int | None = None
@@ -259,6 +263,8 @@ class Capture:
 
     def _pcapng(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
         order, interfaces, time_ns = "<", list[_Interface](), 0
+        lost: dict[int, int] = {}
+        """By interface: the counts run on from block to block."""
         start = PCAPNG_MAGIC + self._exactly(stream, 4)
         while True:
             if start[:4] == PCAPNG_MAGIC:
@@ -275,6 +281,9 @@ class Capture:
             try:
                 if kind == INTERFACE:
                     interfaces.append(_interface(order, body))
+                elif kind == STATISTICS:
+                    lost[struct.unpack_from(f"{order}I", body)[0]] = _dropped(order, body)
+                    self.lost = sum(lost.values())
                 elif kind in (PACKET, OLD_PACKET, SIMPLE_PACKET):
                     index, stamp, data, wire_bytes = _packet(order, kind, body, interfaces)
                     interface = interfaces[index]
@@ -301,18 +310,30 @@ class Capture:
 
 def _interface(order: str, body: bytes) -> _Interface:
     link_type, snap_bytes = struct.unpack_from(f"{order}HxxI", body)
-    units_per_s, offset_s, at = 10**6, 0, 8
+    units_per_s, offset_s = 10**6, 0
+    for code, at in _options(order, body, 8):
+        if code == OPTION_RESOLUTION:
+            resolution = body[at]
+            units_per_s = (2 if resolution & 0x80 else 10) ** (resolution & 0x7F)
+        elif code == OPTION_OFFSET:
+            offset_s = struct.unpack_from(f"{order}q", body, at)[0]
+    return _Interface(link_type, snap_bytes, units_per_s, offset_s)
+
+
+def _dropped(order: str, body: bytes) -> int:
+    """How many packets an interface's statistics say were lost."""
+    found = [at for code, at in _options(order, body, 12) if code in OPTIONS_DROPPED]
+    return sum(struct.unpack_from(f"{order}Q", body, at)[0] for at in found)
+
+
+def _options(order: str, body: bytes, at: int) -> Iterator[tuple[int, int]]:
+    """The options of a block from `at` on: the code of each, and where its value begins."""
     while at + 4 <= len(body):
         code, size = struct.unpack_from(f"{order}HH", body, at)
         if code == OPTION_END:
             break
-        if code == OPTION_RESOLUTION:
-            resolution = body[at + 4]
-            units_per_s = (2 if resolution & 0x80 else 10) ** (resolution & 0x7F)
-        elif code == OPTION_OFFSET:
-            offset_s = struct.unpack_from(f"{order}q", body, at + 4)[0]
+        yield code, at + 4
         at += 4 + size + -size % 4
-    return _Interface(link_type, snap_bytes, units_per_s, offset_s)
 
 
 def _packet(

@@ -46,8 +46,15 @@ class Hints:
             seen.packets.append((packet._replace(data=b""), segment))
             seen.sizes.append(len(segment.payload))
 
-    def lines(self, kinds: Iterable[type[Dissector]]) -> Iterator[str]:
-        """What to do to have the flows read: a line for each port that an option is wanted for."""
+    def flows(self) -> Iterator[str]:
+        """Each of them, as it was first seen."""
+        for (protocol, *_), seen in self._flows.items():
+            first = seen.packets[0][1]
+            yield f"{protocol} {first.source} > {first.destination}"
+
+    def lines(self, kinds: Iterable[type[Dissector]], option: str = "") -> Iterator[str]:
+        """What to do to have the flows read: a line for each port that an option is wanted for;
+        `option`, where it is another one's, has the port behind it."""
         kinds = [kind for kind in kinds if kind.recognised is not Dissector.recognised]
         more: dict[str, list[str]] = {}
         for (_, *ends), seen in self._flows.items():
@@ -56,7 +63,9 @@ class Hints:
                 if not found:
                     continue
                 sides = " or ".join(side for side, _ in found)
-                numbers = " or ".join(f"--{kind.options[0].flag} {number}" for _, number in found)
+                numbers = " or ".join(
+                    f"{option or f'--{kind.options[0].flag} '}{number}" for _, number in found
+                )
                 first = seen.packets[0][1]
                 flow = f"{first.source} > {first.destination}"
                 line = f"looks like {kind.name}, {sides}; read it with {numbers}"

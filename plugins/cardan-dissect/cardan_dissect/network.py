@@ -24,6 +24,7 @@ LINUX_NAMES = {0x0001: "IEEE 802.3", 0x0004: "IEEE 802.2", LINUX_CAN: "CAN", 0x0
 SLL_BYTES, SLL2_BYTES = 16, 20
 COOKED_BYTES = {LINUX_SLL: SLL_BYTES, LINUX_SLL2: SLL2_BYTES}
 PROTOCOL_NAMES = {ICMP: "ICMP", IGMP: "IGMP", ICMP6: "ICMPv6"}
+BROKEN = "cut or broken packet"
 LINK_NAMES = {
     **dict.fromkeys((189, 220, 249), "USB"),
     **dict.fromkeys((187, 201), "Bluetooth"),
@@ -102,7 +103,7 @@ def parse(packet: CapturedPacket) -> Segment | str:
     try:
         found = _link(packet)
     except (struct.error, IndexError):
-        return "cut or broken packet"
+        return BROKEN
     if not isinstance(found, Segment) or not packet.cut:
         return found
     return found._replace(cut=True)

@@ -99,6 +99,10 @@ class TcpStream:
         while self._held:
             yield from self._give_up()
 
+    def missing_before(self, sequence: int) -> int:
+        """Bytes before `sequence` that have not come, 0 where the stream has ended."""
+        return 0 if self._next is None else max(0, self._ahead(sequence))
+
     def _take(self, segment: _Held) -> Iterator[Event]:
         time_ns = segment.time_ns
         ahead = self._ahead(segment.sequence)

@@ -12,11 +12,18 @@ from cardan.conform.timeline import Timeline
 from cardan.conform.transports import Wires
 from cardan.errors import ConfigurationError
 from cardan_jr3.conform.decoded import Jr3Seen
+from cardan_jr3.conform.frames import unpack
 from cardan_jr3.conform.requirements import requires
 from cardan_jr3.conform.scenario import Jr3Pilot
 from cardan_jr3.conform.simulated import Jr3Rig
 from cardan_jr3.conform.wire import CanInterface
-from cardan_jr3.protocol import MAX_NODE_ID, TEO_NODE_IDS
+from cardan_jr3.protocol import (
+    MAX_NODE_ID,
+    NODE_MASK,
+    TEO_NODE_IDS,
+    decode_from_board,
+    decode_from_host,
+)
 
 
 class Jr3(Suite[Jr3Seen]):
@@ -49,6 +56,14 @@ class Jr3(Suite[Jr3Seen]):
 
     def simulate(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
         Jr3Rig(conduct, self._node_id, faults, seed).run()
+
+    def asks_it(self, frame: bytes) -> bool | None:
+        found = unpack(frame)
+        if found is None or found.arbitration_id & NODE_MASK not in (0, self._node_id):
+            return None
+        if decode_from_board(*found) is not None:
+            return False
+        return None if decode_from_host(*found) is None else True
 
     def wires(self, target: str) -> Wires:
         name, colon, node = target.partition(":")

@@ -1,0 +1,326 @@
+"""What somebody else recorded, judged offline."""
+
+from __future__ import annotations
+
+import struct
+
+import pytest
+
+from cardan.cli import app
+from cardan.conform import Level, Outcome, registry
+from cardan.conform.report import read
+from cardan.conform.run import captured, save, simulated
+from cardan.errors import CaptureError, ConfigurationError, ExtraMissingError
+from tests.captures import MOTOMAN, require
+
+UNASKED = "nobody asked for it in this capture"
+OF_OUR_OWN = {"ur-rtde": {"UR-003", "UR-007", "UR-015", "UR-027", "UR-103"}}
+"""What only the pilot's second and third client ask for."""
+
+FAULTS = [
+    ("egm", "", set()),
+    ("egm", "clock-step", {"EGM-012"}),
+    ("egm", "drop", {"EGM-004", "EGM-008"}),
+    ("egm-driver", "", set()),
+    ("egm-driver", "step-2", {"EGMPC-104"}),
+    ("egm-driver", "truncated", {"EGMPC-102", "EGMPC-104"}),
+    ("motoros", "", set()),
+    ("motoros", "late", {"MOTO-102"}),
+    ("motoros", "split", {"MOTO-010"}),
+    ("motoros-driver", "", set()),
+    ("motoros-driver", "pieces", {"MOTOPC-103"}),
+    ("motoros-driver", "no-stop", {"MOTOPC-109"}),
+    ("ur-rtde", "", set()),
+    ("ur-rtde", "garbage", {"UR-002"}),
+    ("ur-rtde", "cut", {"UR-018"}),
+    ("joint-stream", "", set()),
+    ("joint-stream", "drop", {"JS-103"}),
+    ("joint-stream", "garbage", {"JS-102"}),
+    ("joint-stream-driver", "", set()),
+    ("joint-stream-driver", "clock", {"JSPC-109"}),
+    ("joint-stream-driver", "joints", {"JSPC-103"}),
+    ("jr3", "", set()),
+    ("jr3", "lost-ack", {"JR3-101", "JR3-103"}),
+    ("jr3", "unknown-frame", {"JR3-002"}),
+]
+
+
+def recorded(folder, name, faults=None, level=Level.HOLD, seconds=None):
+    """The report on a run, and the capture of it that --save writes."""
+    suite = registry.load(name)
+    report, timeline = simulated(suite, level, faults, seconds=seconds)
+    save(folder, suite, report, timeline)
+    return report, folder / "capture.pcap"
+
+
+def verdicts(path, name, target=""):
+    report, _ = captured(registry.load(name), path, target)
+    return {each.id: each for each in report.results}
+
+
+def failures(found):
+    return {each.id for each in found.values() if each.outcome is Outcome.FAILED}
+
+
+@pytest.mark.matrix
+@pytest.mark.parametrize(("name", "fault", "failed"), FAULTS)
+def test_a_capture_of_a_run_is_judged_as_the_run_was(name, fault, failed, tmp_path):
+    suite = registry.load(name)
+    faults = suite.faults([fault]) if fault else {}
+    faults.update({each: suite.tried_with[each] for each in faults if each in suite.tried_with})
+    report, path = recorded(tmp_path, name, faults)
+    found = verdicts(path, name)
+    compared = 0
+    for each in report.results:
+        of_capture = found[each.id]
+        if of_capture.said == UNASKED:
+            assert of_capture.outcome is Outcome.NOT_APPLICABLE
+        elif each.id in OF_OUR_OWN.get(name, ()):
+            assert of_capture.outcome is Outcome.NOT_SEEN
+        elif each.level <= Level.HOLD:
+            assert of_capture.outcome is each.outcome, (each, of_capture)
+            compared += 1
+    assert failures(found) == failed
+    assert compared >= 5
+
+
+def test_the_capture_of_a_right_controller_passes_what_needs_nobody_to_ask(tmp_path):
+    _, path = recorded(tmp_path, "motoros", level=Level.LISTEN, seconds=1.0)
+    found = verdicts(path, "motoros")
+    passed = {each.id for each in found.values() if each.outcome is Outcome.PASSED}
+    assert {"MOTO-002", "MOTO-005", "MOTO-006", "MOTO-009"} <= passed
+    assert not failures(found)
+    assert found["MOTO-105"].said == UNASKED
+
+
+def packets_of(path):
+    """The head of a capture that --save wrote, and its packets with their heads."""
+    data = path.read_bytes()
+    at, packets = 24, []
+    while at < len(data):
+        size = struct.unpack_from("<I", data, at + 8)[0]
+        packets.append(data[at : at + 16 + size])
+        at += 16 + size
+    return data[:24], packets
+
+
+@pytest.fixture
+def driver_without_a_stop(tmp_path):
+    """A capture of a driver that starts motion without stopping what was before."""
+    return recorded(tmp_path, "motoros-driver", {"no-stop": 1.0})[1]
+
+
+@pytest.mark.matrix
+def test_of_a_connection_without_its_beginning_no_failure_is_judged(driver_without_a_stop):
+    path = driver_without_a_stop
+    assert failures(verdicts(path, "motoros-driver")) == {"MOTOPC-109"}
+    head, packets = packets_of(path)
+    path.write_bytes(head + b"".join(each for each in packets if not each[16 + 33] & 0x02))
+    found = verdicts(path, "motoros-driver")
+    assert not failures(found)
+    said = found["MOTOPC-109"].said
+    assert said.startswith("not judged: the capture lacks the beginning of a connection; ")
+    assert found["MOTOPC-102"].outcome is Outcome.PASSED
+    assert found["MOTOPC-102"].said.endswith(", in what the capture has")
+
+
+@pytest.mark.matrix
+@pytest.mark.parametrize("last", [False, True])
+def test_of_a_connection_that_lacks_bytes_no_failure_is_judged(last, driver_without_a_stop):
+    path = driver_without_a_stop
+    head, packets = packets_of(path)
+    if last:
+        # What was sent before a connection was closed: nothing comes after it.
+        end = next(n for n, each in enumerate(packets) if each[16 + 33] & 0x01)
+    else:
+        end = len(packets) // 2
+    del packets[max(n for n, each in enumerate(packets[:end]) if len(each) > 16 + 40)]
+    path.write_bytes(head + b"".join(packets))
+    found = verdicts(path, "motoros-driver")
+    assert not failures(found)
+    assert "not judged: the capture lacks bytes of a connection" in found["MOTOPC-109"].said
+
+
+def test_of_datagrams_that_were_cut_no_failure_is_judged(tmp_path):
+    _, path = recorded(tmp_path, "joint-stream", {"drop": 0.2}, seconds=0.5)
+    assert failures(verdicts(path, "joint-stream")) == {"JS-103"}
+    head, packets = packets_of(path)
+    time, size, whole = packets[9][:8], *struct.unpack_from("<II", packets[9], 8)
+    packets[9] = time + struct.pack("<II", size - 4, whole) + packets[9][16:-4]
+    path.write_bytes(head + b"".join(packets))
+    found = verdicts(path, "joint-stream")
+    assert not failures(found)
+    assert "not judged: the capture cut some of its datagrams" in found["JS-103"].said
+
+
+def test_what_a_capture_of_datagrams_begins_with_fails_nothing(tmp_path):
+    """Its first answer is of a session that may have begun long before."""
+    path = recorded(tmp_path, "joint-stream-driver", seconds=0.5)[1]
+    head, packets = packets_of(path)
+    path.write_bytes(head + b"".join(packets[40:]))
+    found = verdicts(path, "joint-stream-driver")
+    assert not failures(found)
+    words = "not judged: the capture may begin in the middle of it; "
+    assert found["JSPC-101"].said.startswith(words)
+    assert found["JSPC-102"].outcome is Outcome.PASSED
+
+
+def test_packets_that_the_capturing_program_lost_are_no_failure(tmp_path):
+    _, path = recorded(tmp_path, "joint-stream", {"drop": 0.2}, seconds=0.5)
+    _, packets = packets_of(path)
+
+    def block(kind, body):
+        body += bytes(-len(body) % 4)
+        size = struct.pack("<I", 12 + len(body))
+        return struct.pack("<I", kind) + size + body + size
+
+    def written(lost):
+        nanoseconds = struct.pack("<HHB3xI", 9, 1, 9, 0)
+        blocks = [
+            block(0x0A0D0D0A, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)),
+            block(1, struct.pack("<HHI", 101, 0, 0) + nanoseconds),
+        ]
+        for each in packets:
+            seconds, ns, size, whole = struct.unpack_from("<4I", each)
+            time_ns = seconds * 10**9 + ns
+            head = struct.pack("<5I", 0, time_ns >> 32, time_ns & 0xFFFFFFFF, size, whole)
+            blocks.append(block(6, head + each[16:]))
+        blocks.append(block(5, struct.pack("<IIIHHQI", 0, 0, 0, 5, 8, lost, 0)))
+        path.write_bytes(b"".join(blocks))
+        return verdicts(path, "joint-stream")
+
+    assert failures(written(0)) == {"JS-103"}
+    found = written(7)
+    assert not failures(found)
+    assert "not judged: the capturing program lost 7 packets" in found["JS-103"].said
+
+
+def test_a_request_that_the_end_left_open_is_not_unanswered(tmp_path):
+    path = recorded(tmp_path, "motoros", seconds=1.0)[1]
+    head, packets = packets_of(path)
+    asked = [n for n, each in enumerate(packets) if each[16 + 22 : 16 + 24] == b"\xc4\x40"]
+    last = next(n for n in reversed(asked) if len(packets[n]) > 16 + 40)
+    path.write_bytes(head + b"".join(packets[: last + 1]))
+    assert verdicts(path, "motoros")["MOTO-101"].outcome is Outcome.PASSED
+
+
+def test_a_candump_log_is_judged(tmp_path):
+    path = recorded(tmp_path, "jr3", {"unknown-frame": 20.0})[1]
+    lines = []
+    for each in packets_of(path)[1]:
+        seconds, ns = struct.unpack_from("<2I", each)
+        word, size = struct.unpack_from(">IB", each, 16)
+        lines.append(
+            f"({seconds + 10**9}.{ns:09}) can0 {word:03X}#{each[24 : 24 + size].hex().upper()}\n"
+        )
+    log = tmp_path / "board.log"
+    log.write_text("".join(lines))
+    assert failures(verdicts(log, "jr3")) == failures(verdicts(path, "jr3")) == {"JR3-002"}
+    with pytest.raises(ConfigurationError, match=r"board\.log has no frames of it"):
+        verdicts(log, "jr3", "can0:99")
+
+
+def test_a_capture_of_a_real_controller_is_judged():
+    """The state port's connection, and that of motion, were open before it began."""
+    path = require(MOTOMAN)
+    found = verdicts(path, "motoros")
+    assert not failures(found)
+    assert found["MOTO-101"].said == "60 requests, in what the capture has"
+    found = verdicts(path, "motoros-driver")
+    assert not failures(found)
+    assert found["MOTOPC-126"].said == "48 busy answers, in what the capture has"
+    assert found["MOTOPC-109"].said.startswith("not judged: ")
+
+
+def test_a_capture_without_the_flow_says_what_is_there(tmp_path):
+    path = recorded(tmp_path, "motoros", seconds=1.0)[1]
+    with pytest.raises(ConfigurationError) as told:
+        verdicts(path, "egm")
+    assert "capture.pcap has no flow at UDP 6510: there are TCP 192.0.2.2" in str(told.value)
+    with pytest.raises(ConfigurationError, match="no flow at TCP 7000 7001 7002: there are"):
+        verdicts(path, "motoros", ":7000")
+
+
+def test_a_flow_at_another_port_is_found_by_what_it_says_and_judged_by_target(tmp_path):
+    _, path = recorded(tmp_path, "egm", level=Level.LISTEN, seconds=1.0)
+    head, packets = packets_of(path)
+    at = 16 + 22
+    moved = [each[:at] + (7777).to_bytes(2, "big") + each[at + 2 :] for each in packets]
+    path.write_bytes(head + b"".join(moved))
+    with pytest.raises(
+        ConfigurationError, match=r"looks like EGM, .*read it with .*--target :7777"
+    ):
+        verdicts(path, "egm")
+    assert verdicts(path, "egm", ":7777")["EGM-002"].outcome is Outcome.PASSED
+    assert verdicts(path, "egm", "192.0.2.1:7777")["EGM-002"].outcome is Outcome.PASSED
+    with pytest.raises(ConfigurationError, match=r"UDP 7777 of 192\.0\.2\.9"):
+        verdicts(path, "egm", "192.0.2.9:7777")
+
+
+def test_of_two_controllers_one_must_be_chosen(tmp_path):
+    _, path = recorded(tmp_path, "egm", level=Level.LISTEN, seconds=1.0)
+    head, packets = packets_of(path)
+    at = 16 + 15
+    others = [each[:at] + b"\x07" + each[at + 1 :] for each in packets]
+    path.write_bytes(head + b"".join(packets + others))
+    with pytest.raises(ConfigurationError, match=r"192\.0\.2\.1, 192\.0\.2\.7: give one as HOST"):
+        verdicts(path, "egm")
+    assert verdicts(path, "egm", "192.0.2.7")["EGM-010"].outcome is Outcome.PASSED
+
+
+def test_damaged_files_are_named(tmp_path):
+    path = recorded(tmp_path, "motoros", seconds=1.0)[1]
+    data = path.read_bytes()
+    for content, why in ((data[:-3], "truncated"), (b"", "empty"), (b"nothing!", "not a pcap")):
+        path.write_bytes(content)
+        with pytest.raises(CaptureError, match=rf"capture\.pcap: .*{why}"):
+            verdicts(path, "motoros")
+    path.write_bytes(data[:24])
+    with pytest.raises(CaptureError, match=r"capture\.pcap: it has no packets"):
+        verdicts(path, "motoros")
+    with pytest.raises(CaptureError, match=r"gone\.pcap: there is no such file"):
+        verdicts(tmp_path / "gone.pcap", "motoros")
+
+
+def test_a_protocol_without_packets_has_no_capture(tmp_path):
+    with pytest.raises(ConfigurationError, match="3dconnexion has no packets of a network"):
+        verdicts(tmp_path / "any.pcap", "3dconnexion")
+
+
+def test_without_the_plug_in_it_says_what_to_install(monkeypatch, tmp_path):
+    monkeypatch.setattr("cardan.conform.run.entry_points", lambda group: [])
+    with pytest.raises(ExtraMissingError, match=r"cardan\[dissect\]"):
+        verdicts(tmp_path / "any.pcap", "egm")
+
+
+def run(*words):
+    """The command in this process: its exit code."""
+    try:
+        return app(["conform", *words], standalone_mode=False) or 0
+    except SystemExit as told:
+        return told.code
+
+
+def test_the_command_reports_in_every_form_and_keeps_it(tmp_path, capsys):
+    path = str(recorded(tmp_path, "joint-stream", {"drop": 0.2}, seconds=0.5)[1])
+    words = ["joint-stream", "--capture", path]
+    assert run(*words) == 4
+    assert "FAIL JS-103" in capsys.readouterr().out
+    for form, said in (("markdown", "| JS-103 | failed |"), ("junit", "<failure message=")):
+        assert run(*words, "--format", form) == 4
+        assert said in capsys.readouterr().out
+    folder = tmp_path / "kept"
+    assert run(*words, "--format", "json", "--save", str(folder)) == 4
+    report = read(capsys.readouterr().out, "the report")
+    assert (report.target, report.simulated, report.failed) == ("capture.pcap", False, ("JS-103",))
+    # Its own capture has the times of the one that was judged.
+    assert (
+        packets_of(folder / "capture.pcap")[1][0][:8]
+        == packets_of(tmp_path / "capture.pcap")[1][0][:8]
+    )
+
+
+@pytest.mark.parametrize("more", [["--fault", "drop"], ["--level", "0"], ["--seconds", "1"]])
+def test_a_capture_is_judged_as_it_is(more, tmp_path):
+    with pytest.raises(ConfigurationError, match="leave --fault, --level and --seconds out"):
+        run("egm", "--capture", str(tmp_path / "a.pcap"), *more)
