@@ -27,7 +27,7 @@ BESIDE = {
 """What stands on the package, and is not there where only the package is installed."""
 PLUGINS = sorted(SOURCE_TREE.glob("plugins/cardan-*"))
 GROUPS = {
-    "cardan.buses", "cardan.checks", "cardan.commands", "cardan.conform", "cardan.dissect",
+    "cardan.buses", "cardan.captures", "cardan.checks", "cardan.commands", "cardan.conform", "cardan.dissect",
     "cardan.drivers", "cardan.faces", "cardan.filters", "cardan.second_descriptions",
     "cardan.sim_peers",
 }  # fmt: skip

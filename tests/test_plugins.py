@@ -236,7 +236,7 @@ def plugins_entry_points():
     for file in (root / "studies/pyproject.toml", *root.glob("plugins/cardan-*/pyproject.toml")):
         project = tomllib.loads(file.read_text(encoding="utf-8"))["project"]
         for group, points in project.get("entry-points", {}).items():
-            if group == "cardan.second_descriptions":
+            if group in ("cardan.captures", "cardan.second_descriptions"):
                 continue  # Nobody asks for one by name: what lacks it says the extra.
             for name in points:
                 yield words[group], name, str(file.parent.relative_to(root))

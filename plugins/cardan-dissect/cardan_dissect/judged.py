@@ -46,7 +46,7 @@ class UnaskedError(Exception):
 
 
 class _Unasked(dict[str, Phase]):
-    """Phases of which there is none: whoever looks for one gets UnaskedError."""
+    """Phases of which there is none: a look for one raises UnaskedError."""
 
     def _none(self, *_: object) -> NoReturn:
         raise UnaskedError
