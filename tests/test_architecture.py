@@ -27,8 +27,8 @@ BESIDE = {
 """What stands on the package, and is not there where only the package is installed."""
 PLUGINS = sorted(SOURCE_TREE.glob("plugins/cardan-*"))
 GROUPS = {
-    "cardan.buses", "cardan.captures", "cardan.checks", "cardan.commands", "cardan.conform", "cardan.dissect",
-    "cardan.drivers", "cardan.faces", "cardan.filters", "cardan.second_descriptions",
+    "cardan.buses", "cardan.captures", "cardan.checks", "cardan.commands", "cardan.conform",
+    "cardan.dissect", "cardan.drivers", "cardan.faces", "cardan.filters", "cardan.second_descriptions",
     "cardan.sim_peers",
 }  # fmt: skip
 """Entry points by which a plug-in may reach Cardan; ``cardan.dissect`` reaches cardan-dissect."""
