@@ -28,8 +28,8 @@ BESIDE = {
 PLUGINS = sorted(SOURCE_TREE.glob("plugins/cardan-*"))
 GROUPS = {
     "cardan.buses", "cardan.captures", "cardan.checks", "cardan.commands", "cardan.conform",
-    "cardan.dissect", "cardan.drivers", "cardan.faces", "cardan.filters", "cardan.second_descriptions",
-    "cardan.sim_peers",
+    "cardan.dissect", "cardan.drivers", "cardan.faces", "cardan.filters",
+    "cardan.second_descriptions", "cardan.sim_peers",
 }  # fmt: skip
 """Entry points by which a plug-in may reach Cardan; ``cardan.dissect`` reaches cardan-dissect."""
 KNOW_DISSECTION = {
