@@ -162,7 +162,14 @@ def conform(
     print(printable(forms[form](), "\n"), end="")
     for line in missing:
         print(f"cardan: not attached: {printable(line)}", file=sys.stderr)
-    if report.failed:
+    doubted = [] if capture is None else report.doubted
+    if doubted:
+        print(
+            f"cardan: {', '.join(doubted)}: perhaps not met, but the capture does not show it; "
+            "judge one that is whole",
+            file=sys.stderr,
+        )
+    if report.failed or doubted:
         raise typer.Exit(EXIT_INCOMPLETE)
 
 

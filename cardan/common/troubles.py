@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from cardan.errors import ConfigurationError
+from cardan.errors import ConfigurationError, shown
 
 FILE = Path(__file__).with_suffix(".toml")
 
@@ -25,6 +25,8 @@ AREAS = {
     "N": "Network, daemon, records",
 }
 """What a code's letter stands for."""
+
+_HISTORY = re.compile(r"stopped before: .*?(?:; |$)")
 
 GAP = "..."
 """Stands for a value in the words of a message."""
@@ -83,20 +85,36 @@ def _parts(words: str) -> list[str]:
     return words.removeprefix(KEY).strip(". ").split(GAP)
 
 
-def code_of(message: str) -> str | None:
-    """The code of a message, by the first of its words that are known; None: it has none."""
-    found = [
+def codes_of(message: str) -> list[str]:
+    """The codes of what is said in a message, in its order; none of why the arm was stopped before
+    where something else is known of it now."""
+    found = sorted(
         (match.start(), -len(match[0]), code)
         for words, part, code in sayings()
         if part in message and (match := pattern(words).search(message))
-    ]
-    return min(found)[2] if found else None
+    )
+    if history := _HISTORY.search(message):
+        begin, end = history.span()
+        found = [each for each in found if not begin <= each[0] < end] or found
+    codes, end = [], 0
+    for begin, length, code in found:
+        if begin >= end:
+            codes.append(code)
+            end = begin - length
+    return list(dict.fromkeys(codes))
+
+
+def code_of(message: str) -> str | None:
+    """The first of `codes_of` a message; None: there is none."""
+    return next(iter(codes_of(message)), None)
 
 
 def coded(message: str) -> str:
-    """`message` with the code of each of its lines, as people are shown it: "... [S004]"."""
+    """`message` with the codes of each of its lines, as people are shown it: "... [S004]"."""
     lines = message.split("\n")
-    return "\n".join(f"{line} [{code}]" if (code := code_of(line)) else line for line in lines)
+    return "\n".join(
+        f"{line} [{', '.join(found)}]" if (found := codes_of(line)) else line for line in lines
+    )
 
 
 def explained(asked: str) -> Trouble:
@@ -113,4 +131,4 @@ def explained(asked: str) -> Trouble:
     words = {each.lower(): trouble.code for trouble in table.values() for each in trouble.words}
     near += [words[each] for each in difflib.get_close_matches(asked.lower(), words, n=3)]
     listed = f"; near it: {', '.join(dict.fromkeys(near))}" if near else ""
-    raise ConfigurationError("", f"no entry is known for {asked!r}{listed}")
+    raise ConfigurationError("", f"no entry is known for {shown(asked)}{listed}")

@@ -17,6 +17,8 @@ from cardan.errors import ConfigurationError
 
 FORM = 1
 """Of the JSON; another number for a form that a reader of this one would misread."""
+DOUBTED = "not judged, perhaps not met: "
+"""Begins what is said of a requirement whose evidence is not whole."""
 _BYTES_SHOWN = 16
 _MARKS = {
     Outcome.PASSED: "pass",
@@ -70,6 +72,15 @@ class Report:
     def failed(self) -> tuple[str, ...]:
         """Ids of the requirements that are not met."""
         return tuple(each.id for each in self.results if each.outcome is Outcome.FAILED)
+
+    @property
+    def doubted(self) -> list[str]:
+        """Ids of those that a capture showed as not met, but may lack what would meet them."""
+        return [
+            each.id
+            for each in self.results
+            if each.outcome is Outcome.NOT_SEEN and each.said.startswith(DOUBTED)
+        ]
 
     def as_text(self) -> str:
         """For a terminal: a line a requirement, evidence below those that are not met."""

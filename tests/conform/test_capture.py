@@ -8,7 +8,7 @@ import pytest
 
 from cardan.cli import app
 from cardan.conform import Level, Outcome, registry
-from cardan.conform.report import read
+from cardan.conform.report import DOUBTED, read
 from cardan.conform.run import captured, save, simulated
 from cardan.errors import CaptureError, ConfigurationError, ExtraMissingError
 from tests.captures import MOTOMAN, require
@@ -119,7 +119,7 @@ def test_of_a_connection_without_its_beginning_no_failure_is_judged(driver_witho
     found = verdicts(path, "motoros-driver")
     assert not failures(found)
     said = found["MOTOPC-109"].said
-    assert said.startswith("not judged: the capture lacks the beginning of a connection; ")
+    assert said.startswith(f"{DOUBTED}the capture lacks the beginning of a connection; ")
     assert found["MOTOPC-102"].outcome is Outcome.PASSED
     assert found["MOTOPC-102"].said.endswith(", in what the capture has")
 
@@ -138,7 +138,7 @@ def test_of_a_connection_that_lacks_bytes_no_failure_is_judged(last, driver_with
     path.write_bytes(head + b"".join(packets))
     found = verdicts(path, "motoros-driver")
     assert not failures(found)
-    assert "not judged: the capture lacks bytes of a connection" in found["MOTOPC-109"].said
+    assert f"{DOUBTED}the capture lacks bytes of a connection" in found["MOTOPC-109"].said
 
 
 def test_of_datagrams_that_were_cut_no_failure_is_judged(tmp_path):
@@ -150,7 +150,7 @@ def test_of_datagrams_that_were_cut_no_failure_is_judged(tmp_path):
     path.write_bytes(head + b"".join(packets))
     found = verdicts(path, "joint-stream")
     assert not failures(found)
-    assert "not judged: the capture cut some of its datagrams" in found["JS-103"].said
+    assert f"{DOUBTED}the capture cut some of its datagrams" in found["JS-103"].said
 
 
 def test_what_a_capture_of_datagrams_begins_with_fails_nothing(tmp_path):
@@ -192,7 +192,7 @@ def test_packets_that_the_capturing_program_lost_are_no_failure(tmp_path):
     assert failures(written(0)) == {"JS-103"}
     found = written(7)
     assert not failures(found)
-    assert "not judged: the capturing program lost 7 packets" in found["JS-103"].said
+    assert f"{DOUBTED}the capturing program lost 7 packets" in found["JS-103"].said
 
 
 def test_a_request_that_the_end_left_open_is_not_unanswered(tmp_path):
@@ -229,7 +229,7 @@ def test_a_capture_of_a_real_controller_is_judged():
     found = verdicts(path, "motoros-driver")
     assert not failures(found)
     assert found["MOTOPC-126"].said == "48 busy answers, in what the capture has"
-    assert found["MOTOPC-109"].said.startswith("not judged: ")
+    assert found["MOTOPC-109"].said.startswith(DOUBTED)
 
 
 def test_a_capture_without_the_flow_says_what_is_there(tmp_path):
@@ -318,6 +318,27 @@ def test_the_command_reports_in_every_form_and_keeps_it(tmp_path, capsys):
         packets_of(folder / "capture.pcap")[1][0][:8]
         == packets_of(tmp_path / "capture.pcap")[1][0][:8]
     )
+
+
+def test_what_a_capture_only_makes_likely_is_no_success(tmp_path, capsys):
+    _, path = recorded(tmp_path, "joint-stream", {"drop": 0.2}, seconds=0.5)
+    head, packets = packets_of(path)
+    time, size, whole = packets[9][:8], *struct.unpack_from("<II", packets[9], 8)
+    packets[9] = time + struct.pack("<II", size - 4, whole) + packets[9][16:-4]
+    path.write_bytes(head + b"".join(packets))
+    assert run("joint-stream", "--capture", str(path)) == 4
+    told = capsys.readouterr()
+    assert "0 failed" in told.out
+    assert "cardan: JS-103: perhaps not met, but the capture does not show it" in told.err
+
+
+def test_a_capture_without_the_side_that_is_judged_is_refused(tmp_path):
+    _, path = recorded(tmp_path, "joint-stream", {}, seconds=0.5)
+    head, packets = packets_of(path)
+    port = registry.load("joint-stream").transport.ports[""].to_bytes(2, "big")
+    path.write_bytes(head + b"".join(each for each in packets if each[16 + 22 : 16 + 24] == port))
+    with pytest.raises(ConfigurationError, match=r"has nothing of .*, only what it was sent"):
+        run("joint-stream", "--capture", str(path))
 
 
 @pytest.mark.parametrize("more", [["--fault", "drop"], ["--level", "0"], ["--seconds", "1"]])

@@ -24,6 +24,7 @@ from cardan.conform import (
     not_applicable,
     not_seen,
 )
+from cardan.conform.report import DOUBTED
 from cardan.conform.requirements import V
 from cardan.conform.timeline import Phase
 from cardan.conform.transports import host_and_port
@@ -76,7 +77,7 @@ class Captured(Timeline):
         if found.outcome is not Outcome.FAILED:
             return found
         if self.lacks:
-            return not_seen(f"not judged: {self.lacks}; {found.said}")
+            return not_seen(f"{DOUBTED}{self.lacks}; {found.said}")
         if max(found.evidence, default=-1) <= self.unsure:
             return not_seen(f"not judged: the capture may begin in the middle of it; {found.said}")
         return found
@@ -350,6 +351,12 @@ def _check_flows(
         listed = ", ".join(reading.judged)
         raise ConfigurationError(
             "--target", f"{name} has several that can be judged, {listed}: give one as HOST"
+        )
+    if all(event.sent for _, event in reading.events):
+        (judged,) = reading.judged
+        raise ConfigurationError(
+            "--capture",
+            f"{name} has nothing of {judged}, which is judged, only what it was sent",
         )
 
 
