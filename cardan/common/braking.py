@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 
 def stopping_speed(distance: float, acceleration: float, dt_s: float) -> float:
@@ -17,3 +18,33 @@ def stopping_speed(distance: float, acceleration: float, dt_s: float) -> float:
         return 0.0
     gain = acceleration * dt_s
     return math.sqrt(gain * gain + 2.0 * acceleration * distance) - gain
+
+
+def within_walls(
+    now: Sequence[float],
+    wanted: Sequence[float],
+    lowest: Sequence[float],
+    highest: Sequence[float],
+    most: float,
+    braking: float = math.inf,
+) -> tuple[float, float, float]:
+    """The next velocity of a point that is to stop at walls: `wanted`, or as much of it as fits.
+
+    `lowest` and `highest` bound it along each axis (see :func:`stopping_speed`), `most` is the
+    longest change from `now`. What the walls demand comes first, along each axis no more than
+    `braking`; then the rest, as far as `most` reaches. All in the same unit, m/s.
+    """
+    clipped = [min(max(v, low), high) for v, low, high in zip(wanted, lowest, highest, strict=True)]
+    due = [
+        min(max(min(max(v, low), high), v - braking), v + braking)
+        for v, low, high in zip(now, lowest, highest, strict=True)
+    ]
+    mx, my, mz = due[0] - now[0], due[1] - now[1], due[2] - now[2]
+    fx, fy, fz = clipped[0] - due[0], clipped[1] - due[1], clipped[2] - due[2]
+    a = fx * fx + fy * fy + fz * fz
+    b = mx * fx + my * fy + mz * fz
+    c = mx * mx + my * my + mz * mz - most * most
+    if a + 2.0 * b + c <= 0.0:
+        return clipped[0], clipped[1], clipped[2]
+    share = (math.sqrt(b * b - a * c) - b) / a if c < 0.0 < a else 0.0
+    return due[0] + fx * share, due[1] + fy * share, due[2] + fz * share

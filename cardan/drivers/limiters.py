@@ -19,7 +19,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
-from cardan.common.braking import stopping_speed
+from cardan.common.braking import stopping_speed, within_walls
 from cardan.types import IDENTITY, ZERO3, Quaternion, Vector3
 
 _sqrt = math.sqrt
@@ -321,7 +321,11 @@ class PointLimiter(_SpatialLimiter):
     def _advance(self, error: Sequence[float], forward: Sequence[float], dt_s: float) -> None:
         velocity = _steer(self.velocity, error, forward, self._speed, self._acceleration, dt_s)
         if self._box is not None:
-            velocity = self._confined(self._box, velocity, dt_s)
+            lowest, highest = self._bounds(self._box, dt_s)
+            if _clip(velocity, lowest, highest) != velocity:
+                most = self._acceleration * dt_s
+                confined = within_walls(self.velocity, velocity, lowest, highest, most)
+                velocity = _new(Vector3, confined)
         self.velocity = velocity
         x, y, z = self.reference
         vx, vy, vz = velocity
@@ -338,30 +342,6 @@ class PointLimiter(_SpatialLimiter):
             [-stopping_speed(p[i] - lower[i], share, dt_s) for i in (0, 1, 2)],
             [stopping_speed(upper[i] - p[i], share, dt_s) for i in (0, 1, 2)],
         )
-
-    def _confined(
-        self, box: tuple[Sequence[float], Sequence[float]], wanted: Vector3, dt_s: float
-    ) -> Vector3:
-        """`wanted`, or as much of it as the walls and the acceleration leave."""
-        lowest, highest = self._bounds(box, dt_s)
-        clipped = _clip(wanted, lowest, highest)
-        if clipped == wanted:
-            return wanted
-        # What the walls demand comes first (it always fits); the rest as far as it fits.
-        before = self.velocity
-        due = _clip(before, lowest, highest)
-        mx, my, mz = (due[i] - before[i] for i in (0, 1, 2))
-        fx, fy, fz = (clipped[i] - due[i] for i in (0, 1, 2))
-        gain = self._acceleration * dt_s
-        a = fx * fx + fy * fy + fz * fz
-        b = mx * fx + my * fy + mz * fz
-        c = mx * mx + my * my + mz * mz - gain * gain
-        if a + 2.0 * b + c <= 0.0:
-            return clipped
-        share = 0.0
-        if c < 0.0 < a:
-            share = (_sqrt(b * b - a * c) - b) / a
-        return Vector3(due[0] + fx * share, due[1] + fy * share, due[2] + fz * share)
 
 
 class OrientationLimiter(_SpatialLimiter):

@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.common.braking import stopping_speed
+from cardan.common.braking import stopping_speed, within_walls
 from cardan.drivers.limiters import JointLimiter, PointLimiter
 from cardan.types import ZERO3, Vector3
 
@@ -155,5 +155,13 @@ def test_walls_come_first_and_the_rest_as_far_as_it_fits(place, now, step):
     before = limiter.velocity
     change = 2.0 * DT_S / max(1.0, math.hypot(*step))
     wanted = Vector3(*(v + change * s for v, s in zip(before, step, strict=True)))
-    got = limiter._confined(BOX, wanted, DT_S)
+    got = within_walls(before, wanted, *limiter._bounds(BOX, DT_S), 2.0 * DT_S)
     assert got == pytest.approx(expected(at, before, wanted), abs=1e-9)
+
+
+@given(places, steps, steps)
+def test_walls_that_come_up_suddenly_are_braked_for_no_harder_than_allowed(place, now, step):
+    before = Vector3(*now)
+    lowest, highest = [min(0.0, p) for p in place], [max(0.0, p) for p in place]
+    got = within_walls(before, step, lowest, highest, 0.1, 0.1 / math.sqrt(3.0))
+    assert math.dist(got, before) <= 0.1 + 1e-9

@@ -17,11 +17,10 @@ from typing import Annotated
 
 from cardan.common import bounds
 from cardan.common.bounds import Bounds
-from cardan.common.braking import stopping_speed
+from cardan.common.braking import stopping_speed, within_walls
 from cardan.common.options import Options, require
 from cardan.gateway.motion.shaping import JerkLimitedVector
 from cardan.spatial import (
-    add,
     dot,
     from_rotation_vector,
     limit_norm,
@@ -235,34 +234,14 @@ class Reference:
         now = self.linear
         if not self._has_workspace:
             return _towards(now, target, budget)
-        # Walls first: what braking at each wall demands is taken from the budget before the
-        # rest. A third of the squared budget for each axis, so that a corner is no worse.
-        wall_acceleration = self.limits.linear_acceleration_m_s2 / math.sqrt(3.0)
-        wall_step = wall_acceleration * dt_s
-        wanted, braked = list(target), list(now)
-        self.at_workspace_limit = False
+        # A third of the squared budget for each axis, so that a corner is no worse.
+        share = self.limits.linear_acceleration_m_s2 / math.sqrt(3.0)
+        lowest, highest = [-math.inf] * 3, [math.inf] * 3
         for axis, walls in enumerate(self.limits.workspace_m):
-            if walls is None:
-                continue
-            up = stopping_speed(walls[1] - position[axis], wall_acceleration, dt_s)
-            down = -stopping_speed(position[axis] - walls[0], wall_acceleration, dt_s)
-            if not down <= wanted[axis] <= up:
-                self.at_workspace_limit = True
-                wanted[axis] = min(max(wanted[axis], down), up)
-            if now[axis] > up:
-                braked[axis] = max(up, now[axis] - wall_step)
-            elif now[axis] < down:
-                braked[axis] = min(down, now[axis] + wall_step)
-        must = subtract(Vector3(*braked), now)
-        rest = subtract(Vector3(*wanted), Vector3(*braked))
-        # Largest share s of the rest with |must + s·rest| <= budget.
-        a, b, c = dot(rest, rest), dot(must, rest), dot(must, must) - budget * budget
-        if a + 2.0 * b + c <= 0.0:
-            share = 1.0
-        elif a == 0.0:
-            share = 0.0
-        else:
-            share = max(0.0, min(1.0, (math.sqrt(max(0.0, b * b - a * c)) - b) / a))
-        if share == 1.0:
-            return Vector3(*wanted)
-        return add(Vector3(*braked), scale(rest, share))
+            if walls is not None:
+                lowest[axis] = -stopping_speed(position[axis] - walls[0], share, dt_s)
+                highest[axis] = stopping_speed(walls[1] - position[axis], share, dt_s)
+        self.at_workspace_limit = not all(
+            low <= v <= high for v, low, high in zip(target, lowest, highest, strict=True)
+        )
+        return Vector3(*within_walls(now, target, lowest, highest, budget, share * dt_s))

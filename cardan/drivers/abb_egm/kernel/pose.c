@@ -82,7 +82,7 @@ static double stopping_speed(double distance, double acceleration, double dt_s)
     return sqrt(gain * gain + 2.0 * acceleration * distance) - gain;
 }
 
-/* PointLimiter._confined: as much of `wanted` as the walls and the acceleration leave. */
+/* within_walls: as much of `wanted` as the walls and the acceleration leave. */
 static void confine(const EgmPoint *point, double *wanted, double dt_s)
 {
     double share = point->acceleration / sqrt(3.0), gain = point->acceleration * dt_s;
