@@ -443,6 +443,17 @@ class JointLimits(NamedTuple):
     acceleration: tuple[float, ...]
     """rad/s²."""
 
+    def reduced(
+        self, velocity: tuple[float, ...], acceleration: tuple[float, ...], speed_share: float
+    ) -> JointLimits:
+        """These, at `speed_share` of each speed, which is at most that of `velocity`; with
+        `acceleration` instead of their own. Empty: as they are."""
+        speeds = map(min, velocity or self.velocity, self.velocity)
+        return self._replace(
+            velocity=tuple(speed_share * speed for speed in speeds),
+            acceleration=acceleration or self.acceleration,
+        )
+
 
 class RobotCapabilities(NamedTuple):
     """What a robot driver takes and how often."""

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, is_dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
-from cardan.common.options import suggestion
+from cardan.common.options import hints, suggestion
 from cardan.common.resource_errors import shortage
 from cardan.common.signals import EndingSignalError
 from cardan.common.text_sanitizer import printable
@@ -223,6 +223,16 @@ class Finder(Generic[T]):
                     "name, is not used"
                 )
         return found
+
+    def options_of(self, name: object) -> Any:
+        """The class of the options of the class called `name`; None where it cannot be loaded."""
+        known = str(name)
+        lacks = ConfigurationError, ExtraMissingError
+        with contextlib.suppress(*lacks), self.using(known, self._word):
+            options = getattr(self.load(known), "Options", None)
+            hints(options)  # Another package's may be none.
+            return options
+        return None
 
     @contextlib.contextmanager
     def using(self, name: str, key: str) -> Iterator[None]:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from cardan.common.options import OTHER_KEYS, Options, hints, require
+from cardan.common.options import OTHER_KEYS, Options, require
 from cardan.common.plugins import Finder, entry_points
 from cardan.drivers.base import Driver
-from cardan.errors import ConfigurationError, ExtraMissingError
 
 ENTRY_POINT_GROUP = "cardan.drivers"
 
@@ -43,12 +41,7 @@ class DriverTable(Options):
     @classmethod
     def kind_of_others(cls, table: Mapping[str, Any]) -> Any:
         """The options of the table's driver; None where that cannot be loaded."""
-        name = table.get("driver", "")
-        with contextlib.suppress(ConfigurationError, ExtraMissingError), using(name, "driver"):
-            options: Any = load(name).Options
-            hints(options)  # Another package's may be none.
-            return options
-        return None
+        return FINDER.options_of(table.get("driver", ""))
 
 
 FINDER: Finder[Driver] = Finder(

@@ -129,16 +129,8 @@ class MotorosOptions(Options):
     @property
     def limits(self) -> JointLimits:
         """What every command is kept inside of."""
-        arm = load_arm(self.robot)
-        own = self.velocity_rad_s or arm.velocity
-        return JointLimits(
-            lower=arm.lower,
-            upper=arm.upper,
-            velocity=tuple(
-                self.speed_share * min(pair) for pair in zip(own, arm.velocity, strict=True)
-            ),
-            acceleration=tuple(self.acceleration_rad_s2 or (j.acceleration for j in arm.joints)),
-        )
+        own = load_arm(self.robot).limits
+        return own.reduced(self.velocity_rad_s, self.acceleration_rad_s2, self.speed_share)
 
     @property
     def spacing_increments(self) -> int:

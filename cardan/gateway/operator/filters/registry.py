@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from cardan.common.options import OTHER_KEYS, Options, hints
+from cardan.common.options import OTHER_KEYS, Options
 from cardan.common.plugins import Finder, entry_points
-from cardan.errors import ConfigurationError, ExtraMissingError
 from cardan.gateway.operator.filters.base import TwistFilter
 
 ENTRY_POINT_GROUP = "cardan.filters"
@@ -31,12 +29,7 @@ class FilterTable(Options):
     @classmethod
     def kind_of_others(cls, table: Mapping[str, Any]) -> Any:
         """The options of the table's filter; None where that cannot be loaded."""
-        name = str(table.get("filter", ""))
-        with contextlib.suppress(ConfigurationError, ExtraMissingError), using(name, "filter"):
-            options: Any = load(name).Options
-            hints(options)  # Another package's may be none.
-            return options
-        return None
+        return FINDER.options_of(table.get("filter", ""))
 
 
 FINDER: Finder[TwistFilter] = Finder(
