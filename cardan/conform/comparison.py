@@ -82,9 +82,3 @@ def as_text(first: Report, second: Report) -> str:
 
 def _said(result: Result | None) -> str:
     return "-" if result is None else f"{result.outcome.value}: {result.said}"
-
-
-def easier(first: Report, second: Report) -> tuple[str, ...]:
-    """Ids of the requirements where a simulated peer is easier than the real thing."""
-    marks = compare(first, second)
-    return tuple(each.id for each in marks if each.remark.startswith("THE SIMULATED PEER"))

@@ -121,7 +121,28 @@ class _Datagrams(_Udp):
             self._socket.send(data)
 
 
-class StreamWire(Wire):
+class _Ending(Wire):
+    """A wire whose reads end with one of nothing."""
+
+    @abstractmethod
+    def _next(self) -> bytes:
+        """What has come, without waiting; OSError."""
+
+    def read(self) -> Iterator[tuple[bytes, str]]:
+        while not self.ended:
+            try:
+                data = self._next()
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self.ended = True
+                return
+            yield data, ""
+
+
+class StreamWire(_Ending):
     """A connected stream socket."""
 
     def __init__(self, connection: socket.socket) -> None:
@@ -131,18 +152,8 @@ class StreamWire(Wire):
     def fileno(self) -> int:
         return self._socket.fileno()
 
-    def read(self) -> Iterator[tuple[bytes, str]]:
-        while not self.ended:
-            try:
-                data = self._socket.recv(LARGEST_READ)
-            except BlockingIOError:
-                return
-            except OSError:
-                data = b""
-            if not data:
-                self.ended = True
-                return
-            yield data, ""
+    def _next(self) -> bytes:
+        return self._socket.recv(LARGEST_READ)
 
     def write(self, data: bytes) -> None:
         with contextlib.suppress(OSError):
@@ -152,7 +163,7 @@ class StreamWire(Wire):
         self._socket.close()
 
 
-class FileWire(Wire):
+class FileWire(_Ending):
     """A device file whose every read is one report, or a serial line's bytes."""
 
     def __init__(self, descriptor: int) -> None:
@@ -162,18 +173,8 @@ class FileWire(Wire):
     def fileno(self) -> int:
         return self._descriptor
 
-    def read(self) -> Iterator[tuple[bytes, str]]:
-        while not self.ended:
-            try:
-                data = os.read(self._descriptor, LARGEST_READ)
-            except BlockingIOError:
-                return
-            except OSError:
-                data = b""
-            if not data:
-                self.ended = True
-                return
-            yield data, ""
+    def _next(self) -> bytes:
+        return os.read(self._descriptor, LARGEST_READ)
 
     def write(self, data: bytes) -> None:
         with contextlib.suppress(OSError):

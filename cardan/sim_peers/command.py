@@ -61,6 +61,13 @@ def option(default: V, text: str, **how: Any) -> V:
     return field(default=default, metadata={_KEY: Option(help=text, **how)})
 
 
+def listen_option(what: str) -> str:
+    """The field `host` of a peer that listens there, on the loopback interface unless told
+    otherwise; `what` listens for is its help. The port is in the field ``port``."""
+    text = f"{what}; port 0: any."
+    return option("127.0.0.1", text, name="listen", metavar="HOST:PORT", port_field="port")
+
+
 def option_of(of: Field[Any]) -> Option | None:
     """How the field is given on the command line; None: it is not."""
     found: Option | None = of.metadata.get(_KEY)

@@ -20,7 +20,6 @@ from cardan.gateway.arm import cycle_record, requests, verb_table
 from cardan.gateway.daemon import control
 from cardan.gateway.daemon.config import Layout, read_layout
 from cardan.gateway.daemon.daemon import Daemon
-from cardan.gateway.daemon.events import read_events
 from cardan.gateway.daemon.processes import Lines, RunningSession
 from cardan.gateway.force import link
 from cardan.gateway.operator.filters.readings import decode_centroid, decode_proximity
@@ -510,12 +509,6 @@ def _arm_file(data: bytes) -> object:
     return file.urdf
 
 
-def _event_lines(data: bytes) -> object:
-    found = list(read_events(_file(data, "events.jsonl")))
-    assert all(isinstance(each, dict) for each in found), found
-    return len(found) > 1
-
-
 def _snapshot(data: bytes) -> object:
     """What a session tells; a daemon or a view of another version may not know its fields."""
     Snapshot.from_bytes(data).to_bytes()
@@ -588,7 +581,6 @@ TARGETS = (
         lambda: (b'READY ws://127.0.0.1:9090\nFIGURES {"clients": 1, "refused": 3}\nhello\n',),
         longest=65536,
     ),
-    Target("daemon.events", Form.JSON, _event_lines, lambda: (b'{"a": 1}\n{"b": 2}\n',)),
     Target("daemon.layout", Form.TEXT, _layout, _layouts, raises=(CardanError,), slow_s=0.5),
     Target("verbs.request", Form.JSON, _request, _requests, longest=8192),
     Target("verbs.answer", Form.JSON, _answer, _answers, raises=(requests.PacketError,)),

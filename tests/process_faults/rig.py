@@ -24,11 +24,11 @@ import numpy as np
 from cardan.common.realtime import FIFO_PRIORITY
 from cardan.errors import CardanError
 from cardan.gateway.daemon.client import ControlClient
-from cardan.gateway.daemon.events import read_events
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.recording.mcap_file import RecordReader
 from cardan.robots import load_arm
 from cardan.types import NEVER_S
+from tests.gateway.daemon.event_files import read_events
 from tests.process_faults.peers import SAMPLE
 from tests.serving import free_tcp_port, free_udp_port
 from tests.test_cli import ENVIRONMENT

@@ -19,10 +19,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from cardan.errors import CardanError
-from cardan.gateway.daemon.events import read_events
 from cardan.gateway.daemon.services import ENGAGED
 from tests.docs_tables import replaced
 from tests.foreground import signals_act
+from tests.gateway.daemon.event_files import read_events
 from tests.kernel.conftest import FAULT_ROW
 from tests.process_faults.cases import BACK_S, GOFA, LATE_S, Case, Outcome, all_cases
 from tests.process_faults.rig import PAIRS, SPEED_M_S, Lab, Motion, wait

@@ -82,6 +82,10 @@ _new = tuple.__new__
 """Makes a named tuple in half the time of its constructor, for objects made in every cycle."""
 
 
+References = tuple[RobotState, RobotState, RobotState]
+"""The controller's own reference at three times."""
+
+
 class Guidance(ABC):
     """What the session needs to answer datagrams in one mode."""
 
@@ -101,18 +105,11 @@ class Guidance(ABC):
         """Advance the reference by `gap_s` in which the controller continued at its last speed."""
 
     @abstractmethod
-    def resync(
-        self,
-        heading: RobotState,
-        before: RobotState,
-        answered: RobotState,
-        dt_s: float,
-        gap_s: float,
-    ) -> None:
+    def resync(self, references: References, dt_s: float, gap_s: float) -> None:
         """Move the reference along with the controller's own reference, and take over its speed.
 
-        The controller's own reference is `heading` now, was `before` `dt_s` earlier, and
-        `answered` at the last answer, which is `gap_s` later than due.
+        `references`: that one now, `dt_s` earlier, and at the last answer, which
+        is `gap_s` later than due.
         """
 
     @abstractmethod
@@ -385,18 +382,10 @@ class _ReferenceGuidance(Guidance, Generic[_TargetT, _SpeedT]):
         self._externals.limiter.coast(gap_s)
         self._gap_s = gap_s
 
-    def resync(
-        self,
-        heading: RobotState,
-        before: RobotState,
-        answered: RobotState,
-        dt_s: float,
-        gap_s: float,
-    ) -> None:
-        places = map(self._measured_parts, (heading, before, answered))
-        for part, *each in zip(self._parts, *places, strict=True):
+    def resync(self, references: References, dt_s: float, gap_s: float) -> None:
+        for part, *each in zip(self._parts, *map(self._measured_parts, references), strict=True):
             part.resync(*each, dt_s, gap_s, self._period_s)
-        self._externals.resync(heading, before, dt_s)
+        self._externals.resync(*references[:2], dt_s)
         self._gap_s = gap_s
 
     def step(self, command: RobotCommand | None, state: RobotState, dt_s: float) -> None:
@@ -681,14 +670,7 @@ class PathGuidance(Guidance):
     def coast(self, gap_s: float) -> None:
         pass  # A controller goes to the last offset, and no further.
 
-    def resync(
-        self,
-        heading: RobotState,
-        before: RobotState,
-        answered: RobotState,
-        dt_s: float,
-        gap_s: float,
-    ) -> None:
+    def resync(self, references: References, dt_s: float, gap_s: float) -> None:
         self._offset.reset(self._offset.reference)
 
     def near(self, state: RobotState) -> bool:

@@ -568,7 +568,7 @@ class EgmSession:
         # The agreed time may be less than passed at the robot, whose speed would seem higher.
         states = (state.sequence - before.sequence) & 0xFFFFFFFF
         step_s = max(self._book.last_step_s, states * self._nominal_s)
-        self._guidance.resync(heading, heading_before, then, step_s, gap_s)
+        self._guidance.resync((heading, heading_before, then), step_s, gap_s)
 
     def _ordered(
         self, joints: tuple[float, ...], outside: tuple[float, ...]

@@ -13,7 +13,7 @@ import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from cardan.common.files import state_folder
 from cardan.errors import ConfigurationError
@@ -211,20 +211,6 @@ def _is_torn(path: Path) -> bool:
         end = file.seek(0, os.SEEK_END)
         file.seek(max(0, end - 1))
         return file.read(1) not in (b"", b"\n")
-
-
-def read_events(path: Path) -> Iterator[dict[str, Any]]:
-    """The events of a log and its older files, the oldest first; broken lines are left out."""
-    for number in range(FILES_KEPT, -1, -1):
-        try:
-            text = _numbered(path, number).read_text("utf-8", "replace")
-        except OSError:
-            continue
-        for line in text.splitlines():
-            with contextlib.suppress(ValueError, RecursionError):
-                event = json.loads(line)
-                if isinstance(event, dict):
-                    yield event
 
 
 def default_event_log() -> Path:

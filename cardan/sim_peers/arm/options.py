@@ -15,7 +15,7 @@ from cardan.protocols.joint_stream import MAX_JOINTS
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.faults import FAULTS
 from cardan.sim_peers.base import check_faults
-from cardan.sim_peers.command import numbers, option
+from cardan.sim_peers.command import listen_option, numbers, option
 from cardan.types import ZERO3, Vector3
 
 PERIOD_S = Range(0.0005, 0.1, "s", "three periods without a state are a third of a second")
@@ -147,13 +147,7 @@ class SimulatedArmOptions(Options):
     robot: str = option("ur5", "Which arm: a name, a .toml or a .urdf file.", metavar="NAME|FILE")
     """As :func:`cardan.robots.load_arm` takes it."""
     plant: PlantOptions = field(default_factory=PlantOptions)
-    host: Annotated[str, bounds.LISTEN_HOST] = option(
-        "127.0.0.1",
-        "Where it takes commands; port 0: any.",
-        name="listen",
-        metavar="HOST:PORT",
-        port_field="port",
-    )
+    host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Where it takes commands")
     port: Annotated[int, bounds.ANY_PORT] = 6520
     """UDP."""
     period_s: Annotated[float, PERIOD_S] = option(0.002, "A state is sent this often.")

@@ -13,7 +13,7 @@ from cardan.common import bounds
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.zenoh import SUBSCRIPTION
 from cardan.sim_peers.carriers.base import Carrier
-from cardan.sim_peers.command import option
+from cardan.sim_peers.command import listen_option, option
 from cardan.sim_peers.hand_peer import HandOptions
 
 FEEDBACK = "sensor_msgs/msg/JoyFeedback"
@@ -26,13 +26,7 @@ LOOK_PERIOD_S = 0.05
 class BusPeerOptions(HandOptions):
     """Options of a device on the bus, beside script, faults and seed."""
 
-    host: Annotated[str, bounds.LISTEN_HOST] = option(
-        "127.0.0.1",
-        "Where other nodes connect to; port 0: any.",
-        name="listen",
-        metavar="HOST:PORT",
-        port_field="port",
-    )
+    host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Where other nodes connect to")
     port: Annotated[int, bounds.ANY_PORT] = 7447
     """TCP; by default in place of a router."""
     router: str = option("", "A Zenoh router to meet others by (tcp/127.0.0.1:7447).")

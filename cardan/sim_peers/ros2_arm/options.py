@@ -15,7 +15,7 @@ from cardan.errors import ConfigurationError
 from cardan.robots import load_arm
 from cardan.sim_peers.arm.options import PlantOptions
 from cardan.sim_peers.base import FaultSwitch, check_faults
-from cardan.sim_peers.command import option
+from cardan.sim_peers.command import listen_option, option
 from cardan.sim_peers.link import LINK_FAULTS
 
 RATE_HZ = Range(10.0, 1000.0, "Hz", "the simulation of the arm is no faster")
@@ -65,13 +65,7 @@ class RosArmOptions(Options):
     transport: Literal["zenoh", "dds"] = option(
         "zenoh", "What its nodes speak: rmw_zenoh, or DDS (domain instead of listen and router)."
     )
-    host: Annotated[str, bounds.LISTEN_HOST] = option(
-        "127.0.0.1",
-        "Where other nodes connect to; port 0: any.",
-        name="listen",
-        metavar="HOST:PORT",
-        port_field="port",
-    )
+    host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Where other nodes connect to")
     port: Annotated[int, bounds.ANY_PORT] = 7447
     """TCP; by default in place of a router."""
     router: str = option("", "A Zenoh router to meet others by (tcp/127.0.0.1:7447).")

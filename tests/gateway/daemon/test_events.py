@@ -15,9 +15,9 @@ from cardan.gateway.daemon.events import (
     EventLog,
     SessionWatch,
     default_event_log,
-    read_events,
 )
 from cardan.gateway.session.snapshot import Snapshot
+from tests.gateway.daemon.event_files import read_events
 
 REST = Snapshot(phase="disarmed", robot_link="live", device_link="live")
 

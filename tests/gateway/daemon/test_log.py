@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from cardan.gateway.daemon.client import ControlClient
-from cardan.gateway.daemon.events import read_events
+from tests.gateway.daemon.event_files import read_events
 from tests.programs import Program
 from tests.waiting import WITHIN_S, until
 

@@ -18,7 +18,7 @@ from cardan.errors import AddressError, MotionLoopError, MotionRefusedError
 from cardan.gateway.arm.requests import LATE_S
 from cardan.gateway.daemon.client import ControlClient, DaemonArm
 from cardan.gateway.daemon.control import Ask, ControlError
-from cardan.gateway.daemon.events import read_events
+from tests.gateway.daemon.event_files import read_events
 from tests.programs import Program
 from tests.serving import free_endpoint
 from tests.test_cli import ENVIRONMENT

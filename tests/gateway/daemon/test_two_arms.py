@@ -13,8 +13,8 @@ from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.daemon.client import DaemonArm
 from cardan.gateway.daemon.config import read_layout
-from cardan.gateway.daemon.events import read_events
 from cardan.sim_peers.spacemouse import SpaceMousePeer, SpaceMousePeerOptions
+from tests.gateway.daemon.event_files import read_events
 from tests.gateway.daemon.test_serve import Lab
 from tests.programs import Program
 from tests.serving import free_endpoint

@@ -1,0 +1,17 @@
+"""The files that events are kept in, read back."""
+
+import contextlib
+import json
+
+from cardan.gateway.daemon.events import FILES_KEPT
+
+
+def read_events(path):
+    """The events of a log and its older files, the oldest first; broken lines are left out."""
+    files = [path.with_name(f"{path.name}.{number}") for number in range(FILES_KEPT, 0, -1)]
+    for file in filter(type(path).exists, (*files, path)):
+        for line in file.read_text("utf-8", "replace").splitlines():
+            with contextlib.suppress(ValueError, RecursionError):
+                event = json.loads(line)
+                if isinstance(event, dict):
+                    yield event
