@@ -24,6 +24,8 @@ from tests.docs_commands import BLOCK
 from tests.message_texts import VALUE
 
 TABLE = troubles.troubles()
+WRITTEN = parse_toml(troubles.FILE.read_text(encoding="utf-8"), troubles.FILE)
+"""The same, of each entry all that the file has."""
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +34,7 @@ def said():
 
 
 def test_codes_are_in_order_and_none_is_used_again():
-    written = parse_toml(troubles.FILE.read_text(encoding="utf-8"), troubles.FILE)
+    written = dict(WRITTEN)
     retired = written.pop("retired")
     assert list(written) == list(TABLE)
     assert not set(retired) & set(TABLE)
@@ -48,7 +50,7 @@ def test_codes_are_in_order_and_none_is_used_again():
 
 @pytest.mark.parametrize("code", TABLE)
 def test_an_entry_says_all(code):
-    entry = parse_toml(troubles.FILE.read_text(encoding="utf-8"), troubles.FILE)[code]
+    entry = WRITTEN[code]
     assert tuple(entry) == troubles.Trouble._fields[1:]
     assert entry["words"]
     for key in ("cause", "now", "do"):

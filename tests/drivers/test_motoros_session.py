@@ -214,6 +214,7 @@ def test_what_is_commanded_keeps_the_limits_whatever_is_asked(mode):
     assert run.session.enabled
 
 
+@pytest.mark.matrix("standard")
 @pytest.mark.parametrize("mode", MODES)
 def test_unanswered_states_are_holds(mode):
     run = rig(mode).ready()
@@ -242,6 +243,7 @@ def test_enabling_without_a_connection_is_refused_and_not_remembered():
     assert run.session.phase is Phase.IDLE
 
 
+@pytest.mark.matrix("stream")
 @pytest.mark.parametrize("mode", SMOOTH)
 def test_the_guide_and_the_robot_agree_after_rest(mode):
     """Integrated velocities drift by fractions of a period; rest corrects that."""
@@ -328,7 +330,7 @@ def misplace(run, times):
     return answers
 
 
-@pytest.mark.matrix("3-stream", "3-standard")
+@pytest.mark.matrix("1-standard", "3-stream", "3-standard")
 @pytest.mark.parametrize("mode", ["stream", "standard"])
 @pytest.mark.parametrize("times", [1, 3, 1000])
 def test_a_refused_first_point_is_followed_by_no_other(mode, times):
@@ -451,6 +453,7 @@ def test_garbage_between_states_is_named_and_survived():
     assert run.states[-1].joints
 
 
+@pytest.mark.matrix("stream", "standard")
 @pytest.mark.parametrize("mode", MODES)
 def test_a_robot_slowed_by_its_safety_unit_goes_on(mode):
     run = turning(rig(mode, faults={"fsu": 0.02}).ready(), 1.0).run(1.0)
@@ -509,6 +512,7 @@ def test_a_connection_that_is_lost_while_motion_is_being_started():
     assert "lost" in run.states[-1].hold_reason
 
 
+@pytest.mark.matrix("velocity", "standard")
 @pytest.mark.parametrize("mode", MODES)
 def test_braking_that_nobody_answers_ends_all_the_same(mode):
     run = turning(rig(mode).ready()).run(0.5)

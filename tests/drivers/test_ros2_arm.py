@@ -567,7 +567,8 @@ def test_what_the_application_does_not_answer_brakes():
 
 
 @pytest.mark.matrix(
-    *("duplicate-0.2", "reorder-0.05", "jitter-8.0", "absurd-0.05", "extra-1.0", "gripper-1.0")
+    *("duplicate-0.2", "reorder-0.05", "jitter-8.0", "absurd-0.05", "extra-1.0", "gripper-1.0"),
+    "nan-0.05",  # Beside a lost one, and an arm of which far more are no numbers.
 )
 @pytest.mark.parametrize(
     ("fault", "value"),
@@ -679,7 +680,7 @@ def test_a_clock_that_is_set_back_ends_the_session():
     assert states[-1].session == 2
 
 
-@pytest.mark.matrix("0.01", "0.02", "0.04")
+@pytest.mark.matrix("0.01", "0.02", "0.04", "0.1")
 @pytest.mark.parametrize("stall_s", [0.01, 0.02, 0.04, 0.1, 0.5])
 def test_lost_time_is_lost(stall_s):
     wire, ramp = Wire(), Ramp(ends_s=3.5)

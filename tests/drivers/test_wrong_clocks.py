@@ -12,6 +12,7 @@ from tests.fault_rig import (
     EgmBench,
     JointStreamBench,
     MotorosBench,
+    MotorosStreamBench,
     Ros2Bench,
     UrBench,
 )
@@ -29,11 +30,14 @@ SLOW = "0.5 times as fast"
 JUMP = "jumps ahead by 0.14 s"
 SLOW_NOW = (EgmBench, JointStreamBench, Ros2Bench, UrBench)
 """One bench of each driver that looks at such a clock."""
+JUMP_NOW = (*SLOW_NOW, MotorosStreamBench)
+"""One bench of each driver."""
 
 
 def clocks_now(kind):
     """Clocks of make test, of this bench."""
-    return (JUMP, SLOW) if kind in SLOW_NOW else (JUMP,)
+    clocks = ((JUMP, JUMP_NOW), (SLOW, SLOW_NOW))
+    return tuple(clock for clock, kinds in clocks if kind in kinds)
 
 
 CASES = [

@@ -32,6 +32,10 @@ TABLE = {
 }
 
 
+FEW = {"robot": {"cycles": 60}}
+"""For what each cycle has, or the end: not for a motion."""
+
+
 def session(channel=None, **tables):
     merged = {key: {**TABLE.get(key, {}), **tables.get(key, {})} for key in {*TABLE, *tables}}
     made = make_session(parse_config(merged), channel)
@@ -58,7 +62,7 @@ def test_a_session_from_rest_to_motion(fake_drivers):
 
 
 def test_gripper_on_an_analog_output(fake_drivers):
-    s = session(gripper={"output": 2, "closed_value": 7.5})
+    s = session(gripper={"output": 2, "closed_value": 7.5}, **FEW)
     s.run()
     # what the program gets in the other outputs stays
     assert s.robot.outputs == [(None, (7.0, 0.0, 7.5))]
@@ -69,13 +73,14 @@ def test_the_operators_button_makes_the_robot_ready(fake_drivers):
         mapping={"enable": "grip", "deadman": ""},
         gripper={"toggle": ""},
         device={"deflection": 0.0},
+        **FEW,
     )
     s.run()
     assert s.robot.enabled == 1
 
 
 def test_a_hand_that_moves_makes_nothing_ready(fake_drivers):
-    s = session(mapping={"enable": "grip"}, gripper={"toggle": ""})
+    s = session(mapping={"enable": "grip"}, gripper={"toggle": ""}, **FEW)
     s.run()
     assert s.robot.enabled == 0
 
@@ -177,7 +182,7 @@ def test_what_a_snapshot_tells_is_printable(unprintable):
 def test_a_button_that_a_device_may_have_beside_those_it_tells_is_taken(fake_drivers, monkeypatch):
     capabilities = FakeDevice.capabilities._replace(further_buttons=("button-23",))
     monkeypatch.setattr(FakeDevice, "capabilities", capabilities)
-    assert session(mapping={"deadman": "button-23"}).run().finished
+    assert session(mapping={"deadman": "button-23"}, **FEW).run().finished
     with pytest.raises(ConfigurationError, match=r"'button-24'; it has: go, grip"):
         session(mapping={"deadman": "button-24"}).run()
 
@@ -192,7 +197,7 @@ def test_of_buttons_that_are_known_once_the_device_is_there_the_operator_is_told
         "capabilities",
         property(lambda device: known if device.looks else unknown),
     )
-    s, seen = session(mapping={"deadman": "Go"}), []
+    s, seen = session(mapping={"deadman": "Go"}, **FEW), []
     monkeypatch.setattr(s, "_tell", lambda snapshot: seen.append(dataclasses.replace(snapshot)))
     last = s.run()
     told = "mapping.deadman: the device has no button 'Go'; it has: go, grip; did you mean 'go'?"
@@ -277,7 +282,7 @@ class TestADriverThatFails:
 
     @pytest.mark.parametrize("call", ["cycles", "send", "set_outputs"])
     def test_a_robot_s_in_the_loop(self, fake_drivers, call):
-        s = session()
+        s = session(**FEW)
         setattr(s.robot, call, lambda *_all, **_words: 1 / 0)
         with pytest.raises(DriverError, match="robot's driver FakeRobot failed: ZeroDivisionError"):
             s.run()
@@ -285,8 +290,8 @@ class TestADriverThatFails:
         assert not s.device.is_open
 
     def test_a_robot_s_loop_that_ends_by_itself(self, fake_drivers):
-        assert "ended its cycles() by itself" in session().run().ending
-        s = session()
+        assert "ended its cycles() by itself" in session(**FEW).run().ending
+        s = session(**FEW)
         s.robot.cycles = lambda: iter(())
         with pytest.raises(DriverError, match=r"driver FakeRobot failed: cycles\(\) gave no state"):
             s.run()
@@ -296,7 +301,7 @@ class TestADriverThatFails:
     @pytest.mark.matrix("joints1", "joints2")
     @pytest.mark.parametrize("joints", [(0.0,) * 5, (), (0.0,) * 7, (math.nan,) * 6])
     def test_a_robot_s_joints_that_are_not_the_arms(self, fake_drivers, joints):
-        s = session(robot={"takes_poses": False}, arm={"model": "ur5"})
+        s = session(robot={**FEW["robot"], "takes_poses": False}, arm={"model": "ur5"})
         good = s.robot.cycles
         s.robot.cycles = lambda: (state._replace(joints=joints, pose=None) for state in good())
         last = s.run()
@@ -305,24 +310,24 @@ class TestADriverThatFails:
 
     @pytest.mark.parametrize("call", ["diagnosis", "metrics", "protocol_errors"])
     def test_a_robot_s_figures(self, fake_drivers, call):
-        s = session()
+        s = session(**FEW)
         setattr(s.robot, call, lambda: 1 / 0)
         last = s.run()
         assert last.finished
         assert "the robot's driver failed: ZeroDivisionError: division by zero" in last.diagnosis
 
     def test_a_device_s_figures(self, fake_drivers):
-        s = session()
+        s = session(**FEW)
         s.device.metrics = lambda: {"age_s": 0.08}
         assert s.run().device_metrics == {"age_s": 0.08}
-        s = session()
+        s = session(**FEW)
         s.device.metrics = lambda: {"age_s": "old"}
         last = s.run()
         assert last.device_metrics == {}
         assert any("metrics() gave 'old' for 'age_s'" in line for line in last.diagnosis)
 
     def test_closing(self, fake_drivers, caplog):
-        s = session()
+        s = session(**FEW)
         for each in (s.robot, s.device):
             each.close = lambda: 1 / 0
         assert s.run().finished
@@ -331,7 +336,7 @@ class TestADriverThatFails:
         assert told == [f"{name} was not closed in good order" for name in names]
 
     def test_opening(self, fake_drivers, monkeypatch):
-        s = session()
+        s = session(**FEW)
         s.robot.open = lambda: 1 / 0
         with pytest.raises(ZeroDivisionError):  # It is one of ours, by its name.
             s.run()
@@ -358,7 +363,7 @@ class Failing(TwistFilter):
 
 class TestAFilterThatFails:
     def run(self, call):
-        s = session()
+        s = session(**FEW)
         made = Failing()
         made.name = "mine"
         setattr(made, call, lambda: 1 / 0)
