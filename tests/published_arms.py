@@ -228,7 +228,7 @@ SMALL = (
     ),
     Published("archer_y6", "archer_y6/empty.urdf", "link_6", package="hex-util-urdf"),
 )
-"""Of five, seven and six joints; of the last no mesh is there. The last two for every change."""
+"""For every change: five, seven and six joints; of the last no mesh is there."""
 
 TALOS_COARSE = """base = "torso_2_link"
 [collision]

@@ -1,7 +1,4 @@
-"""Published descriptions out of small wheels, as they are: what every change is tried on.
-
-The meshes of the SO-101 take longest to be fitted: it is in the matrix, which has more of URDF.
-"""
+"""Three published descriptions out of small wheels, as they are: what every change is tried on."""
 
 import importlib.metadata
 
@@ -14,15 +11,7 @@ from tests.published_arms import INSTALL_SMALL, SMALL, Measured, folder_of
 UP_AND_DOWN = (2,)
 
 
-@pytest.fixture(
-    scope="module",
-    params=[
-        pytest.param(
-            each, marks=(pytest.mark.matrix,) if each.name == "so101" else (), id=each.name
-        )
-        for each in SMALL
-    ],
-)
+@pytest.fixture(scope="module", params=SMALL, ids=lambda published: published.name)
 def measured(request, tmp_path_factory):
     try:
         folder_of(request.param.package)
