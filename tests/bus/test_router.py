@@ -23,6 +23,7 @@ from cardan.cli.bus import bus_options
 from cardan.errors import ConfigurationError
 from cardan.gateway.session.subprocesses import launched
 from tests.serving import free_endpoint
+from tests.waiting import WITHIN_S
 
 
 @pytest.mark.parametrize(
@@ -180,7 +181,7 @@ def test_a_router_ends_with_the_process_that_has_started_it():
 
 
 def _until(condition):
-    end_s = time.monotonic() + 20.0
+    end_s = time.monotonic() + WITHIN_S
     while not condition():
         assert time.monotonic() < end_s
         time.sleep(0.02)

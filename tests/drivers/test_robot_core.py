@@ -34,6 +34,7 @@ from cardan.types import (
     RobotState,
     TorqueCommand,
 )
+from tests.waiting import WITHIN_S
 
 KINDS = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.TORQUE})
 
@@ -170,7 +171,7 @@ def test_close_waits_for_a_loop_in_another_thread():
     assert inside.wait(5.0)
     closing = threading.Thread(target=robot.close)
     closing.start()
-    deadline_s = time.monotonic() + 5.0
+    deadline_s = time.monotonic() + WITHIN_S
     while robot._loop < 2 and time.monotonic() < deadline_s:
         pass
     assert "release" not in robot.log

@@ -30,6 +30,7 @@ from cardan.types import (
 )
 from tests.serving import in_a_thread
 from tests.test_docs import rows, section, text, written
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
@@ -444,7 +445,7 @@ def test_over_udp_it_is_the_same_arm():
     with served() as peer, over_udp(peer.endpoint) as robot:
         assert robot.arm is None
         live = []
-        end_s = time.monotonic() + 30.0
+        end_s = time.monotonic() + WITHIN_S
         for state in robot.cycles():
             assert time.monotonic() < end_s, (len(live), state, peer.core.counters)
             robot.send(SPEED)

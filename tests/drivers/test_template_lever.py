@@ -10,6 +10,7 @@ from cardan.errors import DeviceNotFoundError
 from cardan.types import DeviceLink
 from tests.serving import in_a_thread
 from tests.test_docs import blocks, text
+from tests.waiting import WITHIN_S
 
 REST = (0.0,) * 6
 PACKAGE = Path(__file__).parents[2] / "examples" / "packages" / "cardan-lever"
@@ -106,7 +107,7 @@ def test_unplugged_and_back_it_has_to_be_seen_at_rest_again(module, tmp_path):
     faults = {"unplug": 0.3, "replug": 0.6, "cut": 3.0}
     options = peer.LeverPeerOptions(path=str(tmp_path / "port"), script="rest", faults=faults)
     links = []
-    end_s = time.monotonic() + 20.0
+    end_s = time.monotonic() + WITHIN_S
     with (
         in_a_thread(peer.LeverPeer(options)),
         module("driver").Lever(path=options.path) as lever,

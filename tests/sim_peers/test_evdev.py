@@ -29,6 +29,7 @@ from cardan.sim_peers.evdev.carriers import UinputCarrier
 from cardan.sim_peers.scripted import play
 from tests.serving import in_a_thread
 from tests.sim_peers.carrier_shell import BareShell
+from tests.waiting import WITHIN_S
 
 BY_KEY = {model.key: model for model in MODELS}
 PUSHED = (0.0, 1.0, 0.0, 0.0, 0.0, 0.0)
@@ -322,7 +323,7 @@ def test_a_client_that_does_not_read_loses_events_as_with_the_kernel(tmp_path):
     path = str(tmp_path / "s")
     options = EvdevPeerOptions(path=path, script=str(script))
     with in_a_thread(EvdevPeer(options)) as peer, connect(path) as sock:
-        end_s = time.monotonic() + 5.0
+        end_s = time.monotonic() + WITHIN_S
         while not peer.carrier.lost:
             assert time.monotonic() < end_s
             time.sleep(0.01)

@@ -12,6 +12,7 @@ import pytest
 from cardan.errors import ScriptError
 from cardan.sim_peers.scripted import play
 from tests.test_docs import blocks, text
+from tests.waiting import WITHIN_S
 
 
 @pytest.fixture
@@ -38,7 +39,7 @@ def test_a_program_opens_it_and_it_is_unplugged(page, tmp_path):
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as program:
             program.connect(peer.endpoint)
-            end_s = time.monotonic() + 5.0
+            end_s = time.monotonic() + WITHIN_S
             while peer.device.plugged:
                 assert time.monotonic() < end_s
                 peer.step(time.monotonic() + 0.02)

@@ -21,6 +21,7 @@ from cardan.gateway.session.force_node import ForceNode, run_force_node
 from cardan.spatial import norm
 from cardan.types import IDENTITY, Frame, Pose, Vector3, Wrench
 from tests.gateway.force.fakes import PERIOD_S, robot_state
+from tests.waiting import WITHIN_S
 
 pytestmark = pytest.mark.matrix
 
@@ -110,7 +111,7 @@ def test_a_node_serves_a_session(tmp_path, capsys):
         assert source.diagnosis() == ()
         second = []
         other = run_node(path, second, seconds=20.0)
-        end_s = time.monotonic() + 10.0
+        end_s = time.monotonic() + WITHIN_S
         while not second and time.monotonic() < end_s:
             state = robot_state(time.monotonic(), (0.5, 0.0, 0.4))
             source.publish(state, state.pose, None, state.stamp_s)
