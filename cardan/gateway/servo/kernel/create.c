@@ -36,7 +36,7 @@ static bool options_are_sound(const KernelOptions *options)
 {
     const double *values = &options->length_m;
     return all_within(values, sizeof *options / sizeof *values, 0.0, LARGEST) &&
-           options->length_m > 0.0 && options->closing_deceleration_m_s2 > 0.0;
+           options->length_m > 0.0;
 }
 
 static int32_t arm_problem(const KernelArm *arm)
@@ -89,6 +89,7 @@ static bool pair_is_sound(const KernelPair *pair, const KernelShape *shapes, siz
         return false;
     const KernelShape *first = &shapes[pair->first], *second = &shapes[pair->second];
     return first->body < second->body && all_within(&pair->safety_m, 1, 0.0, LARGEST) &&
+           all_within(&pair->deceleration_m_s2, 1, DBL_MIN, LARGEST) &&
            all_within(pair->sweep, MAX_JOINTS, 0.0, DBL_MAX);
 }
 
@@ -170,8 +171,10 @@ static void group_pairs(Kernel *kernel)
         const KernelPair *pair = &kernel->pairs[i];
         int32_t low = kernel->shapes[pair->first].body, high = kernel->shapes[pair->second].body;
         int32_t *number = &kernel->group_of[low][high];
-        if (*number < 0)
+        if (*number < 0) {
             *number = (int32_t)kernel->group_count++;
+            kernel->groups[*number].deceleration_m_s2 = INFINITY;
+        }
         kernel->group[i] = *number;
         PairGroup *group = &kernel->groups[*number];
         group->low = low;
@@ -182,6 +185,7 @@ static void group_pairs(Kernel *kernel)
             kernel->farthest[j] = fmax(kernel->farthest[j], pair->sweep[j]);
         }
         group->safety_m = fmax(group->safety_m, pair->safety_m);
+        group->deceleration_m_s2 = fmin(group->deceleration_m_s2, pair->deceleration_m_s2);
     }
     size_t before = 0;
     for (size_t i = 0; i < kernel->group_count; i++) {

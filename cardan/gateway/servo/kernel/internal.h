@@ -24,6 +24,7 @@ typedef struct {
     int32_t low, high;    /* the bodies; the joints from `low` to before `high` move one to the other */
     size_t first, beyond; /* where in `order` they are */
     double sweep[MAX_JOINTS], safety_m; /* of all of them, at most */
+    double deceleration_m_s2;           /* at least */
     double at[3];   /* middle of the ball around `high`, in the frame of `low`, when last looked at */
     double travel_m; /* how much nearer they can have come, all in all */
     double far_m;    /* those that are farther away do not matter now */

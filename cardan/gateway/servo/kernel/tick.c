@@ -287,15 +287,14 @@ static void fill_bounds(Kernel *kernel, double dt_s)
 static double least_of(const Kernel *kernel, size_t pair, double dt_s)
 {
     return -stopping_speed(kernel->separations[pair].distance_m - kept_m(kernel, pair),
-                           kernel->options.closing_deceleration_m_s2, dt_s);
+                           kernel->pairs[pair].deceleration_m_s2, dt_s);
 }
 
 /* Below which of what is left of its distance a pair that can close in at `speed` needs a row. */
-static double needs_row_m(const Kernel *kernel, double safety_m, double speed, double dt_s)
+static double needs_row_m(const PairGroup *group, double speed, double dt_s)
 {
     speed += TIGHT_M_S;
-    return safety_m +
-           speed * (speed / (2.0 * kernel->options.closing_deceleration_m_s2) + dt_s);
+    return group->safety_m + speed * (speed / (2.0 * group->deceleration_m_s2) + dt_s);
 }
 
 /* How near the pairs of each group matter: where speeds within the joints' bounds could bring them
@@ -328,7 +327,7 @@ static void find_far(Kernel *kernel, double dt_s)
                 continue;
             PairGroup *group = &kernel->groups[number];
             double speed = norm3(linear) + norm3(angular) * radius_m + more;
-            group->far_m = needs_row_m(kernel, group->safety_m, speed, dt_s);
+            group->far_m = needs_row_m(group, speed, dt_s);
         }
     }
 }
