@@ -195,6 +195,7 @@ static int drive(uint64_t seed)
         pair->first = below((int)shape_count);
         pair->second = below((int)shape_count);
         pair->safety_m = number(0.0, 0.05);
+        pair->deceleration_m_s2 = number(0.1, 5.0);
         numbers(pair->sweep, MAX_JOINTS, 0.0, 2.0);
         bool ordered = shapes[pair->first].body < shapes[pair->second].body;
         if (ordered || one_in(500))

@@ -23,7 +23,7 @@ from cardan.gateway.servo.bounds import JointBounds
 from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.gateway.servo.servo import (
     TwistParts,
-    closing_deceleration,
+    closing_decelerations,
     safety_distances,
 )
 from cardan.gateway.servo.status import ServoStatus
@@ -302,12 +302,19 @@ def _create(
     pairs = (layout.CPair * (0 if collision is None else len(collision.pairs)))()
     if collision is not None:
         safety = safety_distances(options, collision)
-        for pair, (first, second), kept, sweep in zip(
-            pairs, collision.pair_solids, safety, collision.sweeps.tolist(), strict=True
+        decelerations = closing_decelerations(options, bounds, collision).tolist()
+        for pair, (first, second), kept, deceleration, sweep in zip(
+            pairs,
+            collision.pair_solids,
+            safety,
+            decelerations,
+            collision.sweeps.tolist(),
+            strict=True,
         ):
-            pair.first, pair.second, pair.safety_m = first, second, kept
+            pair.first, pair.second = first, second
+            pair.safety_m, pair.deceleration_m_s2 = kept, deceleration
             pair.sweep[: len(sweep)] = sweep
-    given = _options(options, bounds)
+    given = layout.COptions(**{name: getattr(options, name) for name in layout.OPTIONS})
     reason = ctypes.c_int32()
     handle: int | None = library.kernel_create(
         ctypes.byref(_arm(kinematics, bounds, weights)),
@@ -327,13 +334,6 @@ def _refused(kinematics: ArmKinematics, reason: int) -> ConfigurationError:
     return ConfigurationError(
         "",
         f"the compiled servo cannot take the arm {kinematics.arm.name!r}: {layout.REASONS[reason]}",
-    )
-
-
-def _options(options: ServoOptions, bounds: JointBounds) -> layout.COptions:
-    return layout.COptions(
-        closing_deceleration_m_s2=closing_deceleration(options, bounds),
-        **{name: getattr(options, name) for name in layout.OPTIONS},
     )
 
 

@@ -72,7 +72,7 @@ OPTIONS = (
 
 
 class COptions(ctypes.Structure):
-    _fields_ = tuple((name, c_double) for name in (*OPTIONS, "closing_deceleration_m_s2"))
+    _fields_ = tuple((name, c_double) for name in OPTIONS)
 
 
 class CShape(ctypes.Structure):
@@ -95,6 +95,7 @@ class CPair(ctypes.Structure):
         ("first", c_int32),
         ("second", c_int32),
         ("safety_m", c_double),
+        ("deceleration_m_s2", c_double),
         ("sweep", _JOINTS),
     )
 

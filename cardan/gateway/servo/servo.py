@@ -45,7 +45,7 @@ MAX_ROWS = 16
 """Closing pairs in one programme, the most urgent first: more cannot act on nine joints."""
 
 CLOSING_LEVER_M = 0.13
-"""Lever that turns the acceleration of the slowest joint that turns into a deceleration of bodies:
+"""Lever that makes the acceleration of a joint that turns a deceleration of the bodies it moves:
 shorter than those that move a TCP fast."""
 
 AT_REST = 1e-5
@@ -87,13 +87,24 @@ def servo_steps(dt_s: float) -> list[float]:
     return [dt_s / count] * count
 
 
+def _closing_with(bounds: JointBounds) -> FloatArray:
+    """Deceleration, m/s², with which each joint brakes what it moves."""
+    found: FloatArray = np.where(bounds.prismatic, 1.0, CLOSING_LEVER_M) * bounds.acceleration
+    return found
+
+
 def closing_deceleration(options: ServoOptions, bounds: JointBounds) -> float:
-    """Deceleration, m/s², that is expected of bodies that close in."""
-    lowest: float = min(
-        acceleration if slides else CLOSING_LEVER_M * acceleration
-        for acceleration, slides in zip(bounds.acceleration, bounds.prismatic, strict=True)
-    )
-    return min(options.closing_deceleration_m_s2, lowest)
+    """Deceleration, m/s², that is expected of bodies that close in, whatever joint moves them."""
+    return min(options.closing_deceleration_m_s2, float(_closing_with(bounds).min()))
+
+
+def closing_decelerations(
+    options: ServoOptions, bounds: JointBounds, collision: CollisionModel
+) -> FloatArray:
+    """The same of each pair, m/s²: of the joints between its bodies, which alone make it close."""
+    able = np.where(collision.sweeps > 0.0, _closing_with(bounds), math.inf)
+    lowest: FloatArray = able.min(axis=1, initial=options.closing_deceleration_m_s2)
+    return lowest
 
 
 def safety_distances(options: ServoOptions, collision: CollisionModel) -> list[float]:
@@ -183,7 +194,10 @@ class Servo:
         self._failures = 0
         self._iterations = 0
         self.bounds = JointBounds(self.kinematics, options.speed_share, options.acceleration_share)
-        self._closing_m_s2 = closing_deceleration(options, self.bounds)
+        self._closing_m_s2 = np.zeros(0)
+        if collision is not None:
+            self._closing_m_s2 = closing_decelerations(options, self.bounds, collision)
+            self._slowest_m_s2 = self._closing_m_s2.min(initial=math.inf)
         self._safety = [] if collision is None else safety_distances(options, collision)
 
     def move(self, first: int, frames: Sequence[SE3], grown_m: Sequence[float]) -> None:
@@ -481,7 +495,7 @@ class Servo:
         # its bodies can move at most, then by its gradient.
         fastest = np.maximum(self._highest[:n], -self._lowest[:n])
         speed = collision.fastest_closing(fastest) + TIGHT_M_S
-        farthest = max(safety) + speed * (speed / (2.0 * deceleration) + dt_s)
+        farthest = max(safety) + speed * (speed / (2.0 * self._slowest_m_s2) + dt_s)
         near = [pair for pair, distance in enumerate(distances) if distance < farthest]
         if not near:
             return
@@ -493,7 +507,10 @@ class Servo:
         rows = self._gradients[: len(near)]
         collision.gradients(near, rows)
         least = np.array(
-            [-stopping_speed(distances[pair] - safety[pair], deceleration, dt_s) for pair in near]
+            [
+                -stopping_speed(distances[pair] - safety[pair], deceleration[pair], dt_s)
+                for pair in near
+            ]
         )
         room = np.maximum(rows, 0.0).dot(self._lowest[:n])
         room += np.minimum(rows, 0.0).dot(self._highest[:n])

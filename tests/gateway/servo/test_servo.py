@@ -387,7 +387,11 @@ def test_a_variable_period_is_no_harm():
 
 def test_a_step_that_would_strike_is_braked_whatever_the_programme_says(monkeypatch):
     for module in (in_python, compiled):  # rows that never act
-        monkeypatch.setattr(module, "closing_deceleration", lambda options, bounds: 1e7)
+        monkeypatch.setattr(
+            module,
+            "closing_decelerations",
+            lambda options, bounds, collision: np.full(len(collision.pairs), 1e7),
+        )
     start = (0, -90, 100, -100, -90, 0)
     probe = servo(q_deg=start)
     x = float(probe.placement.translation[0]) + 0.25

@@ -296,8 +296,34 @@ static int edge_middle(const double half[3], int which, double out[3])
     return axis;
 }
 
-/* Whether a point of an edge can be the nearest of its box, where the other one is beyond the faces
- * that `beyond` has the signs of: only if it is an edge of all these faces. */
+/* What lies between two boxes, the second at `middle` and `turned` in the axes of the first. */
+typedef struct {
+    double most;                     /* largest gap along the normals of their faces */
+    double of_first[3], of_second[3]; /* signs of the faces of each that the other is beyond */
+} Faces;
+
+static void between_faces(const double a[3], const double b[3], const double turned[9],
+                          const double middle[3], Faces *faces)
+{
+    double other[3];
+    turn_back3(turned, middle, other);
+    faces->most = -INFINITY;
+    for (int i = 0; i < 3; i++) {
+        double gap_a = fabs(middle[i]) - a[i], gap_b = fabs(other[i]) - b[i];
+        for (int j = 0; j < 3; j++) {
+            gap_a -= fabs(turned[3 * i + j]) * b[j];
+            gap_b -= fabs(turned[3 * j + i]) * a[j];
+        }
+        faces->of_first[i] = gap_a > 0.0 ? copysign(1.0, middle[i]) : 0.0;
+        faces->of_second[i] = gap_b > 0.0 ? copysign(1.0, -other[i]) : 0.0;
+        double gap = gap_a > gap_b ? gap_a : gap_b;
+        if (gap > faces->most)
+            faces->most = gap;
+    }
+}
+
+/* Whether a point of an edge (`axis` -1: a corner) can be the nearest of its box, where the other one
+ * is beyond the faces that `beyond` has the signs of: only if it is an edge of all these faces. */
 static bool can_be_nearest(const double edge[3], int axis, const double beyond[3])
 {
     for (int i = 0; i < 3; i++)
@@ -309,43 +335,37 @@ static bool can_be_nearest(const double edge[3], int axis, const double beyond[3
 /* Two boxes, the second at `middle` and `turned` in the axes of the first, that do not meet: the
  * nearest points are a corner and a point of the other, or on two edges. */
 static void apart(const double a[3], const double b[3], const double turned[9],
-                  const double middle[3], Nearest *nearest)
+                  const double middle[3], const Faces *faces, Nearest *nearest)
 {
     double edges[12][3], point[3], other[3], moved[3];
-    double beyond_a[3] = {0.0, 0.0, 0.0}, beyond_b[3] = {0.0, 0.0, 0.0};
+    const double *beyond_a = faces->of_first, *beyond_b = faces->of_second;
     bool of_b[12];
     nearest->square = INFINITY;
-    turn_back3(turned, middle, other);
-    for (int i = 0; i < 3; i++) {
-        double reach_a = a[i], reach_b = b[i];
-        for (int j = 0; j < 3; j++) {
-            reach_a += fabs(turned[3 * i + j]) * b[j];
-            reach_b += fabs(turned[3 * j + i]) * a[j];
-        }
-        if (fabs(middle[i]) > reach_a)
-            beyond_a[i] = copysign(1.0, middle[i]);
-        if (fabs(other[i]) > reach_b)
-            beyond_b[i] = copysign(1.0, -other[i]);
-    }
     for (int which = 0; which < 8; which++) {
         corner(b, which, point);
-        turn3(turned, point, moved);
-        along3(middle, 1.0, moved, other);
-        for (int i = 0; i < 3; i++)
-            point[i] = clamp(other[i], -a[i], a[i]);
-        keep_nearer(nearest, point, other);
+        if (can_be_nearest(point, -1, beyond_b)) {
+            turn3(turned, point, moved);
+            along3(middle, 1.0, moved, other);
+            for (int i = 0; i < 3; i++)
+                point[i] = clamp(other[i], -a[i], a[i]);
+            keep_nearer(nearest, point, other);
+        }
         corner(a, which, point);
-        subtract3(point, middle, moved);
-        turn_back3(turned, moved, other);
-        for (int i = 0; i < 3; i++)
-            other[i] = clamp(other[i], -b[i], b[i]);
-        turn3(turned, other, moved);
-        along3(middle, 1.0, moved, other);
-        keep_nearer(nearest, point, other);
+        if (can_be_nearest(point, -1, beyond_a)) {
+            subtract3(point, middle, moved);
+            turn_back3(turned, moved, other);
+            for (int i = 0; i < 3; i++)
+                other[i] = clamp(other[i], -b[i], b[i]);
+            turn3(turned, other, moved);
+            along3(middle, 1.0, moved, other);
+            keep_nearer(nearest, point, other);
+        }
     }
     for (int which = 0; which < 12; which++) {
         int axis = edge_middle(b, which, point);
         of_b[which] = can_be_nearest(point, axis, beyond_b);
+        if (!of_b[which])
+            continue;
         turn3(turned, point, moved);
         along3(middle, 1.0, moved, edges[which]);
     }
@@ -464,19 +484,26 @@ static void boxes(const Body *first, const Body *second, double far_m, Separatio
                 sum += first->rotation[3 * i + row] * second->rotation[3 * i + column];
             turned[3 * row + column] = sum;
         }
-    double gap = separating_axis(first->half_m, second->half_m, turned, middle, normal, on_second);
+    Faces faces;
+    between_faces(first->half_m, second->half_m, turned, middle, &faces);
+    bool by_faces = faces.most > 0.0;
+    double gap = faces.most;
+    if (!by_faces)
+        gap = separating_axis(first->half_m, second->half_m, turned, middle, normal, on_second);
     out->distance_m = gap;
     if (gap > far_m)
         return;
     if (gap > 0.0) {
         Nearest nearest;
-        apart(first->half_m, second->half_m, turned, middle, &nearest);
+        apart(first->half_m, second->half_m, turned, middle, &faces, &nearest);
         double distance = sqrt(nearest.square);
         out->distance_m = distance;
-        copy3(nearest.on_second, on_second);
         if (distance > TOUCHING_M)
             for (int i = 0; i < 3; i++)
                 normal[i] = (nearest.on_second[i] - nearest.on_first[i]) / distance;
+        else if (by_faces)
+            separating_axis(first->half_m, second->half_m, turned, middle, normal, on_second);
+        copy3(nearest.on_second, on_second);
     }
     turn3(first->rotation, normal, out->normal);
     turn3(first->rotation, on_second, away);

@@ -36,7 +36,7 @@ static bool options_are_sound(const KernelOptions *options)
 {
     const double *values = &options->length_m;
     return all_within(values, sizeof *options / sizeof *values, 0.0, LARGEST) &&
-           options->length_m > 0.0 && options->closing_deceleration_m_s2 > 0.0;
+           options->length_m > 0.0;
 }
 
 static int32_t arm_problem(const KernelArm *arm)
@@ -89,6 +89,7 @@ static bool pair_is_sound(const KernelPair *pair, const KernelShape *shapes, siz
         return false;
     const KernelShape *first = &shapes[pair->first], *second = &shapes[pair->second];
     return first->body < second->body && all_within(&pair->safety_m, 1, 0.0, LARGEST) &&
+           all_within(&pair->deceleration_m_s2, 1, DBL_MIN, LARGEST) &&
            all_within(pair->sweep, MAX_JOINTS, 0.0, DBL_MAX);
 }
 
@@ -155,34 +156,93 @@ static bool take_memory(Kernel *kernel, size_t shapes, size_t pairs)
     kernel->clear_m = calloc(pairs + 1, sizeof *kernel->clear_m);
     kernel->groups = calloc(pairs + 1, sizeof *kernel->groups);
     kernel->group = calloc(pairs + 1, sizeof *kernel->group);
+    kernel->order = calloc(pairs + 1, sizeof *kernel->order);
     kernel->grown_m = calloc(shapes + 1, sizeof *kernel->grown_m);
     return kernel->shapes && kernel->bodies && kernel->ahead && kernel->pairs &&
            kernel->separations && kernel->placed && kernel->near && kernel->room && kernel->clear_m &&
-           kernel->groups && kernel->group && kernel->grown_m;
+           kernel->groups && kernel->group && kernel->order && kernel->grown_m;
 }
 
-static bool group_pairs(Kernel *kernel)
+/* By their two bodies. */
+static void group_pairs(Kernel *kernel)
 {
-    /* By the body of the first and the second: 0, or 1 more than the number of the group. */
-    int32_t *numbers = calloc((size_t)(kernel->n + 1) * (kernel->shape_count + 1), sizeof *numbers);
-    if (!numbers)
-        return false;
+    memset(kernel->group_of, -1, sizeof kernel->group_of);
     for (size_t i = 0; i < kernel->pair_count; i++) {
         const KernelPair *pair = &kernel->pairs[i];
-        size_t body = (size_t)kernel->shapes[pair->first].body;
-        int32_t *number = &numbers[body * kernel->shape_count + (size_t)pair->second];
-        if (!*number)
-            *number = (int32_t)++kernel->group_count;
-        kernel->group[i] = *number - 1;
-        PairGroup *group = &kernel->groups[kernel->group[i]];
+        int32_t low = kernel->shapes[pair->first].body, high = kernel->shapes[pair->second].body;
+        int32_t *number = &kernel->group_of[low][high];
+        if (*number < 0) {
+            *number = (int32_t)kernel->group_count++;
+            kernel->groups[*number].deceleration_m_s2 = INFINITY;
+        }
+        kernel->group[i] = *number;
+        PairGroup *group = &kernel->groups[*number];
+        group->low = low;
+        group->high = high;
+        group->beyond++;
         for (int j = 0; j < kernel->n; j++) {
             group->sweep[j] = fmax(group->sweep[j], pair->sweep[j]);
             kernel->farthest[j] = fmax(kernel->farthest[j], pair->sweep[j]);
         }
         group->safety_m = fmax(group->safety_m, pair->safety_m);
+        group->deceleration_m_s2 = fmin(group->deceleration_m_s2, pair->deceleration_m_s2);
     }
-    free(numbers);
-    return true;
+    size_t before = 0;
+    for (size_t i = 0; i < kernel->group_count; i++) {
+        size_t count = kernel->groups[i].beyond;
+        kernel->groups[i].first = kernel->groups[i].beyond = before;
+        before += count;
+    }
+    for (size_t i = 0; i < kernel->pair_count; i++)
+        kernel->order[kernel->groups[kernel->group[i]].beyond++] = (int32_t)i;
+}
+
+/* Points of a shape in the frame of its body, of which each has a ball of the returned radius: they
+ * are its hull. */
+static double hull(const KernelShape *shape, double points[8][3], int *count)
+{
+    if (shape->kind == SHAPE_CAPSULE) {
+        copy3(shape->start, points[0]);
+        copy3(shape->end, points[1]);
+        *count = 2;
+        return shape->radius_m;
+    }
+    *count = 8;
+    for (int which = 0; which < 8; which++) {
+        double corner[3], turned[3];
+        for (int i = 0; i < 3; i++)
+            corner[i] = which >> i & 1 ? shape->half_m[i] : -shape->half_m[i];
+        turn3(shape->rotation, corner, turned);
+        along3(shape->position, 1.0, turned, points[which]);
+    }
+    return 0.0;
+}
+
+/* A ball around the shapes of `body`: about the middle of the box, along its axes, around them. */
+static void surround(Kernel *kernel, int body)
+{
+    Ball *ball = &kernel->balls[body];
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    double points[8][3], away[3];
+    int count;
+    for (int twice = 0; twice < 2; twice++) {
+        for (size_t i = 0; i < kernel->shape_count; i++) {
+            if (kernel->shapes[i].body != body)
+                continue;
+            double around_m = hull(&kernel->shapes[i], points, &count);
+            for (int point = 0; point < count; point++) {
+                for (int axis = 0; axis < 3 && !twice; axis++) {
+                    low[axis] = fmin(low[axis], points[point][axis] - around_m);
+                    high[axis] = fmax(high[axis], points[point][axis] + around_m);
+                }
+                subtract3(points[point], ball->middle, away);
+                if (twice)
+                    ball->radius_m = fmax(ball->radius_m, norm3(away) + around_m);
+            }
+        }
+        for (int axis = 0; axis < 3 && !twice && low[axis] <= high[axis]; axis++)
+            ball->middle[axis] = 0.5 * (low[axis] + high[axis]);
+    }
 }
 
 Kernel *kernel_create(const KernelArm *arm, const KernelOptions *options,
@@ -220,11 +280,9 @@ Kernel *kernel_create(const KernelArm *arm, const KernelOptions *options,
         memcpy(kernel->shapes, shapes, shape_count * sizeof *shapes);
     if (pair_count)
         memcpy(kernel->pairs, pairs, pair_count * sizeof *pairs);
-    if (!group_pairs(kernel)) {
-        kernel_destroy(kernel);
-        *reason = KERNEL_NO_MEMORY;
-        return NULL;
-    }
+    group_pairs(kernel);
+    for (int body = 1; body <= n; body++)
+        surround(kernel, body);
     for (size_t i = 0; i < shape_count; i++)
         if (shapes[i].body == 0) {
             body_place(&shapes[i], &kernel->pose.bodies[0], &kernel->bodies[i]);
@@ -253,6 +311,7 @@ void kernel_destroy(Kernel *kernel)
     free(kernel->clear_m);
     free(kernel->groups);
     free(kernel->group);
+    free(kernel->order);
     free(kernel->grown_m);
     free(kernel);
 }
@@ -279,7 +338,7 @@ int32_t kernel_move(Kernel *kernel, size_t first, size_t count, const double *pl
     for (size_t i = 0; i < kernel->pair_count; i++) {
         size_t shape = (size_t)kernel->pairs[i].first;
         if (shape >= first && shape - first < count)
-            kernel->clear_m[i] = -INFINITY;
+            kernel->clear_m[i] = kernel->groups[kernel->group[i]].clear_m = -INFINITY;
     }
     return true;
 }

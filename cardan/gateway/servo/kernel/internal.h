@@ -19,11 +19,22 @@ static inline bool all_within(const double *values, size_t count, double low, do
     return true;
 }
 
-/* Pairs of shapes of one body with one shape, which come nearer alike. */
+/* The pairs of two bodies' shapes. */
 typedef struct {
-    double sweep[MAX_JOINTS], safety_m; /* of all its pairs, at most */
-    double far_m;                       /* pairs whose `clear_m` is more do not matter now */
+    int32_t low, high;    /* the bodies; the joints from `low` to before `high` move one to the other */
+    size_t first, beyond; /* where in `order` they are */
+    double sweep[MAX_JOINTS], safety_m; /* of all of them, at most */
+    double deceleration_m_s2;           /* at least */
+    double at[3];   /* middle of the ball around `high`, in the frame of `low`, when last looked at */
+    double travel_m; /* how much nearer they can have come, all in all */
+    double far_m;    /* those that are farther away do not matter now */
+    double clear_m;  /* the least of theirs, or less */
 } PairGroup;
+
+/* Around the shapes of a body, in its frame. */
+typedef struct {
+    double middle[3], radius_m;
+} Ball;
 
 struct Kernel {
     KernelState state;
@@ -56,11 +67,12 @@ struct Kernel {
     uint64_t looks;   /* counts the poses that pairs were looked at in */
     uint64_t *placed; /* when a shape was placed */
     double looked_at[MAX_JOINTS];
-    double travel_m;             /* how much nearer any pair can have come, all in all */
     double *clear_m; /* of each pair: what is left of its distance at least, plus `travel_m` then */
+    Ball balls[MAX_JOINTS + 1];                        /* of each body */
+    int32_t group_of[MAX_JOINTS + 1][MAX_JOINTS + 1];  /* of two bodies; -1: none */
     PairGroup *groups;
     size_t group_count;
-    int32_t *group; /* of each pair */
+    int32_t *group, *order; /* of each pair; pairs, group after group */
 };
 
 /* Distances of all pairs at `kernel->pose`, of the joints `q`: that of the nearest, and those below

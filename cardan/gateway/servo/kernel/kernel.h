@@ -45,12 +45,12 @@ typedef struct {
     double damping, singular_below, damping_floor;
     double path_stiffness;
     double posture_gain_1_s, posture_weight;
-    double closing_deceleration_m_s2; /* what the joints can brake with is taken off already */
 } KernelOptions;
 
 typedef struct {
     int32_t first, second;    /* shapes; the body of the second moves more */
     double safety_m;          /* they are kept so far apart */
+    double deceleration_m_s2; /* that is expected of them where they close in */
     double sweep[MAX_JOINTS]; /* how much nearer they come per joint motion, at most */
 } KernelPair;
 

@@ -49,26 +49,59 @@ static double product(int n, const double *a, const double *b)
 /* Rather all pairs are looked at anew than how far they came be a sum without digits. */
 #define FARTHEST_TRAVEL_M 1e3
 
-/* All pairs are to be looked at. */
-static void forget_distances(Kernel *kernel)
+/* All pairs of `group` are to be looked at. */
+static void forget_group(Kernel *kernel, PairGroup *group)
 {
-    kernel->travel_m = 0.0;
-    for (size_t i = 0; i < kernel->pair_count; i++)
-        kernel->clear_m[i] = -INFINITY;
+    group->travel_m = 0.0;
+    group->clear_m = -INFINITY;
+    for (size_t k = group->first; k < group->beyond; k++)
+        kernel->clear_m[kernel->order[k]] = -INFINITY;
 }
 
-/* The arm is at `kernel->pose`, whose joints `q` are: no pair came nearer than the joints moved since
- * it was looked at. */
+static void forget_distances(Kernel *kernel)
+{
+    for (size_t i = 0; i < kernel->group_count; i++)
+        forget_group(kernel, &kernel->groups[i]);
+}
+
+/* The middle of the ball around a body, in the base. */
+static void ball_middle(const Kernel *kernel, int body, double middle[3])
+{
+    const Placement *at = &kernel->pose.bodies[body];
+    double turned[3];
+    turn3(at->rotation, kernel->balls[body].middle, turned);
+    along3(at->position, 1.0, turned, middle);
+}
+
+/* The arm is at `kernel->pose`, whose joints `q` are: no pair came nearer than a point of one body
+ * moved in the frame of the other since they were looked at. That is not farther than the middle of
+ * its ball moved, and the ball turned. */
 static void travel(Kernel *kernel, const double *q)
 {
+    double turned_by[MAX_JOINTS], middle[3], from[3], at[3], moved[3];
     kernel->looks++;
     for (int i = 0; i < kernel->n; i++) {
-        kernel->travel_m += kernel->farthest[i] * fabs(q[i] - kernel->looked_at[i]);
+        turned_by[i] = kernel->chain.prismatic[i] ? 0.0 : fabs(q[i] - kernel->looked_at[i]);
         kernel->looked_at[i] = q[i];
     }
-    if (kernel->travel_m < FARTHEST_TRAVEL_M)
-        return;
-    forget_distances(kernel);
+    for (int high = 1; high <= kernel->n; high++) {
+        double turned = 0.0;
+        ball_middle(kernel, high, middle);
+        for (int low = high - 1; low >= 0; low--) {
+            int32_t number = kernel->group_of[low][high];
+            turned += turned_by[low];
+            if (number < 0)
+                continue;
+            PairGroup *group = &kernel->groups[number];
+            subtract3(middle, kernel->pose.bodies[low].position, from);
+            turn_back3(kernel->pose.bodies[low].rotation, from, at);
+            subtract3(at, group->at, moved);
+            copy3(at, group->at);
+            group->travel_m += norm3(moved) + turned * kernel->balls[high].radius_m;
+            if (!(group->travel_m < FARTHEST_TRAVEL_M))
+                forget_group(kernel, group);
+        }
+    }
 }
 
 static const Body *placed(Kernel *kernel, int32_t shape)
@@ -90,7 +123,9 @@ static double separate_pair(Kernel *kernel, size_t i, double far_m)
     body_separation(placed(kernel, pair->first), placed(kernel, pair->second), far_m + grown_m,
                     found);
     double left = found->distance_m - grown_m;
-    kernel->clear_m[i] = left + kernel->travel_m;
+    PairGroup *group = &kernel->groups[kernel->group[i]];
+    kernel->clear_m[i] = left + group->travel_m;
+    group->clear_m = fmin(group->clear_m, kernel->clear_m[i]);
     return left;
 }
 
@@ -112,21 +147,44 @@ static void note_nearest(Kernel *kernel, double least)
         any ? kernel->separations[kernel->state.nearest].distance_m : INFINITY;
 }
 
+/* Finds the nearest pair, and those below the `far_m` of their groups, which are in `near` then; how
+ * many these are. */
+static int look(Kernel *kernel)
+{
+    int count = 0;
+    double least = separate_nearest(kernel);
+    int32_t before = kernel->state.nearest;
+    for (size_t number = 0; number < kernel->group_count; number++) {
+        PairGroup *group = &kernel->groups[number];
+        double near_m = group->travel_m + group->far_m;
+        double far_m = group->travel_m + fmax(group->far_m, least), clear_m = INFINITY;
+        if (group->clear_m > far_m)
+            continue;
+        for (size_t k = group->first; k < group->beyond; k++) {
+            int32_t i = kernel->order[k];
+            if (kernel->clear_m[i] <= far_m && i != before) {
+                double left = separate_pair(kernel, (size_t)i, fmax(group->far_m, least));
+                if (left < least) {
+                    least = left;
+                    kernel->state.nearest = i;
+                }
+            }
+            if (kernel->clear_m[i] < near_m)
+                kernel->near[count++] = i;
+            clear_m = fmin(clear_m, kernel->clear_m[i]);
+        }
+        group->clear_m = clear_m;
+    }
+    note_nearest(kernel, least);
+    return count;
+}
+
 void kernel_separate(Kernel *kernel, const double *q, double far_m)
 {
     travel(kernel, q);
-    double least = separate_nearest(kernel);
-    int32_t before = kernel->state.nearest;
-    for (size_t i = 0; i < kernel->pair_count; i++) {
-        if ((int32_t)i == before || kernel->clear_m[i] > kernel->travel_m + fmax(far_m, least))
-            continue;
-        double left = separate_pair(kernel, i, fmax(far_m, least));
-        if (left < least) {
-            least = left;
-            kernel->state.nearest = (int32_t)i;
-        }
-    }
-    note_nearest(kernel, least);
+    for (size_t i = 0; i < kernel->group_count; i++)
+        kernel->groups[i].far_m = far_m;
+    look(kernel);
 }
 
 static double swept(const Kernel *kernel, const double *sweep, const double *v)
@@ -229,52 +287,49 @@ static void fill_bounds(Kernel *kernel, double dt_s)
 static double least_of(const Kernel *kernel, size_t pair, double dt_s)
 {
     return -stopping_speed(kernel->separations[pair].distance_m - kept_m(kernel, pair),
-                           kernel->options.closing_deceleration_m_s2, dt_s);
+                           kernel->pairs[pair].deceleration_m_s2, dt_s);
 }
 
 /* Below which of what is left of its distance a pair that can close in at `speed` needs a row. */
-static double needs_row_m(const Kernel *kernel, double safety_m, double speed, double dt_s)
+static double needs_row_m(const PairGroup *group, double speed, double dt_s)
 {
     speed += TIGHT_M_S;
-    return safety_m +
-           speed * (speed / (2.0 * kernel->options.closing_deceleration_m_s2) + dt_s);
+    return group->safety_m + speed * (speed / (2.0 * group->deceleration_m_s2) + dt_s);
 }
 
-/* The pairs that speeds within the joints' bounds could bring too near in `near`, by how far their
- * bodies can move at most; how many, and the nearest pair of all. */
-static int find_near(Kernel *kernel, double dt_s)
+/* How near the pairs of each group matter: where speeds within the joints' bounds could bring them
+ * too near. No point of a ball is faster than its middle at the middle of these bounds, and what
+ * each joint adds by half their width. */
+static void find_far(Kernel *kernel, double dt_s)
 {
     const Programme *programme = &kernel->programme;
-    double fastest[MAX_JOINTS];
-    for (int i = 0; i < kernel->n; i++)
-        fastest[i] = fmax(programme->highest[i], -programme->lowest[i]);
-    travel(kernel, kernel->state.q);
-    double least = separate_nearest(kernel);
-    int32_t before = kernel->state.nearest;
-    for (size_t i = 0; i < kernel->group_count; i++) {
-        PairGroup *group = &kernel->groups[i];
-        double speed = swept(kernel, group->sweep, fastest);
-        group->far_m = fmax(needs_row_m(kernel, group->safety_m, speed, dt_s), least);
-    }
-    int count = 0;
-    for (size_t i = 0; i < kernel->pair_count; i++) {
-        double far_m = kernel->groups[kernel->group[i]].far_m;
-        if ((int32_t)i != before) {
-            if (kernel->clear_m[i] > kernel->travel_m + far_m)
-                continue;
-            double left = separate_pair(kernel, i, far_m);
-            if (left < least) {
-                least = left;
-                kernel->state.nearest = (int32_t)i;
+    double middle[3], from[3], lever[3];
+    for (int high = 1; high <= kernel->n; high++) {
+        double radius_m = kernel->balls[high].radius_m, more = 0.0;
+        double linear[3] = {0.0, 0.0, 0.0}, angular[3] = {0.0, 0.0, 0.0};
+        ball_middle(kernel, high, middle);
+        for (int low = high - 1; low >= 0; low--) {
+            const double *axis = kernel->pose.axes[low];
+            double mean = 0.5 * (programme->highest[low] + programme->lowest[low]);
+            double half = 0.5 * (programme->highest[low] - programme->lowest[low]);
+            if (kernel->chain.prismatic[low]) {
+                along3(linear, mean, axis, linear);
+                more += half;
+            } else {
+                subtract3(middle, kernel->pose.origins[low], from);
+                cross3(axis, from, lever);
+                along3(linear, mean, lever, linear);
+                along3(angular, mean, axis, angular);
+                more += half * (norm3(lever) + radius_m);
             }
+            int32_t number = kernel->group_of[low][high];
+            if (number < 0)
+                continue;
+            PairGroup *group = &kernel->groups[number];
+            double speed = norm3(linear) + norm3(angular) * radius_m + more;
+            group->far_m = needs_row_m(group, speed, dt_s);
         }
-        double speed = closing(kernel, i, fastest);
-        if (kernel->separations[i].distance_m <
-            needs_row_m(kernel, kept_m(kernel, i), speed, dt_s))
-            kernel->near[count++] = (int32_t)i;
     }
-    note_nearest(kernel, least);
-    return count;
 }
 
 /* Of `near` those that speeds within the joints' bounds can bring too near, MAX_ROWS at most: those
@@ -294,6 +349,14 @@ static int keep_those_that_bind(Kernel *kernel, int count, double dt_s)
             kernel->near[kept] = kernel->near[i];
             kernel->room[kept++] = room;
         }
+    }
+    /* By number, as in Python: how the motion slides depends on their order. */
+    for (int i = 1; i < kept && kept <= MAX_ROWS; i++) {
+        int32_t pair = kernel->near[i];
+        int at = i;
+        for (; at > 0 && kernel->near[at - 1] > pair; at--)
+            kernel->near[at] = kernel->near[at - 1];
+        kernel->near[at] = pair;
     }
     for (int i = 0; i < MAX_ROWS && kept > MAX_ROWS; i++) {
         int least = i;
@@ -319,7 +382,9 @@ static void add_rows(Kernel *kernel, double dt_s)
     state->active = programme->rows = 0;
     if (!kernel->pair_count)
         return;
-    int count = keep_those_that_bind(kernel, find_near(kernel, dt_s), dt_s);
+    travel(kernel, state->q);
+    find_far(kernel, dt_s);
+    int count = keep_those_that_bind(kernel, look(kernel), dt_s);
     for (int r = 0; r < count; r++) {
         size_t pair = (size_t)kernel->near[r];
         gradient(kernel, pair, programme->row[r]);
@@ -688,9 +753,15 @@ static double slide(Kernel *kernel, double parts[MAX_PARTS][6], int count, doubl
 static bool strikes(Kernel *kernel, const double *step)
 {
     bool stepped = false;
-    double fastest = fastest_closing(kernel, step) + kernel->travel_m;
-    for (size_t i = 0; i < kernel->pair_count; i++) {
-        if (kernel->clear_m[i] > fastest)
+    for (size_t k = 0; k < kernel->pair_count; k++) {
+        size_t i = (size_t)kernel->order[k];
+        const PairGroup *group = &kernel->groups[kernel->group[i]];
+        double far_m = group->travel_m + swept(kernel, group->sweep, step);
+        if (group->clear_m > far_m) {
+            k = group->beyond - 1;
+            continue;
+        }
+        if (kernel->clear_m[i] > far_m)
             continue;
         double nearer = closing(kernel, i, step);
         separate_pair(kernel, i, nearer);
