@@ -13,7 +13,7 @@ from cardan.common.sockets import EVERYBODY, OWNER_ONLY
 from cardan.sim_peers.base import SimulatedPeer
 from cardan.sim_peers.carriers.base import Carrier, M
 from cardan.sim_peers.command import option
-from cardan.sim_peers.scripted import Hand, HeldDevice, play
+from cardan.sim_peers.scripted import Hand, HeldDevice, pieces
 
 STALL_S = 0.02
 """Reports older than this when a peer comes to run are left out: a late peer makes no burst."""
@@ -102,7 +102,7 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
         assert self._selector is not None, "step() before open()"
         while True:
             now_s = time.monotonic()
-            self._deliver(self._play(now_s), now_s)
+            self._play(now_s)
             self._follow(now_s)
             if now_s >= until_s:
                 return
@@ -141,8 +141,8 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
     def catch_up(self) -> None:
         """Bring the device to the present, even if it has nothing to do there."""
         now_s = time.monotonic()
-        reports = list(self._play(now_s))
-        self._deliver(reports + self.device.reports(self.device_s()), now_s)
+        self._play(now_s)
+        self._deliver(self.device.reports(self.device_s()), now_s)
 
     # -- time ----------------------------------------------------------------------------------
 
@@ -156,15 +156,18 @@ class HandPeer(SimulatedPeer, Generic[D, M]):
             due_s = min(due_s, self._start_s + hand_due_s)
         return due_s
 
-    def _play(self, now_s: float) -> Sequence[M]:
-        """Move the device until the monotonic time `now_s`; what it has sent."""
+    def _play(self, now_s: float) -> None:
+        """Move the device until the monotonic time `now_s`, and pass on what it has sent. One that
+        was unplugged and plugged in again meanwhile is gone for its programs all the same."""
         if self._start_s is None:
-            return ()
+            self._deliver((), now_s)
+            return
         device_s = now_s - self._start_s
         if device_s - self._played_s > self.stall_s:
             self.device.skip_to(device_s - self.stall_s)
         self._played_s = device_s
-        return play(self.device, self.hand, device_s)
+        for reports in pieces(self.device, self.hand, device_s):
+            self._deliver(reports, now_s)
 
     def _deliver(self, reports: Sequence[M], now_s: float) -> None:
         """Pass `reports` on, and plug the device in or out as it is."""

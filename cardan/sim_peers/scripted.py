@@ -50,14 +50,24 @@ class Hand(Protocol[D_contra]):
 H = TypeVar("H", bound=HeldDevice)
 
 
-def play(device: H, hand: Hand[H], until_s: float) -> list[Any]:
-    """Move `device` by `hand` until `until_s`, each at its due times; what the device sent."""
+def pieces(device: H, hand: Hand[H], until_s: float) -> Iterator[list[Any]]:
+    """Move `device` by `hand` until `until_s`, each at its due times; what the device sent, in
+    pieces that end where it is plugged in or out."""
     sent: list[Any] = []
+    plugged = device.plugged
     while (due_s := min(device.next_due_s, hand.next_due_s)) <= until_s:
         device.skip_to(due_s)
         hand.advance(due_s, device)
         sent += device.reports(due_s)
-    return sent
+        if device.plugged != plugged:
+            yield sent
+            sent, plugged = [], device.plugged
+    yield sent
+
+
+def play(device: H, hand: Hand[H], until_s: float) -> list[Any]:
+    """What `pieces` gives, as one."""
+    return [each for piece in pieces(device, hand, until_s) for each in piece]
 
 
 def calling(method: str, *arguments: Any) -> Act[Any]:

@@ -16,6 +16,9 @@ from cardan.types import (
 )
 
 PATIENCE_S = 10.0
+RETRY_FIRST_S, RETRY_LAST_S = reader_thread.RETRY_FIRST_S, reader_thread.RETRY_LAST_S
+FOUND_WITHIN_S = 1.0
+"""Longest time from plugging in until the device is looked for."""
 NEUTRAL = (*ZERO_TWIST.linear, *ZERO_TWIST.angular)
 
 
@@ -148,6 +151,30 @@ def test_a_missing_device_may_be_waited_for():
         device.plugged.set()
         assert device.connected.wait(PATIENCE_S)
         assert device.state().link is DeviceLink.NEEDS_NEUTRAL
+
+
+def test_one_that_is_away_is_looked_for_within_a_second_however_long_it_was(monkeypatch):
+    monkeypatch.setattr(reader_thread, "RETRY_FIRST_S", RETRY_FIRST_S)
+    monkeypatch.setattr(reader_thread, "RETRY_LAST_S", RETRY_LAST_S)
+    waits_s = []
+
+    class Untold:
+        """The kernel tells of nothing; waiting takes no time."""
+
+        def wait(self, timeout_s, stop):
+            waits_s.append(timeout_s)
+            if len(waits_s) == 20:
+                device.plugged.set()
+            return False
+
+        def close(self):
+            pass
+
+    monkeypatch.setattr(reader_thread, "Arrivals", Untold)
+    with (device := Device(Patient(), plugged=False)):
+        assert device.connected.wait(PATIENCE_S)
+    assert waits_s[0] == RETRY_FIRST_S
+    assert RETRY_FIRST_S < max(waits_s[:20]) < FOUND_WITHIN_S
 
 
 def test_a_lost_device_is_opened_again():

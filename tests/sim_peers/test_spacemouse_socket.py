@@ -158,17 +158,34 @@ def test_who_only_looks_whether_somebody_listens_starts_nothing(path: str) -> No
 
 
 def test_unplug_closes_clients_and_removes_the_socket_until_replug(path: str) -> None:
-    with served(path, "0 axes 1 0 0 0 0 0\n0.1 unplug\n0.2 replug") as peer:
+    with served(path, "0 axes 1 0 0 0 0 0\n1000 unplug\n2000 replug") as peer:
         with connect(path) as client:
             reader = Reader(client)
+            step_until(peer, reader.read)
+            advance(peer, 1000.0)
             step_until(peer, lambda: reader.read() and reader.ended)
             assert any(reader.reports[-1][1:])
-            if not peer.device.plugged:
-                assert not os.path.exists(path)
-        step_until(peer, lambda: os.path.exists(path))
+            assert not peer.device.plugged
+            assert not os.path.exists(path)
+        advance(peer, 1000.0)
+        assert os.path.exists(path)
         with connect(path) as client:
             step_until(peer, Reader(client).read)
     assert not os.path.exists(path)
+
+
+def test_one_that_was_away_while_the_peer_stood_still_has_closed_its_clients(path: str) -> None:
+    with (
+        served(path, "0 axes 1 0 0 0 0 0\n1000 unplug\n1000.1 replug") as peer,
+        connect(path) as client,
+    ):
+        reader = Reader(client)
+        step_until(peer, reader.read)
+        advance(peer, 2000.0)
+        assert peer.device.plugged
+        step_until(peer, lambda: reader.read() and reader.ended)
+        with connect(path) as again:
+            step_until(peer, Reader(again).read)
 
 
 def test_unplugged_for_good_leaves_nothing_to_connect_to(path: str) -> None:

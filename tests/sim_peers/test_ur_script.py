@@ -772,9 +772,9 @@ def test_a_frame_of_it_costs_a_small_part_of_the_frame():
     frames = []
     for step in range(500):
         command(world, number, 1, [start[0] + 0.001 * step, *start[1:]])
-        before = time.perf_counter()
+        before = time.thread_time()
         world.run(1)
-        frames.append(time.perf_counter() - before)
+        frames.append(time.thread_time() - before)
     assert sorted(frames)[len(frames) // 2] < 0.5 * world.controller.period_s
 
 

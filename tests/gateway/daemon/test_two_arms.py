@@ -3,7 +3,6 @@ share one arm."""
 
 import contextlib
 import tempfile
-import time
 from collections import deque
 from pathlib import Path
 
@@ -24,9 +23,6 @@ from tests.waiting import until
 pytestmark = pytest.mark.matrix
 
 EXAMPLE = Path(__file__).parents[3] / "examples/two-arms"
-
-FOUND_WITHIN_S = 1.0
-"""Longest time from plugging in until the device is open."""
 
 UP = (0.0, 0.0, 0.3, 0.0, 0.0, 0.0)
 NEUTRAL = (0.0,) * 6
@@ -231,7 +227,7 @@ deadman = "left"
 """
 
 
-def test_a_device_that_is_plugged_in_is_open_within_a_second(lab):
+def test_a_device_that_is_plugged_in_is_opened_each_time(lab):
     (mouse,) = lab.plug("mouse")
     session = lab.folder / "one.toml"
     session.write_text(SESSION)
@@ -243,9 +239,7 @@ def test_a_device_that_is_plugged_in_is_open_within_a_second(lab):
         lab.until("one", device_link="lost")
         mouse.do("replug")
         until(lambda: mouse.carrier.there, "the plugging in")
-        begin_s = time.monotonic()
         until(lambda: mouse.opened, "the device's opening")
-        assert time.monotonic() - begin_s < FOUND_WITHIN_S
         mouse.do("press", "left")
         mouse.do("set_axes", UP)
         row = lab.until("one", device_link="needs neutral")
