@@ -193,7 +193,13 @@ def test_of_buttons_that_are_known_once_the_device_is_there_the_operator_is_told
         property(lambda device: known if device.looks else unknown),
     )
     s, seen = session(mapping={"deadman": "Go"}), []
-    monkeypatch.setattr(s, "_tell", lambda snapshot: seen.append(dataclasses.replace(snapshot)))
+    publish = s._publish
+
+    def seen_publish(*of_cycle):
+        publish(*of_cycle)
+        seen.append(dataclasses.replace(s.snapshot))
+
+    monkeypatch.setattr(s, "_publish", seen_publish)
     last = s.run()
     told = "mapping.deadman: the device has no button 'Go'; it has: go, grip; did you mean 'go'?"
     assert told in {snapshot.message for snapshot in seen}
