@@ -59,8 +59,8 @@ PARTS = (
     ("send", f"{_EGM}.driver:AbbEgm.send"),
     ("- reply", f"{_EGM}.session:EgmSession.reply"),
     ("- handed to the system", f"{_EGM}.driver:AbbEgm._say"),
-    ("figures (answer has left)", "cardan.gateway.session.session:Session._update_figures"),
-    ("feedback", "cardan.gateway.session.session:Session._send_feedback"),
+    ("figures (answer has left)", "cardan.gateway.session.parts:Figures.after"),
+    ("feedback", "cardan.gateway.session.parts:Feedback.after"),
     ("snapshot, 10 a second", "cardan.gateway.session.session:Session._publish"),
 )
 """What is timed, in the order of a cycle: a part that begins with a dash is in the one above."""

@@ -159,6 +159,11 @@ def _of_sessions(rows: Sequence[Row]) -> Iterator[Metric]:
         "Messages of the robot or the device that could not be used.",
         labels=("session", "peer", "kind"),
     )
+    costs = GaugeMetricFamily(
+        "cardan_session_part_seconds",
+        "What a part of the session takes of a cycle after its answer, on average.",
+        labels=("session", "part"),
+    )
     figures = GaugeMetricFamily(
         "cardan_driver_figure",
         "Figures of the robot's driver; the units are in their names.",
@@ -187,8 +192,10 @@ def _of_sessions(rows: Sequence[Row]) -> Iterator[Metric]:
             for figure, value in found.items():
                 if value is not None:
                     family.add_metric((name, figure), value)
+        for part, cost_s in s.part_cost_s.items():
+            costs.add_metric((name, part), cost_s)
     yield from (phases, authority, robots, devices, inputs, limits, errors, figures)
-    yield device_figures
+    yield from (device_figures, costs)
     for name, field, words in GAUGES:
         yield _filled(GaugeMetricFamily(name, words, labels=("session",)), field, running)
     for name, field, words in COUNTERS:

@@ -101,6 +101,8 @@ class Snapshot:
     """Cycles in which the operator device was live."""
     input_age_within: list[int] = field(default_factory=list)
     """Those whose newest report was no older than each of BOUNDS_S."""
+    part_cost_s: dict[str, float] = field(default_factory=dict)
+    """What each part of the session took of a cycle after its answer, on average."""
     haptic_state: str = ""
     """Operating state of the haptic device's force; empty without such a device."""
     haptic_reason: str = ""

@@ -50,6 +50,7 @@ MOVING = Snapshot(
     authority="hand",
     trips=2,
     cycles=CYCLES.count,
+    part_cost_s={"network": 2e-5},
     tick_sum_s=CYCLES.sum,
     tick_within=CYCLES.within(BOUNDS_S),
     inputs=AGES.count,
@@ -155,6 +156,7 @@ def test_prometheus_reads_the_figures(server, accept, parse, content_type):
     assert value(found, "cardan_operator_inputs_total", device="spacemouse", **gofa) == 2
     assert value(found, "cardan_tracking_error_rms_meters", **gofa) == 0.002
     assert value(found, "cardan_driver_figure", figure="period_s", **gofa) == 0.004
+    assert value(found, "cardan_session_part_seconds", part="network", **gofa) == 2e-5
     assert value(found, "cardan_device_figure", figure="age_s", **gofa) == 0.08
     not_known = {"figure": "jitter_s", **gofa}
     assert ("cardan_device_figure", frozenset(not_known.items())) not in found
@@ -214,7 +216,7 @@ def test_every_label_has_few_values(server):
                 values.setdefault(label, set()).add(each)
     assert {*values} == {
         *("version", "kind", "name", "session", "state", "phase", "source", "device", "figure"),
-        *("reason", "le", "face", "limit", "peer"),
+        *("reason", "le", "face", "limit", "peer", "part"),
     }
     assert max(map(len, values.values())) <= 12
 

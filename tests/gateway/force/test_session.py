@@ -16,6 +16,7 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.session.assembly import make_device, make_force, make_robot
 from cardan.gateway.session.config import ForceConfig, parse_config
 from cardan.gateway.session.force_node import run_force_node
+from cardan.gateway.session.parts import Forces
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.terminal_view import plain, render, summary
@@ -145,11 +146,16 @@ def test_a_robot_that_stops_is_not_felt():
     assert not any(c.engaged for c in s.device.commands[300:])
 
 
+def forces(session):
+    """What renders a session's forces."""
+    return next(part._force for part in session._parts if isinstance(part, Forces))
+
+
 def test_a_sensor_that_is_lost_is_felt_no_more():
     force = {"source": "sensor", "sensor": {"driver": "fake_sensor"}, "scale": 0.1}
 
     def sense(k, now_s, place):
-        sensor = s._force.measured.source.device
+        sensor = forces(s).measured.source.device
         if k < 300:
             sensor.measure(now_s, 0.0, 0.0, 0.0 if k < 160 else 10.0)
         else:
@@ -170,7 +176,7 @@ def test_a_sensor_that_is_lost_is_felt_no_more():
     assert "stopped before: the measured force is lost" in last.message
     assert "unplugged" in last.message
     assert "press 'button_2' to move" in last.message
-    assert s._force.measured.source.device.calls == ["open", "close"]
+    assert forces(s).measured.source.device.calls == ["open", "close"]
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from cardan.gateway.operator.feedback import (
     FeedbackOptions,
     HandFeedback,
 )
-from cardan.gateway.session.session import felt_of
+from cardan.gateway.session.parts import felt_of
 from cardan.types import (
     NEVER_S,
     ZERO3,

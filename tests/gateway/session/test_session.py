@@ -198,11 +198,23 @@ def test_of_buttons_that_are_known_once_the_device_is_there_the_operator_is_told
         property(lambda device: known if device.looks else unknown),
     )
     s, seen = session(mapping={"deadman": "Go"}, **FEW), []
-    monkeypatch.setattr(s, "_tell", lambda snapshot: seen.append(dataclasses.replace(snapshot)))
+    publish = s._publish
+
+    def seen_publish(*of_cycle):
+        publish(*of_cycle)
+        seen.append(dataclasses.replace(s.snapshot))
+
+    monkeypatch.setattr(s, "_publish", seen_publish)
     last = s.run()
     told = "mapping.deadman: the device has no button 'Go'; it has: go, grip; did you mean 'go'?"
     assert told in {snapshot.message for snapshot in seen}
     assert last.path_m == 0.0
+
+
+def test_each_part_of_a_session_says_what_it_costs(fake_drivers):
+    costs = session().run().part_cost_s
+    assert {"figures", "gripper", "operator", "feedback"} <= costs.keys()
+    assert all(0.0 < cost_s < 1.0 for cost_s in costs.values())
 
 
 def test_what_the_hand_feels_ends_with_the_session(fake_drivers, monkeypatch):

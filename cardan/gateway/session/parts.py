@@ -1,0 +1,521 @@
+"""The parts of a session beside its arm's controller: each does its own once a command has left.
+
+All methods are for the loop's thread. Times are monotonic, in s.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import socket
+import time
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+from cardan.common.histogram import LatencyHistogram
+from cardan.common.plugins import reason
+from cardan.drivers.base import OperatorDevice, RobotDriver
+from cardan.drivers.foreign import RobotCalls, close_in_order, counted, told
+from cardan.errors import CommandError, ConfigurationError
+from cardan.gateway.arm.body import FreeBody
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.arm.link import LoopLink
+from cardan.gateway.arm.loop import Cycle
+from cardan.gateway.arm.requests import MAX_REQUEST_BYTES
+from cardan.gateway.arm.states import Inhibit
+from cardan.gateway.arm.status import ArmStatus, Phase
+from cardan.gateway.arm.vocab import Action
+from cardan.gateway.force.rendering import ForceRenderer
+from cardan.gateway.operator.feedback import Felt, HandFeedback
+from cardan.gateway.operator.filters import registry as filter_registry
+from cardan.gateway.operator.filters.base import TwistFilter
+from cardan.gateway.session.assembly import (
+    check_buttons,
+    check_mode,
+    has_output,
+    using_driver,
+)
+from cardan.gateway.session.config import SessionConfig
+from cardan.gateway.session.device_sharing import GIVE, TAKE, DeviceLease
+from cardan.gateway.session.heartbeat import BEAT, Heartbeat
+from cardan.gateway.session.request_worker import ChannelClient, RequestWorker
+from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot
+from cardan.spatial import norm, subtract
+from cardan.types import IDENTITY_POSE, ZERO3, DeviceFeedback, DeviceLink, Pose, RobotState
+
+if TYPE_CHECKING:  # Imports the messages of the network, which most sessions do without.
+    from cardan.gateway.bus.neighbours import ArmNeighbours
+    from cardan.gateway.session.network import SessionNetwork
+
+LISTEN_PERIOD_S: Final = 0.025
+"""Period of reading the channel while the supervisor only beats: a system call, saved in most
+cycles. After its first request the channel is read in each cycle."""
+
+PACKETS_AT_ONCE: Final = 16
+"""Most packets read from the channel in one cycle: a flood of them costs no deadline."""
+
+IN_MOTION: Final = (Phase.MOVING, Phase.BRAKING)
+
+
+class Now(NamedTuple):
+    """What a snapshot is made of, beside what the parts keep."""
+
+    cycle: Cycle
+    status: ArmStatus
+    time_s: float
+
+
+@dataclass(frozen=True)
+class Whole:
+    """What the parts are parts of."""
+
+    config: SessionConfig
+    robot: RobotDriver
+    controller: ArmController
+    device: OperatorDevice | None
+    lease: DeviceLease | None
+    """Who has the device."""
+    link: LoopLink
+    worker: RequestWorker
+    network: SessionNetwork | None
+
+    @cached_property
+    def calls(self) -> RobotCalls:
+        """Around calls of the robot's driver."""
+        return RobotCalls(self.robot)
+
+    def tcp(self, state: RobotState) -> Pose | None:
+        """The measured TCP: the robot's own pose, or by the arm's model where that has a tool, or
+        the robot reports joints alone."""
+        body, arm = self.controller.body, self.config.arm
+        # A verb may have changed the tool.
+        same_tool = body.tool == IDENTITY_POSE and (arm is None or arm.has_no_tool)
+        if isinstance(body, FreeBody) or (state.pose is not None and same_tool):
+            return state.pose
+        return body.reported(state) if state.ready else None
+
+
+class Part:
+    """One part of a session. What it does not need, it leaves as it is here."""
+
+    fault = ""
+    """Why no source may move the arm now; empty while one may."""
+
+    def __init__(self, whole: Whole) -> None:
+        self.whole = whole
+        self.cost = LatencyHistogram()
+        """Of what `after` takes, in some of the cycles."""
+
+    def open(self) -> None:
+        """Before the robot is opened. Raises DriverError or ConfigurationError."""
+
+    def begin(self, now_s: float) -> None:
+        """The first cycle comes."""
+
+    def after(self, cycle: Cycle, now_s: float) -> None:
+        """Once in each cycle, after its command has left."""
+
+    def tell(self, snapshot: Snapshot, now: Now) -> None:
+        """Ten times a second: fill in the part's own fields, and add to the diagnosis."""
+
+    def close(self) -> None:
+        """The robot is closed, or was never opened. Never raises; twice is fine."""
+
+
+class Figures(Part):
+    """The arm: what it does, how fast it is answered, how well it follows."""
+
+    def __init__(self, whole: Whole) -> None:
+        super().__init__(whole)
+        self._ticks, self._input_ages = LatencyHistogram(), LatencyHistogram()
+        self._cycles = self._moving_cycles = 0
+        self._square_sum_m2 = self._error_max_m = self._path_m = self._moving_s = 0.0
+        self._error_m: float | None = None
+
+    def after(self, cycle: Cycle, now_s: float) -> None:
+        state, device, _, _ = cycle
+        if not state.ready:
+            return
+        self._ticks.add(now_s - state.stamp_s)
+        self._cycles += 1
+        if device is not None and device.link is DeviceLink.LIVE:
+            self._input_ages.add(now_s - device.stamp_s)
+        controller = self.whole.controller
+        if controller.phase not in IN_MOTION:
+            return
+        body = controller.body
+        if not isinstance(body, FreeBody):
+            # An arm's model may have a tool that the robot's own pose does not know of.
+            error_m = controller.reference.ahead_m
+        elif state.pose is not None:
+            error_m = norm(subtract(body.pose.position, state.pose.position))
+        else:
+            return
+        self._error_m = error_m
+        self._square_sum_m2 += error_m * error_m
+        self._moving_cycles += 1
+        self._error_max_m = max(self._error_max_m, error_m)
+        self._path_m += norm(body.twist.linear) * controller.advanced_s
+        self._moving_s += state.period_s
+
+    def tell(self, snapshot: Snapshot, now: Now) -> None:
+        s, status, state = snapshot, now.status, now.cycle.robot
+        s.phase, s.message, s.trips = status.phase.value, status.message, status.trips
+        authority = status.authority
+        s.authority, s.authority_refused = authority.owner, authority.refused
+        s.stops, s.stopped_by = self.whole.controller.stops, self.whole.controller.stopped_by
+        s.authority_s = state.stamp_s - authority.since_s if authority.owner else None
+        s.robot_link, s.hold_reason = state.link.value, state.hold_reason
+        s.sequence, s.joints_rad = state.sequence, list(state.joints)
+        pose = self.whole.tcp(state) if state.pose is None else state.pose
+        if pose is not None:
+            s.pose = [*pose.position, *pose.orientation]
+        if status.pose is not None:
+            s.reference = [*status.pose.position, *status.pose.orientation]
+        s.twist = [*status.twist.linear, *status.twist.angular]
+        s.leash_used, s.at_workspace_limit = status.leash_used, status.at_workspace_limit
+        s.utilization = state.utilization
+        if (arm := status.arm) is not None:
+            s.path_speed, s.singular_value = arm.path_speed, arm.smallest_singular_value
+            s.clearance_m, s.nearest_pair = arm.distance_m, list(arm.nearest_pair)
+            s.arm_limits = arm.in_words()
+        s.limits = status.limits()
+        s.cycles, s.path_m, s.moving_s = self._cycles, self._path_m, self._moving_s
+        s.error_m = self._error_m if status.phase in IN_MOTION else None
+        s.error_max_m = self._error_max_m
+        if self._moving_cycles:
+            s.error_rms_m = math.sqrt(self._square_sum_m2 / self._moving_cycles)
+        s.tick_p50_s, s.tick_p99_s = self._ticks.percentile(50), self._ticks.percentile(99)
+        s.tick_max_s, s.tick_sum_s = self._ticks.max, self._ticks.sum
+        s.tick_within = self._ticks.within(BOUNDS_S)
+        s.inputs, s.input_age_sum_s = self._input_ages.count, self._input_ages.sum
+        s.input_age_within = self._input_ages.within(BOUNDS_S)
+        try:
+            robot = self.whole.robot
+            s.diagnosis += told(robot.diagnosis())
+            s.metrics = counted(robot.metrics())
+            s.robot_errors = dict(robot.protocol_errors())
+        except Exception as error:
+            s.diagnosis.append(f"the robot's driver failed: {reason(error)}")
+
+
+class Gripper(Part):
+    """The gripper on an output of the robot: buttons of the operator device and verbs move it."""
+
+    _closed = False
+
+    def after(self, cycle: Cycle, now_s: float) -> None:
+        hand = self.whole.controller.hand
+        if hand is not None and hand.mapping.gripper_closed is not self._closed:
+            self._move(hand.mapping.gripper_closed)
+
+    def tell(self, snapshot: Snapshot, now: Now) -> None:
+        snapshot.gripper_closed = self._closed
+
+    def act(self, action: Action) -> None:
+        """Act for a verb, from any thread."""
+        if action is Action.STOP:
+            raise CommandError("a gripper on an output of the robot cannot stop half way")
+        closed = action is Action.CLOSE
+
+        def act() -> None:
+            self._move(closed)
+            if (hand := self.whole.controller.hand) is not None:
+                hand.mapping.gripper_closed = closed
+
+        self.whole.link.do(act)
+
+    def _move(self, closed: bool) -> None:
+        options, robot = self.whole.config.gripper, self.whole.robot
+        self._closed = closed
+        value = options.closed_value if closed else options.open_value
+        with self.whole.calls:
+            if isinstance(options.output, str):
+                robot.set_outputs(digital=value > 0)
+            else:
+                values = list(robot.output_values())
+                values += [0.0] * (options.output + 1 - len(values))
+                values[options.output] = value
+                robot.set_outputs(values=values)
+
+
+class Operator(Part):
+    """The operator device: who has it, its buttons beside motion, the filters behind it."""
+
+    def __init__(
+        self, whole: Whole, device: OperatorDevice, lease: DeviceLease, begins_with_device: bool
+    ) -> None:
+        """`begins_with_device`: other sessions may have it at first."""
+        super().__init__(whole)
+        assert whole.controller.hand is not None
+        self._input, self._device, self._lease = whole.controller.hand, device, lease
+        self._begins_with_device = begins_with_device
+        self._known_buttons: tuple[str, ...] = ()
+        self._passes = 0
+        self._opened: list[TwistFilter] = []
+
+    def open(self) -> None:
+        config, device, robot = self.whole.config, self._device, self.whole.robot
+        gripper = config.gripper
+        if self._begins_with_device:
+            with using_driver(config.device, "device"):
+                self._lease.begin()
+        if gripper.buttons and not has_output(gripper, robot.capabilities):
+            raise ConfigurationError(
+                "gripper.output", f"the robot has no output {gripper.output!r}"
+            )
+        if config.mapping.enable and type(robot).enable is RobotDriver.enable:
+            raise ConfigurationError(
+                "mapping.enable", "this robot is enabled at its own controller; leave it out"
+            )
+        check_mode(config.mapping, device)
+        check_buttons(config, device)
+        for index, each in enumerate(self._input.filters):
+            self._opened.append(each)
+            with filter_registry.using(each.name, f"filters.{index}.filter"):
+                each.open()
+
+    def after(self, cycle: Cycle, now_s: float) -> None:
+        device, events, mapping = cycle.device, cycle.events, self._input.mapping
+        if not events or device is None:
+            return
+        if mapping.asks_to_enable(device, events, cycle.robot.stamp_s):
+            with self.whole.calls:
+                self.whole.robot.enable()
+        if mapping.passes_on(events):
+            self._passes += 1
+
+    def tell(self, snapshot: Snapshot, now: Now) -> None:
+        s, state = snapshot, now.cycle.device
+        s.device_passes = self._passes
+        s.filters = list(now.status.filters)
+        if state is not None:
+            s.device_link, s.device_reason = state.link.value, state.reason
+            s.axes, s.buttons, s.battery = list(state.axes), sorted(state.buttons), state.battery
+        s.device_held, s.device_metrics = self._lease.held, {}
+        if s.device_held:
+            device = self._device
+            try:
+                self._look_at_buttons()
+                s.diagnosis += told(device.diagnosis())
+                s.device_errors = dict(device.protocol_errors())
+                s.device_metrics = counted(device.metrics())
+            except Exception as error:
+                s.diagnosis.append(f"the device's driver failed: {reason(error)}")
+        if self._lease.problem:
+            s.diagnosis.insert(0, self._lease.problem)
+        for each in self._opened:
+            try:
+                s.diagnosis += told(each.diagnosis())
+            except Exception as error:
+                s.diagnosis.append(f"the filter {each.name} failed: {reason(error)}")
+
+    def _look_at_buttons(self) -> None:
+        """Have the operator told of configured buttons that the device, open by now, has not."""
+        known = self._device.capabilities.buttons
+        if known == self._known_buttons:
+            return
+        self._known_buttons, self._input.complaint = known, ""
+        try:
+            check_buttons(self.whole.config, self._device)
+        except ConfigurationError as error:
+            self._input.complaint = str(error)
+
+    def close(self) -> None:
+        while self._opened:
+            close_in_order(self._opened.pop())
+        self._lease.close()
+
+
+class Feedback(Part):
+    """What the operator device shows by its light and motor."""
+
+    def __init__(self, whole: Whole, device: OperatorDevice, lease: DeviceLease) -> None:
+        super().__init__(whole)
+        self._device, self._lease = device, lease
+        self._channels: Collection[str] = ()
+        self._feedback = HandFeedback(whole.config.feedback, ())
+
+    def open(self) -> None:
+        """Give the operator what the device can show: an open one may be able to do more."""
+        channels = self._device.capabilities.feedback
+        if channels != self._channels:
+            self._channels = channels
+            self._feedback = HandFeedback(self.whole.config.feedback, channels)
+
+    def after(self, cycle: Cycle, now_s: float) -> None:
+        feedback = self._feedback
+        if feedback.useful and feedback.due(now_s):
+            felt = felt_of(self.whole.controller.status())
+            if self.whole.network is not None:
+                felt = felt._replace(asked=self.whole.network.rumble(now_s))
+            self._send(feedback.update(felt, cycle.robot, now_s))
+
+    def tell(self, snapshot: Snapshot, now: Now) -> None:
+        if self._lease.held:
+            with contextlib.suppress(Exception):  # The part of the operator says it.
+                self.open()
+
+    def close(self) -> None:
+        self._send(self._feedback.last())
+
+    def _send(self, feedback: DeviceFeedback | None) -> None:
+        """A light or motor that fails is no reason to stop: the link itself is watched."""
+        if feedback is not None:
+            with contextlib.suppress(Exception):
+                self._device.feedback(feedback)
+
+
+class Forces(Part):
+    """The forces that a haptic device renders."""
+
+    def __init__(self, whole: Whole, force: ForceRenderer) -> None:
+        super().__init__(whole)
+        self._force = force
+        self._source = contextlib.ExitStack()
+
+    def open(self) -> None:
+        if self._force.measured is not None:
+            self._source.enter_context(self._force.measured.source)
+        self._force.start(self.whole.tcp)
+
+    def after(self, cycle: Cycle, now_s: float) -> None:
+        if cycle.device is None:
+            return
+        force, controller = self._force, self.whole.controller
+        at_rest = controller.at_rest and not controller.following
+        lost = force.cycle(cycle.robot, cycle.device, controller.hand_map(), at_rest)
+        if lost:
+            controller.inhibit(lost, Inhibit.ONCE)
+        elif force.guard.in_doubt:
+            controller.inhibit("the force is in doubt", Inhibit.MOTION_IGNORED)
+
+    def tell(self, snapshot: Snapshot, now: Now) -> None:
+        said = set(snapshot.diagnosis)
+        snapshot.diagnosis += [line for line in self._force.diagnosis() if line not in said]
+        for name, value in self._force.report().items():
+            setattr(snapshot, name, value)
+
+    def close(self) -> None:
+        with self._source:
+            self._force.stop()
+
+
+class Requests(Part):
+    """The requests of programs, beside the loop."""
+
+    def after(self, cycle: Cycle, now_s: float) -> None:
+        self.whole.worker.turn(now_s)
+        if self.whole.worker.busy:
+            self.whole.worker.attend()
+
+    def tell(self, snapshot: Snapshot, now: Now) -> None:
+        snapshot.refusals = self.whole.worker.refusals()
+
+    def close(self) -> None:
+        self.whole.worker.close()
+
+
+class Neighbours(Part):
+    """Arms beside this one, that move by themselves; without them no source moves the arm."""
+
+    def __init__(self, whole: Whole, neighbours: ArmNeighbours) -> None:
+        super().__init__(whole)
+        self._neighbours = neighbours
+
+    def begin(self, now_s: float) -> None:
+        self.fault = self._neighbours.turn(now_s)
+
+    def after(self, cycle: Cycle, now_s: float) -> None:
+        self._neighbours.hear(now_s, time.time_ns())
+        self.fault = self._neighbours.turn(now_s)
+
+    def tell(self, snapshot: Snapshot, now: Now) -> None:
+        snapshot.diagnosis += self._neighbours.diagnosis()
+
+
+class Network(Part):
+    """The arm on the bus."""
+
+    def __init__(self, whole: Whole, network: SessionNetwork, join: Callable[[], None]) -> None:
+        """`join` opens it."""
+        super().__init__(whole)
+        self._network, self.open = network, join  # type: ignore[method-assign]
+
+    def after(self, cycle: Cycle, now_s: float) -> None:
+        network, state = self._network, cycle.robot
+        network.poll(now_s)
+        if cycle.device is not None:
+            network.show_device(cycle.device, now_s)
+        if network.due(now_s):
+            status, verbs = self.whole.controller.status(), self.whole.worker.verbs
+            network.publish(state, self.whole.tcp(state), status, verbs, now_s, time.time_ns())
+        network.tap(cycle, now_s)
+
+    def tell(self, snapshot: Snapshot, now: Now) -> None:
+        snapshot.diagnosis += self._network.diagnosis()
+        self._network.tell(snapshot, now.time_s, time.time_ns())
+
+    def close(self) -> None:
+        self.whole.worker.close()  # What is under way is answered by the network.
+        self._network.close()
+
+
+class Supervisor(Part):
+    """The process that started this one: its beats and requests; it gets the snapshots."""
+
+    def __init__(self, whole: Whole, channel: socket.socket, gone: Callable[[str], None]) -> None:
+        """`gone` is called with words once that process is."""
+        super().__init__(whole)
+        self._channel: socket.socket | None = channel
+        self._client, self._gone = ChannelClient(channel), gone
+        self._next_s = -math.inf
+
+    def begin(self, now_s: float) -> None:
+        silence_s = self.whole.controller.supervision.watchdogs.heartbeat_s
+        self._heartbeat = Heartbeat(silence_s, now_s)
+
+    def after(self, cycle: Cycle, now_s: float) -> None:
+        if now_s < self._next_s:
+            return
+        worker, channel, lease = self.whole.worker, self._channel, self.whole.lease
+        if channel is not None and not worker.full:
+            with contextlib.suppress(OSError):  # Nothing waits; or tell() finds out that it ended.
+                for _ in range(PACKETS_AT_ONCE):
+                    packet = channel.recv(MAX_REQUEST_BYTES + 1)
+                    if packet == BEAT:
+                        self._heartbeat.heard(now_s)
+                    elif packet in (TAKE, GIVE):
+                        if lease is not None:
+                            lease.want(packet == TAKE)
+                    elif packet:
+                        worker.offer(self._client, packet, now_s)
+                    else:
+                        break
+        self.fault = self._heartbeat.fault(now_s)
+        self._next_s = now_s if worker.busy else now_s + LISTEN_PERIOD_S
+
+    def tell(self, snapshot: Snapshot, now: Now) -> None:
+        if self._channel is None:
+            return
+        try:
+            self._channel.send(snapshot.to_bytes())
+        except BlockingIOError:
+            pass  # The reader is slow; a newer snapshot follows.
+        except OSError:
+            self._channel = None
+            self._gone("the process that started this session is gone")
+
+
+def felt_of(status: ArmStatus) -> Felt:
+    """The feedback to the operator for `status`."""
+    asked = status.target.linear != ZERO3 or status.target.angular != ZERO3
+    held = status.arm is not None and bool(status.arm.in_words())
+    return Felt(
+        status.phase in (Phase.HOLDING, Phase.MOVING),
+        status.trips,
+        asked and (status.at_workspace_limit or held),
+        status.leash_used,
+    )
