@@ -112,7 +112,7 @@ RUN = {
     r"python examples/ros2/check_record\.py": "tests/test_ros2_examples.py::test_a_record_is_a_regression_test",
     r"python examples/ros2/": "tests/test_ros2_examples.py::test_the_programs_move_the_arm",
     r"python examples/lerobot/": "tests/lerobot/test_example.py::test_the_example_records_and_loads",
-    r"python examples/say\.py": "tests/gateway/operator/filters/test_pages.py",
+    r"python plugins/cardan-filters/\S+/say\.py": "plugins/cardan-filters/tests/test_filters_session.py::test_the_example_of_a_sensor_says_its_words",
     r"python \w+\.py$": "tests/test_tutorials.py::test_the_tutorial_works",
     r"\S+/python -m fuzz": "tests/test_fuzz.py",
     r"tools/mutants": "tests/test_mutants.py",

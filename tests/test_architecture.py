@@ -307,7 +307,7 @@ def outside(path):
 
 def test_what_stands_on_the_package_is_there():
     assert {"studies", "lerobot_robot_cardan", "cardan_dds", "cardan_foxglove"} < BESIDE
-    assert {"cardan_conform_arms", "cardan_dissect"} < BESIDE
+    assert {"cardan_conform_arms", "cardan_dissect", "cardan_filters"} < BESIDE
     assert {"cardan_serial_mice", "cardan_spnav_server"} < BESIDE
     assert {
         "cardan_jr3",

@@ -24,7 +24,7 @@ HUGE = 10**400
 BAD = [1e300, -1e300, math.inf, -math.inf, math.nan, HUGE, -HUGE]
 
 DRIVERS = ours(registry)
-FILTERS = {name: filter_registry.load(name) for name in sorted(filter_registry.BUILT_IN)}
+FILTERS = ours(filter_registry)
 
 
 def tables(hint: Any) -> set[type[Any]]:

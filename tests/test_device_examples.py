@@ -45,7 +45,6 @@ TESTED_ELSEWHERE = {
     "console-gofa-simulated.toml",
     "lab-simulated.toml",
     "ros2-gofa-simulated.toml",
-    "shared-control-simulated.toml",
     "spacemouse-gofa-simulated.toml",
     "spacemouse-gp8-simulated.toml",
     "verbs-ur5-simulated.toml",

@@ -24,12 +24,12 @@ from cardan.drivers.base import OperatorDevice
 from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.errors import ConfigurationError
 from cardan.gateway.daemon.config import read_layout
-from cardan.gateway.operator.filters.camera import CameraOptions
-from cardan.gateway.operator.filters.proximity import ProximityOptions
 from cardan.gateway.session import assembly, config
 from cardan.protocols import connexion, egm, simple_message as sm
 from cardan.sim_peers import registry as peers
 from cardan.types import Pose, Quaternion, Vector3
+from cardan_filters.camera import CameraOptions
+from cardan_filters.proximity import ProximityOptions
 from cardan_serial_mice.peer import SERIAL_FAULTS
 from tests.command_line import the_command_line
 from tests.docs_tables import ours

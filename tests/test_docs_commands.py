@@ -151,11 +151,12 @@ def test_what_pip_installs_is_there(line):
         assert set(named.split(",")) <= set(extras)
 
 
-@pytest.mark.parametrize(
-    "line",
-    [each for each in LINES if re.match(r"(sudo )?(python \w+/|cp |tools/|cardan run ex)", each)],
-)
+NAMES_FILES = re.compile(r"(sudo )?(python \w+/|cp |tools/|cardan run (ex|plugins/))")
+FOLDER = re.compile(r"(examples|plugins|tools|tests)/")
+
+
+@pytest.mark.parametrize("line", [each for each in LINES if NAMES_FILES.match(each)])
 def test_the_files_that_a_command_names_are_there(line):
-    named = [word for word in shlex.split(line) if re.match(r"(examples|tools|tests)/", word)]
+    named = [word for word in shlex.split(line) if FOLDER.match(word)]
     assert named
     assert [word for word in named if not Path(ROOT, word).exists()] == []

@@ -230,6 +230,7 @@ def plugins_entry_points():
         "cardan.dissect": "dissector",
         "cardan.drivers": "driver",
         "cardan.faces": "face",
+        "cardan.filters": "filter",
         "cardan.sim_peers": "simulated peer",
     }
     root = Path(__file__).parents[1]

@@ -260,10 +260,6 @@ BLIND_S = Range(
 NEIGHBOUR_AGE_S = Range(
     0.02, LONGEST_BLIND_S, "s", "10 ms for the clocks, and a state's way to here, are its least age"
 )
-READING_AGE_S = Range(
-    0.0, 1.0, "s", "at 0.25 m/s the arm is 25 cm further than what was measured", above=True
-)
-TARGET_AGE_S = Range(0.0, 2.0, "s", "a target seen longer ago may be anywhere", above=True)
 LOOP_DELAY_S = Range(0.0, 1.0, "s", "a contact that is felt a second late cannot be held")
 ARRIVAL_S = Range(0.1, 60.0, "s", "an arm that is not there by then does not come")
 LAG_S = Range(0.0, 2.0, "s", "an arm with a longer delay cannot be teleoperated")
@@ -302,7 +298,6 @@ MOTION_SCALE = Range(-100.0, 100.0, "", "a millimetre of the hand is ten centime
 OUTPUT_VALUE = Range(-1e9, 1e9, "", "larger whole numbers are not exact in the robot's program")
 ANALOG_OUTPUT = Range(0, 39, "", "EGM carries 40 values")
 COUNTS = Range(1.0, 1e6, "counts", "no device's raw numbers are larger")
-SENSOR_LEVEL = Range(0.0, 1e6, "", "no sensor's raw numbers are larger")
 SEED = Range(0, 2**32 - 1, "", "32 bits")
 NOT_NEGATIVE = Range(0.0, math.inf, "", "", below=True)
 POSITIVE = Range(0.0, math.inf, "", "", above=True, below=True)

@@ -25,6 +25,7 @@ T = TypeVar("T")
 
 _CONFORM_ARMS = "plugins/cardan-conform-arms"
 _DISSECT = "plugins/cardan-dissect"
+_FILTERS = "plugins/cardan-filters"
 _JR3 = "plugins/cardan-jr3"
 _LEAP = "plugins/cardan-leap"
 _OMNI = "plugins/cardan-omni"
@@ -49,6 +50,7 @@ IN_SOURCE_TREE = {
         "foxglove": "plugins/cardan-foxglove",
         "spnav": _SPNAV_SERVER,
     },
+    "filter": {"camera": _FILTERS, "proximity": _FILTERS},
     "protocol": {
         **dict.fromkeys(
             ("joint-stream", "joint-stream-driver", "joint-trajectory", "ros2-arm"), _CONFORM_ARMS
@@ -179,8 +181,9 @@ class Finder(Generic[T]):
                 raise ConfigurationError(
                     self._word,
                     not_installed(self._word, name)
-                    or f"there is no {self._word} {name!r}; allowed: {', '.join(self.names())}"
-                    + suggestion(name, self.names()),
+                    or f"there is no {self._word} {name!r}; allowed: "
+                    + (", ".join(self.names()) or "none, as none is installed")
+                    + suggestion(name, (*self.names(), *IN_SOURCE_TREE.get(self._word, ()))),
                 )
         module, _, attribute = target.partition(":")
         of = f"{target} of {self._word} {name!r}"

@@ -22,7 +22,6 @@ from cardan.gateway.daemon.config import Layout, read_layout
 from cardan.gateway.daemon.daemon import Daemon
 from cardan.gateway.daemon.processes import Lines, RunningSession
 from cardan.gateway.force import link
-from cardan.gateway.operator.filters.readings import decode_centroid, decode_proximity
 from cardan.gateway.servers import stats
 from cardan.gateway.servers.access import AccessControl, AccessDenied, Caller
 from cardan.gateway.servers.tokens import Role, Tokens, parse_tokens
@@ -36,6 +35,7 @@ from cardan.robots.arm_loader import FOLDER
 from cardan.robots.mjcf import urdf_of
 from cardan.robots.urdf import normal_form, read_tree
 from cardan.types import Vector3
+from cardan_filters.readings import decode_centroid, decode_proximity
 from cardan_foxglove import protocol as foxglove
 from cardan_foxglove.assets import AssetError, Packages
 from fuzz.target import Form, Packets, Target

@@ -25,9 +25,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMOS = find_demos()
 RUNS = re.compile(r"(run|serve) (examples/|\S+-simulated\.toml)")
 NO_DEMO = {
-    # Each needs a program that simulates nothing: one that sends sensors' datagrams, and one that
-    # commands the arm.
-    "shared-control-simulated.toml",
+    # It needs a program that simulates nothing: one that commands the arm.
     "verbs-ur5-simulated.toml",
 }
 

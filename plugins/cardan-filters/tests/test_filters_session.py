@@ -7,13 +7,17 @@ from pathlib import Path
 
 import pytest
 
+import cardan_filters
 from cardan.errors import AddressError
-from cardan.gateway.operator.filters.listener import DatagramListener
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import make_session
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.terminal_view import plain
+from cardan_filters.listener import DatagramListener
+from tests.conftest import fake_drivers  # noqa: F401 - used by its name
 from tests.gateway.session.test_terminal_view import render, shown
+
+EXAMPLES = Path(cardan_filters.__file__).parent / "examples"
 
 
 @pytest.fixture
@@ -122,7 +126,7 @@ def test_the_example_of_a_sensor_says_its_words(tmp_path):
     heard = []
     listener = DatagramListener(str(tmp_path / "s"), lambda data, *_: heard.append(data))
     listener.open()
-    program = Path(__file__).parents[4] / "examples" / "say.py"
+    program = EXAMPLES / "say.py"
     with subprocess.Popen([sys.executable, program, tmp_path / "s", "0.4", "-0.3"]) as sensor:
         while not heard:
             listener.drain(0.0)

@@ -13,8 +13,8 @@ from typing import Annotated, Any, Final, NamedTuple
 from cardan.common import bounds
 from cardan.common.options import Options, require
 from cardan.common.sockets import Advice, UnixSocket, make_runtime_folder, opened, runtime_path
-from cardan.gateway.operator.filters.readings import MAX_DATAGRAM_BYTES, Malformed
 from cardan.types import NEVER_S
+from cardan_filters.readings import MAX_DATAGRAM_BYTES, Malformed
 
 MAX_PER_TICK = 8
 """Datagrams read in one tick, 2000 a second at 250 Hz: bounds the work that a flood makes."""

@@ -1,7 +1,7 @@
 """Says the same to a filter of shared control twenty times a second, as a sensor's program would.
 
-python examples/say.py proximity.sock 20
-python examples/say.py camera.sock 0.4 -0.3
+python say.py proximity.sock 20
+python say.py camera.sock 0.4 -0.3
 """
 
 import socket

@@ -17,18 +17,23 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from cardan.common import bounds
+from cardan.common.bounds import Range
 from cardan.common.options import require
 from cardan.gateway.operator.filters.base import TwistFilter
-from cardan.gateway.operator.filters.listener import (
+from cardan.spatial import scale
+from cardan.types import NEVER_S, ZERO_TWIST, RobotState, Twist
+from cardan_filters.listener import (
     DatagramListener,
     ListenerOptions,
     Sender,
     shown_place,
 )
-from cardan.gateway.operator.filters.readings import Malformed, decode_proximity
-from cardan.spatial import scale
-from cardan.types import NEVER_S, ZERO_TWIST, RobotState, Twist
+from cardan_filters.readings import Malformed, decode_proximity
+
+SENSOR_LEVEL = Range(0.0, 1e6, "", "no sensor's raw numbers are larger")
+READING_AGE_S = Range(
+    0.0, 1.0, "s", "at 0.25 m/s the arm is 25 cm further than what was measured", above=True
+)
 
 PEAK_READINGS = 5
 """Length of the peak filter's history."""
@@ -95,15 +100,15 @@ class _Sender:
 class ProximityOptions(ListenerOptions):
     """Options of the filter ``proximity``."""
 
-    alert_high: Annotated[float, bounds.SENSOR_LEVEL] = 800.0
+    alert_high: Annotated[float, SENSOR_LEVEL] = 800.0
     """Level above which the motion stops."""
-    alert_low: Annotated[float, bounds.SENSOR_LEVEL] = 100.0
+    alert_low: Annotated[float, SENSOR_LEVEL] = 100.0
     """Level above which the motion is half as fast."""
     half_speed: bool = True
     """False: nothing happens between the two levels."""
     peak_filter: bool = True
     """Single spikes are held back, which makes a real rise four readings late."""
-    max_age_s: Annotated[float, bounds.READING_AGE_S] = 0.3
+    max_age_s: Annotated[float, READING_AGE_S] = 0.3
     """Oldest reading that still counts."""
     when_stale: Literal["stop", "half", "pass"] = "stop"
     """What happens without a reading that counts; half: half speed."""

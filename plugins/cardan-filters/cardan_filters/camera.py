@@ -12,17 +12,20 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from cardan.common import bounds
+from cardan.common.bounds import Range
 from cardan.gateway.operator.filters.base import TwistFilter
-from cardan.gateway.operator.filters.listener import (
+from cardan.spatial import dot, from_euler_zyx, rotate, scale
+from cardan.types import NEVER_S, ZERO3, Frame, RobotState, Twist, Vector3
+from cardan_filters.listener import (
     SOMEBODY,
     DatagramListener,
     ListenerOptions,
     Sender,
     shown_place,
 )
-from cardan.gateway.operator.filters.readings import Malformed, decode_centroid
-from cardan.spatial import dot, from_euler_zyx, rotate, scale
-from cardan.types import NEVER_S, ZERO3, Frame, RobotState, Twist, Vector3
+from cardan_filters.readings import Malformed, decode_centroid
+
+TARGET_AGE_S = Range(0.0, 2.0, "s", "a target seen longer ago may be anywhere", above=True)
 
 SMALLEST_ADVANCE_M_S = 1e-9
 """Smallest speed that is an advance: less is rounding of a motion across the axis."""
@@ -38,7 +41,7 @@ class CameraOptions(ListenerOptions):
     """The camera (x right, y down, z where it looks) in the TCP: roll, pitch, yaw, Rz·Ry·Rx."""
     gain_rad_s: Annotated[float, bounds.ANGULAR_SPEED_RAD_S] = 0.1
     """Turning speed when the target is at the image's edge."""
-    permanence_s: Annotated[float, bounds.TARGET_AGE_S] = 0.5
+    permanence_s: Annotated[float, TARGET_AGE_S] = 0.5
     """How long a target still counts after it was last seen."""
 
 

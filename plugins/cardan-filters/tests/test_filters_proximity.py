@@ -5,16 +5,16 @@ import re
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.operator.filters.listener import Sender
-from cardan.gateway.operator.filters.proximity import (
+from cardan.types import NEVER_S, ZERO_TWIST, Frame, Twist, Vector3
+from cardan_filters.listener import Sender
+from cardan_filters.proximity import (
     MAX_SENDERS,
     PeakFilter,
     ProximityFilter,
     ProximityOptions,
 )
-from cardan.types import NEVER_S, ZERO_TWIST, Frame, Twist, Vector3
-from tests.gateway.operator.filters.states import robot_at
-from tests.gateway.operator.filters.test_readings import flat, skin_text
+from filter_states import robot_at
+from test_filters_readings import flat, skin_text
 
 ASKED = Twist(Vector3(0.1, -0.02, 0.03), Vector3(0.4, 0.0, -0.2), Frame.TOOL)
 HALF = Twist(Vector3(0.05, -0.01, 0.015), Vector3(0.2, 0.0, -0.1), Frame.TOOL)

@@ -9,14 +9,14 @@ import sys
 import pytest
 
 from cardan.errors import AddressError
-from cardan.gateway.operator.filters.listener import (
+from cardan.types import NEVER_S
+from cardan_filters.listener import (
     MAX_PER_TICK,
     DatagramListener,
     ListenerOptions,
     Sender,
 )
-from cardan.gateway.operator.filters.readings import MAX_DATAGRAM_BYTES, Malformed
-from cardan.types import NEVER_S
+from cardan_filters.readings import MAX_DATAGRAM_BYTES, Malformed
 
 
 class Sensor:

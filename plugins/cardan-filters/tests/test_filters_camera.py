@@ -5,8 +5,6 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.operator.filters.camera import CameraFilter, CameraOptions
-from cardan.gateway.operator.filters.listener import Sender
 from cardan.spatial import (
     add,
     conjugate,
@@ -18,7 +16,9 @@ from cardan.spatial import (
     scale,
 )
 from cardan.types import IDENTITY, ZERO3, ZERO_TWIST, Frame, Twist, Vector3
-from tests.gateway.operator.filters.states import robot_at
+from cardan_filters.camera import CameraFilter, CameraOptions
+from cardan_filters.listener import Sender
+from filter_states import robot_at
 
 TURNED = from_rotation_vector(Vector3(0.0, math.pi / 2, 0.0))
 

@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, strategies as st
 
-from cardan.gateway.operator.filters.readings import (
+from cardan_filters.readings import (
     MAX_DATAGRAM_BYTES,
     Centroid,
     Malformed,
