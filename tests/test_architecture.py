@@ -483,3 +483,29 @@ def test_sentences_have_a_subject_of_the_field():
         if pattern.search(line)
     ]
     assert found == []
+
+
+def rows_of(text):
+    """The cells of the first table of a page's `text`, without its head."""
+    body = text.split("|---|---|---|\n", 1)[1].split("\n\n", 1)[0]
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in body.splitlines()]
+
+
+def names_in(cell):
+    return {name.rstrip("/") for name in re.findall("`([^`]*)`", cell)}
+
+
+def test_the_page_of_the_architecture_has_every_room_and_no_other():
+    page = (PACKAGE.parent / "docs/architecture.md").read_text("utf-8")
+    files = {each.name for each in PACKAGE.glob("[a-z]*.py")}
+    rooms = {each.parent.name for each in PACKAGE.glob("*/__init__.py")}
+    assert set().union(*(names_in(row[0]) for row in rows_of(page))) == files | rooms
+    found = {}
+    for room, _, others in rows_of(page.split("### Inside the gateway")[1]):
+        words = others.removeprefix("all but")
+        found[room.strip("`")] = (
+            GATEWAY_ROOMS.keys() - {room.strip("`")} - names_in(words)
+            if words != others
+            else names_in(words)
+        )
+    assert found == GATEWAY_ROOMS
