@@ -3,11 +3,10 @@
 SPAKE2 (RFC 9382, package spake2) makes a key from the code, and both confirm it before anything
 else is said: an impostor has one guess a connection, and nothing to try codes against offline, as
 with a pre-shared key of TLS. OpenSSL's SRP would do the same, but s_server of OpenSSL 3.0 crashes
-with -srpvfile. What follows are Fernet tokens (package cryptography), a key for each direction; a
-line each::
+with -srpvfile. What follows are Fernet tokens (package cryptography), a line each::
 
-    operator: SPAKE2 message, confirm,   request (its key's, and HOST), kept
-    robot:    SPAKE2 message or "busy",  confirm,  answer (certificate, authority),  kept
+    operator: SPAKE2 message, ready, request (its key's, and HOST), kept
+    robot:    SPAKE2 message or "busy", ready too, answer (certificate, authority), kept too
 
 Each private key stays where it was made. The authority signs these two certificates, and its key is
 forgotten: no third one can follow.
@@ -41,7 +40,6 @@ try:
     from cryptography import x509
     from cryptography.fernet import Fernet, InvalidToken
     from cryptography.hazmat.primitives import hashes, serialization
-    from cryptography.hazmat.primitives.kdf.hkdf import HKDF
     from spake2 import SPAKE2_A, SPAKE2_B
 except ImportError as error:
     raise missing_extra("pairing", "spake2", "pair", error) from error
@@ -67,7 +65,7 @@ Say = Callable[[str], None]
 
 
 class _EndedError(Exception):
-    """The other side did not come to the end; why."""
+    """Pairing came to no end; why."""
 
 
 class _WrongCodeError(Exception):
@@ -86,7 +84,7 @@ def wait_for_operator(
     family = socket.AF_INET6 if ":" in place[0] else socket.AF_INET
     try:
         listener = socket.create_server(place, family=family)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         raise AddressError(f"cannot wait at {place[0]} port {place[1]}: {error}") from None
     end_s, code, wrong = time.monotonic() + wait_s, "", WRONG_CODES
     with listener:
@@ -104,8 +102,8 @@ def wait_for_operator(
             except _WrongCodeError:
                 wrong += 1
                 tell("a client had a wrong code")
-            except _EndedError as error:
-                tell(f"a client did not come to the end: {error}")
+            except (_EndedError, OSError) as error:
+                tell(f"pairing came to no end, nothing is kept, and it waits on: {error}")
     raise AddressError(f"nobody has paired within {wait_s:g} s: begin again on both computers")
 
 
@@ -125,7 +123,7 @@ def pair_with(host: str, port: int, replace: bool, code: str) -> Path:
     again = "start `cardan net pair` there, and try again while it shows a code"
     try:
         robot = socket.create_connection((host, port), CLIENT_S)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:
         raise AddressError(f"nobody waits at {host} port {port} ({error}): {again}") from None
     try:
         with robot:
@@ -134,8 +132,8 @@ def pair_with(host: str, port: int, replace: bool, code: str) -> Path:
         raise ConfigurationError(
             "--code", f"{host} has another one: read there which it shows now, and try again"
         ) from None
-    except _EndedError as error:
-        raise AddressError(f"{host} did not come to the end ({error}): {again}") from None
+    except (_EndedError, OSError) as error:
+        raise AddressError(f"pairing with {host} came to no end ({error}): {again}") from None
 
 
 class _Channel:
@@ -145,49 +143,34 @@ class _Channel:
         self._far, self._end_s, self._listener = far, end_s, listener
         far.settimeout(CLIENT_S)
 
-    def agree(self, side: Any, *, robot: bool) -> None:
-        """Make a key by SPAKE2 and confirm it. Raises _WrongCodeError, _EndedError."""
+    def agree(self, side: Any) -> None:
+        """Make a key by SPAKE2, for all that follows. Raises _EndedError."""
         self._write(side.start().hex().encode())
         if (line := self._read()) == _BUSY:
             raise _EndedError("it pairs with another computer")
         try:
-            key = side.finish(bytes.fromhex(line.decode()))
+            self._key = Fernet(base64.urlsafe_b64encode(side.finish(bytes.fromhex(line.decode()))))
         except Exception as error:  # Whatever the package makes of no element of its group.
             raise _EndedError(f"no message of a pairing: {type(error).__name__}") from None
-        ends = []
-        for info in (b"cardan pair: to the robot", b"cardan pair: to the operator"):
-            derived = HKDF(hashes.SHA256(), 32, None, info).derive(key)
-            ends.append(Fernet(base64.urlsafe_b64encode(derived)))
-        self._in, self._out = ends if robot else ends[::-1]
-        if not robot:
-            self.send("confirm")
-        try:
-            self.receive("confirm")
-        except _WrongCodeError:
-            if robot:
-                self._write(b"wrong code")
-            raise
-        if robot:
-            self.send("confirm")
 
     def send(self, step: str, **values: str) -> None:
-        self._write(self._out.encrypt(json.dumps({"step": step, **values}).encode()))
+        self._write(self._key.encrypt(json.dumps({"step": step, **values}).encode()))
 
     def receive(self, step: str) -> dict[str, str]:
+        """What the other side has sent; never what this one has, whose steps have other names."""
         line = self._read()
         try:
-            values: dict[str, str] = json.loads(self._in.decrypt(line))
+            values: dict[str, str] = json.loads(self._key.decrypt(line))
         except InvalidToken:
+            with contextlib.suppress(OSError):
+                self._write(b"wrong code")
             raise _WrongCodeError from None
         if values["step"] != step:
             raise _EndedError(f"{values['step']!r} came in place of {step!r}")
         return values
 
     def _write(self, line: bytes) -> None:
-        try:
-            self._far.sendall(line + b"\n")
-        except OSError as error:
-            raise _EndedError(str(error)) from None
+        self._far.sendall(line + b"\n")
 
     def _read(self) -> bytes:
         line = b""
@@ -200,18 +183,16 @@ class _Channel:
                 with contextlib.suppress(OSError), each.accept()[0] as other:
                     other.sendall(_BUSY + b"\n")
             if self._far in ready:
-                try:
-                    piece = self._far.recv(4096)
-                except OSError as error:
-                    raise _EndedError(str(error)) from None
-                if not piece:
+                if not (piece := self._far.recv(4096)):
                     raise _EndedError("the connection ended")
                 line += piece
         return line.removesuffix(b"\n")
 
 
 def _serve(channel: _Channel, code: str, folder: Path) -> Path:
-    channel.agree(SPAKE2_B(code.encode(), b"operator", b"robot"), robot=True)
+    channel.agree(SPAKE2_B(code.encode(), b"operator", b"robot"))
+    channel.receive("ready")
+    channel.send("ready too")
     asked = channel.receive("request")
     issuer, (root, _), (key, private) = "Cardan pair", make_key(), make_key()
     signed = functools.partial(make_certificate, issuer=issuer, issuer_key=root, days=VALID_DAYS)
@@ -224,17 +205,20 @@ def _serve(channel: _Channel, code: str, folder: Path) -> Path:
         theirs = signed("operator", request.public_key(), ["operator"], client=True)
     except (KeyError, ValueError) as error:
         raise _EndedError(f"its request cannot be used: {error}") from None
-    settings = zenoh_settings("router", (ROUTER, f"tls/0.0.0.0:{TLS_PORT}"), ())
+    everywhere = "[::]" if ":" in asked["host"] else "0.0.0.0"
+    settings = zenoh_settings("router", (ROUTER, f"tls/{everywhere}:{TLS_PORT}"), ())
     settings |= {"transport/link/tls/close_link_on_expiration": True}
     with _kept(folder, "listen", settings, authority, ours, private):
         channel.send("answer", certificate=theirs.decode(), authority=authority.decode())
         channel.receive("kept")
-    channel.send("kept")
+    channel.send("kept too")
     return folder / CONFIG
 
 
 def _join(channel: _Channel, host: str, code: str, folder: Path) -> Path:
-    channel.agree(SPAKE2_A(code.encode(), b"operator", b"robot"), robot=False)
+    channel.agree(SPAKE2_A(code.encode(), b"operator", b"robot"))
+    channel.send("ready")
+    channel.receive("ready too")
     key, private = make_key()
     request = x509.CertificateSigningRequestBuilder().subject_name(x509.Name([]))
     pem = request.sign(key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM).decode()
@@ -245,7 +229,7 @@ def _join(channel: _Channel, host: str, code: str, folder: Path) -> Path:
     settings = zenoh_settings("client", (), (f"tls/{at}:{TLS_PORT}",))
     with _kept(folder, "connect", settings, authority, ours, private):
         channel.send("kept")
-        channel.receive("kept")
+        channel.receive("kept too")
     return folder / CONFIG
 
 
@@ -261,7 +245,7 @@ def _folder(name: str, replace: bool) -> Path:
 @contextlib.contextmanager
 def _kept(folder: Path, side: str, settings: dict[str, object], *pems: bytes) -> Iterator[None]:
     """Write Zenoh's configuration, authority, certificate and key beside `folder`, and put them
-    there, all at once, where what is inside succeeds. Raises ConfigurationError."""
+    there, all at once, where what is inside succeeds. Raises OSError."""
     names = ("authority.pem", "certificate.pem", "key.pem", CONFIG)
     keys = ("root_ca_certificate", f"{side}_certificate", f"{side}_private_key")
     tls = {key: str(folder / name) for key, name in zip(keys, names, strict=False)}
@@ -273,16 +257,13 @@ def _kept(folder: Path, side: str, settings: dict[str, object], *pems: bytes) ->
             value
         )
     data = (*pems, json.dumps(whole, indent=2).encode())
-    try:
-        folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent) as aside:
-            (new := Path(aside, "new")).mkdir(mode=0o700)
-            for name, content in zip(names, data, strict=True):
-                (new / name).touch(mode=0o600)
-                (new / name).write_bytes(content)
-            yield
-            if folder.exists():
-                os.rename(folder, Path(aside, "old"))
-            os.rename(new, folder)
-    except OSError as error:
-        raise ConfigurationError("", f"nothing can be kept in {folder}: {error}") from None
+    folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent) as aside:
+        (new := Path(aside, "new")).mkdir(mode=0o700)
+        for name, content in zip(names, data, strict=True):
+            (new / name).touch(mode=0o600)
+            (new / name).write_bytes(content)
+        yield
+        if folder.exists():
+            os.rename(folder, Path(aside, "old"))
+        os.rename(new, folder)

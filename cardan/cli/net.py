@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import shlex
-import sys
 from typing import Annotated
 
 import typer
 
-from cardan.cli.common import EPILOG
+from cardan.cli.common import EPILOG, print_problem
 from cardan.common.text_sanitizer import printable
 
 PORT = 7449
-"""TCP port where the robot's computer waits for the operator's."""
 
 net = typer.Typer(
     name="net",
@@ -63,10 +61,7 @@ def pair(
     def show(fresh: str) -> None:
         print(f"code {fresh}; on the operator's computer: cardan net pair {there}", flush=True)
 
-    def tell(words: str) -> None:
-        print(f"cardan: {printable(words)}", file=sys.stderr, flush=True)
-
-    config = shlex.quote(str(wait_for_operator((address, port), replace, show, tell)))
+    config = shlex.quote(str(wait_for_operator((address, port), replace, show, print_problem)))
     print(
         f"paired; now:\n  cardan face router --zenoh-config {config}\nand in the session's file:\n"
         '  [device]\n  driver = "remote"\n  device = "spacemouse"',

@@ -105,6 +105,8 @@ def test_what_is_wrong_is_said_before_anybody_is_called(state, host, code, said)
 def test_where_nobody_waits_it_says_what_to_do(state):
     with pytest.raises(AddressError, match=r"nobody waits at 127.0.0.1 .*start `cardan net pair`"):
         pair_with(HOST, free_tcp_port(), False, "abcd efgh")
+    with pytest.raises(AddressError, match=r"nobody waits at a\.\.b "):
+        pair_with("a..b", 1, False, "abcd efgh")
     with pytest.raises(AddressError, match="nobody has paired within 0 s: begin again"):
         wait_for_operator((HOST, free_tcp_port()), False, [].append, [].append, 0.0)
     with pytest.raises(AddressError, match=r"cannot wait at 192.0.2.1"):
@@ -141,7 +143,21 @@ def test_what_is_no_message_ends_it(line):
         there.sendall(line + b"\n")
         channel = pairing._Channel(here, END_S)
         with pytest.raises(pairing._EndedError, match="no message of a pairing"):
-            channel.agree(pairing.SPAKE2_B(b"code"), robot=True)
+            channel.agree(pairing.SPAKE2_B(b"code"))
+
+
+def test_what_a_side_has_sent_itself_is_not_taken_for_the_others_answer(state):
+    here, there = socket.socketpair()
+    with here, there:
+        there.sendall(pairing.SPAKE2_B(b"CODE").start().hex().encode() + b"\n")
+        operator = pairing._Channel(here, END_S)
+        operator.agree(pairing.SPAKE2_A(b"CODE"))
+        there.recv(1000)
+        operator.send("ready")
+        there.sendall(there.recv(1000))
+        with pytest.raises(pairing._EndedError, match="'ready' came in place of 'ready too'"):
+            operator.receive("ready too")
+    assert not state.exists()
 
 
 def test_a_line_without_end_ends_it():
@@ -223,7 +239,7 @@ def test_another_client_is_refused_meanwhile_and_one_that_stays_away_is_left(sta
             with pytest.raises(AddressError, match="it pairs with another computer"):
                 pair_with(HOST, robot.port, False, robot.codes[0])
         until(lambda: robot.told)
-        assert robot.told[0].startswith("a client did not come to the end: ")
+        assert robot.told[0].startswith("pairing came to no end, nothing is kept")
         assert not state.exists()
         monkeypatch.setattr(pairing, "CLIENT_S", 0.2)
         with socket.create_connection((HOST, robot.port)):
@@ -268,6 +284,12 @@ def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
     config["transport"]["link"]["tls"]["enable_mtls"] = False
     bare = tmp_path / "bare.json5"
     bare.write_text(json.dumps(config), encoding="utf-8")
+    # It trusts the router, and shows what another pair's authority has signed.
+    text = stranger.read_text(encoding="utf-8")
+    forged = tmp_path / "forged.json5"
+    own = str(stranger.parent / "authority.pem")
+    assert own in text
+    forged.write_text(text.replace(own, str(client.parent / "authority.pem")), encoding="utf-8")
     mouse = ("share", "spacemouse", "--zenoh-config", client, "--name", "hand")
     with Program("face", "router", "--zenoh-config", router) as served:
         served.wait_for("READY")
@@ -276,6 +298,6 @@ def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
             with Remote(router=inside, device="hand", wait_for_device=True) as device:
                 until(lambda: "unplugged" in device.state().reason or "hand" in share.err)
                 until(lambda: b"used by cardan_device_driver" in share.said["stderr"])
-        for refused in (bare, stranger):
+        for refused in (bare, stranger, forged):
             with pytest.raises(DriverError):
                 BusNode(BusOptions(zenoh_config=str(refused)), "stranger").open()
