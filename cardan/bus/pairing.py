@@ -68,7 +68,7 @@ class _EndedError(Exception):
     """Pairing came to no end; why."""
 
 
-class _WrongCodeError(Exception):
+class _WrongCodeError(_EndedError):
     """The other side has another code."""
 
 
@@ -99,16 +99,15 @@ def wait_for_operator(
                 with client:
                     until_s = min(end_s, time.monotonic() + CLIENT_S)
                     return _serve(_Channel(client, until_s, listener), code, folder)
-            except _WrongCodeError:
-                wrong += 1
-                tell("a client had a wrong code")
             except (_EndedError, OSError) as error:
+                wrong += isinstance(error, _WrongCodeError)
                 tell(f"pairing came to no end, nothing is kept, and it waits on: {error}")
     raise AddressError(f"nobody has paired within {wait_s:g} s: begin again on both computers")
 
 
-def pair_with(host: str, port: int, replace: bool, code: str) -> Path:
-    """Pair this computer, the operator's, with the robot's at `host`; the client's file.
+def pair_with(host: str, port: int, replace: bool, ask: Callable[[], str]) -> Path:
+    """Pair this computer, the operator's, with the robot's at `host`, by the code that `ask` gives;
+    the client's file.
 
     Raises ConfigurationError, and AddressError where nobody answers to the end.
     """
@@ -116,10 +115,10 @@ def pair_with(host: str, port: int, replace: bool, code: str) -> Path:
     if not is_address(host) and not _HOST.fullmatch(host):
         raise OptionError("HOST", host, "a host name or an address, without a port")
     folder = _folder(f"with-{host}", replace)
-    letters = re.sub(r"[\s-]", "", code).upper()
-    if len(letters) != CODE_LETTERS or not set(letters) <= set(_ALPHABET):
+    code = re.sub(r"[\s-]", "", typed := ask()).upper()
+    if len(code) != CODE_LETTERS or not set(code) <= set(_ALPHABET):
         allowed = f"the {CODE_LETTERS} letters and digits that the robot's computer shows"
-        raise OptionError("--code", code, allowed)
+        raise OptionError("--code", typed, allowed)
     again = "start `cardan net pair` there, and try again while it shows a code"
     try:
         robot = socket.create_connection((host, port), CLIENT_S)
@@ -127,7 +126,7 @@ def pair_with(host: str, port: int, replace: bool, code: str) -> Path:
         raise AddressError(f"nobody waits at {host} port {port} ({error}): {again}") from None
     try:
         with robot:
-            return _join(_Channel(robot, time.monotonic() + CLIENT_S), host, letters, folder)
+            return _join(_Channel(robot, time.monotonic() + CLIENT_S), host, code, folder)
     except _WrongCodeError:
         raise ConfigurationError(
             "--code", f"{host} has another one: read there which it shows now, and try again"
@@ -164,7 +163,7 @@ class _Channel:
         except InvalidToken:
             with contextlib.suppress(OSError):
                 self._write(b"wrong code")
-            raise _WrongCodeError from None
+            raise _WrongCodeError("the code was wrong") from None
         if values["step"] != step:
             raise _EndedError(f"{values['step']!r} came in place of {step!r}")
         return values
@@ -211,7 +210,8 @@ def _serve(channel: _Channel, code: str, folder: Path) -> Path:
     with _kept(folder, "listen", settings, authority, ours, private):
         channel.send("answer", certificate=theirs.decode(), authority=authority.decode())
         channel.receive("kept")
-    channel.send("kept too")
+    with contextlib.suppress(OSError):  # The files are there, whether or not it hears of it.
+        channel.send("kept too")
     return folder / CONFIG
 
 
@@ -253,9 +253,7 @@ def _kept(folder: Path, side: str, settings: dict[str, object], *pems: bytes) ->
     whole: dict[str, Any] = {}
     for path, value in {**settings, "transport/link/tls/enable_mtls": True}.items():
         *tables, last = path.split("/")
-        functools.reduce(lambda table, name: table.setdefault(name, {}), tables, whole)[last] = (
-            value
-        )
+        functools.reduce(lambda at, key: at.setdefault(key, {}), tables, whole)[last] = value
     data = (*pems, json.dumps(whole, indent=2).encode())
     folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent) as aside:

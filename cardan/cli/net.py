@@ -52,8 +52,9 @@ def pair(
     from cardan.gateway.servers.console.address import reachable_host
 
     if host:
-        typed = code or typer.prompt(f"Code that {printable(host)} shows", err=True)
-        config = shlex.quote(str(pair_with(host, port, replace, typed)))
+        words = f"Code that {printable(host)} shows"
+        ask = lambda: code or str(typer.prompt(words, err=True))  # noqa: E731
+        config = shlex.quote(str(pair_with(host, port, replace, ask)))
         print(f"paired; now:\n  cardan share spacemouse --zenoh-config {config}", flush=True)
         return
     there = reachable_host(address) + ("" if port == PORT else f" --port {port}")

@@ -17,7 +17,7 @@ pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[net
 from cardan.bus import pairing
 from cardan.bus.node import BusNode
 from cardan.bus.options import BusOptions
-from cardan.bus.pairing import pair_with, wait_for_operator
+from cardan.bus.pairing import wait_for_operator
 from cardan.common.certificates import read_certificate
 from cardan.drivers.remote import Remote
 from cardan.errors import AddressError, ConfigurationError, DriverError, OptionError
@@ -28,6 +28,7 @@ from tests.waiting import until
 
 HOST = "127.0.0.1"
 END_S = 1e9
+NOTHING = "pairing came to no end, nothing is kept, and it waits on"
 CODE = re.compile(r"[2-9A-Z]{4}-[2-9A-Z]{4}")
 
 
@@ -37,6 +38,10 @@ def state(tmp_path, monkeypatch):
     monkeypatch.delenv("STATE_DIRECTORY", raising=False)
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     return tmp_path / "cardan" / "pair"
+
+
+def pair_with(host, port, replace, code):
+    return pairing.pair_with(host, port, replace, lambda: code)
 
 
 def kept(state):
@@ -160,6 +165,53 @@ def test_what_a_side_has_sent_itself_is_not_taken_for_the_others_answer(state):
     assert not state.exists()
 
 
+def test_an_operator_that_leaves_after_the_last_step_leaves_the_robots_files(state):
+    here, there = socket.socketpair()
+    with here, there:
+        operator = pairing._Channel(there, END_S)
+
+        def leave():
+            operator.agree(pairing.SPAKE2_A(b"CODE", b"operator", b"robot"))
+            operator.send("ready")
+            operator.receive("ready too")
+            key, _ = pairing.make_key()
+            request = pairing.x509.CertificateSigningRequestBuilder(pairing.x509.Name([]))
+            signed = request.sign(key, pairing.hashes.SHA256())
+            pem = signed.public_bytes(pairing.serialization.Encoding.PEM).decode()
+            operator.send("request", host=HOST, request=pem)
+            operator.receive("answer")
+            assert not (state / "as-robot").exists()
+            operator.send("kept")
+            there.close()
+
+        thread = threading.Thread(target=leave)
+        thread.start()
+        kept_at = pairing._serve(pairing._Channel(here, END_S), "CODE", state / "as-robot")
+        thread.join(30.0)
+    assert kept_at.exists()
+    assert [path.name for path in state.iterdir()] == ["as-robot"]
+
+
+@pytest.mark.parametrize("host", ["ä.example", ""])
+def test_a_request_that_cannot_be_signed_leaves_nothing(state, host):
+    here, there = socket.socketpair()
+    with here, there:
+        operator = pairing._Channel(there, END_S)
+
+        def ask():
+            operator.agree(pairing.SPAKE2_A(b"CODE", b"operator", b"robot"))
+            operator.send("ready")
+            operator.receive("ready too")
+            operator.send("request", host=host, request="no PEM")
+
+        thread = threading.Thread(target=ask)
+        thread.start()
+        with pytest.raises(pairing._EndedError, match="its request cannot be used"):
+            pairing._serve(pairing._Channel(here, END_S), "CODE", state / "as-robot")
+        thread.join(30.0)
+    assert not state.exists()
+
+
 def test_a_line_without_end_ends_it():
     here, there = socket.socketpair()
     with here, there:
@@ -204,7 +256,7 @@ def test_both_have_their_files_and_the_keys_differ(state):
     with pytest.raises(ConfigurationError, match=r"--replace: .* paired already, in .*as-robot"):
         wait_for_operator((HOST, free_tcp_port()), False, [].append, [].append)
     with pytest.raises(ConfigurationError, match=r"--replace: .* paired already, in .*with-127"):
-        pair_with(HOST, 1, False, code)
+        pairing.pair_with(HOST, 1, False, lambda: pytest.fail("it asked for the code"))
     assert kept(state) == files
     with Waiting(replace=True) as robot:
         pair_with(HOST, robot.port, True, robot.codes[0])
@@ -221,7 +273,7 @@ def test_a_wrong_code_is_refused_three_times_and_then_there_is_another(state):
             with pytest.raises(ConfigurationError, match=r"--code: 127.0.0.1 has another one"):
                 pair_with(HOST, robot.port, False, wrong(robot.codes[0]))
             until(lambda told=told: len(robot.told) == told)
-        assert robot.told == ["a client had a wrong code"] * 3
+        assert robot.told == [f"{NOTHING}: the code was wrong"] * 3
         assert not state.exists()
         until(lambda: len(robot.codes) == 2)
         with pytest.raises(ConfigurationError, match="--code: "):
@@ -239,7 +291,7 @@ def test_another_client_is_refused_meanwhile_and_one_that_stays_away_is_left(sta
             with pytest.raises(AddressError, match="it pairs with another computer"):
                 pair_with(HOST, robot.port, False, robot.codes[0])
         until(lambda: robot.told)
-        assert robot.told[0].startswith("pairing came to no end, nothing is kept")
+        assert robot.told[0].startswith(NOTHING)
         assert not state.exists()
         monkeypatch.setattr(pairing, "CLIENT_S", 0.2)
         with socket.create_connection((HOST, robot.port)):
