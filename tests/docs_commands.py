@@ -78,6 +78,7 @@ RUN = {
     r"cardan (drivers|sim) lever": "tests/test_template_packages.py::test_it_is_in_every_list",
     r"cardan doctor": "tests/test_doctor_command.py::test_what_fails_stands_with_why_and_the_command_that_mends_it",
     r"cardan messages": "tests/protocols/test_ros2_packages.py::test_the_command_writes_them_and_says_where",
+    r"cardan net pair": "tests/bus/test_pairing.py::test_the_router_takes_the_paired_operator_and_nobody_else",
     r"cardan network": "tests/test_face_command.py::test_the_network_is_joined_as_a_session_joins_it",
     r"cardan face router": "tests/test_face_command.py::test_a_router_serves_until_a_signal",
     r"cardan face dds": "plugins/cardan-dds/tests/test_dds_face.py",

@@ -16,8 +16,12 @@ class Program:
     def __init__(self, *words, **options):
         self.process = subprocess.Popen(
             [sys.executable, "-m", "cardan", *map(str, words)],
-            env=ENVIRONMENT,
-            **{"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, **options},
+            **{
+                "env": ENVIRONMENT,
+                "stdout": subprocess.PIPE,
+                "stderr": subprocess.PIPE,
+                **options,
+            },
         )
         self.said = dict.fromkeys(("stdout", "stderr"), b"")
         self._readers = []

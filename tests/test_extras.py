@@ -33,6 +33,7 @@ NEEDED = [
         "dissect",
         "from cardan.conform.second_reading import second_description; second_description('jr3')",
     ),
+    ("spake2", "pair", "import cardan.bus.pairing"),
     ("cbor2", "network", "import cardan.protocols.rosbridge.forms"),
     ("zenoh", "network", "from cardan.bus.node import zenoh_module; zenoh_module()"),
     ("xxhash", "network", "from cardan.bus.node import gid_of_token; gid_of_token('token')"),

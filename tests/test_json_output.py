@@ -26,6 +26,7 @@ WITHOUT = {
     "force": "lives until it is ended",
     "haptic": "lives until it is ended",
     "share": "lives until it is ended",
+    "net": "pair writes files",
     "echo": "prints JSON, nothing else",
     "record": "writes a file, and says in words what is missing",
     "replay": "likewise",

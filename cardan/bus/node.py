@@ -619,7 +619,17 @@ def _config(mode: str, listen: Sequence[str], connect: Sequence[str], file: str)
         except zenoh.ZError as error:
             raise ConfigurationError("zenoh_config", words_of(error)) from None
     config = zenoh.Config()
-    for key, value in {
+    for key, value in zenoh_settings(mode, listen, connect).items():
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            raise ConfigurationError(key.split("/")[0], words_of(error)) from None
+    return config
+
+
+def zenoh_settings(mode: str, listen: Sequence[str], connect: Sequence[str]) -> dict[str, object]:
+    """What Cardan sets of Zenoh's configuration, by paths of its keys ("listen/endpoints")."""
+    return {
         "mode": mode,
         "listen/endpoints": list(listen),
         "connect/endpoints": list(connect),
@@ -641,12 +651,7 @@ def _config(mode: str, listen: Sequence[str], connect: Sequence[str], file: str)
         "transport/link/tx/queue/size/data": TX_BATCHES,
         # Its files stay in /dev/shm, up to 16 MB each, when a process is killed.
         "transport/shared_memory/enabled": False,
-    }.items():
-        try:
-            config.insert_json5(key, json.dumps(value))
-        except zenoh.ZError as error:
-            raise ConfigurationError(key.split("/")[0], words_of(error)) from None
-    return config
+    }
 
 
 def gid_of(entity: Entity, domain: int) -> bytes:

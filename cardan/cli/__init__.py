@@ -39,6 +39,7 @@ from cardan.cli.doctor import doctor
 from cardan.cli.explain import explain
 from cardan.cli.face import face
 from cardan.cli.installed import CardanCommands
+from cardan.cli.net import net
 from cardan.cli.recording import export, plot, record, replay
 from cardan.cli.robots import robots
 from cardan.cli.share import share
@@ -75,6 +76,7 @@ app.add_typer(sim)
 app.add_typer(face)
 app.add_typer(service)
 app.add_typer(robots)
+app.add_typer(net)
 for _command in (
     network, echo, hz, messages, share, record, replay, plot, export, *DAEMON_COMMANDS, doctor,
     explain, conform,

@@ -24,7 +24,7 @@ ENTRY_POINT_GROUP = "cardan.commands"
 GROUPS = {
     "Run": "demo check run arm",
     "Devices and robots": "devices drivers udev share doctor explain robots force haptic spnav",
-    "Network": "network echo hz messages face",
+    "Network": "network net echo hz messages face",
     "Record": "record replay plot export",
     "Daemon": "serve ps top log events start stop restart switch reload service",
     "Test": "sim conform dissect evaluate",

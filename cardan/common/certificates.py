@@ -1,4 +1,5 @@
-"""Reads of a certificate for how long it is valid, and for which names (X.509, RFC 5280).
+"""Certificates (X.509, RFC 5280): made by the package cryptography, and read for how long they are
+valid, and for which names.
 
 Python's own module shows these of a peer's certificate only, after a handshake.
 """
@@ -8,8 +9,8 @@ from __future__ import annotations
 import datetime
 import ipaddress
 import ssl
-from collections.abc import Iterator
-from typing import Final, NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, Final, NamedTuple
 
 _SEQUENCE: Final = 0x30
 _OBJECT: Final = 0x06
@@ -102,3 +103,66 @@ def _names(value: bytes) -> Iterator[str]:
                 yield name.decode("ascii")
             elif tag == _ADDRESS:
                 yield str(ipaddress.ip_address(name))
+
+
+def is_address(name: str) -> bool:
+    """Whether it is an IP address, and no host name; one with a zone is neither."""
+    try:
+        return "%" not in str(ipaddress.ip_address(name))
+    except ValueError:
+        return False
+
+
+def make_key() -> tuple[Any, bytes]:
+    """A new private key of the package cryptography, and the same in PEM. Raises ImportError."""
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric import ec
+
+    key, plain = ec.generate_private_key(ec.SECP256R1()), serialization.NoEncryption()
+    form = serialization.PrivateFormat.PKCS8
+    return key, key.private_bytes(serialization.Encoding.PEM, form, plain)
+
+
+def make_certificate(
+    subject: str,
+    public_key: Any,
+    names: Sequence[str] = (),
+    *,
+    issuer: str,
+    issuer_key: Any,
+    days: int,
+    client: bool = False,
+) -> bytes:
+    """A certificate in PEM for a key of the package cryptography, signed by the issuer's: of a
+    server or `client` with `names`; without names, of an authority.
+
+    It begins an hour ago, as clocks differ. Raises ImportError without the package.
+    """
+    from cryptography import x509
+    from cryptography.hazmat.primitives import hashes, serialization
+    from cryptography.x509.oid import ExtendedKeyUsageOID as Usage
+
+    now = datetime.datetime.now(datetime.timezone.utc)
+    one, other = (
+        x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, each[:64])])
+        for each in (subject, issuer)
+    )
+    builder = (
+        x509.CertificateBuilder()
+        .subject_name(one)
+        .issuer_name(other)
+        .public_key(public_key)
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - datetime.timedelta(hours=1))
+        .not_valid_after(now + datetime.timedelta(days=days))
+        .add_extension(x509.BasicConstraints(ca=not names, path_length=None), critical=True)
+    )
+    if names:
+        wanted = [
+            x509.IPAddress(ipaddress.ip_address(each)) if is_address(each) else x509.DNSName(each)
+            for each in names
+        ]
+        usage = x509.ExtendedKeyUsage([Usage.CLIENT_AUTH if client else Usage.SERVER_AUTH])
+        builder = builder.add_extension(x509.SubjectAlternativeName(wanted), critical=False)
+        builder = builder.add_extension(usage, critical=False)
+    return builder.sign(issuer_key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM)

@@ -383,7 +383,8 @@ def share_until(
         stack.enter_context(device)
         claims = node.waiting_subscription(claim_topic(options.name), CLAIM_TYPE, CLAIMS_KEPT)
         publisher = node.publisher(topic, STATE_TYPE, express=True)
-        news = News(options.bus.router, routed=bool(node.neighbours()[0]))
+        router = "" if options.bus.zenoh_config else options.bus.router
+        news = News(router, routed=bool(node.neighbours()[0]))
         look_s = time.monotonic()
         stack.callback(device.on_state(lambda _state: claims.wake()))
         ask_for_real_time()

@@ -10,7 +10,6 @@ from __future__ import annotations
 import contextlib
 import datetime
 import hashlib
-import ipaddress
 import os
 import secrets
 import ssl
@@ -19,7 +18,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from cardan.common.certificates import Certificate, read_certificate
+from cardan.common.certificates import (
+    Certificate,
+    is_address,
+    make_certificate,
+    make_key,
+    read_certificate,
+)
 from cardan.common.files import read_text, state_folder
 from cardan.errors import ConfigurationError
 
@@ -145,51 +150,19 @@ def _make(
     )
 
 
-def _is_address(name: str) -> bool:
-    try:
-        ipaddress.ip_address(name)
-    except ValueError:
-        return False
-    return True
-
-
-def by_cryptography(names: Sequence[str], now: datetime.datetime) -> tuple[bytes, bytes]:
+def by_cryptography(names: Sequence[str], _now: datetime.datetime) -> tuple[bytes, bytes]:
     """By the package cryptography. Raises ImportError."""
-    from cryptography import x509
-    from cryptography.hazmat.primitives import hashes, serialization
-    from cryptography.hazmat.primitives.asymmetric import ec
-    from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
-
-    key = ec.generate_private_key(ec.SECP256R1())
-    subject = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, f"Cardan on {names[0]}"[:64])])
-    wanted = [
-        x509.IPAddress(ipaddress.ip_address(each)) if _is_address(each) else x509.DNSName(each)
-        for each in names
-    ]
-    made = (
-        x509.CertificateBuilder()
-        .subject_name(subject)
-        .issuer_name(subject)
-        .public_key(key.public_key())
-        .serial_number(x509.random_serial_number())
-        .not_valid_before(now - datetime.timedelta(hours=1))
-        .not_valid_after(now + datetime.timedelta(days=VALID_DAYS))
-        .add_extension(x509.SubjectAlternativeName(wanted), critical=False)
-        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
-        .add_extension(x509.ExtendedKeyUsage([ExtendedKeyUsageOID.SERVER_AUTH]), critical=False)
-        .sign(key, hashes.SHA256())
+    key, private = make_key()
+    own = f"Cardan on {names[0]}"
+    made = make_certificate(
+        own, key.public_key(), names, issuer=own, issuer_key=key, days=VALID_DAYS
     )
-    pem = serialization.Encoding.PEM
-    plain = serialization.NoEncryption()
-    return (
-        made.public_bytes(pem),
-        key.private_bytes(pem, serialization.PrivateFormat.PKCS8, plain),
-    )
+    return made, private
 
 
 def by_openssl(names: Sequence[str], _now: datetime.datetime) -> tuple[bytes, bytes]:
     """By the openssl program. Raises OSError."""
-    wanted = ",".join(f"{'IP' if _is_address(each) else 'DNS'}:{each}" for each in names)
+    wanted = ",".join(f"{'IP' if is_address(each) else 'DNS'}:{each}" for each in names)
     common = "".join(each for each in names[0] if each.isalnum() or each in ".-")[:50]
     # Both come out of its standard output: nothing is written that others might read.
     command = [

@@ -1,0 +1,267 @@
+"""Pairing of two computers by a short code: TLS certificates and Zenoh's configuration for both.
+
+SPAKE2 (RFC 9382, package spake2) makes a key from the code, and both confirm it before anything
+else is said: an impostor has one guess a connection, and nothing to try codes against offline, as
+with a pre-shared key of TLS. OpenSSL's SRP would do the same, but s_server of OpenSSL 3.0 crashes
+with -srpvfile. What follows are Fernet tokens (package cryptography), a line each::
+
+    operator: SPAKE2 message, ready, request (its key's, and HOST), kept
+    robot:    SPAKE2 message or "busy", ready too, answer (certificate, authority), kept too
+
+Each private key stays where it was made. The authority signs these two certificates, and its key is
+forgotten: no third one can follow.
+"""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import functools
+import json
+import os
+import re
+import secrets
+import select
+import socket
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, Final
+
+from cardan.bus.node import zenoh_settings
+from cardan.bus.options import ROUTER
+from cardan.common.certificates import is_address, make_certificate, make_key
+from cardan.common.extras import missing_extra
+from cardan.common.files import state_folder
+from cardan.errors import AddressError, ConfigurationError, OptionError
+
+try:
+    from cryptography import x509
+    from cryptography.fernet import Fernet, InvalidToken
+    from cryptography.hazmat.primitives import hashes, serialization
+    from spake2 import SPAKE2_A, SPAKE2_B
+except ImportError as error:
+    raise missing_extra("pairing", "spake2", "pair", error) from error
+
+TLS_PORT: Final = 7448
+"""Where the robot's router serves the operator's computer."""
+WAIT_S: Final = 300.0
+"""How long the robot's computer waits."""
+CLIENT_S: Final = 10.0
+"""Longest time for one client, from its connection to its end."""
+WRONG_CODES: Final = 3
+"""So many guesses at a code; then there is another one."""
+VALID_DAYS: Final = 825
+CONFIG: Final = "zenoh.json5"
+CODE_LETTERS: Final = 8
+"""40 bits: ten thousand guesses within `WAIT_S` have a chance of 1 in 10^8."""
+_ALPHABET: Final = "23456789ABCDEFGHJKLMNPQRSTUVWXYZ"
+"""Without those that are taken for each other."""
+_LINE_BYTES: Final = 65536
+_HOST: Final = re.compile(r"[a-z0-9]([a-z0-9.-]{0,251}[a-z0-9])?")
+_BUSY: Final = b"busy"
+Say = Callable[[str], None]
+
+
+class _EndedError(Exception):
+    """Pairing came to no end; why."""
+
+
+class _WrongCodeError(_EndedError):
+    """The other side has another code."""
+
+
+def wait_for_operator(
+    place: tuple[str, int], replace: bool, show: Say, tell: Say, wait_s: float = WAIT_S
+) -> Path:
+    """Wait at an address of this computer, the robot's, for the operator's; the router's file.
+
+    `show` is called with each new code, `tell` with what went wrong. Raises ConfigurationError,
+    and AddressError, also where nobody has paired within `wait_s`.
+    """
+    folder = _folder("as-robot", replace)
+    family = socket.AF_INET6 if ":" in place[0] else socket.AF_INET
+    try:
+        listener = socket.create_server(place, family=family)
+    except (OSError, UnicodeError) as error:
+        raise AddressError(f"cannot wait at {place[0]} port {place[1]}: {error}") from None
+    end_s, code, wrong = time.monotonic() + wait_s, "", WRONG_CODES
+    with listener:
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            if wrong == WRONG_CODES:
+                code, wrong = "".join(secrets.choice(_ALPHABET) for _ in range(CODE_LETTERS)), 0
+                show(f"{code[:4]}-{code[4:]}")
+            if not select.select((listener,), (), (), left_s)[0]:
+                continue
+            client, _ = listener.accept()
+            try:
+                with client:
+                    until_s = min(end_s, time.monotonic() + CLIENT_S)
+                    return _serve(_Channel(client, until_s, listener), code, folder)
+            except (_EndedError, OSError) as error:
+                wrong += isinstance(error, _WrongCodeError)
+                tell(f"pairing came to no end, nothing is kept, and it waits on: {error}")
+    raise AddressError(f"nobody has paired within {wait_s:g} s: begin again on both computers")
+
+
+def pair_with(host: str, port: int, replace: bool, ask: Callable[[], str]) -> Path:
+    """Pair this computer, the operator's, with the robot's at `host`, by the code that `ask` gives;
+    the client's file.
+
+    Raises ConfigurationError, and AddressError where nobody answers to the end.
+    """
+    host = host.lower()
+    if not is_address(host) and not _HOST.fullmatch(host):
+        raise OptionError("HOST", host, "a host name or an address, without a port")
+    folder = _folder(f"with-{host}", replace)
+    code = re.sub(r"[\s-]", "", typed := ask()).upper()
+    if len(code) != CODE_LETTERS or not set(code) <= set(_ALPHABET):
+        allowed = f"the {CODE_LETTERS} letters and digits that the robot's computer shows"
+        raise OptionError("--code", typed, allowed)
+    again = "start `cardan net pair` there, and try again while it shows a code"
+    try:
+        robot = socket.create_connection((host, port), CLIENT_S)
+    except (OSError, UnicodeError) as error:
+        raise AddressError(f"nobody waits at {host} port {port} ({error}): {again}") from None
+    try:
+        with robot:
+            return _join(_Channel(robot, time.monotonic() + CLIENT_S), host, code, folder)
+    except _WrongCodeError:
+        raise ConfigurationError(
+            "--code", f"{host} has another one: read there which it shows now, and try again"
+        ) from None
+    except (_EndedError, OSError) as error:
+        raise AddressError(f"pairing with {host} came to no end ({error}): {again}") from None
+
+
+class _Channel:
+    """Lines to and from the other side; a `listener`'s other clients are refused meanwhile."""
+
+    def __init__(self, far: socket.socket, end_s: float, *listener: socket.socket) -> None:
+        self._far, self._end_s, self._listener = far, end_s, listener
+        far.settimeout(CLIENT_S)
+
+    def agree(self, side: Any) -> None:
+        """Make a key by SPAKE2, for all that follows. Raises _EndedError."""
+        self._write(side.start().hex().encode())
+        if (line := self._read()) == _BUSY:
+            raise _EndedError("it pairs with another computer")
+        try:
+            self._key = Fernet(base64.urlsafe_b64encode(side.finish(bytes.fromhex(line.decode()))))
+        except Exception as error:  # Whatever the package makes of no element of its group.
+            raise _EndedError(f"no message of a pairing: {type(error).__name__}") from None
+
+    def send(self, step: str, **values: str) -> None:
+        self._write(self._key.encrypt(json.dumps({"step": step, **values}).encode()))
+
+    def receive(self, step: str) -> dict[str, str]:
+        """What the other side has sent; never what this one has, whose steps have other names."""
+        line = self._read()
+        try:
+            values: dict[str, str] = json.loads(self._key.decrypt(line))
+        except InvalidToken:
+            with contextlib.suppress(OSError):
+                self._write(b"wrong code")
+            raise _WrongCodeError("the code was wrong") from None
+        if values["step"] != step:
+            raise _EndedError(f"{values['step']!r} came in place of {step!r}")
+        return values
+
+    def _write(self, line: bytes) -> None:
+        self._far.sendall(line + b"\n")
+
+    def _read(self) -> bytes:
+        line = b""
+        while not line.endswith(b"\n"):
+            left_s = max(0.0, self._end_s - time.monotonic())
+            ready = select.select((self._far, *self._listener), (), (), left_s)[0]
+            if not ready or len(line) > _LINE_BYTES:
+                raise _EndedError("its line is too long" if ready else "it took too long")
+            for each in set(ready).intersection(self._listener):
+                with contextlib.suppress(OSError), each.accept()[0] as other:
+                    other.sendall(_BUSY + b"\n")
+            if self._far in ready:
+                if not (piece := self._far.recv(4096)):
+                    raise _EndedError("the connection ended")
+                line += piece
+        return line.removesuffix(b"\n")
+
+
+def _serve(channel: _Channel, code: str, folder: Path) -> Path:
+    channel.agree(SPAKE2_B(code.encode(), b"operator", b"robot"))
+    channel.receive("ready")
+    channel.send("ready too")
+    asked = channel.receive("request")
+    issuer, (root, _), (key, private) = "Cardan pair", make_key(), make_key()
+    signed = functools.partial(make_certificate, issuer=issuer, issuer_key=root, days=VALID_DAYS)
+    authority = signed(issuer, root.public_key())
+    try:
+        request = x509.load_pem_x509_csr(asked["request"].encode())
+        if not request.is_signature_valid:
+            raise ValueError("it is not signed by its key")
+        ours = signed("robot", key.public_key(), [asked["host"]])
+        theirs = signed("operator", request.public_key(), ["operator"], client=True)
+    except (KeyError, ValueError) as error:
+        raise _EndedError(f"its request cannot be used: {error}") from None
+    everywhere = "[::]" if ":" in asked["host"] else "0.0.0.0"
+    settings = zenoh_settings("router", (ROUTER, f"tls/{everywhere}:{TLS_PORT}"), ())
+    settings |= {"transport/link/tls/close_link_on_expiration": True}
+    with _kept(folder, "listen", settings, authority, ours, private):
+        channel.send("answer", certificate=theirs.decode(), authority=authority.decode())
+        channel.receive("kept")
+    with contextlib.suppress(OSError):  # The files are there, whether or not it hears of it.
+        channel.send("kept too")
+    return folder / CONFIG
+
+
+def _join(channel: _Channel, host: str, code: str, folder: Path) -> Path:
+    channel.agree(SPAKE2_A(code.encode(), b"operator", b"robot"))
+    channel.send("ready")
+    channel.receive("ready too")
+    key, private = make_key()
+    request = x509.CertificateSigningRequestBuilder().subject_name(x509.Name([]))
+    pem = request.sign(key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM).decode()
+    channel.send("request", host=host, request=pem)
+    answer = channel.receive("answer")
+    ours, authority = (answer[name].encode() for name in ("certificate", "authority"))
+    at = f"[{host}]" if ":" in host else host
+    settings = zenoh_settings("client", (), (f"tls/{at}:{TLS_PORT}",))
+    with _kept(folder, "connect", settings, authority, ours, private):
+        channel.send("kept")
+        channel.receive("kept too")
+    return folder / CONFIG
+
+
+def _folder(name: str, replace: bool) -> Path:
+    folder = state_folder() / "pair" / name
+    if folder.exists() and not replace:
+        raise ConfigurationError(
+            "--replace", f"this computer is paired already, in {folder}: give it to pair anew"
+        )
+    return folder
+
+
+@contextlib.contextmanager
+def _kept(folder: Path, side: str, settings: dict[str, object], *pems: bytes) -> Iterator[None]:
+    """Write Zenoh's configuration, authority, certificate and key beside `folder`, and put them
+    there, all at once, where what is inside succeeds. Raises OSError."""
+    names = ("authority.pem", "certificate.pem", "key.pem", CONFIG)
+    keys = ("root_ca_certificate", f"{side}_certificate", f"{side}_private_key")
+    tls = {key: str(folder / name) for key, name in zip(keys, names, strict=False)}
+    settings |= {f"transport/link/tls/{key}": value for key, value in tls.items()}
+    whole: dict[str, Any] = {}
+    for path, value in {**settings, "transport/link/tls/enable_mtls": True}.items():
+        *tables, last = path.split("/")
+        functools.reduce(lambda at, key: at.setdefault(key, {}), tables, whole)[last] = value
+    data = (*pems, json.dumps(whole, indent=2).encode())
+    folder.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=".", dir=folder.parent) as aside:
+        (new := Path(aside, "new")).mkdir(mode=0o700)
+        for name, content in zip(names, data, strict=True):
+            (new / name).touch(mode=0o600)
+            (new / name).write_bytes(content)
+        yield
+        if folder.exists():
+            os.rename(folder, Path(aside, "old"))
+        os.rename(new, folder)

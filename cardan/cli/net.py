@@ -1,0 +1,70 @@
+"""``cardan net pair``: certificates for two computers, from a code that is typed once."""
+
+from __future__ import annotations
+
+import shlex
+from typing import Annotated
+
+import typer
+
+from cardan.cli.common import EPILOG, print_problem
+from cardan.common.text_sanitizer import printable
+
+PORT = 7449
+
+net = typer.Typer(
+    name="net",
+    help="Join the operator's computer and the robot's.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+)
+
+
+@net.command(epilog=EPILOG)
+def pair(
+    host: Annotated[
+        str,
+        typer.Argument(
+            metavar="[HOST]",
+            help="On the operator's computer: name or address of the robot's. Without, this is "
+            "the robot's, and waits five minutes for the other one.",
+            show_default=False,
+        ),
+    ] = "",
+    code: Annotated[
+        str, typer.Option(metavar="CODE", help="Shown by the robot's computer; default: asks.")
+    ] = "",
+    address: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Where the robot's computer waits.")
+    ] = "0.0.0.0",
+    port: Annotated[
+        int, typer.Option(min=1, max=65535, help="TCP port where it waits; the same on both.")
+    ] = PORT,
+    replace: Annotated[
+        bool, typer.Option("--replace", help="Pair anew: the old certificates are gone then.")
+    ] = False,
+) -> None:
+    """Pair the operator's computer with the robot's, by TLS.
+
+    Makes a certificate for each and Zenoh's configuration, and prints what to type next. No private
+    key leaves its computer."""
+    from cardan.bus.pairing import pair_with, wait_for_operator
+    from cardan.gateway.servers.console.address import reachable_host
+
+    if host:
+        words = f"Code that {printable(host)} shows"
+        ask = lambda: code or str(typer.prompt(words, err=True))  # noqa: E731
+        config = shlex.quote(str(pair_with(host, port, replace, ask)))
+        print(f"paired; now:\n  cardan share spacemouse --zenoh-config {config}", flush=True)
+        return
+    there = reachable_host(address) + ("" if port == PORT else f" --port {port}")
+
+    def show(fresh: str) -> None:
+        print(f"code {fresh}; on the operator's computer: cardan net pair {there}", flush=True)
+
+    config = shlex.quote(str(wait_for_operator((address, port), replace, show, print_problem)))
+    print(
+        f"paired; now:\n  cardan face router --zenoh-config {config}\nand in the session's file:\n"
+        '  [device]\n  driver = "remote"\n  device = "spacemouse"',
+        flush=True,
+    )
