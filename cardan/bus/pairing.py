@@ -2,8 +2,8 @@
 
 SPAKE2 (RFC 9382, package spake2) makes a key from the code, and both confirm it before anything
 else is said: an impostor has one guess a connection, and nothing to try codes against offline, as
-with a pre-shared key of TLS. OpenSSL's SRP would do the same, but s_server of OpenSSL 3.0 crashes
-with -srpvfile. What follows are Fernet tokens (package cryptography), a line each::
+with a pre-shared key of TLS. OpenSSL's SRP would do the same, but the server of
+OpenSSL 3.0 crashes with it. What follows are Fernet tokens (package cryptography), a line each::
 
     operator: SPAKE2 message, ready, request (its key's, and HOST), kept
     robot:    SPAKE2 message or "busy", ready too, answer (certificate, authority), kept too
