@@ -76,7 +76,7 @@ class Whole:
     controller: ArmController
     device: OperatorDevice | None
     lease: DeviceLease | None
-    """Who has the device."""
+    """Opens and closes the device, which other sessions may have."""
     link: LoopLink
     worker: RequestWorker
     network: SessionNetwork | None
