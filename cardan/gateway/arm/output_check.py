@@ -30,6 +30,9 @@ NOISE_M_S, NOISE_RAD_S = 1e-3, 5e-3
 STILL = 1e-6
 """Largest motion, m or rad, in which no time passes: rounding."""
 
+END_RAD, ROUNDING_RAD = 1e-3, 1e-9
+"""How far a joint may be beyond its range, and how far it may move where it is farther."""
+
 UNEVEN = 1.25
 """Most time between two joint speeds, as a factor on the longer of their periods: each is the mean
 over a period, which the servo takes in steps of equal length."""
@@ -67,7 +70,7 @@ class OutputCheck:
         self._limits = limits
         count = len(limits.joint_speed)
         self._joint = [
-            (SLACK * speed + NOISE_RAD_S, SLACK * acceleration, low, high)
+            (SLACK * speed + NOISE_RAD_S, SLACK * acceleration, low - END_RAD, high + END_RAD)
             for speed, acceleration, low, high in zip(
                 limits.joint_speed,
                 limits.joint_acceleration,
@@ -150,9 +153,7 @@ class OutputCheck:
                 change = abs(rate - was)
                 return _too_sudden(f"joint {len(speeds) + 1}", change, "rad/s", dt_s)
             if not low <= now <= high and not (
-                low - 1e-3 <= now <= high + 1e-3
-                or abs(now - was_at) < 1e-9
-                or (now > was_at) is (now < low)
+                abs(now - was_at) < ROUNDING_RAD or (now > was_at) is (now < low)
             ):
                 return f"joint {len(speeds) + 1} at {now:.4g} rad, beyond its range"
             speeds.append(rate)

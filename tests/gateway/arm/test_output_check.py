@@ -14,6 +14,7 @@ from cardan.gateway.arm.output_check import (
     OutputCheck,
     OutputLimits,
 )
+from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.servo.servo import servo_steps
 from cardan.spatial import (
     from_rotation_vector,
@@ -178,6 +179,165 @@ def test_after_a_reset_any_place_may_be_the_first():
 def test_a_hold_passes_and_breaks_no_comparison():
     gate = passed(at(), HoldCommand(), at(0.0005))
     assert gate.violation(at(0.5), DT_S)
+
+
+# -- the limits to the last digit ----------------------------------------------------------------
+
+FASTEST_RAD_S = 1.05 * 1.0 + 5e-3
+LONG_S = 0.01
+
+
+def turned(rad, rate=None):
+    """The TCP turned about z, and turning so."""
+    twist = None if rate is None else Twist(ZERO3, Vector3(0.0, 0.0, rate))
+    return PoseCommand(Pose(ZERO3, from_rotation_vector(Vector3(0.0, 0.0, rad))), twist)
+
+
+def after_a_long_period():
+    gate = passed(JointCommand((0.0, 0.0)))
+    assert gate.violation(JointCommand((0.0, 0.0)), LONG_S) == ""
+    return gate
+
+
+@pytest.mark.parametrize(
+    ("limit", "gate", "command"),
+    [
+        (FASTEST_RAD_S, passed, lambda x: JointCommand((0.0, 0.0), (x, 0.0))),
+        (
+            FASTEST_RAD_S * DT_S,
+            lambda: passed(JointCommand((0.0, 0.0))),
+            lambda x: JointCommand((x, 0.0)),
+        ),
+        (
+            (1.05 * 20.0 * 1.25 * DT_S + 5e-3) * DT_S,
+            lambda: passed(JointCommand((0.0, 0.0)), JointCommand((0.0, 0.0))),
+            lambda x: JointCommand((0.0, x)),
+        ),
+        (
+            (1.05 * 20.0 * 1.25 * LONG_S + 5e-3) * DT_S,
+            after_a_long_period,
+            lambda x: JointCommand((0.0, x)),
+        ),
+        (FASTEST_RAD_S, passed, lambda x: JointVelocityCommand((x, 0.0))),
+        (
+            1.05 * 20.0 * DT_S + 5e-3,
+            lambda: passed(JointVelocityCommand((0.0, 0.0))),
+            lambda x: JointVelocityCommand((0.0, x)),
+        ),
+        (1.05 * 20.0, passed, lambda x: TorqueCommand((0.0, x))),
+        (1.05 * 0.25 + 1e-3, passed, lambda x: at(0.0, x)),
+        (FASTEST_RAD_S, passed, lambda x: turned(0.0, x)),
+        ((1.05 * 0.25 + 1e-3) * DT_S + 1e-6, lambda: passed(at()), at),
+        (FASTEST_RAD_S * DT_S + 1e-6, lambda: passed(turned(0.3)), lambda x: turned(0.3 + x)),
+        (
+            1.05 * 1.0 * DT_S + 1e-3,
+            lambda: passed(at(0.0, 0.1)),
+            lambda x: at(0.0, 0.1 + x),
+        ),
+        (
+            1.05 * 4.0 * DT_S + 5e-3,
+            lambda: passed(turned(0.0, 0.1)),
+            lambda x: turned(0.0, 0.1 + x),
+        ),
+        (1e-6, passed, lambda x: PoseCommand(Pose(ZERO3, Quaternion(1.0 + x, 0.0, 0.0, 0.0)))),
+    ],
+)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_limit_is_kept_to_the_last_digit_on_both_sides(limit, gate, command, sign):
+    assert gate().violation(command(sign * limit * (1.0 - 1e-6)), DT_S) == ""
+    assert gate().violation(command(sign * limit * (1.0 + 1e-6)), DT_S)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_end_of_a_joints_range_is_kept_to_a_thousandth(sign):
+    def gate():
+        return passed(JointCommand((sign * 1.9, 0.0)), JointCommand((sign * 1.95, 0.0)), dt_s=1.0)
+
+    assert gate().violation(JointCommand((sign * (2.001 - 1e-9), 0.0)), 1.0) == ""
+    words = f"joint 1 at {sign * 2.001:.4g} rad, beyond its range"
+    assert gate().violation(JointCommand((sign * (2.001 + 1e-9), 0.0)), 1.0) == words
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        JointCommand((0.0, 0.0), (FASTEST_RAD_S, 0.0)),
+        JointVelocityCommand((FASTEST_RAD_S, 0.0)),
+        TorqueCommand((0.0, 1.05 * 20.0)),
+        at(0.0, 1.05 * 0.25 + 1e-3),
+        turned(0.0, FASTEST_RAD_S),
+        JointCommand((0.0, 0.0), None, (3.0,)),
+        PoseCommand(Pose(ZERO3, IDENTITY), None, (3.0,)),
+    ],
+)
+def test_what_is_just_allowed_passes(command):
+    assert OutputCheck(LIMITS).violation(command, DT_S) == ""
+
+
+@pytest.mark.parametrize("between", [HoldCommand(), at()])
+def test_speeds_from_before_another_kind_of_command_are_forgotten(between):
+    gate = passed(*(JointCommand((0.004 * step, 0.0)) for step in range(3)), between)
+    for _ in range(2):
+        assert gate.violation(JointCommand((0.008, 0.0)), DT_S) == ""
+
+
+def test_of_an_arm_whose_limits_are_not_known_numbers_pass():
+    free = OutputLimits.of_free_body(
+        ReferenceLimits(
+            linear_speed_m_s=0.1,
+            linear_acceleration_m_s2=2.0,
+            angular_speed_rad_s=0.5,
+            angular_acceleration_rad_s2=3.0,
+        )
+    )
+    assert free == OutputLimits(0.1, 2.0, 0.5, 3.0)
+    for command in (
+        JointCommand((9.0,) * 3, (9.0,)),
+        JointVelocityCommand((9.0,) * 7),
+        TorqueCommand((99.0,)),
+    ):
+        assert OutputCheck(free).violation(command, DT_S) == ""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "words"),
+    [
+        ((0.3, 0.2), (0.3, 0.201), "a step of joint 2 by 0.001 rad in zero time"),
+        ((0.3, 0.2), (0.299, 0.2), "a step of joint 1 by -0.001 rad in zero time"),
+    ],
+)
+def test_a_step_in_zero_time_is_named_with_its_joint(before, after, words):
+    assert passed(JointCommand(before)).violation(JointCommand(after), 0.0) == words
+
+
+def test_a_step_is_told_by_its_size():
+    gate = passed(JointCommand((0.3, 0.2)))
+    words = gate.violation(JointCommand((0.3, 0.25)), DT_S)
+    assert words == "a step of joint 2 by 0.05 rad"
+
+
+def test_a_change_of_speed_is_counted_from_the_speed_before():
+    gate = passed(JointVelocityCommand((0.5, 0.0)))
+    assert gate.violation(JointVelocityCommand((0.5, 0.0)), DT_S) == ""
+
+
+def test_a_twist_is_compared_where_both_commands_have_one():
+    assert passed(at()).violation(at(0.0, 0.2), DT_S) == ""
+    assert passed(at(0.0, 0.2)).violation(at(), DT_S) == ""
+
+
+@pytest.mark.parametrize("way", [-1.0, 1.0])
+def test_a_joint_beyond_either_end_of_its_range_may_only_come_back(way):
+    gate = passed(JointCommand((way * 2.1, 0.0)), JointCommand((way * 2.1, 0.0)))
+    assert gate.violation(JointCommand((way * (2.1 + 0.9e-9), 0.0)), DT_S) == ""
+    assert gate.violation(JointCommand((way * (2.1 + 2e-9), 0.0)), DT_S)
+    assert gate.violation(JointCommand((way * (2.1 - 1e-4), 0.0)), DT_S) == ""
+
+
+def test_a_turn_is_measured_the_short_way_whichever_sign_its_quaternions_have():
+    far = from_rotation_vector(Vector3(0.0, 0.0, 0.002))
+    other = PoseCommand(Pose(ZERO3, Quaternion(*(-each for each in far))))
+    assert passed(at()).violation(other, DT_S) == ""
 
 
 # -- periods that are uneven ---------------------------------------------------------------------
