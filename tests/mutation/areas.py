@@ -16,6 +16,7 @@ AREAS: dict[str, tuple[str, ...]] = {
     "states": ("cardan/gateway/arm/states.py", "cardan/gateway/operator/arming.py"),
     "authority": ("cardan/gateway/arm/authority.py",),
     "limits": (
+        "cardan/common/braking.py",
         "cardan/drivers/limiters.py",
         "cardan/gateway/arm/output_check.py",
         "cardan/gateway/motion/reference.py",
@@ -45,6 +46,7 @@ TESTS: dict[str, tuple[str, ...]] = {
     "cardan/gateway/servo": (*_GATEWAY, "tests/gateway/servo"),
     "cardan/gateway/kinematics": ("tests/gateway/kinematics", "tests/gateway/servo"),
     "cardan/gateway/force": ("tests/gateway/force",),
+    "cardan/common/braking.py": ("tests/drivers/test_limiters.py", "tests/gateway/motion"),
     "cardan/drivers": ("tests/drivers", "tests/test_device_faults.py", "tests/test_lost_time.py"),
     "cardan/protocols": ("tests/protocols", "tests/drivers", "tests/sim_peers"),
 }
