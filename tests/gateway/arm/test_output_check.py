@@ -334,6 +334,22 @@ def test_a_joint_beyond_either_end_of_its_range_may_only_come_back(way):
     assert gate.violation(JointCommand((way * (2.1 - 1e-4), 0.0)), DT_S) == ""
 
 
+@pytest.mark.parametrize(
+    ("most", "first", "next_"),
+    [
+        (1.05 * 2.0 * DT_S + 1e-3, (at(0.0, 0.0),), lambda x: at(0.0, x)),
+        (1.05 * 0.5 + 5e-3, (), lambda x: turned(0.0, x)),
+    ],
+)
+def test_limits_of_the_tcp_that_are_not_one_are_kept_to_the_last_digit(most, first, next_):
+    limits = LIMITS._replace(linear_acceleration_m_s2=2.0, angular_speed_rad_s=0.5)
+    for share, passes in ((1.0 - 1e-6, True), (1.0 + 1e-6, False)):
+        gate = OutputCheck(limits)
+        for command in first:
+            assert gate.violation(command, DT_S) == ""
+        assert (gate.violation(next_(share * most), DT_S) == "") is passes
+
+
 def test_a_turn_is_measured_the_short_way_whichever_sign_its_quaternions_have():
     far = from_rotation_vector(Vector3(0.0, 0.0, 0.002))
     other = PoseCommand(Pose(ZERO3, Quaternion(*(-each for each in far))))
