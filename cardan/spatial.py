@@ -54,7 +54,8 @@ def cross(a: Vector3, b: Vector3) -> Vector3:
 
 def limit_norm(v: Vector3, longest: float) -> Vector3:
     """`v`, shortened to `longest` if it is longer; the direction stays."""
-    length = norm(v)
+    x, y, z = v
+    length = math.sqrt(x * x + y * y + z * z)
     return v if length <= longest else scale(v, longest / length)
 
 

@@ -454,9 +454,9 @@ class ArmController:
                 self._act_on(finding, robot)
             if not self.state.link.ready:
                 self._on(Event.READY)
-            self._observe(robot)
+            observed = self._observe(robot)
             if self.state.motion.commanded and not self.state.readings.rejected:
-                finding = self.supervision.compare(robot, self.body, self._observed, self._activity)
+                finding = self.supervision.compare(robot, self.body, observed, self._activity)
                 if finding is not None:
                     self._act_on(finding, robot)
             ignored = bool(self._inhibits) and self._heed_inhibits()
@@ -497,19 +497,18 @@ class ArmController:
         streamed = activity.silence_s < math.inf
         return activity.driven or self.body.moving if streamed else not activity.idle
 
-    @property
-    def _observed(self) -> Reference | None:
-        """The reference that the measured TCP is compared with; None where joints alone count."""
+    def _observe(self, robot: RobotState) -> Reference | None:
+        """The reference that the measured TCP is compared with, which is told of it; None where
+        joints alone count."""
         activity = self._activity
         if activity is None:
-            return self.reference if self.hand is not None else None
-        return activity.reference
-
-    def _observe(self, robot: RobotState) -> None:
-        reference = self._observed
+            reference = self.reference if self.hand is not None else None
+        else:
+            reference = activity.reference
         if reference is None or reference.pose is None or self.state.readings.rejected:
-            return
+            return reference
         reference.observe(self.body.measured(robot))
+        return reference
 
     # -- what is wrong ---------------------------------------------------------------------------
 

@@ -21,11 +21,9 @@ from cardan.common.braking import stopping_speed, within_walls
 from cardan.common.options import Options, require
 from cardan.gateway.motion.shaping import JerkLimitedVector
 from cardan.spatial import (
-    dot,
     from_rotation_vector,
     limit_norm,
     multiply,
-    norm,
     normalized,
     rotate,
     scale,
@@ -69,16 +67,22 @@ class ReferenceLimits(Options):
 
 
 def _leashed(
-    velocity: Vector3, ahead: Vector3, leash: float, acceleration: float, dt_s: float
+    velocity: Vector3,
+    ahead: Vector3,
+    distance: float,
+    leash: float,
+    acceleration: float,
+    dt_s: float,
 ) -> Vector3:
-    """`velocity`, running further `ahead` only as fast as it can stop at the leash's end.
+    """`velocity`, running further `ahead`, which is `distance` long, only as fast as it can stop at
+    the leash's end.
 
     Motion back or sideways is never held.
     """
-    distance = norm(ahead)
     if distance == 0.0:
         return velocity
-    outward = dot(velocity, ahead) / distance
+    x, y, z = velocity
+    outward = (x * ahead[0] + y * ahead[1] + z * ahead[2]) / distance
     excess = outward - stopping_speed(leash - distance, acceleration, dt_s)
     if outward <= 0.0 or excess <= 0.0:
         return velocity
@@ -201,11 +205,10 @@ class Reference:
         if smooth and self._smooth_angular is not None:
             angular = Vector3(*self._smooth_angular.advance(angular, dt_s))
 
-        linear = _leashed(
-            linear, self._ahead, limits.leash_m, limits.linear_acceleration_m_s2, dt_s
-        )
+        hardest = limits.linear_acceleration_m_s2, limits.angular_acceleration_rad_s2
+        linear = _leashed(linear, self._ahead, self.ahead_m, limits.leash_m, hardest[0], dt_s)
         angular = _leashed(
-            angular, self._turned_ahead, limits.leash_rad, limits.angular_acceleration_rad_s2, dt_s
+            angular, self._turned_ahead, self.ahead_rad, limits.leash_rad, hardest[1], dt_s
         )
         self.linear = self._next_linear(linear, pose.position, dt_s)
         most = limits.angular_acceleration_rad_s2 * dt_s
