@@ -161,7 +161,17 @@ def test_walls_come_first_and_the_rest_as_far_as_it_fits(place, now, step):
 
 @given(places, steps, steps)
 def test_walls_that_come_up_suddenly_are_braked_for_no_harder_than_allowed(place, now, step):
-    before = Vector3(*now)
+    before, most = Vector3(*now), 0.1
     lowest, highest = [min(0.0, p) for p in place], [max(0.0, p) for p in place]
-    got = within_walls(before, step, lowest, highest, 0.1, 0.1 / math.sqrt(3.0))
-    assert math.dist(got, before) <= 0.1 + 1e-9
+    braking = most / math.sqrt(3.0)
+    got = within_walls(before, step, lowest, highest, most, braking)
+    assert math.dist(got, before) <= most + 1e-9
+    for v, was, wanted, low, high in zip(got, now, step, lowest, highest, strict=True):
+        due = min(max(min(max(was, low), high), was - braking), was + braking)
+        clipped = min(max(wanted, low), high)
+        assert min(due, clipped) - 1e-12 <= v <= max(due, clipped) + 1e-12
+
+
+def test_what_walls_demand_beyond_the_longest_change_leaves_nothing_for_the_rest():
+    walls = [-0.2, -1.0, -1.0], [0.2, 1.0, 1.0]
+    assert within_walls((1.0, 0.0, 0.0), (1.0, 0.5, 0.0), *walls, 0.1) == (0.2, 0.0, 0.0)
