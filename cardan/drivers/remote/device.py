@@ -45,7 +45,7 @@ class Remote(BusDevice[RemoteCore]):
 
     def __new__(cls, options: RemoteOptions | None = None, **keywords: Any) -> Remote:
         """With the option `force` it is a haptic device."""
-        force = keywords.get("force", False) if options is None else options.force
+        force = getattr(options, "force", keywords.get("force", False))
         return super().__new__(RemoteForce if force and cls is Remote else cls)
 
     def __init__(self, options: RemoteOptions | None = None, **keywords: Any) -> None:

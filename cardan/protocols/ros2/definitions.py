@@ -472,6 +472,10 @@ geometry_msgs/Vector3 commanded
 geometry_msgs/Vector3 force
 float64 largest
 float64 peak
+float64 energy
+float64 delivered
+float64 given_peak
+float64 damping
 float64 derating
 float64 age
 uint64 faults
