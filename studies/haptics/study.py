@@ -184,9 +184,9 @@ def _figures(
         for width in more.widths:
             name = f"stiffest wall at {width.damping_n_s_m:g} N·s/m"
             found.append(Figure(name, width.ours, "N/m", "more", WITHIN * width.ours))
-        for point in more.far:
-            name = f"felt at {1e3 * point.delay_s:.0f} ms one way, {point.hand.name}"
-            found.append(Figure(name, point.felt_n_m, "N/m", "more", WITHIN * far.STIFFNESS_N_M))
+        for wall in more.far:
+            name = f"felt at {1e3 * wall.delay_s:.0f} ms one way, {wall.hand.name}"
+            found.append(Figure(name, wall.felt_n_m, "N/m", "more", WITHIN * far.STIFFNESS_N_M))
         late = sum(not each.in_time for each in more.felt)
         found.append(Figure("faults not over in time", float(late), "", "less"))
     if ticks is not None:
