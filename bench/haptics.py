@@ -17,7 +17,7 @@ from pathlib import Path
 
 from bench import pages
 from cardan.errors import ExtraMissingError
-from studies.haptics import earlier, faults, stability, timing, zwidth
+from studies.haptics import earlier, far, faults, stability, timing, zwidth
 from studies.haptics.stability import HELD, LIGHTLY, PUSHES, compare
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -43,6 +43,8 @@ def main() -> None:
     _show(stable, "zwidth", zwidth.table(widths))
     felt = [faults.feel(fault) for fault in faults.FAULTS]
     _show(stable, "faults", faults.table(felt))
+    afar = far.measure()
+    _show(stable, "far", far.table(afar))
     measured = {"stability.md": stable}
     if "--virtual" not in sys.argv[1:]:
         _show(measured.setdefault("measurements.md", {}), "timing", timing.measure())
@@ -57,7 +59,7 @@ def main() -> None:
         except ExtraMissingError as error:
             print(f"no plots: {error}")
         else:
-            plotting.save(directory, plots.draw(grids, channel, sampling, widths, felt))
+            plotting.save(directory, plots.draw(grids, channel, sampling, widths, felt, afar))
             print(f"plots are in {directory}")
     print(f"took {time.monotonic() - began_s:.0f} s")
 

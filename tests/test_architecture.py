@@ -138,7 +138,7 @@ GATEWAY_ROOMS = {
     "operator": {"motion"},
     "force": set(),
     "arm": {"operator", "motion", "kinematics", "servo"},
-    "bus": {"arm", "motion"},
+    "bus": {"arm", "motion", "force"},
     "servers": {"arm"},
     "daemon": {"session", "arm", "servers"},
     "session": {"bus", "arm", "operator", "force", "motion", "kinematics", "servo"},

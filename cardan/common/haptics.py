@@ -123,6 +123,9 @@ class MeasuredForce(NamedTuple):
     """Position of the stylus at that time, hand frame, m."""
     stiffness_n_m: float = 0.0
     """0: no local contact model."""
+    absorbed_j: float = 0.0
+    """Net energy that what is touched has absorbed in this engagement, J: what a device far away
+    needs to know, whose own loop does not see it."""
 
 
 class HapticCommand(NamedTuple):

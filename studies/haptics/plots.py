@@ -8,6 +8,7 @@ from typing import Any
 
 from cardan.common.arm_libraries import np
 from studies.haptics import theory
+from studies.haptics.far import STIFFNESS_N_M, Point
 from studies.haptics.faults import FAULT_S, LIMITS, Felt
 from studies.haptics.loop import TICK_S, Array, Trace
 from studies.haptics.remote import Link
@@ -62,6 +63,7 @@ def draw(
     sampling: list[Compared],
     widths: list[Width],
     felt: list[Felt],
+    far: list[Point],
 ) -> Iterator[Drawn]:
     """All pictures."""
     yield Drawn("map", "Stability over stiffness and delay", _map(grids))
@@ -70,6 +72,7 @@ def draw(
     yield Drawn("energy", "Energy given to the hand", _energy())
     yield Drawn("zwidth", "Z-width", _zwidth(widths))
     yield Drawn("faults", "Faults as the hand feels them", _faults(felt))
+    yield Drawn("far", "Stiffness felt over delay", _far(far))
 
 
 def _map(grids: list[list[Compared]]) -> Any:
@@ -156,6 +159,25 @@ def _channel(channel: list[Compared], sampling: list[Compared]) -> Any:
             ylabel="stiffness felt, N/m",
         )
     figure.colorbar(mesh, ax=axes, label="energy given, mJ")
+    return figure
+
+
+def _far(points: list[Point]) -> Any:
+    figure, axes = plt.subplots(1, 2, figsize=(10.0, 3.2), layout="constrained", sharey=True)
+    hands = list(dict.fromkeys(each.hand for each in points))
+    for cell, hand in zip(axes, hands, strict=True):
+        own = [each for each in points if each.hand == hand]
+        delays_ms = [1e3 * each.delay_s for each in own]
+        for name, values, colour in (
+            ("law of both ends", [each.felt_n_m for each in own], OURS_COLOUR),
+            ("the tick alone", [each.alone_n_m for each in own], OFF_COLOUR),
+        ):
+            cell.plot(delays_ms, values, "o-", color=colour, label=name)
+        unstable = [1e3 * each.delay_s for each in own if not each.plain.stable]
+        cell.plot(unstable, [0.0] * len(unstable), "x", color=PLAIN_COLOUR, label="plain unstable")
+        cell.axhline(STIFFNESS_N_M, color=THEORY, ls="--", lw=1, label="the wall")
+        cell.set(title=hand.name, xlabel="delay one way, ms", ylabel="stiffness felt, N/m")
+        cell.legend(fontsize=8)
     return figure
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from cardan.common.arm_libraries import np
-from studies.haptics import drawing, faults, stability, timing, zwidth
+from studies.haptics import drawing, far, faults, stability, timing, zwidth
 from studies.haptics.stability import HELD, LIGHTLY, PUSHES, Compared, Push
 from studies.result import Drawn, Figure, Result, Table, known, table_of
 
@@ -36,6 +36,7 @@ class Grids(NamedTuple):
     sampling: list[Compared]
     widths: list[zwidth.Width]
     felt: list[faults.Felt]
+    far: list[far.Point]
 
 
 def pushes() -> list[tuple[Push, Compared, Compared]]:
@@ -52,6 +53,7 @@ def grids() -> Grids:
         stability.sampling_grid(),
         zwidth.measure(),
         [faults.feel(fault) for fault in faults.FAULTS],
+        far.measure(),
     )
 
 
@@ -110,6 +112,7 @@ def _tables(
         found.append(Table("Over stiffness, delay, jitter, loss and sampling", ("grid",), lines))
         found.append(table_of("Stiffest walls, N/m", zwidth.table(more.widths)))
         found.append(table_of("Faults as the hand feels them", faults.table(more.felt)))
+        found.append(table_of("Stiffness felt over delay", far.table(more.far)))
     if ticks is not None:
         found.append(table_of("The tick in real time", timing.evenness_table(ticks.found)))
         found.append(table_of("What the law of the tick costs", timing.law_table(ticks.alone)))
@@ -181,6 +184,9 @@ def _figures(
         for width in more.widths:
             name = f"stiffest wall at {width.damping_n_s_m:g} N·s/m"
             found.append(Figure(name, width.ours, "N/m", "more", WITHIN * width.ours))
+        for wall in more.far:
+            name = f"felt at {1e3 * wall.delay_s:.0f} ms one way, {wall.hand.name}"
+            found.append(Figure(name, wall.felt_n_m, "N/m", "more", WITHIN * far.STIFFNESS_N_M))
         late = sum(not each.in_time for each in more.felt)
         found.append(Figure("faults not over in time", float(late), "", "less"))
     if ticks is not None:

@@ -16,7 +16,7 @@ from cardan.drivers.remote.shared import (
     claim_message,
     shared_message,
 )
-from cardan.gateway.bus.sharing import ShareCore
+from cardan.gateway.bus.sharing import HandEnd, ShareCore
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.names import dds_type
 from cardan.protocols.ros2.zenoh import Attachment
@@ -91,7 +91,9 @@ class Bench:
     """An operator's computer, a network, and a session's driver. `lie_s` is added to the clock
     there."""
 
-    def __init__(self, down=LAN, up=None, seed=1, offset_s=1000.0, drift=0.0, **options):
+    def __init__(
+        self, down=LAN, up=None, seed=1, offset_s=1000.0, drift=0.0, haptic=None, **options
+    ):
         chosen = random.Random(seed)
         self.down, self.up = Way(down, chosen), Way(down if up is None else up, chosen)
         self.offset_s, self.drift, self.lie_s = offset_s, drift, 0.0
@@ -103,6 +105,8 @@ class Bench:
         self.device = DeviceState(self.there_s, DeviceLink.LIVE, NEUTRAL, frozenset())
         self.edges = []
         self.given = DeviceFeedback()
+        self.haptic, self.command = haptic, None
+        self.hand = None if haptic is None else HandEnd(haptic)
         self.heard = []
         """Edges that came out of the driver."""
         self.frozen = False
@@ -141,7 +145,7 @@ class Bench:
             self.operator()
             for item in self.down.arrived(self.now_s):
                 self.core.on_received(item, self.now_s)
-            claim = self.core.claim(self.now_s, self.given)
+            claim = self.core.claim(self.now_s, self.given, self.command)
             if claim is not None:
                 self.up.send(self.claimed(claim), self.now_s)
             self.heard += self.core.events()
@@ -153,7 +157,11 @@ class Bench:
         for item in self.up.arrived(self.now_s):
             self.share.on_received(item, self.there_s)
         edges, self.edges = self.edges, []
-        shared = self.share.offer(self.device, edges, ABLE, self.there_s)
+        felt = None
+        if self.hand is not None:
+            self.hand.cycle(*self.share.order(self.there_s), self.there_s)
+            felt = self.hand.felt
+        shared = self.share.offer(self.device, edges, ABLE, self.there_s, felt)
         if shared is not None:
             message = self.mangle(shared_message(shared))
             item = received(STATE_TYPE, message, next(self.numbers), self.sender)

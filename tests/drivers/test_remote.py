@@ -499,7 +499,7 @@ MANY = [
     {"number": n, "stamp": 0.0, "button": "a", "pressed": True} for n in range(1, MOST_EDGES + 2)
 ]
 BAD_STATES = {
-    "version": ({"version": 2}, "of version 2, where this Cardan speaks 1"),
+    "version": ({"version": 1}, "of version 1, where this Cardan speaks 2"),
     "axes": ({"axes": [math.nan] * 6}, "no numbers"),
     "beyond": ({"axes": [2.0] + [0.0] * 5}, "beyond -1 to 1"),
     "sent": ({"sent": math.nan}, "a time sent that is none"),
@@ -594,9 +594,9 @@ def test_the_longest_state_there_is_is_short_enough():
 def test_a_stranger_cannot_fill_the_memory_with_words():
     bench, many = Bench().live(), 200
     for number in range(many):
-        bench.mangle = lambda message, n=number: message | {"version": n + 2}
+        bench.mangle = lambda message, n=number: message | {"version": n + 3}
         bench.run(0.03)
-        asked = claim_message(claim(asked_s=bench.now_s)) | {"version": number + 2}
+        asked = claim_message(claim(asked_s=bench.now_s)) | {"version": number + 3}
         bench.share.on_received(received(CLAIM_TYPE, asked, sender=8), bench.there_s)
     assert bench.core.protocol_errors()["malformed"] >= many
     assert len(bench.core.diagnosis(bench.now_s)) < 50

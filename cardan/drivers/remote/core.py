@@ -21,12 +21,16 @@ from collections.abc import Mapping
 from typing import ClassVar
 
 from cardan.common.clocks import SLACK_S, RemoteClock
+from cardan.common.haptics import HapticCommand
 from cardan.drivers.remote.options import RemoteOptions
 from cardan.drivers.remote.playout import Motion, Playout
 from cardan.drivers.remote.shared import (
     CLAIM_PERIOD_S,
+    FORCE_PERIOD_S,
     STATE_TYPE,
     Claim,
+    Felt,
+    Order,
     Shared,
     UnusableError,
     read_shared,
@@ -104,6 +108,8 @@ class RemoteCore(BusCore):
         self._shared: DeviceState | None = None
         self._playout.clear()
         self._playout.forget()
+        self.felt: Felt | None = None
+        """What the hand felt at the newest state; None: not known, or the device gives no force."""
         self._sequences: deque[int] = deque(maxlen=SEQUENCES_KEPT)
         """Those of the newest states."""
         self.capabilities = UNKNOWN
@@ -115,13 +121,23 @@ class RemoteCore(BusCore):
 
     # -- what it asks --------------------------------------------------------------------------
 
-    def claim(self, now_s: float, feedback: DeviceFeedback) -> Claim | None:
-        """The claim that is due now, if one is; `feedback`: what the operator is to be given."""
-        if not self._open or now_s < self._claimed_s + CLAIM_PERIOD_S:
+    def claim(
+        self, now_s: float, feedback: DeviceFeedback, command: HapticCommand | None = None
+    ) -> Claim | None:
+        """The claim that is due now, if one is; `feedback`: what the operator is to be given;
+        `command`: what the hand is to feel, if anything."""
+        engaged = command is not None and command.engaged
+        if not self._open or now_s < self._claimed_s + (
+            FORCE_PERIOD_S if engaged else CLAIM_PERIOD_S
+        ):
             return None
         self._claimed_s = now_s
         self._asked.append(now_s)
-        return Claim(self._lessee, self._name, now_s, True, self._edge, feedback)
+        # The state that the arm follows now, not the newest: motion may wait to be played.
+        shown = self._playout.shown
+        answers_s = NEVER_S if shown is None else shown.sent_s
+        order = None if command is None else Order(command, answers_s)
+        return Claim(self._lessee, self._name, now_s, True, self._edge, feedback, order)
 
     def farewell(self, now_s: float) -> Claim:
         """The claim that gives the device back."""
@@ -221,7 +237,7 @@ class RemoteCore(BusCore):
         self._heard = True
         self._last_s = self._newest_s
         self._take_edges(shared, now_s)
-        self._shared = state
+        self._shared, self.felt = state, shared.felt
         self._battery = state.battery
         stamp_s = self._clock.here_s(state.stamp_s)
         stamp_s = now_s if stamp_s is None else min(stamp_s, now_s)
@@ -294,7 +310,7 @@ class RemoteCore(BusCore):
         self._fall_silent(f"no state is younger than max_age_s, {longest_s:g} s{trip}", now_s)
 
     def _drop_input(self, now_s: float) -> None:
-        self._shared = None
+        self._shared = self.felt = None
         self._playout.clear()
 
     def _axes(self, now_s: float) -> Axes:

@@ -8,14 +8,23 @@ import time
 from typing import Any, ClassVar
 
 from cardan.bus.node import Publisher
+from cardan.common.haptics import (
+    MAX_FIXTURES,
+    FeedbackLimits,
+    HapticCommand,
+    HapticState,
+    OperatingState,
+)
+from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.node_options import SIMULATED
 from cardan.drivers.remote.core import RemoteCore
 from cardan.drivers.remote.options import RemoteOptions
-from cardan.drivers.remote.shared import CLAIM_TYPE, Claim, claim_message
+from cardan.drivers.remote.shared import CLAIM_TYPE, Claim, claim_message, flat
 from cardan.drivers.ros2_nodes.device import LOOK_S, MEET_S, BusDevice
-from cardan.errors import DeviceAccessError
+from cardan.errors import CommandError, DeviceAccessError
 from cardan.protocols.ros2.cdr import codec_of
-from cardan.types import DeviceCapabilities, DeviceFeedback
+from cardan.spatial import is_finite
+from cardan.types import DeviceCapabilities, DeviceFeedback, DeviceLink
 
 WAIT_S = 0.01
 """The reader looks at its claim so often."""
@@ -30,9 +39,14 @@ class Remote(BusDevice[RemoteCore]):
     peer = "spacemouse"
     simulated = SIMULATED
     gives, suits = "what that device gives", "as for that device"
-    takes_back = "light, rumble, where that device has them"
+    takes_back = "light, rumble, where that device has them; with `force` force"
     options: RemoteOptions
     _kind = "remote device"
+
+    def __new__(cls, options: RemoteOptions | None = None, **keywords: Any) -> Remote:
+        """With the option `force` it is a haptic device."""
+        force = getattr(options, "force", keywords.get("force", False))
+        return super().__new__(RemoteForce if force and cls is Remote else cls)
 
     def __init__(self, options: RemoteOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -40,6 +54,8 @@ class Remote(BusDevice[RemoteCore]):
         self._core = RemoteCore(self.options, secrets.randbits(63) | 1, name)
         self._claims: Publisher | None = None
         self._given = DeviceFeedback()
+        self._command: HapticCommand | None = None
+        """What the hand is to feel."""
 
     @property
     def capabilities(self) -> DeviceCapabilities:
@@ -105,7 +121,7 @@ class Remote(BusDevice[RemoteCore]):
 
     def _renew(self) -> None:
         with self._lock:
-            claim = self._core.claim(time.monotonic(), self._given)
+            claim = self._core.claim(time.monotonic(), self._given, self._command)
         if claim is not None:
             self._put(claim)
 
@@ -123,3 +139,72 @@ class Remote(BusDevice[RemoteCore]):
         """Stop reading, and give the device back."""
         super().close()
         self._given = DeviceFeedback()
+        self._command = None
+
+
+class RemoteForce(Remote, HapticDevice):
+    """One whose hand feels force. `cardan share` has the law that keeps it passive; here are the
+    newest command, and what is told of the hand."""
+
+    _enabled = False
+    _last = HapticState()
+
+    def render(self, command: HapticCommand) -> None:
+        """Send `command`, and the newest each 8 ms while it engages."""
+        measured = () if command.measured is None else command.measured.force
+        if not is_finite(tuple(flat((command.world, command.fixtures, command.force, measured)))):
+            raise CommandError(
+                f"the command {command.sequence} has values that are not finite: the one before "
+                "it stays"
+            )
+        if len(command.fixtures) > MAX_FIXTURES:
+            raise CommandError(f"{len(command.fixtures)} fixtures: at most {MAX_FIXTURES}")
+        if command.joint_torques_n_m is not None:
+            raise CommandError("joint torques are not sent to a remote device: send a force")
+        with self._lock:
+            self._command = command if self._enabled else command._replace(engaged=False)
+
+    def haptics(self) -> HapticState:
+        """What the hand felt at the newest state. Without one, or while its age does not count,
+        there is no force."""
+        with self._lock:
+            now_s, felt = time.monotonic(), self._core.felt
+            told = self._core.state(now_s)
+        if felt is None or told.link not in (DeviceLink.LIVE, DeviceLink.NEEDS_NEUTRAL):
+            reason = told.reason or f"{self.options.device} gives no force"
+            return self._last._replace(stamp_s=now_s, rendering=False, reason=reason)
+        self._last = felt.state._replace(stamp_s=now_s)
+        if not self._enabled:
+            self._last = self._last._replace(state=OperatingState.DISABLED, rendering=False)
+        return self._last
+
+    def enable(self) -> None:
+        """Let force out from the next engaged command on: the device is enabled there."""
+        self._check_open("enable()")
+        self._enabled = True
+
+    def disable(self) -> None:
+        """No force until enable()."""
+        with self._lock:
+            self._enabled = False
+            if self._command is not None:
+                self._command = self._command._replace(engaged=False)
+
+    def pause(self) -> None:
+        """The same, until resume()."""
+        if not self._enabled:
+            raise CommandError("the force is not enabled: call enable() first")
+        self.disable()
+
+    def resume(self) -> None:
+        """Go on after pause()."""
+        if self._enabled:
+            raise CommandError("the force is not paused")
+        self.enable()
+
+    @property
+    def feedback_limits(self) -> FeedbackLimits:
+        """The largest force that the device lets out; 0 while it is not known."""
+        with self._lock:
+            felt = self._core.felt
+        return FeedbackLimits(0.0 if felt is None else felt.largest_n)

@@ -25,6 +25,8 @@ class RemoteOptions(NodeOptions):
     """The name under which `cardan share` publishes it."""
     max_age_s: Annotated[float, MAX_AGE_S] = 0.15
     """Age of its newest state at which the device counts as lost."""
+    force: bool = False
+    """Force goes back to the hand, from [force] and [[fixtures]]; the device is a haptic one."""
     playout_ms: Annotated[float, PLAYOUT_MS] = 0.0
     """Longest time that motion waits to be played at its own spacing, however it arrives."""
     mode: Literal["peer", "client"] = "client"

@@ -2,15 +2,27 @@
 
 cardan_msgs/SharedDevice has the newest state, and the edges of buttons that nobody has acknowledged
 yet. cardan_msgs/DeviceClaim asks for the device or renews its lease, says by its stamp when it was
-sent, acknowledges edges, and has the feedback. Times are monotonic, s, each by its sender's clock.
+sent, acknowledges edges, and has the feedback and the force. Times are monotonic, s, each by its
+sender's clock.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
+from typing import Any, NamedTuple, get_args, get_type_hints
 
+from cardan.common.haptics import (
+    MAX_FIXTURES,
+    Fixture,
+    HapticCommand,
+    HapticState,
+    Matrix3,
+    MeasuredForce,
+    OperatingState,
+    WorldMap,
+)
 from cardan.protocols.ros2.cdr import Message
 from cardan.spatial import normalized
 from cardan.types import (
@@ -31,11 +43,14 @@ from cardan.types import (
 
 STATE_TYPE, CLAIM_TYPE = "cardan_msgs/msg/SharedDevice", "cardan_msgs/msg/DeviceClaim"
 
-VERSION = 1
+VERSION = 2
 """Of both messages."""
 
 CLAIM_PERIOD_S = 0.03
 """Between the claims of who has the device; each is answered by a state at once."""
+
+FORCE_PERIOD_S = 0.008
+"""The same while the hand is to feel something."""
 
 MOST_EDGES = 64
 """Edges that wait to be acknowledged. A hand makes some ten a second."""
@@ -46,7 +61,11 @@ LARGEST = 1e6
 """No measurement is larger, in SI units."""
 
 FEEDBACK = frozenset({"led", "rumble"})
-"""What is passed back. Force needs a loop at the device: over a network it is not stable."""
+"""What is passed back beside force, which has a law of its own at either end."""
+
+FIXTURES: Mapping[str, type[Any]] = {each.__name__: each for each in get_args(Fixture)}
+_SIZES = {Vector3: 3, Matrix3: 9, float: 1, bool: 1}
+"""Numbers that a field of a fixture has."""
 
 
 def state_topic(name: str) -> str:
@@ -57,6 +76,24 @@ def state_topic(name: str) -> str:
 def claim_topic(name: str) -> str:
     """Where it is asked for."""
     return f"/shared/{name}/claim"
+
+
+class Order(NamedTuple):
+    """What the hand is to feel."""
+
+    command: HapticCommand
+    """By the session's count; its stamp counts nowhere else."""
+    answers_s: float
+    """Stamp of the device's state that it was made from, by the clock there."""
+
+
+class Felt(NamedTuple):
+    """What the hand feels."""
+
+    state: HapticState
+    """Of which a message has a part; `command_sequence` by the session's count."""
+    largest_n: float
+    """Largest force that the device lets out."""
 
 
 class Edge(NamedTuple):
@@ -86,6 +123,8 @@ class Shared(NamedTuple):
     driver: str = ""
     capabilities: DeviceCapabilities | None = None
     """In answers to claims."""
+    felt: Felt | None = None
+    """None: the device gives no force."""
 
 
 class Claim(NamedTuple):
@@ -99,6 +138,7 @@ class Claim(NamedTuple):
     edges: int
     """Number of the newest edge that is known there."""
     feedback: DeviceFeedback
+    order: Order | None = None
 
 
 class UnusableError(ValueError):
@@ -146,6 +186,7 @@ def shared_message(shared: Shared) -> Message:
                 "feedback": sorted(able.feedback & FEEDBACK),
             }
         ],
+        "felt": [] if shared.felt is None else [_felt_message(shared.felt)],
     }
 
 
@@ -185,6 +226,7 @@ def read_shared(message: Message) -> Shared:
         _edges(message["edges"], sent_s),
         "" if able is None else able["driver"][:MOST_TEXT],
         None if able is None else _capabilities(able),
+        _felt(_at_most_one(message["felt"], "forces")),
     )
 
 
@@ -200,6 +242,7 @@ def claim_message(claim: Claim) -> Message:
         "edges": claim.edges,
         "led": [] if led is None else [led],
         "rumble": [] if rumble is None else [rumble],
+        "force": [] if claim.order is None else [_order_message(claim.order)],
     }
 
 
@@ -219,7 +262,134 @@ def read_claim(message: Message) -> Claim:
             _at_most_one(message["led"], "lights"),
             None if rumble is None else _share(rumble, "rumble"),
         ),
+        _order(_at_most_one(message["force"], "forces")),
     )
+
+
+def _order_message(order: Order) -> Message:
+    command, answers_s = order
+    world, measured = command.world, command.measured
+    return {
+        "number": command.sequence,
+        "answers": answers_s,
+        "engaged": command.engaged,
+        "linear": world.linear,
+        "offset": world.offset.to_ros(),
+        "rotation": world.rotation,
+        "force_scale": command.force_scale,
+        "fixtures": [
+            {"shape": type(each).__name__, "values": list(flat(each))} for each in command.fixtures
+        ],
+        "force": command.force.to_ros(),
+        "measured": [] if measured is None else [measured.force.to_ros()],
+        "absorbed": 0.0 if measured is None else measured.absorbed_j,
+    }
+
+
+def _order(value: Message | None) -> Order | None:
+    if value is None:
+        return None
+    answers_s = value["answers"]
+    measured = _at_most_one(value["measured"], "measured forces")
+    absorbed_j = _number(value["absorbed"], "an energy")
+    if absorbed_j < 0.0:
+        raise UnusableError("of a negative energy")
+    if len(value["fixtures"]) > MAX_FIXTURES:
+        raise UnusableError(f"with more than {MAX_FIXTURES} fixtures")
+    command = HapticCommand(
+        value["number"],
+        NEVER_S,
+        value["engaged"],
+        WorldMap(
+            _matrix(value["linear"]), _vector(value["offset"], "a map"), _matrix(value["rotation"])
+        ),
+        tuple(map(_fixture, value["fixtures"])),
+        None
+        if measured is None
+        else MeasuredForce(_vector(measured, "a force"), NEVER_S, absorbed_j=absorbed_j),
+        _vector(value["force"], "a force"),
+        _share(value["force_scale"], "scale of force"),
+    )
+    return Order(command, answers_s if answers_s == NEVER_S else _time(answers_s, "answers"))
+
+
+def flat(value: Any) -> Iterator[float]:
+    """All numbers in nested tuples."""
+    if isinstance(value, tuple):
+        for each in value:
+            yield from flat(each)
+    else:
+        yield float(value)
+
+
+def _fixture(value: Message) -> Fixture:
+    kind = FIXTURES.get(value["shape"])
+    if kind is None:
+        raise UnusableError(f"with a fixture {value['shape'][:20]!r}")
+    fields = get_type_hints(kind)
+    numbers = [_number(each, "a fixture") for each in value["values"]]
+    if len(numbers) != sum(_SIZES[each] for each in fields.values()):
+        raise UnusableError("with a fixture of too few or too many numbers")
+    rest = iter(numbers)
+    made: dict[str, Any] = {}
+    for name, each in fields.items():
+        part = tuple(islice(rest, _SIZES[each]))
+        made[name] = Vector3(*part) if each is Vector3 else part if each == Matrix3 else each(*part)
+    fixture: Fixture = kind(**made)
+    return fixture
+
+
+def _felt_message(felt: Felt) -> Message:
+    state = felt.state
+    return {
+        "number": state.command_sequence,
+        "state": state.state.value,
+        "reason": state.reason[:MOST_TEXT],
+        "rendering": state.rendering,
+        "commanded": state.force_commanded.to_ros(),
+        "force": state.force.to_ros(),
+        "largest": felt.largest_n,
+        "peak": state.peak_n,
+        "energy": state.energy_j,
+        "delivered": state.delivered_j,
+        "given_peak": state.given_peak_j,
+        "damping": state.passivity_damping_n_s_m,
+        "derating": state.thermal_derating,
+        "age": min(state.force_age_s, LARGEST),
+        "faults": state.faults,
+    }
+
+
+def _felt(value: Message | None) -> Felt | None:
+    if value is None:
+        return None
+    try:
+        operating = OperatingState(value["state"])
+    except ValueError:
+        raise UnusableError(f"with a state of force {value['state'][:20]!r}") from None
+
+    state = HapticState(
+        state=operating,
+        reason=value["reason"][:MOST_TEXT],
+        rendering=value["rendering"],
+        force_commanded=_vector(value["commanded"], "a force"),
+        force=_vector(value["force"], "a force"),
+        peak_n=_number(value["peak"], "a force"),
+        energy_j=_number(value["energy"], "a force"),
+        delivered_j=_number(value["delivered"], "a force"),
+        given_peak_j=_number(value["given_peak"], "a force"),
+        passivity_damping_n_s_m=_number(value["damping"], "a force"),
+        thermal_derating=_share(value["derating"], "derating"),
+        force_age_s=math.inf if value["age"] == LARGEST else _number(value["age"], "a force"),
+        command_sequence=value["number"],
+        faults=value["faults"],
+    )
+    return Felt(state, _number(value["largest"], "a force"))
+
+
+def _matrix(values: Sequence[float]) -> Matrix3:
+    a, b, c, d, e, f, g, h, i = (_number(each, "a map") for each in values)
+    return (a, b, c, d, e, f, g, h, i)
 
 
 def _check_version(message: Message) -> None:

@@ -18,9 +18,11 @@ from dataclasses import dataclass, field
 
 from cardan.bus.node import BusNode, Received
 from cardan.bus.options import BusOptions
+from cardan.common.haptics import HapticCommand, HapticState, MeasuredForce
 from cardan.common.options import Options, require
 from cardan.common.realtime import ask_for_real_time
 from cardan.drivers.base import OperatorDevice
+from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.registry import DriverTable
 from cardan.drivers.remote.shared import (
     CLAIM_TYPE,
@@ -29,6 +31,8 @@ from cardan.drivers.remote.shared import (
     STATE_TYPE,
     Claim,
     Edge,
+    Felt,
+    Order,
     Shared,
     UnusableError,
     claim_topic,
@@ -38,12 +42,16 @@ from cardan.drivers.remote.shared import (
 )
 from cardan.drivers.ros2_nodes.core import MOST_BYTES
 from cardan.errors import AddressError, DriverError, OptionError
+from cardan.gateway.force.passive import HandPort, share_left
+from cardan.gateway.force.servo_on import ForceEnabling
 from cardan.protocols.ros2.cdr import Malformed, codec_of
 from cardan.protocols.ros2.names import RosNameError, checked_name, dds_type
 from cardan.protocols.ros2.zenoh import PUBLISHER
+from cardan.spatial import add
 from cardan.types import (
     NEUTRAL,
     NEVER_S,
+    ZERO3,
     ButtonEvent,
     DeviceCapabilities,
     DeviceFeedback,
@@ -72,6 +80,12 @@ MEET_S = 0.5
 of them."""
 
 LOOK_S = 0.02
+
+FORCE_S = 0.004
+"""Between two forces for the hand."""
+
+GIVEN_KEPT = 64
+"""Commands that the device may not have rendered yet."""
 
 NEWS_S = 0.5
 """How often it is looked for the router, and for others of the same name."""
@@ -173,6 +187,11 @@ class ShareCore:
             return
         self._asked |= self._take(claim, attachment.gid, now_s)
 
+    def order(self, now_s: float) -> tuple[Order | None, float]:
+        """What the hand is to feel, and when that came; None: nothing, or nobody has the device."""
+        self._expire(now_s)
+        return (None if self._claim is None else self._claim.order), self._heard_s
+
     def _take(self, claim: Claim, owner: bytes, now_s: float) -> bool:
         """Whether it is to be answered."""
         known = self._claim
@@ -219,16 +238,17 @@ class ShareCore:
         edges: Iterable[ButtonEvent],
         able: DeviceCapabilities,
         now_s: float,
+        felt: Felt | None = None,
     ) -> Shared | None:
         """What to publish now, if it is time to; `state` and `edges`, oldest first, were taken
-        before `now_s`."""
+        before `now_s`; `felt`: of a device that gives force."""
         self._expire(now_s)
         self._lost = state.link is DeviceLink.LOST
         if self._lost:
             self._shown = None
         shared = self._offer(*self._settled(state, edges, now_s), able, now_s)
         self._offered_s, self._next_s = now_s, self.due_s
-        return shared
+        return shared if shared is None else shared._replace(felt=felt)
 
     def _offer(
         self,
@@ -303,6 +323,91 @@ class ShareCore:
             return None
         self._shown = feedback
         return feedback
+
+
+class HandEnd:
+    """The hand's end of a force from far away: what the device renders. Fixtures it renders by
+    itself, as in a session beside it; forces go through the law of `HandPort`."""
+
+    def __init__(self, device: HapticDevice) -> None:
+        self._device = device
+        self._enabling = ForceEnabling(device)
+        self._port: HandPort | None = None
+        """Of this engagement; None: there is none."""
+        self._sequence = 0
+        self._given: deque[tuple[int, int]] = deque(maxlen=GIVEN_KEPT)
+        """Commands by the device's count, and by the session's."""
+        self._cycled_s = NEVER_S
+        self._refusal = ""
+
+    @property
+    def due_s(self) -> float:
+        """When the next cycle is; inf: nothing is felt."""
+        return math.inf if self._port is None else self._cycled_s + FORCE_S
+
+    def cycle(self, order: Order | None, heard_s: float, now_s: float) -> None:
+        """Render `order`, which came at `heard_s`; None: nothing. Never raises."""
+        if now_s < self._cycled_s + FORCE_S:
+            return
+        self._cycled_s = now_s
+        told = self._device.haptics()
+        # An answer to what the device will do is none.
+        if order is None or not order.command.engaged or order.answers_s > now_s:
+            self.end(now_s)
+            return
+        command = order.command
+        if self._port is None:
+            self._port = HandPort()
+            self._enabling.engage(now_s)
+        else:
+            self._enabling.retry(now_s)
+        force, measured = command.force, command.measured
+        if measured is not None:
+            force = add(force, measured.force)
+        if told.pose is None:
+            return
+        left = share_left(now_s - heard_s, now_s - order.answers_s)
+        absorbed_j = 0.0 if measured is None else measured.absorbed_j
+        force = self._port.step(told.pose.position, force, absorbed_j, left, now_s)
+        self._give(
+            command._replace(
+                stamp_s=now_s,
+                measured=MeasuredForce(force, now_s, position=told.pose.position),
+                force=ZERO3,
+                force_scale=command.force_scale * self._port.share,
+            ),
+            command.sequence,
+            told,
+        )
+
+    def end(self, now_s: float) -> None:
+        """The engagement has ended: no force. Never raises."""
+        if self._port is not None:
+            self._port = None
+            self._enabling.release()
+            self._give(HapticCommand(0, now_s), 0, self._device.haptics())
+
+    def _give(self, command: HapticCommand, number: int, told: HapticState) -> None:
+        self._sequence = max(self._sequence, told.command_sequence) + 1
+        try:
+            self._device.render(command._replace(sequence=self._sequence))
+        except DriverError as error:
+            self._refusal = f"the haptic device takes no command: {error}"
+        else:
+            self._refusal = ""
+            self._given.append((self._sequence, number))
+
+    @property
+    def felt(self) -> Felt:
+        """What the hand feels."""
+        told = self._device.haptics()
+        number = 0
+        for own, theirs in self._given:
+            if own <= told.command_sequence:
+                number = theirs
+        reason = self._enabling.refusal or self._refusal or told.reason
+        state = told._replace(command_sequence=number, reason=reason)
+        return Felt(state, self._device.feedback_limits.force_n)
 
 
 class News:
@@ -390,8 +495,10 @@ def share_until(
         ask_for_real_time()
         ready(topic)
         codec = codec_of(STATE_TYPE)
+        hand = HandEnd(device) if isinstance(device, HapticDevice) else None
         while not stop.is_set() and (now_s := time.monotonic()) < end_s:
-            received = claims.wait(max(0.0, min(core.due_s, end_s, now_s + FREE_S) - now_s))
+            due_s = min(core.due_s, end_s, now_s + FREE_S, math.inf if hand is None else hand.due_s)
+            received = claims.wait(max(0.0, due_s - now_s))
             for _ in range(CLAIMS_KEPT):
                 if received is None:
                     break
@@ -399,7 +506,10 @@ def share_until(
                 received = claims.poll()
             edges, state = device.button_events(), device.state()
             now_s = time.monotonic()
-            shared = core.offer(state, edges, device.capabilities, now_s)
+            if hand is not None:
+                hand.cycle(*core.order(now_s), now_s)
+            felt = None if hand is None else hand.felt
+            shared = core.offer(state, edges, device.capabilities, now_s, felt)
             if shared is not None:
                 publisher.put(codec.encode(shared_message(shared)), time.time_ns())
             if (feedback := core.feedback_due(now_s)) is not None:
@@ -411,6 +521,8 @@ def share_until(
                 lines += news.of_bus(others_there, routed=bool(node.neighbours()[0]))
             for line in lines:
                 tell(line)
+        if hand is not None:
+            hand.end(time.monotonic())
         _give(device, DeviceFeedback(False, 0.0))
 
 

@@ -18,6 +18,7 @@ from cardan.gateway.force.crossfade import MapGlide
 from cardan.gateway.force.figures import FeltFigures
 from cardan.gateway.force.fixtures import FixtureSet, world_point
 from cardan.gateway.force.input import ForceInput, MeasuredTcp
+from cardan.gateway.force.passive import FarPort
 from cardan.gateway.force.servo_on import ForceEnabling
 from cardan.gateway.force.watchdog import ForceGuard
 from cardan.types import NEVER_S, DeviceState, Pose, RobotState
@@ -53,6 +54,7 @@ class ForceRenderer:
         self.guard = ForceGuard(max_age_s)
         self._enabling = ForceEnabling(device)
         self._glide = MapGlide()
+        self._port = FarPort()
         self._rendering = rendering
         self._warnings = warnings
         self._tcp_of: MeasuredTcp = lambda state: state.pose
@@ -135,6 +137,10 @@ class ForceRenderer:
             felt = self.measured.take(state, self._tcp, world, at_rest, self.guard.rendered)
             if felt and world is not None and pose is not None:
                 force = self.measured.force(world, pose.position)
+                absorbed_j = self._port.step(pose.position, force.force)
+                force = force._replace(absorbed_j=absorbed_j)
+        if force is None:
+            self._port.rest()
         engaged = world is not None
         if engaged is not self._engaged:
             self._engaged = engaged
@@ -145,6 +151,7 @@ class ForceRenderer:
             else:
                 self._enabling.release()
                 self.guard.release()
+                self._port.forget()
         elif engaged:
             self._enabling.retry(state.stamp_s)
         if force is not None:

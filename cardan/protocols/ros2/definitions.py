@@ -448,6 +448,37 @@ bool battery
 string[] buttons
 string[] further_buttons
 string[] feedback
+@cardan_msgs/msg/SharedFixture
+string shape
+float64[] values
+@cardan_msgs/msg/SharedForce
+uint64 number
+float64 answers
+bool engaged
+float64[9] linear
+geometry_msgs/Vector3 offset
+float64[9] rotation
+float64 force_scale
+SharedFixture[] fixtures
+geometry_msgs/Vector3 force
+geometry_msgs/Vector3[] measured
+float64 absorbed
+@cardan_msgs/msg/FeltForce
+uint64 number
+string state
+string reason
+bool rendering
+geometry_msgs/Vector3 commanded
+geometry_msgs/Vector3 force
+float64 largest
+float64 peak
+float64 energy
+float64 delivered
+float64 given_peak
+float64 damping
+float64 derating
+float64 age
+uint64 faults
 @cardan_msgs/msg/SharedDevice
 uint8 version
 uint64 run
@@ -467,6 +498,7 @@ bool wrench_in_tool
 geometry_msgs/Vector3[] inertia
 float64[] battery
 DeviceAbilities[] abilities
+FeltForce[] felt
 @cardan_msgs/msg/DeviceClaim
 uint8 version
 uint64 lessee
@@ -476,6 +508,7 @@ bool wanted
 uint64 edges
 bool[] led
 float64[] rumble
+SharedForce[] force
 @cardan_msgs/msg/CommandResult
 std_msgs/Header header
 string command

@@ -16,7 +16,7 @@ from cardan.gateway.force.sources import MeasuredSource, SensorSource
 from cardan.gateway.force.stability import fixture_warning, loop_warning, stable_stiffness_n_m
 from cardan.gateway.force.tables import PlaneTable, SphereTable
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.spatial import from_euler_zyx
+from cardan.spatial import from_euler_zyx, subtract
 from cardan.types import IDENTITY, DeviceLink, DeviceState, Pose, RobotLink, Vector3
 from tests.gateway.force.fakes import PERIOD_S, REST, FakeHaptic, FakeSensor, robot_state
 
@@ -209,6 +209,19 @@ def test_a_measured_force_is_turned_into_the_hands_axes_and_scaled():
     for k in range(300):
         measured = rig.cycle(world=world, force=(0.0, 10.0 + k * PERIOD_S, 5.0)).measured
     assert measured.rate_n_s == pytest.approx((0.1, 0.0, 0.0), abs=1e-6)
+
+
+def test_what_is_touched_absorbs_what_the_hand_pushes_in_until_it_is_clutched_out():
+    """A device on another computer needs to know: its law is of both ends."""
+    rig = Rig(source=MeasuredSource(felt=True))
+    pressed = {"force": (0.0, 0.0, 10.0)}
+    assert rig.cycle(count=200, **pressed).measured.absorbed_j == 0.0
+    deeper = HAND._replace(position=subtract(HAND.position, Vector3(0.0, 0.0, 0.01)))
+    assert rig.cycle(hand=deeper, **pressed).measured.absorbed_j == pytest.approx(0.01)
+    assert rig.cycle(**pressed).measured.absorbed_j == pytest.approx(0.0)
+    rig.cycle(hand=deeper, **pressed)
+    rig.cycle(world=None)
+    assert rig.cycle(count=200, **pressed).measured.absorbed_j == 0.0
 
 
 def test_a_measured_force_is_zero_until_force_is_let_out_and_then_fades_in():

@@ -326,6 +326,16 @@ def test_a_device_without_force_is_refused(tables, words):
         make_force(config, make_device(config), make_robot(config))
 
 
+def test_a_device_of_another_computer_feels_force_where_that_is_asked_for():
+    remote = {"driver": "remote", "device": "omni", "force": True}
+    config = parse_config({**TABLE, "device": remote, "force": {"source": "measured"}})
+    renderer = make_force(config, make_device(config), make_robot(config))
+    assert renderer.device.options.force
+    config = parse_config({**TABLE, "device": remote | {"force": False}, "fixtures": [SPHERE]})
+    with pytest.raises(ConfigurationError, match="'remote' gives no force back"):
+        make_force(config, make_device(config), make_robot(config))
+
+
 def test_axes_that_mirror_are_refused():
     mapping = {**TABLE["mapping"], "axes": ["-x", "y", "z", "rx", "ry", "rz"]}
     config = parse_config({**TABLE, "mapping": mapping, "fixtures": [SPHERE]})

@@ -1,0 +1,129 @@
+"""Passivity of a force that comes from far away, whatever the delay, its jitter, and what is lost.
+
+A two-port after Ryu, Artigas and Preusche (A passive bilateral control scheme for a teleoperator
+with time-varying communication delay, 2010): either end observes the energy at its own port, only
+sums travel, and so the newest that has arrived is right whatever was lost, overtaken or came twice.
+Late news is cautious news. The arm's end (`FarPort`) tells the net energy that the surroundings
+have absorbed; the hand's end (`HandPort`) lets no force out that would return more than they have
+given back by then, or in all more than the hand put in.
+
+Two things differ from the paper. The arm's motion is not held back where the hand has not paid for
+it yet: its motors pay, and an arm that is held back stays beside the hand, until the next clutch.
+Wave variables do that with every lost packet, and damp free motion besides. And the hand's end acts
+before the energy is given, not after: it foresees the hand's way until its next step.
+
+Hand frame, SI units; time is an argument. Energy observed with a hand that stands still is that of
+noise, so sums are of signed work: it cancels.
+"""
+
+from __future__ import annotations
+
+import math
+
+from cardan.spatial import dot, norm, scale, subtract
+from cardan.types import ZERO3, Vector3
+
+BUDGET_J = 0.005
+"""Net energy that one engagement may give to the hand, as an Omni's own loop allows it by default:
+noise, and the way that is foreseen, need some."""
+
+SURPLUS_J = 0.05
+"""Most that the hand can have put in for it to get back: a spring of 40 N/m at 2 N."""
+
+HARDEST_M_S2 = 60.0
+"""A hand on a stylus accelerates less. One that does not may get more in one step, and gets so much
+less in the next."""
+
+LONGEST_STEP_S = 0.02
+"""Of the hand's end: where it stood still for longer there is no force until the next step."""
+
+HOLD_S, FADE_S = 0.1, 0.1
+"""Silence after which a force fades, and how long that takes, both ways."""
+
+OLDEST_S = 0.6
+"""Round trip above which a force fades: 0.2 s each way, and jitter."""
+
+
+def share_left(silent_s: float, round_s: float) -> float:
+    """Share of a force that is left, 0 to 1. `silent_s`: since anything came; `round_s`: since the
+    hand was where the force answers it."""
+    late_s = max(silent_s - HOLD_S, round_s - OLDEST_S)
+    return 1.0 if late_s <= 0.0 else max(0.0, 1.0 - late_s / FADE_S)
+
+
+class FarPort:
+    """The arm's end: what the surroundings have absorbed of the hand's motion, as it arrives."""
+
+    def __init__(self) -> None:
+        self.absorbed_j = 0.0
+        """Net, at least 0: surroundings that would give more than they got are not believed."""
+        self._place: Vector3 | None = None
+        self._force = ZERO3
+
+    def forget(self) -> None:
+        """Clutch-out: the next engagement is another one."""
+        self.absorbed_j, self._place = 0.0, None
+
+    def rest(self) -> None:
+        """There is no force: what moves does no work until the next step."""
+        self._place = None
+
+    def step(self, place: Vector3, force: Vector3) -> float:
+        """The hand's place that the arm follows now, and the force that is sent; `absorbed_j`."""
+        if self._place is not None:
+            work_j = dot(self._force, subtract(place, self._place))
+            self.absorbed_j = max(0.0, self.absorbed_j - work_j)
+        self._place, self._force = place, force
+        return self.absorbed_j
+
+
+class HandPort:
+    """The hand's end, from clutch-in to clutch-out."""
+
+    def __init__(self, budget_j: float = BUDGET_J) -> None:
+        self._budget_j = budget_j
+        self.put_in_j = 0.0
+        """Net energy that the hand has put in, by what was let out; SURPLUS_J at most."""
+        self._most_in_j = self._most_absorbed_j = 0.0
+        """The most that `put_in_j` was, and that the surroundings had absorbed."""
+        self._place: Vector3 | None = None
+        self._force = ZERO3
+        self._moved = ZERO3
+        self._now_s = math.nan
+        self.share = 0.0
+        """Of all that is felt, what is let out now: it fades, and comes back slowly."""
+
+    def step(
+        self, place: Vector3, asked: Vector3, absorbed_j: float, left: float, now_s: float
+    ) -> Vector3:
+        """The force to let out until the next step, N.
+
+        `asked` and `absorbed_j` are the newest that came from the arm's end; `left` is
+        `share_left()` of them.
+        """
+        before, dt_s = self._place, now_s - self._now_s
+        self._place, self._now_s = place, now_s
+        if before is not None:
+            self._moved = subtract(place, before)
+            put_in_j = self.put_in_j - dot(self._force, self._moved)
+            self.put_in_j = min(put_in_j, SURPLUS_J)
+        if before is None or not 0.0 < dt_s <= LONGEST_STEP_S:
+            # How far the hand goes until the next step cannot be foreseen.
+            self._force, self.share = ZERO3, 0.0
+            return ZERO3
+        # What comes back does so slowly: a force that is let out anew does not strike.
+        self.share = min(left, self.share + dt_s / FADE_S)
+        force = scale(asked, self.share)
+        self._most_in_j = max(self._most_in_j, self.put_in_j)
+        self._most_absorbed_j = max(self._most_absorbed_j, absorbed_j)
+        returned_j = self._most_absorbed_j - absorbed_j
+        taken_j = self._most_in_j - self.put_in_j
+        allowed_j = self._budget_j + min(self.put_in_j, returned_j - taken_j)
+        size = norm(force)
+        if size > 0.0:
+            error_m = HARDEST_M_S2 * dt_s * dt_s
+            away_m = dot(force, self._moved) / size + error_m
+            if away_m > 0.0 and size * away_m > allowed_j:
+                force = scale(force, max(0.0, allowed_j) / (size * away_m))
+        self._force = force
+        return force
