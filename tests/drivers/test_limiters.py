@@ -175,3 +175,9 @@ def test_walls_that_come_up_suddenly_are_braked_for_no_harder_than_allowed(place
 def test_what_walls_demand_beyond_the_longest_change_leaves_nothing_for_the_rest():
     walls = [-0.2, -1.0, -1.0], [0.2, 1.0, 1.0]
     assert within_walls((1.0, 0.0, 0.0), (1.0, 0.5, 0.0), *walls, 0.1) == (0.2, 0.0, 0.0)
+
+
+def test_what_walls_demand_and_the_rest_together_are_no_more_than_the_walls_want():
+    walls = [-1.0] * 3, [0.9, 1.0, 1.0]
+    got = within_walls((1.0, 0.0, 0.0), (2.0, 0.0, 0.0), *walls, 0.11, 0.065)
+    assert got == (0.9, 0.0, 0.0)

@@ -122,6 +122,23 @@ def test_blocked_robot_holds_the_leash(speed):
     assert reference.pose.position.x < before
 
 
+@pytest.mark.parametrize(
+    "direction", [(1.0, 2.0, 2.0), (-2.0, 1.0, 2.0), (2.0, -2.0, 1.0), (-1.0, -2.0, 2.0)]
+)
+def test_a_leash_holds_in_every_direction(direction):
+    limits = ReferenceLimits()
+    asked = scale(Vector3(*direction), 0.05)
+    reference = placed(limits)
+    for _ in range(1500):
+        reference.observe(START)
+        reference.advance(Twist(asked, scale(asked, 4.0)), DT_S)
+        assert reference.ahead_m <= limits.leash_m + 1e-9
+        assert reference.ahead_rad <= limits.leash_rad + 1e-9
+    reference.observe(START)
+    assert reference.ahead_m == pytest.approx(limits.leash_m, rel=0.01)
+    assert reference.ahead_rad == pytest.approx(limits.leash_rad, rel=0.01)
+
+
 def test_leash_leaves_sideways_motion_alone():
     reference = placed()
     blocked_x = START
