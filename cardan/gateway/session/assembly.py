@@ -764,10 +764,12 @@ def make_force(
     """The force feedback of a session, not opened yet; None for a device without force."""
     if not isinstance(device, HapticDevice):
         if config.gives_force:
-            name = config.device.driver if config.device else "no device"
+            name = repr(config.device.driver if config.device else "no device")
+            if getattr(device.options, "force", True) is False:
+                name += " without force = true"  # Of a device on another computer.
             raise ConfigurationError(
                 "fixtures" if config.fixtures else "force.source",
-                f"{name!r} gives no force back to the hand; leave [force] and "
+                f"{name} gives no force back to the hand; leave [force] and "
                 "[[fixtures]] out, or choose a haptic device",
             )
         return None
