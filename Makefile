@@ -231,7 +231,8 @@ bench-peers: $(VENV)/.cardan-dev
 	$(BIN)/python -m bench.native
 
 bench-servo: bench-peers
-	$(BIN)/python -m bench servo-tick --pages
+	tools/install "$(VENV)" published
+	$(BIN)/python -m bench servo-tick published-tick --pages
 
 bench-kilohertz: $(VENV)/.cardan-dev
 	$(BIN)/python -m bench kilohertz --pages

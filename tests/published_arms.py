@@ -12,7 +12,10 @@ from __future__ import annotations
 import importlib.metadata
 import itertools
 import math
+import os
 import tempfile
+import time
+import unittest.mock
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 from pathlib import Path
@@ -291,6 +294,28 @@ def folder_of(package: str) -> Path:
     return Path(str(found))
 
 
+class Loading(NamedTuple):
+    """What it takes to load an arm, s of the processor's time."""
+
+    first: float
+    """Without anything in the cache: its meshes are fitted, its pairs and its home are found."""
+    again: float
+
+
+def loading(published: Published, folder: Path) -> Loading:
+    """Of an arm, with a cache of its own in the empty `folder`."""
+    path = str(published.write(folder))
+    with unittest.mock.patch.dict(os.environ, CACHE_DIRECTORY=str(folder / "cache")):
+        return Loading(_loaded(path), _loaded(path))
+
+
+def _loaded(path: str) -> float:
+    load_arm.cache_clear()  # Of this process.
+    began_s = time.process_time()
+    load_arm(path)
+    return time.process_time() - began_s
+
+
 def whole_of_mjcf(file: Path, folder: Path) -> Any:
     """Pinocchio's model of it, whose parser fails where there are several <default>: they are made
     one, in a file in `folder`."""
@@ -457,8 +482,13 @@ class Measured:
         return distance(best)
 
 
-def row(measured: Measured) -> list[str]:
+def row(published: Published) -> list[str]:
     """Its line of the table."""
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as empty:
+        return _row(Measured(published, Path(folder)), loading(published, Path(empty)))
+
+
+def _row(measured: Measured, took: Loading) -> list[str]:
     arm, published = measured.arm, measured.published
     ended = measured.lines()
     return [
@@ -471,17 +501,20 @@ def row(measured: Measured) -> list[str]:
         f"{measured.singular_value:.3f}",
         f"{measured.inverse_share() * 100:.1f} %",
         f"{sum(not why for why in ended.values())} of {len(ended)}",
+        f"{took.first:.1f}, {took.again:.2f}",
     ]
 
 
-COLUMNS = ("File", "`tcp`", "Joints", "Reach (m)", "Shapes", "Pairs", "Home", "Inverse", "Lines")
+COLUMNS = (
+    "File", "`tcp`", "Joints", "Reach (m)", "Shapes", "Pairs", "Home", "Inverse", "Lines",
+    "Loaded (s)",
+)  # fmt: skip
 
 
 def main() -> None:
     """Write the table."""
     page = ROOT / "docs" / "robots.md"
-    with tempfile.TemporaryDirectory() as folder:
-        rows = [row(Measured(each, Path(folder))) for each in ARMS]
+    rows = list(map(row, ARMS))
     text = page.read_text(encoding="utf-8")
     page.write_text(replaced(text, BEGIN, markdown(COLUMNS, rows)), encoding="utf-8")
 

@@ -12,6 +12,7 @@ import pytest
 
 from bench import native
 from bench.arms import kinematics
+from bench.native import arm
 from bench.servo_tick import DT_S, _cardan, _goal, _kernel
 from cardan.gateway.kinematics.base import to_pose
 from cardan.gateway.servo.compiled import CompiledServo
@@ -76,17 +77,19 @@ def test_what_is_missing_is_said(build, monkeypatch, capsys):
     assert not list(native.BUILD.iterdir())
 
 
-def test_the_structure_is_that_of_the_header(build, tmp_path):
+@pytest.mark.parametrize("structure", [arm.PeerArm, arm.PeerShape, arm.PeerPair])
+def test_the_structures_are_those_of_the_header(build, tmp_path, structure):
     """Offsets of the fields, as the compiler has them."""
-    fields = [name for name, _ in native.PeerArm._fields_]
+    name = structure.__name__
+    fields = [field for field, *_ in structure._fields_]
     source = tmp_path / "offsets.c"
     source.write_text(
         '#include <stddef.h>\n#include <stdio.h>\n#include "peer.h"\nint main(void) {\n'
-        + "".join(f'printf("%zu\\n", offsetof(PeerArm, {name}));\n' for name in fields)
-        + 'printf("%zu\\n", sizeof(PeerArm)); }\n'
+        + "".join(f'printf("%zu\\n", offsetof({name}, {field}));\n' for field in fields)
+        + f'printf("%zu\\n", sizeof({name})); }}\n'
     )
     program = tmp_path / "offsets"
     subprocess.run(["cc", *native.C, *native.OURS, "-o", str(program), str(source)], check=True)
     found = subprocess.run([program], check=True, capture_output=True, text=True).stdout.split()
-    mine = [getattr(native.PeerArm, name).offset for name in fields]
-    assert list(map(int, found)) == [*mine, ctypes.sizeof(native.PeerArm)]
+    mine = [getattr(structure, field).offset for field in fields]
+    assert list(map(int, found)) == [*mine, ctypes.sizeof(structure)]

@@ -28,8 +28,10 @@ from typing import Any
 
 import numpy as np
 
-from bench.native.arm import PeerArm, peer_arm
+from bench.native.arm import PeerArm, PeerPair, PeerShape, peer_arm, peer_pairs, peer_shape
 from cardan.gateway.kinematics.arm import ArmKinematics
+from cardan.gateway.kinematics.collision import CollisionModel
+from cardan.gateway.servo.options import ServoOptions
 
 SOURCES = Path(__file__).parent
 BUILD = Path(__file__).parents[2] / "build/peers"
@@ -48,6 +50,11 @@ EIGEN = "/usr/include/eigen3"
 
 LISTS = ("-DBOOST_MPL_CFG_NO_PREPROCESSED_HEADERS", "-DBOOST_MPL_LIMIT_LIST_SIZE=30")
 """Pinocchio has more kinds of joints than Boost's lists have places otherwise."""
+
+
+WITH_DISTANCES = ("-DPINOCCHIO_WITH_COLLISION",)
+DISTANCES = ("-lpinocchio_collision", "-lpinocchio_default", "-lcoal")
+"""Of the wheels, which have the distances compiled already."""
 
 
 class NotBuiltError(Exception):
@@ -92,9 +99,11 @@ def _kdl(target: Path) -> None:
 
 
 def _pinocchio_daqp(target: Path) -> None:
-    wheels = Path(sysconfig.get_path("platlib"), "cmeel.prefix/include")
-    if not (wheels / "pinocchio/multibody.hpp").exists():
-        raise NotBuiltError(f"there are no headers of Pinocchio in {wheels}: pip install pin")
+    prefix = Path(sysconfig.get_path("platlib"), "cmeel.prefix")
+    wheels, libraries = prefix / "include", prefix / "lib"
+    for header in ("pinocchio/multibody.hpp", "coal/shape/geometric_shapes.h"):
+        if not (wheels / header).exists():
+            raise NotBuiltError(f"there is no {header} in {wheels}: pip install pin")
     _there(EIGEN, "Eigen", "libeigen3-dev")
     cc, cxx = _compiler("CC", "cc", "gcc libc6-dev"), _compiler("CXX", "g++", "g++")
     with tempfile.TemporaryDirectory(prefix="cardan-daqp-") as folder:
@@ -109,6 +118,7 @@ def _pinocchio_daqp(target: Path) -> None:
             for word in ("-isystem", str(path))
         ]
         link = ("-shared", "-Wl,-z,defs", "-Wl,-Bsymbolic")
+        theirs = (f"-L{libraries}", f"-Wl,-rpath,{libraries}", *DISTANCES)
         source = str(SOURCES / "pinocchio_daqp.cpp")
         _run(
             (
@@ -116,12 +126,14 @@ def _pinocchio_daqp(target: Path) -> None:
                 *CPP,
                 f"-I{SOURCES}",
                 *LISTS,
+                *WITH_DISTANCES,
                 *link,
                 *includes,
                 "-o",
                 str(target),
                 source,
                 *objects,
+                *theirs,
             )
         )
 
@@ -163,7 +175,7 @@ PARTS: dict[str, tuple[tuple[str, ...], Callable[[Path], None]]] = {
 
 def _path(part: str) -> Path:
     """Where it is, once it is built of what is there now."""
-    stamp = hashlib.sha256(repr((C, CPP, LISTS)).encode())
+    stamp = hashlib.sha256(repr((C, CPP, LISTS, WITH_DISTANCES, DISTANCES)).encode())
     for each in PARTS[part][0]:
         stamp.update((SOURCES / each).read_bytes())
     if part == PINOCCHIO_DAQP:
@@ -213,6 +225,37 @@ class Peer:
         self._peer = library.peer_create(ctypes.byref(peer_arm(arm)))
         if not self._peer:
             raise NotBuiltError(f"{part} cannot take the arm {arm.arm.name!r}")
+
+    def surround(self, arm: ArmKinematics, collision: CollisionModel) -> None:
+        """Have its arm's bodies, each as Coal has it, kept apart from now on: of those that know
+        distances (PINOCCHIO_DAQP)."""
+        library = self._library
+        library.peer_surround.restype = None
+        library.peer_surround.argtypes = (
+            ctypes.c_void_p, ctypes.POINTER(PeerShape), ctypes.c_int32, ctypes.POINTER(PeerPair),
+            ctypes.c_int32,
+        )  # fmt: skip
+        library.peer_distances.restype = None
+        library.peer_distances.argtypes = (ctypes.c_void_p, ctypes.c_void_p)
+        library.peer_rows.restype = ctypes.c_int32
+        library.peer_rows.argtypes = (ctypes.c_void_p,)
+        shapes = (PeerShape * len(collision.solids))(*map(peer_shape, collision.solids))
+        pairs = peer_pairs(arm, collision, ServoOptions())
+        library.peer_surround(self._peer, shapes, len(shapes), pairs, len(pairs))
+        self._pairs = len(pairs)
+
+    @property
+    def distances(self) -> Any:
+        """Of each pair in the last step, before it moved, m."""
+        found = np.zeros(self._pairs)
+        self._library.peer_distances(self._peer, found.ctypes.data)
+        return found
+
+    @property
+    def rows(self) -> int:
+        """How many pairs were in the programme of the last step."""
+        count: int = self._library.peer_rows(self._peer)
+        return count
 
     def step(self, goal: Any, dt_s: float) -> float:
         """Move towards a placement in the base; how long that took, s, by its own clock."""

@@ -1,7 +1,7 @@
 /*
  * What the servo is compared with, in the language that the others are used from: each is a plain
- * library with these four functions, loaded by bench/native. A step is timed in here, so that
- * nobody is charged for Python.
+ * library with these functions, loaded by bench/native; `peer_surround` and what follows it are of
+ * those that know distances. A step is timed in here, so that nobody is charged for Python.
  */
 #ifndef BENCH_PEER_H
 #define BENCH_PEER_H
@@ -23,7 +23,24 @@ typedef struct {
     double lower[PEER_JOINTS], upper[PEER_JOINTS];
     double velocity[PEER_JOINTS], acceleration[PEER_JOINTS];
     double home[PEER_JOINTS];
+    double weights[6]; /* of x y z rx ry rz along TCP axes; 0 leaves a direction free */
 } PeerArm;
+
+enum { PEER_CAPSULE, PEER_SPHERE, PEER_BOX };
+
+/* Fixed to a body, 0 of which is the base; the capsule lies along its z. */
+typedef struct {
+    int32_t kind, body;
+    double rotation[9], position[3];
+    double size[3]; /* capsule: radius and length; sphere: radius; box: edges */
+} PeerShape;
+
+/* Two shapes that are kept apart; the body of the second is the farther one along the arm. */
+typedef struct {
+    int32_t first, second;
+    double safety_m, deceleration_m_s2;
+    double sweep[PEER_JOINTS]; /* how much nearer they come per joint motion, at most */
+} PeerPair;
 
 static inline double peer_now(void)
 {
@@ -44,6 +61,14 @@ PEER_API void peer_destroy(void *peer);
 PEER_API double peer_step(void *peer, const double rotation[9], const double position[3], double dt);
 
 PEER_API void peer_joints(const void *peer, double *q);
+
+/* From now on each step keeps these apart. */
+PEER_API void peer_surround(void *peer, const PeerShape *shapes, int32_t shape_count,
+                            const PeerPair *pairs, int32_t pair_count);
+
+/* Of the last step: the distance of each pair, and how many had a row in its programme. */
+PEER_API void peer_distances(const void *peer, double *distances);
+PEER_API int32_t peer_rows(const void *peer);
 
 #ifdef __cplusplus
 }

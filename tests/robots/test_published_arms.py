@@ -16,7 +16,7 @@ from cardan.robots.arm_bodies import to_se3
 from cardan.robots.mesh_files import find_mesh
 from cardan.robots.meshes import points_in
 from cardan.robots.urdf import read_tree
-from tests.published_arms import ARMS, INSTALL, OURS, Measured, folder_of
+from tests.published_arms import ARMS, INSTALL, OURS, Measured, folder_of, loading
 
 pytestmark = pytest.mark.matrix
 
@@ -24,6 +24,8 @@ try:
     folder_of("example-robot-data")
 except importlib.metadata.PackageNotFoundError:
     pytest.skip(INSTALL.format("example-robot-data"), allow_module_level=True)
+
+ELEVEN = [each for each in ARMS if each.package == "example-robot-data"]
 
 
 @pytest.fixture(scope="module", params=ARMS, ids=lambda published: published.name)
@@ -33,6 +35,14 @@ def measured(request, tmp_path_factory):
     except importlib.metadata.PackageNotFoundError:
         pytest.skip(INSTALL.format(request.param.package))
     return Measured(request.param, tmp_path_factory.mktemp("arms"))
+
+
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("published", ELEVEN, ids=lambda published: published.name)
+def test_it_is_loaded_within_seconds_and_from_the_cache_at_once(published, tmp_path):
+    took = loading(published, tmp_path)
+    assert took.first < 6.0
+    assert took.again < 0.3
 
 
 def test_home_is_free_and_bent(measured):

@@ -1,0 +1,157 @@
+"""The console's page in a real browser draws a neighbour where its joint states have it."""
+
+from __future__ import annotations
+
+import base64
+import contextlib
+import json
+import math
+import threading
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
+pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
+
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import default_message
+from cardan.robots import load_arm
+from tests.console.browser import WAIT_S
+from tests.console.hand import RELOADED
+from tests.console.served_arm import served_arm
+
+pytestmark = pytest.mark.matrix  # A browser that draws by software.
+
+TOPIC, STATE = "/right/joint_states", "sensor_msgs/msg/JointState"
+NEIGHBOUR = f"""
+[[neighbours]]
+name = "right"
+model = "ur5"
+topic = "{TOPIC}"
+base_xyz_m = [0.15, 0.5, 0.0]
+base_rpy_deg = [0.0, 0.0, 0.0]
+max_age_s = 0.5
+"""
+PERIOD_S = 0.05
+
+LEAST = 150
+"""Dots of the picture that a neighbour covers at least."""
+
+FOLDED = [0.0, 0.0, 2.9, 0.0, 0.0, 0.0]
+"""Joints of a UR5 whose forearm is folded back along its upper arm, which points along x."""
+
+PURPLE = """
+(async (picture, [x, y, width, height]) => {
+  const blob = await (await fetch("data:image/webp;base64," + picture)).blob();
+  const bitmap = await createImageBitmap(blob);
+  const canvas = new OffscreenCanvas(width, height);
+  const context = canvas.getContext("2d");
+  context.drawImage(bitmap, -x, -y);
+  const { data } = context.getImageData(0, 0, width, height);
+  const found = [];
+  for (let at = 0; at < data.length; at += 4) {
+    const [red, green, blue] = [data[at], data[at + 1], data[at + 2]];
+    if (blue - green > 25 && red - green > 6 && blue > red) {
+      found.push([(at / 4) % width, Math.floor(at / 4 / width)]);
+    }
+  }
+  return found;
+})
+"""
+"""Where a picture has a neighbour's colour, in dots from the corner of a part of it."""
+
+
+class Told:
+    """Joint states of the neighbour, again and again until it falls silent."""
+
+    def __init__(self, network):
+        self.joints = list(FOLDED)
+        self._names, self._codec = load_arm("ur5").joint_names, codec_of(STATE)
+        self._publisher = network.advertise(TOPIC, STATE, False)
+        self._silent = threading.Event()
+        self._thread = threading.Thread(target=self._tell, daemon=True)
+        self._thread.start()
+
+    def _tell(self):
+        while not self._silent.wait(PERIOD_S):
+            now_ns = time.time_ns()
+            stamp = {"sec": now_ns // 10**9, "nanosec": now_ns % 10**9}
+            message = default_message(STATE) | {
+                "header": {"stamp": stamp, "frame_id": ""},
+                "name": list(self._names),
+                "position": list(self.joints),
+            }
+            self._publisher.publish(self._codec.encode(message))
+
+    def close(self):
+        self._silent.set()
+        self._thread.join()
+        self._publisher.close()
+
+
+@pytest.fixture(scope="module")
+def arm(built, tmp_path_factory):
+    """A session whose arm has a neighbour of which nothing is heard yet."""
+    with served_arm(tmp_path_factory.mktemp("session"), built, NEIGHBOUR) as served:
+        yield served
+
+
+def purple(page, blank):
+    """Where the picture of the arm has the neighbour's colour: dots right and up of its corner."""
+    corner = page.value(
+        "(b => [b.x, b.y, b.width, b.height].map(Math.round))"
+        "(document.querySelector('.picture').getBoundingClientRect())"
+    )
+    words = json.dumps(base64.b64encode(page.picture()).decode()), json.dumps(corner)
+    found = blank.value(f"{PURPLE}({', '.join(words)})")
+    return np.array(found, dtype=float).reshape(-1, 2) * (1.0, -1.0)
+
+
+def middle(page, blank):
+    """The middle of the neighbour, once it is drawn and rests in the picture."""
+    end_s, before = time.monotonic() + WAIT_S, np.full(2, np.inf)
+    while True:
+        dots = purple(page, blank)
+        here = dots.mean(axis=0) if len(dots) >= LEAST else np.full(2, np.inf)
+        if np.isfinite(here).all() and np.abs(here - before).max() < 1.0:
+            return here
+        before = here
+        assert time.monotonic() < end_s, f"{len(dots)} dots are a neighbour's, at {here}"
+        time.sleep(0.5)
+
+
+def gone(page, blank):
+    """Nothing of the neighbour is in the picture, or that is waited for in vain."""
+    end_s = time.monotonic() + WAIT_S
+    while len(dots := purple(page, blank)) >= LEAST:
+        assert time.monotonic() < end_s, f"{len(dots)} dots are still a neighbour's"
+        time.sleep(0.2)
+
+
+@pytest.mark.timeout(300)
+def test_a_neighbour_is_where_its_joint_states_have_it_and_grey_once_they_are_old(arm, browser):
+    """Seen from above, its outstretched arm turns about its base as its first joint does."""
+    network, address = arm
+    with browser.open(address, 1440, 900) as page, browser.open("about:blank") as blank:
+        page.until(RELOADED)
+        page.value(
+            "[...document.querySelectorAll('.view button')]"
+            ".find(each => ['Top', 'Arriba'].includes(each.textContent)).click()"
+        )
+        gone(page, blank)
+        seen = []
+        with contextlib.closing(Told(network)) as told:
+            for deg in (0.0, 90.0, 180.0):
+                told.joints[0] = math.radians(deg)
+                seen.append(middle(page, blank))
+        gone(page, blank)
+    base = 0.5 * (seen[0] + seen[2])
+    along, across = seen[0] - base, seen[1] - base
+    size = np.linalg.norm(along)
+    assert size > 15.0
+    # From above, x is down in the picture and y to the right.
+    assert along[1] < -0.9 * size
+    assert across[0] > 0.7 * size
+    assert abs(across[1]) < 0.4 * size
