@@ -22,8 +22,6 @@ from tests.kernel.waiting import wait_for
 from tests.serving import in_a_thread
 
 COMPACT = "256f:c635"
-ROUNDS_S = 40.0
-"""Ten rounds of a script that is played again and again."""
 TOUCH = """
     0.1  axes 0 0 0.2 0 0 0 over 0.1
     0.2  neutral over 0.1
@@ -72,14 +70,14 @@ def test_motion_and_buttons_arrive_through_the_kernel(puck, mouse, model):
         # Where an emulated machine stands still, the driver misses reports of a deflected puck and
         # asks for rest anew: it has that in the script's next round.
         expected = pytest.approx((0.5, -0.25, 1.0, 0.0, 0.125, -1.0), abs=0.5 / 350 + 1e-9)
-        state = wait_for(lambda: (s := mouse.state()).axes == expected and s, ROUNDS_S)
+        state = wait_for(lambda: (s := mouse.state()).axes == expected and s)
         assert state.link is DeviceLink.LIVE
 
         def rests() -> bool:
             state = mouse.state()
             return state.link is DeviceLink.LIVE and not any(state.axes)
 
-        wait_for(rests, ROUNDS_S)
+        wait_for(rests)
         edges = []
         wait_for(lambda: edges.extend(mouse.button_events()) or len(edges) >= 2)
         first = [(edge.button, edge.pressed) for edge in edges[:2]]

@@ -143,7 +143,7 @@ def test_unplugged_on_the_bus_it_is_lost_and_picked_up_again(puck):
         attach(endpoint)
         again = wait_for(lambda: (s := mouse.state()).link is DeviceLink.NEEDS_NEUTRAL and s)
         assert not any(again.axes)
-        wait_for(lambda: mouse.state().axes[2] > 0.4, patience_s=30.0)
+        wait_for(lambda: mouse.state().axes[2] > 0.4)
 
 
 def follow(transport: str, button: str = "left") -> None:
