@@ -12,13 +12,18 @@ from typing import Any
 
 import pytest
 
-from cardan.demos import demo
 from cardan.demos.examples import free_ports
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.subprocesses import launched
 from cardan.gateway.session.supervisor import supervise
-from tests.kernel.test_session_netem import PERIOD_S, PROGRAM, loopback as loopback, story
+from tests.kernel.test_session_netem import (
+    PERIOD_S,
+    PROGRAM,
+    READY_WITHIN_S,
+    loopback as loopback,
+    story,
+)
 
 SPEED_M_S = 0.04
 HAND = """
@@ -133,10 +138,8 @@ def fastest(snapshots: list[Snapshot]) -> float:
 def test_a_bad_network_and_a_wrong_clock_make_no_arm_faster_and_move_none_again(
     loopback: Callable[..., None],
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
     fault_rows: list[dict[str, Any]],
 ):
-    monkeypatch.setattr(demo, "READY_WITHIN_S", 80.0)  # imports take long in the emulator
     hand, program = tmp_path / "hand.txt", tmp_path / "program.txt"
     hand.write_text(HAND)
     program.write_text(PROGRAM)
@@ -150,10 +153,14 @@ def test_a_bad_network_and_a_wrong_clock_make_no_arm_faster_and_move_none_again(
     )
     course = Course(loopback)
     with (
-        launched("sim", "spacemouse", "--hid", hid, "--script", str(hand)),
+        launched(
+            *("sim", "spacemouse", "--hid", hid, "--script", str(hand)),
+            ready_within_s=READY_WITHIN_S,
+        ),
         launched(
             *("sim", "abb-gofa"),
             *("--to", f"127.0.0.1:{port}", "--script", str(program), "--period", str(PERIOD_S)),
+            ready_within_s=READY_WITHIN_S,
         ),
     ):
         supervise(config, SECONDS, course.show, lambda: not course.over)

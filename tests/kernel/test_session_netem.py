@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from cardan.demos import demo
 from cardan.demos.examples import free_ports
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.snapshot import Snapshot
@@ -42,6 +41,8 @@ and take 20 to 45 times as long as real ones."""
 
 SPEED_M_S = 0.1
 SECONDS = 75.0
+READY_WITHIN_S = 80.0
+"""Imports take long in the emulator."""
 
 
 @pytest.fixture
@@ -65,10 +66,8 @@ def tc(*words: str) -> None:
     device="GoFa", transport="EGM with delay and loss", by="Linux kernel 6.1: netem"
 )
 def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
-    loopback, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    loopback, tmp_path: Path
 ):
-    monkeypatch.setattr(demo, "READY_WITHIN_S", 80.0)  # imports take long in the emulator
-
     hand, program = tmp_path / "hand.txt", tmp_path / "program.txt"
     hand.write_text(HAND)
     program.write_text(PROGRAM)
@@ -103,10 +102,14 @@ def test_a_session_moves_through_delay_and_loss_and_brakes_when_all_is_lost(
 
     loopback("delay", "20ms", "5ms", "loss", "2%")
     with (
-        launched("sim", "spacemouse", "--hid", hid, "--script", str(hand)),
+        launched(
+            *("sim", "spacemouse", "--hid", hid, "--script", str(hand)),
+            ready_within_s=READY_WITHIN_S,
+        ),
         launched(
             *("sim", "abb-gofa"),
             *("--to", f"127.0.0.1:{port}", "--script", str(program), "--period", str(PERIOD_S)),
+            ready_within_s=READY_WITHIN_S,
         ),
     ):
         outcome = supervise(config, SECONDS, show, go_on)

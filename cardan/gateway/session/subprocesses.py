@@ -128,9 +128,11 @@ class Launched:
 
 
 @contextlib.contextmanager
-def launched(*words: str, folder: Path | None = None) -> Iterator[str]:
+def launched(
+    *words: str, folder: Path | None = None, ready_within_s: float = READY_WITHIN_S
+) -> Iterator[str]:
     """Run ``cardan WORDS`` as :class:`Launched` does; gives its endpoint, and ends it after."""
-    command = Launched(*words, folder=folder)
+    command = Launched(*words, folder=folder, ready_within_s=ready_within_s)
     try:
         yield command.endpoint
     finally:

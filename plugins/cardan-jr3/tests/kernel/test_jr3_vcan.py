@@ -68,7 +68,7 @@ def test_a_bus_that_goes_down_is_a_lost_sensor_and_it_comes_back(bus):
         ip("set", bus, "up")
         with in_a_process(board(bus, "rest")):
             # Another board, as far as anybody can tell: its zero is not the one that was taken.
-            wait_for(lambda: live_or_zeroed(jr3), patience_s=30.0)
+            wait_for(lambda: live_or_zeroed(jr3))
 
 
 def live_or_zeroed(jr3: Jr3) -> bool:

@@ -14,7 +14,7 @@ from cardan_wiimote.driver import Wiimote, WiimoteOptions
 from cardan_wiimote.peer import WiimotePeer, WiimotePeerOptions
 from cardan_wiimote.peer.bus import GYROSCOPES, NUNCHUK
 from tests.kernel.evdev_nodes import EV_ABS, EV_KEY, events_of, nodes_called
-from tests.kernel.waiting import PATIENCE_S, wait_for
+from tests.kernel.waiting import wait_for
 from tests.serving import in_a_thread
 
 REMOTE = "Nintendo Wii Remote"
@@ -122,7 +122,7 @@ def test_debians_library_reads_the_gyroscopes_of_a_motion_plus(remote):
                 for sign in (1, -1)
             )
 
-        wait_for(swung, 3.0 * PATIENCE_S)
+        wait_for(swung)
     for rate in rates:
         fastest = max(map(abs, rate))
         assert fastest < 1.1 * peak_deg_s
@@ -156,7 +156,7 @@ def test_the_kernels_driver_reads_a_nunchuk(remote):
                 (EV_ABS, ABS_HAT0Y, least_y - middle_y),
                 (EV_ABS, ABS_HAT0Y, 0),
             }
-            wait_for(lambda: expected <= set(told.gather()), 2.0 * PATIENCE_S)
+            wait_for(lambda: expected <= set(told.gather()))
     assert min(value for _, code, value in told.events if code == ABS_HAT0X) == 0
     assert max(value for _, code, value in told.events if code == ABS_HAT0Y) == 0
 
@@ -244,7 +244,7 @@ class XwiiRemote:
     def __enter__(self) -> XwiiRemote:
         wait_for(lambda: nodes_called(ACCELEROMETER))
         if self._wanted & self.MOTION_PLUS:
-            wait_for(lambda: nodes_called(MOTION_PLUS), 2.0 * PATIENCE_S)
+            wait_for(lambda: nodes_called(MOTION_PLUS))
         wait_for(self._open)
         return self
 
