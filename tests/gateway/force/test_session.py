@@ -332,7 +332,9 @@ def test_a_device_of_another_computer_feels_force_where_that_is_asked_for():
     renderer = make_force(config, make_device(config), make_robot(config))
     assert renderer.device.options.force
     config = parse_config({**TABLE, "device": remote | {"force": False}, "fixtures": [SPHERE]})
-    with pytest.raises(ConfigurationError, match="'remote' without force = true gives no force back"):
+    with pytest.raises(
+        ConfigurationError, match="'remote' without force = true gives no force back"
+    ):
         make_force(config, make_device(config), make_robot(config))
 
 
