@@ -93,7 +93,7 @@ RUN = {
     r"cardan record": f"{RECORDS}::test_a_record_is_ended_by_ctrl_c",
     r"cardan replay --engine": f"{RECORDS}::test_the_engine_is_replayed_in_another_process",
     r"cardan replay": "tests/recording/test_replay.py::test_topics_can_be_chosen",
-    r"cardan export": "tests/recording/test_export.py::test_as_a_program",
+    r"cardan export": "plugins/cardan-learning/tests/test_learning_export.py::test_as_a_program",
     r"cardan plot": "tests/recording/test_plot.py::test_a_picture",
     r"cardan dissect": "plugins/cardan-dissect/tests",
     r"cardan conform --(list|compare)": "tests/test_conform_command.py",

@@ -46,8 +46,7 @@ MAY_IMPORT = {
     "bus": {"bus", "protocols", *LEAVES},
     "drivers": {"drivers", "bus", "protocols", *LEAVES},
     "gateway": {"gateway", "drivers", "bus", *LEAVES},
-    "learning": {"learning", *LEAVES},
-    "recording": {"recording", "learning", "gateway", "drivers", "bus", *LEAVES},
+    "recording": {"recording", "gateway", "drivers", "bus", *LEAVES},
     "doctor": {"doctor", "gateway", "drivers", "bus", *LEAVES},
     "own_arm": {"own_arm", "gateway", *LEAVES},
     "demos": {"demos", "gateway", "drivers", "bus", *LEAVES},
@@ -127,8 +126,8 @@ GONE = frozenset(
 )
 """Names of modules that the field has other words for: CHANGELOG.md has them."""
 FREE_OF_CIRCLES = (
-    "bus", "common", "conform", "demos", "doctor", "drivers", "gateway", "learning",
-    "own_arm", "protocols", "recording", "sim_peers",
+    "bus", "common", "conform", "demos", "doctor", "drivers", "gateway", "own_arm",
+    "protocols", "recording", "sim_peers",
 )  # fmt: skip
 
 GATEWAY_ROOMS = {

@@ -31,7 +31,6 @@ WITHOUT = {
     "record": "writes a file, and says in words what is missing",
     "replay": "likewise",
     "plot": "writes a file",
-    "export": "writes a data set, and says in words what of it is missing",
     "conform": "prints JSON by --format, as it has four of them",
     "robots": "list and show have it; add writes a file",
     "service": "show prints a file; the others do what their lines say",

@@ -40,7 +40,7 @@ from cardan.cli.explain import explain
 from cardan.cli.face import face
 from cardan.cli.installed import CardanCommands
 from cardan.cli.net import net
-from cardan.cli.recording import export, plot, record, replay
+from cardan.cli.recording import plot, record, replay
 from cardan.cli.robots import robots
 from cardan.cli.share import share
 from cardan.cli.sim import sim
@@ -78,7 +78,7 @@ app.add_typer(service)
 app.add_typer(robots)
 app.add_typer(net)
 for _command in (
-    network, echo, hz, messages, share, record, replay, plot, export, *DAEMON_COMMANDS, doctor,
+    network, echo, hz, messages, share, record, replay, plot, *DAEMON_COMMANDS, doctor,
     explain, conform,
 ):  # fmt: skip
     # Of an arm's verbs -0.1 is a number, and no option.

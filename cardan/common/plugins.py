@@ -28,12 +28,18 @@ _DISSECT = "plugins/cardan-dissect"
 _FILTERS = "plugins/cardan-filters"
 _JR3 = "plugins/cardan-jr3"
 _LEAP = "plugins/cardan-leap"
+_LEARNING = "plugins/cardan-learning"
 _OMNI = "plugins/cardan-omni"
 _SERIAL_MICE, _SPNAV_SERVER = "plugins/cardan-serial-mice", "plugins/cardan-spnav-server"
 _WIIMOTE = "plugins/cardan-wiimote"
 IN_SOURCE_TREE = {
     "check": {"compiled": _OMNI},
-    "command": {"dissect": _DISSECT, "evaluate": "studies", "spnav": _SPNAV_SERVER},
+    "command": {
+        "dissect": _DISSECT,
+        "evaluate": "studies",
+        "export": _LEARNING,
+        "spnav": _SPNAV_SERVER,
+    },
     "dissector": {
         "jr3_can": _JR3,
         "wiimote": _WIIMOTE,

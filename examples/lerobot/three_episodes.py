@@ -1,7 +1,8 @@
 """Teleoperates a simulated GoFa with a simulated SpaceMouse, records episodes, loads them again.
 
 With LeRobot and the distributions of plugins/ it is LeRobot's loop: its teleoperator, its robot,
-its data set. Without, sessions of Cardan are recorded, and `cardan export` makes the data set.
+its data set. Without, sessions of Cardan are recorded, and `cardan export` makes the data set, a
+command of plugins/cardan-learning.
 """
 
 from __future__ import annotations

@@ -7,7 +7,6 @@ import pytest
 
 from cardan.drivers.base import OperatorDevice
 from cardan.errors import ConfigurationError, DeviceNotFoundError, MotionLoopError
-from cardan.learning.features import ActionKind, action_names
 from cardan.types import (
     ButtonEvent,
     DeviceCapabilities,
@@ -15,6 +14,7 @@ from cardan.types import (
     DeviceState,
     RobotLink,
 )
+from cardan_learning.features import ActionKind, action_names
 from tests.gateway.arm.arms import World
 from tests.gateway.arm.ticked import FRAME, Ticked
 from tests.lerobot import interface

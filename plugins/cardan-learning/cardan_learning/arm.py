@@ -13,7 +13,17 @@ from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.arm.motion import Stat
 from cardan.gateway.arm.vocab import Action, Parameter, Stream
 from cardan.gateway.operator.mapping import MappingOptions
-from cardan.learning.features import (
+from cardan.spatial import (
+    add,
+    conjugate,
+    multiply,
+    normalized,
+    rotate,
+    subtract,
+    to_rotation_vector,
+)
+from cardan.types import IDENTITY, Frame, Pose, Quaternion, Vector3
+from cardan_learning.features import (
     CLOSE,
     CLOSED,
     CLOSING,
@@ -30,16 +40,6 @@ from cardan.learning.features import (
     pose_of,
     six_of,
 )
-from cardan.spatial import (
-    add,
-    conjugate,
-    multiply,
-    normalized,
-    rotate,
-    subtract,
-    to_rotation_vector,
-)
-from cardan.types import IDENTITY, Frame, Pose, Quaternion, Vector3
 from cardan_learning.goal import Approach
 from cardan_learning.hand import turns_with_tool
 

@@ -21,16 +21,6 @@ from cardan.gateway.operator.mapping import (
     Orientation,
     TwistMapping,
 )
-from cardan.learning.features import (
-    CLOSE,
-    CLOSING,
-    MOTIONS,
-    OPEN,
-    OPENING,
-    STAY,
-    ActionKind,
-    six_of,
-)
 from cardan.spatial import add, from_rotation_vector, multiply, normalized, rotate, scale
 from cardan.types import (
     IDENTITY_POSE,
@@ -41,6 +31,16 @@ from cardan.types import (
     RobotLink,
     RobotState,
     Twist,
+)
+from cardan_learning.features import (
+    CLOSE,
+    CLOSING,
+    MOTIONS,
+    OPEN,
+    OPENING,
+    STAY,
+    ActionKind,
+    six_of,
 )
 
 LONGEST_STEP_S = 0.1

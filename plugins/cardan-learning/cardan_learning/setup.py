@@ -28,9 +28,9 @@ from cardan.gateway.session.assembly import (
     why_no_verbs,
 )
 from cardan.gateway.session.config import LimitsTable, SessionConfig, parse_config
-from cardan.learning.features import ActionKind, action_kind, reference_of
 from cardan.robots import load_arm
 from cardan.types import IDENTITY_POSE, Vector3
+from cardan_learning.features import ActionKind, action_kind, reference_of
 from cardan_learning.hand import HAND_ACTIONS, EventButtons, HandActions
 
 Table = Mapping[str, Any]
@@ -92,7 +92,7 @@ class Arm(NamedTuple):
     gripper: bool
     """Whether it has one."""
     reference: Vector3
-    """Of its rotation vectors: :func:`~cardan.learning.features.reference_of`."""
+    """Of its rotation vectors: :func:`~cardan_learning.features.reference_of`."""
 
 
 def make_arm(

@@ -8,10 +8,10 @@ import pytest
 
 from cardan.errors import CommandError, MotionRefusedError
 from cardan.gateway.operator.mapping import MappingOptions
-from cardan.learning.features import ActionKind, pose_of
 from cardan.spatial import norm, rotation_between
 from cardan.types import Frame, RobotLink
 from cardan_learning.arm import ArmActions
+from cardan_learning.features import ActionKind, pose_of
 from cardan_learning.goal import Approach
 from tests.gateway.arm.arms import DT_S, World
 from tests.gateway.arm.ticked import FRAME, Ticked

@@ -8,7 +8,6 @@ import pytest
 from cardan.errors import ConfigurationError
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.operator.mapping import GripperOptions, MappingOptions, Mode, Orientation
-from cardan.learning.features import ActionKind
 from cardan.types import (
     IDENTITY,
     ButtonEvent,
@@ -18,6 +17,7 @@ from cardan.types import (
     Pose,
     Vector3,
 )
+from cardan_learning.features import ActionKind
 from cardan_learning.hand import EventButtons, HandActions, turns_with_tool
 
 DT_S = 1 / 30

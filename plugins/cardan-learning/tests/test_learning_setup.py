@@ -4,7 +4,7 @@ import pytest
 
 from cardan.drivers.spacemouse import SpaceMouse
 from cardan.errors import ConfigurationError
-from cardan.learning.features import ActionKind
+from cardan_learning.features import ActionKind
 from cardan_learning.setup import make_arm, make_hand
 
 SESSION = """

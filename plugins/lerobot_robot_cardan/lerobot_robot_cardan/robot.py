@@ -10,8 +10,8 @@ from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnected
 
 from cardan.errors import MotionLoopError, MotionRefusedError
 from cardan.gateway.arm.interface import CartesianArm
-from cardan.learning.features import action_names, observation_names
 from cardan_learning.arm import ArmActions
+from cardan_learning.features import action_names, observation_names
 from cardan_learning.setup import make_arm
 from lerobot_robot_cardan.config_cardan import CardanRobotConfig
 

@@ -8,8 +8,8 @@ from lerobot.teleoperators import Teleoperator
 from lerobot.teleoperators.utils import TeleopEvents
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
-from cardan.learning.features import action_names
 from cardan.types import DeviceFeedback
+from cardan_learning.features import action_names
 from cardan_learning.hand import EventButtons
 from cardan_learning.setup import make_hand
 from lerobot_teleoperator_cardan.config_cardan import CardanTeleopConfig

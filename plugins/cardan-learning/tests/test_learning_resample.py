@@ -8,10 +8,10 @@ import pytest
 
 from cardan.errors import CaptureError, OptionError
 from cardan.gateway.session.snapshot import Snapshot
-from cardan.recording.resample import read_frames
 from cardan.robots import load_arm
 from cardan.spatial import from_rotation_vector, multiply
 from cardan.types import Vector3
+from cardan_learning.resample import read_frames
 from tests.recording.rig import NODE, NS, STRING
 from tests.recording.test_replay import topic, write
 

@@ -8,8 +8,10 @@ import json
 
 import pytest
 
-from cardan.recording.export import export_lerobot
-from tests.recording.test_resample import recorded, steadily
+from cardan_learning.export import export_lerobot
+from test_learning_resample import recorded, steadily
+
+pytest.importorskip("lerobot", reason="LeRobot is not installed: make test-lerobot")
 
 OFTEN = ("mean", "std", "min", "max", "count")
 

@@ -14,13 +14,13 @@ from typing import Any
 from cardan.common.resource_errors import shortage
 from cardan.errors import CaptureError, OptionError
 from cardan.recording.arms import NS
-from cardan.recording.dataset import (
+from cardan_learning.dataset import (
     CODEBASE_VERSION,
     Rows,
     vector_feature,
     write_dataset,
 )
-from cardan.recording.resample import LONGEST_FILL_S, Frames, read_frames
+from cardan_learning.resample import LONGEST_FILL_S, Frames, read_frames
 
 OBSERVATION, ACTION = "observation.state", "action"
 ROBOT_TYPE = "cardan"

@@ -8,8 +8,8 @@ import types
 import pytest
 
 from cardan.errors import CaptureError, ExtraMissingError, OptionError
-from cardan.recording.export import export_lerobot
-from tests.recording.test_resample import recorded, steadily
+from cardan_learning.export import export_lerobot
+from test_learning_resample import recorded, steadily
 
 
 @pytest.fixture

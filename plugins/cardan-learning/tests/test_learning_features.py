@@ -9,7 +9,10 @@ from hypothesis import given, strategies as st
 from cardan.errors import OptionError
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.base import to_pose
-from cardan.learning.features import (
+from cardan.robots import arm_names, load_arm
+from cardan.spatial import compose, norm, rotation_between, subtract
+from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion
+from cardan_learning.features import (
     ActionKind,
     Continuous,
     action_kind,
@@ -19,9 +22,6 @@ from cardan.learning.features import (
     reference_of,
     six_of,
 )
-from cardan.robots import arm_names, load_arm
-from cardan.spatial import compose, norm, rotation_between, subtract
-from cardan.types import IDENTITY_POSE, ZERO3, Pose, Quaternion
 
 ANGLES = st.floats(-3.0, 3.0)
 

@@ -18,16 +18,6 @@ from typing import NamedTuple
 from cardan.common.tables import read_table
 from cardan.errors import CaptureError, ConfigurationError, OptionError
 from cardan.gateway.session.config import ArmTable
-from cardan.learning.features import (
-    CLOSED,
-    WIDE,
-    ActionKind,
-    Continuous,
-    action_names,
-    observation_names,
-    reference_of,
-    six_of,
-)
 from cardan.protocols.ros2.cdr import Malformed, Message, codec_of
 from cardan.protocols.ros2.interfaces import InterfaceError
 from cardan.recording.arms import (
@@ -51,6 +41,16 @@ from cardan.spatial import (
     scale,
 )
 from cardan.types import Frame, Pose, Quaternion, Vector3
+from cardan_learning.features import (
+    CLOSED,
+    WIDE,
+    ActionKind,
+    Continuous,
+    action_names,
+    observation_names,
+    reference_of,
+    six_of,
+)
 
 LONGEST_GAP_NS = NS // 5
 """Between two states: a longer gap is told, and what was before it holds until its end."""

@@ -1,5 +1,5 @@
 """The files of a LeRobotDataset v3.0 that Cardan writes by itself, read with pyarrow and pandas'
-rules; tests/lerobot has LeRobot read them."""
+rules; test_learning_reading.py has LeRobot read them."""
 
 import json
 import statistics
@@ -9,8 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from cardan.errors import CaptureError
-from cardan.recording import dataset
-from cardan.recording.dataset import statistics_of, vector_feature, write_dataset
+from cardan_learning import dataset
+from cardan_learning.dataset import statistics_of, vector_feature, write_dataset
 
 FEATURES = {
     "observation.state": vector_feature(["a.pos", "b.pos", "gripper.pos"]),
