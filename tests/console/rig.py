@@ -36,8 +36,10 @@ KEPT_S = 30.0
 STANDS_M_S = 0.001
 RESTS_S = 0.25
 HEARD = 60
+PAUSE_S = 0.05
 """An arm that stands for RESTS_S, and while so many commands reach its controller, of 250 each
-second, rests: one also stands while the computer does, or keeps the session from its work."""
+second, without such a pause, rests: one also stands while the computer does, or keeps the session
+or the controller from its work, and what has waited then comes all at once."""
 
 SESSION = """
 [robot]
@@ -151,16 +153,21 @@ class TcpWatch(threading.Thread):
 
 def _again(times: list[float], away: list[float], commands: list[int]) -> float:
     """How far from its last place the arm was when it first rested."""
-    first = 0
+    first = steady = heard = 0
     for last, when in enumerate(times):
+        if when - times[heard] > PAUSE_S:
+            steady = last
+        if commands[last] > commands[heard]:
+            heard = last
 
         def lasted(since: int, last: int = last, when: float = when) -> bool:
-            heard = commands[last] - commands[since]
-            return times[since] <= when - RESTS_S and heard >= HEARD
+            came = commands[last] - commands[since]
+            return times[since] <= when - RESTS_S and came >= HEARD
 
         while first < last and lasted(first + 1):
             first += 1
-        if lasted(first) and abs(away[last] - away[first]) < STANDS_M_S * RESTS_S:
+        stood = abs(away[last] - away[first]) < STANDS_M_S * RESTS_S
+        if first >= steady and lasted(first) and stood:
             return away[last]
     return away[-1]
 
