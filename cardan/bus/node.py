@@ -14,6 +14,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Sequence
+from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -79,6 +80,21 @@ _PLACE = re.compile(r" at \S*\.rs:\d+\.?")
 _NETWORK = "the network"
 
 
+class Urgency(Enum):
+    """What goes first where a link is full; by the names of Zenoh's priorities."""
+
+    COMMAND = "INTERACTIVE_HIGH"
+    """Also calls of services, whose answers have it, too."""
+    STATE = "DATA"
+    """As of all nodes of ROS 2."""
+    PICTURE = "BACKGROUND"
+
+    @property
+    def priority(self) -> Any:
+        """Zenoh's."""
+        return getattr(zenoh_module().Priority, self.value)
+
+
 class Received(NamedTuple):
     """A message that a subscription received."""
 
@@ -121,7 +137,8 @@ class Publisher:
         self._gid = gid_of(entity, node.options.domain)
         self._sequence = 0
         # Of a session: more than wait for a link one by one go together. It costs up to 1 ms.
-        self._publisher = node.declare_publisher(key, entity.qos, express=express)
+        urgency = Urgency.COMMAND if express else Urgency.STATE
+        self._publisher = node.declare_publisher(key, entity.qos, express, urgency)
         self._gone = contextlib.suppress(zenoh_module().ZError)
         """The bus is closed, while another thread publishes still."""
         self._token = node.declare_token(entity)
@@ -424,8 +441,8 @@ class BusNode:
     def publisher(
         self, name: str, type_name: str, qos: Qos = DEFAULT_QOS, *, express: bool = False
     ) -> Publisher:
-        """A publisher of a topic; `express`: each message is sent by itself, at once. Raises
-        InterfaceError or RosNameError."""
+        """A publisher of a topic; `express`: of commands, each sent by itself, at once, and ahead
+        of what is none. Raises InterfaceError or RosNameError."""
         entity, key = self.endpoint(PUBLISHER, name, type_name, qos)
         return Publisher(self, entity, key, express=express)
 
@@ -518,12 +535,18 @@ class BusNode:
 
     # -- Zenoh -----------------------------------------------------------------------------------
 
-    def declare_publisher(self, key: str, qos: Qos, express: bool = True) -> Any:
+    def declare_publisher(
+        self, key: str, qos: Qos, express: bool = True, urgency: Urgency = Urgency.STATE
+    ) -> Any:
         """Zenoh's publisher; one of latched messages keeps them for who comes later. `express`:
         each message is sent by itself, at once."""
         zenoh = zenoh_module()
         # DROP: a full link costs messages, never the time of who publishes.
-        options = {"congestion_control": zenoh.CongestionControl.DROP, "express": express}
+        options = {
+            "congestion_control": zenoh.CongestionControl.DROP,
+            "priority": urgency.priority,
+            "express": express,
+        }
         if not qos.transient_local:
             return self._opened().declare_publisher(key, **options)
         import zenoh.ext as ext
@@ -559,11 +582,24 @@ class BusNode:
 
     def ask(self, key: str, data: bytes, attachment: bytes, timeout_s: float, handler: Any) -> None:
         """Send a request; `handler` is Zenoh's callback for its replies."""
-        self._opened().get(key, handler, payload=data, attachment=attachment, timeout=timeout_s)
+        self._opened().get(
+            key,
+            handler,
+            payload=data,
+            attachment=attachment,
+            timeout=timeout_s,
+            priority=Urgency.COMMAND.priority,
+        )
 
     def get(self, key: str, data: bytes, attachment: bytes, timeout_s: float) -> bytes | None:
         """The first reply to a request; None where there is none in time."""
-        replies = self._opened().get(key, payload=data, attachment=attachment, timeout=timeout_s)
+        replies = self._opened().get(
+            key,
+            payload=data,
+            attachment=attachment,
+            timeout=timeout_s,
+            priority=Urgency.COMMAND.priority,
+        )
         for reply in replies:
             if reply.ok is not None:
                 return bytes(reply.ok.payload.to_bytes())

@@ -98,6 +98,10 @@ class Camera:
             self._reader = reader = _Reader(self.address, lambda *it: _put(loop, self._take, *it))
             reader.start()
 
+    def watched_by(self, news: asyncio.Event) -> bool:
+        """Whether `news` is set at each picture."""
+        return news in self._watchers
+
     def leave(self, news: asyncio.Event) -> None:
         """Nobody waits there any more; twice is fine."""
         self._watchers.discard(news)
@@ -239,6 +243,9 @@ class Cameras:
 
     def __init__(self, addresses: Sequence[str]) -> None:
         self._cameras = [Camera(parse_camera(each)) for each in addresses]
+
+    def __iter__(self) -> Iterator[Camera]:
+        return iter(self._cameras)
 
     @property
     def names(self) -> list[str]:

@@ -22,8 +22,11 @@ from websockets.exceptions import InvalidStatus
 
 from cardan.errors import OptionError
 from cardan.gateway.servers.console import cameras, client, video
+from cardan.gateway.servers.console.camera_topics import TYPE as IMAGE, topic_of
 from cardan.gateway.servers.console.cameras import parse_camera
 from cardan.gateway.servers.console.face import ConsoleOptions
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.names import checked_name
 from tests.gateway.servers.console.rig import console, page_program
 from tests.gateway.servers.memory_network import MemoryNetwork
 from tests.gateway.servers.rig import WAIT_S
@@ -221,6 +224,55 @@ def test_what_is_no_time_shows_nothing(tmp_path, page_us):
         assert settled(page)
         show(page, about["picture"])
         announced(page)
+
+
+def test_pictures_are_on_the_bus_while_somebody_subscribes(tmp_path):
+    network, heard = MemoryNetwork(), []
+    options = {"camera": ("wrist 1=",), "publish_cameras": True}
+    with camera() as (server, address):
+        options["camera"] = (f"wrist 1={address}",)
+        with console(network, tmp_path, **options):
+            topic = "/camera/wrist_1/image_raw/compressed"
+            until(lambda: topic in network.topics(), "it is on the bus")
+            assert server.looks == 0
+            begun_ns = time.time_ns()
+            handle = network.subscribe(topic, IMAGE, lambda cdr, _ns: heard.append(cdr))
+            until(lambda: len(heard) >= 3, "pictures come")
+            handle.close()
+            until(lambda: server.looks == 0, "the camera rests")
+        until(lambda: topic not in network.topics(), "it has left the bus")
+    pictures = [codec_of(IMAGE).decode(each) for each in heard]
+    numbers = [int(each["data"][2:]) for each in pictures]
+    assert numbers == sorted(set(numbers))
+    assert {(each["format"], each["header"]["frame_id"]) for each in pictures} == {
+        ("jpeg", "wrist_1")
+    }
+    times = [each["header"]["stamp"] for each in pictures]
+    stamps = [1_000_000_000 * each["sec"] + each["nanosec"] for each in times]
+    stamps = [begun_ns, *stamps, time.time_ns()]
+    assert stamps == sorted(stamps)
+
+
+def test_cameras_are_not_on_the_bus_unless_that_is_wanted(tmp_path):
+    network = MemoryNetwork()
+    with camera() as (_, address), console(network, tmp_path, camera=(address,)):
+        assert not network.publishers
+
+
+@pytest.mark.parametrize(
+    ("name", "topic"),
+    [("wrist", "wrist"), ("127.0.0.1", "camera_127_0_0_1"), ("-_a--b_", "a_b"), ("左", "camera")],
+)
+def test_a_topic_has_a_name_that_ros_allows(name, topic):
+    made = topic_of(name)
+    assert made == checked_name(made) == f"/camera/{topic}/image_raw/compressed"
+
+
+def test_two_cameras_of_one_topic_are_refused_where_they_are_published():
+    both = ("a b=http://x", "a-b=http://y")
+    ConsoleOptions(camera=both)
+    with pytest.raises(OptionError, match="camera/a_b/image_raw"):
+        ConsoleOptions(camera=both, publish_cameras=True)
 
 
 def test_who_has_no_token_sees_nothing(tmp_path):
