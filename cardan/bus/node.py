@@ -72,6 +72,10 @@ TX_BATCHES = 16
 """Batches of 64 kB that wait for a link, as many as Zenoh allows: with its two, a link that stands
 still for 40 ms loses messages of a session that is recorded."""
 
+SEND_BYTES = 32_768
+"""Of a link's buffer in the kernel, which doubles it: what is in it goes before any command. As the
+kernel sizes it, 2 MB and more of pictures are ahead of an answer, 8 s at 2 Mbit/s."""
+
 _log = logging.getLogger(__name__)
 
 _GID_BYTES = 16
@@ -685,6 +689,9 @@ def zenoh_settings(mode: str, listen: Sequence[str], connect: Sequence[str]) -> 
         # Closing waits for connections that are being made: 10 s, where a peer stands still.
         "transport/unicast/open_timeout": LEASE_MS,
         "transport/link/tx/queue/size/data": TX_BATCHES,
+        "transport/link/tx/queue/size/interactive_high": TX_BATCHES,
+        "transport/link/tcp/so_sndbuf": SEND_BYTES,
+        "transport/link/tls/so_sndbuf": SEND_BYTES,
         # Its files stay in /dev/shm, up to 16 MB each, when a process is killed.
         "transport/shared_memory/enabled": False,
     }
