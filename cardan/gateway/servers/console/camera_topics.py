@@ -58,7 +58,8 @@ async def publish(network: Network, camera: Camera) -> None:
     try:
         while True:
             there = network.topics().get(topic)
-            if there is not None and there.subscribers:
+            wanted = there is not None and bool(there.subscribers)
+            if wanted:
                 camera.watch(news)
             else:
                 camera.leave(news)
@@ -69,7 +70,7 @@ async def publish(network: Network, camera: Camera) -> None:
             finally:
                 look.cancel()
             news.clear()
-            if camera.newest and camera.number != number and camera.watched_by(news):
+            if wanted and camera.newest and camera.number != number:
                 number = camera.number
                 # It waits for a slow link, up to 50 ms, which pages do not.
                 await asyncio.to_thread(_put, publisher, camera)

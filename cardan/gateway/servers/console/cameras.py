@@ -98,10 +98,6 @@ class Camera:
             self._reader = reader = _Reader(self.address, lambda *it: _put(loop, self._take, *it))
             reader.start()
 
-    def watched_by(self, news: asyncio.Event) -> bool:
-        """Whether `news` is set at each picture."""
-        return news in self._watchers
-
     def leave(self, news: asyncio.Event) -> None:
         """Nobody waits there any more; twice is fine."""
         self._watchers.discard(news)

@@ -65,8 +65,8 @@ class ConsoleOptions(RosbridgeOptions):
     /dev/video0."""
 
     publish_cameras: bool = False
-    """Whether the cameras are on the bus, too, for whoever subscribes:
-    /camera/NAME/image_raw/compressed."""
+    """Whether the cameras are on the bus, too, at /camera/NAME/image_raw/compressed, and read while
+    there is a subscription."""
 
     hold_s: Annotated[float, HOLD_S] = LONGEST_S
     """How long a page jogs an arm without a sign of who holds, s: a pointer that moves, a key that
