@@ -14,6 +14,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Sequence
+from enum import Enum
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -71,12 +72,31 @@ TX_BATCHES = 16
 """Batches of 64 kB that wait for a link, as many as Zenoh allows: with its two, a link that stands
 still for 40 ms loses messages of a session that is recorded."""
 
+SEND_BYTES = 32_768
+"""Of a link's buffer in the kernel, which doubles it: what is in it goes before any command. As the
+kernel sizes it, 2 MB and more of pictures are ahead of an answer, 8 s at 2 Mbit/s."""
+
 _log = logging.getLogger(__name__)
 
 _GID_BYTES = 16
 _PLACE = re.compile(r" at \S*\.rs:\d+\.?")
 """Where in Zenoh's sources an error came from."""
 _NETWORK = "the network"
+
+
+class Urgency(Enum):
+    """What goes first where a link is full; by the names of Zenoh's priorities."""
+
+    COMMAND = "INTERACTIVE_HIGH"
+    """Also calls of services, whose answers have it, too."""
+    STATE = "DATA"
+    """As of all nodes of ROS 2."""
+    PICTURE = "BACKGROUND"
+
+    @property
+    def priority(self) -> Any:
+        """Zenoh's."""
+        return getattr(zenoh_module().Priority, self.value)
 
 
 class Received(NamedTuple):
@@ -121,7 +141,8 @@ class Publisher:
         self._gid = gid_of(entity, node.options.domain)
         self._sequence = 0
         # Of a session: more than wait for a link one by one go together. It costs up to 1 ms.
-        self._publisher = node.declare_publisher(key, entity.qos, express=express)
+        urgency = Urgency.COMMAND if express else Urgency.STATE
+        self._publisher = node.declare_publisher(key, entity.qos, express, urgency)
         self._gone = contextlib.suppress(zenoh_module().ZError)
         """The bus is closed, while another thread publishes still."""
         self._token = node.declare_token(entity)
@@ -424,8 +445,8 @@ class BusNode:
     def publisher(
         self, name: str, type_name: str, qos: Qos = DEFAULT_QOS, *, express: bool = False
     ) -> Publisher:
-        """A publisher of a topic; `express`: each message is sent by itself, at once. Raises
-        InterfaceError or RosNameError."""
+        """A publisher of a topic; `express`: of commands, each sent by itself, at once, and ahead
+        of what is none. Raises InterfaceError or RosNameError."""
         entity, key = self.endpoint(PUBLISHER, name, type_name, qos)
         return Publisher(self, entity, key, express=express)
 
@@ -518,12 +539,18 @@ class BusNode:
 
     # -- Zenoh -----------------------------------------------------------------------------------
 
-    def declare_publisher(self, key: str, qos: Qos, express: bool = True) -> Any:
+    def declare_publisher(
+        self, key: str, qos: Qos, express: bool = True, urgency: Urgency = Urgency.STATE
+    ) -> Any:
         """Zenoh's publisher; one of latched messages keeps them for who comes later. `express`:
         each message is sent by itself, at once."""
         zenoh = zenoh_module()
         # DROP: a full link costs messages, never the time of who publishes.
-        options = {"congestion_control": zenoh.CongestionControl.DROP, "express": express}
+        options = {
+            "congestion_control": zenoh.CongestionControl.DROP,
+            "priority": urgency.priority,
+            "express": express,
+        }
         if not qos.transient_local:
             return self._opened().declare_publisher(key, **options)
         import zenoh.ext as ext
@@ -559,11 +586,24 @@ class BusNode:
 
     def ask(self, key: str, data: bytes, attachment: bytes, timeout_s: float, handler: Any) -> None:
         """Send a request; `handler` is Zenoh's callback for its replies."""
-        self._opened().get(key, handler, payload=data, attachment=attachment, timeout=timeout_s)
+        self._opened().get(
+            key,
+            handler,
+            payload=data,
+            attachment=attachment,
+            timeout=timeout_s,
+            priority=Urgency.COMMAND.priority,
+        )
 
     def get(self, key: str, data: bytes, attachment: bytes, timeout_s: float) -> bytes | None:
         """The first reply to a request; None where there is none in time."""
-        replies = self._opened().get(key, payload=data, attachment=attachment, timeout=timeout_s)
+        replies = self._opened().get(
+            key,
+            payload=data,
+            attachment=attachment,
+            timeout=timeout_s,
+            priority=Urgency.COMMAND.priority,
+        )
         for reply in replies:
             if reply.ok is not None:
                 return bytes(reply.ok.payload.to_bytes())
@@ -649,6 +689,9 @@ def zenoh_settings(mode: str, listen: Sequence[str], connect: Sequence[str]) -> 
         # Closing waits for connections that are being made: 10 s, where a peer stands still.
         "transport/unicast/open_timeout": LEASE_MS,
         "transport/link/tx/queue/size/data": TX_BATCHES,
+        "transport/link/tx/queue/size/interactive_high": TX_BATCHES,
+        "transport/link/tcp/so_sndbuf": SEND_BYTES,
+        "transport/link/tls/so_sndbuf": SEND_BYTES,
         # Its files stay in /dev/shm, up to 16 MB each, when a process is killed.
         "transport/shared_memory/enabled": False,
     }

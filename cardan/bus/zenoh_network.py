@@ -22,7 +22,7 @@ from cardan.bus.network import (
     Service,
     Topic,
 )
-from cardan.bus.node import BusNode, ServiceRequest, gid_of, words_of, zenoh_module
+from cardan.bus.node import BusNode, ServiceRequest, Urgency, gid_of, words_of, zenoh_module
 from cardan.bus.options import BusOptions
 from cardan.errors import DriverError
 from cardan.protocols.ros2.graph import Graph
@@ -40,6 +40,16 @@ from cardan.protocols.ros2.zenoh import (
 )
 
 _DeclaredT = TypeVar("_DeclaredT", bound="_Declared")
+
+PICTURES = frozenset(
+    {
+        "sensor_msgs/msg/CompressedImage",
+        "sensor_msgs/msg/Image",
+        "sensor_msgs/msg/PointCloud2",
+    }
+)
+"""Types of which one message fills a slow link: they wait for all else, and are dropped first. What
+clients of faces publish otherwise may be a command."""
 
 LONGEST_CALL_S = 3600.0
 """How long a call without a time limit waits for its reply."""
@@ -233,7 +243,8 @@ class BusNetwork:
         with self._lock:
             others = [*self._graph.publishers(topic), *self._graph.subscribers(topic)]
         entity, key = self._entity(PUBLISHER, topic, type_name, others, latched, mark)
-        declared = self._do(lambda: self.node.declare_publisher(key, entity.qos))
+        urgency = Urgency.PICTURE if type_name in PICTURES else Urgency.COMMAND
+        declared = self._do(lambda: self.node.declare_publisher(key, entity.qos, urgency=urgency))
         token = self._do(lambda: self.node.declare_token(entity))
         return self._kept(_Sender(declared, token, gid_of(entity, self.node.options.domain)))
 

@@ -196,6 +196,9 @@ const WORDS = {
   plotOrientation: ["Orientation (axis times angle), °", "Orientación (eje por ángulo), °"],
   camera: ["Camera", "Cámara"],
   cameraPicture: ["Picture of the camera", "Imagen de la cámara"],
+  pictureAge: ["Age of the picture", "Edad de la imagen"],
+  pictureOld: ["⚠ Old picture:", "⚠ Imagen antigua:"],
+  pictureGone: ["✕ No picture for", "✕ Sin imagen desde hace"],
   cameraNone: [
     "The server has no camera: its option camera names one; see docs/console.md.",
     "El servidor no tiene cámara: su opción camera nombra una; vea docs/console.md.",

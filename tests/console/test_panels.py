@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import re
 
 import pytest
 
@@ -119,7 +120,7 @@ def test_this_device_is_a_sensor_which_is_drawn_beside_a_camera(bus, built, brow
     heard = []
     handle = network.subscribe("/phone/imu", IMU, lambda cdr, _ns: heard.append(cdr))
     with (
-        camera(image=GREY) as (_, address),
+        camera(image=GREY) as (filmed, address),
         served(
             lambda: ConsoleServer(network, ConsoleOptions(port=0, camera=(address,)), built)
         ) as running,
@@ -137,13 +138,30 @@ def test_this_device_is_a_sensor_which_is_drawn_beside_a_camera(bus, built, brow
         page.until("!document.querySelector('#panel-sensors select[aria-label=Camera]').hidden")
         page.value(button("Start"))
         page.until("document.querySelector('.camera').naturalWidth === 8")
+        # Each is shown, or no second one would come, and the age would grow.
+        shown = filmed.pictures
+        until(lambda: filmed.pictures > shown + 100, "the camera gives pictures for a second")
+        page.until("document.querySelector('.sight').dataset.age === 'fresh'")
+        assert page.value(AGE).startswith("Age of the picture 0.")
+        filmed.still.set()
+        page.until("document.querySelector('.sight').dataset.age === 'old'")
+        assert page.value(AGE).startswith("⚠ Old picture: ")
+        colour = page.value(COLOUR)
+        page.until("document.querySelector('.sight').dataset.age === 'gone'")
+        assert re.fullmatch("✕ No picture for [2-9] s", page.value(AGE))
+        assert page.value(COLOUR) != colour
+        filmed.still.clear()
+        page.until("document.querySelector('.sight').dataset.age === 'fresh'")
         page.until("document.querySelectorAll('#panel-sensors .u-series').length === 4")
         page.until("document.querySelector('#panel-sensors .u-legend') !== null")
         page.value(button("End"))
-        page.until("document.querySelector('.camera').hidden")
+        page.until("document.querySelector('.sight').hidden")
         assert not [each for each in page.complaints() if "GL Driver Message" not in each]
     handle.close()
 
+
+AGE = "document.querySelector('.sight figcaption').textContent"
+COLOUR = "getComputedStyle(document.querySelector('.sight figcaption')).color"
 
 SENSORS = """
 for (const kind of [DeviceOrientationEvent, DeviceMotionEvent]) {

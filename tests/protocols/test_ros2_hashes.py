@@ -14,6 +14,10 @@ from cardan.protocols.ros2.type_description import describe_type
 from cardan.protocols.ros2.type_hash import type_hash
 
 KNOWN = (
+    (
+        "sensor_msgs/msg/CompressedImage",
+        "15640771531571185e2efc8a100baf923961a4d15d5569652e6cb6691e8e371a",
+    ),
     ("std_msgs/msg/Header", "f49fb3ae2cf070f793645ff749683ac6b06203e41c891e17701b1cb597ce6a01"),
     ("std_msgs/msg/String", "df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18"),
     ("std_msgs/msg/Bool", "feb91e995ff9ebd09c0cb3d2aed18b11077585839fb5db80193b62d74528f6c9"),

@@ -113,6 +113,10 @@ geometry_msgs/Vector3 angular_velocity
 float64[9] angular_velocity_covariance
 geometry_msgs/Vector3 linear_acceleration
 float64[9] linear_acceleration_covariance
+@sensor_msgs/msg/CompressedImage
+std_msgs/Header header
+string format
+uint8[] data
 @rosgraph_msgs/msg/Clock
 builtin_interfaces/Time clock
 @rmw_dds_common/msg/Gid

@@ -5,6 +5,7 @@ import { Hand } from "../hand.ts";
 import { t } from "../i18n.ts";
 import type { Link } from "../link.ts";
 import { PhoneSensors } from "../phone.ts";
+import { freshness } from "../picture_age.ts";
 import { Recording } from "../recording.ts";
 import { type Quantity, SENSORS } from "../sensor.ts";
 import type { Settings } from "../settings.ts";
@@ -12,6 +13,8 @@ import { Sound, say } from "../sound.ts";
 
 /** The channel of the phone's own sensors. */
 const CHANNEL = 7;
+
+const AGES = { fresh: "pictureAge", old: "pictureOld", gone: "pictureGone" } as const;
 
 const SAMPLE_MS = 20;
 const DRAW_MS = 100;
@@ -112,7 +115,9 @@ export class SensorsPanel {
   }
 
   private camera(address: string): HTMLElement {
-    const image = h("img", { class: "camera", alt: t("cameraPicture"), hidden: true });
+    const image = h("img", { class: "camera", alt: t("cameraPicture") });
+    const age = h("figcaption", {});
+    const figure = h("figure", { class: "sight", hidden: true }, image, age);
     const note = h("p", { class: "hint", role: "status" });
     const select = h("select", { "aria-label": t("camera"), hidden: true });
     const view = new CameraView(address, image);
@@ -140,12 +145,17 @@ export class SensorsPanel {
     this.refreshes.push(() => {
       setText(start, t(view.open ? "finish" : "start"));
       start.disabled = !view.open && select.childElementCount === 0;
-      image.hidden = !view.open;
+      figure.hidden = !view.open;
+      const seconds = view.ageMs / 1000;
+      const fresh = freshness(view.ageMs);
+      figure.dataset.age = fresh;
+      const digits = fresh === "gone" ? 0 : fresh === "old" ? 1 : 2;
+      setText(age, `${t(AGES[fresh])} ${seconds.toFixed(digits)} s`);
     });
     document.addEventListener("visibilitychange", () => {
       if (document.visibilityState === "hidden") view.stop();
     });
-    return section("camera", h("div", { class: "row" }, select, start), note, image);
+    return section("camera", h("div", { class: "row" }, select, start), note, figure);
   }
 
   /** The sensors of this device, published while its person asks for that. */

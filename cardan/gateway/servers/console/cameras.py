@@ -1,5 +1,6 @@
 """Cameras that the server shows to pages: each is read once for all pages, and only while somebody
-looks; a page that is slow gets fewer pictures, never older ones."""
+looks; a page that is slow gets fewer pictures, never older ones, as each goes out when the page
+has shown the one before."""
 
 from __future__ import annotations
 
@@ -13,6 +14,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import PurePosixPath
 from typing import Final, NamedTuple
@@ -33,6 +35,9 @@ SINGLE_S: Final = 0.2
 """Shortest time between two pictures of a camera that gives one for each request."""
 
 PIECE_BYTES: Final = 65536
+
+UNSHOWN_S: Final = 5.0
+"""A camera is not read for a page that has shown nothing of it so long."""
 
 _NAMED = re.compile(r"([\w][\w .-]{0,39})=(.+)")
 
@@ -72,16 +77,22 @@ class Camera:
     def __init__(self, address: Address) -> None:
         self.address = address
         self.newest = b""
+        self.newest_s = 0.0
+        """When the server had it, monotonic: what a camera says of its own time is not read."""
         self.number = 0
-        """Of the newest picture; 0: there was none yet."""
+        """Of the newest picture that there was; 0: none yet."""
         self.why = ""
         """Why there is none now."""
         self._watchers: set[asyncio.Event] = set()
         self._reader: _Reader | None = None
 
     def watch(self, news: asyncio.Event) -> None:
-        """Have `news` set at each picture."""
+        """Have `news` set at each picture, and now where there is one; twice is fine."""
+        if news in self._watchers:
+            return
         self._watchers.add(news)
+        if self.newest:
+            news.set()
         if self._reader is None:
             loop = asyncio.get_running_loop()
             self._reader = reader = _Reader(self.address, lambda *it: _put(loop, self._take, *it))
@@ -92,13 +103,13 @@ class Camera:
         self._watchers.discard(news)
         if not self._watchers and self._reader is not None:
             self._reader.ended.set()
-            self._reader, self.newest, self.why, self.number = None, b"", "", 0
+            self._reader, self.newest, self.why = None, b"", ""
 
-    def _take(self, reader: _Reader, picture: bytes, why: str) -> None:
+    def _take(self, reader: _Reader, picture: bytes, why: str, had_s: float) -> None:
         if reader is not self._reader:
             return
         if picture:
-            self.newest, self.number = picture, self.number + 1
+            self.newest, self.newest_s, self.number = picture, had_s, self.number + 1
         self.why = why
         for each in self._watchers:
             each.set()
@@ -112,7 +123,7 @@ def _put(loop: asyncio.AbstractEventLoop, take: Callable[..., None], *values: ob
 class _Reader(threading.Thread):
     """Reads a camera until `ended`. It ends within SILENT_S, and nobody waits for it."""
 
-    def __init__(self, address: Address, put: Callable[[_Reader, bytes, str], None]) -> None:
+    def __init__(self, address: Address, put: Callable[[_Reader, bytes, str, float], None]) -> None:
         super().__init__(name=f"cardan-camera-{address.name}", daemon=True)
         self.ended = threading.Event()
         self._address, self._put = address, put
@@ -124,7 +135,7 @@ class _Reader(threading.Thread):
             why = "the camera has ended its stream"
             try:
                 for picture in _pictures(where, self.ended):
-                    self._put(self, picture, "")
+                    self._put(self, picture, "", time.monotonic())
                     told = ""
             except (OSError, ValueError, http.client.HTTPException) as error:
                 reason = getattr(error, "reason", None) or getattr(error, "strerror", None)
@@ -134,7 +145,7 @@ class _Reader(threading.Thread):
             if why != told:
                 _log.warning("camera %s: %s", self._address.name, why)
                 told = why
-            self._put(self, b"", why)
+            self._put(self, b"", why, time.monotonic())
             self.ended.wait(AGAIN_S)
 
 
@@ -182,11 +193,55 @@ def _ask(url: str) -> http.client.HTTPResponse:
     return answer
 
 
+class Unshown:
+    """Pictures that are on their way to a page, which says which it has shown: one, or two where
+    it says that its link is long rather than slow."""
+
+    def __init__(self, page_us: float | None, now_s: float) -> None:
+        """`page_us`: time of the page when it asked for pictures; None: it told none."""
+        self.room = asyncio.Event()
+        """Set while a picture may be sent."""
+        self.room.set()
+        self.page_us = page_us
+        """Time of the page when it said the last that was heard of it, µs of its clock."""
+        self._heard_s = now_s
+        self._numbers: deque[int] = deque()
+        self._most = 1
+
+    def held_s(self, now_s: float) -> float:
+        """How long ago that was heard."""
+        return now_s - self._heard_s
+
+    def sent(self, number: int) -> None:
+        """A picture goes out; of two the later one has the higher number."""
+        self._numbers.append(number)
+        self._look()
+
+    def shown(self, number: object, page_us: float, two: bool, now_s: float) -> None:
+        """The page has shown this one, or passed over it for a later one, as those before it;
+        without effect where it is not on its way."""
+        if number not in self._numbers:
+            return
+        while self._numbers and self._numbers.popleft() != number:
+            pass
+        self.page_us, self._heard_s, self._most = page_us, now_s, 2 if two else 1
+        self._look()
+
+    def _look(self) -> None:
+        if len(self._numbers) < self._most:
+            self.room.set()
+        else:
+            self.room.clear()
+
+
 class Cameras:
     """All of a server."""
 
     def __init__(self, addresses: Sequence[str]) -> None:
         self._cameras = [Camera(parse_camera(each)) for each in addresses]
+
+    def __iter__(self) -> Iterator[Camera]:
+        return iter(self._cameras)
 
     @property
     def names(self) -> list[str]:

@@ -21,7 +21,7 @@ from cardan.errors import shown
 from cardan.gateway.arm.validation import LONGEST_NAME
 from cardan.gateway.servers.allow_list import Allowed
 from cardan.gateway.servers.calls import Caller, Mailbox
-from cardan.gateway.servers.console.cameras import Camera, Cameras
+from cardan.gateway.servers.console.cameras import UNSHOWN_S, Camera, Cameras, Unshown
 from cardan.gateway.servers.console.channels import (
     FRAME_TYPE,
     IMU_TYPE,
@@ -164,6 +164,9 @@ class Operator:
         self._cameras = Cameras(()) if cameras is None else cameras
         self._demos = Demos() if demos is None else demos
         self._watching: asyncio.Task[None] | None = None
+        self._unshown: Unshown | None = None
+        self._picture = 0
+        """Number of the newest picture that was sent, of whatever camera."""
 
     async def __aenter__(self) -> Operator:
         self._task = self._loop.create_task(self._tell())
@@ -615,37 +618,65 @@ class Operator:
 
     def _camera(self, table: Mapping[str, Any], identity: str | int | None) -> None:
         """Say which there are, or send the pictures of one, each a binary message, until another
-        one is asked for."""
+        one is asked for; hear which were shown."""
         do, number = table.get("do"), table.get("camera")
-        if do not in ("list", "open", "close"):
-            raise RefusedError(f"do is {shown(do)}; allowed: list, open, close")
+        if do not in ("list", "open", "shown", "close"):
+            raise RefusedError(f"do is {shown(do)}; allowed: list, open, shown, close")
+        page_us = _number(table, "page_us") if do == "shown" or "page_us" in table else None
+        if do == "shown" and page_us is not None:
+            if self._unshown is not None:
+                two, now_s = table.get("two") is True, time.monotonic()
+                self._unshown.shown(table.get("picture"), page_us, two, now_s)
+            return
         camera = self._cameras.camera(number)
         if do == "open" and camera is None:
             raise RefusedError(f"there is no camera {shown(number)}; docs/console.md: camera")
         if do != "list" and self._watching is not None:
             self._watching.cancel()
-            self._watching = None
+            self._watching = self._unshown = None
         if do == "open" and camera is not None:
-            self._watching = self._loop.create_task(self._watch_camera(camera))
+            self._unshown = Unshown(page_us, time.monotonic())
+            self._watching = self._loop.create_task(self._watch_camera(camera, self._unshown))
         names = self._cameras.names
         self._send(object_text(op="cardan.camera", id=identity, cameras=names))
 
-    async def _watch_camera(self, camera: Camera) -> None:
+    async def _watch_camera(self, camera: Camera, unshown: Unshown) -> None:
         news, told, number = asyncio.Event(), "", 0
-        camera.watch(news)
         try:
             while True:
+                camera.watch(news)
                 await news.wait()
                 await self._calm()
                 news.clear()
                 if camera.why != told:
                     told = camera.why
                     self._send(object_text(op="cardan.camera", why=told))
-                if camera.number != number:
+                if camera.newest and camera.number != number:
                     number = camera.number
-                    self._send(camera.newest)
+                    self._send_picture(camera, unshown)
+                rest = self._loop.call_later(UNSHOWN_S, camera.leave, news)
+                try:
+                    await unshown.room.wait()
+                finally:
+                    rest.cancel()
         finally:
             camera.leave(news)
+
+    def _send_picture(self, camera: Camera, unshown: Unshown) -> None:
+        """First what is to be known of it, which comes before a slow link has carried the rest."""
+        self._picture += 1
+        now_s = time.monotonic()
+        self._send(
+            object_text(
+                op="cardan.camera",
+                picture=self._picture,
+                age_us=_us(now_s - camera.newest_s),
+                page_us=unshown.page_us,
+                held_us=_us(unshown.held_s(now_s)),
+            )
+        )
+        self._send(camera.newest)
+        unshown.sent(self._picture)
 
     # -- to the page -----------------------------------------------------------------------------
 
@@ -729,6 +760,10 @@ def _number(table: Mapping[str, Any], key: str) -> float:
     if not isinstance(value, (int, float)) or isinstance(value, bool) or not 0 <= value < 2**53:
         raise RefusedError(f"{key} is {shown(value)}, must be a time in µs")
     return float(value)
+
+
+def _us(seconds: float) -> int:
+    return int(1e6 * seconds)
 
 
 def _ms(seconds: float | None) -> float | None:

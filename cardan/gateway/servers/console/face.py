@@ -21,6 +21,7 @@ from cardan.common.options import Options
 from cardan.gateway.servers import stats
 from cardan.gateway.servers.base import Face, Ready
 from cardan.gateway.servers.calls import Caller
+from cardan.gateway.servers.console import camera_topics
 from cardan.gateway.servers.console.address import (
     own_names,
     page_address,
@@ -63,6 +64,10 @@ class ConsoleOptions(RosbridgeOptions):
     pictures (MJPEG) or of one picture, or a device of this machine that gives MJPEG, such as
     /dev/video0."""
 
+    publish_cameras: bool = False
+    """Whether the cameras are on the bus, too, at /camera/NAME/image_raw/compressed, and read while
+    there is a subscription."""
+
     hold_s: Annotated[float, HOLD_S] = LONGEST_S
     """How long a page jogs an arm without a sign of who holds, s: a pointer that moves, a key that
     repeats itself, or in Chromium the browser itself."""
@@ -71,6 +76,8 @@ class ConsoleOptions(RosbridgeOptions):
         super().__post_init__()
         for each in self.camera:
             parse_camera(each)
+        if self.publish_cameras:
+            camera_topics.check_names([parse_camera(each).name for each in self.camera])
 
     def with_certificate(self) -> tuple[ConsoleOptions, Own | None]:
         """The same with a certificate, which is made where one is needed and none is given; None:
@@ -101,6 +108,8 @@ class ConsoleServer(RosbridgeServer):
         self._site = site or Site()
         options = options or ConsoleOptions()
         self._cameras = Cameras(options.camera)
+        self._published = list(self._cameras) if options.publish_cameras else []
+        self._publishing: list[asyncio.Task[None]] = []
         self._hold_s = options.hold_s
         self._demos = Demos()
         self._records = records_of(options.records, bus_words(reachable(bus or BusOptions())))
@@ -133,7 +142,19 @@ class ConsoleServer(RosbridgeServer):
                 if not operator.receive(frame, connection.waited_s):
                     client.receive(frame)
 
+    async def __aenter__(self) -> ConsoleServer:
+        """As of its base."""
+        await super().__aenter__()
+        self._publishing = [
+            asyncio.create_task(camera_topics.publish(self._network, each))
+            for each in self._published
+        ]
+        return self
+
     async def __aexit__(self, *exception: object) -> None:
+        for task in self._publishing:
+            task.cancel()
+        await asyncio.gather(*self._publishing, return_exceptions=True)
         if self._records is not None:
             await self._records.close()
         await self._demos.close()

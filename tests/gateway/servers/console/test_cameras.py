@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import base64
 import errno
+import json
 import mmap
 import os
 import re
 import struct
 import threading
+import time
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
@@ -19,9 +21,12 @@ pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[
 from websockets.exceptions import InvalidStatus
 
 from cardan.errors import OptionError
-from cardan.gateway.servers.console import cameras, video
+from cardan.gateway.servers.console import cameras, client, video
+from cardan.gateway.servers.console.camera_topics import TYPE as IMAGE, topic_of
 from cardan.gateway.servers.console.cameras import parse_camera
 from cardan.gateway.servers.console.face import ConsoleOptions
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.names import checked_name
 from tests.gateway.servers.console.rig import console, page_program
 from tests.gateway.servers.memory_network import MemoryNetwork
 from tests.gateway.servers.rig import WAIT_S
@@ -56,6 +61,9 @@ class Handler(BaseHTTPRequestHandler):
                 self.wfile.write(start + str(server.pictures).encode())
                 return
             while not server.ended.wait(0.01):
+                if server.still.is_set():
+                    server.stands.set()
+                    continue
                 server.pictures += 1
                 picture = server.image or b"\xff\xd8" + str(server.pictures).encode()
                 self.wfile.write(b"--frame\r\nContent-Length: %d\r\n\r\n" % len(picture) + picture)
@@ -72,7 +80,8 @@ class Handler(BaseHTTPRequestHandler):
 def camera(path="/stream", image=b""):
     """A camera on this machine, and its address; its pictures are `image`, or numbers."""
     with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
-        server.ended, server.looks, server.pictures = threading.Event(), 0, 0
+        server.ended, server.still, server.stands = (threading.Event() for _ in range(3))
+        server.looks = server.pictures = 0
         server.image = image
         thread = threading.Thread(target=server.serve_forever, args=(0.05,))
         thread.start()
@@ -84,13 +93,36 @@ def camera(path="/stream", image=b""):
             thread.join(WAIT_S)
 
 
-def picture(page):
-    """The next picture."""
+def announced(page):
+    """The next picture, and what was said of it just before."""
+    about = None
     while True:
         frame = page.connection.recv(timeout=WAIT_S)
         if isinstance(frame, bytes):
             assert frame.startswith(b"\xff\xd8")
-            return int(frame[2:])
+            return int(frame[2:]), about
+        said = json.loads(frame)
+        about = said if "picture" in said else about
+
+
+def show(page, number, page_us=0, **more):
+    page.ask("cardan.camera", do="shown", picture=number, page_us=page_us, **more)
+
+
+def picture(page):
+    """The next picture, which is shown."""
+    number, about = announced(page)
+    show(page, about["picture"])
+    return number
+
+
+def settled(page):
+    """Whether nothing but words came until the server answered."""
+    page.ask("cardan.camera", id="settled", do="list")
+    while isinstance(frame := page.connection.recv(timeout=WAIT_S), str):
+        if json.loads(frame).get("id") == "settled":
+            return True
+    return False
 
 
 @pytest.mark.parametrize("path", ["/stream", "/one"])
@@ -111,6 +143,136 @@ def test_pages_see_the_newest_picture_and_the_camera_rests_when_they_are_gone(tm
             page.ask("cardan.camera", id=2, do="close")
             picture(other)
         until(lambda: server.looks == 0, "the camera rests")
+
+
+def test_the_next_picture_goes_out_when_the_one_before_was_shown_and_is_the_newest(tmp_path):
+    with (
+        camera() as (server, address),
+        console(MemoryNetwork(), tmp_path, camera=(address,)) as running,
+        page_program(running) as page,
+    ):
+        page.ask("cardan.camera", do="open", camera=0, page_us=123)
+        first, about = announced(page)
+        assert about["page_us"] == 123
+        passed = server.pictures + 20
+        until(lambda: server.pictures >= passed, "pictures come that nobody has room for")
+        show(page, about["picture"] + 1)
+        assert settled(page)
+        show(page, about["picture"], page_us=456)
+        second, about = announced(page)
+        assert second >= passed - 1 > first
+        assert about["page_us"] == 456
+        # Two on their way, where the page has room for them, and no third.
+        show(page, about["picture"], two=True)
+        ahead = [announced(page)[1]["picture"] for _ in range(2)]
+        passed = server.pictures + 5
+        until(lambda: server.pictures >= passed, "pictures come that nobody has room for")
+        assert settled(page)
+        # One that passed over the first has shown both.
+        show(page, ahead[1])
+        assert announced(page)[1]["picture"] == ahead[1] + 1
+
+
+def test_a_picture_comes_with_its_age_and_with_how_long_the_page_was_waited_for(tmp_path):
+    with (
+        camera() as (server, address),
+        console(MemoryNetwork(), tmp_path, camera=(address,)) as running,
+        page_program(running) as page,
+        page_program(running) as later,
+    ):
+        asked_s = time.monotonic()
+        page.ask("cardan.camera", do="open", camera=0, page_us=0)
+        _, about = announced(page)
+        assert 0 <= about["age_us"] <= about["held_us"] <= 1e6 * (time.monotonic() - asked_s)
+        server.still.set()
+        until(lambda: server.stands.is_set(), "the camera stands still")
+        stood_s = time.monotonic()
+        until(lambda: time.monotonic() > stood_s + 0.3, "its picture grows old")
+        later.ask("cardan.camera", do="open", camera=0, page_us=0)
+        _, about = announced(later)
+        assert about["age_us"] >= 0.3e6 > about["held_us"]
+
+
+def test_a_camera_rests_while_a_page_shows_nothing_of_it(tmp_path, monkeypatch):
+    monkeypatch.setattr(client, "UNSHOWN_S", 0.1)
+    with (
+        camera() as (server, address),
+        console(MemoryNetwork(), tmp_path, camera=(address,)) as running,
+        page_program(running) as page,
+    ):
+        page.ask("cardan.camera", do="open", camera=0)
+        _, about = announced(page)
+        until(lambda: server.looks == 0, "the camera rests")
+        assert settled(page)
+        show(page, about["picture"])
+        announced(page)
+        assert server.looks == 1
+
+
+@pytest.mark.parametrize("page_us", [None, -1, "0", True, float("inf")])
+def test_what_is_no_time_shows_nothing(tmp_path, page_us):
+    with (
+        camera() as (_, address),
+        console(MemoryNetwork(), tmp_path, camera=(address,)) as running,
+        page_program(running) as page,
+    ):
+        show(page, 1)  # Nothing is on its way.
+        page.ask("cardan.camera", do="open", camera=0)
+        _, about = announced(page)
+        page.ask("cardan.camera", do="shown", id=1, picture=about["picture"], page_us=page_us)
+        assert "page_us" in page.next("cardan.refused", id=1)["why"]
+        assert settled(page)
+        show(page, about["picture"])
+        announced(page)
+
+
+def test_pictures_are_on_the_bus_while_somebody_subscribes(tmp_path):
+    network, heard = MemoryNetwork(), []
+    options = {"camera": ("wrist 1=",), "publish_cameras": True}
+    with camera() as (server, address):
+        options["camera"] = (f"wrist 1={address}",)
+        with console(network, tmp_path, **options):
+            topic = "/camera/wrist_1/image_raw/compressed"
+            until(lambda: topic in network.topics(), "it is on the bus")
+            assert server.looks == 0
+            begun_ns = time.time_ns()
+            handle = network.subscribe(topic, IMAGE, lambda cdr, _ns: heard.append(cdr))
+            until(lambda: len(heard) >= 3, "pictures come")
+            handle.close()
+            until(lambda: server.looks == 0, "the camera rests")
+        until(lambda: topic not in network.topics(), "it has left the bus")
+    pictures = [codec_of(IMAGE).decode(each) for each in heard]
+    numbers = [int(each["data"][2:]) for each in pictures]
+    assert numbers == sorted(set(numbers))
+    assert {(each["format"], each["header"]["frame_id"]) for each in pictures} == {
+        ("jpeg", "wrist_1")
+    }
+    times = [each["header"]["stamp"] for each in pictures]
+    stamps = [1_000_000_000 * each["sec"] + each["nanosec"] for each in times]
+    stamps = [begun_ns, *stamps, time.time_ns()]
+    assert stamps == sorted(stamps)
+
+
+def test_cameras_are_not_on_the_bus_unless_that_is_wanted(tmp_path):
+    network = MemoryNetwork()
+    with camera() as (_, address), console(network, tmp_path, camera=(address,)):
+        assert not network.publishers
+
+
+@pytest.mark.parametrize(
+    ("name", "topic"),
+    [("wrist", "wrist"), ("127.0.0.1", "camera_127_0_0_1"), ("-_a--b_", "a_b"), ("左", "camera")],
+)
+def test_a_topic_has_a_name_that_ros_allows(name, topic):
+    made = topic_of(name)
+    assert made == checked_name(made) == f"/camera/{topic}/image_raw/compressed"
+
+
+def test_two_cameras_of_one_topic_are_refused_where_they_are_published():
+    both = ("a b=http://x", "a-b=http://y")
+    ConsoleOptions(camera=both)
+    with pytest.raises(OptionError, match="camera/a_b/image_raw"):
+        ConsoleOptions(camera=both, publish_cameras=True)
 
 
 def test_who_has_no_token_sees_nothing(tmp_path):

@@ -1,0 +1,87 @@
+"""The server's cameras on the bus, as image_transport names what it has compressed: read while
+somebody subscribes, the newest picture, behind all else that the bus has to carry."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import re
+import time
+from collections.abc import Sequence
+from typing import Final
+
+from cardan.bus.network import Network, NetworkError, Publisher
+from cardan.errors import OptionError
+from cardan.gateway.servers.console.cameras import Camera
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.messages import Stamp
+
+TYPE: Final = "sensor_msgs/msg/CompressedImage"
+
+LOOK_S: Final = 0.5
+"""How often it is looked whether somebody subscribes."""
+
+_log = logging.getLogger(__name__)
+
+
+def frame_of(name: str) -> str:
+    """A camera's name as ROS may have it, which is its frame too."""
+    word = re.sub("[^A-Za-z0-9]+", "_", name).strip("_") or "camera"
+    return f"camera_{word}" if word[0].isdigit() else word
+
+
+def topic_of(name: str) -> str:
+    """Where the pictures of the camera of this name are published."""
+    return f"/camera/{frame_of(name)}/image_raw/compressed"
+
+
+def check_names(names: Sequence[str]) -> None:
+    """Raises OptionError where two cameras would have one topic."""
+    topics = [topic_of(each) for each in names]
+    for topic in topics:
+        if topics.count(topic) > 1:
+            raise OptionError(
+                "camera", topic, "a topic of its own for each camera: name them NAME=ADDRESS"
+            )
+
+
+async def publish(network: Network, camera: Camera) -> None:
+    """Publish a camera until this is cancelled."""
+    topic = topic_of(camera.address.name)
+    try:
+        publisher = network.advertise(topic, TYPE, False)
+    except NetworkError as error:
+        _log.warning("camera %s is not published: %s", camera.address.name, error)
+        return
+    news, number = asyncio.Event(), 0
+    loop = asyncio.get_running_loop()
+    try:
+        while True:
+            there = network.topics().get(topic)
+            wanted = there is not None and bool(there.subscribers)
+            if wanted:
+                camera.watch(news)
+            else:
+                camera.leave(news)
+                news.clear()
+            look = loop.call_later(LOOK_S, news.set)
+            try:
+                await news.wait()
+            finally:
+                look.cancel()
+            news.clear()
+            if wanted and camera.newest and camera.number != number:
+                number = camera.number
+                # It waits for a slow link, up to 50 ms, which pages do not.
+                await asyncio.to_thread(_put, publisher, camera)
+    finally:
+        camera.leave(news)
+        publisher.close()
+
+
+def _put(publisher: Publisher, camera: Camera) -> None:
+    picture, had_s = camera.newest, camera.newest_s
+    stamp = Stamp.of_ns(time.time_ns() - int(1e9 * (time.monotonic() - had_s)))
+    header = {"stamp": stamp._asdict(), "frame_id": frame_of(camera.address.name)}
+    message = {"header": header, "format": "jpeg", "data": picture}
+    publisher.publish(codec_of(TYPE).encode(message))
