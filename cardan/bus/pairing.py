@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import base64
 import contextlib
+import datetime
 import functools
 import json
 import os
@@ -31,7 +32,7 @@ from typing import Any, Final
 
 from cardan.bus.node import zenoh_settings
 from cardan.bus.options import ROUTER
-from cardan.common.certificates import is_address, make_certificate, make_key
+from cardan.common.certificates import is_address, make_certificate, make_key, read_certificate
 from cardan.common.extras import missing_extra
 from cardan.common.files import state_folder
 from cardan.errors import AddressError, ConfigurationError, OptionError
@@ -140,6 +141,8 @@ class _Channel:
 
     def __init__(self, far: socket.socket, end_s: float, *listener: socket.socket) -> None:
         self._far, self._end_s, self._listener = far, end_s, listener
+        self._come = b""
+        """What has come, and was not read yet."""
         far.settimeout(CLIENT_S)
 
     def agree(self, side: Any) -> None:
@@ -172,20 +175,23 @@ class _Channel:
         self._far.sendall(line + b"\n")
 
     def _read(self) -> bytes:
-        line = b""
-        while not line.endswith(b"\n"):
+        while b"\n" not in self._come:
             left_s = max(0.0, self._end_s - time.monotonic())
             ready = select.select((self._far, *self._listener), (), (), left_s)[0]
-            if not ready or len(line) > _LINE_BYTES:
-                raise _EndedError("its line is too long" if ready else "it took too long")
+            if not ready or not left_s:  # The other side has waited for as long, and is gone.
+                raise _EndedError("it took too long")
             for each in set(ready).intersection(self._listener):
                 with contextlib.suppress(OSError), each.accept()[0] as other:
                     other.sendall(_BUSY + b"\n")
             if self._far in ready:
                 if not (piece := self._far.recv(4096)):
                     raise _EndedError("the connection ended")
-                line += piece
-        return line.removesuffix(b"\n")
+                self._come += piece
+                if len(self._come) > _LINE_BYTES:
+                    raise _EndedError("its line is too long")
+        # "ready" may have come with the SPAKE2 message before it.
+        line, _, self._come = self._come.partition(b"\n")
+        return line
 
 
 def _serve(channel: _Channel, code: str, folder: Path) -> Path:
@@ -224,6 +230,7 @@ def _join(channel: _Channel, host: str, code: str, folder: Path) -> Path:
     pem = request.sign(key, hashes.SHA256()).public_bytes(serialization.Encoding.PEM).decode()
     channel.send("request", host=host, request=pem)
     answer = channel.receive("answer")
+    _check_clock(answer["certificate"])
     ours, authority = (answer[name].encode() for name in ("certificate", "authority"))
     at = f"[{host}]" if ":" in host else host
     settings = zenoh_settings("client", (), (f"tls/{at}:{TLS_PORT}",))
@@ -233,12 +240,27 @@ def _join(channel: _Channel, host: str, code: str, folder: Path) -> Path:
     return folder / CONFIG
 
 
+def _check_clock(certificate: str) -> None:
+    """Raises _EndedError where TLS would take none of the robot's certificates today."""
+    begins, ends, _ = read_certificate(certificate)
+    now = datetime.datetime.fromtimestamp(time.time(), datetime.timezone.utc)
+    if not begins <= now <= ends:
+        raise _EndedError(
+            f"the clocks differ: here it is {now:%Y-%m-%d %H:%M} UTC, and its certificates begin "
+            f"at {begins:%Y-%m-%d %H:%M}; set the clocks"
+        )
+
+
 def _folder(name: str, replace: bool) -> Path:
+    """Where the files come to be, and can be written. Raises ConfigurationError."""
     folder = state_folder() / "pair" / name
     if folder.exists() and not replace:
         raise ConfigurationError(
             "--replace", f"this computer is paired already, in {folder}: give it to pair anew"
         )
+    there = next(each for each in folder.parents if each.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        raise ConfigurationError("HOME", f"{there} cannot be written, where {folder} is to be")
     return folder
 
 

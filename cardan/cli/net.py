@@ -9,6 +9,7 @@ import typer
 
 from cardan.cli.common import EPILOG, print_problem
 from cardan.common.text_sanitizer import printable
+from cardan.errors import OptionError
 
 PORT = 7449
 
@@ -23,14 +24,14 @@ net = typer.Typer(
 @net.command(epilog=EPILOG)
 def pair(
     host: Annotated[
-        str,
+        str | None,
         typer.Argument(
             metavar="[HOST]",
             help="On the operator's computer: name or address of the robot's. Without, this is "
             "the robot's, and waits five minutes for the other one.",
             show_default=False,
         ),
-    ] = "",
+    ] = None,
     code: Annotated[
         str, typer.Option(metavar="CODE", help="Shown by the robot's computer; default: asks.")
     ] = "",
@@ -51,7 +52,9 @@ def pair(
     from cardan.bus.pairing import pair_with, wait_for_operator
     from cardan.gateway.servers.console.address import reachable_host
 
-    if host:
+    if host is None and code:
+        raise OptionError("HOST", "", "given with --code: the name or address of the robot's")
+    if host is not None:
         words = f"Code that {printable(host)} shows"
         ask = lambda: code or str(typer.prompt(words, err=True))  # noqa: E731
         config = shlex.quote(str(pair_with(host, port, replace, ask)))

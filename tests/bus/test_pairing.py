@@ -8,6 +8,7 @@ import re
 import socket
 import stat
 import threading
+import time
 
 import pytest
 
@@ -222,6 +223,74 @@ def test_a_line_without_end_ends_it():
             channel._read()
         here.close()
         thread.join(30.0)
+
+
+def test_lines_that_come_together_are_read_one_by_one():
+    # The operator's "ready" is there already, where the robot's computer has other work to do.
+    here, there = socket.socketpair()
+    with here, there:
+        there.sendall(b"one\ntwo\nthr")
+        channel = pairing._Channel(here, END_S)
+        assert [channel._read(), channel._read()] == [b"one", b"two"]
+        there.sendall(b"ee\n")
+        assert channel._read() == b"three"
+
+
+def test_what_was_said_in_time_and_read_too_late_ends_it():
+    # A side that was stopped: the other one has waited for as long, and kept nothing.
+    here, there = socket.socketpair()
+    with here, there:
+        there.sendall(b"00\n")
+        with pytest.raises(pairing._EndedError, match="it took too long"):
+            pairing._Channel(here, time.monotonic() - 1.0)._read()
+
+
+def test_where_nothing_can_be_kept_no_code_is_shown_or_asked_for(tmp_path, monkeypatch):
+    (tmp_path / "cardan").write_text("a file", encoding="utf-8")
+    never = pytest.fail
+    with pytest.raises(ConfigurationError, match=r"HOME: .*cardan cannot be written, where .*as-r"):
+        wait_for_operator((HOST, free_tcp_port()), False, never, never, 0.0)
+    with pytest.raises(ConfigurationError, match=r"HOME: .*cardan cannot be written, where .*with"):
+        pairing.pair_with(HOST, 1, False, lambda: never("it asked for the code"))
+    (tmp_path / "cardan").unlink()
+    monkeypatch.setattr(os, "access", lambda path, _mode: path != tmp_path)  # root may write all
+    with pytest.raises(ConfigurationError, match="cannot be written"):
+        wait_for_operator((HOST, free_tcp_port()), False, never, never, 0.0)
+
+
+@pytest.mark.parametrize(("days", "said"), [(-1, True), (0, False), (300, False), (900, True)])
+def test_certificates_that_would_be_refused_by_the_clock_here_are_not_kept(days, said, monkeypatch):
+    _, private = pairing.make_key()
+    key = pairing.serialization.load_pem_private_key(private, None)
+    pem = pairing.make_certificate(
+        "operator", key.public_key(), issuer="one", issuer_key=key, days=pairing.VALID_DAYS
+    ).decode()
+    now_s = time.time() + days * 86400.0
+    monkeypatch.setattr(time, "time", lambda: now_s)
+    ended = pytest.raises(pairing._EndedError, match=r"the clocks differ: here it is .* set the")
+    with ended if said else contextlib.nullcontext():
+        pairing._check_clock(pem)
+
+
+@pytest.mark.matrix
+def test_an_operator_whose_clock_is_a_day_behind_keeps_nothing(state, monkeypatch):
+    now_s = time.time
+    with Waiting() as robot:
+        with monkeypatch.context() as patched:
+            patched.setattr(time, "time", lambda: now_s() - 86400.0)
+            with pytest.raises(AddressError, match="the clocks differ: here it is"):
+                pair_with(HOST, robot.port, False, robot.codes[0])
+        until(lambda: robot.told)
+        assert kept(state) == {}
+        pair_with(HOST, robot.port, False, robot.codes[0])
+    assert "as-robot/zenoh.json5" in kept(state)
+
+
+@pytest.mark.parametrize("words", [("",), ("--code", "ABCD-EFGH")])
+def test_an_operator_without_host_does_not_wait_as_the_robot(words):
+    with Program("net", "pair", *words) as operator:
+        assert operator.process.wait(60.0) == 2
+        operator.wait_for("HOST: '' is not allowed", "stderr")
 
 
 @pytest.mark.matrix

@@ -67,7 +67,8 @@ class Remote(BusDevice[RemoteCore]):
         options = self.options
         return (
             f"nobody shares {options.device} by the router {self._on_bus.bus.router or 'none'}: "
-            "start `cardan share` on the operator's computer, with --router and --name as here"
+            f"start `cardan share` as {options.device} on the operator's computer, with --router, "
+            "or --zenoh-config once paired"
         )
 
     def _why_gone(self) -> str:

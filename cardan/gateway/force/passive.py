@@ -105,8 +105,11 @@ class HandPort:
         self._place, self._now_s = place, now_s
         if before is not None:
             self._moved = subtract(place, before)
-            put_in_j = self.put_in_j - dot(self._force, self._moved)
-            self.put_in_j = min(put_in_j, SURPLUS_J)
+            put_in_j = -dot(self._force, self._moved)
+            if not 0.0 < dt_s <= LONGEST_STEP_S:
+                # Nobody knows for how long the device has let the force out.
+                put_in_j = min(put_in_j, 0.0)
+            self.put_in_j = min(self.put_in_j + put_in_j, SURPLUS_J)
         if before is None or not 0.0 < dt_s <= LONGEST_STEP_S:
             # How far the hand goes until the next step cannot be foreseen.
             self._force, self.share = ZERO3, 0.0

@@ -152,3 +152,17 @@ def test_a_stall_of_the_hands_end_ends_the_force():
 )
 def test_how_much_is_left_of_a_force(silent_s, round_s, left):
     assert share_left(silent_s, round_s) == pytest.approx(left)
+
+
+@pytest.mark.parametrize(("toward_m", "gained"), [(-0.01, 0.0), (0.01, -1.0)])
+def test_of_a_stall_the_hand_is_owed_nothing_and_has_what_it_was_given(toward_m, gained):
+    """A device that was let go on by itself may have fallen silent long before it moved."""
+    port, now_s = HandPort(), 0.0
+    asked = Vector3(0.0, 0.0, 1.0)
+    for _ in range(200):
+        now_s += STEP_S
+        force = port.step(ZERO3, asked, 0.0, 1.0, now_s)
+    assert force.z > 0.9
+    now_s += LONGEST_STEP_S + STEP_S
+    assert port.step(Vector3(0.0, 0.0, toward_m), asked, 0.0, 1.0, now_s) == ZERO3
+    assert port.put_in_j == pytest.approx(gained * force.z * abs(toward_m))
