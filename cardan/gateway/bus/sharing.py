@@ -137,6 +137,8 @@ class ShareCore:
         self._owner = b""
         """Id of that one's publisher."""
         self._heard_s = NEVER_S
+        self._leases = 0
+        """How many there have been."""
         self._edges: deque[Edge] = deque()
         self._number = 0
         self._sent_s = NEVER_S
@@ -187,10 +189,11 @@ class ShareCore:
             return
         self._asked |= self._take(claim, attachment.gid, now_s)
 
-    def order(self, now_s: float) -> tuple[Order | None, float]:
-        """What the hand is to feel, and when that came; None: nothing, or nobody has the device."""
+    def order(self, now_s: float) -> tuple[Order | None, float, int]:
+        """What the hand is to feel, None: nothing, or nobody has the device; when that came, and
+        the number of the lease."""
         self._expire(now_s)
-        return (None if self._claim is None else self._claim.order), self._heard_s
+        return (None if self._claim is None else self._claim.order), self._heard_s, self._leases
 
     def _take(self, claim: Claim, owner: bytes, now_s: float) -> bool:
         """Whether it is to be answered."""
@@ -199,6 +202,7 @@ class ShareCore:
             if not claim.wanted:
                 return False
             self._edges.clear()
+            self._leases += 1
         elif (claim.lessee, owner) != (known.lessee, self._owner):
             self.counts["claims while another session has it"] += 1
             return True
@@ -338,6 +342,7 @@ class HandEnd:
         self._given: deque[tuple[int, int]] = deque(maxlen=GIVEN_KEPT)
         """Commands by the device's count, and by the session's."""
         self._cycled_s = NEVER_S
+        self._lease = 0
         self._refusal = ""
 
     @property
@@ -345,8 +350,12 @@ class HandEnd:
         """When the next cycle is; inf: nothing is felt."""
         return math.inf if self._port is None else self._cycled_s + FORCE_S
 
-    def cycle(self, order: Order | None, heard_s: float, now_s: float) -> None:
-        """Render `order`, which came at `heard_s`; None: nothing. Never raises."""
+    def cycle(self, order: Order | None, heard_s: float, lease: int, now_s: float) -> None:
+        """Render `order`, which came at `heard_s` of the `lease` of this number; None: nothing.
+        Never raises."""
+        if lease != self._lease:  # The one before may have ended while this process stood still.
+            self._lease = lease
+            self.end(now_s)
         if now_s < self._cycled_s + FORCE_S:
             return
         self._cycled_s = now_s
@@ -366,6 +375,8 @@ class HandEnd:
             force = add(force, measured.force)
         if told.pose is None:
             return
+        if not told.rendering:
+            self._port.rest()
         left = share_left(now_s - heard_s, now_s - order.answers_s)
         absorbed_j = 0.0 if measured is None else measured.absorbed_j
         force = self._port.step(told.pose.position, force, absorbed_j, left, now_s)

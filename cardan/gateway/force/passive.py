@@ -93,6 +93,10 @@ class HandPort:
         self.share = 0.0
         """Of all that is felt, what is let out now: it fades, and comes back slowly."""
 
+    def rest(self) -> None:
+        """The device lets no force out: what the hand has moved since the last step is no work."""
+        self._force = ZERO3
+
     def step(
         self, place: Vector3, asked: Vector3, absorbed_j: float, left: float, now_s: float
     ) -> Vector3:

@@ -166,3 +166,13 @@ def test_of_a_stall_the_hand_is_owed_nothing_and_has_what_it_was_given(toward_m,
     now_s += LONGEST_STEP_S + STEP_S
     assert port.step(Vector3(0.0, 0.0, toward_m), asked, 0.0, 1.0, now_s) == ZERO3
     assert port.put_in_j == pytest.approx(gained * force.z * abs(toward_m))
+
+
+def test_what_the_hand_does_while_its_device_lets_no_force_out_is_no_work():
+    port = HandPort()
+    for n, z in enumerate((0.0, 0.0, -0.001)):
+        port.step(up(z), up(1.0), 0.0, 1.0, 0.004 * n)
+    put_in_j = port.put_in_j
+    port.rest()
+    port.step(up(-0.05), up(1.0), 0.0, 1.0, 0.012)
+    assert port.put_in_j == put_in_j
