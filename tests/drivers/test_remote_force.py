@@ -234,9 +234,8 @@ def test_another_lease_is_another_engagement_though_it_came_while_this_end_stood
     before = bench.hand._port
     assert before is not None
     order, heard_s, lease = bench.share.order(bench.there_s)
-    bench.there_s += 0.02
     told = len(bench.haptic.commands)
-    bench.hand.cycle(order, heard_s, lease + 1, bench.there_s)
+    bench.hand.cycle(order, heard_s, lease + 1, bench.there_s + 0.02)
     assert [each.engaged for each in bench.haptic.commands[told:]][:1] == [False]
     assert bench.hand._port is not before
 
