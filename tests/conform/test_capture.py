@@ -341,7 +341,35 @@ def test_a_capture_without_the_side_that_is_judged_is_refused(tmp_path):
         run("joint-stream", "--capture", str(path))
 
 
-@pytest.mark.parametrize("more", [["--fault", "drop"], ["--level", "0"], ["--seconds", "1"]])
+@pytest.mark.parametrize(
+    "more",
+    [
+        ["--fault", "drop"],
+        ["--level", "0"],
+        ["--seconds", "1"],
+        ["--seed", "0"],
+        ["--yes"],
+        ["--i-am-at-the-enable-switch"],
+    ],
+)
 def test_a_capture_is_judged_as_it_is(more, tmp_path):
-    with pytest.raises(ConfigurationError, match="leave --fault, --level and --seconds out"):
+    words = f"judged as it is, and nothing is run: leave {more[0]} out"
+    with pytest.raises(ConfigurationError, match=words):
         run("egm", "--capture", str(tmp_path / "a.pcap"), *more)
+
+
+@pytest.mark.parametrize("more", [["--list"], ["--requirements"], ["--compare", "a", "b"]])
+def test_what_prints_and_ends_is_refused_beside_a_capture(more, tmp_path, capsys):
+    words = f"nothing is judged beside {more[0]}, which prints and ends: give one alone"
+    with pytest.raises(ConfigurationError, match=words):
+        run("egm", "--capture", str(tmp_path / "a.pcap"), *more)
+    assert not capsys.readouterr().out
+
+
+def test_a_capture_that_is_refused_leaves_no_folder(tmp_path):
+    folder = tmp_path / "new" / "report"
+    with pytest.raises(CaptureError, match="there is no such file"):
+        run("egm", "--capture", str(tmp_path / "gone.pcap"), "--save", str(folder))
+    with pytest.raises(ConfigurationError, match="leave --seed out"):
+        run("egm", "--capture", "any.pcap", "--seed", "3", "--save", str(folder))
+    assert not folder.parent.exists()
