@@ -160,6 +160,8 @@ def conform(
         from cardan.conform import run
 
         report, timeline = run.captured(suite, capture, target)
+        for line in timeline.strays:
+            print(f"cardan: {line}", file=sys.stderr)
         report, missing = (report, []) if save is None else run.save(save, suite, report, timeline)
     else:
         report, missing = _judged(
