@@ -52,7 +52,7 @@ def conform(
         typer.Option(
             metavar="FILE",
             help="Judge what somebody recorded: pcap, pcapng or a log of a CAN bus. --target, "
-            "[HOST][:PORT], then says which flow of it.",
+            "[HOST][:PORT] or a device as `cardan dissect` shows it, then says what of it.",
         ),
     ] = None,
     level: Annotated[

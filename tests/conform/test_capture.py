@@ -10,7 +10,7 @@ from cardan.cli import app
 from cardan.conform import Level, Outcome, registry
 from cardan.conform.report import DOUBTED, read
 from cardan.conform.run import captured, save, simulated
-from cardan.conform.timeline import Timeline
+from cardan.conform.timeline import Kind, Timeline
 from cardan.errors import CaptureError, ConfigurationError, ExtraMissingError
 from tests.captures import MOTOMAN, require
 
@@ -427,11 +427,67 @@ def test_damaged_files_are_named(tmp_path):
         verdicts(tmp_path / "gone.pcap", "motoros")
 
 
+def of_usb(path, timeline, devices=(5,)):
+    """Write the reports of a timeline as usbmon has them, of each of these devices."""
+
+    def urb(data, device, *, event=b"C", transfer=1, endpoint=0x81, setup=b"", number=1):
+        head = struct.pack("<QcBBBHBB", number, event, transfer, endpoint, device, 1, not setup, 0)
+        sizes = struct.pack("<qiiII8s", 0, 0, 0, len(data), len(data), setup)
+        return (head + sizes).ljust(64, b"\0") + data
+
+    model = next(each.note for each in timeline if each.kind is Kind.OPENED)
+    ids = struct.pack("<HH", *(int(each, 16) for each in model.split(":")))
+    asks, control = b"\x80\x06\x00\x01\x00\x00\x12\x00", {"transfer": 2, "endpoint": 0x80}
+    records = []
+    for device in devices:
+        description = b"\x12\x01\x00\x02\0\0\0\x08" + ids + bytes(6)
+        records.append((0.0, urb(b"", device, event=b"S", setup=asks, number=device, **control)))
+        records.append((0.0, urb(description, device, number=device, **control)))
+    for each in timeline:
+        if each.kind is Kind.DATA and not each.sent:
+            records += [(each.time_s, urb(each.data, device)) for device in devices]
+    parts = [struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 262_144, 220)]
+    for time_s, record in records:
+        seconds, ns = divmod(10**18 + round(time_s * 1e9), 10**9)
+        parts.append(struct.pack("<IIII", seconds, ns, len(record), len(record)) + record)
+    path.write_bytes(b"".join(parts))
+
+
+@pytest.mark.parametrize(("fault", "failed"), [("", set()), ("short-report", {"HID3D-004"})])
+def test_a_capture_of_a_device_on_usb_is_judged_as_the_run_was(fault, failed, tmp_path):
+    suite = registry.load("3dconnexion")
+    report, timeline = simulated(suite, Level.LISTEN, suite.faults([fault] if fault else []))
+    path = tmp_path / "usb.pcap"
+    of_usb(path, timeline)
+    found = verdicts(path, "3dconnexion")
+    compared = 0
+    for each in report.results:
+        if each.level == Level.LISTEN and found[each.id].said != UNASKED:
+            assert found[each.id].outcome is each.outcome, (each, found[each.id])
+            compared += 1
+    assert compared >= 5
+    assert failures(found) == failed
+
+
+def test_of_two_devices_on_usb_one_must_be_chosen(tmp_path):
+    _, timeline = simulated(registry.load("3dconnexion"), Level.LISTEN)
+    path = tmp_path / "usb.pcap"
+    of_usb(path, timeline, (5, 7))
+    with pytest.raises(ConfigurationError, match=r"give one of USB 1\.5, USB 1\.7"):
+        verdicts(path, "3dconnexion")
+    assert not failures(verdicts(path, "3dconnexion", "USB 1.7"))
+    with pytest.raises(ConfigurationError, match=r"no reports of USB 1\.9 from the device in "):
+        verdicts(path, "3dconnexion", "USB 1.9")
+    of_network = recorded(tmp_path, "egm", level=Level.LISTEN, seconds=0.5)[1]
+    with pytest.raises(ConfigurationError, match="no reports from the device in "):
+        verdicts(of_network, "3dconnexion")
+
+
 def test_a_protocol_without_packets_has_no_capture(tmp_path):
     with pytest.raises(
-        ConfigurationError, match=r"3dconnexion has no packets of a network: .*; pcap and"
+        ConfigurationError, match=r"magellan has no packets of a network: .*; pcap and"
     ):
-        verdicts(tmp_path / "any.pcap", "3dconnexion")
+        verdicts(tmp_path / "any.pcap", "magellan")
 
 
 def test_without_the_plug_in_it_says_what_to_install(monkeypatch, tmp_path):

@@ -8,6 +8,7 @@ one is, no failure is judged.
 from __future__ import annotations
 
 import os
+import re
 from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
@@ -33,6 +34,7 @@ from cardan.errors import CaptureError, ConfigurationError
 from cardan_dissect import CaptureReader, network, registry, tcp
 from cardan_dissect.capture import LINK_CAN, CapturedPacket, Direction
 from cardan_dissect.network import TCP_ACK, TCP_FIN, TCP_RST, TCP_SYN, Endpoint, Segment
+from cardan_dissect.reader import CUT, Dissector, Found, Message
 
 PATIENCE_S = 15.0
 """A request that the end of the capture left open for a shorter time was perhaps answered."""
@@ -44,6 +46,11 @@ STRAY_DATAGRAMS = 16
 """A client that sent fewer, and got no answer, is none beside another one."""
 MOST_TOLD = 10
 """Flows that are named where none is the protocol's, and hosts of strays."""
+
+
+_REPORTS_OF = re.compile(r"(?P<device>.*) (?:endpoint \d+|control|interrupt) (?P<way>IN|OUT)")
+"""Where dissectors of devices say that a report went."""
+_USB_IDS = re.compile(r"[0-9a-f]{4}:[0-9a-f]{4}(?= )")
 
 
 class _Unasked(dict[str, Phase]):
@@ -126,16 +133,19 @@ class Captured(Timeline):
 def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") -> Timeline:
     """What a capture shows of what `suite` judges; times are the capture's.
 
-    `target` is ``[HOST][:PORT]`` of the flow, or of a bus as the suite has it. Raises CaptureError
+    `target` is ``[HOST][:PORT]`` of the flow, of a bus as the suite has it, or of a device where
+    `cardan dissect` shows it ("USB 1.5"). Raises CaptureError
     for a file that is no capture, is damaged, or has no packets, and ConfigurationError for a
     target that is none and for a capture without the flow, which names those that there are.
     """
     kind = suite.transport.kind
+    if kind == "other" and suite.dissector:
+        return _of_device(suite, path, target)
     if kind == "other":
         raise ConfigurationError(
             "--capture",
-            f"{suite.name} has no packets of a network: no capture of it is judged; pcap "
-            "and pcapng of UDP, TCP and CAN are, and logs of a CAN bus (candump -L, .asc, .blf)",
+            f"{suite.name} has no packets of a network: no capture of it is judged; pcap and "
+            "pcapng of UDP, TCP, CAN, USB, HCI are, and logs of a CAN bus (candump -L, .asc, .blf)",
         )
     if kind == "can":
         if target:
@@ -581,6 +591,58 @@ def _of_bus(suite: Suite[Any], path: str | os.PathLike[str]) -> Captured:
         )
     if capture.lost:
         lacks.append(f"the capturing program lost {capture.lost} packets")
+    found = _timeline(events, lacks)
+    found.unsure = _unsure(found)
+    return found
+
+
+def _of_device(suite: Suite[Any], path: str | os.PathLike[str], target: str) -> Captured:
+    """The reports of a device on USB or on a radio link."""
+    dissector = registry.FINDER.load(suite.dissector)({})
+    capture = CaptureReader((), {})
+    reports: dict[str, list[tuple[str, Message]]] = {}
+
+    def take(found: Found) -> None:
+        for each in found:
+            end = _REPORTS_OF.fullmatch(each.where)
+            if isinstance(each, Message) and end is not None:
+                reports.setdefault(end["device"], []).append((end["way"], each))
+
+    for packet in capture.read((path,), lambda packets, share: None):
+        capture.packets += 1
+        if packet.link_type in dissector.link_types:
+            take(dissector.feed(packet, ""))
+    take(dissector.finish())
+    name = os.fspath(path)
+    listed = ", ".join(reports)
+    device = target or next(iter(reports), "")
+    if not target and len(reports) > 1:
+        raise ConfigurationError(
+            "--target", f"{name} has several that can be judged: give one of {listed}"
+        )
+    ways = {way for way, _ in reports.get(device, ())}
+    if Direction.FROM_DEVICE.value not in ways:
+        of_it = f" of {target}" if target else ""
+        there = f"; there are those of {listed}" if listed else ""
+        raise ConfigurationError(
+            "--capture",
+            f"{name} has no reports{of_it} from {suite.judges} in {capture.packets} packets{there}",
+        )
+    return _of_reports(reports[device], dissector, capture.lost)
+
+
+def _of_reports(reports: list[tuple[str, Message]], dissector: Dissector, lost: int) -> Captured:
+    lacks = [f"the capturing program lost {lost} packets"] if lost else []
+    first = reports[0][1]
+    known = _USB_IDS.match(dissector.about(first.where))
+    opened = Event(0.0, Kind.OPENED, note=known.group() if known else "")
+    events = [(first.packet.time_ns, opened)]
+    for way, message in reports:
+        if message.decoded.fault == CUT:
+            lacks.append("the capture cut some of its reports")
+            continue
+        sent = way == Direction.TO_DEVICE.value
+        events.append((message.packet.time_ns, Event(0.0, Kind.DATA, sent, "", message.data)))
     found = _timeline(events, lacks)
     found.unsure = _unsure(found)
     return found
