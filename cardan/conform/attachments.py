@@ -60,7 +60,7 @@ def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
     # Of a port of ours that several clients come to, each is a channel: "motion 2".
     channel, _, client = channel.partition(" ")
     known = transport.ports.get(channel, 0)
-    # Who is a client of ours has a port of its own; of one that listens it is the known one.
+    # A client has a port of its own; what listens has the known one.
     digits = note.rpartition(":")[2] if channel in transport.ours else ""
     free = int(digits) if digits.isdigit() and 0 < int(digits) < 65536 else 0
     if not free:

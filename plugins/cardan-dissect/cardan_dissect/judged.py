@@ -1,6 +1,7 @@
 """Makes of a capture the timeline that `cardan conform --capture` judges.
 
-What is judged has the port that the suite's protocol is known for, or its client has. The capture
+What is judged has the port that the suite's protocol is known for, or its client has. Packets are
+told apart by address and port, reports of devices by what their dissector says. The capture
 says nothing of a connection after the first of its bytes that are missing; where the beginning of
 one is, no failure is judged.
 """
