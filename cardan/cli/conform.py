@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import enum
+import errno
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -50,7 +52,7 @@ def conform(
         typer.Option(
             metavar="FILE",
             help="Judge what somebody recorded: pcap, pcapng or a log of a CAN bus. --target, "
-            "[HOST][:PORT], then says which flow of it.",
+            "[HOST][:PORT] or a device as `cardan dissect` shows it, then says what of it.",
         ),
     ] = None,
     level: Annotated[
@@ -73,7 +75,10 @@ def conform(
             help="A fault of the simulated peer (repeatable); `cardan sim PEER --list-faults`.",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the simulated peer.")] = 0,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, show_default="0", help="Seed of the simulated peer."),
+    ] = None,
     form: Annotated[
         Form, typer.Option("--format", help="What the report is printed as.")
     ] = Form.TEXT,
@@ -112,6 +117,22 @@ def conform(
     only listens. Exit code 4 where a requirement is not met."""
     from cardan.conform import registry
 
+    if capture is not None:
+        _as_it_is(
+            {
+                "--list": list_,
+                "--requirements": requirements,
+                "--compare": compare is not None,
+            },
+            {
+                "--fault": bool(fault),
+                "--level": level is not None,
+                "--seconds": bool(seconds),
+                "--seed": seed is not None,
+                "--yes": yes,
+                "--i-am-at-the-enable-switch": at_switch,
+            },
+        )
     if list_:
         found = registry.load_all()
         suites = found.classes.values()
@@ -134,24 +155,17 @@ def conform(
             "--save", f"{save} has a report: give another folder, or --overwrite"
         )
     if save is not None:
-        try:
-            save.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise ConfigurationError(
-                "--save", f"{save} cannot be written: {error.strerror}"
-            ) from None
-    if capture is not None and (fault or level is not None or seconds):
-        raise ConfigurationError(
-            "--capture", "it is judged as it is: leave --fault, --level and --seconds out"
-        )
+        _look_whether_written(save)
     if capture is not None:
         from cardan.conform import run
 
         report, timeline = run.captured(suite, capture, target)
+        for line in timeline.strays:
+            print(f"cardan: {line}", file=sys.stderr)
         report, missing = (report, []) if save is None else run.save(save, suite, report, timeline)
     else:
         report, missing = _judged(
-            suite, target, level, seconds, fault or [], seed, yes, at_switch, save
+            suite, target, level, seconds, fault or [], seed or 0, yes, at_switch, save
         )
     forms = {
         Form.TEXT: report.as_text,
@@ -171,6 +185,34 @@ def conform(
         )
     if report.failed or doubted:
         raise typer.Exit(EXIT_INCOMPLETE)
+
+
+def _as_it_is(printing: Mapping[str, bool], running: Mapping[str, bool]) -> None:
+    """Refuse what means nothing beside --capture: what prints something else and ends, and what is
+    of a run. Each is an option's name, and whether it was given."""
+    if ends := [name for name, given in printing.items() if given]:
+        raise ConfigurationError(
+            "--capture",
+            f"nothing is judged beside {' and '.join(ends)}, which prints and ends: give one alone",
+        )
+    if of_a_run := [name for name, given in running.items() if given]:
+        raise ConfigurationError(
+            "--capture",
+            f"it is judged as it is, and nothing is run: leave {' and '.join(of_a_run)} out",
+        )
+
+
+def _look_whether_written(folder: Path) -> None:
+    """ConfigurationError where `folder` cannot be made, or nothing be written into it. It is made
+    when there is something to write."""
+    there = next(each for each in (folder, *folder.absolute().parents) if os.path.lexists(each))
+    if not there.is_dir():
+        why = os.strerror(errno.EEXIST if there == folder else errno.ENOTDIR)
+    elif not os.access(there, os.W_OK | os.X_OK):
+        why = os.strerror(errno.EACCES)
+    else:
+        return
+    raise ConfigurationError("--save", f"{folder} cannot be written: {why}")
 
 
 def _judged(

@@ -60,7 +60,8 @@ def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
     # Of a port of ours that several clients come to, each is a channel: "motion 2".
     channel, _, client = channel.partition(" ")
     known = transport.ports.get(channel, 0)
-    digits = note.rpartition(":")[2]
+    # A client has a port of its own; what listens has the known one.
+    digits = note.rpartition(":")[2] if channel in transport.ours else ""
     free = int(digits) if digits.isdigit() and 0 < int(digits) < 65536 else 0
     if not free:
         names = sorted(transport.ports)
@@ -70,13 +71,13 @@ def _ports(transport: Transport, channel: str, note: str) -> tuple[int, int]:
 
 
 def _datagrams(transport: Transport, events: Iterator[Event]) -> _Packets:
-    theirs = ""
+    theirs: dict[str, str] = {}
     for event in events:
         if event.kind is not Kind.DATA:
             continue
         if not event.sent:
-            theirs = event.note
-        judged, ours = _ports(transport, event.channel, theirs)
+            theirs[event.channel] = event.note
+        judged, ours = _ports(transport, event.channel, theirs.get(event.channel, ""))
         source, target = (ours, judged) if event.sent else (judged, ours)
         udp = struct.pack(">HHHH", source, target, 8 + len(event.data), 0) + event.data
         yield event.time_s, _ip(event.sent, _UDP, udp)

@@ -75,7 +75,7 @@ def at(
 
 def captured(suite: Suite[Any], path: Path, target: str = "") -> tuple[Report, Timeline]:
     """Judge what somebody else recorded. `target`, ``[HOST][:PORT]``, says which of its flows, and
-    where it is not at the usual port.
+    where it is not at the usual port; or which device, as `cardan dissect` shows it.
 
     Raises CaptureError for a file that cannot be read, ConfigurationError for one without such a
     flow, and ExtraMissingError without the plug-in that reads captures.

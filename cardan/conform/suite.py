@@ -47,6 +47,9 @@ class Suite(Generic[V]):
     """The highest level that needs nobody's consent, and the default at a target."""
     requirements: tuple[Requirement[V], ...]
     transport: ClassVar[Transport]
+    dissector: ClassVar[str] = ""
+    """Of a device without packets of a network: what finds its reports in a capture of USB or of
+    Bluetooth, as cardan-dissect and its plug-ins name it; empty: nothing does."""
     tried_with: ClassVar[Mapping[str, float]] = {}
     """Values of fault switches with which a fault shows within the short time of a simulated run;
     of the others it is the switch's own."""

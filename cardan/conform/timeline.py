@@ -36,7 +36,8 @@ class Event(NamedTuple):
     """Which of its wires: a port's name, a pipe."""
     data: bytes = b""
     note: str = ""
-    """Of data, where it came from where that can change; of others, words."""
+    """Of data, where it came from where that can change; of what was opened, words where its
+    beginning is not known; of others, words."""
 
 
 class Phase(NamedTuple):
@@ -50,11 +51,18 @@ class Phase(NamedTuple):
     end_s: float
 
 
+class UnaskedError(Exception):
+    """A judge wants what came of something that was asked for, and nobody asked for it: of a
+    timeline that somebody else recorded."""
+
+
 class Timeline:
     """Events in their order. Numbers of events count from 0."""
 
     start_ns: int | None = None
     """The wall time of its zero, ns since the epoch, where it is a capture's."""
+    strays: tuple[str, ...] = ()
+    """What a capture has besides that is none of what is judged: words for each."""
 
     def __init__(self) -> None:
         self.events: list[Event] = []

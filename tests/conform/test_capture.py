@@ -10,12 +10,16 @@ from cardan.cli import app
 from cardan.conform import Level, Outcome, registry
 from cardan.conform.report import DOUBTED, read
 from cardan.conform.run import captured, save, simulated
+from cardan.conform.timeline import Kind, Timeline
 from cardan.errors import CaptureError, ConfigurationError, ExtraMissingError
 from tests.captures import MOTOMAN, require
 
 UNASKED = "nobody asked for it in this capture"
 OF_OUR_OWN = {"ur-rtde": {"UR-003", "UR-007", "UR-015", "UR-027", "UR-103"}}
 """What only the pilot's second and third client ask for."""
+
+SOURCE, DESTINATION = 16 + 20, 16 + 22
+"""Where the ports are in a packet with its head."""
 
 FAULTS = [
     ("egm", "", set()),
@@ -232,6 +236,39 @@ def test_a_capture_of_a_real_controller_is_judged():
     assert found["MOTOPC-109"].said.startswith(DOUBTED)
 
 
+def test_a_client_that_asks_for_no_version_of_rtde_has_the_oldest(tmp_path):
+    suite = registry.load("ur-rtde")
+    report, timeline = simulated(suite, Level.LISTEN, seconds=1.0)
+    of_old = [each for each in timeline if each.channel == "rtde-1"]
+    version = [n for n, each in enumerate(of_old) if each.data[2:3] == b"V"]
+    assert len(version) == 2
+    silent = Timeline()
+    for number, each in enumerate(of_old):
+        if number not in version:
+            silent.add(each._replace(channel="rtde"))
+    save(tmp_path, suite, report, silent)
+    found = verdicts(tmp_path / "capture.pcap", "ur-rtde")
+    assert not failures(found)
+    assert found["UR-002"].outcome is Outcome.PASSED
+    assert found["UR-001"].said == found["UR-004"].said == "it was not asked"
+    assert suite.see(silent).states
+
+
+def test_of_a_connection_of_rtde_without_its_beginning_the_newest_version_is_read(tmp_path):
+    _, path = recorded(tmp_path, "ur-rtde", level=Level.LISTEN, seconds=1.0)
+    head, packets = packets_of(path)
+    first = packets[0][SOURCE : SOURCE + 4]
+    ends = first, first[2:] + first[:2]
+    of_it = [n for n, each in enumerate(packets) if each[SOURCE : SOURCE + 4] in ends]
+    with_bytes = [n for n in of_it if len(packets[n]) > 16 + 40]
+    assert packets[with_bytes[0]][16 + 42 : 16 + 43] == b"V"
+    begun = {n for n in of_it if n <= with_bytes[1]}
+    path.write_bytes(head + b"".join(p for n, p in enumerate(packets) if n not in begun))
+    found = verdicts(path, "ur-rtde")
+    assert found["UR-002"].outcome is Outcome.PASSED
+    assert found["UR-005"].said.endswith(", in what the capture has")
+
+
 def test_a_capture_without_the_flow_says_what_is_there(tmp_path):
     path = recorded(tmp_path, "motoros", seconds=1.0)[1]
     with pytest.raises(ConfigurationError) as told:
@@ -268,6 +305,114 @@ def test_of_two_controllers_one_must_be_chosen(tmp_path):
     assert verdicts(path, "egm", "192.0.2.7")["EGM-010"].outcome is Outcome.PASSED
 
 
+def moved(packet, at, value):
+    """A packet with another port or (one byte) another last byte of an address."""
+    return packet[:at] + value + packet[at + len(value) :]
+
+
+def at_a_time(packets, others):
+    """Two clients' packets, in turn."""
+    return b"".join(packet for both in zip(packets, others, strict=True) for packet in both)
+
+
+def of_two_controllers(folder, port=b"\x12\x34"):
+    """A capture of one of EGM, with its packets, and those of one beside it behind its host."""
+    _, path = recorded(folder, "egm", seconds=1.0)
+    head, packets = packets_of(path)
+    known = registry.load("egm").transport.ports[""].to_bytes(2, "big")
+    to_us = [each[DESTINATION : DESTINATION + 2] == known for each in packets]
+    others = [
+        moved(each, SOURCE if ours else DESTINATION, port)
+        for each, ours in zip(packets, to_us, strict=True)
+    ]
+    return path, head, packets, others
+
+
+def test_two_controllers_behind_one_host_are_judged_each_by_itself(tmp_path):
+    path, head, packets, others = of_two_controllers(tmp_path)
+    alone = verdicts(path, "egm")
+    path.write_bytes(head + at_a_time(packets, others))
+    report, timeline = captured(registry.load("egm"), path)
+    found = {each.id: each for each in report.results}
+    assert {n: each.outcome for n, each in found.items()} == {
+        n: each.outcome for n, each in alone.items()
+    }
+    assert found["EGM-010"].said.startswith("of 2 clients at a time, host-1:")
+    assert len(timeline) == 2 * len(packets)
+    again = tmp_path / "again"
+    save(again, registry.load("egm"), report, timeline)
+    of_saved = verdicts(again / "capture.pcap", "egm")
+    assert {n: each.said for n, each in of_saved.items()} == {
+        n: each.said for n, each in found.items()
+    }
+
+
+def test_of_two_clients_the_one_that_is_wrong_is_named(tmp_path):
+    path, head, packets, others = of_two_controllers(tmp_path)
+    known = registry.load("egm").transport.ports[""].to_bytes(2, "big")
+    bad = next(n for n in range(len(packets) // 2, len(packets)) if packets[n][38:40] == known)
+    others[bad] = others[bad][: 16 + 28] + b"\xff" * (len(others[bad]) - 16 - 28)
+    path.write_bytes(head + at_a_time(packets, others))
+    found = verdicts(path, "egm")
+    assert "EGM-002" in failures(found)
+    assert found["EGM-002"].said.startswith("of 2 clients at a time, host-1:4660: ")
+    assert f"#{2 * bad + 1} at " in found["EGM-002"].evidence[0]
+
+
+def test_two_ports_one_after_another_are_one_client(tmp_path):
+    path, head, packets, others = of_two_controllers(tmp_path)
+    half = len(packets) // 2
+    path.write_bytes(head + b"".join(packets[:half] + others[half:]))
+    assert failures(verdicts(path, "egm")) == {"EGM-010"}
+
+
+def test_a_controller_that_sends_from_the_port_that_it_sends_to_is_judged(tmp_path):
+    known = registry.load("egm").transport.ports[""].to_bytes(2, "big")
+    path, head, _, others = of_two_controllers(tmp_path, known)
+    alone = verdicts(path, "egm")
+    path.write_bytes(head + b"".join(others))
+    assert {n: each.said for n, each in verdicts(path, "egm").items()} == {
+        n: each.said for n, each in alone.items()
+    }
+
+
+@pytest.mark.parametrize("name", ["egm", "egm-driver", "joint-stream", "joint-stream-driver"])
+def test_a_stray_of_another_host_changes_no_verdict(name, tmp_path, capsys):
+    _, path = recorded(tmp_path, name, seconds=0.5)
+    alone = verdicts(path, name)
+    head, packets = packets_of(path)
+    known = next(iter(registry.load(name).transport.ports.values())).to_bytes(2, "big")
+    at = next(n for n in range(len(packets) // 2, len(packets)) if packets[n][38:40] == known)
+    stray = moved(moved(packets[at], 16 + 15, b"\x09"), SOURCE, b"\x12\x34")
+    junk = stray[: 16 + 28] + b"\xff" * (len(stray) - 16 - 28)
+    path.write_bytes(head + b"".join([*packets[:at], stray, junk, *packets[at:]]))
+    report, timeline = captured(registry.load(name), path)
+    assert {each.id: each for each in report.results} == alone
+    (words,) = timeline.strays
+    assert words.startswith("2 packets between 192.0.2.9 and 192.0.2.")
+    assert run(name, "--capture", str(path)) == 0
+    assert f"cardan: {words}" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["motoros", "motoros-driver"])
+def test_a_port_scan_changes_no_verdict(name, tmp_path):
+    _, path = recorded(tmp_path, name, seconds=0.5)
+    alone = verdicts(path, name)
+    head, packets = packets_of(path)
+    opened = [each for each in packets[:3] if each[16 + 33] & 0x02]
+    assert len(opened) == 2
+    # A whole connection, which stays open, before that of the client.
+    scan = [
+        moved(opened[0], 16 + 15, b"\x09"),
+        moved(opened[1], 16 + 19, b"\x09"),
+    ]
+    path.write_bytes(head + b"".join(scan + packets))
+    report, timeline = captured(registry.load(name), path)
+    assert {each.id: each for each in report.results} == alone
+    assert len(timeline.strays) == 1
+    assert "2 packets between 192.0.2.9 and " in timeline.strays[0]
+
+
 def test_damaged_files_are_named(tmp_path):
     path = recorded(tmp_path, "motoros", seconds=1.0)[1]
     data = path.read_bytes()
@@ -282,9 +427,67 @@ def test_damaged_files_are_named(tmp_path):
         verdicts(tmp_path / "gone.pcap", "motoros")
 
 
+def of_usb(path, timeline, devices=(5,)):
+    """Write the reports of a timeline as usbmon has them, of each of these devices."""
+
+    def urb(data, device, *, event=b"C", transfer=1, endpoint=0x81, setup=b"", number=1):
+        head = struct.pack("<QcBBBHBB", number, event, transfer, endpoint, device, 1, not setup, 0)
+        sizes = struct.pack("<qiiII8s", 0, 0, 0, len(data), len(data), setup)
+        return (head + sizes).ljust(64, b"\0") + data
+
+    model = next(each.note for each in timeline if each.kind is Kind.OPENED)
+    ids = struct.pack("<HH", *(int(each, 16) for each in model.split(":")))
+    asks, control = b"\x80\x06\x00\x01\x00\x00\x12\x00", {"transfer": 2, "endpoint": 0x80}
+    records = []
+    for device in devices:
+        description = b"\x12\x01\x00\x02\0\0\0\x08" + ids + bytes(6)
+        records.append((0.0, urb(b"", device, event=b"S", setup=asks, number=device, **control)))
+        records.append((0.0, urb(description, device, number=device, **control)))
+    for each in timeline:
+        if each.kind is Kind.DATA and not each.sent:
+            records += [(each.time_s, urb(each.data, device)) for device in devices]
+    parts = [struct.pack("<IHHiIII", 0xA1B23C4D, 2, 4, 0, 0, 262_144, 220)]
+    for time_s, record in records:
+        seconds, ns = divmod(10**18 + round(time_s * 1e9), 10**9)
+        parts.append(struct.pack("<IIII", seconds, ns, len(record), len(record)) + record)
+    path.write_bytes(b"".join(parts))
+
+
+@pytest.mark.parametrize(("fault", "failed"), [("", set()), ("short-report", {"HID3D-004"})])
+def test_a_capture_of_a_device_on_usb_is_judged_as_the_run_was(fault, failed, tmp_path):
+    suite = registry.load("3dconnexion")
+    report, timeline = simulated(suite, Level.LISTEN, suite.faults([fault] if fault else []))
+    path = tmp_path / "usb.pcap"
+    of_usb(path, timeline)
+    found = verdicts(path, "3dconnexion")
+    compared = 0
+    for each in report.results:
+        if each.level == Level.LISTEN and found[each.id].said != UNASKED:
+            assert found[each.id].outcome is each.outcome, (each, found[each.id])
+            compared += 1
+    assert compared >= 5
+    assert failures(found) == failed
+
+
+def test_of_two_devices_on_usb_one_must_be_chosen(tmp_path):
+    _, timeline = simulated(registry.load("3dconnexion"), Level.LISTEN)
+    path = tmp_path / "usb.pcap"
+    of_usb(path, timeline, (5, 7))
+    with pytest.raises(ConfigurationError, match=r"give one of USB 1\.5, USB 1\.7"):
+        verdicts(path, "3dconnexion")
+    assert not failures(verdicts(path, "3dconnexion", "USB 1.7"))
+    with pytest.raises(ConfigurationError, match=r"no reports of USB 1\.9 from the device in "):
+        verdicts(path, "3dconnexion", "USB 1.9")
+    of_network = recorded(tmp_path, "egm", level=Level.LISTEN, seconds=0.5)[1]
+    with pytest.raises(ConfigurationError, match="no reports from the device in "):
+        verdicts(of_network, "3dconnexion")
+
+
 def test_a_protocol_without_packets_has_no_capture(tmp_path):
-    with pytest.raises(ConfigurationError, match="3dconnexion has no packets of a network"):
-        verdicts(tmp_path / "any.pcap", "3dconnexion")
+    with pytest.raises(
+        ConfigurationError, match=r"magellan has no packets of a network: .*; pcap and"
+    ):
+        verdicts(tmp_path / "any.pcap", "magellan")
 
 
 def test_without_the_plug_in_it_says_what_to_install(monkeypatch, tmp_path):
@@ -341,7 +544,35 @@ def test_a_capture_without_the_side_that_is_judged_is_refused(tmp_path):
         run("joint-stream", "--capture", str(path))
 
 
-@pytest.mark.parametrize("more", [["--fault", "drop"], ["--level", "0"], ["--seconds", "1"]])
+@pytest.mark.parametrize(
+    "more",
+    [
+        ["--fault", "drop"],
+        ["--level", "0"],
+        ["--seconds", "1"],
+        ["--seed", "0"],
+        ["--yes"],
+        ["--i-am-at-the-enable-switch"],
+    ],
+)
 def test_a_capture_is_judged_as_it_is(more, tmp_path):
-    with pytest.raises(ConfigurationError, match="leave --fault, --level and --seconds out"):
+    words = f"judged as it is, and nothing is run: leave {more[0]} out"
+    with pytest.raises(ConfigurationError, match=words):
         run("egm", "--capture", str(tmp_path / "a.pcap"), *more)
+
+
+@pytest.mark.parametrize("more", [["--list"], ["--requirements"], ["--compare", "a", "b"]])
+def test_what_prints_and_ends_is_refused_beside_a_capture(more, tmp_path, capsys):
+    words = f"nothing is judged beside {more[0]}, which prints and ends: give one alone"
+    with pytest.raises(ConfigurationError, match=words):
+        run("egm", "--capture", str(tmp_path / "a.pcap"), *more)
+    assert not capsys.readouterr().out
+
+
+def test_a_capture_that_is_refused_leaves_no_folder(tmp_path):
+    folder = tmp_path / "new" / "report"
+    with pytest.raises(CaptureError, match="there is no such file"):
+        run("egm", "--capture", str(tmp_path / "gone.pcap"), "--save", str(folder))
+    with pytest.raises(ConfigurationError, match="leave --seed out"):
+        run("egm", "--capture", "any.pcap", "--seed", "3", "--save", str(folder))
+    assert not folder.parent.exists()

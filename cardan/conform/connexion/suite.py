@@ -22,6 +22,7 @@ class Connexion(Suite[ConnexionSeen]):
     peer = "spacemouse"
     requirements = requires.all()
     transport = Transport("other")
+    dissector = "connexion"
     sees = ConnexionSeen
     asks = ConnexionPilot
     rig = "cardan.conform.connexion.simulated:ConnexionRig"

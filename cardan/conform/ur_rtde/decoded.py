@@ -4,14 +4,15 @@ decoded once."""
 from __future__ import annotations
 
 import re
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
-from cardan.conform.timeline import Event, Kind, Seen, Timeline
+from cardan.conform.timeline import Event, Kind, Seen, Timeline, UnaskedError
 from cardan.protocols.ur.dashboard import LineReader
 from cardan.protocols.ur.primary import Package, PackageReader, RobotMessage, read_message
 from cardan.protocols.ur.realtime import RealtimeReader
 from cardan.protocols.ur.rtde import (
     VERSION,
+    VERSIONS,
     Accepted,
     Asked,
     Data,
@@ -38,6 +39,8 @@ REVERSE = "reverse"
 """A port of ours, which a program of ours comes to."""
 TOKEN = re.compile(r"write_output_integer_register\(\d+, (\d{2,})\)")
 """In a program: what it writes first, so that it is known to run."""
+_OF_A_VERSION = frozenset((PacketType.OUTPUTS, PacketType.DATA, PacketType.TEXT))
+"""What has another form in another version of RTDE."""
 _NAME = re.compile(r"def (\w+)\(\)")
 
 
@@ -63,12 +66,19 @@ class Exchange(NamedTuple):
     reply: Heard | None
 
 
+class Values(dict[str, Any]):
+    """Of a package, by their names. UnaskedError for one that its recipe does not have."""
+
+    def __missing__(self, name: str) -> NoReturn:
+        raise UnaskedError(name)
+
+
 class State(NamedTuple):
     """A data package, by the names of its recipe."""
 
     number: int
     time_s: float
-    values: dict[str, Any]
+    values: Values
 
 
 class Stream(NamedTuple):
@@ -123,10 +133,10 @@ class Upload(NamedTuple):
 class _Connection:
     """What is known of an RTDE connection while it is open."""
 
-    def __init__(self) -> None:
+    def __init__(self, version: int) -> None:
         self.theirs, self.ours = PacketReader(), PacketReader()
         self.begun_s = 0.0
-        self.version = VERSION
+        self.version = version
         self.open: list[tuple[int, float, Request | Setup]] = []
         self.outputs: Recipe | None = None
         self.inputs: dict[int, Recipe] = {}
@@ -189,7 +199,9 @@ class UrSeen(Seen):
         elif event.kind is Kind.OPENED:
             self.opened.append(channel)
             if channel.startswith(RTDE):
-                self._connections[channel] = _Connection()
+                # A controller speaks the oldest until another is agreed on. What was before the
+                # beginning of a capture is not known.
+                self._connections[channel] = _Connection(VERSION if event.note else VERSIONS[0])
             elif channel in self._packages:
                 self._packages[channel] = PackageReader()
                 self._package_begun_s.pop(channel, None)
@@ -240,7 +252,7 @@ class UrSeen(Seen):
             elif isinstance(asked, Data) and asked.recipe in connection.inputs:
                 values = connection.inputs[asked.recipe].unpack(asked.values)
                 if values is not None and event.channel == RTDE:
-                    self.commands.append(State(number, event.time_s, values))
+                    self.commands.append(State(number, event.time_s, Values(values)))
 
     def _received(self, number: int, event: Event, connection: _Connection) -> None:
         reader = connection.theirs
@@ -257,6 +269,8 @@ class UrSeen(Seen):
             raw = packet(PacketType(kind), payload)
             heard = Heard(number, begun_s, event.time_s, event.channel, reply, raw)
             self.heard.append(heard)
+            if connection.version != VERSION and kind in _OF_A_VERSION:
+                self.old.add(event.channel)
             if isinstance(reply, Data):
                 self._data(heard, reply, connection)
             else:
@@ -275,7 +289,7 @@ class UrSeen(Seen):
             size = len(data.values)
             self.unread.append((heard.number, f"a data package of {size} bytes, not {recipe.size}"))
             return
-        state = State(heard.number, heard.time_s, values)
+        state = State(heard.number, heard.time_s, Values(values))
         if connection.stream is None:
             self.strays.append((heard.number, heard.time_s, heard.channel))
         else:

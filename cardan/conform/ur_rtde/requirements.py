@@ -127,6 +127,8 @@ def it_says_its_version(seen: UrSeen) -> Verdict:
     """It tells its software's version, which is 3 or newer."""
     found = version_of(seen)
     if found is None:
+        if not seen.exchanges(PacketType.CONTROLLER_VERSION):
+            return not_seen("it was not asked")
         return failed("it was not told")
     said = ".".join(map(str, found))
     return met(found.major >= 3, said)

@@ -1,6 +1,7 @@
 """Makes of a capture the timeline that `cardan conform --capture` judges.
 
-What is judged has the port that the suite's protocol is known for, or its client has. The capture
+What is judged has the port that the suite's protocol is known for, or its client has. Packets are
+told apart by address and port, reports of devices by what their dissector says. The capture
 says nothing of a connection after the first of its bytes that are missing; where the beginning of
 one is, no failure is judged.
 """
@@ -8,10 +9,12 @@ one is, no failure is judged.
 from __future__ import annotations
 
 import os
+import re
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from cardan.conform import (
     Event,
@@ -26,24 +29,29 @@ from cardan.conform import (
 )
 from cardan.conform.report import DOUBTED
 from cardan.conform.requirements import V
-from cardan.conform.timeline import Phase
+from cardan.conform.timeline import Phase, UnaskedError
 from cardan.conform.transports import host_and_port
 from cardan.errors import CaptureError, ConfigurationError
 from cardan_dissect import CaptureReader, network, registry, tcp
 from cardan_dissect.capture import LINK_CAN, CapturedPacket, Direction
 from cardan_dissect.network import TCP_ACK, TCP_FIN, TCP_RST, TCP_SYN, Endpoint, Segment
+from cardan_dissect.reader import CUT, Dissector, Found, Message
 
 PATIENCE_S = 15.0
 """A request that the end of the capture left open for a shorter time was perhaps answered."""
 BEGINNING_S = 0.5
 """What went on before a capture of datagrams shows within this time."""
+LACKS_BEGINNING = "the capture lacks the beginning of a connection"
 LACKS_BYTES = "the capture lacks bytes of a connection"
+STRAY_DATAGRAMS = 16
+"""A client that sent fewer, and got no answer, is none beside another one."""
 MOST_TOLD = 10
-"""Flows that are named where none is the protocol's."""
+"""Flows that are named where none is the protocol's, and hosts of strays."""
 
 
-class UnaskedError(Exception):
-    """A judge wants what came of something that was asked for, and nobody asked for it."""
+_REPORTS_OF = re.compile(r"(?P<device>.*) (?:endpoint \d+|control|interrupt) (?P<way>IN|OUT)")
+"""Where dissectors of devices say that a report went."""
+_USB_IDS = re.compile(r"[0-9a-f]{4}:[0-9a-f]{4}(?= )")
 
 
 class _Unasked(dict[str, Phase]):
@@ -55,6 +63,22 @@ class _Unasked(dict[str, Phase]):
     get = __getitem__ = __contains__ = __iter__ = keys = values = items = _none
 
 
+class Client(NamedTuple):
+    """One of several that were there at a time."""
+
+    name: str
+    """Its address and port."""
+    numbers: list[int]
+    """Its events', in the timeline of all."""
+    timeline: Captured
+    seen: Any
+    """What the suite made of its timeline."""
+
+
+_WORST = (Outcome.FAILED, Outcome.PASSED, Outcome.NOT_SEEN, Outcome.NOT_APPLICABLE)
+"""What is said of several clients is what is said of the one that comes first in this order."""
+
+
 class Captured(Timeline):
     """A timeline that somebody else recorded. Nothing is judged that it cannot show."""
 
@@ -64,10 +88,34 @@ class Captured(Timeline):
     """Of one that may begin in the middle of things: the number of the last event that shows it. A
     failure is none where its evidence does not go beyond it."""
 
+    def __init__(self) -> None:
+        super().__init__()
+        self.clients: list[Client] = []
+        """Where there are several at a time: each is judged by itself."""
+
     def phases(self) -> dict[str, Phase]:
         return _Unasked()
 
+    def _of_clients(self, requirement: Requirement[Any]) -> Verdict:
+        """The worst of what is said of each."""
+
+        def rank(found: tuple[Client, Verdict]) -> tuple[bool, int]:
+            outcome, said, *_ = found[1]
+            doubted = outcome is Outcome.NOT_SEEN and said.startswith(DOUBTED)
+            return outcome is not Outcome.FAILED and not doubted, _WORST.index(outcome)
+
+        verdicts = [(each, each.timeline.verdict(requirement, each.seen)) for each in self.clients]
+        client, worst = min(verdicts, key=rank)
+        begun = DOUBTED if worst.said.startswith(DOUBTED) else ""
+        said = worst.said.removeprefix(begun)
+        if worst.outcome is not Outcome.NOT_APPLICABLE:
+            said = f"{begun}of {len(verdicts)} clients at a time, {client.name}: {said}"
+        evidence = tuple(client.numbers[number] for number in worst.evidence)
+        return worst._replace(said=said, evidence=evidence)
+
     def verdict(self, requirement: Requirement[V], seen: V) -> Verdict:
+        if self.clients:
+            return self._of_clients(requirement)
         try:
             found = super().verdict(requirement, seen)
         except UnaskedError:
@@ -86,14 +134,19 @@ class Captured(Timeline):
 def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") -> Timeline:
     """What a capture shows of what `suite` judges; times are the capture's.
 
-    `target` is ``[HOST][:PORT]`` of the flow, or of a bus as the suite has it. Raises CaptureError
+    `target` is ``[HOST][:PORT]`` of the flow, of a bus as the suite has it, or of a device where
+    `cardan dissect` shows it ("USB 1.5"). Raises CaptureError
     for a file that is no capture, is damaged, or has no packets, and ConfigurationError for a
     target that is none and for a capture without the flow, which names those that there are.
     """
     kind = suite.transport.kind
+    if kind == "other" and suite.dissector:
+        return _of_device(suite, path, target)
     if kind == "other":
         raise ConfigurationError(
-            "--capture", f"{suite.name} has no packets of a network: no capture of it is judged"
+            "--capture",
+            f"{suite.name} has no packets of a network: no capture of it is judged; pcap and "
+            "pcapng of UDP, TCP, CAN, USB, HCI are, and logs of a CAN bus (candump -L, .asc, .blf)",
         )
     if kind == "can":
         if target:
@@ -102,7 +155,7 @@ def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") 
     first = next(iter(suite.transport.ports.values()))
     host, port = host_and_port(target, "--target", first)
     reading = (_Tcp if kind == "tcp" else _Udp)(suite, host, port - first)
-    return _read(reading, path, suite, kind.upper())
+    return _read(reading, path, suite)
 
 
 def _ends(segment: Segment, sent: bool) -> tuple[Endpoint, Endpoint]:
@@ -110,8 +163,42 @@ def _ends(segment: Segment, sent: bool) -> tuple[Endpoint, Endpoint]:
     return segment.ends(Direction.TO_DEVICE if sent else Direction.FROM_DEVICE)
 
 
+class _Packet(NamedTuple):
+    """One of a flow."""
+
+    time_ns: int
+    number: int
+    """Of the protocol's packets, as they came."""
+    sent: bool
+    names: frozenset[str]
+    """Channels that it can be of."""
+    segment: Segment
+
+
+class _Flow(NamedTuple):
+    """What went between an address and port of what is judged, and one of ours."""
+
+    judged: Endpoint
+    ours: Endpoint
+    client: Endpoint
+    """That of the two which comes to the other's known port."""
+    packets: list[_Packet]
+
+    @property
+    def known(self) -> Endpoint:
+        """The other than the client."""
+        return self.judged if self.client == self.ours else self.ours
+
+    @property
+    def ways(self) -> set[bool]:
+        """Whether packets were sent to what is judged, came from it, or both."""
+        return {each.sent for each in self.packets}
+
+
 class _Reading(ABC):
-    """Collects the events of one protocol's packets."""
+    """Collects the packets of one protocol by their flows, and then the events."""
+
+    protocol: str
 
     def __init__(self, suite: Suite[Any], host: str, shift: int) -> None:
         _, known, ours, pilots = suite.transport
@@ -122,28 +209,68 @@ class _Reading(ABC):
         """With the times of their packets, ns."""
         self.lacks: list[str] = []
         self.last_ns = 0
-        self.judged: dict[str, None] = {}
-        """Hosts that are judged, in the order in which they came."""
+        self.strays: list[str] = []
+        self.parts: list[_Part] = []
+        """Of clients that are there at a time: the events of each."""
+        self._flows: dict[tuple[Endpoint, Endpoint], _Flow] = {}
+        self._count = 0
 
-    def side(self, segment: Segment) -> tuple[bool, frozenset[str]] | None:
-        """Whether a segment goes to what is judged, and the channels that it can be; None: it is
-        none of this protocol's."""
+    @property
+    def judged(self) -> dict[str, None]:
+        """Hosts that are judged, in the order in which they came."""
+        return dict.fromkeys(flow.judged.host for flow in self._flows.values())
+
+    def take(self, segment: Segment, time_ns: int) -> bool:
+        """Whether it is one of the protocol's."""
         source, destination = segment.source, segment.destination
+        if segment.protocol != self.protocol:
+            return False
         if self.host and self.host not in (source.host, destination.host):
-            return None
+            return False
         for port, from_known in ((destination.port, False), (source.port, True)):
             names = frozenset(name for name, each in self.ports.items() if each == port)
             if not names:
                 continue
-            known_is_ours = names <= self.ours
-            sent = from_known == known_is_ours
-            self.judged[(destination if sent else source).host] = None
-            return sent, names
-        return None
+            sent = from_known == (names <= self.ours)
+            key = _ends(segment, sent)
+            if key[::-1] in self._flows:  # Both ends have the known port; the client began.
+                continue
+            client = destination if from_known else source
+            packet = _Packet(time_ns, self._count, sent, names, segment)
+            self._flows.setdefault(key, _Flow(*key, client, [])).packets.append(packet)
+            self._count += 1
+            return True
+        return False
+
+    def finish(self) -> None:
+        """The capture ends."""
+        self._set_aside()
+        self.read(list(self._flows.values()))
 
     @abstractmethod
-    def take(self, segment: Segment, time_ns: int) -> bool:
-        """Whether it is one of the protocol's."""
+    def is_stray(self, flow: _Flow) -> bool:
+        """Whether it is no conversation, where there is another host's that is one."""
+
+    @abstractmethod
+    def read(self, flows: list[_Flow]) -> None:
+        """Make the events of what is judged."""
+
+    def _set_aside(self) -> None:
+        """Take out what other hosts sent to the same ports: port scans, mistaken senders."""
+        flows = self._flows.values()
+        strays = [flow for flow in flows if self.is_stray(flow)]
+        hosts = {flow.client.host for flow in flows if not self.is_stray(flow)}
+        count: Counter[tuple[str, Endpoint]] = Counter()
+        for flow in strays:
+            if hosts and flow.client.host not in hosts:
+                del self._flows[flow.judged, flow.ours]
+                count[flow.client.host, flow.known] += len(flow.packets)
+        self.strays = [
+            f"{packets} packets between {host} and {known} are strays, and not judged"
+            for (host, known), packets in count.most_common(MOST_TOLD)
+        ]
+        if len(count) > MOST_TOLD:
+            self.strays.append(f"strays of {len(count) - MOST_TOLD} more hosts are not judged")
 
     def add(
         self, time_ns: int, kind: Kind, sent: bool, channel: str, data: bytes = b"", note: str = ""
@@ -151,34 +278,75 @@ class _Reading(ABC):
         """What happened next."""
         self.events.append((time_ns, Event(0.0, kind, sent, channel, data, note)))
 
-    def finish(self) -> None:  # noqa: B027 - datagrams are never held back
-        """The capture ends."""
+
+class _Part(NamedTuple):
+    """What one of several clients has of the events."""
+
+    client: str
+    numbers: list[int]
+    lacks: list[str]
 
 
 class _Udp(_Reading):
-    """Datagrams. Of several channels at one port each client is one."""
+    """Datagrams. Of several channels at one port each client is one, of those that come after one
+    another; of those that are there at a time each is judged by itself."""
 
-    def __init__(self, suite: Suite[Any], host: str, shift: int) -> None:
-        super().__init__(suite, host, shift)
-        self._channels: dict[Endpoint, str] = {}
+    protocol = "UDP"
 
-    def take(self, segment: Segment, time_ns: int) -> bool:
-        found = self.side(segment)
-        if found is None or segment.protocol != "UDP":
-            return False
-        sent, names = found
-        judged, ours = _ends(segment, sent)
-        ordered = [name for name in self.ports if name in names]
-        channel = self._channels.get(ours)
-        if channel is None:
-            channel = ordered[min(len(self._channels), len(ordered) - 1)]
-            self._channels[ours] = channel
-        if segment.cut:
-            self.lacks.append("the capture cut some of its datagrams")
+    def is_stray(self, flow: _Flow) -> bool:
+        if flow.ways == {True}:
+            return True
+        few = len(flow.packets) < STRAY_DATAGRAMS
+        return few and flow.ways == {False} and flow.client == flow.judged
+
+    def read(self, flows: list[_Flow]) -> None:
+        clients = _one_after_another(flows)
+        found: list[tuple[int, int, Event]] = []
+        owners: dict[int, int] = {}
+        lacks: list[list[str]] = [[] for _ in clients]
+        for index, of_client in enumerate(clients):
+            channels: dict[Endpoint, str] = {}
+            packets = sorted((p for flow in of_client for p in flow.packets), key=_as_they_came)
+            for time_ns, number, sent, names, segment in packets:
+                judged, ours = _ends(segment, sent)
+                ordered = [name for name in self.ports if name in names]
+                channel = channels.setdefault(ours, ordered[min(len(channels), len(ordered) - 1)])
+                if segment.cut:
+                    lacks[index].append("the capture cut some of its datagrams")
+                    continue
+                channel += f" {index + 1}" if index else ""
+                note = "" if sent else str(judged)
+                event = Event(0.0, Kind.DATA, sent, channel, segment.payload, note)
+                found.append((time_ns, number, event))
+                owners[number] = index
+        found.sort(key=lambda each: each[1])
+        self.events = [(time_ns, event) for time_ns, _, event in found]
+        self.lacks += [why for each in lacks for why in each]
+        if len(clients) > 1:
+            for index, (first, *_) in enumerate(clients):
+                places = [n for n, each in enumerate(found) if owners[each[1]] == index]
+                self.parts.append(_Part(str(first.client), places, lacks[index]))
+
+
+def _as_they_came(packet: _Packet) -> int:
+    return packet.number
+
+
+def _one_after_another(flows: list[_Flow]) -> list[list[_Flow]]:
+    """Flows by clients: where one begins after the last that the client sent in another, it is the
+    same client's, at another port."""
+    clients: list[tuple[int, list[_Flow]]] = []
+    for flow in sorted(flows, key=lambda each: each.packets[0].number):
+        by_client = [p.number for p in flow.packets if p.segment.source == flow.client]
+        numbers = by_client or [p.number for p in flow.packets]
+        for index, (last, of_client) in enumerate(clients):
+            if last < numbers[0] and of_client[0].client.host == flow.client.host:
+                of_client.append(flow)
+                clients[index] = numbers[-1], of_client
+                break
         else:
-            note = "" if sent else str(judged)
-            self.add(time_ns, Kind.DATA, sent, channel, segment.payload, note)
-        return True
+            clients.append((numbers[-1], [flow]))
+    return [of_client for _, of_client in clients]
 
 
 @dataclass
@@ -200,16 +368,27 @@ class _Connection:
 class _Tcp(_Reading):
     """Connections. A port of ours gives each client a channel: "motion 2", the second to any."""
 
+    protocol = "TCP"
+
     def __init__(self, suite: Suite[Any], host: str, shift: int) -> None:
         super().__init__(suite, host, shift)
         self._connections: dict[tuple[Endpoint, Endpoint], _Connection] = {}
         self._clients = 0
 
-    def take(self, segment: Segment, time_ns: int) -> bool:
-        found = self.side(segment)
-        if found is None or segment.protocol != "TCP":
-            return False
-        sent, names = found
+    def is_stray(self, flow: _Flow) -> bool:
+        return not any(each.segment.payload for each in flow.packets)
+
+    def read(self, flows: list[_Flow]) -> None:
+        packets = sorted((each for flow in flows for each in flow.packets), key=_as_they_came)
+        for time_ns, _, sent, names, segment in packets:
+            self._read_one(segment, time_ns, sent, names)
+        for known in self._connections.values():
+            self._complete(known)
+            for sent, stream in known.streams.items():
+                for event in stream.flush():
+                    self._read(known, event, sent, self.last_ns)
+
+    def _read_one(self, segment: Segment, time_ns: int, sent: bool, names: frozenset[str]) -> None:
         key = _ends(segment, sent)
         syn = segment.flags & (TCP_SYN | TCP_ACK)
         known = self._connections.get(key)
@@ -221,12 +400,11 @@ class _Tcp(_Reading):
             known = self._connections[key] = _Connection(self._channel(names))
         if known is None:
             if not segment.payload:
-                return True
-            self.lacks.append("the capture lacks the beginning of a connection")
+                return
+            self.lacks.append(LACKS_BEGINNING)
             known = self._connections[key] = _Connection(self._channel(names), {False, True}, True)
-            self._tell(known, time_ns, Kind.OPENED, False)
+            self._tell(known, time_ns, Kind.OPENED, False, note=LACKS_BEGINNING)
         self._follow(known, segment, sent, syn, time_ns)
-        return True
 
     def _channel(self, names: frozenset[str]) -> str:
         """The channel of a new connection; empty: all that there can be are taken."""
@@ -247,7 +425,7 @@ class _Tcp(_Reading):
             self._tell(known, time_ns, Kind.REFUSED, sent)
             return
         if segment.payload and not known.open:
-            self._lost(known, "the capture lacks the beginning of a connection")
+            self._lost(known, LACKS_BEGINNING)
             return
         if not segment.payload and not syn & TCP_SYN:
             known.reached[sent] = segment.sequence
@@ -271,10 +449,16 @@ class _Tcp(_Reading):
             self._end(known, time_ns, sent)
 
     def _tell(
-        self, known: _Connection, time_ns: int, kind: Kind, sent: bool, data: bytes = b""
+        self,
+        known: _Connection,
+        time_ns: int,
+        kind: Kind,
+        sent: bool,
+        data: bytes = b"",
+        note: str = "",
     ) -> None:
         if known.channel:
-            self.add(time_ns, kind, sent, known.channel, data)
+            self.add(time_ns, kind, sent, known.channel, data, note)
 
     def _end(self, known: _Connection, time_ns: int, sent: bool) -> None:
         known.over = True
@@ -291,17 +475,8 @@ class _Tcp(_Reading):
         if any(known.streams[way].missing_before(at) for way, at in known.reached.items()):
             self._lost(known, LACKS_BYTES)
 
-    def finish(self) -> None:
-        for known in self._connections.values():
-            self._complete(known)
-            for sent, stream in known.streams.items():
-                for event in stream.flush():
-                    self._read(known, event, sent, self.last_ns)
 
-
-def _read(
-    reading: _Reading, path: str | os.PathLike[str], suite: Suite[Any], protocol: str
-) -> Captured:
+def _read(reading: _Reading, path: str | os.PathLike[str], suite: Suite[Any]) -> Captured:
     kinds = registry.dissectors()
     capture = CaptureReader(kinds, {})
     broken = 0
@@ -314,16 +489,22 @@ def _read(
         elif not capture.is_copy(packet, parsed) and not reading.take(parsed, packet.time_ns):
             capture.hints.add(packet, parsed)
     reading.finish()
-    _check_flows(reading, capture, kinds, path, protocol)
+    _check_flows(reading, capture, kinds, path)
+    of_all = []
     if capture.lost:
-        reading.lacks.append(f"the capturing program lost {capture.lost} packets")
+        of_all.append(f"the capturing program lost {capture.lost} packets")
     if broken:
-        reading.lacks.append("the capture cut packets before their ports")
-    found = _timeline(reading.events, reading.lacks)
-    if protocol == "UDP":
-        found.unsure = _unsure(found)
-    else:
+        of_all.append("the capture cut packets before their ports")
+    found = _timeline(reading.events, (*reading.lacks, *of_all))
+    found.strays = tuple(reading.strays)
+    if reading.protocol == "TCP":
         _leave_open(found, reading.ours, reading.last_ns)
+        return found
+    found.unsure = _unsure(found)
+    for part in reading.parts:
+        alone = _timeline([reading.events[n] for n in part.numbers], (*part.lacks, *of_all))
+        alone.unsure = _unsure(alone)
+        found.clients.append(Client(part.client, part.numbers, alone, suite.see(alone)))
     return found
 
 
@@ -332,13 +513,12 @@ def _check_flows(
     capture: CaptureReader,
     kinds: Iterable[Any],
     path: str | os.PathLike[str],
-    protocol: str,
 ) -> None:
     name = os.fspath(path)
     if not capture.packets:
         raise CaptureError(f"{name}: it has no packets")
     ports = " ".join(map(str, sorted(set(reading.ports.values()))))
-    where = f"{protocol} {ports}" + (f" of {reading.host}" if reading.host else "")
+    where = f"{reading.protocol} {ports}" + (f" of {reading.host}" if reading.host else "")
     if not reading.judged:
         flows = [*capture.hints.flows()]
         more = f" and {len(flows) - MOST_TOLD} more" if len(flows) > MOST_TOLD else ""
@@ -412,6 +592,58 @@ def _of_bus(suite: Suite[Any], path: str | os.PathLike[str]) -> Captured:
         )
     if capture.lost:
         lacks.append(f"the capturing program lost {capture.lost} packets")
+    found = _timeline(events, lacks)
+    found.unsure = _unsure(found)
+    return found
+
+
+def _of_device(suite: Suite[Any], path: str | os.PathLike[str], target: str) -> Captured:
+    """The reports of a device on USB or on a radio link."""
+    dissector = registry.FINDER.load(suite.dissector)({})
+    capture = CaptureReader((), {})
+    reports: dict[str, list[tuple[str, Message]]] = {}
+
+    def take(found: Found) -> None:
+        for each in found:
+            end = _REPORTS_OF.fullmatch(each.where)
+            if isinstance(each, Message) and end is not None:
+                reports.setdefault(end["device"], []).append((end["way"], each))
+
+    for packet in capture.read((path,), lambda packets, share: None):
+        capture.packets += 1
+        if packet.link_type in dissector.link_types:
+            take(dissector.feed(packet, ""))
+    take(dissector.finish())
+    name = os.fspath(path)
+    listed = ", ".join(reports)
+    device = target or next(iter(reports), "")
+    if not target and len(reports) > 1:
+        raise ConfigurationError(
+            "--target", f"{name} has several that can be judged: give one of {listed}"
+        )
+    ways = {way for way, _ in reports.get(device, ())}
+    if Direction.FROM_DEVICE.value not in ways:
+        of_it = f" of {target}" if target else ""
+        there = f"; there are those of {listed}" if listed else ""
+        raise ConfigurationError(
+            "--capture",
+            f"{name} has no reports{of_it} from {suite.judges} in {capture.packets} packets{there}",
+        )
+    return _of_reports(reports[device], dissector, capture.lost)
+
+
+def _of_reports(reports: list[tuple[str, Message]], dissector: Dissector, lost: int) -> Captured:
+    lacks = [f"the capturing program lost {lost} packets"] if lost else []
+    first = reports[0][1]
+    known = _USB_IDS.match(dissector.about(first.where))
+    opened = Event(0.0, Kind.OPENED, note=known.group() if known else "")
+    events = [(first.packet.time_ns, opened)]
+    for way, message in reports:
+        if message.decoded.fault == CUT:
+            lacks.append("the capture cut some of its reports")
+            continue
+        sent = way == Direction.TO_DEVICE.value
+        events.append((message.packet.time_ns, Event(0.0, Kind.DATA, sent, "", message.data)))
     found = _timeline(events, lacks)
     found.unsure = _unsure(found)
     return found

@@ -16,6 +16,10 @@ from scapy.layers.bluetooth import (
 from scapy.packet import Raw
 from scapy.utils import RawPcapWriter
 
+from cardan.conform import Level, registry
+from cardan.conform.run import captured, simulated
+from cardan.conform.timeline import Kind
+from cardan.errors import ConfigurationError
 from cardan_dissect import dissect_file
 
 HANDLE = 0x0B
@@ -73,6 +77,37 @@ def interrupt_in(text, cid=HOST_INTERRUPT):
 
 def interrupt_out(text, cid=REMOTE_INTERRUPT):
     return False, on(cid, b"\xa2" + bytes.fromhex(text))
+
+
+@pytest.mark.parametrize("fault", ["", "short-report"])
+def test_a_capture_of_a_remote_is_judged_as_the_run_was(fault, tmp_path):
+    suite = registry.load("wiimote")
+    report, timeline = simulated(suite, Level.HOLD, suite.faults([fault] if fault else []))
+    path = tmp_path / "radio.pcap"
+    writer = RawPcapWriter(str(path), linktype=201)
+    writer.write_header(b"")
+    begun = [(0.0, *each) for each in (CONNECTED, NAMED, *both_channels())]
+    reports = [
+        (each.time_s, *(interrupt_out if each.sent else interrupt_in)(each.data.hex()))
+        for each in timeline
+        if each.kind is Kind.DATA
+    ]
+    for time_s, to_host, packet in begun + reports:
+        seconds, us = divmod(round(time_s * 1e6), 10**6)
+        packet = struct.pack("!I", to_host) + packet
+        writer.write_packet(packet, sec=1_700_000_000 + seconds, usec=us)
+    writer.close()
+    found, _ = captured(suite, path)
+    compared = 0
+    for of_run, each in zip(report.results, found.results, strict=True):
+        unasked = each.said == "nobody asked for it in this capture"
+        if of_run.level <= Level.HOLD and not unasked:
+            assert each.outcome is of_run.outcome, (of_run, each)
+            compared += 1
+    assert compared >= 5
+    assert bool(found.failed) == bool(fault)
+    with pytest.raises(ConfigurationError, match="there are those of Wiimote 00:1f:32:ab:cd:ef"):
+        captured(suite, path, "Wiimote 00:00:00:00:00:00")
 
 
 @pytest.fixture

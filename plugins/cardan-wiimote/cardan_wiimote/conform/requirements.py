@@ -164,7 +164,7 @@ def what_wants_an_answer_gets_one(seen: WiimoteSeen) -> Verdict:
     ]
     acks = [each for each in seen.reports if isinstance(each.value, Ack)]
     wrong = []
-    ends = [*(each.time_s for each in seen.asked[1:]), math.inf]
+    ends = [*(each.time_s for each in seen.asked), math.inf][1:]
     nexts = dict(zip((each.number for each in seen.asked), ends, strict=True))
     for each in asked:
         found = [a for a in acks if a.number > each.number and a.time_s <= nexts[each.number]]

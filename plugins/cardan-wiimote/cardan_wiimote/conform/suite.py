@@ -26,6 +26,7 @@ class Wiimote(Suite[WiimoteSeen]):
     peer = "wiimote"
     requirements = requires.all()
     transport = Transport("other")
+    dissector = "wiimote"
     seconds = 1.2
     # While data come.
     tried_with: ClassVar[Mapping[str, float]] = {
