@@ -36,6 +36,9 @@ max_age_s = 0.5
 """
 PERIOD_S = 0.05
 
+TURNED = 10.0
+"""Pixels; a quarter of a turn moves it farther."""
+
 LEAST = 150
 """Dots of the picture that a neighbour covers at least."""
 
@@ -109,13 +112,15 @@ def purple(page, blank):
     return np.array(found, dtype=float).reshape(-1, 2) * (1.0, -1.0)
 
 
-def middle(page, blank):
-    """The middle of the neighbour, once it is drawn and rests in the picture."""
+def middle(page, blank, last):
+    """The middle of the neighbour, once it is drawn elsewhere than at the `last` place, and rests
+    in the picture."""
     end_s, before = time.monotonic() + WAIT_S, np.full(2, np.inf)
     while True:
         dots = purple(page, blank)
         here = dots.mean(axis=0) if len(dots) >= LEAST else np.full(2, np.inf)
-        if np.isfinite(here).all() and np.abs(here - before).max() < 1.0:
+        rests = np.isfinite(here).all() and np.abs(here - before).max() < 1.0
+        if rests and (last is None or np.linalg.norm(here - last) > TURNED):
             return here
         before = here
         assert time.monotonic() < end_s, f"{len(dots)} dots are a neighbour's, at {here}"
@@ -145,7 +150,7 @@ def test_a_neighbour_is_where_its_joint_states_have_it_and_grey_once_they_are_ol
         with contextlib.closing(Told(network)) as told:
             for deg in (0.0, 90.0, 180.0):
                 told.joints[0] = math.radians(deg)
-                seen.append(middle(page, blank))
+                seen.append(middle(page, blank, seen[-1] if seen else None))
         gone(page, blank)
     base = 0.5 * (seen[0] + seen[2])
     along, across = seen[0] - base, seen[1] - base

@@ -145,7 +145,7 @@ class Remote(BusDevice[RemoteCore]):
 
 class RemoteForce(Remote, HapticDevice):
     """One whose hand feels force. `cardan share` has the law that keeps it passive; here are the
-    newest command, and what is told of the hand."""
+    newest command, and the state that the hand's end has published."""
 
     _enabled = False
     _last = HapticState()

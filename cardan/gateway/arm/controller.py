@@ -498,8 +498,8 @@ class ArmController:
         return activity.driven or self.body.moving if streamed else not activity.idle
 
     def _observe(self, robot: RobotState) -> Reference | None:
-        """The reference that the measured TCP is compared with, which is told of it; None where
-        joints alone count."""
+        """Give the measured TCP to the reference that it is compared with, and return that; None
+        where joints alone count."""
         activity = self._activity
         if activity is None:
             reference = self.reference if self.hand is not None else None
