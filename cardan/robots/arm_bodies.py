@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 from cardan.common.arm_libraries import coal, np, npt, pin
 from cardan.robots.arm_model import ArmModel, Capsule, JointKind, Shape, SixWeights
@@ -80,5 +80,11 @@ def coal_shape(shape: Shape) -> tuple[Any, SE3]:
 def smallest_singular_value(jacobian: FloatArray, weights: SixWeights) -> float:
     """Of the motion of the TCP (1 rad counts as 0.3 m) by `jacobian` (6×n, TCP axes, linear part
     first) in the directions along TCP axes whose weight is above 0: 0 where the arm is singular."""
+    return float(smallest_singular_values(jacobian[None], weights)[0])
+
+
+def smallest_singular_values(jacobians: FloatArray, weights: SixWeights) -> FloatArray:
+    """That of each of several: (m×6×n) to (m,). Of one joint (m×6) will do, as Pinocchio gives."""
     followed = np.array(weights) > 0.0
-    return float(np.linalg.svd((WEIGHTS[:, None] * jacobian)[followed], compute_uv=False)[-1])
+    weighted = (WEIGHTS[:, None] * jacobians.reshape(len(jacobians), 6, -1))[:, followed]
+    return cast("FloatArray", np.linalg.svd(weighted, compute_uv=False)[:, -1])

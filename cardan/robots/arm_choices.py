@@ -12,7 +12,7 @@ from cardan.robots.arm_bodies import (
     FloatArray,
     coal_shape,
     pinocchio_model,
-    smallest_singular_value,
+    smallest_singular_values,
 )
 from cardan.robots.arm_model import ArmModel, JointKind
 
@@ -81,13 +81,9 @@ def bent_home(arm: ArmModel) -> tuple[float, ...]:
     postures = _postures(arm)
     model = pinocchio_model(arm)
     data, tcp = model.createData(), model.getFrameId("tcp")
-    bent = [
-        smallest_singular_value(
-            pin.computeFrameJacobian(model, data, q, tcp, pin.ReferenceFrame.LOCAL),
-            arm.task.weights,
-        )
-        for q in postures
-    ]
+    local = pin.ReferenceFrame.LOCAL
+    jacobians = [pin.computeFrameJacobian(model, data, q, tcp, local) for q in postures]
+    bent = smallest_singular_values(np.array(jacobians), arm.task.weights)
     order = sorted(range(len(postures)), key=lambda number: -bent[number])
     bodies = _Bodies(arm)
     found: list[int] = []

@@ -317,8 +317,8 @@ class RequestWorker:
                 self._under_way.remove(job)
                 if job.request.verb in _BEGINNING:
                     self._beginning.popleft()
-            # The session's collector is off for the loop's sake, and what was there before is
-            # frozen: only what requests leave behind is looked at here.
+            # The session's collector is off for the loop's sake, and what was there before is of
+            # the oldest generation: only what requests leave behind is looked at here.
             gc.collect(1)
 
     def _perform(self, job: _Job) -> None:

@@ -137,7 +137,6 @@ class Session:
             # costs milliseconds. All this comes before the robot is opened, because its
             # datagrams do not wait.
             gc.collect()
-            gc.freeze()
             gc.disable()
             try:
                 with using_driver(self._config.robot, "robot"):
@@ -149,7 +148,6 @@ class Session:
                 ending = self.snapshot.ending or "its robot is closed"
                 self._link.end(f"the session has ended: {ending}")
                 gc.enable()
-                gc.unfreeze()
         return self.snapshot
 
     def _loop(self, seconds: float) -> None:
