@@ -71,6 +71,7 @@ except ExtraMissingError as error:
 """
 
 
+@pytest.mark.matrix("pinocchio", "coal", "cardan_dissect0", "cbor2", "xxhash", "matplotlib.pyplot")
 @pytest.mark.parametrize(("package", "extra", "needs"), NEEDED, ids=[each[0] for each in NEEDED])
 def test_a_missing_package_is_named_with_what_installs_it(package, extra, needs):
     assert f"\n{extra} = [" in PROJECT

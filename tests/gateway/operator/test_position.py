@@ -255,6 +255,7 @@ def test_a_clutch_held_in_silence_does_not_count():
     assert "silent" in rig.core.status().message
 
 
+@pytest.mark.matrix("Frame.BASE", "Frame.TOOL")
 @pytest.mark.parametrize("frame", list(Frame))
 def test_a_slip_moves_neither_axes_nor_anything_later(frame):
     """A turn about another axis came before: a slip must not add up, nor turn into a motion."""
@@ -269,6 +270,7 @@ def test_a_slip_moves_neither_axes_nor_anything_later(frame):
     assert close(rig.turned, turned, 1e-6)
 
 
+@pytest.mark.matrix("rx", "ry")
 @pytest.mark.parametrize("axis", ["rx", "ry", "rz"])
 def test_long_turns_of_the_hand_are_long_turns_scaled(axis):
     rig = Rig(scale=(1.0, 1.0, 1.0, 0.5, 0.5, 0.5), slip_rad=1.5).engage()

@@ -208,6 +208,7 @@ def test_a_thin_wall_is_not_touched_slid_along_and_left_without_hesitation(polic
     assert (made.placement.translation - before)[0] < -0.95 * 0.1 * 0.5
 
 
+@pytest.mark.matrix("python")
 def test_bodies_that_stay_near_hide_none_that_comes():
     """More of them than have a row each, as many covers of two links beside each other are: nearer
     than is kept, and nothing that the arm does brings them nearer."""
