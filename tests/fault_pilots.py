@@ -18,7 +18,7 @@ from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.arm.vocab import Parameter, Stream
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions
-from cardan.gateway.session.assembly import make_arm
+from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.heartbeat import Heartbeat
 from cardan.types import CommandKind, DeviceLink, DeviceState, RobotCommand, RobotState

@@ -10,7 +10,7 @@ from cardan.errors import MotionRefusedError
 from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.verbs import ArmVerbs
-from cardan.gateway.session.assembly import make_arm
+from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.config import parse_config
 from cardan.robots import load_arm
 from cardan.sim_peers.egm_controller import EgmController, EgmControllerOptions, Mode

@@ -14,7 +14,8 @@ from cardan.gateway.arm.motion import Outcome
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.session.assembly import load_config, make_arm, make_controller
+from cardan.gateway.session.arm_assembly import make_arm
+from cardan.gateway.session.assembly import load_config, make_controller
 from cardan.robots import load_arm
 from cardan.types import DeviceLink, DeviceState
 from tests.drivers.motoros_rig import Rig

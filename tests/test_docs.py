@@ -25,6 +25,7 @@ from cardan.drivers.spacemouse import SpaceMouseCore, SpaceMouseOptions
 from cardan.errors import ConfigurationError
 from cardan.gateway.daemon.config import read_layout
 from cardan.gateway.session import assembly, config
+from cardan.gateway.session.driver_assembly import make_device
 from cardan.protocols import connexion, egm, simple_message as sm
 from cardan.sim_peers import registry as peers
 from cardan.types import Pose, Quaternion, Vector3
@@ -173,7 +174,7 @@ def test_errors_are_as_the_page_shows_them(tables):
 
     def make() -> None:
         parsed = config.parse_config({**drivers, **tables})
-        assembly.make_device(parsed)
+        make_device(parsed)
         assembly.make_filters(parsed)
 
     with pytest.raises(ConfigurationError) as caught:

@@ -20,7 +20,8 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError, MotionLoopError
 from cardan.gateway.bus.remote import RemoteCartesianDevice
-from cardan.gateway.session.assembly import load_config, load_haptic
+from cardan.gateway.session.assembly import load_config
+from cardan.gateway.session.force_assembly import load_haptic
 from cardan.gateway.session.subprocesses import launched
 from tests.gateway.servers.test_rosbridge_judges import installed
 from tests.serving import free_endpoint, free_tcp_port

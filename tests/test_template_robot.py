@@ -15,7 +15,7 @@ import pytest
 from cardan.errors import CommandError
 from cardan.gateway.motion.reference import ReferenceLimits
 from cardan.gateway.operator.mapping import MappingOptions
-from cardan.gateway.session.assembly import make_arm
+from cardan.gateway.session.arm_assembly import make_arm
 from cardan.gateway.session.config import parse_config
 from cardan.sim_peers.link import FaultyLink
 from cardan.types import (

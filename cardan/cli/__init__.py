@@ -263,7 +263,8 @@ def run(
     log_level: Level = None,
 ) -> None:
     """Join the device and the robot of a file, until Ctrl-C."""
-    from cardan.gateway.session.assembly import cautions, load_config
+    from cardan.gateway.session.assembly import load_config
+    from cardan.gateway.session.cautions import cautions
     from cardan.gateway.session.recorded import recorded, why_incomplete
     from cardan.gateway.session.supervisor import supervise
     from cardan.gateway.session.terminal_view import SessionView, summary
@@ -332,7 +333,9 @@ def check(file: ConfigFile, as_json: AsJson = False) -> None:
     Of a session or of the daemon; says what it would do."""
     from cardan.common.tables import read_toml
     from cardan.gateway.daemon.config import is_of_daemon, read_layout
-    from cardan.gateway.session.assembly import cautions, disagreements, load_config
+    from cardan.gateway.session.arm_assembly import disagreements
+    from cardan.gateway.session.assembly import load_config
+    from cardan.gateway.session.cautions import cautions
 
     if is_of_daemon(read_toml(file)):
         layout = checked(read_layout([file]))
@@ -423,7 +426,7 @@ def _parts(config: SessionConfig) -> Iterator[tuple[str, str]]:
 
 def _moved_by_verbs(config: SessionConfig) -> str:
     """What moves the arm of a session without a device."""
-    from cardan.gateway.session.assembly import why_no_verbs
+    from cardan.gateway.session.arm_assembly import why_no_verbs
 
     if why := why_no_verbs(config):
         return f"NOTHING: {why}"
@@ -532,7 +535,7 @@ def force(
 ) -> None:
     """Be the force node of a session in another process: read its robot's states, and send it the
     forces that the \\[force] and [\\[fixtures]] of FILE make of them. Prints READY once it does."""
-    from cardan.gateway.session.assembly import load_force
+    from cardan.gateway.session.force_assembly import load_force
     from cardan.gateway.session.force_node import run_force_node
 
     begin_serving(verbose, log_level)
@@ -552,7 +555,7 @@ def haptic(
     """Serve a haptic device to ROS 2 without an arm: publish its pose and buttons, and render the
     feedback that programs publish. Of FILE it reads \\[device] and \\[network]. Prints READY and
     the name of its node once it serves."""
-    from cardan.gateway.session.assembly import load_haptic
+    from cardan.gateway.session.force_assembly import load_haptic
     from cardan.gateway.session.haptic_session import serve_haptic
 
     begin_serving(verbose, log_level)

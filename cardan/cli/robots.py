@@ -215,7 +215,7 @@ def show(
 ) -> None:
     """Show an arm: its joints with their limits, its reach, home and TCP, its bodies, and what is
     to be looked at."""
-    from cardan.gateway.session.assembly import arm_cautions
+    from cardan.gateway.session.cautions import arm_cautions
     from cardan.own_arm.tried import pairs_watched, reach_of
     from cardan.robots import load_arm
 

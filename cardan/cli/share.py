@@ -61,7 +61,7 @@ def share(
     The driver there is `remote`. Prints READY and the topic once it does."""
     from cardan.common.serving import interruptible
     from cardan.gateway.bus.sharing import SharedConfig, ShareOptions, share_until
-    from cardan.gateway.session.assembly import make_device
+    from cardan.gateway.session.driver_assembly import make_device
 
     begin_serving(verbose, log_level)
     table = _table(device)
@@ -87,7 +87,7 @@ def _table(given: str) -> DriverTable:
     """The table of a driver: of a file, or with its defaults."""
     from cardan.drivers import registry
     from cardan.gateway.bus.sharing import SharedConfig
-    from cardan.gateway.session.assembly import read_part
+    from cardan.gateway.session.config import read_part
 
     path = Path(given)
     if path.suffix == ".toml" or path.exists():

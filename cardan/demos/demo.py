@@ -22,8 +22,8 @@ from cardan.demos.peers import Peers
 from cardan.demos.unattended import check_unattended, check_words
 from cardan.drivers.haptic import HapticDevice
 from cardan.errors import ConfigurationError, DriverError
-from cardan.gateway.session.assembly import make_device
 from cardan.gateway.session.config import SessionConfig, parse_config
+from cardan.gateway.session.driver_assembly import make_device
 from cardan.gateway.session.session import EXIT_OK, STOPPED_ON_REQUEST
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.subprocesses import READY_WITHIN_S

@@ -17,7 +17,7 @@ from cardan.drivers.base import Driver, FoundDevice
 from cardan.errors import CardanError
 from cardan.gateway.daemon.config import DaemonOptions, FaceEntry, Layout, SessionEntry
 from cardan.gateway.servers import registry as face_registry
-from cardan.gateway.session.assembly import make_driver
+from cardan.gateway.session.driver_assembly import make_driver
 
 COMMAND_S: Final = 3.0
 """Longest wait for another program's answer."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from cardan.doctor.base import NOTHING, Check, Finding, Subject, caution, failure, good
 from cardan.errors import CardanError, ConfigurationError
 from cardan.gateway.daemon.config import Layout, read_layout
-from cardan.gateway.session.assembly import cautions
+from cardan.gateway.session.cautions import cautions
 
 GROUP = "files"
 

@@ -14,7 +14,7 @@ from cardan.common.tables import as_toml, parse_toml, read_table
 from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError, about, shown
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.session.assembly import arm_cautions
+from cardan.gateway.session.cautions import arm_cautions
 from cardan.own_arm.ends import which_end
 from cardan.robots import ArmModel, arm_names, load_arm
 from cardan.robots.arm_chain import chain_of

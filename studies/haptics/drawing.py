@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.demos.demo import choose_demo, find_problems, simulated_hardware
-from cardan.gateway.session.assembly import make_device
+from cardan.gateway.session.driver_assembly import make_device
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import supervise
 

@@ -20,7 +20,8 @@ from cardan.drivers.remote.shared import (
 from cardan.drivers.ros2_nodes.core import MOST_BYTES
 from cardan.errors import DeviceNotFoundError, OptionError
 from cardan.gateway.bus.sharing import LEASE_S, ShareCore, ShareOptions
-from cardan.gateway.session.assembly import cautions, checked_config
+from cardan.gateway.session.assembly import checked_config
+from cardan.gateway.session.cautions import cautions
 from cardan.types import (
     NEUTRAL,
     ButtonEvent,

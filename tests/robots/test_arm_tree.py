@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.gateway.kinematics.arm import ArmKinematics
-from cardan.gateway.session.assembly import arm_cautions as cautions
+from cardan.gateway.session.cautions import arm_cautions as cautions
 from cardan.robots import Box, limits_in, load_arm
 from cardan.robots.arm_chain import chain_of
 from cardan.robots.arm_file import ArmFile

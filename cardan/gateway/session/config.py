@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from cardan.common import bounds
 from cardan.common.bounds import Angles, Coordinate, Direction
 from cardan.common.options import Options
-from cardan.common.tables import read_table
+from cardan.common.places import in_file
+from cardan.common.tables import keys_of, read_table, read_toml, resolved
 from cardan.drivers.registry import DriverTable
 from cardan.errors import ConfigurationError, OptionError
 from cardan.gateway.arm.arrival import ArrivalOptions
@@ -37,6 +39,8 @@ from cardan.gateway.servo.options import Policy, ServoOptions
 from cardan.robots import SolidTable
 from cardan.spatial import from_euler_zyx
 from cardan.types import Pose, Vector3
+
+Part = TypeVar("Part")
 
 LONGEST_STOP_S = 0.5
 """An arm that needs longer to stop goes on for more than its operator expects: at 0.25 m/s it
@@ -294,3 +298,11 @@ def parse_config(table: Mapping[str, Any], from_file: bool = True) -> SessionCon
     Not `from_file`: it comes from another program, with what only programs set.
     """
     return read_table(SessionConfig, table, from_file=from_file)
+
+
+def read_part(kind: type[Part], path: Path) -> Part:
+    """The tables of a file that `kind` has; all others may be anything."""
+    keys = keys_of(kind)
+    with in_file(path):
+        tables = {key: each for key, each in read_toml(path).items() if key in keys}
+        return read_table(kind, resolved(kind, tables, path))

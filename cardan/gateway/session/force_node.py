@@ -29,8 +29,8 @@ from cardan.gateway.force.link import (
     encode_force,
 )
 from cardan.gateway.force.sources import ForceSource, PointVelocity
-from cardan.gateway.session.assembly import make_conditioner, make_source
 from cardan.gateway.session.config import ForceConfig
+from cardan.gateway.session.force_assembly import make_conditioner, make_source
 from cardan.spatial import add, norm
 from cardan.types import ZERO3
 

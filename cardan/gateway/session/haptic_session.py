@@ -27,8 +27,8 @@ from cardan.gateway.force.input import FADE_IN_S
 from cardan.gateway.force.lease import LEASE_S
 from cardan.gateway.force.network import PublishedFeedback
 from cardan.gateway.force.servo_on import ForceEnabling
-from cardan.gateway.session.assembly import make_device
 from cardan.gateway.session.config import HapticConfig
+from cardan.gateway.session.driver_assembly import make_device
 from cardan.spatial import scale
 from cardan.types import NEVER_S, Vector3
 

@@ -31,14 +31,10 @@ from cardan.gateway.force.rendering import ForceRenderer
 from cardan.gateway.operator.feedback import Felt, HandFeedback
 from cardan.gateway.operator.filters import registry as filter_registry
 from cardan.gateway.operator.filters.base import TwistFilter
-from cardan.gateway.session.assembly import (
-    check_buttons,
-    check_mode,
-    has_output,
-    using_driver,
-)
+from cardan.gateway.session.assembly import check_buttons, check_mode, has_output
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.device_sharing import GIVE, TAKE, DeviceLease
+from cardan.gateway.session.driver_assembly import using_driver
 from cardan.gateway.session.heartbeat import BEAT, Heartbeat
 from cardan.gateway.session.request_worker import ChannelClient, RequestWorker
 from cardan.gateway.session.snapshot import BOUNDS_S, Snapshot

@@ -17,7 +17,8 @@ from cardan.errors import (
 from cardan.gateway.arm.authority import VERBS
 from cardan.gateway.arm.remote_arm import RemotePacketArm
 from cardan.gateway.arm.requests import Request, decode_answer
-from cardan.gateway.session.assembly import load_config, why_no_verbs
+from cardan.gateway.session.arm_assembly import why_no_verbs
+from cardan.gateway.session.assembly import load_config
 from cardan.gateway.session.config import SessionConfig
 from cardan.gateway.session.session import EXIT_CANNOT_OPEN, EXIT_CONFIGURATION
 from cardan.gateway.session.snapshot import Snapshot

@@ -32,18 +32,12 @@ from cardan.gateway.arm.link import LoopLink
 from cardan.gateway.arm.loop import ArmLoop, Cycle
 from cardan.gateway.arm.states import Inhibit
 from cardan.gateway.force.rendering import ForceRenderer
-from cardan.gateway.session.assembly import (
-    make_controller,
-    make_device,
-    make_force,
-    make_neighbours,
-    make_network,
-    make_robot,
-    make_verbs,
-    using_driver,
-)
+from cardan.gateway.session.arm_assembly import make_neighbours
+from cardan.gateway.session.assembly import make_controller, make_network, make_robot, make_verbs
 from cardan.gateway.session.config import SessionConfig, parse_config
 from cardan.gateway.session.device_sharing import DeviceLease
+from cardan.gateway.session.driver_assembly import make_device, using_driver
+from cardan.gateway.session.force_assembly import make_force
 from cardan.gateway.session.parts import (
     Feedback,
     Figures,

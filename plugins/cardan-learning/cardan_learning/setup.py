@@ -19,15 +19,10 @@ from cardan.gateway.arm.interface import CartesianArm
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.force.tables import NoForceTable
 from cardan.gateway.operator.mapping import GripperOptions, MappingOptions
-from cardan.gateway.session.assembly import (
-    check_mode,
-    check_parts,
-    has_output,
-    make_driver,
-    make_robot,
-    why_no_verbs,
-)
+from cardan.gateway.session.arm_assembly import why_no_verbs
+from cardan.gateway.session.assembly import check_mode, check_parts, has_output, make_robot
 from cardan.gateway.session.config import LimitsTable, SessionConfig, parse_config
+from cardan.gateway.session.driver_assembly import make_driver
 from cardan.robots import load_arm
 from cardan.types import IDENTITY_POSE, Vector3
 from cardan_learning.features import ActionKind, action_kind, reference_of

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from cardan.gateway.session.assembly import load_haptic
+from cardan.gateway.session.force_assembly import load_haptic
 from cardan.gateway.session.haptic_session import PERIOD_S
 from cardan.types import Vector3
 from cardan_omni.driver.limits import TickLimits

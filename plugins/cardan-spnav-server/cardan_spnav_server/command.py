@@ -37,7 +37,8 @@ def spnav(
     As spacenavd does: version 0
     and 1 of its protocol. Prints READY and the socket's path once it serves."""
     from cardan.drivers.spacemouse import SpaceMouse, SpaceMouseOptions
-    from cardan.gateway.session.assembly import make_device, read_part
+    from cardan.gateway.session.config import read_part
+    from cardan.gateway.session.driver_assembly import make_device
     from cardan_spnav_server import SpnavServerOptions, serve_device
     from cardan_spnav_server.config import ServedConfig
 

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 from cardan.gateway.arm import CartesianArm, CartesianDevice, ControllerOptions
 from cardan.gateway.bus.remote import RemoteCartesianDevice
-from cardan.gateway.session.assembly import make_driver
 from cardan.gateway.session.config import SessionConfig, parse_config
+from cardan.gateway.session.driver_assembly import make_driver
 from cardan.gateway.session.session import make_session
 from tests.serving import PATIENT, free_endpoint
 

@@ -11,8 +11,8 @@ from cardan.gateway.bus.options import NetworkOptions
 from cardan.gateway.force.conditioning import Conditioning
 from cardan.gateway.force.lease import LEASE_S
 from cardan.gateway.force.network import NetworkSource, PublishedFeedback
-from cardan.gateway.session.assembly import make_source
 from cardan.gateway.session.config import ForceConfig, parse_config
+from cardan.gateway.session.force_assembly import make_source
 from cardan.types import Frame, Vector3
 from tests.gateway.force.fakes import PERIOD_S, robot_state
 from tests.gateway.force.test_rendering import SHIFTED, SPHERE, Rig

@@ -13,8 +13,10 @@ from cardan.common.tables import read_table
 from cardan.drivers import registry
 from cardan.drivers.base import RobotDriver
 from cardan.errors import ConfigurationError
-from cardan.gateway.session.assembly import make_device, make_force, make_robot
+from cardan.gateway.session.assembly import make_robot
 from cardan.gateway.session.config import ForceConfig, parse_config
+from cardan.gateway.session.driver_assembly import make_device
+from cardan.gateway.session.force_assembly import make_force
 from cardan.gateway.session.force_node import run_force_node
 from cardan.gateway.session.parts import Forces
 from cardan.gateway.session.session import make_session

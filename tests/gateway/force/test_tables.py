@@ -7,8 +7,8 @@ import pytest
 from cardan.common.tables import as_table
 from cardan.errors import ConfigurationError
 from cardan.gateway.force.sources import ContactSource, MeasuredSource, SensorSource
-from cardan.gateway.session.assembly import load_force, make_source
 from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.force_assembly import load_force, make_source
 from tests.gateway.force.fakes import FakeSensor
 
 BASE = {

@@ -12,7 +12,8 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.arm.arm_body import ArmBody
 from cardan.gateway.arm.status import Phase
 from cardan.gateway.servo.compiled import CompiledServo
-from cardan.gateway.session.assembly import make_arm, make_controller, make_robot
+from cardan.gateway.session.arm_assembly import make_arm
+from cardan.gateway.session.assembly import make_controller, make_robot
 from cardan.gateway.session.config import parse_config
 from cardan.spatial import rotate, rotation_between
 from cardan.types import (

@@ -15,7 +15,8 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.arm.options import ControllerOptions
 from cardan.gateway.arm.verbs import ArmVerbs
 from cardan.gateway.kinematics.collision import Obstacle
-from cardan.gateway.session.assembly import cautions, load_config
+from cardan.gateway.session.assembly import load_config
+from cardan.gateway.session.cautions import cautions
 from cardan.gateway.session.scene import surroundings
 from cardan.robots import Box, load_arm
 from cardan.types import Vector3

@@ -9,14 +9,9 @@ from hypothesis import given, settings, strategies as st
 from cardan.common.tables import as_table
 from cardan.errors import ConfigurationError
 from cardan.gateway.operator.mapping import GripperAction, Orientation
-from cardan.gateway.session.assembly import (
-    check_mode,
-    load_config,
-    make_device,
-    make_filters,
-    make_robot,
-)
+from cardan.gateway.session.assembly import check_mode, load_config, make_filters, make_robot
 from cardan.gateway.session.config import parse_config
+from cardan.gateway.session.driver_assembly import make_device
 from cardan.types import Frame
 from tests.examples import examples
 

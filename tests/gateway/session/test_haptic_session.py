@@ -6,7 +6,7 @@ from cardan.common.haptics import FeedbackLimits, OperatingState
 from cardan.drivers.ihaptic import IHapticDevice
 from cardan.errors import ConfigurationError
 from cardan.gateway.force.lease import LEASE_S
-from cardan.gateway.session.assembly import load_haptic
+from cardan.gateway.session.force_assembly import load_haptic
 from cardan.gateway.session.haptic_session import PERIOD_S, LoneFeedback
 from cardan.types import ZERO3, Vector3
 from tests.gateway.force.fakes import FakeHaptic

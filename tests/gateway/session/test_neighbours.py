@@ -19,15 +19,13 @@ from cardan.gateway.bus.neighbours import MAX_BYTES, MESSAGES_AT_ONCE
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.collision import CollisionModel
 from cardan.gateway.servo import choice
-from cardan.gateway.session.assembly import (
-    cautions,
+from cardan.gateway.session.arm_assembly import (
     disagreements,
-    make_controller,
     make_neighbour_bodies,
     make_neighbours,
-    make_robot,
-    make_verbs,
 )
+from cardan.gateway.session.assembly import make_controller, make_robot, make_verbs
+from cardan.gateway.session.cautions import cautions
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.scene import surroundings
 from cardan.protocols.ros2.cdr import codec_of

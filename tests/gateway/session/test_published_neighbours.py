@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
 from cardan.gateway.arm.status import Phase
-from cardan.gateway.session.assembly import cautions
+from cardan.gateway.session.cautions import cautions
 from tests.gateway.session.test_neighbours import REST, SAFETY_M, Between, Session
 from tests.published_arms import INSTALL, TWO_ARMS, folder_of
 

@@ -14,7 +14,7 @@ from cardan.gateway.bus.arm_topics import ArmNames
 from cardan.gateway.bus.options import NetworkOptions
 from cardan.gateway.kinematics.arm import ArmKinematics
 from cardan.gateway.kinematics.reach import tcp_range_m
-from cardan.gateway.session.assembly import make_neighbour_bodies
+from cardan.gateway.session.arm_assembly import make_neighbour_bodies
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.network import SessionNetwork
 from cardan.gateway.session.scene import surroundings

@@ -1,0 +1,384 @@
+"""Makes the body of a session's arm, with the obstacles and neighbours around it."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+from cardan.common.options import suggestion
+from cardan.drivers.base import RobotDriver
+from cardan.errors import ConfigurationError
+from cardan.gateway.arm.controller import ArmController
+from cardan.gateway.operator.mapping import AXES
+from cardan.gateway.servo.kernel_layout import MAX_PAIRS, MAX_SHAPES
+from cardan.gateway.servo.options import ServoOptions
+from cardan.gateway.session.config import ArmTable, NeighbourTable, ObstacleTable, SessionConfig
+from cardan.robots import ArmModel, load_arm
+from cardan.robots.urdf import ARM_BASE, read_tree
+from cardan.spatial import compose, inverse, norm, scale, to_rotation_vector
+from cardan.types import IDENTITY_POSE, Pose, RobotCapabilities, Vector3
+
+if TYPE_CHECKING:
+    from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.arm.neighbours import NeighbourBodies
+    from cardan.gateway.bus.neighbours import ArmNeighbours
+    from cardan.gateway.kinematics.arm import ArmKinematics
+    from cardan.gateway.kinematics.base import Kinematics
+    from cardan.gateway.kinematics.collision import CollisionModel, Obstacle
+
+SAME_BASE_M, SAME_BASE_RAD = 1e-3, 2e-3
+"""Two sessions mean one place by bases that differ by less."""
+
+FREE_JOINTS = 6
+"""Joints of an arm without redundancy. One with more has a posture to choose: its home."""
+
+
+def why_no_verbs(config: SessionConfig) -> str:
+    """Why no verbs and streams can move a session's arm; empty where they can."""
+    if config.arm is None:
+        return "verbs and streams need an [arm], with the model of the arm; this session has none"
+    from cardan.gateway.kinematics.soft_neck import SOFT_NECKS
+
+    if config.arm.model in SOFT_NECKS:
+        return f"verbs and streams need an arm of rigid links, which {config.arm.model} is not"
+    return ""
+
+
+def has_rigid_arm(config: SessionConfig) -> bool:
+    """Whether a session has the model of an arm of rigid links."""
+    return not why_no_verbs(config)
+
+
+def make_neighbours(
+    config: SessionConfig, robot: RobotDriver, controller: ArmController
+) -> ArmNeighbours | None:
+    """What hears the neighbours of a session's arm, not open yet; None without any."""
+    if not config.neighbours:
+        return None
+    from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.arm.neighbours import NeighbourWatch
+    from cardan.gateway.bus.neighbours import ArmNeighbours
+
+    body = controller.body
+    assert isinstance(body, ArmBody)
+    watches = [
+        NeighbourWatch(each, table.topic, table.max_age_s)
+        for table, each in zip(config.neighbours, body.neighbours, strict=True)
+    ]
+    return ArmNeighbours(watches, controller, robot.capabilities.period_s)
+
+
+def make_arm(config: SessionConfig, robot: RobotDriver) -> ArmBody | None:
+    """The body of a session's arm; None without an ``[arm]`` table.
+
+    Where the robot's driver has limits of its own, the stricter of both hold. Pinocchio is only
+    imported here: sessions without an arm's model start without it.
+    """
+    table = config.arm
+    if table is None:
+        return None
+    from cardan.common.arm_libraries import np
+    from cardan.gateway.arm.arm_body import ArmBody
+    from cardan.gateway.kinematics.arm import ArmKinematics
+    from cardan.gateway.kinematics.soft_neck import SOFT_NECKS, SoftNeck, load_soft_neck
+    from cardan.gateway.servo.choice import choose_servo
+
+    kinematics: Kinematics
+    arm, collision, posture = None, None, None
+    neighbours = make_neighbour_bodies(config)
+    try:
+        if table.model in SOFT_NECKS:
+            kinematics, weights = SoftNeck(load_soft_neck(table.model)), SoftNeck.TASK
+            if table.tool() != IDENTITY_POSE or config.obstacles or neighbours:
+                raise ConfigurationError(
+                    "", f"{table.model} takes neither tool nor obstacles nor neighbours"
+                )
+        else:
+            model = own_model(config)
+            kinematics = arm = ArmKinematics(model, table.tool())
+            weights = model.task.weights
+            if (config.obstacles or neighbours) and not table.i_accept_links_without_bodies:
+                model.require_bodies("")
+            if len(model.joints) > FREE_JOINTS:
+                posture = np.array(model.home)
+    except ConfigurationError as error:
+        raise ConfigurationError("arm.model", str(error)) from None
+    if arm is not None and table.collisions:
+        collision = make_collision_model(config, arm, neighbours)
+        _check_count(collision, bool(neighbours))
+    able = robot.capabilities
+    if able.joints != kinematics.joints:
+        raise ConfigurationError(
+            "arm.model",
+            f"{table.model!r} has {kinematics.joints} joints, the robot as configured "
+            f"{able.joints}",
+        )
+    _check_joints(config, kinematics.names)
+    _take_limits(kinematics, able)
+    servo = choose_servo(kinematics, collision, _servo_options(table), weights)
+    servo.posture = posture
+    body = ArmBody(
+        servo,
+        able.commands,
+        able.lag_s,
+        tcp_tolerance_m=table.tcp_tolerance_m,
+        neighbours=neighbours,
+    )
+    for index, each in enumerate(neighbours):
+        body.place_neighbour(index, each.model.home, [0.0] * len(each.shapes))
+    return body
+
+
+def own_topic(config: SessionConfig, name: str) -> str:
+    """The absolute name of a topic that a session's node calls `name`; empty without a network."""
+    return "" if config.network is None else config.network.absolute(name)
+
+
+def disagreements(sessions: Mapping[str, SessionConfig]) -> list[str]:
+    """Where sessions of one daemon say of their neighbours what these do not say of themselves."""
+    by_topic = {own_topic(each, "joint_states"): name for name, each in sessions.items()}
+    found = []
+    for name, config in sessions.items():
+        for index, table in enumerate(config.neighbours):
+            key = f"{name}: neighbours.{index}"
+            topic = own_topic(config, table.topic)
+            if topic not in by_topic:
+                # It may be an arm that no session of ours moves.
+                found += [
+                    f"{key}.topic: no session here publishes {topic}; did you mean {near!r}?"
+                    for near in difflib.get_close_matches(topic, by_topic, 1, 0.9)
+                ]
+                continue
+            other = by_topic[topic]
+            arm = sessions[other].arm
+            if arm is None:
+                continue
+            who = f"the session {other!r}"
+            if arm.model != table.model:
+                found.append(f"{key}.model: is {table.model!r}, and {who} has {arm.model!r}")
+            if arm.acceleration_share < table.acceleration_share:
+                found.append(
+                    f"{key}.acceleration_share: is {table.acceleration_share:g}, and {who} has "
+                    f"{arm.acceleration_share:g}: it stops later than is expected here"
+                )
+            back = [
+                number
+                for number, each in enumerate(sessions[other].neighbours)
+                if _is_of(sessions, other, each, name)
+            ]
+            if not back:
+                found.append(
+                    f"{key}: {who} has no neighbour for this arm, and may drive into it: add one"
+                )
+            elif name < other and (
+                away := _apart(_base_of(config, index), _base_of(sessions[other], back[0]))
+            ):
+                found.append(
+                    f"{key}.base_xyz_m: by where {who} has this arm's base, the two bases are "
+                    f"{away[0] * 1e3:.0f} mm and {math.degrees(away[1]):.1f} degrees off: each is "
+                    "given in the other's frame"
+                )
+    return found
+
+
+def _is_of(
+    sessions: Mapping[str, SessionConfig], own: str, table: NeighbourTable, other: str
+) -> bool:
+    """Whether a neighbour of the session `own` is the arm of `other`."""
+    return own_topic(sessions[own], table.topic) == own_topic(sessions[other], "joint_states")
+
+
+def _base_of(config: SessionConfig, index: int) -> Pose:
+    """Of the arm of ``[[neighbours]]`` number `index`, in the base of a session's arm."""
+    table = config.neighbours[index]
+    given = table.base()
+    if given is not None or not has_rigid_arm(config):
+        return given or IDENTITY_POSE
+    assert config.arm is not None
+    model = load_arm(config.arm.model, "arm.model")
+    own, theirs = (read_tree(each.urdf).fixed_links() for each in (model, load_arm(table.model)))
+    common = [link for link in own if link in theirs]
+    common = [link for link in common if link.rstrip("_") != ARM_BASE] or common
+    key = f"neighbours.{index}.base_xyz_m"
+    if not common:
+        raise ConfigurationError(
+            key,
+            f"is missing: {config.arm.model!r} and {table.model!r} have no link in common that "
+            "neither moves, as arms of one robot have; say where its base is",
+        )
+    found = compose(own[common[0]], inverse(theirs[common[0]]))
+    for link in common[1:]:
+        away = _apart(found, compose(theirs[link], inverse(own[link])))
+        if away is not None:
+            raise ConfigurationError(
+                key,
+                f"is missing: {config.arm.model!r} and {table.model!r} hold joints between "
+                f"{common[0]!r} and {link!r} differently, by {away[0] * 1e3:.0f} mm and "
+                f"{math.degrees(away[1]):.1f} degrees: give both files the same [hold], or say "
+                "where its base is",
+            )
+    return found
+
+
+def _apart(one: Pose, other: Pose) -> tuple[float, float] | None:
+    """How far two bases, each in the other, are from being inverse: m and rad; None: they are."""
+    closed = compose(one, other)
+    away = norm(closed.position), norm(to_rotation_vector(closed.orientation))
+    return away if away[0] > SAME_BASE_M or away[1] > SAME_BASE_RAD else None
+
+
+def make_neighbour_bodies(config: SessionConfig) -> list[NeighbourBodies]:
+    """The bodies of the arms of ``[[neighbours]]``."""
+    if not config.neighbours or config.arm is None:
+        return []
+    from cardan.gateway.arm.neighbours import NeighbourBodies
+
+    own: set[str] = set()
+    if has_rigid_arm(config):
+        own |= set(load_arm(config.arm.model, "arm.model").joint_names)
+    heard = {own_topic(config, "joint_states"): ("this session's own arm", own)}
+    found = []
+    for index, table in enumerate(config.neighbours):
+        key = f"neighbours.{index}.model"
+        model = load_arm(table.model, key)
+        joints = set(model.joint_names)
+        if table.base_xyz_m is None and joints <= own:
+            raise ConfigurationError(
+                f"neighbours.{index}.base_xyz_m",
+                f"is missing: the joints of {table.model!r} are this arm's own, so it is no other "
+                "arm of the same robot; say where its base is",
+            )
+        if table.base_xyz_m is None and joints & own:
+            both = [name for name in model.joint_names if name in own]
+            link = read_tree(model.urdf).joints[both[-1]].child
+            raise ConfigurationError(
+                key,
+                f"{table.model!r} and this arm both move {', '.join(both)}, and each would know "
+                f"where it is by its own session alone: let both hold it, with base = {link!r} in "
+                "their .toml files",
+            )
+        topic = own_topic(config, table.topic)
+        who, theirs = heard.setdefault(topic, (f"the neighbour {table.name!r}", joints))
+        if theirs is not joints and joints <= theirs:
+            raise ConfigurationError(
+                f"neighbours.{index}.topic",
+                f"{topic} is that of {who}, whose joints have the same names: name the topic on "
+                f"which {table.name!r} alone is published",
+            )
+        if not config.arm.i_accept_links_without_bodies:
+            model.require_bodies(key)
+        made = NeighbourBodies(
+            table.name,
+            model,
+            _base_of(config, index),
+            table.acceleration_share,
+            one_robot=table.base_xyz_m is None,
+        )
+        if not made.shapes:
+            raise ConfigurationError(key, f"no link of {table.model!r} that moves has a body")
+        found.append(made)
+    return found
+
+
+def own_model(config: SessionConfig) -> ArmModel:
+    """Of a session's rigid arm, without the links of the same robot that a neighbour moves."""
+    assert config.arm is not None
+    model = load_arm(config.arm.model)
+    for each in config.neighbours:
+        if each.base_xyz_m is None:
+            model = model.without(load_arm(each.model))
+    return model
+
+
+def make_collision_model(
+    config: SessionConfig, arm: ArmKinematics, neighbours: Sequence[NeighbourBodies]
+) -> CollisionModel:
+    """Of a session's arm, of the obstacles around it, and of its neighbours."""
+    from cardan.gateway.kinematics.collision import CollisionModel
+
+    ignored = set()
+    for index, (table, each) in enumerate(zip(config.neighbours, neighbours, strict=True)):
+        own = [shape.name for shape in arm.arm.shapes if shape.body > 0]
+        theirs = [shape.name for shape in each.model.shapes]
+        for pair in table.ignore:
+            for name, known, what in zip(
+                pair, (own, theirs), ("this arm that moves", f"{table.model!r}"), strict=True
+            ):
+                if name not in known:
+                    raise ConfigurationError(
+                        f"neighbours.{index}.ignore",
+                        f"there is no body {name!r} of {what}; allowed: "
+                        f"{', '.join(dict.fromkeys(known))}" + suggestion(name, known),
+                    )
+            ignored.add((each.label(pair[1]), pair[0]))
+    return CollisionModel(
+        arm,
+        [make_obstacle(each) for each in config.obstacles],
+        movers=[each.shapes for each in neighbours],
+        ignored=ignored,
+    )
+
+
+def _check_count(collision: CollisionModel, neighbours: bool) -> None:
+    for count, most, what in (
+        (len(collision.solids), MAX_SHAPES, "bodies"),
+        (len(collision.pairs), MAX_PAIRS, "pairs of bodies"),
+    ):
+        if neighbours and count > most:
+            raise ConfigurationError(
+                "neighbours",
+                f"with them there are {count} {what} to keep apart, and at most {most} can be: set "
+                'fit = "coarse" in [collision] of the arms\' .toml files, or leave some out',
+            )
+
+
+def _servo_options(table: ArmTable) -> ServoOptions:
+    return ServoOptions(
+        policy=table.policy,
+        speed_share=table.speed_share,
+        acceleration_share=table.acceleration_share,
+        safety_distance_m=table.safety_distance_m,
+    )
+
+
+def _check_joints(config: SessionConfig, names: tuple[str, ...]) -> None:
+    mapping = config.mapping
+    for axis, joint in mapping.joints.items():
+        if joint not in names:
+            raise ConfigurationError(
+                f"mapping.joints.{axis}",
+                f"there is no joint {joint!r}; allowed: {', '.join(names)}"
+                + suggestion(joint, names),
+            )
+        index = AXES.index(axis.removeprefix("-"))
+        if any(source.removeprefix("-") == AXES[index] for source in mapping.axes):
+            raise ConfigurationError(
+                f"mapping.joints.{axis}",
+                f"the axis drives {AXES[index]} as well: name it in mapping.axes no more, "
+                'with "fixed" in its place',
+            )
+
+
+def _take_limits(kinematics: Kinematics, robot: RobotCapabilities) -> None:
+    from cardan.common.arm_libraries import np
+
+    limits = robot.limits
+    if limits is None:
+        return
+    np.maximum(kinematics.lower, limits.lower, out=kinematics.lower)
+    np.minimum(kinematics.upper, limits.upper, out=kinematics.upper)
+    np.minimum(kinematics.velocity, limits.velocity, out=kinematics.velocity)
+    np.minimum(kinematics.acceleration, limits.acceleration, out=kinematics.acceleration)
+
+
+def make_obstacle(table: ObstacleTable) -> Obstacle:
+    from cardan.gateway.kinematics.collision import HalfSpace, Obstacle
+
+    if (solid := table.shape()) is not None:
+        return Obstacle(table.name, solid)
+    assert table.plane is not None
+    normal = Vector3(*table.plane[0])
+    unit = scale(normal, 1.0 / norm(normal))
+    return Obstacle(table.name, HalfSpace(unit, table.plane[1]))

@@ -1,0 +1,134 @@
+"""What a configuration may say and rarely should."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from cardan.gateway.servo.status import SINGULAR
+from cardan.gateway.session.arm_assembly import (
+    has_rigid_arm,
+    make_collision_model,
+    make_neighbour_bodies,
+    make_obstacle,
+    own_model,
+)
+from cardan.gateway.session.config import SessionConfig
+from cardan.gateway.session.driver_assembly import make_driver
+from cardan.robots import ArmModel, load_arm
+
+if TYPE_CHECKING:
+    from cardan.gateway.kinematics.collision import Obstacle
+
+
+def cautions(config: SessionConfig) -> list[str]:
+    """What is allowed and rarely should be: what the drivers say of their options, bodies that
+    nothing keeps apart or that are in each other at home, and a home that is singular."""
+    drivers = {"robot": config.robot, "device": config.device}
+    found = [
+        f"{key}: {words}"
+        for key, table in drivers.items()
+        if table is not None
+        for words in make_driver(table, key).cautions()
+    ]
+    if config.device is not None:
+        # Of a device on another computer.
+        given_s = config.device.options.get("max_age_s", 0.0)
+        least_s = config.watchdogs.device_age_s
+        if given_s > least_s:
+            found.append(
+                f"device: max_age_s is {given_s:g} s, but what is older than {least_s:g} s moves "
+                "no arm: set device_age_s under [watchdogs], too"
+            )
+    if config.arm is not None and has_rigid_arm(config):
+        load_arm(config.arm.model, "arm.model")
+        model = own_model(config)
+        obstacles = [make_obstacle(each) for each in config.obstacles]
+        words = arm_cautions(model, obstacles, config.arm.collisions)
+        found += [f"arm: {each}" for each in words]
+        found += _touching_neighbours(config, model)
+    return found
+
+
+def arm_cautions(
+    model: ArmModel, obstacles: Sequence[Obstacle] = (), collisions: bool = True
+) -> list[str]:
+    """Those of an arm; not `collisions`: bodies are never kept apart."""
+    found = []
+    if collisions:
+        if bare := model.links_without_body():
+            found.append(f"{bare}; neither obstacles nor the arm itself stop them")
+        if held := model.held_words():
+            found.append(held)
+        found += _touching(model, obstacles)
+    return found + _unbent(model)
+
+
+def _touching(model: ArmModel, obstacles: Sequence[Obstacle]) -> list[str]:
+    """Pairs of bodies that are left out, and those that overlap at home."""
+    from cardan.common.arm_libraries import np
+    from cardan.gateway.kinematics.arm import ArmKinematics
+    from cardan.gateway.kinematics.collision import CollisionModel
+
+    found = []
+    if pairs := model.touching_names():
+        named = ", ".join(" and ".join(pair) for pair in pairs)
+        found.append(f"touch in every posture, and are not kept apart: {named}")
+    bodies = CollisionModel(ArmKinematics(model), obstacles)
+    overlaps: dict[tuple[str, str], tuple[float, bool]] = {}
+    for names, distance, outside in zip(
+        bodies.pairs, bodies.at(np.array(model.home)), bodies.with_obstacle, strict=True
+    ):
+        if distance < min(0.0, overlaps.get(names, (0.0, False))[0]):
+            overlaps[names] = distance, bool(outside)
+    for (first, second), (distance, outside) in overlaps.items():
+        remedy = (
+            f'ignore = [["{first}", "{second}"]] in [collision] of the arm\'s .toml if they do so '
+            "in every posture"
+        )
+        if outside:
+            remedy = "move the obstacle"
+        found.append(
+            f"at home {first} and {second} overlap by {distance * -1e3:.1f} mm, which ends "
+            f"motions there: {remedy}, or give another home_deg"
+        )
+    return found
+
+
+def _touching_neighbours(config: SessionConfig, model: ArmModel) -> list[str]:
+    """Bodies of neighbours that overlap with the arm's where both arms are at home."""
+    if not config.neighbours:
+        return []
+    from cardan.common.arm_libraries import np
+    from cardan.gateway.kinematics.arm import ArmKinematics
+
+    neighbours = make_neighbour_bodies(config)
+    bodies, first = make_collision_model(config, ArmKinematics(model), neighbours), 0
+    for each in neighbours:
+        bodies.move(first, each.frames(each.model.home), [0.0] * len(each.shapes))
+        first += len(each.shapes)
+    least: dict[tuple[str, str], float] = {}
+    for names, (one, _), distance in zip(
+        bodies.pairs, bodies.pair_solids, bodies.at(np.array(model.home)), strict=True
+    ):
+        if one >= bodies.first_mover and distance < min(0.0, least.get(names, 0.0)):
+            least[names] = distance
+    return [
+        f"neighbours: at home {theirs} and {own} overlap by {distance * -1e3:.1f} mm, which ends "
+        "motions there: check base_xyz_m, or name the two in `ignore` if they do so in every "
+        "posture"
+        for (theirs, own), distance in least.items()
+    ]
+
+
+def _unbent(model: ArmModel) -> list[str]:
+    from cardan.common.arm_libraries import np
+    from cardan.gateway.kinematics.arm import ArmKinematics
+
+    value = ArmKinematics(model).smallest_singular_value(np.array(model.home), model.task.weights)
+    if value >= SINGULAR:
+        return []
+    return [
+        f"its home is singular ({value:.3f}): straight motions from there are refused or "
+        "slow; give a bent home_deg in the arm's .toml"
+    ]
