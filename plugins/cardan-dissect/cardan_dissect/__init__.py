@@ -74,8 +74,8 @@ def dissect_file(
     """Writes a line per datagram, report and message of the protocols in a capture, then a summary.
 
     `path` is a pcap or pcapng file, gzipped or not, of Ethernet, Linux cooked, loopback, raw IP,
-    Linux usbmon, or of a link that a plug-in reads; a log of a CAN bus, of candump or (with
-    python-can) .asc or .blf; a pipe of such, "-" for standard input; or
+    Linux usbmon, or of a link that a plug-in reads; a btsnoop log of Bluetooth; a log of a CAN bus,
+    of candump or (with python-can) .asc or .blf; a pipe of such, "-" for standard input; or
     several of them, which are read one after the other as one capture: none is, where one of them
     is missing. What passed two interfaces is counted once. Of flows that are not read the summary
     says which protocol they look like. `progress` is told now and then how many packets were read,

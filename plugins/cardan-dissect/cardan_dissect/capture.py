@@ -1,5 +1,5 @@
-"""Reads pcap and pcapng files and logs of a CAN bus, also gzipped and from pipes, packet by packet;
-exact about where a file is cut."""
+"""Reads pcap and pcapng files, btsnoop logs and logs of a CAN bus, also gzipped and from pipes,
+packet by packet; exact about where a file is cut."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from typing import Any, BinaryIO, NamedTuple, cast
 
 from cardan.common.files import PIECE_BYTES, open_file, read_up_to
 from cardan.errors import CaptureError
-from cardan_dissect import can_log
+from cardan_dissect import btsnoop, can_log
 
 MAX_BLOCK_BYTES = 256 * 2**20
 """Twice what libpcap lets a USB capture have; a longer block is a damaged length."""
@@ -195,6 +195,8 @@ class Capture:
             return self._pcap(stream, *PCAP_MAGICS[magic])
         if magic == PCAPNG_MAGIC:
             return self._pcapng(stream)
+        if magic == btsnoop.MAGIC[:4]:
+            return self._btsnoop(stream)
         if log := can_log.reader(magic):
             return self._can_log(log(io.BufferedReader(_Again(magic, stream))))
         if not magic:
@@ -207,8 +209,8 @@ class Capture:
                 "set of it"
             )
         raise CaptureError(
-            f"{self.path}: not a pcap or pcapng capture, and no log of a CAN bus (it begins "
-            f"with {magic.hex(' ')}); record one with tcpdump -w or Wireshark"
+            f"{self.path}: not a pcap or pcapng capture, and no log of Bluetooth or of a CAN "
+            f"bus (it begins with {magic.hex(' ')}); record one with tcpdump -w or Wireshark"
         )
 
     def _damaged(self, what: str) -> CaptureError:
@@ -259,6 +261,31 @@ class Capture:
             yield _new(
                 CapturedPacket,
                 (self._count, time_ns, link_type, order, data, wire_bytes, None),
+            )
+
+    def _btsnoop(self, stream: BinaryIO) -> Iterator[CapturedPacket]:
+        self._exactly(stream, len(btsnoop.MAGIC) - 4)
+        version, datalink = btsnoop.HEAD.unpack(self._exactly(stream, btsnoop.HEAD.size))
+        if version != btsnoop.VERSION or datalink not in (
+            btsnoop.H1, btsnoop.H4, btsnoop.MONITOR
+        ):  # fmt: skip
+            raise CaptureError(
+                f"{self.path}: a btsnoop log of version {version} and datalink type {datalink} is "
+                f"not read, only version {btsnoop.VERSION} of HCI ({btsnoop.H1}, {btsnoop.H4}) and "
+                f"of btmon ({btsnoop.MONITOR})"
+            )
+        while first := stream.read(1):
+            head = first + self._exactly(stream, btsnoop.RECORD.size - 1)
+            wire_bytes, size, flags, self.lost, time_us = btsnoop.RECORD.unpack(head)
+            data = self._exactly(stream, size)
+            link_type, packet, adapter = btsnoop.link_packet(datalink, flags, data)
+            yield self._captured(
+                (time_us - btsnoop.EPOCH_US) * 1000,
+                link_type,
+                "<",
+                packet,
+                wire_bytes + len(packet) - size,
+                adapter if datalink == btsnoop.MONITOR else None,
             )
 
     def _pcapng(self, stream: BinaryIO) -> Iterator[CapturedPacket]:

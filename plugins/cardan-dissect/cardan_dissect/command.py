@@ -56,8 +56,8 @@ def _function(numbers: list[Numbers]) -> Any:
             list[Path],
             typer.Argument(
                 metavar="FILE...",
-                help="pcap or pcapng files, or logs of a CAN bus (candump -L, .asc, .blf), which "
-                "are read one after the other; - for a pipe.",
+                help="pcap or pcapng files, btsnoop logs, or logs of a CAN bus (candump -L, .asc, "
+                ".blf), which are read one after the other; - for a pipe.",
             ),
         ],
         limit: Annotated[

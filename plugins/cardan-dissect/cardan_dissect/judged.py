@@ -146,7 +146,8 @@ def timeline(suite: Suite[Any], path: str | os.PathLike[str], target: str = "") 
         raise ConfigurationError(
             "--capture",
             f"{suite.name} has no packets of a network: no capture of it is judged; pcap and "
-            "pcapng of UDP, TCP, CAN, USB, HCI are, and logs of a CAN bus (candump -L, .asc, .blf)",
+            "pcapng of UDP, TCP, CAN, USB, HCI are, btsnoop logs, and logs of a CAN bus (candump "
+            "-L, .asc, .blf)",
         )
     if kind == "can":
         if target:

@@ -436,7 +436,8 @@ def test_files_that_are_no_captures(tmp_path, capture):
     path.write_bytes(b"%PDF-1.7 and more")
     with pytest.raises(
         CaptureError,
-        match=r"not a pcap or pcapng capture, and no log of a CAN bus \(it begins with 25 50",
+        match=r"not a pcap or pcapng capture, and no log of Bluetooth or of a CAN bus "
+        r"\(it begins with 25 50",
     ):
         read(path)
     path.write_bytes(capture(session(1)).read_bytes()[:24])

@@ -19,8 +19,9 @@ from scapy.utils import RawPcapWriter
 from cardan.conform import Level, registry
 from cardan.conform.run import captured, simulated
 from cardan.conform.timeline import Kind
-from cardan.errors import ConfigurationError
+from cardan.errors import CaptureError, ConfigurationError
 from cardan_dissect import dissect_file
+from cardan_dissect.capture import Capture
 
 HANDLE = 0x0B
 ADDRESS = bytes.fromhex("001f32abcdef")
@@ -108,6 +109,74 @@ def test_a_capture_of_a_remote_is_judged_as_the_run_was(fault, tmp_path):
     assert bool(found.failed) == bool(fault)
     with pytest.raises(ConfigurationError, match="there are those of Wiimote 00:1f:32:ab:cd:ef"):
         captured(suite, path, "Wiimote 00:00:00:00:00:00")
+
+
+H1, H4, MONITOR = 1001, 1002, 2001
+SECOND_ADAPTER = 1 << 16
+
+
+def in_btsnoop(datalink, to_host, packet):
+    """The flags of a packet in such a log, and its bytes there."""
+    kind = packet[0]
+    if datalink == MONITOR:
+        return SECOND_ADAPTER | (3 if kind == 4 else 5 if to_host else 4), packet[1:]
+    return to_host | (kind == 4) << 1, packet[datalink == H1 :]
+
+
+def btsnoop(datalink, records):
+    """A log of (flags, bytes), 10 ms apart, before the last of which 3 were lost."""
+    log = b"btsnoop\0" + struct.pack(">II", 1, datalink)
+    for number, (flags, data) in enumerate(records):
+        lost = 3 * (number == len(records) - 1)
+        since_2000_us = (1_700_000_000 - 946_684_800) * 10**6 + 10_000 * number
+        time_us = 0x00E03AB44A676000 + since_2000_us
+        log += struct.pack(">IIIIq", len(data), len(data), flags, lost, time_us) + data
+    return log
+
+
+@pytest.mark.parametrize("datalink", [H1, H4, MONITOR])
+def test_a_btsnoop_log_is_read_as_the_capture_of_the_same_packets(dissected, tmp_path, datalink):
+    packets = [
+        CONNECTED,
+        NAMED,
+        *both_channels(),
+        interrupt_out("11 10"),
+        interrupt_in("31 60 48 91 82 9c"),
+        interrupt_in("31 60 4c 84 82 9f"),
+    ]
+    _, shown, lines = dissected(packets)
+    path = tmp_path / "btsnoop_hci.log"
+    log = btsnoop(datalink, [in_btsnoop(datalink, *each) for each in packets])
+    path.write_bytes(log)
+    out = io.StringIO()
+    dissect_file(path, out)
+    found = out.getvalue().splitlines()
+    assert [each for each in found if "lost" not in each] == lines
+    assert len(shown) == 3
+    assert any("3 packets" in each for each in found if "lost" in each)
+    (first, *_) = Capture(path)
+    assert first.time_ns == 1_700_000_000 * 10**9
+    path.write_bytes(log[:-3])
+    with pytest.raises(CaptureError, match=f"ends inside a packet after packet {len(packets) - 1}"):
+        dissect_file(path, io.StringIO())
+
+
+def test_what_a_monitor_says_of_its_adapters_is_no_packet_of_the_radio(tmp_path):
+    path = tmp_path / "btmon.log"
+    opened = SECOND_ADAPTER | 8, b""
+    path.write_bytes(btsnoop(MONITOR, [opened, in_btsnoop(MONITOR, *interrupt_in("30 00 08"))]))
+    out = io.StringIO()
+    counts = dissect_file(path, out)
+    assert counts.messages["Wiimote"] == 1
+    assert "other packets: Bluetooth monitor x1" in out.getvalue()
+
+
+@pytest.mark.parametrize(("version", "datalink"), [(2, H4), (1, 1003)])
+def test_another_log_of_that_name_is_refused(tmp_path, version, datalink):
+    path = tmp_path / "other.log"
+    path.write_bytes(b"btsnoop\0" + struct.pack(">II", version, datalink))
+    with pytest.raises(CaptureError, match=f"of version {version} and datalink type {datalink} is"):
+        dissect_file(path, io.StringIO())
 
 
 @pytest.fixture
