@@ -17,9 +17,11 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
+from unittest.mock import patch
 
 from cardan.common.arm_libraries import np, npt
 from cardan.demos.examples import free_ports
+from cardan.drivers import registry
 from cardan.gateway.session.config import parse_config
 from cardan.gateway.session.session import Session, make_session
 from cardan.gateway.session.snapshot import Snapshot
@@ -30,6 +32,7 @@ from cardan.types import JointCommand
 Array = npt.NDArray[np.float64]
 
 MODES = ("standard", "stream", "velocity")
+TWO_POINT = "studies.motoros.two_point:TwoPointMotoros"
 PLANTS = ("paper", "ideal")
 LAGS_S = {"standard": 1.2, "stream": 0.4, "velocity": 0.4}
 """What each mode may be behind in good order."""
@@ -134,7 +137,7 @@ def session_tables(mouse: Path, port: int, mode: str, **robot: Any) -> dict[str,
             "motion_port": port,
             "state_port": port + 1,
             "io_port": port + 2,
-            "mode": mode,
+            "mode": "stream" if mode == "standard" else mode,
             "enable": "at-start",
             **robot,
         },
@@ -164,9 +167,7 @@ def record(mode: str, plant: str, pushes: int = 6) -> Recording:
             plant,
             velocity_mode=mode == "velocity",
         ) as (mouse, port, log):
-            session = make_session(
-                parse_config(session_tables(mouse, port, mode, lag_s=LAGS_S[mode]))
-            )
+            session = session_in(mode, session_tables(mouse, port, mode, lag_s=LAGS_S[mode]))
             watch_goals(session, goals)
             tap = _Tap(mouse)
             try:
@@ -175,6 +176,13 @@ def record(mode: str, plant: str, pushes: int = 6) -> Recording:
                 tap.close()
         rows = read_log(log)
     return _on_a_grid(mode, plant, session.snapshot, tap.reports, goals, rows, pushes)
+
+
+def session_in(mode: str, tables: dict[str, Any]) -> Session:
+    """A session whose driver moves the robot by trajectories of two points in the mode "standard",
+    which no driver of Cardan has."""
+    with patch.dict(registry.BUILT_IN, {"motoros": TWO_POINT} if mode == "standard" else {}):
+        return make_session(parse_config(tables))
 
 
 def watch_goals(session: Session, goals: list[tuple[float, float]]) -> None:

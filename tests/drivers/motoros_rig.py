@@ -18,12 +18,14 @@ TICK_S = 2.5e-4
 class Rig(TcpRig):
     """Session and controller; `answer` makes the command for each state that asks for one."""
 
+    kind_of_session = MotorosSession
+
     def __init__(self, driver=None, answer=None, start_s=100.0, tick_s=TICK_S, **controller):
         super().__init__()
         controller.setdefault("servo_on", True)
         self.peer_options = MotorosControllerOptions(**controller)
         self.options = MotorosOptions(**(driver or {}))
-        self.session = MotorosSession(self.options)
+        self.session = self.kind_of_session(self.options)
         self.controller = MotorosController(self.peer_options)
         self.servers = MotorosServers(self.controller, self.peer_options)
         self.now_s = start_s

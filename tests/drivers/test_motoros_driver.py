@@ -66,7 +66,7 @@ def ready(state):
 
 
 @pytest.mark.real
-@pytest.mark.parametrize("mode", ["velocity", "stream", "standard"])
+@pytest.mark.parametrize("mode", ["velocity", "stream"])
 def test_it_connects_is_enabled_moves_and_leaves_the_robot_at_rest(mode):
     begin_s = time.monotonic()
     with controller() as peer, driver(peer, mode=mode) as robot:

@@ -35,8 +35,7 @@ from tests.drivers.motoros_rig import Rig
 from tests.examples import examples
 
 HOME = load_arm("gp8").home
-MODES = ("velocity", "stream", "standard")
-SMOOTH = ("velocity", "stream")
+MODES = ("velocity", "stream")
 STATUS = RobotStatus(1, 0, 0, 0, 0, 2, 1)
 
 
@@ -170,7 +169,7 @@ def test_enabling_makes_a_new_session_whose_commands_move_the_robot(mode):
     assert run.servers.counters.pipelined == 0
 
 
-@pytest.mark.parametrize("mode", SMOOTH)
+@pytest.mark.parametrize("mode", MODES)
 def test_added_latency_is_small(mode):
     """From the control instant to the middle of what is commanded for it."""
     run = rig(mode).ready()
@@ -197,7 +196,7 @@ def test_added_latency_is_small(mode):
     assert run.session.counters.underruns == 0
 
 
-@pytest.mark.parametrize("mode", SMOOTH)
+@pytest.mark.parametrize("mode", MODES)
 def test_what_is_commanded_keeps_the_limits_whatever_is_asked(mode):
     run = rig(mode).ready()
     arm = run.peer_options.arm
@@ -214,7 +213,6 @@ def test_what_is_commanded_keeps_the_limits_whatever_is_asked(mode):
     assert run.session.enabled
 
 
-@pytest.mark.matrix("standard")
 @pytest.mark.parametrize("mode", MODES)
 def test_unanswered_states_are_holds(mode):
     run = rig(mode).ready()
@@ -244,7 +242,7 @@ def test_enabling_without_a_connection_is_refused_and_not_remembered():
 
 
 @pytest.mark.matrix("stream")
-@pytest.mark.parametrize("mode", SMOOTH)
+@pytest.mark.parametrize("mode", MODES)
 def test_the_guide_and_the_robot_agree_after_rest(mode):
     """Integrated velocities drift by fractions of a period; rest corrects that."""
     run = rig(mode).ready()
@@ -330,12 +328,11 @@ def misplace(run, times):
     return answers
 
 
-@pytest.mark.matrix("1-standard", "3-stream", "3-standard")
-@pytest.mark.parametrize("mode", ["stream", "standard"])
+@pytest.mark.matrix("3")
 @pytest.mark.parametrize("times", [1, 3, 1000])
-def test_a_refused_first_point_is_followed_by_no_other(mode, times):
+def test_a_refused_first_point_is_followed_by_no_other(times):
     """The controller has kept it: the next point would make the arm jump there."""
-    run = turning(rig(mode).run(1.0))
+    run = turning(rig("stream").run(1.0))
     answers = misplace(run, times)
     run.session.enable(run.now_s)
     run.run(3.0)
@@ -352,7 +349,7 @@ def test_a_refused_first_point_is_followed_by_no_other(mode, times):
     assert run.controller.command_rad(0)[1] == pytest.approx(HOME[1], abs=1e-4)
 
 
-@pytest.mark.parametrize("mode", SMOOTH)
+@pytest.mark.parametrize("mode", MODES)
 def test_three_missed_states_brake_along_a_ramp(mode):
     run = turning(rig(mode).ready()).run(0.5)
     run.trace.clear()
@@ -401,7 +398,7 @@ def test_a_lost_motion_connection_comes_back_without_motion():
         ("state-pause", 0.3, "state"),
     ],
 )
-@pytest.mark.parametrize("mode", SMOOTH)
+@pytest.mark.parametrize("mode", MODES)
 def test_faults_of_the_line_never_move_the_robot_afterwards(mode, fault, value, words):
     run = turning(rig(mode, faults={fault: value}))
     run.run(0.6)
@@ -418,10 +415,7 @@ def test_faults_of_the_line_never_move_the_robot_afterwards(mode, fault, value, 
         assert run.controller.command_rad(0) == where
 
 
-@pytest.mark.matrix(
-    *("velocity-merge", "velocity-strict-recv", "stream-split", "stream-strict-recv"),
-    *("standard-split", "standard-merge"),
-)
+@pytest.mark.matrix("velocity-merge", "velocity-strict-recv", "stream-split")
 @pytest.mark.parametrize(
     "fault",
     [{"split": 1.0}, {"merge": 1.0}, {"strict-recv": 1.0}],
@@ -453,7 +447,7 @@ def test_garbage_between_states_is_named_and_survived():
     assert run.states[-1].joints
 
 
-@pytest.mark.matrix("stream", "standard")
+@pytest.mark.matrix("stream")
 @pytest.mark.parametrize("mode", MODES)
 def test_a_robot_slowed_by_its_safety_unit_goes_on(mode):
     run = turning(rig(mode, faults={"fsu": 0.02}).ready(), 1.0).run(1.0)
@@ -512,7 +506,7 @@ def test_a_connection_that_is_lost_while_motion_is_being_started():
     assert "lost" in run.states[-1].hold_reason
 
 
-@pytest.mark.matrix("velocity", "standard")
+@pytest.mark.matrix("velocity")
 @pytest.mark.parametrize("mode", MODES)
 def test_braking_that_nobody_answers_ends_all_the_same(mode):
     run = turning(rig(mode).ready()).run(0.5)

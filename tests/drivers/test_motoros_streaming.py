@@ -1,4 +1,4 @@
-"""The three ways to move, against scripted replies; tests of the session have a controller."""
+"""The two ways to move, against scripted replies; tests of the session have a controller."""
 
 import math
 import struct
@@ -12,7 +12,6 @@ from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.streaming import LAST_TIME_MS, RENEW_TIME_MS, PointStream
 from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
-from cardan.drivers.motoros.two_point import TwoPointMoves, two_point_time_s
 from cardan.drivers.motoros.velocity import VelocityStream
 from cardan.protocols.simple_message import (
     JointFeedback,
@@ -291,63 +290,6 @@ class TestPointStream:
         assert first.pos == last.pos
         bench.run(0.5, HoldCommand())
         assert [p.sequence for p in bench.accepted()][:3] == [0, 1, 2]
-
-
-class TestTwoPointMoves:
-    def at_goal(self, bench):
-        bench.position = list(bench.accepted()[-1].pos[:6])
-
-    def test_every_goal_is_one_trajectory_from_rest_to_rest(self):
-        bench = Bench(TwoPointMoves, mode="standard").start()
-        assert bench.points == []
-        for _ in range(40):
-            bench.now_s += 0.025
-            bench.publish()
-            bench.run(1e-3, moved(0.2))
-            if len(bench.points) == 2:
-                break
-        (_, first, _), (_, second, _) = bench.points
-        assert (first.sequence, second.sequence) == (0, 1)
-        assert first.vel == second.vel == joints10(())
-        assert first.pos[:6] == pytest.approx(HOME, abs=1e-6)
-        # While it moves nothing new is begun, however many goals come.
-        for _ in range(10):
-            bench.now_s += 0.025
-            bench.publish(in_motion=1)
-            bench.run(1e-3, moved(0.3))
-        assert len(bench.points) == 2
-        self.at_goal(bench)
-        for _ in range(10):
-            bench.now_s += 0.1
-            bench.publish()
-            bench.run(1e-3, moved(0.3))
-        assert bench.accepted()[2].pos == second.pos
-        assert bench.accepted()[-1].pos[0] > second.pos[0]
-
-    def test_the_same_goal_is_not_moved_to_again(self):
-        bench = Bench(TwoPointMoves, mode="standard").start()
-        for _ in range(10):
-            bench.now_s += 0.025
-            bench.publish()
-            bench.run(1e-3, moved(0.0))
-        assert bench.points == []
-
-    def test_a_controller_that_is_not_ready_gets_no_point(self):
-        bench = Bench(TwoPointMoves, mode="standard").start()
-        bench.ready = False
-        bench.now_s += 0.025
-        bench.publish()
-        bench.run(2e-3, moved(0.2))
-        bench.run(2e-3, moved(0.2))
-        assert bench.points == []
-        assert "servo" in bench.motion.ended.lower()
-
-    def test_the_time_of_a_move_keeps_speed_and_acceleration(self):
-        for way in (1e-4, 0.01, 0.3, 2.5):
-            time_s = two_point_time_s([0.0] * 6, [way] + [0.0] * 5, JointTrajectoryLimiter(*LIMITS))
-            assert 1.5 * way / time_s <= 2.0 + 1e-9
-            assert 6.0 * way / time_s**2 <= 10.0 + 1e-9
-        assert two_point_time_s([0.0] * 6, [0.0] * 6, JointTrajectoryLimiter(*LIMITS)) == 0.0
 
 
 class TestVelocityStream:

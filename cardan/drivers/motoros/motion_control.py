@@ -5,17 +5,22 @@ from __future__ import annotations
 import enum
 import math
 from collections import Counter
-from typing import Literal
+from typing import ClassVar, Literal
 
 from cardan.drivers.motoros.agreed_limits import agreed_limits
 from cardan.drivers.motoros.diagnosis import reply_in_words, status_in_words
 from cardan.drivers.motoros.feedback import StateFeed
-from cardan.drivers.motoros.motion import Motion, MotionCounters, MotionParts, MotionRecord
+from cardan.drivers.motoros.motion import (
+    Motion,
+    MotionCounters,
+    MotionParts,
+    MotionRecord,
+    Trajectory,
+)
 from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
 from cardan.drivers.motoros.requests import Answer, MotionRequests
 from cardan.drivers.motoros.streaming import PointStream
 from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
-from cardan.drivers.motoros.two_point import TwoPointMoves
 from cardan.drivers.motoros.velocity import VelocityStream
 from cardan.protocols.simple_message import (
     Message,
@@ -62,19 +67,15 @@ _CONTROLS: dict[str, MotionCommand] = {
 }
 
 
-_BY_POINTS: dict[str, type[PointStream] | type[TwoPointMoves]] = {
-    "auto": PointStream,
-    "stream": PointStream,
-    "standard": TwoPointMoves,
-}
-
-
 class MotionControl:
     """The phases of motion on one control group, from the motion connection's start to its end.
 
     Requests go through `requests`; messages that get no reply come from `topics`.
     Control instants are answered through `motion` while the phase is MOVING.
     """
+
+    by_points: ClassVar[type[Trajectory]] = PointStream
+    """How the robot is moved without the velocity mode."""
 
     def __init__(self, options: MotorosOptions, requests: MotionRequests, feed: StateFeed) -> None:
         self.options = options
@@ -362,7 +363,7 @@ class MotionControl:
         parts = MotionParts(
             self.options, self.requests, self.feed, guide, self.counters, self.record
         )
-        kind = VelocityStream if self.uses_velocity else _BY_POINTS[self.options.mode]
+        kind = VelocityStream if self.uses_velocity else self.by_points
         self.motion = kind(parts, now_s)
         self.motion.advance(now_s)
         self._hold(self.motion, now_s)

@@ -55,10 +55,9 @@ class MotorosOptions(Options):
     """Share of the highest speeds that is used, above 0 to 1."""
     group: Annotated[int, GROUP] = 0
     """Control group, counted from 0."""
-    mode: Literal["auto", "velocity", "stream", "standard"] = "auto"
+    mode: Literal["auto", "velocity", "stream"] = "auto"
     """velocity: joint speeds to a controller with the velocity mode. stream: one endless trajectory
-    with a shallow queue, for any MotoROS. standard: a trajectory of two points for each goal, after
-    the one before has ended. auto: velocity where the controller has it, else stream."""
+    with a shallow queue, for any MotoROS. auto: velocity where the controller has it, or stream."""
     enable: Literal["on-request", "at-start"] = "on-request"
     """at-start: motion is enabled once, after the first connection; never by itself again."""
     byte_order: Literal["auto", "little", "big"] = "auto"
@@ -84,7 +83,7 @@ class MotorosOptions(Options):
     """Report the controller's own joint speeds, which lag and have had wrong signs."""
     lag_s: Annotated[float, bounds.LAG_S] = 0.4
     """The longest that the arm is behind its command in good order: the controller's filter and
-    servos, and what the mode adds ("standard" needs 1.2)."""
+    servos."""
     record: Annotated[str, bounds.PATH] = ""
     """A CSV file for commands and feedback, written at close; empty: none."""
 

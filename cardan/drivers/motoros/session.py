@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from typing import ClassVar
 
 from cardan.common.histogram import LatencyHistogram
 from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.feedback import StateFeed
 from cardan.drivers.motoros.motion import MotionCounters
 from cardan.drivers.motoros.motion_control import MotionControl, Phase, Task
-from cardan.drivers.motoros.options import STATE_PERIOD_S, MotorosOptions
+from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.status_text import findings, no_motion_connection, silence
 from cardan.drivers.motoros.trajectory_limiter import KINDS
@@ -42,6 +43,8 @@ WAKE_S = 0.09
 class MotorosSession:
     """One robot on one controller: a :class:`cardan.drivers.tcp_robot.TcpSession`."""
 
+    kind_of_control: ClassVar[type[MotionControl]] = MotionControl
+
     def __init__(self, options: MotorosOptions) -> None:
         self.options = options
         self.limits = options.limits
@@ -49,7 +52,7 @@ class MotorosSession:
         self.requests = MotionRequests(
             options.group, options.request_timeout_s, options.start_timeout_s
         )
-        self.control = MotionControl(options, self.requests, self.feed)
+        self.control = self.kind_of_control(options, self.requests, self.feed)
         """When motion may be, and what became of it."""
         self.jitter = LatencyHistogram()
         """Deviation of the time between two control instants from their period."""
@@ -76,8 +79,6 @@ class MotorosSession:
         options = self.options
         if self.control.uses_velocity:
             period_s = options.command_period_s
-        elif options.mode == "standard":
-            period_s = STATE_PERIOD_S
         else:
             period_s = 1e-3 * options.spacing_increments * options.ipc_ms
         return RobotCapabilities(

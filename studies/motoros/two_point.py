@@ -1,17 +1,22 @@
 """Stock MotoROS as its usual driver uses it: a trajectory for each goal, at rest at both ends.
 
-It serves for comparison; every goal waits until the robot rests (motoman issue 386).
+It serves for comparison; every goal waits until the robot rests (motoman issue 386). What was sent
+is played to its end, whatever the operator does meanwhile.
 """
 
 from __future__ import annotations
 
 import enum
 import math
+from typing import ClassVar
 
+from cardan.drivers.motoros import Motoros
 from cardan.drivers.motoros.diagnosis import reply_in_words
 from cardan.drivers.motoros.motion import MotionParts, Trajectory
+from cardan.drivers.motoros.motion_control import MotionControl
 from cardan.drivers.motoros.options import STATE_PERIOD_S
 from cardan.drivers.motoros.requests import Answer
+from cardan.drivers.motoros.session import MotorosSession
 from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
 from cardan.protocols.simple_message import (
     JointTrajPtFull,
@@ -19,7 +24,7 @@ from cardan.protocols.simple_message import (
     MotionReply,
     MotionResult,
 )
-from cardan.types import RobotCommand
+from cardan.types import RobotCapabilities, RobotCommand
 
 ARRIVED_RAD = 0.01
 """Distance from its end at which a trajectory counts as done (motoman_driver's goal tolerance)."""
@@ -156,3 +161,27 @@ class TwoPointMoves(Trajectory):
     def _refused(self, now_s: float) -> None:
         self._phase = _Phase.RESTING
         self._wait_for_rest("the robot is not where it was commanded to be", now_s)
+
+
+class TwoPointControl(MotionControl):
+    """Motion by trajectories of two points."""
+
+    by_points: ClassVar[type[Trajectory]] = TwoPointMoves
+
+
+class TwoPointSession(MotorosSession):
+    """The driver's session with such motion, where the controller has no velocity mode."""
+
+    kind_of_control: ClassVar[type[MotionControl]] = TwoPointControl
+
+    @property
+    def capabilities(self) -> RobotCapabilities:
+        able = super().capabilities
+        return able if self.control.uses_velocity else able._replace(period_s=STATE_PERIOD_S)
+
+
+class TwoPointMotoros(Motoros):
+    """The driver with that session, for `mode = "stream"`."""
+
+    def _make_session(self) -> MotorosSession:
+        return TwoPointSession(self.options)
