@@ -112,9 +112,12 @@ def pair_with(host: str, port: int, replace: bool, ask: Callable[[], str]) -> Pa
 
     Raises ConfigurationError, and AddressError where nobody answers to the end.
     """
-    host = host.lower()
+    host = host.lower().removesuffix(".")
+    if host[:1] + host[-1:] == "[]" and is_address(host[1:-1]):
+        host = host[1:-1]
     if not is_address(host) and not _HOST.fullmatch(host):
-        raise OptionError("HOST", host, "a host name or an address, without a port")
+        allowed = "a host name (letters, digits, - and .) or an address, without a port"
+        raise OptionError("HOST", host, allowed)
     folder = _folder(f"with-{host}", replace)
     code = re.sub(r"[\s-]", "", typed := ask()).upper()
     if len(code) != CODE_LETTERS or not set(code) <= set(_ALPHABET):
@@ -210,7 +213,9 @@ def _serve(channel: _Channel, code: str, folder: Path) -> Path:
         theirs = signed("operator", request.public_key(), ["operator"], client=True)
     except (KeyError, ValueError) as error:
         raise _EndedError(f"its request cannot be used: {error}") from None
-    everywhere = "[::]" if ":" in asked["host"] else "0.0.0.0"
+    # The operator's computer takes the first address of a name, of whichever family it is.
+    both = socket.has_dualstack_ipv6() or ":" in asked["host"]
+    everywhere = "[::]" if both else "0.0.0.0"
     settings = zenoh_settings("router", (ROUTER, f"tls/{everywhere}:{TLS_PORT}"), ())
     settings |= {"transport/link/tls/close_link_on_expiration": True}
     with _kept(folder, "listen", settings, authority, ours, private):

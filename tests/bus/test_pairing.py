@@ -9,6 +9,7 @@ import socket
 import stat
 import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
@@ -97,6 +98,8 @@ def wrong(code):
         ("tcp/robot:7447", "ABCD-EFGH", "HOST: .*without a port"),
         ("../robot", "ABCD-EFGH", "HOST: "),
         ("", "ABCD-EFGH", "HOST: "),
+        ("my_robot", "ABCD-EFGH", r"HOST: 'my_robot' .*letters, digits, - and \."),
+        ("[robot]", "ABCD-EFGH", "HOST: "),
         ("fe80::1%eth0", "ABCD-EFGH", "HOST: "),
         (HOST, "ABCD", "--code: .*the 8 letters and digits"),
         (HOST, "ABCD-EFG0", "--code: "),
@@ -106,6 +109,47 @@ def test_what_is_wrong_is_said_before_anybody_is_called(state, host, code, said)
     with pytest.raises(OptionError, match=said):
         pair_with(host, 1, False, code)
     assert not state.exists()
+
+
+@pytest.mark.parametrize(
+    ("host", "meant"),
+    [("[::1]", "::1"), ("::1", "::1"), ("Robot.local.", "robot.local"), ("127.0.0.1", "127.0.0.1")],
+)
+def test_a_host_may_be_written_as_elsewhere(state, monkeypatch, host, meant):
+    called = []
+
+    def refused(place, timeout):
+        called.append(place)
+        raise ConnectionRefusedError("refused")
+
+    monkeypatch.setattr(socket, "create_connection", refused)
+    with pytest.raises(AddressError, match=f"nobody waits at {meant} port 1 "):
+        pair_with(host, 1, False, "abcd efgh")
+    assert called == [(meant, 1)]
+
+
+@pytest.mark.parametrize(
+    ("both_families", "host", "served"),
+    [
+        (True, "robot.local", "[::]"),
+        (False, "robot.local", "0.0.0.0"),
+        (False, "127.0.0.1", "0.0.0.0"),
+        (False, "::1", "[::]"),
+    ],
+)
+def test_the_router_serves_the_families_that_a_name_may_have(
+    state, monkeypatch, both_families, host, served
+):
+    monkeypatch.setattr(socket, "has_dualstack_ipv6", lambda: both_families)
+    here, there = socket.socketpair()
+    with here, there, ThreadPoolExecutor() as threads:
+        robot, operator = (pairing._Channel(each, END_S) for each in (here, there))
+        of_robot = threads.submit(pairing._serve, robot, "ABCDEFGH", state / "as-robot")
+        client = pairing._join(operator, host, "ABCDEFGH", state / "with")
+        router = json.loads(of_robot.result(30.0).read_text(encoding="utf-8"))
+    assert router["listen"]["endpoints"][1] == f"tls/{served}:{pairing.TLS_PORT}"
+    (far,) = json.loads(client.read_text(encoding="utf-8"))["connect"]["endpoints"]
+    assert far in (f"tls/{host}:{pairing.TLS_PORT}", f"tls/[{host}]:{pairing.TLS_PORT}")
 
 
 def test_where_nobody_waits_it_says_what_to_do(state):
@@ -397,7 +441,8 @@ def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
     inside, outside = free_endpoint(), free_tcp_port()
     for path in (router, client, stranger):
         text = path.read_text(encoding="utf-8")
-        text = text.replace("tcp/127.0.0.1:7447", inside).replace("0.0.0.0:7448", f"{HOST}:7448")
+        text = re.sub(r"(0\.0\.0\.0|\[::\]):7448", f"{HOST}:7448", text)
+        text = text.replace("tcp/127.0.0.1:7447", inside)
         path.write_text(text.replace(":7448", f":{outside}"), encoding="utf-8")
     config = json.loads(client.read_text(encoding="utf-8"))
     for key in ("connect_certificate", "connect_private_key"):
