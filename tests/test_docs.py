@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import functools
 import re
 import sys
 from pathlib import Path
@@ -31,6 +32,7 @@ from cardan.types import Pose, Quaternion, Vector3
 from cardan_filters.camera import CameraOptions
 from cardan_filters.proximity import ProximityOptions
 from cardan_serial_mice.peer import SERIAL_FAULTS
+from tests import site_tables
 from tests.command_line import the_command_line
 from tests.docs_tables import ours
 from tests.ranges import ranges
@@ -59,8 +61,10 @@ TABLES = {
 }
 
 
+@functools.cache
 def text(name: str) -> str:
-    return (ROOT / "docs" / name).read_text(encoding="utf-8")
+    """A page as the site has it, with all tables."""
+    return site_tables.read(f"docs/{name}")
 
 
 def section(page: str, heading: str) -> str:
@@ -480,7 +484,7 @@ def anchors(page: Path) -> set[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_links_lead_somewhere(page):
-    for target in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+    for target in re.findall(r"\]\(([^)]+)\)", site_tables.read(page.relative_to(ROOT).as_posix())):
         if "://" in target:
             continue
         path, _, anchor = target.partition("#")
