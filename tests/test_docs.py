@@ -130,9 +130,20 @@ DRIVER_PAGES = [
 ]
 
 
+OPTIONS_OF = {driver.Options: name for name, driver in ours(registry).items()}
+
+
+def options_table(page, options):
+    """The rows of a page about the options of a driver, where several share it of that one."""
+    told = section(text(page), "Options")
+    own = f"Options of `{OPTIONS_OF.get(options)}`"
+    shared, *_ = re.split(r"^### Options of ", told, flags=re.MULTILINE)
+    return rows(shared) | (rows(section(told, own)) if f"# {own}\n" in told else {})
+
+
 @pytest.mark.parametrize(("page", "options"), DRIVER_PAGES)
 def test_every_driver_option_is_there_with_its_default(page, options):
-    table = rows(section(text(page), "Options"))
+    table = options_table(page, options)
     defaults = {field.name: written(field.default) for field in dataclasses.fields(options)}
     assert {name: table[name][0] for name in defaults} == defaults
     assert set(table) >= set(defaults)
@@ -188,7 +199,7 @@ def test_errors_are_as_the_page_shows_them(tables):
 
 @pytest.mark.parametrize(("page", "options"), DRIVER_PAGES)
 def test_every_choice_of_an_option_is_there(page, options):
-    table = rows(section(text(page), "Options"))
+    table = options_table(page, options)
     choices = {
         name: [choice for each in (hint, *get_args(hint)) for choice in literals(each)]
         for name, hint in get_type_hints(options).items()
@@ -221,8 +232,8 @@ def said(bounds: Range) -> str:
     ],
 )
 def test_every_range_of_an_option_is_there(page, options):
-    heading = {ProximityOptions: "Proximity", CameraOptions: "Camera"}.get(options, "Options")
-    table = rows(section(text(page), heading))
+    heading = {ProximityOptions: "Proximity", CameraOptions: "Camera"}.get(options)
+    table = rows(section(text(page), heading)) if heading else options_table(page, options)
     missing = {
         name: str(bounds)
         for name, bounds in ranges(options).items()
