@@ -51,7 +51,7 @@ help:
 	@echo "make fault-table-processes  the same with whole programs, for half an hour: FAULT_LABS=$(FAULT_LABS) side by side"
 	@echo "make fault-table-network  the same on a bad network, in the virtual machine of test-kernel"
 	@echo "make flood-table  its table of floods: clients that send more than a server can handle"
-	@echo "make hold-table  the table of docs/console-hold.md: every end of a hold on the page, by a real browser"
+	@echo "make hold-table  the table of docs/console.md: every end of a hold on the page, by a real browser"
 	@echo "make console-pictures  docs/images/console-*.webp, which the tests compare the page with"
 	@echo "make arm-tables  what Pinocchio reads of our arms, for programs that have none: cardan/robots/*.json"
 	@echo "make docs-tables  tables of drivers and codes of messages, and the lines in place of those that the site has"
