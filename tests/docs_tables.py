@@ -221,7 +221,7 @@ def _troubles() -> str:
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("README.md", "overview"): _overview,
     ("docs/devices.md", "devices"): _devices,
-    ("docs/who-moves-the-arm.md", "states"): _states,
+    ("docs/safety-and-access.md", "states"): _states,
     ("docs/troubleshooting.md", "troubles"): _troubles,
 }
 """By page and name."""
