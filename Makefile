@@ -46,15 +46,15 @@ help:
 	@echo "make test-neighbours  the lowest and the newest of what pyproject.toml allows, and beside packages of other projects"
 	@echo "make test-lerobot  the plug-ins and data sets against LeRobot, in an environment of its own"
 	@echo "make fuzz    10^7 damaged inputs for everything that reads foreign bytes (FUZZ_INPUTS=$(FUZZ_INPUTS))"
-	@echo "make device-table  the table of judges in docs/devices.md, from the tests' marks"
+	@echo "make device-table  the times to neutral in docs/devices.md, from the test that measures them"
 	@echo "make fault-table  the tables of docs/faults.md: what each robot does when something fails"
 	@echo "make fault-table-processes  the same with whole programs, for half an hour: FAULT_LABS=$(FAULT_LABS) side by side"
 	@echo "make fault-table-network  the same on a bad network, in the virtual machine of test-kernel"
 	@echo "make flood-table  its table of floods: clients that send more than a server can handle"
-	@echo "make hold-table  the table of docs/console-hold.md: every end of a hold on the page, by a real browser"
+	@echo "make hold-table  the table of docs/console.md: every end of a hold on the page, by a real browser"
 	@echo "make console-pictures  docs/images/console-*.webp, which the tests compare the page with"
 	@echo "make arm-tables  what Pinocchio reads of our arms, for programs that have none: cardan/robots/*.json"
-	@echo "make docs-tables  tables of drivers, peers, demos and codes of messages, from their declarations"
+	@echo "make docs-tables  tables of drivers and codes of messages, and the lines in place of those that the site has"
 	@echo "make docs-pictures  the pictures of the console's page, by its acceptance test's browser"
 	@echo "make docs-evaluation  the report of docs/evaluation.md, EVALUATE=--quick for a short one"
 	@echo "make demo-picture  the moving picture of the README, from the demo"
@@ -172,6 +172,7 @@ arm-tables: $(VENV)/.cardan-dev
 
 docs-tables: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.docs_tables
+	$(BIN)/python -m tests.site_tables
 
 docs-pictures: $(VENV)/.cardan-dev page
 	$(BIN)/python -m tests.docs_pictures

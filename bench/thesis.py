@@ -3,7 +3,7 @@
     python -m bench thesis [--plots DIR]
 
 Virtual time at 500 Hz on the simulated arm, with ideal drives and with its dynamics; nothing is
-random that is not seeded. `--plots` also draws the pictures of docs/thesis.md.
+random that is not seeded. `--plots` also draws the pictures of docs/evaluation.md.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ A simulated SpaceMouse Pro drives the first axis of a simulated GP8, three times
 times backward, over the real protocols and in real time: with the standard driver's two-point
 trajectories, with one endless trajectory on the same firmware, and with the velocity mode. The
 controller's drives are ideal, or as slow as the paper's robot. `--plots` also draws the pictures of
-docs/motoman-study.md.
+docs/evaluation.md.
 """
 
 from __future__ import annotations

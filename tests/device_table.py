@@ -1,8 +1,8 @@
-"""Makes the tables of docs/devices.md from the tests.
+"""Makes the table of judges of docs/devices.md from the tests.
 
 Every ``@pytest.mark.judged(device=..., transport=..., by=...)`` is one thing that was shown; the
-page says no more and no less. The times to neutral are what test_device_faults measures. To write
-both anew: ``make device-table``.
+page says no more and no less. The site has it (site_tables). The page's times to neutral
+are committed, being what test_device_faults measures. To write these anew: ``make device-table``.
 """
 
 from __future__ import annotations
@@ -10,13 +10,10 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-from tests import docs_tables, test_device_faults
-
 TESTS = Path(__file__).parent
-PLUGINS = TESTS.parent / "plugins"
 PAGE = TESTS.parent / "docs" / "devices.md"
-JUDGED = "<!-- made by tests/device_table.py -->\n"
 FAULTS = "<!-- made by tests/test_device_faults.py -->\n"
+PLUGINS = TESTS.parent / "plugins"
 
 
 def judged() -> set[tuple[str, str, str]]:
@@ -50,11 +47,14 @@ def table() -> str:
 
 
 def main() -> None:
-    """Write the tables into their page."""
+    """Write the times to neutral into their page."""
+    # Here, as it imports pytest, which is not installed where only the site is built.
+    from tests import docs_tables, test_device_faults
+
     page = PAGE.read_text(encoding="utf-8")
-    for begin, made in ((JUDGED, table()), (FAULTS, test_device_faults.table())):
-        page = docs_tables.replaced(page, begin, made)
-    PAGE.write_text(page, encoding="utf-8")
+    PAGE.write_text(
+        docs_tables.replaced(page, FAULTS, test_device_faults.table()), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
-"""Writes the tables of the documentation that drivers, simulated peers, demos and codes of messages
-declare.
+"""Writes the tables of the documentation that drivers and codes of messages declare.
+
+Those of simulated peers, options and demos it makes for the site (site_tables).
 
 Each stands in its page between the lines that `begin` and END have;
 test_docs_tables holds them current. To write all of them anew: ``make docs-tables``.
@@ -25,7 +26,6 @@ from cardan.sim_peers import registry as peers
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import SERIAL_MODELS
 from cardan_spnav_server import identity_of
-from tests import network_table
 
 ROOT = Path(__file__).parents[1]
 END = "<!-- end -->\n"
@@ -106,7 +106,8 @@ def _devices() -> str:
     return markdown(("device", "driver", "gives", "takes back", "mapping"), rows)
 
 
-def _options() -> str:
+def options_table() -> str:
+    """Each driver, and where its options are."""
     rows = [
         (f"`[{table}]`", f"`{name}`", link(kind, section="#options"))
         for table, kinds in (("device", DEVICES), ("robot", ROBOTS))
@@ -115,7 +116,9 @@ def _options() -> str:
     return markdown(("table", "driver", "options"), rows)
 
 
-def _peers(page: str) -> Callable[[], str]:
+def peers_table(page: str) -> Callable[[], str]:
+    """The peers of a page."""
+
     def table() -> str:
         rows = [
             (
@@ -131,7 +134,7 @@ def _peers(page: str) -> Callable[[], str]:
     return table
 
 
-def _faults(peer: str) -> Callable[[], str]:
+def faults_of(peer: str) -> Callable[[], str]:
     """The faults of a peer."""
 
     def table() -> str:
@@ -144,14 +147,8 @@ def _faults(peer: str) -> Callable[[], str]:
     return table
 
 
-FAULTS: dict[tuple[str, str], Callable[[], str]] = {
-    (f"docs/{peers.load(name).page}", f"faults of {name}"): _faults(name)
-    for name in peers.BUILT_IN
-    if name != "keyboard"  # It has the gamepad's, and their section is one.
-}
-
-
-def _demos() -> str:
+def demos_table() -> str:
+    """Each demo, and its file."""
     rows = [
         (
             f"`cardan demo {name}`",
@@ -163,7 +160,7 @@ def _demos() -> str:
     return markdown(("command", "what is joined", "the same by hand"), rows)
 
 
-def _spnav_buttons() -> str:
+def spnav_buttons() -> str:
     """Which key has which number for programs of spacenavd."""
     devices: dict[str, list[str]] = {}
     for mouse in (
@@ -184,11 +181,6 @@ def _spnav_buttons() -> str:
         ("devices", "N of `button-N`, and the key"),
         ((", ".join(dict.fromkeys(names)), told) for told, names in devices.items()),
     )
-
-
-def _network() -> str:
-    columns = ("name", "what", "type", *network_table.TRANSPORTS)
-    return markdown(columns, network_table.table())
 
 
 def _states() -> str:
@@ -229,20 +221,8 @@ def _troubles() -> str:
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("README.md", "overview"): _overview,
     ("docs/devices.md", "devices"): _devices,
-    ("docs/configuration.md", "drivers"): _options,
-    ("docs/first-ten-minutes.md", "demos"): _demos,
-    ("docs/judged.md", "network"): _network,
-    ("docs/spnav.md", "buttons"): _spnav_buttons,
-    ("docs/who-moves-the-arm.md", "states"): _states,
+    ("docs/safety-and-access.md", "states"): _states,
     ("docs/troubleshooting.md", "troubles"): _troubles,
-    ("docs/simulated-peers.md", "peers"): _peers("simulated-peers.md"),
-    ("docs/simulated-devices.md", "peers"): _peers("simulated-devices.md"),
-    ("docs/simulated-devices.md", "faults of jr3"): _faults("jr3"),
-    ("docs/simulated-devices.md", "faults of leap"): _faults("leap"),
-    ("docs/simulated-devices.md", "faults of omni"): _faults("omni"),
-    ("docs/simulated-devices.md", "faults of serial devices"): _faults("spacemouse-serial"),
-    ("docs/simulated-devices.md", "faults of wiimote"): _faults("wiimote"),
-    **FAULTS,
 }
 """By page and name."""
 

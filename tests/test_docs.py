@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import dataclasses
+import functools
 import re
 import sys
 from pathlib import Path
@@ -32,6 +33,7 @@ from cardan.types import Pose, Quaternion, Vector3
 from cardan_filters.camera import CameraOptions
 from cardan_filters.proximity import ProximityOptions
 from cardan_serial_mice.peer import SERIAL_FAULTS
+from tests import site_tables
 from tests.command_line import the_command_line
 from tests.docs_tables import ours
 from tests.ranges import ranges
@@ -60,8 +62,10 @@ TABLES = {
 }
 
 
+@functools.cache
 def text(name: str) -> str:
-    return (ROOT / "docs" / name).read_text(encoding="utf-8")
+    """A page as the site has it, with all tables."""
+    return site_tables.read(f"docs/{name}")
 
 
 def section(page: str, heading: str) -> str:
@@ -127,9 +131,20 @@ DRIVER_PAGES = [
 ]
 
 
+OPTIONS_OF = {driver.Options: name for name, driver in ours(registry).items()}
+
+
+def options_table(page, options):
+    """The rows of a page about the options of a driver, where several share it of that one."""
+    told = section(text(page), "Options")
+    own = f"Options of `{OPTIONS_OF.get(options)}`"
+    shared, *_ = re.split(r"^### Options of ", told, flags=re.MULTILINE)
+    return rows(shared) | (rows(section(told, own)) if f"# {own}\n" in told else {})
+
+
 @pytest.mark.parametrize(("page", "options"), DRIVER_PAGES)
 def test_every_driver_option_is_there_with_its_default(page, options):
-    table = rows(section(text(page), "Options"))
+    table = options_table(page, options)
     defaults = {field.name: written(field.default) for field in dataclasses.fields(options)}
     assert {name: table[name][0] for name in defaults} == defaults
     assert set(table) >= set(defaults)
@@ -185,7 +200,7 @@ def test_errors_are_as_the_page_shows_them(tables):
 
 @pytest.mark.parametrize(("page", "options"), DRIVER_PAGES)
 def test_every_choice_of_an_option_is_there(page, options):
-    table = rows(section(text(page), "Options"))
+    table = options_table(page, options)
     choices = {
         name: [choice for each in (hint, *get_args(hint)) for choice in literals(each)]
         for name, hint in get_type_hints(options).items()
@@ -218,8 +233,8 @@ def said(bounds: Range) -> str:
     ],
 )
 def test_every_range_of_an_option_is_there(page, options):
-    heading = {ProximityOptions: "Proximity", CameraOptions: "Camera"}.get(options, "Options")
-    table = rows(section(text(page), heading))
+    heading = {ProximityOptions: "Proximity", CameraOptions: "Camera"}.get(options)
+    table = rows(section(text(page), heading)) if heading else options_table(page, options)
     missing = {
         name: str(bounds)
         for name, bounds in ranges(options).items()
@@ -481,7 +496,7 @@ def anchors(page: Path) -> set[str]:
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
 def test_links_lead_somewhere(page):
-    for target in re.findall(r"\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+    for target in re.findall(r"\]\(([^)]+)\)", site_tables.read(page.relative_to(ROOT).as_posix())):
         if "://" in target:
             continue
         path, _, anchor = target.partition("#")

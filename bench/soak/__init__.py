@@ -6,7 +6,7 @@ A daemon with four simulated arms, three simulated devices and two faces, each a
 random hands move the devices, programs contend for the arms, and processes are killed, stopped,
 unplugged and fed with garbage. What must hold all the time is checked all the time. The report is
 written into the folder again and again; SIGINT ends the run. Exit status 1: a rule was broken.
-With ``--page`` the report of a run that was made before becomes that of docs/soak.md.
+With ``--page`` the report of a run that was made before becomes that of docs/measurements.md.
 """
 
 from __future__ import annotations
@@ -29,7 +29,9 @@ def main(words: Sequence[str] | None = None) -> None:
     parser.add_argument(
         "--output", type=Path, default=Path("soak"), metavar="FOLDER", help="a new one"
     )
-    parser.add_argument("--page", action="store_true", help="put its report in docs/soak.md")
+    parser.add_argument(
+        "--page", action="store_true", help="put its report in docs/measurements.md"
+    )
     options = parser.parse_args(words)
     if options.page:
         rewrite_page(options.output)

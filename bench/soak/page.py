@@ -9,7 +9,7 @@ from bench import pages
 from bench.soak.judge import Violation
 from bench.soak.report import markdown
 
-PAGE = Path(__file__).parents[2] / "docs" / "soak.md"
+PAGE = Path(__file__).parents[2] / "docs" / "measurements.md"
 
 
 def violations_of(folder: Path) -> list[Violation]:

@@ -1,8 +1,10 @@
 """The documentation as a site (``make docs``), by Sphinx.
 
 The pages stay as they are read in the repository: its root is the folder of the sources, so that
-links between pages, examples and code are the same in both. The navigation is docs/index.md: each
-of its sections is one of the navigation's, with the pages that it links, in their order.
+links between pages, examples and code are the same in both. Tables that are declared in code are
+made here (tests/site_tables.py); in the repository a line stands in their place. The navigation is
+docs/index.md: each of its sections is one of the navigation's, with the pages that it links, in
+their order.
 """
 
 from __future__ import annotations
@@ -18,6 +20,7 @@ sys.path[:0] = [str(ROOT), str(Path(__file__).parent)]
 import reference  # noqa: E402
 
 from cardan import __version__  # noqa: E402
+from tests import site_tables  # noqa: E402
 
 project = "Cardan"
 copyright = "the authors of Cardan, Apache-2.0"
@@ -88,6 +91,7 @@ def read(app: Any, name: str, source: list[str]) -> None:
     """What the site adds to a page, or says otherwise, than the repository does."""
     page = Path(app.env.doc2path(name))
     if page.suffix == ".md":
+        source[0] = site_tables.filled(page.relative_to(ROOT).as_posix(), source[0])
         source[0] = LINK.sub(listed(page), source[0])
     if name == root_doc:
         source[0] += navigation(source[0])

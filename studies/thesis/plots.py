@@ -1,4 +1,4 @@
-"""The pictures of docs/thesis.md. Needs matplotlib."""
+"""The pictures of docs/evaluation.md. Needs matplotlib."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Makes the table of docs/console-hold.md: every way in which a hold on the page ends, and what the
+"""Makes the table of docs/console.md: every way in which a hold on the page ends, and what the
 arm does then.
 
 To write it anew: ``make hold-table``, or ``python -m tests.console.hold_table``.
@@ -26,7 +26,7 @@ from tests.console.rig import Face, Rig, Stop, face, robot_and_session
 from tests.docs_tables import replaced
 from tests.waiting import until
 
-PAGE = Path(__file__).parents[2] / "docs" / "console-hold.md"
+PAGE = Path(__file__).parents[2] / "docs" / "console.md"
 BEGIN = "<!-- made by tests/console/hold_table.py -->\n"
 
 SPEED_M_S = 0.1

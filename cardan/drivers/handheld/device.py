@@ -68,7 +68,7 @@ class Xr(HandheldDevice[XrCore]):
 
     Options: ClassVar[type[XrOptions]] = XrOptions
     summary = "headset controllers and phones with AR (WebXR), by the console's page"
-    page = "xr.md"
+    page = "phone.md"
     peer = "xr"
     simulated = SIMULATED
     gives, suits = "pose of the hand, buttons", "position, base frame"

@@ -1,4 +1,7 @@
-"""What somebody without a right tries at each face that has a web server; docs/security.md."""
+"""What somebody without a right tries at each face that has a web server.
+
+See docs/safety-and-access.md.
+"""
 
 from __future__ import annotations
 

@@ -1,0 +1,150 @@
+"""The tables that the site of the documentation has, and the pages in the repository have not.
+
+Each is made from what the code or the tests declare. In the page its place has a marker and one
+line that says which command prints the same; `filled` puts the table there, for the site
+(docs/site/conf.py) and for the tests that read pages. Tables of results that take a run to get are
+not among these: they are committed.
+
+``python -m tests.site_tables`` writes those lines, and with a table's name prints that table.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+from cardan.conform import registry as suites
+from cardan.sim_peers import registry as peers
+from tests import conformance_tables, device_table, docs_tables, network_table
+from tests.docs_tables import ROOT, markdown, replaced
+
+
+class SiteTable(NamedTuple):
+    """One table of a page of the site."""
+
+    page: str
+    """Relative to the repository."""
+    what: str
+    """What it lists."""
+    make: Callable[[], str]
+    command: str = ""
+    """It prints the same; empty: this module does."""
+
+    def line(self, name: str) -> str:
+        """What the page in the repository has in its place."""
+        command = self.command or f'python -m tests.site_tables "{name}"'
+        where = "a terminal" if self.command else "a checkout"
+        return f"Table on the site (`make docs`): {self.what}. In {where}: `{command}`.\n"
+
+
+def begin(name: str) -> str:
+    """The line before the place of that table."""
+    return f"<!-- filled for the site by tests/site_tables.py: {name} -->\n"
+
+
+def _faults() -> Iterator[tuple[str, SiteTable]]:
+    """Of each simulated peer, where several commands have the same ones once."""
+    for name in docs_tables.ours(peers):
+        if name == "keyboard":  # It has the gamepad's, and their section is one.
+            continue
+        peer = peers.load(name)
+        title = "serial devices" if name == "spacemouse-serial" else name
+        yield (
+            f"faults of {title}",
+            SiteTable(
+                f"docs/{peer.page}",
+                "its faults, the default of each and what happens",
+                docs_tables.faults_of(name),
+                f"cardan sim {name} --list-faults",
+            ),
+        )
+
+
+def _requirements() -> Iterator[tuple[str, SiteTable]]:
+    for name in suites.names():
+        count = len(suites.load(name).requirements)
+        yield (
+            f"requirements of {name}",
+            SiteTable(
+                "docs/conformance.md",
+                f"the {count} requirements, with the level and source of each",
+                conformance_tables.requirements_of(name),
+                f"cardan conform {name} --requirements",
+            ),
+        )
+
+
+def _network() -> str:
+    return markdown(("name", "what", "type", *network_table.TRANSPORTS), network_table.table())
+
+
+TABLES: dict[str, SiteTable] = {
+    "drivers": SiteTable(
+        "docs/configuration.md",
+        "the drivers and the page with the options of each",
+        docs_tables.options_table,
+        "cardan drivers",
+    ),
+    "demos": SiteTable(
+        "docs/first-ten-minutes.md",
+        "all demos and their files",
+        docs_tables.demos_table,
+        "cardan demo --list",
+    ),
+    "network": SiteTable(
+        "docs/judged.md", "every name, its type, and its judges on each transport", _network
+    ),
+    "judges of devices": SiteTable(
+        "docs/devices.md", "each device, its transports, and what judged them", device_table.table
+    ),
+    "buttons": SiteTable(
+        "docs/spnav.md", "the key behind each number, device by device", docs_tables.spnav_buttons
+    ),
+    **{
+        f"peers of {page}": SiteTable(
+            f"docs/{page}",
+            "their commands, what each stands in for, and its protocol",
+            docs_tables.peers_table(page),
+            "cardan sim --list",
+        )
+        for page in ("simulated-peers.md", "simulated-devices.md")
+    },
+    **dict(_faults()),
+    **dict(_requirements()),
+}
+
+
+def filled(page: str, text: str) -> str:
+    """The text of a page (relative to the repository) with its tables."""
+    for name, table in TABLES.items():
+        if table.page == page:
+            text = replaced(text, begin(name), table.make())
+    return text
+
+
+def unfilled(page: str, text: str) -> str:
+    """The text of a page without its tables, as it is in the repository."""
+    for name, table in TABLES.items():
+        if table.page == page:
+            text = replaced(text, begin(name), table.line(name))
+    return text
+
+
+def read(page: str) -> str:
+    """A page as the site has it."""
+    return filled(page, (ROOT / page).read_text(encoding="utf-8"))
+
+
+def main(names: list[str]) -> None:
+    """Print tables; without a name write the lines that are in their places."""
+    for name in names:
+        print(TABLES[name].make(), end="")
+    if not names:
+        for page in {table.page for table in TABLES.values()}:
+            path = ROOT / page
+            path.write_text(unfilled(page, path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,78 @@
+"""The site has a table at each marker; the repository's page has a line that says where it is."""
+
+from __future__ import annotations
+
+import re
+import shlex
+
+import pytest
+
+from cardan.sim_peers import registry as peers
+from tests import docs_tables, site_tables
+from tests.command_line import the_command_line
+from tests.docs_tables import ROOT
+from tests.site_tables import TABLES
+
+MARKER = re.compile(r"<!-- filled for the site by tests/site_tables\.py: (.*) -->")
+PAGES = sorted({table.page for table in TABLES.values()})
+
+
+def source(page):
+    return (ROOT / page).read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_page_has_a_line_in_the_place_of_each_table(page):
+    text = source(page)
+    assert site_tables.unfilled(page, text) == text, "python -m tests.site_tables writes it anew"
+
+
+def test_no_page_has_a_marker_that_nothing_fills():
+    found = {
+        (path.relative_to(ROOT).as_posix(), name)
+        for path in (*ROOT.glob("*.md"), *ROOT.glob("docs/**/*.md"), *ROOT.glob("plugins/*/*.md"))
+        for name in MARKER.findall(path.read_text(encoding="utf-8"))
+    }
+    assert found == {(table.page, name) for name, table in TABLES.items()}
+
+
+@pytest.mark.parametrize("page", PAGES)
+def test_the_site_has_a_table_in_each_place(page):
+    text = site_tables.read(page)
+    for name, table in TABLES.items():
+        if table.page == page:
+            _, _, rest = text.partition(site_tables.begin(name))
+            made = rest.partition(docs_tables.END)[0].strip().splitlines()
+            columns = made[0].count(" | ") + 1
+            assert made[1] == f"|{'---|' * columns}"
+            assert len(made) > 2, "it has rows"
+            assert all(
+                len(re.findall(r"(?<!\\) \| ", row)) + 1 == columns for row in (made[0], *made[2:])
+            )
+    assert site_tables.unfilled(page, text) == source(page)
+
+
+@pytest.mark.parametrize("command", sorted({t.command for t in TABLES.values() if t.command}))
+def test_the_command_of_a_line_is_one(command):
+    words = shlex.split(command)
+    assert words.pop(0) == "cardan"
+    found = the_command_line()
+    while words and not words[0].startswith("--"):
+        if not getattr(found, "commands", None):
+            words.pop(0)  # An argument, as the protocol of `conform`.
+            continue
+        found = found.commands[words.pop(0)]
+    assert {*words} <= {option for parameter in found.params for option in parameter.opts}
+
+
+@pytest.mark.parametrize("name", docs_tables.ours(peers))
+def test_every_peer_has_its_faults_on_its_page(name):
+    if name == "keyboard":
+        return  # It has those of the gamepad.
+    title = "serial devices" if name == "spacemouse-serial" else name
+    assert TABLES[f"faults of {title}"].page == f"docs/{peers.load(name).page}"
+
+
+def test_a_table_is_printed(capsys):
+    site_tables.main(["demos"])
+    assert capsys.readouterr().out == docs_tables.demos_table()
