@@ -11,6 +11,7 @@ from collections.abc import Generator, Iterable, Sequence
 from pathlib import Path
 
 import pytest
+from _pytest.runner import runtestprotocol
 from hypothesis import settings
 
 import tests.examples  # noqa: F401 - has the profiles
@@ -96,6 +97,9 @@ WAITS_S = 300.0
 """Longest time for a test that waits for something real: each wait has a limit of its own, which a
 computer that works never reaches, and a test may have many. The others have `timeout` in
 pyproject.toml."""
+
+LONG_S = 0.5
+"""What is to be seen among the longest."""
 
 OUR_MARKS = ("real", "matrix", "judged", "shown_on")
 
@@ -195,6 +199,18 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         if asked == "real":
             items.sort(key=lambda item: place_of(item.nodeid.partition("::")[0]))
         config.hook.pytest_deselected(items=left_out)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """Let xdist's workers report of a test's set-up and end only what failed or took long: most
+    tests are quicker than the messages about them."""
+    if not hasattr(item.config, "workerinput") or part_of(item) != "computing":
+        return None
+    for report in runtestprotocol(item, nextitem=nextitem, log=False):
+        if report.when == "call" or not report.passed or report.duration > LONG_S:
+            item.ihook.pytest_runtest_logreport(report=report)
+    return True
 
 
 GARBAGE = (10_000, 20, 20)

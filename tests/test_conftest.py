@@ -89,7 +89,7 @@ OTHERWISE = {
 }
 
 
-def outcomes(folder, **environment):
+def outcomes(folder, *more, **environment):
     """By test: what became of it, and the words; of a run with `environment`."""
     shutil.copy(CONFTEST, folder)
     (folder / "pytest.ini").write_text("[pytest]\nmarkers = judged\n")
@@ -100,7 +100,7 @@ def outcomes(folder, **environment):
         for key, value in os.environ.items()
         if key not in ("CI", "CARDAN_KERNEL_VM", "PYTEST_ADDOPTS")
     }
-    options = ("-q", "-p", "no:cacheprovider", "--continue-on-collection-errors")
+    options = ("-q", "-p", "no:cacheprovider", "--continue-on-collection-errors", *more)
     done = subprocess.run(
         [sys.executable, "-m", "pytest", *options, "--junitxml=report.xml"],
         cwd=folder,
@@ -192,6 +192,42 @@ def test_only_a_file_without_a_test_of_the_part_is_left_unread(tmp_path, asked, 
     config = SimpleNamespace(getoption={"--part": asked}.__getitem__)
     assert bool(conftest.pytest_ignore_collect(file, config)) == left_out
     assert not conftest.pytest_ignore_collect(tmp_path, config)
+
+
+BROKEN = """
+import time, pytest
+
+@pytest.fixture
+def begins():
+    raise RuntimeError("it did not begin")
+
+@pytest.fixture
+def ends():
+    yield
+    raise RuntimeError("it did not end")
+
+@pytest.fixture
+def slow():
+    time.sleep(0.6)
+
+def test_setup(begins): ...
+def test_teardown(ends): ...
+def test_call(): raise RuntimeError("it broke")
+def test_slow(slow): ...
+"""
+
+
+def test_a_worker_tells_all_that_fails_or_takes_long(tmp_path):
+    (tmp_path / "test_broken.py").write_text(BROKEN)
+    done, found = outcomes(tmp_path, "-n1", "--durations=0")
+    for name, words in (("setup", "begin"), ("teardown", "end")):
+        assert (
+            f"ERROR test_broken.py::test_{name} - RuntimeError: it did not {words}" in done.stdout
+        )
+    assert "FAILED test_broken.py::test_call - RuntimeError: it broke" in done.stdout
+    assert re.search(r"\ds setup +test_broken.py::test_slow", done.stdout)
+    assert {name: found[name][0] for name in OTHERWISE} == OTHERWISE
+    assert {name: found[name][0] for name in MISSING} == dict.fromkeys(MISSING, "skipped")
 
 
 PARTED = """
