@@ -116,22 +116,17 @@ def options_table() -> str:
     return markdown(("table", "driver", "options"), rows)
 
 
-def peers_table(page: str) -> Callable[[], str]:
-    """The peers of a page."""
-
-    def table() -> str:
-        rows = [
-            (
-                f"`cardan sim {name}`",
-                " ".join((peer.__doc__ or "").split()) + plugin_of(peer),
-                peer.speaks,
-            )
-            for name, peer in ours(peers).items()
-            if peer.page == page
-        ]
-        return markdown(("command", "stands in for", "protocol and transport"), rows)
-
-    return table
+def peers_table() -> str:
+    """Each simulated peer, and its protocol."""
+    rows = [
+        (
+            f"`cardan sim {name}`",
+            " ".join((peer.__doc__ or "").split()) + plugin_of(peer),
+            peer.speaks,
+        )
+        for name, peer in ours(peers).items()
+    ]
+    return markdown(("command", "stands in for", "protocol and transport"), rows)
 
 
 def faults_of(peer: str) -> Callable[[], str]:

@@ -101,15 +101,12 @@ TABLES: dict[str, SiteTable] = {
     "buttons": SiteTable(
         "docs/spnav.md", "the key behind each number, device by device", docs_tables.spnav_buttons
     ),
-    **{
-        f"peers of {page}": SiteTable(
-            f"docs/{page}",
-            "their commands, what each stands in for, and its protocol",
-            docs_tables.peers_table(page),
-            "cardan sim --list",
-        )
-        for page in ("simulated-peers.md", "simulated-devices.md")
-    },
+    "peers": SiteTable(
+        "docs/simulated-peers.md",
+        "their commands, what each stands in for, and its protocol",
+        docs_tables.peers_table,
+        "cardan sim --list",
+    ),
     **dict(_faults()),
     **dict(_requirements()),
 }

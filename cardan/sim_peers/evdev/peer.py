@@ -98,7 +98,7 @@ class Gamepad(PeerCommand[EvdevPeerOptions]):
 
     Options: ClassVar[type[EvdevPeerOptions]] = GamepadOptions
     Peer = EvdevPeer
-    page = "simulated-devices.md"
+    page = "simulated-peers.md"
     speaks = (
         "[input events](protocols/evdev.md), a frame per packet of a Unix socket, or the "
         "kernel's own by uinput"

@@ -145,7 +145,7 @@ class PhonePage(PeerCommand[PagePeerOptions]):
     """A page of the console with a phone's orientation and touch."""
 
     Options, Peer = PagePeerOptions, PagePeer
-    page = "simulated-devices.md"
+    page = "simulated-peers.md"
     speaks = "[operator frames](protocols/handheld.md), Zenoh"
     epilog = "Prints READY and the Zenoh endpoint that others connect to once it serves."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

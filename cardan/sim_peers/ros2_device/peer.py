@@ -53,7 +53,7 @@ class Ros2Device(PeerCommand[NodePeerOptions]):
     """ROS 2's spacenav_node, joy_node or game_controller_node with a device (rmw_zenoh)."""
 
     Options, Peer = NodePeerOptions, NodePeer
-    page = "simulated-devices.md"
+    page = "simulated-peers.md"
     speaks = "[ROS 2](protocols/ros2.md), Zenoh"
     epilog = "Prints READY and the Zenoh endpoint that others connect to once it serves."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

@@ -249,7 +249,7 @@ class SpaceMouse(PeerCommand[SpaceMousePeerOptions]):
     """A 3Dconnexion device (HID reports), moved by a script or by the keyboard."""
 
     Options, Peer = SpaceMousePeerOptions, SpaceMousePeer
-    page = "simulated-devices.md"
+    page = "simulated-peers.md"
     speaks = (
         "[HID reports](protocols/3dconnexion-hid.md), one per packet of a Unix socket, by "
         "uhid or USB/IP"

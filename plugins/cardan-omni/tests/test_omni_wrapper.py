@@ -47,7 +47,7 @@ HELD_S = 0.025
 """How long the amplifier exerts a force that is not renewed."""
 SETTLES_S = 1.0
 """In which the hand is on the floor again after that was dropped."""
-PAGE = Path(__file__).parents[3] / "docs" / "simulated-devices.md"
+PAGE = Path(__file__).parents[3] / "docs" / "simulated-peers.md"
 CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)
 
 

@@ -12,7 +12,7 @@ class Jr3(PeerCommand[Jr3PeerOptions]):
     """A JR3 force-torque sensor with uc3m's mbed board on a CAN bus, and the loads on it."""
 
     Options, Peer = Jr3PeerOptions, Jr3Peer
-    page = "simulated-devices.md"
+    page = "simulated-peers.md"
     speaks = "[JR3 over CAN](protocols/jr3-can.md), on any bus of python-can, or on one it serves"
     epilog = "Prints READY and the bus once it is on it."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

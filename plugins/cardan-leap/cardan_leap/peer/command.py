@@ -12,7 +12,7 @@ class Leap(PeerCommand[LeapPeerOptions]):
     """A Leap Motion tracking service and the hands it sees (JSON over WebSocket)."""
 
     Options, Peer = LeapPeerOptions, LeapPeer
-    page = "simulated-devices.md"
+    page = "simulated-peers.md"
     speaks = "[JSON over WebSocket](protocols/leap-websocket.md), 110 frames a second"
     epilog = "Prints READY and its address once it listens."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS

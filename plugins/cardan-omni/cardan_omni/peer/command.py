@@ -33,7 +33,7 @@ class Omni(PeerCommand[OmniOptions]):
     """A Phantom Omni (Touch) and the hand on it, behind libHD: runs a program with it."""
 
     Options = OmniOptions
-    page = "simulated-devices.md"
+    page = "simulated-peers.md"
     speaks = (
         "[HDAPI](protocols/hdapi.md), the C functions of the vendor's libHD, in the process "
         "of the program that uses it"

@@ -12,7 +12,7 @@ class SpaceMouseSerial(PeerCommand[SerialPuckPeerOptions]):
     """A Magellan, Spaceball or SpaceOrb at a serial port, moved by a script or by the keyboard."""
 
     Options, Peer = SerialPuckPeerOptions, SerialPuckPeer
-    page = "simulated-devices.md"
+    page = "simulated-peers.md"
     speaks = "[serial packets](protocols/3dconnexion-serial.md) on a pseudo-terminal"
     epilog = "Prints READY and the port's path once it can be opened."
     faults, scripts, verbs = SERIAL_FAULTS, SCRIPTS, SCRIPT_VERBS

@@ -12,7 +12,7 @@ class Wiimote(PeerCommand[WiimotePeerOptions]):
     """A Nintendo Wii Remote (reports over two L2CAP channels, or a HID device of the kernel's)."""
 
     Options, Peer = WiimotePeerOptions, WiimotePeer
-    page = "simulated-devices.md"
+    page = "simulated-peers.md"
     speaks = "[its reports](protocols/wiimote.md) over seqpacket sockets, uhid or L2CAP"
     epilog = "Prints READY and where it is once it can be connected to."
     faults, scripts, verbs = FAULTS, SCRIPTS, SCRIPT_VERBS
