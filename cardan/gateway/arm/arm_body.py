@@ -203,7 +203,7 @@ class ArmBody(Body):
         )
 
     def measured(self, state: RobotState) -> Pose:
-        return self.servo.pose_at(self._joints(state).tolist() if self._lag.late else state.joints)
+        return self.servo.pose_at(self._joints(state))
 
     def reported(self, state: RobotState) -> Pose | None:
         if len(state.joints) != self.servo.joints or not is_finite(state.joints):
@@ -220,23 +220,23 @@ class ArmBody(Body):
             f"{time_s * 1e3:.0f} ms"
         )
 
-    def _joints(self, state: RobotState) -> FloatArray:
-        return self._lag.expected(np.array(state.joints), self.servo.q)
+    def _joints(self, state: RobotState) -> Sequence[float]:
+        """Where they will be once the robot has caught up."""
+        if not self._lag.late:
+            return state.joints
+        return self._lag.expected(state.joints, self.servo.q.tolist())
 
     def _short(self, difference: FloatArray) -> FloatArray:
         return short_way(difference, self.servo.kinematics.continuous)
 
     def _error(self, state: RobotState) -> FloatArray:
         """Commanded less measured joints."""
-        return self._short(self.servo.q - self._joints(state))
+        return self._short(self.servo.q - np.array(self._joints(state)))
 
     def following_error(self, state: RobotState, reference: Reference | None) -> FollowingError:
-        measured: Sequence[float] = state.joints
-        if self._lag.late:
-            measured = self._joints(state).tolist()
         worst, worst_joint = -1.0, 0
         for joint, (commanded, there) in enumerate(
-            zip(self.servo.q.tolist(), measured, strict=True)
+            zip(self.servo.q.tolist(), self._joints(state), strict=True)
         ):
             error = abs(commanded - there)
             if error > worst:

@@ -7,8 +7,11 @@ motion looks like an arm that is blocked.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 from cardan.common.arm_libraries import np, npt
-from cardan.gateway.kinematics.base import FloatArray, short_way
+from cardan.gateway.kinematics.base import TURN, FloatArray
 
 _ROWS = 17
 """Number of past commands that are kept. At 0.3 s they are 19 ms apart, 5 mm at 0.25 m/s."""
@@ -20,10 +23,12 @@ class ResponseLag:
     def __init__(self, lag_s: float, continuous: npt.NDArray[np.bool_]) -> None:
         """`continuous` marks joints whose whole turns make no difference."""
         self._spacing_s = lag_s / (_ROWS - 1)
-        self._continuous = continuous
-        self._rows: FloatArray | None = None
+        self._continuous: list[bool] = continuous.tolist()
+        self._rows: list[list[float]] = []
         self._next_s = 0.0
         self._at = 0
+        self._known: tuple[Sequence[float], Sequence[float], Sequence[float]] = (), (), ()
+        """What `expected` was asked for last, and its answer: a control cycle asks twice."""
 
     @property
     def late(self) -> bool:
@@ -32,38 +37,55 @@ class ResponseLag:
 
     def reset(self) -> None:
         """Forget the past: the joints were placed, not moved."""
-        self._rows = None
+        self._rows, self._known = [], ((), (), ())
 
     def note(self, commanded: FloatArray, stamp_s: float) -> None:
         """Where the joints are commanded to be at `stamp_s`."""
         if self._spacing_s == 0.0:
             return
-        if self._rows is None:
-            self._rows = np.tile(commanded, (_ROWS, 1))
+        if not self._rows:
+            self._rows = [commanded.tolist()] * _ROWS
             self._next_s = stamp_s + self._spacing_s
         elif stamp_s >= self._next_s:
             # After a gap the past is gone but for its newest row.
             missed = min(int((stamp_s - self._next_s) / self._spacing_s), _ROWS - 1)
+            row = commanded.tolist()
             for _ in range(missed + 1):
                 self._at = (self._at + 1) % _ROWS
-                self._rows[self._at] = commanded
+                self._rows[self._at] = row
             self._next_s = stamp_s + self._spacing_s
+        else:
+            return
+        self._known = (), (), ()
 
-    def expected(self, measured: FloatArray, commanded: FloatArray) -> FloatArray:
+    def expected(self, measured: Sequence[float], commanded: Sequence[float]) -> Sequence[float]:
         """Where the joints will be once the robot has caught up with `commanded`.
 
         That is where they are measured, and the way from the nearest place of the past to
         `commanded`. A robot that is held stays behind: its past moves on without it.
         """
-        rows = self._rows
-        if rows is None:
+        if not self._rows:
             return measured
-        away = self._away(rows - measured).max(axis=1)
-        nearest = int(away.argmin())
-        if self._away(commanded - measured).max() <= away[nearest]:
-            return measured
-        found: FloatArray = measured + (commanded - rows[nearest])
+        if measured is self._known[0] and commanded == self._known[1]:
+            return self._known[2]
+        nearest, least = commanded, math.inf
+        for row in (commanded, *self._rows):
+            farthest = 0.0
+            for there, now, continuous in zip(row, measured, self._continuous, strict=True):
+                away = abs(there - now)
+                if away > math.pi and continuous:
+                    away = abs(math.remainder(away, TURN))
+                if away >= least:
+                    break
+                if away > farthest:
+                    farthest = away
+            else:
+                nearest, least = row, farthest
+        found = measured
+        if nearest is not commanded:
+            found = [
+                there + (goal - past)
+                for there, goal, past in zip(measured, commanded, nearest, strict=True)
+            ]
+        self._known = measured, commanded, found
         return found
-
-    def _away(self, difference: FloatArray) -> FloatArray:
-        return np.abs(short_way(difference, self._continuous))

@@ -75,3 +75,38 @@ def test_whole_turns_of_a_continuous_joint_are_no_distance():
     behind = np.array([1.5 - 2.0 * np.pi, 0.0])
     expected = lag.expected(behind, commanded)
     assert np.abs(expected + np.array([2.0 * np.pi, 0.0]) - commanded).max() < 0.05
+
+
+def test_it_is_the_way_from_the_nearest_of_all_places_of_the_past():
+    rng = np.random.default_rng(7)
+    turns = np.array([False, True, False])
+    lag, past = ResponseLag(LAG_S, turns), []
+    q, found = np.zeros(3), 0
+    for k in range(2000):
+        q = q + rng.normal(scale=(0.01, 0.05, 0.01))
+        if k % 5 == 0:  # Oftener than a place is kept, so each of these is.
+            lag.note(q, k * LAG_S / 79)
+            past = [*past, q][-17:] if past else [q] * 17
+        measured = past[rng.integers(len(past))] + rng.normal(scale=0.02, size=3)
+        measured[1] += 2.0 * np.pi * rng.integers(-2, 3)
+        expected = lag.expected(tuple(measured.tolist()), q.tolist())
+        away = np.array([*past, q]) - measured
+        away[:, 1] -= 2.0 * np.pi * np.rint(away[:, 1] / (2.0 * np.pi))
+        farthest = np.abs(away).max(axis=1)
+        nearest = q if farthest[-1] <= farthest[:-1].min() else past[farthest[:-1].argmin()]
+        assert expected == pytest.approx(measured + (q - nearest), abs=1e-12)
+        found += nearest is not q
+    assert 500 < found < 2000
+
+
+def test_the_same_question_has_another_answer_once_the_past_has_changed():
+    lag = ResponseLag(LAG_S, FIXED)
+    for k in range(100):
+        lag.note(np.array([0.01 * k, 0.0]), k * DT_S)
+    measured, commanded = (0.7, 0.0), [1.0, 0.0]
+    before = lag.expected(measured, commanded)
+    assert before == pytest.approx((1.0, 0.0), abs=0.02)
+    assert lag.expected(measured, commanded) is before
+    assert lag.expected(measured, [2.0, 0.0]) == pytest.approx((2.0, 0.0), abs=0.02)
+    lag.note(np.array([2.0, 0.0]), 10.0)  # After a gap.
+    assert lag.expected(measured, commanded) == measured
