@@ -17,6 +17,14 @@ import pyarrow as pa  # noqa: E402
 TIMEOUT_S = 120.0
 
 
+class Told(dict):
+    """What it saw; each as soon as it is there, where somebody looks for what it waits for."""
+
+    def __setitem__(self, name, value):
+        super().__setitem__(name, value)
+        print(f"{name}: {value}", file=sys.stderr, flush=True)
+
+
 def main(config, arm):
     transport = dora.Ros2Transport.zenoh("rep2016", config)
     context = dora.Ros2Context(transport=transport, domain_id=0)
@@ -40,7 +48,7 @@ def main(config, arm):
                 return message
         return None
 
-    told = {}
+    told = Told()
     poses = node.create_subscription(topic("state/pose", "geometry_msgs/PoseStamped"), qos)
     results = node.create_subscription(topic("result", "cardan_msgs/CommandResult"), qos)
     commands = node.create_publisher(topic("command/movl", "geometry_msgs/Pose"), qos)
