@@ -224,6 +224,8 @@ class SimulatedPeer(Openable):
 def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:
     """Run `peer` until `seconds` are over or a signal would end it; print READY once it serves."""
     stopping = False
+    # Thawing would thaw what a program that calls this has frozen of its own.
+    freezes = not gc.get_freeze_count()
 
     def stop(_signal: int) -> None:
         nonlocal stopping
@@ -236,13 +238,15 @@ def serve(peer: SimulatedPeer, seconds: float | None = None) -> None:
             ask_for_real_time()
             # A collection of what stays anyway costs tens of milliseconds.
             gc.collect()
-            gc.freeze()
+            if freezes:
+                gc.freeze()
             print(f"READY {peer.endpoint}", flush=True)
             end_s = float("inf") if seconds is None else time.monotonic() + seconds
             while not stopping and (now_s := time.monotonic()) < end_s:
                 peer.step(min(end_s, now_s + SERVE_SLICE_S))
         finally:
-            gc.unfreeze()
+            if freezes:
+                gc.unfreeze()
             with contextlib.suppress(OSError):
                 sys.stdout.flush()
             peer.close()

@@ -1,19 +1,23 @@
 """Scripts and fault switches: what is read, and what is refused with a reason."""
 
 import contextlib
+import gc
 
 import pytest
 from hypothesis import given, strategies as st
 
 from cardan.errors import ScriptError
+from cardan.sim_peers import base
 from cardan.sim_peers.base import (
     FaultSwitch,
     ScriptStep,
+    SimulatedPeer,
     TimedActs,
     check_faults,
     load_script,
     parse_faults,
     parse_script,
+    serve,
 )
 
 VERBS = {"go": "go SPEED", "stop": "stop"}
@@ -119,3 +123,31 @@ def test_switches_of_a_kind_have_its_words_and_range():
     share = FaultSwitch.share("drop", "share of datagrams lost", 0.1)
     assert share == FaultSwitch("drop", "share of datagrams lost (0..1)", 0.1, 0.0, 1.0)
     assert FaultSwitch.flag("split", "in pieces").help == "in pieces (1: yes)"
+
+
+class Idle(SimulatedPeer):
+    """It serves nobody."""
+
+    endpoint = "nowhere"
+
+    def open(self):
+        self.steps = 0
+
+    def step(self, until_s):
+        self.steps += 1
+
+    def close(self): ...
+
+
+def test_what_a_program_has_frozen_stays_so_when_it_has_served(monkeypatch):
+    monkeypatch.setattr(base, "ask_for_real_time", lambda: None)
+    gc.freeze()
+    before = gc.get_freeze_count()
+    serve(peer := Idle(), 0.0)
+    assert gc.get_freeze_count() > 0.9 * before > 1000
+    gc.unfreeze()
+    try:
+        serve(peer, 0.0)
+        assert gc.get_freeze_count() == 0
+    finally:
+        gc.freeze()

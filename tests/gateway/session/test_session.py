@@ -1,6 +1,7 @@
 """The loop: what it asks of its drivers, and what it tells about itself."""
 
 import dataclasses
+import gc
 import json
 import math
 import socket
@@ -59,6 +60,14 @@ def test_a_session_from_rest_to_motion(fake_drivers):
     assert not s.device.is_open
     assert not s.robot.is_open
     assert s.device.led[-1] is False
+
+
+def test_what_its_program_has_frozen_stays_so(fake_drivers):
+    gc.freeze()
+    before = gc.get_freeze_count()
+    session(**FEW).run()
+    assert gc.isenabled()
+    assert gc.get_freeze_count() > 0.9 * before > 1000
 
 
 def test_gripper_on_an_analog_output(fake_drivers):
