@@ -465,6 +465,35 @@ def test_the_rooms_of_the_gateway_stand_on_each_other():
         assert others - {room_} <= GATEWAY_ROOMS[room_], room_
 
 
+LISTED = ast.ListComp, ast.SetComp, ast.DictComp
+
+
+def inner_asynchronous(source):
+    """Lines of comprehensions that wait, inside of others."""
+    for outer in ast.walk(ast.parse(source)):
+        if isinstance(outer, (*LISTED, ast.GeneratorExp)):
+            for inner in ast.walk(outer):
+                if isinstance(inner, LISTED) and inner is not outer:
+                    waits = any(isinstance(each, ast.Await) for each in ast.walk(inner))
+                    if waits or any(each.is_async for each in inner.generators):
+                        yield inner.lineno
+
+
+def test_python_3_10_compiles_comprehensions_that_wait():
+    """Newer ones allow them inside of others, and neither ruff nor mypy says that 3.10 does not."""
+    assert [*inner_asynchronous("async def f(a): [[await b for b in c] for c in a]")] == [1]
+    assert [*inner_asynchronous("async def f(a): [[b async for b in c] for c in a]")] == [1]
+    assert [*inner_asynchronous("async def f(a): [[b for b in c] for c in await a]")] == []
+    strange = [
+        f"{path.relative_to(SOURCE_TREE)}:{line}"
+        for folder in ("cardan", "plugins", "studies", "bench", "fuzz", "examples", "tests")
+        for path in sorted((SOURCE_TREE / folder).rglob("*.py"))
+        if re.search(r"\bawait\b|\basync for\b", text := path.read_text(encoding="utf-8"))
+        for line in inner_asynchronous(text)
+    ]
+    assert strange == []
+
+
 def test_names_that_only_we_knew_do_not_come_back():
     folders = [PACKAGE, *(folder / folder.name.replace("-", "_") for folder in PLUGINS)]
     names = {path for folder in folders for path in folder.rglob("*") if path.stem in GONE}

@@ -309,10 +309,12 @@ class Compiler:
         called = found.value.name if isinstance(found.value, tree.Call) else "that"
         put = self._put(found.name, found.scope, scope)
         if found.path:
-            steps = [
-                each if isinstance(each, str) else [await self._expression(e, scope) for e in each]
-                for each in found.path
-            ]
+            steps: list[str | list[_Code]] = []
+            for each in found.path:
+                if isinstance(each, str):
+                    steps.append(each)
+                else:
+                    steps.append([await self._expression(index, scope) for index in each])
             return await self._assign_inside(found, value, steps, put, scope)
 
         def given(own: _Locals, result: Any) -> None:
