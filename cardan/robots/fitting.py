@@ -113,6 +113,33 @@ def _checked(points: npt.ArrayLike) -> Floats:
 # The hull
 
 
+Side = tuple[int, int]
+
+
+def _sides(facet: list[int]) -> tuple[Side, Side, Side]:
+    a, b, c = facet
+    return (a, b), (b, c), (c, a)
+
+
+def _rim(facets: Indices) -> list[Side]:
+    """The sides that only one of these facets has."""
+    sides = {side for facet in facets.tolist() for side in _sides(facet)}
+    return sorted((a, b) for a, b in sides if (b, a) not in sides)
+
+
+def _is_one_loop(rim: list[Side]) -> bool:
+    """Whether these sides are a way through each of their corners once, and back."""
+    after = dict(rim)
+    if not rim or len(after) < len(rim):
+        return False
+    start, _ = rim[0]
+    at, length = after[start], 1
+    while at != start and length < len(rim):
+        at = after.get(at, start)
+        length += 1
+    return at == start and length == len(rim)
+
+
 class Hull:
     """The convex hull of points, of few corners: all points are within `margin_m` of it."""
 
@@ -127,17 +154,19 @@ class Hull:
         self.normals, self.offsets = self._planes(self.facets)
         self._insert(np.unique(np.argmax(self._points @ _directions(20).T, axis=0)))
         left = np.arange(len(points))
+        refused: set[int] = set()
+        """Left outside, within the margin."""
         while True:
             beyond, facet = self.beyond(self._points[left])
             outside = beyond > 0.0
             left, beyond, facet = left[outside], beyond[outside], facet[outside]
-            far = beyond > _SIMPLER * length
+            far = (beyond > _SIMPLER * length) & ~np.isin(left, [*refused])
             room = _MOST_CORNERS - len(np.unique(self.facets))
             if room <= 0 or not far.any():
                 break
             order = np.argsort(-beyond[far], kind="stable")
             _, first = np.unique(facet[far][order], return_index=True)
-            self._insert(left[far][order][np.sort(first)[:room]])
+            refused |= self._insert(left[far][order][np.sort(first)[:room]])
         gaps = Triangles(self._points[self.facets[facet]]).distances(self._points[left])
         self.margin_m = float(gaps.max(initial=0.0)) + 2.0 * _JOGGLE * length + ROUNDING_M
         used, renamed = np.unique(self.facets, return_inverse=True)
@@ -169,20 +198,46 @@ class Hull:
         normals = normals / np.where(length > 0.0, length, 1.0)
         return normals, _dots(normals, a)
 
-    def _insert(self, indices: Iterable[int]) -> None:
-        for index in indices:
-            visible = self.normals @ self._points[index] > self.offsets + self._flat_m
+    def _insert(self, indices: Iterable[int]) -> set[int]:
+        """Make these points corners; those of which it cannot be done are given back."""
+        refused = set()
+        for index in map(int, indices):
+            depths = self.normals @ self._points[index] - self.offsets
+            visible = depths > self._flat_m
             if not visible.any():
+                refused.add(index)
                 continue
-            seen = self.facets[visible].tolist()
-            sides = {side for a, b, c in seen for side in ((a, b), (b, c), (c, a))}
-            rim = sorted((a, b) for a, b in sides if (b, a) not in sides)
+            rim = _rim(self.facets[visible])
+            if not _is_one_loop(rim):
+                # Of facets in nearly one plane, rounding may have some hidden among others.
+                visible = self._around(int(np.argmax(depths)), visible)
+                rim = _rim(self.facets[visible])
+            if not _is_one_loop(rim):
+                refused.add(index)
+                continue
             new = np.array([(a, b, index) for a, b in rim])
             normals, offsets = self._planes(new)
             hidden = ~visible
             self.facets = np.concatenate((self.facets[hidden], new))
             self.normals = np.concatenate((self.normals[hidden], normals))
             self.offsets = np.concatenate((self.offsets[hidden], offsets))
+        return refused
+
+    def _around(self, start: int, visible: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+        """Of the visible facets, those that hang together with one of them."""
+        of_side: dict[tuple[int, int], int] = {}
+        for number in np.flatnonzero(visible).tolist():
+            of_side.update(dict.fromkeys(_sides(self.facets[number].tolist()), number))
+        found = np.zeros_like(visible)
+        found[start] = True
+        ways = [start]
+        for number in ways:
+            for a, b in _sides(self.facets[number].tolist()):
+                other = of_side.get((b, a), start)
+                if not found[other]:
+                    found[other] = True
+                    ways.append(other)
+        return found
 
     def beyond(self, points: Floats) -> tuple[Floats, Indices]:
         """How far each is beyond the planes of the facets, at most, and of which."""

@@ -6,7 +6,7 @@ import math
 import coal
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from cardan.errors import ConfigurationError
 from cardan.robots.arm_model import Box, Capsule
@@ -154,6 +154,7 @@ def test_nothing_is_farther_from_the_cover_than_from_the_hull(seed, how):
 
 
 @given(seed=SEEDS)
+@example(seed=61)  # A cylinder: of its flat ends, rounding lets a corner see some facets.
 @settings(max_examples=examples(40))
 def test_the_simplified_hull_is_within_its_margin_of_all_points(seed):
     points = cloud(seed)
