@@ -18,6 +18,7 @@ from studies.motoros.published import (
     mean,
 )
 from studies.motoros.rig import GRID_S, PUSH_S, Recording
+from studies.motoros.two_point import TwoPointSession
 from tests.drivers.motoros_rig import Rig
 
 pytestmark = pytest.mark.matrix
@@ -81,6 +82,12 @@ def test_the_published_averages_are_those_of_the_published_phases():
     assert mean(VELOCITY) == pytest.approx(VELOCITY_MEAN, abs=6e-4)
 
 
+class TwoPointRig(Rig):
+    """The rig with trajectories of two points."""
+
+    kind_of_session = TwoPointSession
+
+
 def in_virtual_time(mode, plant):
     """The driver and the controller joined by their bytes; the goal is the hand's own path."""
     goals = []
@@ -93,7 +100,8 @@ def in_virtual_time(mode, plant):
         rate = (here - before) / state.period_s if state.period_s else 0.0
         return JointCommand((start + here, *rest), (rate, 0.0, 0.0, 0.0, 0.0, 0.0))
 
-    rig = Rig({"mode": mode}, answer, plant=plant, velocity_mode=mode == "velocity")
+    kind, known = (TwoPointRig, "stream") if mode == "standard" else (Rig, mode)
+    rig = kind({"mode": known}, answer, plant=plant, velocity_mode=mode == "velocity")
     start, *rest = rig.controller.measured_rad(0)
     begin_s = rig.now_s + 1e6
     rig.ready()

@@ -26,7 +26,7 @@ class EgmDriver(Suite[EgmSeen]):
     harmless = Level.HOLD
     requirements = requires.all()
     transport = Transport("udp", {FIRST: PORT, SECOND: PORT})
-    sees = partial(EgmSeen, robot_sends=True)
+    sees = staticmethod(partial(EgmSeen, robot_sends=True))
     asks = ControllerPilot
     rig = "cardan.conform.egm_driver.simulated:EgmDriverRig"
     own_faults = FAULTS

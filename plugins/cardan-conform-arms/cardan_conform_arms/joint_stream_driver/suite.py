@@ -26,7 +26,7 @@ class JointStreamDriver(Suite[JointStreamSeen]):
     harmless = Level.HOLD
     requirements = requires.all()
     transport = Transport("udp", {"": PORT}, frozenset(("",)))
-    sees = partial(JointStreamSeen, arm_sends=True)
+    sees = staticmethod(partial(JointStreamSeen, arm_sends=True))
     rig = "cardan_conform_arms.joint_stream_driver.simulated:JointStreamDriverRig"
     own_faults = FAULTS
     seconds = 0.8
