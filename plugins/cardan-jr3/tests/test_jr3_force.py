@@ -24,7 +24,12 @@ from cardan_omni.driver.limits import TickLimits
 from cardan_omni.peer.library import available
 from studies.haptics.loop import Rig
 from tests.gateway.force.fakes import PERIOD_S, robot_state
-from tests.gateway.force.test_session import ScriptedRobot, drivers, session as fake_session  # noqa: F401
+from tests.gateway.force.test_session import (  # noqa: F401
+    ScriptedRobot,
+    drivers,
+    forces,
+    session as fake_session,
+)
 from tests.plugin_rigs import PLUGINS as PLUGINS  # The Omni's tests can be imported then.
 from tests.serving import in_a_thread
 
@@ -95,7 +100,7 @@ def test_a_pen_that_is_pressed_down_pushes_the_hand_up(monkeypatch):
         }
     )
     s = make_session(config)
-    hand, jr3 = s.device, s._force.measured.source.device.rig
+    hand, jr3 = s.device, forces(s).measured.source.device.rig
     presses = [3.0]
     with Rig(TickLimits()) as omni:
         hand.rig = omni
@@ -154,7 +159,7 @@ def test_the_driver_on_a_bus_is_felt_and_missed():
             engaged = bool(hand.commands) and hand.commands[-1].engaged
             if engaged and (measured := hand.commands[-1].measured) is not None:
                 felt.append(measured.force.z)
-            if stage == 0 and s._force.measured.conditioner.tare.taken:
+            if stage == 0 and forces(s).measured.conditioner.tare.taken:
                 hand.press("button_2")
                 load(lambda board: board.set_wrench((0.0, 0.0, -BOARD_N, 0.0, 0.0, 0.0)))
                 stage = 1
