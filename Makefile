@@ -30,7 +30,7 @@ unexport PYTHONDONTWRITEBYTECODE
 .PHONY: help demo page lock test test-matrix test-kernel test-systemd device-table fault-table \
 	fault-table-processes fault-table-network flood-table hold-table console-pictures arm-tables docs-tables \
 	docs-pictures docs-evaluation demo-picture docs release lint types check bench bench-motoros bench-thesis bench-haptics bench-network \
-	bench-console bench-sessions bench-kilohertz bench-peers bench-servo fuzz soak test-pythons test-neighbours \
+	bench-console bench-sessions bench-kilohertz bench-remote bench-peers bench-servo fuzz soak test-pythons test-neighbours \
 	test-lerobot dist clean
 
 help:
@@ -67,6 +67,7 @@ help:
 	@echo "make bench-network  what the network costs a session and how fast it is, with tables for docs/"
 	@echo "make bench-console  from a finger on the page to the robot, and what viewers cost, for docs/"
 	@echo "make bench-sessions  how many sessions this computer runs, and what each costs, for docs/"
+	@echo "make bench-remote  a device at another computer, over networks of several kinds, for docs/"
 	@echo "make bench-kilohertz  whether a session holds a period of 1 ms, for docs/"
 	@echo "make bench-servo  what a tick of the servo costs beside what others do, for docs/"
 	@echo "make bench-peers  builds what others do in C++, which some benchmarks compare with"
@@ -237,6 +238,9 @@ bench-servo: bench-peers
 
 bench-kilohertz: $(VENV)/.cardan-dev
 	$(BIN)/python -m bench kilohertz --pages
+
+bench-remote: $(VENV)/.cardan-dev
+	$(BIN)/python -m bench remote --pages
 
 # Half an hour to an hour on a quiet machine; FUZZ has further options: FUZZ="egm.robot --seed 7".
 fuzz: $(VENV)/.cardan-dev

@@ -1,0 +1,433 @@
+"""What it costs that the operator device is at another computer: `python -m bench remote`.
+
+    python -m bench remote [--acts=100] [--pages]
+
+This process is the hand and the robot's controller: it writes a SpaceMouse's reports into a socket,
+and asks sessions by EGM, once in 4 ms, as a controller does. From the report that deflects the
+device to the first answer that moves the arm, and from the report that lets go of the dead-man
+button to the last one that does.
+
+Speed: one session reads the device itself, one by ``cardan share`` and a router, and one what ROS
+2's spacenav_node would publish, on the same router. All run side by side and are asked in turns.
+
+Networks: between ``cardan share`` and the router is a process that holds back what passes. TCP
+makes delays of what a network loses, and keeps the order; so does it (:class:`Network`). It is a
+model of those networks, and not one of them.
+
+`--pages` writes the tables into docs/measurements.md.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import random
+import selectors
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Final
+
+from bench import pages
+from bench.figures import Figures
+from bench.slow_network import NETWORKS, Network, between
+from cardan.bus.node import BusNode
+from cardan.bus.options import BusOptions
+from cardan.demos.examples import free_ports
+from cardan.gateway.session.subprocesses import launched
+from cardan.protocols.connexion.reports import encode_buttons, encode_motion
+from cardan.protocols.ros2.cdr import codec_of
+from studies.cartesian.controller import START, datagram, obeyed
+
+PAGE: Final = Path(__file__).parents[1] / "docs/measurements.md"
+SPEED_PART, NETWORK_PART = "remote-speed", "remote-networks"
+
+LOCAL, REMOTE, SPACENAV = "read locally", "`cardan share`", "spacenav_node"
+
+ACTS = 100
+PERIOD_S = 0.004
+REPORT_S = 0.008
+"""A SpaceMouse's, while it is deflected."""
+COUNTS = 150
+SPACENAV_AXIS = 0.3
+STROKE_S = 0.4
+"""For so long the arm moves before the button is let go."""
+REST_S = 0.1
+"""An arm that was not moved for so long, and longer than the network can stand still, rests."""
+PAUSE_S = 0.3
+"""At rest, with the button held, before the device is deflected."""
+READY_WITHIN_S, ACT_WITHIN_S = 60.0, 5.0
+
+ADDED_S: Final = 1.0e-3
+"""Most that a shared device may add to the median of a local one."""
+OF_SPACENAV: Final = 0.5
+"""Most of what spacenav_node adds."""
+
+
+class HandHeld(ABC):
+    """A device that this process holds."""
+
+    buttons = axis = False
+
+    @abstractmethod
+    def report(self) -> None:
+        """Tell whoever reads it what is pressed and deflected now."""
+
+
+class Mouse(HandHeld):
+    """A SpaceMouse: a socket whose packets are its reports."""
+
+    def __init__(self, path: str) -> None:
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._socket.bind(path)
+        self._socket.listen()
+        self._socket.setblocking(False)
+        self._readers: list[socket.socket] = []
+        self._said = (False, False)
+
+    def report(self) -> None:
+        """As the device does: its buttons when they change, its axes."""
+        with contextlib.suppress(BlockingIOError):
+            self._readers.append(self._socket.accept()[0])
+        packets = [encode_motion(0, COUNTS if self.axis else 0, 0, 0, 0, 0)]
+        if self._said[0] != self.buttons:
+            packets.insert(0, encode_buttons(int(self.buttons), 3))
+        if self.axis or (self.axis, self.buttons) != self._said[::-1]:
+            for reader in self._readers:
+                with contextlib.suppress(OSError):
+                    for packet in packets:
+                        reader.send(packet)
+        self._said = (self.buttons, self.axis)
+
+    def close(self) -> None:
+        """Unplug it."""
+        for each in (*self._readers, self._socket):
+            each.close()
+
+
+class Spacenav(HandHeld):
+    """What spacenav_node publishes, on the router."""
+
+    def __init__(self, node: BusNode) -> None:
+        self._codec = codec_of("sensor_msgs/msg/Joy")
+        self._publisher = node.publisher("/spacenav/joy", "sensor_msgs/msg/Joy")
+
+    def report(self) -> None:
+        """Publish once."""
+        now_ns = time.time_ns()
+        header = {
+            "stamp": {"sec": now_ns // 10**9, "nanosec": now_ns % 10**9},
+            "frame_id": "",
+        }
+        axes = [0.0, SPACENAV_AXIS if self.axis else 0.0, 0.0, 0.0, 0.0, 0.0]
+        message = {"header": header, "axes": axes, "buttons": [int(self.buttons), 0]}
+        self._publisher.put(self._codec.encode(message), now_ns)
+
+
+class Robot:
+    """A controller that a session answers, and whose arm does at once what it is told."""
+
+    def __init__(self, port: int, device: HandHeld) -> None:
+        self.device = device
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.connect(("127.0.0.1", port))
+        self.socket.setblocking(False)
+        self.place = START
+        self.moved_s = 0.0
+        """When an answer moved the arm last."""
+
+    def ask(self, cycle: int) -> None:
+        """Send one datagram."""
+        with contextlib.suppress(OSError):
+            self.socket.send(datagram(cycle, self.place))
+
+    def take(self, now_s: float) -> None:
+        """Take the answers that are there."""
+        with contextlib.suppress(OSError):
+            while True:
+                place = obeyed(self.socket.recv(2048), self.place)
+                if place.cartesian != self.place.cartesian:
+                    self.moved_s = now_s
+                self.place = place
+
+
+class Cell:
+    """All robots, asked at their pace; and the hand, which acts at any instant."""
+
+    def __init__(self, robots: Mapping[str, Robot]) -> None:
+        self.robots = robots
+        self._selector = selectors.SelectSelector()
+        for robot in robots.values():
+            self._selector.register(robot.socket, selectors.EVENT_READ, robot)
+        self._cycle = 0
+        self._slot_s = self._reported_s = time.monotonic()
+        self._random = random.Random(0)
+
+    def play(self, till_s: float) -> float:
+        """Go on until then; returns the time."""
+        while (now_s := time.monotonic()) < till_s:
+            if now_s >= self._slot_s:
+                self._cycle += 1
+                self._slot_s = max(self._slot_s + PERIOD_S, now_s)
+                for robot in self.robots.values():
+                    robot.ask(self._cycle)
+            if now_s >= self._reported_s + REPORT_S:
+                self._reported_s = now_s
+                for robot in self.robots.values():
+                    robot.device.report()
+            due_s = min(self._slot_s, self._reported_s + REPORT_S, till_s)
+            for key, _ in self._selector.select(max(0.0, due_s - time.monotonic())):
+                key.data.take(time.monotonic())
+        return now_s
+
+    def wait(self, seconds: float) -> float:
+        """Go on for so long, and at most a cycle more: acts come at any instant of it."""
+        return self.play(time.monotonic() + seconds + self._random.uniform(0.0, PERIOD_S))
+
+    def moved_after(self, robot: Robot, since_s: float) -> float | None:
+        """When the arm was moved first after then; None: it was not."""
+        now_s = since_s
+        while robot.moved_s <= since_s:
+            if now_s > since_s + ACT_WITHIN_S:
+                return None
+            now_s = self.play(time.monotonic() + PERIOD_S)
+        return robot.moved_s
+
+    def rested_after(self, robot: Robot, since_s: float, rest_s: float) -> float:
+        """When the arm was moved last."""
+        self.wait(rest_s)
+        while (now_s := time.monotonic()) < max(since_s, robot.moved_s) + rest_s:
+            self.play(now_s + REST_S)
+        return robot.moved_s
+
+    def act(self, robot: Robot, **what: bool) -> float:
+        """Have the hand do it, now; returns when."""
+        for name, value in what.items():
+            setattr(robot.device, name, value)
+        now_s = time.monotonic()
+        robot.device.report()
+        return now_s
+
+    def make_ready(self, robot: Robot, rest_s: float) -> None:
+        """Deflect, let go, and press, until the arm follows. RuntimeError: it does not."""
+        end_s = time.monotonic() + READY_WITHIN_S
+        while time.monotonic() < end_s:
+            for what in ({"axis": True}, {"axis": False}, {"buttons": True}, {"axis": True}):
+                since_s = self.act(robot, **what)
+                self.wait(0.2 + rest_s)
+            follows = robot.moved_s > since_s
+            self.act(robot, axis=False)
+            self.act(robot, buttons=False)
+            self.rested_after(robot, time.monotonic(), REST_S + rest_s)
+            if follows:
+                return
+        raise RuntimeError("a session does not follow its device")
+
+    def stroke(self, robot: Robot, rest_s: float) -> tuple[float, float] | None:
+        """How long until the arm moves, and until it rests after the button was let go; None: it
+        did not move."""
+        self.act(robot, buttons=True)
+        self.wait(PAUSE_S + rest_s)
+        begun_s = self.act(robot, axis=True)
+        moved_s = self.moved_after(robot, begun_s)
+        self.wait(STROKE_S)
+        released_s = self.act(robot, buttons=False)
+        rested_s = self.rested_after(robot, released_s, REST_S + rest_s)
+        self.act(robot, axis=False)
+        self.wait(REST_S + rest_s)
+        if moved_s is None or rested_s < released_s:
+            return None
+        return moved_s - begun_s, rested_s - released_s
+
+
+@contextlib.contextmanager
+def session(
+    folder: Path, port: int, device: str, deadman: str, device_age_s: float = 0.1
+) -> Iterator[None]:
+    """``cardan run``, for a robot that asks at `port`."""
+    config = folder / f"session-{port}.toml"
+    config.write_text(
+        f'[robot]\ndriver = "abb_egm"\nlisten_port = {port}\n\n[device]\n{device}\n\n'
+        f'[mapping]\ndeadman = "{deadman}"\nlinear_speed_m_s = 0.1\n\n'
+        f"[watchdogs]\ndevice_age_s = {device_age_s}\n"
+    )
+    process = subprocess.Popen(
+        [sys.executable, "-m", "cardan", "run", str(config)], stdout=subprocess.PIPE
+    )
+    try:
+        assert process.stdout is not None
+        process.stdout.readline()  # its first view: the loop runs
+        yield
+    finally:
+        process.terminate()
+        process.communicate()
+
+
+@contextlib.contextmanager
+def shared(folder: Path, mouse: str, router: str) -> Iterator[None]:
+    """``cardan share``, of the mouse."""
+    config = folder / "operator.toml"
+    config.write_text(f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{mouse}"\n')
+    with launched("share", str(config), "--router", router, "--name", "hand"):
+        yield
+
+
+def remote(router: str, more: str = "") -> str:
+    """The keys of a session's [device]."""
+    return f'driver = "remote"\nrouter = "{router}"\ndevice = "hand"\n{more}'
+
+
+def measure_speed(acts: int) -> Figures:
+    """From the hand's bytes to motion, three ways."""
+    figures = Figures("From the device's report to the answer that moves the arm")
+    with tempfile.TemporaryDirectory(prefix="cardan-remote-") as name, _stack() as stack:
+        folder = Path(name)
+        router = stack.enter_context(_router())
+        near, far = Mouse(f"{name}/near"), Mouse(f"{name}/far")
+        stack.callback(near.close)
+        stack.callback(far.close)
+        node = BusNode(BusOptions(router=router, mode="client"), "spacenav")
+        spacenav = Spacenav(stack.enter_context(node))
+        stack.enter_context(shared(folder, f"{name}/far", router))
+        robots: dict[str, Robot] = {}
+        ways: dict[str, tuple[HandHeld, str, str]] = {
+            LOCAL: (
+                near,
+                f'driver = "spacemouse"\ntransport = "socket"\npath = "{name}/near"',
+                "left",
+            ),
+            REMOTE: (far, remote(router), "left"),
+            SPACENAV: (
+                spacenav,
+                f'driver = "ros2_spacenav"\nrouter = "{router}"\nmode = "client"',
+                "button-0",
+            ),
+        }
+        for way, (device, keys, deadman) in ways.items():
+            port = free_ports()
+            stack.enter_context(session(folder, port, keys, deadman))
+            robots[way] = Robot(port, device)
+            stack.callback(robots[way].socket.close)
+        cell = Cell(robots)
+        for robot in robots.values():
+            cell.make_ready(robot, 0.0)
+        for _ in range(acts):
+            for way, robot in robots.items():
+                if (took := cell.stroke(robot, 0.0)) is None:
+                    figures.miss(way)
+                else:
+                    figures.add(way, took[0])
+    return figures
+
+
+def measure_network(network: Network, acts: int) -> tuple[Figures, Figures]:
+    """Until motion, and until rest, over it."""
+    moves, rests = Figures(network.name), Figures(network.name)
+    with tempfile.TemporaryDirectory(prefix="cardan-remote-") as name, _stack() as stack:
+        folder = Path(name)
+        router = stack.enter_context(_router())
+        slow = stack.enter_context(between(network, int(router.rpartition(":")[2])))
+        mouse = Mouse(f"{name}/mouse")
+        stack.callback(mouse.close)
+        stack.enter_context(shared(folder, f"{name}/mouse", f"tcp/127.0.0.1:{slow}"))
+        port = free_ports()
+        keys = remote(router, f"max_age_s = {network.max_age_s}\n")
+        stack.enter_context(session(folder, port, keys, "left", network.max_age_s))
+        robot = Robot(port, mouse)
+        stack.callback(robot.socket.close)
+        cell = Cell({REMOTE: robot})
+        rest_s = network.longest_s
+        cell.make_ready(robot, rest_s)
+        for _ in range(acts):
+            if (took := cell.stroke(robot, rest_s)) is None:
+                moves.miss(REMOTE)
+                continue
+            moves.add(REMOTE, took[0])
+            rests.add(REMOTE, took[1])
+    return moves, rests
+
+
+def _stack() -> contextlib.ExitStack:
+    return contextlib.ExitStack()
+
+
+@contextlib.contextmanager
+def _router() -> Iterator[str]:
+    endpoint = f"tcp/127.0.0.1:{free_ports()}"
+    with launched("face", "router", "--endpoint", endpoint):
+        yield endpoint
+
+
+def speed_table(figures: Figures, conditions: str) -> str:
+    """As docs/measurements.md has it."""
+    lines = ["| the device | median | p99 | beyond local, median |", "|---|---|---|---|"]
+    local_s = figures.quantile(LOCAL, "median")
+    added = {}
+    for name in (LOCAL, REMOTE, SPACENAV):
+        median_s = figures.quantile(name, "median")
+        added[name] = median_s - local_s
+        beyond = "" if name == LOCAL else f"{1e3 * added[name]:+.2f} ms"
+        lines.append(
+            f"| {name} | {1e3 * median_s:.2f} ms | {1e3 * figures.quantile(name, 'p99'):.2f} ms "
+            f"| {beyond} |"
+        )
+    most_s = min(ADDED_S, OF_SPACENAV * added[SPACENAV])
+    met = "met" if added[REMOTE] <= most_s else "missed"
+    aim = (
+        f"Aim: `cardan share` adds at most {1e3 * ADDED_S:g} ms, and at most {OF_SPACENAV:g} of "
+        f"what spacenav_node adds: {met}."
+    )
+    return "\n".join(lines) + f"\n\n{aim} {conditions}"
+
+
+def network_table(rows: list[tuple[Network, Figures, Figures]], local: Figures) -> str:
+    """As docs/measurements.md has it."""
+    lines = [
+        "| network | delay, jitter, lost, stands still | device to arm beyond its delay and what a "
+        "local device takes, median / p99 | aim | let go to rest, median / longest | aim |",
+        "|---|---|---|---|---|---|",
+    ]
+    alone = [local.quantile(LOCAL, quantile) for quantile in ("median", "p99")]
+    for network, moves, rests in rows:
+        beyond = [
+            moves.quantile(REMOTE, quantile) - network.delay_s - least_s
+            for quantile, least_s in zip(("median", "p99"), alone, strict=True)
+        ]
+        rest = [rests.quantile(REMOTE, q) for q in ("median", "p99.9")]
+        p50_ms, p99_ms = network.aim_ms
+        lines.append(
+            f"| {network.name} | {network.in_words} "
+            f"| {1e3 * beyond[0]:.1f} / {1e3 * beyond[1]:.1f} ms | {p50_ms:g} / {p99_ms:g} ms "
+            f"| {1e3 * rest[0]:.0f} / {1e3 * rest[1]:.0f} ms | {1e3 * network.rest_s:.0f} ms |"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Measure and print; write where it is asked for."""
+    words = sys.argv[1:]
+    given = [word.partition("=")[2] for word in words if word.startswith("--acts=")]
+    acts = int(given[-1]) if given else ACTS
+    load = os.getloadavg()[0]
+    conditions = (
+        f"{acts} strokes each, {os.cpu_count()} processors, a cycle of {1e3 * PERIOD_S:g} ms. Load "
+        f"in the minute before: {load:.1f}."
+    )
+    speed = measure_speed(acts)
+    parts = {SPEED_PART: speed_table(speed, conditions)}
+    print(pages.marked(SPEED_PART, parts[SPEED_PART]), flush=True)
+    rows = [(network, *measure_network(network, acts)) for network in NETWORKS]
+    parts[NETWORK_PART] = f"{network_table(rows, speed)}\n\n{conditions}"
+    print(pages.marked(NETWORK_PART, parts[NETWORK_PART]), flush=True)
+    if "--pages" in words:
+        pages.rewrite(PAGE, parts)
+        print(f"docs/{PAGE.name} has these numbers")
+
+
+if __name__ == "__main__":
+    main()
