@@ -11,10 +11,12 @@ from cardan.conform.requirements import (
     Verdict,
     failed,
     met,
+    must,
     none_wrong,
     not_applicable,
     not_seen,
     passed,
+    some,
 )
 from cardan.conform.second_reading import read_twice, second_description
 from cardan.conform.timing import never_silent
@@ -107,9 +109,7 @@ def reports_are_not_padded(each: Report) -> str:
 @requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")
 def the_family_is_one(seen: ConnexionSeen) -> Verdict:
     """All motion comes in halves (ids 1 and 2), or all of it whole (id 1 of 13 bytes)."""
-    whole = [isinstance(each.value, Motion) for each in seen.motions]
-    if not whole:
-        return not_seen(_NOTHING)
+    whole = some([isinstance(each.value, Motion) for each in seen.motions], _NOTHING)
     odd = [each.number for each, one in zip(seen.motions, whole, strict=True) if one != whole[0]]
     return failed("both kinds come", odd) if odd else passed("whole" if whole[0] else "halves")
 
@@ -224,8 +224,7 @@ def axes_have_their_signs(seen: ConnexionSeen) -> Verdict:
         return not_applicable("the model has another frame")
     push = _mean(seen.during("push-held"), Translation, 0)
     twist = _mean(seen.during("twist-held"), Rotation, 3)
-    if not push or not twist:
-        return not_seen("it was not pushed and twisted")
+    some(push and twist, "it was not pushed and twisted")
     said = f"X {push[0]:.0f}, Rz {twist[2]:.0f} counts"
     return met(push[0] == max(push, key=abs) > 0 and twist[2] == max(twist, key=abs) > 0, said)
 
@@ -239,10 +238,8 @@ def buttons_are_told(seen: ConnexionSeen) -> Verdict:
         return not_seen("none was pressed")
     down = _buttons(seen.during("press"))
     up = _buttons(seen.during("release"))
-    if not down or not down[-1]:
-        return failed("pressing was not told")
-    if not up:
-        return failed("letting go was not told")
+    must(down and down[-1], "pressing was not told")
+    must(up, "letting go was not told")
     return passed("pressed and let go") if not up[-1] else failed("it stays down")
 
 
@@ -272,8 +269,7 @@ def it_stays(seen: ConnexionSeen) -> Verdict:
     """The device does not go while it is used."""
     hand = seen.phase("unplug")
     wrong = [index for index in seen.lost if hand is None or index < hand.first]
-    if seen.refused:
-        return not_seen("it was never opened")
+    some(not seen.refused, "it was never opened")
     return failed("it went", wrong) if wrong else passed("it stayed")
 
 
@@ -312,7 +308,6 @@ def unplugging_is_told(seen: ConnexionSeen) -> Verdict:
     """Unplugged, the device is told to be gone, and sends nothing more."""
     phase = seen.phase("unplug")
     gone = [] if phase is None else [index for index in seen.lost if index >= phase.first]
-    if not gone:
-        return not_seen("it was not unplugged")
+    some(gone, "it was not unplugged")
     after = [each.number for each in seen.reports if each.number > gone[0]]
     return failed("reports come from what is gone", after) if after else passed("told")

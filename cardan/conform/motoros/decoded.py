@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from cardan.conform.timeline import Event, Kind, Seen, Timeline
 from cardan.protocols.simple_message import (
+    Body,
     ByteOrder,
     FrameReader,
     JointFeedback,
@@ -29,6 +30,11 @@ class Heard(NamedTuple):
     raw: bytes
 
 
+B = TypeVar("B")
+Status = tuple[Heard, RobotStatus]
+"""What was told, and what told it."""
+
+
 class Unread(NamedTuple):
     """Bytes of the controller that are no message."""
 
@@ -47,6 +53,11 @@ class Exchange(NamedTuple):
     """None: what was sent on purpose is no message, or a piece of one."""
     raw: bytes
     reply: Heard | None
+
+    @property
+    def body(self) -> Body | None:
+        """Of the request."""
+        return None if self.request is None else self.request.body
 
     @property
     def motion(self) -> MotionReply | None:
@@ -130,18 +141,23 @@ class MotorosSeen(Seen):
         """What was asked in a phase."""
         return self.within(self.asked, phase)
 
-    def statuses(self, phase: str = "") -> list[tuple[Heard, RobotStatus]]:
-        """Those of a phase; empty: all."""
+    def requests(self, kind: type, phase: str = "", **fields: int) -> list[Exchange]:
+        """What was asked with a body of a kind that has these fields, in a phase; empty: in any."""
         return [
-            (each, each.message.body)
-            for each in (self.within(self.heard, phase) if phase else self.heard)
-            if isinstance(each.message.body, RobotStatus)
+            each
+            for each in (self.exchanges(phase) if phase else self.asked)
+            if isinstance(each.body, kind)
+            and all(getattr(each.body, name) == value for name, value in fields.items())
         ]
+
+    def _told(self, kind: type[B], phase: str) -> list[tuple[Heard, B]]:
+        found = self.within(self.heard, phase) if phase else self.heard
+        return [(e, e.message.body) for e in found if isinstance(e.message.body, kind)]
+
+    def statuses(self, phase: str = "") -> list[Status]:
+        """Those of a phase; empty: all."""
+        return self._told(RobotStatus, phase)
 
     def feedback(self, phase: str = "", group: int = 0) -> list[tuple[Heard, JointFeedback]]:
         """That of a group in a phase; empty: all."""
-        return [
-            (each, each.message.body)
-            for each in (self.within(self.heard, phase) if phase else self.heard)
-            if isinstance(each.message.body, JointFeedback) and each.message.body.group == group
-        ]
+        return [each for each in self._told(JointFeedback, phase) if each[1].group == group]

@@ -22,6 +22,7 @@ from cardan.conform.requirements import (
     not_applicable,
     not_seen,
     passed,
+    some,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.conform.timeline import Phase
@@ -183,8 +184,7 @@ def requests_are_requests(said: Said) -> str:
 @requires(107, f"{STATES}: nothing is ever read there")
 def the_state_port_is_left_alone(seen: DriverSeen) -> Verdict:
     """Nothing is sent to the state port: it would fill the controller's buffers."""
-    if not any(each.port == "state" for each in seen.links):
-        return not_seen("it did not connect there")
+    some(any(each.port == "state" for each in seen.links), "it did not connect there")
     count = len(seen.strays)
     return failed(f"{count} pieces", seen.strays) if count else passed("nothing came")
 
@@ -271,8 +271,7 @@ def a_refused_start_is_taken_for_one(seen: DriverSeen) -> Verdict:
     refused = [
         e for e in seen.during("refused") if e.command in STARTS and e.reply and e.reply.result
     ]
-    if not refused:
-        return not_seen("none was refused")
+    some(refused, "none was refused")
     wrong = [e.number for e in seen.during("refused") if e.point or e.velocity]
     said = f"{len(wrong)} after it"
     return failed(said, wrong) if wrong else passed(f"{len(refused)} refused")
@@ -579,8 +578,7 @@ def the_watchdog_is_fed(seen: DriverSeen) -> Verdict:
             watchdog_s = each.reply.data[2] * 1e-3
     if (unused := _unused(seen)) is not None:
         return unused
-    if not gaps:
-        return not_seen(_NO_SPEEDS)
+    some(gaps, _NO_SPEEDS)
     longest_s, number = max(gaps)
     said = f"longest {longest_s * 1e3:.0f} of {watchdog_s * 1e3:.0f} ms"
     if longest_s >= watchdog_s:
@@ -724,9 +722,7 @@ def the_reply_before_is_not_the_answer(seen: DriverSeen) -> Verdict:
 
 def _came_again(seen: DriverSeen, what: str, port: str) -> Verdict:
     """Whether a connection that ended in a phase was made again."""
-    phases = seen.named(what, f"{what} over")
-    if not phases:
-        return not_seen(NOT_MOVED)
+    phases = some(seen.named(what, f"{what} over"), NOT_MOVED)
     wrong, count = [], 0
     firsts = [phase for phase in phases if not phase.name.endswith("over")]
     for phase in firsts:
@@ -756,9 +752,7 @@ def junk_ends_the_connection_only(seen: DriverSeen) -> Verdict:
 @requires(162, f"{MANUAL}: TCP splits and merges")
 def messages_in_pieces_are_read(seen: DriverSeen) -> Verdict:
     """Messages of the controller that come in pieces, or several at once, disturb nothing."""
-    phases = seen.named("pieces")
-    if not phases:
-        return not_seen(NOT_MOVED)
+    phases = some(seen.named("pieces"), NOT_MOVED)
     wrong = []
     for phase in phases:
         last_s = phase.end_s - 0.5 * (phase.end_s - phase.start_s)
@@ -774,8 +768,7 @@ def messages_in_pieces_are_read(seen: DriverSeen) -> Verdict:
 def a_restart_is_followed(seen: DriverSeen) -> Verdict:
     """After a restart of the controller it connects again, to both ports."""
     phases = seen.named("connect")[1:]
-    if not phases or not seen.links:
-        return not_seen("there was no restart, or it never connected")
+    some(phases and seen.links, "there was no restart, or it never connected")
     wrong = []
     for phase in phases:
         found = {e.port for e in seen.links if phase.first < e.number < phase.end}

@@ -7,7 +7,7 @@ import re
 from collections.abc import Sequence
 from itertools import pairwise
 
-from cardan.conform.requirements import Verdict, failed, met, none_wrong, not_seen
+from cardan.conform.requirements import Verdict, failed, met, must, none_wrong, not_seen, some
 from cardan.conform.ur_rtde.decoded import OLD, PRIMARY, UrSeen
 from cardan.conform.ur_rtde.requirements import (
     BOARD,
@@ -43,18 +43,14 @@ _NOT_OPENED = "it was not opened"
 def version_1_is_spoken(seen: UrSeen) -> Verdict:
     """The protocol version 1 is accepted: outputs are asked for without a frequency, and come in
     each control cycle without a recipe's number."""
-    asked = versions(seen, 1)
-    if not asked:
-        return not_seen("it was not asked")
-    if not accepted(asked[0]):
-        return failed("not accepted", [asked[0].number])
+    asked = some(versions(seen, 1), "it was not asked")
+    must(accepted(asked[0]), "not accepted", [asked[0].number])
     setups = [each for each in seen.setups(PacketType.OUTPUTS) if each[1].names == OLD_OUTPUTS]
     if not setups or not setups[0][2].recipe:
         types = ", ".join(setups[0][2].types) if setups else "no answer"
         return failed(f"outputs: {types}", [asked[0].number])
     states = [state for each in streams(seen, OLD) for state in each.states]
-    if len(states) < FEWEST:
-        return failed(f"{len(states)} states")
+    must(len(states) >= FEWEST, f"{len(states)} states")
     wrong = [
         (b.number, f"{(b.values['timestamp'] - a.values['timestamp']) * 1e3:.1f} ms")
         for a, b in pairwise(states)
@@ -72,8 +68,7 @@ def all_published_outputs_are_there(seen: UrSeen) -> Verdict:
     for exchange, asked, reply in seen.setups(PacketType.OUTPUTS, "published"):
         for name, kind in zip(asked.names, reply.types, strict=False):
             found[name] = exchange.number, kind
-    if not names or not found:
-        return not_seen("they were not asked for")
+    some(names and found, "they were not asked for")
     wrong = [
         (found[name][0], f"{name} {found[name][1]}")
         if name in found
@@ -91,17 +86,14 @@ def the_secondary_interface_tells_states(seen: UrSeen) -> Verdict:
     if seen.phase(PRIMARY) is None:
         return not_seen(_NOT_OPENED)
     found = [each for each in seen.secondary if seen.inside(each.number, PRIMARY)]
-    if not found:
-        return failed("nothing came")
+    must(found, "nothing came")
     first, *others = found
     if first.message is None or first.message.kind != MessageKind.VERSION:
         return failed(f"first a package of type {first.package.kind}", [first.number])
     wrong = [each.number for each in others if each.message is not None]
-    if wrong:
-        return failed("another message", wrong)
+    must(not wrong, "another message", wrong)
     times = [each.time_s for each in others if each.package.kind == ROBOT_STATE]
-    if len(times) < 3:
-        return failed(f"{len(times)} robot states")
+    must(len(times) >= 3, f"{len(times)} robot states")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
     said = f"{period_s * 1e3:.1f} ms"
     return met(abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE, said)
@@ -138,15 +130,12 @@ def the_real_time_interface_keeps_time(seen: UrSeen) -> Verdict:
     if seen.phase(PRIMARY) is None or version is None:
         return not_seen(_NOT_OPENED)
     found = [each for each in seen.samples if seen.inside(each.number, PRIMARY)]
-    if len(found) < FEWEST:
-        return failed(f"{len(found)} packets")
+    must(len(found) >= FEWEST, f"{len(found)} packets")
     size = len(found[0].packet)
     wrong = [each.number for each in found if len(each.packet) != size]
-    if wrong:
-        return failed(f"{size} bytes, and others", wrong)
+    must(not wrong, f"{size} bytes, and others", wrong)
     least = RealtimeForm(version[:2]).size
-    if size < least:
-        return failed(f"{size} bytes, not {least}", [found[0].number])
+    must(size >= least, f"{size} bytes, not {least}", [found[0].number])
     period_s = (found[-1].time_s - found[0].time_s) / (len(found) - 1)
     said = f"{size} bytes, {period_s * 1e3:.3f} ms"
     return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said)

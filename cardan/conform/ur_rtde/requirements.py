@@ -13,9 +13,11 @@ from cardan.conform.requirements import (
     at_most,
     failed,
     met,
+    must,
     none_wrong,
     not_seen,
     passed,
+    some,
 )
 from cardan.conform.ur_rtde.decoded import RTDE, SECOND, Exchange, Heard, State, Stream, UrSeen
 from cardan.conform.ur_rtde.scapy_check import readings_differ
@@ -127,8 +129,7 @@ def it_says_its_version(seen: UrSeen) -> Verdict:
     """It tells its software's version, which is 3 or newer."""
     found = version_of(seen)
     if found is None:
-        if not seen.exchanges(PacketType.CONTROLLER_VERSION):
-            return not_seen("it was not asked")
+        some(seen.exchanges(PacketType.CONTROLLER_VERSION), "it was not asked")
         return failed("it was not told")
     said = ".".join(map(str, found))
     return met(found.major >= 3, said)
@@ -153,8 +154,7 @@ def every_request_is_answered(seen: UrSeen) -> Verdict:
 def outputs_are_as_documented(seen: UrSeen) -> Verdict:
     """All states that the driver asks for are there, with the documented types."""
     found = [each for each in seen.setups(PacketType.OUTPUTS) if each[1].names == OUTPUTS]
-    if not found:
-        return not_seen("it was not answered")
+    some(found, "it was not answered")
     exchange, asked, reply = found[0]
     if len(reply.types) != len(asked.names):
         return failed(f"{len(reply.types)} types for {len(asked.names)}", [exchange.number])
@@ -171,8 +171,7 @@ def outputs_are_as_documented(seen: UrSeen) -> Verdict:
 def refused(seen: UrSeen, kind: PacketType, name: str, word: str, *phases: str) -> Verdict:
     """Whether a recipe with a name was refused with `word`."""
     found = [each for each in seen.setups(kind, *phases) if name in each[1].names]
-    if not found:
-        return not_seen("it was not answered")
+    some(found, "it was not answered")
     exchange, asked, reply = found[-1]
     types = dict(zip(asked.names, reply.types, strict=False))
     said = f"recipe {reply.recipe}, {types.get(name, 'no type')}"
@@ -212,8 +211,7 @@ def _steps(seen: UrSeen) -> list[tuple[State, State]]:
 def the_period_is_the_control_loop_s(seen: UrSeen) -> Verdict:
     """Asked for all, it sends a state in each control cycle: 2 ms, CB3 8 ms, to 2 % in the mean."""
     found = seen.during("listen")
-    if len(found) < FEWEST:
-        return not_seen("too few states")
+    some(len(found) >= FEWEST, "too few states")
     period_s = (found[-1].time_s - found[0].time_s) / (len(found) - 1)
     said = f"{period_s * 1e3:.3f} ms"
     return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said, [found[-1].number])
@@ -223,8 +221,7 @@ def the_period_is_the_control_loop_s(seen: UrSeen) -> Verdict:
 def none_is_left_out(seen: UrSeen) -> Verdict:
     """At most 1 % of the states are left out, as their timestamps say."""
     period_s, found = cycle_s(seen), _steps(seen)
-    if len(found) < FEWEST:
-        return not_seen("too few states")
+    some(len(found) >= FEWEST, "too few states")
     left_out = [
         (round((b.values["timestamp"] - a.values["timestamp"]) / period_s) - 1, b.number)
         for a, b in found
@@ -262,8 +259,7 @@ def it_is_never_silent(seen: UrSeen) -> Verdict:
         number = each.states[-1].number if each.states else 0
         times = [each.start_s, *(state.time_s for state in each.states), each.end_s]
         gaps.append((max(b - a for a, b in pairwise(times)), number))
-    if not gaps:
-        return not_seen("nothing was started")
+    some(gaps, "nothing was started")
     longest_s, number = max(gaps)
     said = f"longest {longest_s * 1e3:.1f} ms"
     return at_most(1e3 * STATE_TIMEOUT_S, 1e3 * longest_s, "ms", said, [number])
@@ -273,8 +269,7 @@ def it_is_never_silent(seen: UrSeen) -> Verdict:
 def arrival_is_steady(seen: UrSeen) -> Verdict:
     """95 % of the states arrive within 1.5 ms of their period after the one before."""
     found = _steps(seen)
-    if len(found) < FEWEST:
-        return not_seen("too few states")
+    some(len(found) >= FEWEST, "too few states")
     off = sorted(
         (abs(b.time_s - a.time_s - (b.values["timestamp"] - a.values["timestamp"])), b.number)
         for a, b in found
@@ -299,8 +294,7 @@ def packets_are_not_torn(each: Heard) -> str:
 def another_client_has_its_own_rate(seen: UrSeen) -> Verdict:
     """Another client beside it gets a tenth of the states, evenly, when it asks for a tenth."""
     found = [pair for each in streams(seen, SECOND) for pair in pairwise(each.states)]
-    if len(found) < 3:
-        return not_seen("it got no states")
+    some(len(found) >= 3, "it got no states")
     want_s = SLOWER * cycle_s(seen)
     wrong = [
         (b.number, f"{(b.values['timestamp'] - a.values['timestamp']) * 1e3:.1f} ms")
@@ -372,8 +366,7 @@ def the_primary_interface_begins_with_a_version(seen: UrSeen) -> Verdict:
     """The primary interface sends its version first, and then robot states."""
     if seen.phase("primary") is None:
         return not_seen("it was not opened")
-    if not seen.told:
-        return failed("nothing came")
+    must(seen.told, "nothing came")
     first = seen.told[0]
     if first.message is None or first.message.kind != MessageKind.VERSION:
         return failed(f"first a package of type {first.package.kind}", [first.number])
@@ -386,8 +379,7 @@ def the_primary_interface_begins_with_a_version(seen: UrSeen) -> Verdict:
 def robot_states_come_ten_times_a_second(seen: UrSeen) -> Verdict:
     """Robot states of the primary interface come ten times a second, to a tenth."""
     times = [each.time_s for each in seen.told if each.package.kind == ROBOT_STATE]
-    if len(times) < 4:
-        return not_seen("too few robot states")
+    some(len(times) >= 4, "too few robot states")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
     said = f"{period_s * 1e3:.1f} ms"
     return met(abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE, said)

@@ -3,7 +3,16 @@ a driver: level 1."""
 
 from __future__ import annotations
 
-from cardan.conform.requirements import Verdict, failed, met, none_wrong, not_seen, passed
+from cardan.conform.requirements import (
+    Verdict,
+    failed,
+    met,
+    must,
+    none_wrong,
+    not_seen,
+    passed,
+    some,
+)
 from cardan.conform.timeline import Kind
 from cardan.conform.ur_rtde.decoded import Upload, UrSeen
 from cardan.conform.ur_rtde.programs import NO_PROGRAM, RUNTIME, SCRIPT, after, first
@@ -41,8 +50,7 @@ def a_line_is_a_program_of_its_own(seen: UrSeen) -> Verdict:
     """What is sent in one line, without `def` and `end`, is done: its text comes over the primary
     interface."""
     lines = [each for each in seen.uploads if not each.token and seen.inside(each.number, "lines")]
-    if not lines:
-        return not_seen(NO_PROGRAM)
+    some(lines, NO_PROGRAM)
     found = [text for text in _texts(seen, "lines") if LINE in text]
     return passed(repr(found[0])) if found else failed("no text came", [lines[0].number])
 
@@ -50,9 +58,7 @@ def a_line_is_a_program_of_its_own(seen: UrSeen) -> Verdict:
 @requires(121, f"{CLIENT}: lines and programs on one connection")
 def lines_spoil_no_program(seen: UrSeen) -> Verdict:
     """After lines, comments and `stop program` the next program of the connection is begun."""
-    found = _uploads(seen, "lines")
-    if not found:
-        return not_seen(NO_PROGRAM)
+    found = some(_uploads(seen, "lines"), NO_PROGRAM)
     state = first(after(seen, found[0].time_s), TOKEN, found[0].token)
     return passed("it was") if state else failed("it was not", [found[0].number])
 
@@ -65,8 +71,7 @@ def runtime_exceptions_are_told(seen: UrSeen) -> Verdict:
     if not found or first(seen.during("raise"), TOKEN, found[0].token) is None:
         return not_seen("none was begun")
     last = seen.during("raise")[-1]
-    if last.values[RUNTIME] != RuntimeState.STOPPED:
-        return failed("it still runs", [last.number])
+    must(last.values[RUNTIME] == RuntimeState.STOPPED, "it still runs", [last.number])
     told = [
         each.message
         for each in seen.told
@@ -74,8 +79,7 @@ def runtime_exceptions_are_told(seen: UrSeen) -> Verdict:
         and each.message.kind == MessageKind.RUNTIME_EXCEPTION
         and seen.inside(each.number, "raise")
     ]
-    if not told:
-        return failed(f"nothing was said of {RAISES}", [found[0].number])
+    must(told, f"nothing was said of {RAISES}", [found[0].number])
     said = f"line {told[0].line}: {told[0].text!r}"
     return met(told[0].line == RAISES_AT, said)
 
@@ -91,8 +95,7 @@ def programs_open_sockets(seen: UrSeen) -> Verdict:
     number = seen.called[0][0]
     wanted = f"{SAYS} {uploads[0].token}"
     line = b"".join(event.data for _, event in seen.called).decode("utf-8", "replace")
-    if line.strip() != wanted:
-        return failed(f"it sent {line!r}", [number])
+    must(line.strip() == wanted, f"it sent {line!r}", [number])
     if not any(ANSWER in text for text in _texts(seen, "call")):
         return failed("it did not hear the answer", [number])
     return passed("it did")
