@@ -20,15 +20,7 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import read_twice, second_description
 from cardan.conform.timing import never_silent
-from cardan.protocols.connexion import (
-    Battery,
-    ButtonBits,
-    Family,
-    KeysDown,
-    Motion,
-    Rotation,
-    Translation,
-)
+from cardan.protocols import connexion
 from cardan.protocols.connexion.reports import (
     BATTERY_ID,
     HALF_BYTES,
@@ -45,7 +37,7 @@ DESCRIPTOR = "report descriptors of the devices (docs/protocols/3dconnexion-hid.
 SPACENAVD = "FreeSpacenav spacenavd, src/dev_usb_linux.c"
 RATE = "captures of SpaceNavigator and SpaceMouse Wireless"
 
-PERIOD_S = {Family.SPLIT: 0.008, Family.ONE: 0.016}
+PERIOD_S = {connexion.Family.SPLIT: 0.008, connexion.Family.ONE: 0.016}
 PERIOD_TOLERANCE = 0.15
 LINK_LOST_S = 0.1
 """Six periods: a driver takes a deflected device that is silent for so long to be gone."""
@@ -109,7 +101,7 @@ def reports_are_not_padded(each: Report) -> str:
 @requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")
 def the_family_is_one(seen: ConnexionSeen) -> Verdict:
     """All motion comes in halves (ids 1 and 2), or all of it whole (id 1 of 13 bytes)."""
-    whole = some([isinstance(each.value, Motion) for each in seen.motions], _NOTHING)
+    whole = some([isinstance(each.value, connexion.Motion) for each in seen.motions], _NOTHING)
     odd = [each.number for each, one in zip(seen.motions, whole, strict=True) if one != whole[0]]
     return failed("both kinds come", odd) if odd else passed("whole" if whole[0] else "halves")
 
@@ -134,7 +126,7 @@ def _moving(seen: ConnexionSeen) -> list[list[Report]]:
 @requires(8, f"{RATE}: one half every 8 ms, in turn")
 def halves_take_turns(seen: ConnexionSeen) -> Verdict:
     """Translations and rotations come in turn, one of each."""
-    if seen.family is Family.ONE:
+    if seen.family is connexion.Family.ONE:
         return not_applicable("motion comes whole")
     wrong, count = [], 0
     for motion in _moving(seen):
@@ -191,7 +183,7 @@ def the_last_value_is_zero(seen: ConnexionSeen) -> Verdict:
             if any(each.counts):
                 break
             zeros += 1
-        least = 2 if seen.family is Family.SPLIT else 1
+        least = 2 if seen.family is connexion.Family.SPLIT else 1
         if not least <= zeros <= ZEROS_AT_MOST:
             wrong.append((found[-1].number, f"{zeros} zeros at the end"))
     return none_wrong(wrong, count, f"{count} motions", "it was never deflected")
@@ -211,7 +203,7 @@ def counts_are_in_range(seen: ConnexionSeen) -> Verdict:
 
 def _mean(found: list[Report], kind: type, at: int) -> list[float]:
     rows = [each.counts for each in found if isinstance(each.value, kind)]
-    whole = [each.counts for each in found if isinstance(each.value, Motion)]
+    whole = [each.counts for each in found if isinstance(each.value, connexion.Motion)]
     rows = [row[at : at + 3] for row in whole] if whole else rows
     return [sum(axis) / len(rows) for axis in zip(*rows, strict=True)] if rows else []
 
@@ -222,8 +214,8 @@ def axes_have_their_signs(seen: ConnexionSeen) -> Verdict:
     Rz."""
     if seen.model is not None and seen.model.serial_axes:
         return not_applicable("the model has another frame")
-    push = _mean(seen.during("push-held"), Translation, 0)
-    twist = _mean(seen.during("twist-held"), Rotation, 3)
+    push = _mean(seen.during("push-held"), connexion.Translation, 0)
+    twist = _mean(seen.during("twist-held"), connexion.Rotation, 3)
     some(push and twist, "it was not pushed and twisted")
     said = f"X {push[0]:.0f}, Rz {twist[2]:.0f} counts"
     return met(push[0] == max(push, key=abs) > 0 and twist[2] == max(twist, key=abs) > 0, said)
@@ -247,9 +239,9 @@ def _buttons(found: list[Report]) -> list[bool]:
     """Whether any is down, report by report."""
     states = []
     for each in found:
-        if isinstance(each.value, ButtonBits):
+        if isinstance(each.value, connexion.ButtonBits):
             states.append(bool(each.value.mask))
-        elif isinstance(each.value, KeysDown):
+        elif isinstance(each.value, connexion.KeysDown):
             states.append(bool(each.value.codes))
     return states
 
@@ -257,7 +249,7 @@ def _buttons(found: list[Report]) -> list[bool]:
 @requires(16, f"{DESCRIPTOR}, battery strength")
 def the_battery_is_not_empty(seen: ConnexionSeen) -> Verdict:
     """The battery, where it is told of, has 10 % and more."""
-    found = [(e, e.value.percent) for e in seen.reports if isinstance(e.value, Battery)]
+    found = [(e, e.value.percent) for e in seen.reports if isinstance(e.value, connexion.Battery)]
     if not found:
         return not_applicable("no battery was told of")
     wrong = ((each.number, f"{percent} %") for each, percent in found if percent < LOW_PERCENT)

@@ -5,17 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple, TypeVar
 
 from cardan.conform.timeline import Event, Kind, Seen, Timeline
-from cardan.protocols.simple_message import (
-    Body,
-    ByteOrder,
-    FrameReader,
-    JointFeedback,
-    Malformed,
-    Message,
-    MotionReply,
-    RobotStatus,
-    wire,
-)
+from cardan.protocols import simple_message as sm
 
 
 class Heard(NamedTuple):
@@ -26,12 +16,12 @@ class Heard(NamedTuple):
     begun_s: float
     time_s: float
     channel: str
-    message: Message
+    message: sm.Message
     raw: bytes
 
 
 B = TypeVar("B")
-Status = tuple[Heard, RobotStatus]
+Status = tuple[Heard, sm.RobotStatus]
 """What was told, and what told it."""
 
 
@@ -49,21 +39,21 @@ class Exchange(NamedTuple):
     number: int
     time_s: float
     channel: str
-    request: Message | None
+    request: sm.Message | None
     """None: what was sent on purpose is no message, or a piece of one."""
     raw: bytes
     reply: Heard | None
 
     @property
-    def body(self) -> Body | None:
+    def body(self) -> sm.Body | None:
         """Of the request."""
         return None if self.request is None else self.request.body
 
     @property
-    def motion(self) -> MotionReply | None:
+    def motion(self) -> sm.MotionReply | None:
         """The reply, where it is one of motion."""
         body = None if self.reply is None else self.reply.message.body
-        return body if isinstance(body, MotionReply) else None
+        return body if isinstance(body, sm.MotionReply) else None
 
 
 class MotorosSeen(Seen):
@@ -76,8 +66,8 @@ class MotorosSeen(Seen):
         self.asked: list[Exchange] = []
         self.ended: list[tuple[int, Event]] = []
         """Connections that the controller closed or refused."""
-        self.order: ByteOrder | None = None
-        readers: dict[str, FrameReader] = {}
+        self.order: sm.ByteOrder | None = None
+        readers: dict[str, sm.FrameReader] = {}
         begun: dict[str, float] = {}
         open_requests: dict[str, tuple[int, Event]] = {}
         for index, event in enumerate(timeline):
@@ -92,7 +82,7 @@ class MotorosSeen(Seen):
                 self._unanswered(open_requests.pop(channel, None))
                 open_requests[channel] = index, event
                 continue
-            reader = readers.setdefault(channel, FrameReader())
+            reader = readers.setdefault(channel, sm.FrameReader())
             if not reader.pending_bytes:
                 begun[channel] = event.time_s
             reader.feed(event.data)
@@ -111,14 +101,14 @@ class MotorosSeen(Seen):
         index: int,
         event: Event,
         begun_s: float,
-        reader: FrameReader,
+        reader: sm.FrameReader,
         frame: bytes,
         open_requests: dict[str, tuple[int, Event]],
     ) -> None:
-        order = reader.byte_order or ByteOrder.LITTLE
+        order = reader.byte_order or sm.ByteOrder.LITTLE
         self.order = self.order or order
-        message = wire(order).decode(frame)
-        if isinstance(message, Malformed):
+        message = sm.wire(order).decode(frame)
+        if isinstance(message, sm.Malformed):
             self.unread.append(Unread(index, event.channel, message.reason))
             return
         heard = Heard(index, begun_s, event.time_s, event.channel, message, frame)
@@ -133,8 +123,8 @@ class MotorosSeen(Seen):
 
     def _exchange(self, asked: tuple[int, Event], reply: Heard | None) -> None:
         number, sent = asked
-        request = wire(self.order or ByteOrder.LITTLE).decode(sent.data)
-        known = None if isinstance(request, Malformed) else request
+        request = sm.wire(self.order or sm.ByteOrder.LITTLE).decode(sent.data)
+        known = None if isinstance(request, sm.Malformed) else request
         self.asked.append(Exchange(number, sent.time_s, sent.channel, known, sent.data, reply))
 
     def exchanges(self, phase: str) -> list[Exchange]:
@@ -156,8 +146,8 @@ class MotorosSeen(Seen):
 
     def statuses(self, phase: str = "") -> list[Status]:
         """Those of a phase; empty: all."""
-        return self._told(RobotStatus, phase)
+        return self._told(sm.RobotStatus, phase)
 
-    def feedback(self, phase: str = "", group: int = 0) -> list[tuple[Heard, JointFeedback]]:
+    def feedback(self, phase: str = "", group: int = 0) -> list[tuple[Heard, sm.JointFeedback]]:
         """That of a group in a phase; empty: all."""
-        return [each for each in self._told(JointFeedback, phase) if each[1].group == group]
+        return [each for each in self._told(sm.JointFeedback, phase) if each[1].group == group]

@@ -25,24 +25,12 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
-    ByteOrder,
-    CommType,
-    ControllerMode,
-    InvalidSubcode,
-    IoResult,
-    JointTrajPtFull,
-    JointVelocity,
     MessageType as T,
     MotionCommand as C,
-    MotionCtrl,
-    MotionReply,
     MotionResult as R,
     NotReadySubcode as N,
-    ReadIoReply,
-    ReplyCode,
-    ValidFields,
-    VelocityInfo,
 )
 
 STATES = "motoman_driver 1.9.12, MotoPlus/StateServer.c"
@@ -66,7 +54,7 @@ REACHED_SHARE = 0.2
 requires: Requirements[MotorosSeen] = Requirements("MOTO")
 _UNANSWERED = "nothing was answered"
 _OTHERWISE = "it was not answered by a motion reply"
-Echoed = tuple[Exchange, MotionReply]
+Echoed = tuple[Exchange, sm.MotionReply]
 """An order, and the reply that names it."""
 
 
@@ -136,7 +124,7 @@ def a_cycle_has_its_order(seen: MotorosSeen) -> Verdict:
 )
 def states_are_topics(each: Heard) -> str:
     """Messages of the state port are topics with the reply code 0."""
-    topic = each.message.comm_type == CommType.TOPIC and not each.message.reply_code
+    topic = each.message.comm_type == sm.CommType.TOPIC and not each.message.reply_code
     return "" if topic else f"communication type {each.message.comm_type}"
 
 
@@ -145,10 +133,10 @@ def feedback_says_what_is_valid(seen: MotorosSeen) -> Verdict:
     """valid_fields of feedback are POSITION, or POSITION and VELOCITY; all values are finite."""
     wrong, fields = [], set()
     found = seen.feedback()
-    position = ValidFields.POSITION
+    position = sm.ValidFields.POSITION
     for each, body in found:
         fields.add(body.valid_fields)
-        if body.valid_fields not in (position, position | ValidFields.VELOCITY):
+        if body.valid_fields not in (position, position | sm.ValidFields.VELOCITY):
             wrong.append((each.number, f"valid_fields {body.valid_fields}"))
         elif not all(map(math.isfinite, (*body.pos, *body.vel))):
             wrong.append((each.number, "a value that is not finite"))
@@ -160,7 +148,9 @@ def feedback_says_what_is_valid(seen: MotorosSeen) -> Verdict:
 def feedback_has_speeds(seen: MotorosSeen) -> Verdict:
     """Feedback has speeds, as of firmware that is not old."""
     found = seen.feedback()
-    without = [each.number for each, body in found if not body.valid_fields & ValidFields.VELOCITY]
+    without = [
+        each.number for each, body in found if not body.valid_fields & sm.ValidFields.VELOCITY
+    ]
     must(not without, "positions alone", without)
     return passed(f"{len(found)} feedbacks") if found else not_seen("no feedback came")
 
@@ -176,7 +166,7 @@ def statuses_are_plausible(each: Status) -> str:
     switches = (s.drives_powered, s.e_stopped, s.in_error, s.motion_possible)
     if not set(switches) <= {0, 1} or s.in_motion not in (-1, 0, 1):
         return f"switches {switches}"
-    return "" if s.mode in (ControllerMode.MANUAL, ControllerMode.AUTO) else f"mode {s.mode}"
+    return "" if s.mode in (sm.ControllerMode.MANUAL, sm.ControllerMode.AUTO) else f"mode {s.mode}"
 
 
 @requires.each(
@@ -231,13 +221,15 @@ _LAYERS_HAVE = {
 
 
 def _control(seen: MotorosSeen, command: C, phase: str = "") -> list[Exchange]:
-    return seen.requests(MotionCtrl, phase, command=command)
+    return seen.requests(sm.MotionCtrl, phase, command=command)
 
 
 @requires(101, f"{SERVER}: every request is answered, one at a time")
 def every_request_is_answered(seen: MotorosSeen) -> Verdict:
     """Each request is answered on its connection before a client's time is out."""
-    found = [e for e in seen.asked if e.request and e.request.comm_type == CommType.SERVICE_REQUEST]
+    found = [
+        e for e in seen.asked if e.request and e.request.comm_type == sm.CommType.SERVICE_REQUEST
+    ]
     ends = [event.time_s for _, event in seen.ended]
     wrong = (
         (each.number, "no answer")
@@ -269,7 +261,7 @@ def answers_are_quick(seen: MotorosSeen) -> Verdict:
 def answers_are_to_what_was_asked(each: Exchange) -> Wrongs | None:
     """The reply to an order has its command and its sequence."""
     body, found = each.body, each.motion
-    if each.reply is None or not isinstance(body, MotionCtrl):
+    if each.reply is None or not isinstance(body, sm.MotionCtrl):
         return None
     if found and (found.command, found.sequence) == (body.command, body.sequence):
         return []
@@ -288,7 +280,7 @@ def answers_are_to_what_was_asked(each: Exchange) -> Wrongs | None:
 def replies_are_replies(each: Heard) -> str:
     """A motion reply has the communication type 3 and the reply code 1."""
     head = each.message.comm_type, each.message.reply_code
-    good = head == (CommType.SERVICE_REPLY, ReplyCode.SUCCESS)
+    good = head == (sm.CommType.SERVICE_REPLY, sm.ReplyCode.SUCCESS)
     return "" if good else f"type {head[0]}, code {head[1]}"
 
 
@@ -302,12 +294,12 @@ def ping_is_answered(seen: MotorosSeen) -> Verdict:
 
 
 def _refused(seen: MotorosSeen, msg_type: int, subcode: int) -> Verdict:
-    big = seen.order is ByteOrder.BIG
+    big = seen.order is sm.ByteOrder.BIG
     found = [
         each
         for each in seen.exchanges("ask")
         if int.from_bytes(each.raw[4:8], "big" if big else "little") == msg_type
-        and not isinstance(each.body, MotionCtrl)
+        and not isinstance(each.body, sm.MotionCtrl)
     ]
     reply = _motion(found, _OTHERWISE)
     said = f"{_words(reply)}, command {reply.command}"
@@ -317,19 +309,19 @@ def _refused(seen: MotorosSeen, msg_type: int, subcode: int) -> Verdict:
 @requires(106, f"{SERVER}: INVALID, MSGTYPE, and the connection is kept")
 def unknown_types_are_refused(seen: MotorosSeen) -> Verdict:
     """A type that nobody knows is answered INVALID with 3003."""
-    return _refused(seen, UNKNOWN_TYPE, InvalidSubcode.MSGTYPE)
+    return _refused(seen, UNKNOWN_TYPE, sm.InvalidSubcode.MSGTYPE)
 
 
 @requires(107, f"{SERVER}: INVALID, MSGSIZE")
 def short_messages_are_refused(seen: MotorosSeen) -> Verdict:
     """An order with too short a body is answered INVALID with 3001."""
-    return _refused(seen, T.MOTO_MOTION_CTRL, InvalidSubcode.MSGSIZE)
+    return _refused(seen, T.MOTO_MOTION_CTRL, sm.InvalidSubcode.MSGSIZE)
 
 
 @requires(108, f"{SERVER}: NOT_READY before GROUPNO")
 def points_are_refused_before_the_start(seen: MotorosSeen) -> Verdict:
     """A point before START_TRAJ_MODE, of a group that is not there, is refused and does nothing."""
-    found = seen.requests(JointTrajPtFull, "ask")
+    found = seen.requests(sm.JointTrajPtFull, "ask")
     reply = _motion(found, _OTHERWISE)
     return met(reply.result in (R.NOT_READY, R.INVALID), _words(reply), [found[0].number])
 
@@ -363,12 +355,12 @@ def inputs_and_outputs_are_read(seen: MotorosSeen) -> Verdict:
     """The I/O port gives the bit 10010, and refuses the address 9 with 1001."""
     found = [each for each in seen.exchanges("ask") if each.channel == "io"]
     bodies = [e.reply.message.body for e in found if e.reply is not None]
-    replies = [each for each in bodies if isinstance(each, ReadIoReply)]
+    replies = [each for each in bodies if isinstance(each, sm.ReadIoReply)]
     if len(replies) < 2:
         return not_seen("the I/O port did not answer") if not bodies else failed("no such reply")
     good, bad = replies[:2]
     said = f"results {good.result} and {bad.result}"
-    right = (good.result, bad.result) == (IoResult.OK, IoResult.READ_ADDRESS_INVALID)
+    right = (good.result, bad.result) == (sm.IoResult.OK, sm.IoResult.READ_ADDRESS_INVALID)
     return met(right and good.value in (0, 1), said, [found[-1].number])
 
 
@@ -415,7 +407,7 @@ def holding_is_undisturbed(each: Status) -> str:
     causes = (
         (s.e_stopped, "emergency stop"),
         (s.in_error, f"alarm {s.error_code}"),
-        (s.mode != ControllerMode.AUTO, "not in play"),
+        (s.mode != sm.ControllerMode.AUTO, "not in play"),
         (not s.drives_powered, "drives without power"),
         (not s.motion_possible, "motion is not possible"),
     )
@@ -433,7 +425,7 @@ def connections_last(seen: MotorosSeen) -> Verdict:
 @requires(115, f"{GROUP}: 30 pulses around the command")
 def the_first_point_is_taken(seen: MotorosSeen) -> Verdict:
     """Point 0 at the measured position is taken, and nothing moves."""
-    found = seen.requests(JointTrajPtFull, "hold")
+    found = seen.requests(sm.JointTrajPtFull, "hold")
     reply = _motion(found, "no point was answered")
     some(reply.command == T.JOINT_TRAJ_PT_FULL, "no point was answered")
     must(reply.result == R.SUCCESS, _words(reply), [found[0].number])
@@ -455,16 +447,16 @@ def an_empty_queue_is_said_to_be(each: Echoed) -> str:
 
 
 def _velocities(seen: MotorosSeen, phase: str) -> list[Exchange]:
-    found = seen.requests(JointVelocity, phase)
-    return [e for e in found if e.request and e.request.comm_type == CommType.SERVICE_REQUEST]
+    found = seen.requests(sm.JointVelocity, phase)
+    return [e for e in found if e.request and e.request.comm_type == sm.CommType.SERVICE_REQUEST]
 
 
 _NO_VELOCITY = "the controller has no velocity mode"
 
 
-def _info(seen: MotorosSeen) -> VelocityInfo | None:
+def _info(seen: MotorosSeen) -> sm.VelocityInfo | None:
     for each in seen.exchanges("ask"):
-        if each.reply is not None and isinstance(each.reply.message.body, VelocityInfo):
+        if each.reply is not None and isinstance(each.reply.message.body, sm.VelocityInfo):
             return each.reply.message.body
     return None
 
@@ -481,7 +473,7 @@ def the_velocity_mode_says_what_it_is(seen: MotorosSeen) -> Verdict:
         good = good and all(info.pos_min[n] < info.pos_max[n] for n in axes)
         said = f"version {info.version}, {info.ipc_us} us, {info.axes} axes"
         return met(good, said)
-    return _refused(seen, T.MOTO_VELOCITY_INFO, InvalidSubcode.MSGTYPE)
+    return _refused(seen, T.MOTO_VELOCITY_INFO, sm.InvalidSubcode.MSGTYPE)
 
 
 def _in_velocity_mode(phase: str) -> Callable[[MotorosSeen], Verdict | None]:
@@ -501,12 +493,12 @@ def _in_velocity_mode(phase: str) -> Callable[[MotorosSeen], Verdict | None]:
     return why
 
 
-def _motion(found: list[Exchange], nothing: str = "it was not answered") -> MotionReply:
+def _motion(found: list[Exchange], nothing: str = "it was not answered") -> sm.MotionReply:
     """The answer to the first of these requests, which is one of motion."""
     return some(found[0].motion if found else None, nothing)
 
 
-def _words(reply: MotionReply) -> str:
+def _words(reply: sm.MotionReply) -> str:
     return f"result {reply.result}, subcode {reply.subcode}"
 
 
@@ -525,7 +517,7 @@ def the_watchdog_latches(seen: MotorosSeen) -> Verdict:
 @requires(123, f"{VELOCITY}, starting and stopping", unless=_in_velocity_mode("velocity"))
 def modes_exclude_each_other(seen: MotorosSeen) -> Verdict:
     """In velocity mode a point is answered NOT_READY with 5042."""
-    found = seen.requests(JointTrajPtFull, "velocity")
+    found = seen.requests(sm.JointTrajPtFull, "velocity")
     return _answered(found, (R.NOT_READY, N.OTHER_MODE_ACTIVE))
 
 
@@ -533,14 +525,14 @@ def modes_exclude_each_other(seen: MotorosSeen) -> Verdict:
 def old_velocities_are_refused(seen: MotorosSeen) -> Verdict:
     """A sequence that is not newer than the last is answered INVALID with 3040."""
     found = _velocities(seen, "velocity")[4:]
-    return _answered(found[-1:], (R.INVALID, InvalidSubcode.VEL_SEQUENCE))
+    return _answered(found[-1:], (R.INVALID, sm.InvalidSubcode.VEL_SEQUENCE))
 
 
 # -- level 2: micro-motion ------------------------------------------------------------------------
 
 
 def _point(seen: MotorosSeen, phase: str, sequence: int) -> list[Exchange]:
-    return seen.requests(JointTrajPtFull, phase, sequence=sequence)
+    return seen.requests(sm.JointTrajPtFull, phase, sequence=sequence)
 
 
 _NO_POINT = "no point was taken"

@@ -26,22 +26,12 @@ from cardan.conform.requirements import (
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.conform.timeline import Phase
+from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
-    CommType,
-    InvalidSubcode,
-    JointFeedback,
-    Joints,
-    JointTrajPtFull,
-    JointVelocity,
     MessageType as T,
     MotionCommand as C,
-    MotionCtrl,
     MotionResult as R,
     NotReadySubcode as N,
-    ReplyCode,
-    RobotStatus,
-    ValidFields,
-    VelocityInfo,
 )
 from cardan.robots import load_arm
 
@@ -73,7 +63,7 @@ UNDISTURBED = ("before-run", "run", "before-pieces", "pieces")
 STARTS = frozenset((C.START_TRAJ_MODE, C.START_VEL_MODE))
 POWER = frozenset((*STARTS, C.RESET_ALARM, C.START_SERVOS))
 MOVING = frozenset((*STARTS, C.START_SERVOS))
-POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
+POINT_FIELDS = sm.ValidFields.TIME | sm.ValidFields.POSITION | sm.ValidFields.VELOCITY
 KNOWN_TYPES = frozenset(
     (
         T.PING,
@@ -108,7 +98,7 @@ def _unused(seen: DriverSeen) -> Verdict | None:
 
 MESSAGES_SAID: Over[DriverSeen, Said] = Over(lambda seen: seen.said, "{} messages")
 
-POINTS: Over[DriverSeen, tuple[Said, JointTrajPtFull]] = Over(
+POINTS: Over[DriverSeen, tuple[Said, sm.JointTrajPtFull]] = Over(
     lambda seen: seen.points, "{} points", nothing=_NO_POINTS
 )
 
@@ -116,7 +106,7 @@ NEIGHBOURS: Over[DriverSeen, Neighbours] = Over(
     DriverSeen.neighbours, "{} points", nothing=_NO_POINTS
 )
 
-SPEEDS: Over[DriverSeen, tuple[Said, JointVelocity]] = Over(
+SPEEDS: Over[DriverSeen, tuple[Said, sm.JointVelocity]] = Over(
     lambda seen: seen.velocities, "{} messages", nothing=_NO_SPEEDS, unless=_unused
 )
 
@@ -177,7 +167,7 @@ def the_byte_order_is_the_controllers(seen: DriverSeen) -> Verdict:
 def requests_are_requests(said: Said) -> str:
     """Everything is a service request with reply code 0; speeds may be topics."""
     head = said.message.comm_type, said.message.reply_code
-    good = said.is_topic or head == (CommType.SERVICE_REQUEST, ReplyCode.INVALID)
+    good = said.is_topic or head == (sm.CommType.SERVICE_REQUEST, sm.ReplyCode.INVALID)
     return "" if good else f"comm_type {head[0]}, reply_code {head[1]}"
 
 
@@ -200,7 +190,7 @@ def commands_are_known(each: tuple[Said, str]) -> str:
     kind, command = said.message.msg_type, said.command
     if kind not in KNOWN_TYPES | VELOCITY_TYPES:
         return f"type {kind}"
-    if isinstance(said.message.body, MotionCtrl) and command not in set(C):
+    if isinstance(said.message.body, sm.MotionCtrl) and command not in set(C):
         return f"command {command}"
     of_velocity = kind in VELOCITY_TYPES or command in VELOCITY_COMMANDS
     stock = controller and not controller.startswith("velocity")
@@ -281,7 +271,7 @@ def a_refused_start_is_taken_for_one(seen: DriverSeen) -> Verdict:
 
 
 @requires.each(120, f"{SERVER}: else DATA_INSUFFICIENT", POINTS)
-def points_are_complete(each: tuple[Said, JointTrajPtFull]) -> str:
+def points_are_complete(each: tuple[Said, sm.JointTrajPtFull]) -> str:
     """Every point has a time, positions and velocities, and says so; all are finite."""
     point = each[1]
     if point.valid_fields & POINT_FIELDS != POINT_FIELDS:
@@ -300,7 +290,7 @@ def points_are_complete(each: tuple[Said, JointTrajPtFull]) -> str:
     ),
 )
 def a_trajectory_begins_where_the_arm_is(
-    each: tuple[Said, JointTrajPtFull, JointFeedback | None],
+    each: tuple[Said, sm.JointTrajPtFull, sm.JointFeedback | None],
 ) -> str | None:
     """The first point (sequence 0) is the measured position, to 0.001 rad, with no speed."""
     _, point, measured = each
@@ -333,7 +323,7 @@ def time_goes_on(each: Neighbours) -> str:
     return "" if later else f"{point.time:.4f} s after {one.time:.4f}"
 
 
-def _outside(positions: Joints) -> str:
+def _outside(positions: sm.Joints) -> str:
     """Which joint is out of its range; empty: none."""
     for joint, (q, each) in enumerate(zip(positions, ARM.joints, strict=False), 1):
         if not each.lower - EDGE_RAD <= q <= each.upper + EDGE_RAD:
@@ -350,12 +340,12 @@ def _too_fast(speeds: Iterable[float], share: float = 1.0) -> str:
 
 
 @requires.each(124, f"{SERVER}: DATA_SPEED of a speed; positions are not checked there", POINTS)
-def points_are_within_the_arm(each: tuple[Said, JointTrajPtFull]) -> str:
+def points_are_within_the_arm(each: tuple[Said, sm.JointTrajPtFull]) -> str:
     """Positions are within the joints' ranges, and speeds within what the joints can do."""
     return _outside(each[1].pos) or _too_fast(each[1].vel)
 
 
-def _steepest(one: JointTrajPtFull, other: JointTrajPtFull) -> list[float]:
+def _steepest(one: sm.JointTrajPtFull, other: sm.JointTrajPtFull) -> list[float]:
     """The highest speed of each joint on MotoROS's cubic from point to point, rad/s."""
     span = other.time - one.time
     if span <= 0.0:
@@ -440,12 +430,12 @@ def the_queue_does_not_run_empty(seen: DriverSeen) -> Verdict:
 
 
 @requires.each(129, f"{SERVER}: InvalidSubcode; {MANUAL}", POINTS)
-def points_are_taken(each: tuple[Said, JointTrajPtFull]) -> str:
+def points_are_taken(each: tuple[Said, sm.JointTrajPtFull]) -> str:
     """No point is answered INVALID, but a first one where the arm sags."""
     reply = each[0].reply
     if reply is None or reply.result != R.INVALID:
         return ""
-    sags = each[1].sequence == 0 and reply.subcode == InvalidSubcode.DATA_START_POS
+    sags = each[1].sequence == 0 and reply.subcode == sm.InvalidSubcode.DATA_START_POS
     return "" if sags else f"subcode {reply.subcode}"
 
 
@@ -459,7 +449,7 @@ def points_are_taken(each: tuple[Said, JointTrajPtFull]) -> str:
     ),
 )
 def a_trajectory_begins_at_rest(
-    each: tuple[Said, JointTrajPtFull, RobotStatus | None],
+    each: tuple[Said, sm.JointTrajPtFull, sm.RobotStatus | None],
 ) -> str | None:
     """No first point is sent while the newest status says that the arm is in motion."""
     _, point, status = each
@@ -478,7 +468,7 @@ def the_velocity_mode_is_asked_for(seen: DriverSeen) -> Verdict:
     for messages in seen.motion.values():
         known = False
         for each in messages:
-            if each.answered and isinstance(each.answered.message.body, VelocityInfo):
+            if each.answered and isinstance(each.answered.message.body, sm.VelocityInfo):
                 known = True
             if each.command == C.START_VEL_MODE:
                 count += 1
@@ -498,7 +488,7 @@ def the_velocity_mode_is_asked_for(seen: DriverSeen) -> Verdict:
 def the_watchdog_can_be_had(said: Said) -> str | None:
     """START_VEL_MODE asks for a watchdog and for a scale of acceleration that there are."""
     body = said.message.body
-    if not isinstance(body, MotionCtrl) or said.command != C.START_VEL_MODE:
+    if not isinstance(body, sm.MotionCtrl) or said.command != C.START_VEL_MODE:
         return None
     watchdog_ms, scale = body.data[:2]
     if not (watchdog_ms == 0.0 or 20.0 <= watchdog_ms <= 500.0):
@@ -506,7 +496,7 @@ def the_watchdog_can_be_had(said: Said) -> str | None:
     return "" if scale == 0.0 or 0.01 <= scale <= 1.0 else f"a scale of {scale:g}"
 
 
-def _streams(seen: DriverSeen) -> Iterator[tuple[Said, JointVelocity, JointVelocity | None]]:
+def _streams(seen: DriverSeen) -> Iterator[tuple[Said, sm.JointVelocity, sm.JointVelocity | None]]:
     """Speeds, and those before them since START_VEL_MODE, or sequence 0."""
     for messages in seen.motion.values():
         before = None
@@ -524,7 +514,7 @@ def _streams(seen: DriverSeen) -> Iterator[tuple[Said, JointVelocity, JointVeloc
     f"{VELOCITY}, sequence: 0 arms, then strictly rising, modulo 2^31",
     Over(_streams, "{} messages", nothing=_NO_SPEEDS, unless=_unused),
 )
-def speeds_count_up(each: tuple[Said, JointVelocity, JointVelocity | None]) -> str:
+def speeds_count_up(each: tuple[Said, sm.JointVelocity, sm.JointVelocity | None]) -> str:
     """The first speeds after a start have sequence 0, and from there on it rises."""
     _, body, before = each
     if before is None:
@@ -534,16 +524,16 @@ def speeds_count_up(each: tuple[Said, JointVelocity, JointVelocity | None]) -> s
 
 
 @requires.each(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION", SPEEDS)
-def speeds_are_complete(each: tuple[Said, JointVelocity]) -> str:
+def speeds_are_complete(each: tuple[Said, sm.JointVelocity]) -> str:
     """Speeds say that they are, and no positions; all are finite."""
     fields = each[1].valid_fields
-    if not fields & ValidFields.VELOCITY or fields & ValidFields.POSITION:
+    if not fields & sm.ValidFields.VELOCITY or fields & sm.ValidFields.POSITION:
         return f"valid_fields {fields}"
     return "" if all(map(math.isfinite, each[1].vel)) else "a number that is not finite"
 
 
 @requires.each(144, f"{VELOCITY}, MOTO_VELOCITY_INFO: v_max", SPEEDS)
-def speeds_are_within_the_arm(each: tuple[Said, JointVelocity]) -> str:
+def speeds_are_within_the_arm(each: tuple[Said, sm.JointVelocity]) -> str:
     """No speed is higher than the controller said that it can be."""
     return _too_fast(each[1].vel)
 
@@ -554,7 +544,7 @@ def speeds_are_within_the_arm(each: tuple[Said, JointVelocity]) -> str:
     SPEEDS,
     good="{} streams",
 )
-def a_stream_begins_at_rest(each: tuple[Said, JointVelocity]) -> str | None:
+def a_stream_begins_at_rest(each: tuple[Said, sm.JointVelocity]) -> str | None:
     """The first speeds, of sequence 0, are zero."""
     speed = max(map(abs, each[1].vel))
     if each[1].sequence:
