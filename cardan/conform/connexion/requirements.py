@@ -145,8 +145,7 @@ def the_rate_is_the_families(seen: ConnexionSeen) -> Verdict:
         return not_seen(_NOTHING)
     periods = [(m[-1].time_s - m[0].time_s) / (len(m) - 1) for m in moving]
     worst = max(periods, key=lambda each: abs(each - PERIOD_S[family]))
-    said = f"{worst * 1e3:.2f} ms"
-    return met(abs(worst / PERIOD_S[family] - 1.0) < PERIOD_TOLERANCE, said)
+    return met(abs(worst / PERIOD_S[family] - 1.0) < PERIOD_TOLERANCE, f"{worst * 1e3:.2f} ms")
 
 
 @requires(10, f"{RATE}: while deflected the device keeps sending")

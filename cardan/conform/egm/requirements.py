@@ -338,8 +338,7 @@ def datagrams_are_short(seen: EgmSeen) -> Verdict:
     """No datagram is longer than 1113 bytes."""
     lengths = some([(len(seen.raw[each.number]), each.number) for each in seen.robots], _NOTHING)
     longest, index = max(lengths)
-    said = f"{longest} B"
-    return met(longest <= LARGEST_BYTES, said, [index])
+    return met(longest <= LARGEST_BYTES, f"{longest} B", [index])
 
 
 @requires(20, "cardan.dissect: a second description of the protocol, written from the schema")
@@ -460,8 +459,7 @@ def silence_does_not_slow_it(seen: EgmSeen) -> Verdict:
     cycles = max(1, step(first, last))
     period_s = (found[-1].time_s - found[0].time_s) / cycles
     off = min(abs(period_s / (n * p) - 1.0) for p in PERIODS_S for n in range(1, 25))
-    said = f"{period_s * 1e3:.3f} ms"
-    return met(off <= 0.01, said, [found[-1].number])
+    return met(off <= 0.01, f"{period_s * 1e3:.3f} ms", [found[-1].number])
 
 
 @requires(107, "ros-industrial/abb_libegm: sequence number 0 is the start of a session")
@@ -536,8 +534,7 @@ def a_reference_is_reached(seen: EgmSeen) -> Verdict:
     """The arm comes to within 15 % of a small step's end, in the time of five time constants."""
     stepped = some(_stepped(seen), _NO_STEP)
     *_, (last, share) = _progress(stepped[1], stepped[0])
-    said = f"{100 * share:.0f} % of the step"
-    return met(abs(share - 1.0) < 0.15, said, [last.number])
+    return met(abs(share - 1.0) < 0.15, f"{100 * share:.0f} % of the step", [last.number])
 
 
 @requires(203, LAW)
@@ -545,8 +542,7 @@ def a_step_does_not_overshoot(seen: EgmSeen) -> Verdict:
     """On its way it goes no more than 20 % beyond the step's end."""
     stepped = some(_stepped(seen), _NO_STEP)
     far, most = max(_progress(stepped[1], stepped[0]), key=lambda each: each[1])
-    said = f"{100 * most:.0f} % at most"
-    return met(most < 1.2, said, [far.number])
+    return met(most < 1.2, f"{100 * most:.0f} % at most", [far.number])
 
 
 @requires(204, LAW)
@@ -557,8 +553,7 @@ def it_comes_back(seen: EgmSeen) -> Verdict:
     if stepped is None or not back:
         return not_seen(_NO_STEP)
     *_, (last, share) = _progress(back, stepped[0])
-    said = f"{100 * share:.0f} % of the step is left"
-    return met(share < 0.15, said, [last.number])
+    return met(share < 0.15, f"{100 * share:.0f} % of the step is left", [last.number])
 
 
 @requires(301, f"{SCHEMA}, EgmMotorState, EgmMCIState")
@@ -577,5 +572,4 @@ def it_goes_on_where_it_stood(seen: EgmSeen) -> Verdict:
     after = [each for each in seen.during("released") if each.running]
     some(before and after, "it was not started again")
     far_m = max(_apart(before[-1].position, each.position) for each in after)
-    said = f"{far_m * 1e3:.3f} mm away"
-    return met(far_m < 1e-3, said, [after[-1].number])
+    return met(far_m < 1e-3, f"{far_m * 1e3:.3f} mm away", [after[-1].number])

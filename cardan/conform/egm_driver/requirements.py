@@ -115,8 +115,7 @@ def the_run_is_answered(seen: EgmSeen) -> Verdict:
     if began is None:
         return failed("none came") if found else not_seen("nothing was sent")
     share = sum(bool(each.answers) for each in found[began:-1]) / max(1, len(found[began:-1]))
-    said = f"{100 * share:.1f} %"
-    return met(share >= ANSWERED_SHARE, said)
+    return met(share >= ANSWERED_SHARE, f"{100 * share:.1f} %")
 
 
 @requires(102, SCHEMA)
@@ -355,8 +354,7 @@ def silence_is_not_answered(seen: EgmSeen) -> Verdict:
         for each in seen.answers
         if phase.first <= each.number < phase.end and each.time_s > phase.start_s + SILENT_AFTER_S
     ]
-    said = f"{len(found)} messages"
-    return met(len(found) <= FAREWELLS, said, found)
+    return met(len(found) <= FAREWELLS, f"{len(found)} messages", found)
 
 
 @requires(
@@ -397,5 +395,4 @@ def it_leaves_without_speed(seen: EgmSeen) -> Verdict:
         return not_seen("it was not ended")
     last = seen.answers[-1]
     some(phase.end_s - last.time_s >= 0.5, "it still answers")
-    said = f"{_speed(last):.3g} m/s or rad/s"
-    return met(_speed(last) <= SPEED_M_S, said, [last.number])
+    return met(_speed(last) <= SPEED_M_S, f"{_speed(last):.3g} m/s or rad/s", [last.number])

@@ -65,8 +65,7 @@ Echoed = tuple[Exchange, sm.MotionReply]
 def states_come_unasked(seen: MotorosSeen) -> Verdict:
     """The state port sends feedback and status to every client."""
     count, states = len(seen.feedback("listen")), len(seen.statuses("listen"))
-    said = f"{count} feedbacks, {states} statuses"
-    return met(count > 0 and states > 0, said)
+    return met(count > 0 and states > 0, f"{count} feedbacks, {states} statuses")
 
 
 @requires(2, f"{MESSAGES}: prefix, header, body")
@@ -83,8 +82,7 @@ def the_state_cycle_is_25_ms(seen: MotorosSeen) -> Verdict:
     times = [each.time_s for each, _ in seen.statuses("listen")]
     some(len(times) >= 10, "fewer than 10 statuses")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
-    said = f"{period_s * 1e3:.2f} ms"
-    return met(abs(period_s - PERIOD_S) < PERIOD_TOLERANCE_S, said)
+    return met(abs(period_s - PERIOD_S) < PERIOD_TOLERANCE_S, f"{period_s * 1e3:.2f} ms")
 
 
 @requires(4, f"{STATES}; a client stops its stream after three missed cycles")
@@ -95,8 +93,7 @@ def no_three_cycles_are_missed(seen: MotorosSeen) -> Verdict:
     last_phase = max(seen.phases.values(), key=lambda each: each.end)
     gaps.append((last_phase.end_s - found[-1][0].time_s, found[-1][0].number))
     longest, index = max(gaps)
-    said = f"longest {longest * 1e3:.0f} ms"
-    return at_most(MISSED_S * 1e3, longest * 1e3, "ms", said, [index])
+    return at_most(MISSED_S * 1e3, longest * 1e3, "ms", f"longest {longest * 1e3:.0f} ms", [index])
 
 
 @requires(5, f"{STATES}: JOINT_FEEDBACK of each group, then ROBOT_STATUS")
@@ -372,8 +369,7 @@ def torn_messages_are_understood(seen: MotorosSeen) -> Verdict:
     replies = [each.reply for each in found if each.reply is not None]
     must(replies, "no answer", [found[-1].number])
     msg_type = replies[0].message.msg_type
-    said = f"answered with type {msg_type}"
-    return met(msg_type == T.PING, said, [replies[0].number])
+    return met(msg_type == T.PING, f"answered with type {msg_type}", [replies[0].number])
 
 
 @requires(112, f"{CONTROLLER}, START_TRAJ_MODE")
@@ -431,8 +427,7 @@ def the_first_point_is_taken(seen: MotorosSeen) -> Verdict:
     must(reply.result == R.SUCCESS, _words(reply), [found[0].number])
     feedback = [body.pos for _, body in seen.feedback("hold")]
     far = max(apart(pos, feedback[0]) for pos in feedback)
-    said = f"{math.degrees(far):.4f} degrees at most"
-    return met(far < STILL_RAD, said, [found[0].number])
+    return met(far < STILL_RAD, f"{math.degrees(far):.4f} degrees at most", [found[0].number])
 
 
 @requires.each(
@@ -471,8 +466,7 @@ def the_velocity_mode_says_what_it_is(seen: MotorosSeen) -> Verdict:
         good = info.version == 1 and 500 <= info.ipc_us <= 20_000 and info.axes >= 1
         good = good and all(info.v_max[n] > 0.0 and info.a_max[n] > 0.0 for n in axes)
         good = good and all(info.pos_min[n] < info.pos_max[n] for n in axes)
-        said = f"version {info.version}, {info.ipc_us} us, {info.axes} axes"
-        return met(good, said)
+        return met(good, f"version {info.version}, {info.ipc_us} us, {info.axes} axes")
     return _refused(seen, T.MOTO_VELOCITY_INFO, sm.InvalidSubcode.MSGTYPE)
 
 
@@ -571,8 +565,7 @@ def a_trajectory_takes_its_time(seen: MotorosSeen) -> Verdict:
     empty = [time_s for time_s, count in counts if not count and time_s > filled[-1]]
     must(empty, "it never was", [point.number])
     took_s = empty[0] - point.time_s
-    said = f"after {took_s:.3f} s"
-    return at_most(STEP_S + PLAYED_LATE_S, took_s, "s", said, [point.number])
+    return at_most(STEP_S + PLAYED_LATE_S, took_s, "s", f"after {took_s:.3f} s", [point.number])
 
 
 def _reached(seen: MotorosSeen, phase: str, nothing: str) -> Verdict:
@@ -630,8 +623,7 @@ def velocities_move_it(seen: MotorosSeen) -> Verdict:
     before, after = seen.feedback("stream"), seen.feedback("deserted")
     some(before and after, "no feedback came")
     far = apart(before[0][1].pos, after[-1][1].pos)
-    said = f"{math.degrees(far):.3f} degrees"
-    return met(0.2 * STEP_RAD < far < 1.2 * STEP_RAD, said)
+    return met(0.2 * STEP_RAD < far < 1.2 * STEP_RAD, f"{math.degrees(far):.3f} degrees")
 
 
 @requires(212, f"{VELOCITY}, the watchdog", unless=_in_velocity_mode("stream"))

@@ -368,8 +368,7 @@ def held_it_stands(seen: UrSeen) -> Verdict:
     found = [each for each in seen.during("hold") if _follows(each)]
     some(len(found) >= 50, "it was not held")
     far = _farthest(found)
-    said = f"{math.degrees(far):.4f} degrees at most"
-    return met(far < STILL_RAD, said)
+    return met(far < STILL_RAD, f"{math.degrees(far):.4f} degrees at most")
 
 
 def _ended(seen: UrSeen, phase: str) -> tuple[float, State] | None:
@@ -479,8 +478,7 @@ def it_does_not_overshoot(seen: UrSeen) -> Verdict:
     """On its way it goes no more than 20 % beyond the step's end."""
     found = seen.during("out")
     beyond = max(_last_joint(found)) / STEP_RAD - 1.0
-    said = f"{100.0 * max(beyond, 0.0):.1f} %"
-    return met(beyond < BEYOND_SHARE, said)
+    return met(beyond < BEYOND_SHARE, f"{100.0 * max(beyond, 0.0):.1f} %")
 
 
 @requires(204, f"{SCRIPT}: servoj", unless=_unmoved)
@@ -491,8 +489,7 @@ def the_other_joints_stand(seen: UrSeen) -> Verdict:
     far = max(
         abs(a - b) for s in found for a, b in zip(s.values["actual_q"][:-1], first, strict=True)
     )
-    said = f"{math.degrees(far):.4f} degrees at most"
-    return met(far < AWAY_SHARE * STEP_RAD, said)
+    return met(far < AWAY_SHARE * STEP_RAD, f"{math.degrees(far):.4f} degrees at most")
 
 
 @requires(205, f"{GUIDE}: actual_qd, target_qd", unless=_unmoved)
@@ -551,8 +548,7 @@ def the_speed_slider_is_told(seen: UrSeen) -> Verdict:
     half, full = seen.during("slider-half"), seen.during("slider-full")
     some(half and full, NO_STATES)
     values = [found[-1].values["target_speed_fraction"] for found in (half, full)]
-    said = f"{values[0]:.2f}, then {values[1]:.2f}"
-    return met(0.3 < values[0] < 0.7 and values[1] > 0.95, said)
+    return met(0.3 < values[0] < 0.7 and values[1] > 0.95, f"{values[0]:.2f}, then {values[1]:.2f}")
 
 
 def _never_local(seen: UrSeen) -> Verdict | None:
@@ -684,8 +680,7 @@ def runtime_exceptions_are_told(seen: UrSeen) -> Verdict:
         and seen.inside(each.number, "raise")
     ]
     must(told, f"nothing was said of {RAISES}", [found[0].number])
-    said = f"line {told[0].line}: {told[0].text!r}"
-    return met(told[0].line == RAISES_AT, said)
+    return met(told[0].line == RAISES_AT, f"line {told[0].line}: {told[0].text!r}")
 
 
 @requires(123, f"{SCRIPT}: socket_open, socket_send_line, socket_read_line")
@@ -714,5 +709,4 @@ def other_interfaces_take_programs(seen: UrSeen) -> Verdict:
         for each in found
         if first(after(seen, each.time_s), TOKEN, each.token) is None
     ]
-    said = ", ".join(each.channel for each in found)
-    return none_wrong(wrong, len(found), said, NO_PROGRAM)
+    return none_wrong(wrong, len(found), ", ".join(each.channel for each in found), NO_PROGRAM)

@@ -141,8 +141,7 @@ def it_says_its_version(seen: UrSeen) -> Verdict:
     if found is None:
         some(seen.exchanges(rtde.PacketType.CONTROLLER_VERSION), "it was not asked")
         return failed("it was not told")
-    said = ".".join(map(str, found))
-    return met(found.major >= 3, said)
+    return met(found.major >= 3, ".".join(map(str, found)))
 
 
 @requires(5, f"{GUIDE}: each request has its return")
@@ -381,8 +380,7 @@ def the_primary_interface_begins_with_a_version(seen: UrSeen) -> Verdict:
     if first.message is None or first.message.kind != MessageKind.VERSION:
         return failed(f"first a package of type {first.package.kind}", [first.number])
     count = sum(each.package.kind == ROBOT_STATE for each in seen.told)
-    said = f"{first.message.text}, {count} states"
-    return met(count > 0, said)
+    return met(count > 0, f"{first.message.text}, {count} states")
 
 
 @requires(22, f"{CLIENT}: 10 Hz")
