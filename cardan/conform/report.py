@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 from xml.etree import ElementTree
 
@@ -59,9 +59,9 @@ class Report:
     events: int
     version: str
     """Of Cardan."""
-    results: tuple[Result, ...]
-    attached: Mapping[str, str] = field(default_factory=dict)
+    attached: Mapping[str, str] = field(default_factory=dict, kw_only=True)
     """SHA-256 of each file beside the report, by its name."""
+    results: tuple[Result, ...]
 
     @property
     def counts(self) -> Counter[Outcome]:
@@ -115,33 +115,8 @@ class Report:
 
     def as_json(self) -> str:
         """For programs, and for `read`."""
-        values = {
-            "form": FORM,
-            "suite": self.suite,
-            "judges": self.judges,
-            "target": self.target,
-            "simulated": self.simulated,
-            "level": self.level,
-            "seconds": self.seconds,
-            "events": self.events,
-            "version": self.version,
-            "attached": dict(self.attached),
-            "results": [
-                {
-                    "id": each.id,
-                    "level": each.level,
-                    "source": each.source,
-                    "text": each.text,
-                    "outcome": each.outcome.value,
-                    "said": each.said,
-                    "evidence": list(each.evidence),
-                    "figure": each.figure,
-                    "unit": each.unit,
-                }
-                for each in self.results
-            ],
-        }
-        return json.dumps(values, indent=1, ensure_ascii=False) + "\n"
+        values = {"form": FORM, **asdict(self)}
+        return json.dumps(values, indent=1, ensure_ascii=False, default=_in_json) + "\n"
 
     def as_junit(self) -> str:
         """For continuous integration: a test case a requirement."""
@@ -174,6 +149,10 @@ class Report:
 
     def _sum(self) -> str:
         return ", ".join(f"{self.counts[each]} {each.value}" for each in Outcome)
+
+
+def _in_json(value: Outcome) -> str:
+    return value.value
 
 
 def _cell(text: str) -> str:
@@ -278,7 +257,7 @@ def read(text: str, name: str) -> Report:
             int(values["events"]),
             str(values["version"]),
             results,
-            {str(key): str(value) for key, value in values["attached"].items()},
+            attached={str(key): str(value) for key, value in values["attached"].items()},
         )
     except ConfigurationError:
         raise

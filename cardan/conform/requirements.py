@@ -10,10 +10,14 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
+T = TypeVar("T")
 V = TypeVar("V")
 """What a suite makes of a timeline for its judges to look at."""
+W = TypeVar("W", "str", "str | None", "Wrongs", "Wrongs | None")
 Item = TypeVar("Item")
 """One of what a requirement says something of."""
+Wrongs = Iterable[tuple[int, str]]
+"""Numbers of events that show something wrong, and what."""
 
 
 class Level(enum.IntEnum):
@@ -109,6 +113,33 @@ def not_applicable(said: str) -> Verdict:
     return Verdict(Outcome.NOT_APPLICABLE, said)
 
 
+class SettledError(Exception):
+    """Ends a judge: what it has to say is known before it is through."""
+
+    def __init__(self, verdict: Verdict) -> None:
+        super().__init__(verdict.said)
+        self.verdict = verdict
+
+
+def some(found: T | None, nothing: str) -> T:
+    """`found`, in a judge; where it is none, empty or false, the verdict is not seen: `nothing`."""
+    if not found:
+        raise SettledError(not_seen(nothing))
+    return found
+
+
+def must(found: T | None, said: str, evidence: Iterable[int] = ()) -> T:
+    """`found`, in a judge; where it is none, empty or false, the verdict is failed."""
+    if not found:
+        raise SettledError(failed(said, evidence))
+    return found
+
+
+def apart(one: Iterable[float], other: Iterable[float]) -> float:
+    """How far two postures, or places, are apart in the part in which they are farthest."""
+    return max((abs(a - b) for a, b in zip(one, other, strict=False)), default=0.0)
+
+
 def number_of(item: Any) -> int:
     """The number of the event by which `item` came; of a tuple of several, of the last of them."""
     number = getattr(item, "number", None)
@@ -144,11 +175,18 @@ class Requirement(Generic[V]):
     level: Level
     source: str
     text: str
-    judge: Callable[[V], Verdict]
+    judged: Callable[[V], Verdict]
     unless: Callable[[V], Verdict | None] | None
     """Why it cannot be judged, where it cannot."""
     late_s: float
     """Where this computer was later than this, what seems a failure may be its own."""
+
+    def judge(self, seen: V) -> Verdict:
+        """What its judge says of `seen`."""
+        try:
+            return self.judged(seen)
+        except SettledError as settled:
+            return settled.verdict
 
     def verdict(self, seen: V, late_s: float) -> Verdict:
         """On `seen`, taken by a computer that was late by up to `late_s`."""
@@ -195,21 +233,23 @@ class Requirements(Generic[V]):
         nothing: str | Verdict | None = None,
         unless: Callable[[V], Verdict | None] | None = None,
         late_s: float = math.inf,
-    ) -> Callable[[Callable[[Item], str | None]], Callable[[Item], str | None]]:
-        """Decorates what says of one of `over` why it is wrong: words, empty where it is right,
-        None where it is none of those that the requirement is about.
+    ) -> Callable[[Callable[[Item], W]], Callable[[Item], W]]:
+        """Decorates what says of one of `over` why it is wrong: words, empty where it is right, or
+        what shows it; None where it is none of those that the requirement is about.
 
         `good`, `nothing` and `unless` are said otherwise than `over` has them, where they are.
         """
         good, absent = good or over.good, over.nothing if nothing is None else nothing
 
-        def enter(wrong: Callable[[Item], str | None]) -> Callable[[Item], str | None]:
+        def enter(wrong: Callable[[Item], W]) -> Callable[[Item], W]:
             def judge(seen: V) -> Verdict:
                 found = [(item, why) for item in over.of(seen) if (why := wrong(item)) is not None]
                 if not found and isinstance(absent, Verdict):
                     return absent
                 words = absent if isinstance(absent, str) else self._nothing
-                bad = [(number_of(item), why) for item, why in found if why]
+                bad: list[tuple[int, str]] = []
+                for item, why in found:
+                    bad += why if not isinstance(why, str) else [(number_of(item), why)] * bool(why)
                 said = good.format(len(found), len(bad))
                 if len(bad) <= over.few * len(found):
                     bad = []

@@ -50,6 +50,11 @@ class Phase(NamedTuple):
     start_s: float
     end_s: float
 
+    @property
+    def number(self) -> int:
+        """Of the event that begins it."""
+        return self.first
+
 
 class UnaskedError(Exception):
     """A judge wants what came of something that was asked for, and nobody asked for it: of a

@@ -5,16 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from cardan.conform.timeline import Kind, Seen, Timeline
-from cardan.protocols.connexion import (
-    Family,
-    InputReport,
-    Model,
-    Motion,
-    Rotation,
-    Translation,
-    decode_input,
-    find_model,
-)
+from cardan.protocols import connexion
 
 
 class Report(NamedTuple):
@@ -23,17 +14,21 @@ class Report(NamedTuple):
     number: int
     time_s: float
     raw: bytes
-    value: InputReport
+    value: connexion.InputReport
 
     @property
     def is_motion(self) -> bool:
         """Whether it has axes."""
-        return isinstance(self.value, (Translation, Rotation, Motion))
+        return isinstance(self.value, (connexion.Translation, connexion.Rotation, connexion.Motion))
 
     @property
     def counts(self) -> tuple[int, ...]:
         """Of a motion."""
-        return tuple(self.value) if isinstance(self.value, (Translation, Rotation, Motion)) else ()
+        return (
+            tuple(self.value)
+            if isinstance(self.value, (connexion.Translation, connexion.Rotation, connexion.Motion))
+            else ()
+        )
 
 
 class ConnexionSeen(Seen):
@@ -45,18 +40,18 @@ class ConnexionSeen(Seen):
         self.lost: list[int] = []
         """Events by which the device went."""
         self.refused: list[int] = []
-        self.model: Model | None = None
+        self.model: connexion.Model | None = None
         """As its vendor and product id say; None where they are not known."""
         for index, event in enumerate(timeline):
             if event.kind is Kind.OPENED and ":" in event.note:
                 vendor, _, product = event.note.partition(":")
-                self.model = find_model(int(vendor, 16), int(product, 16))
+                self.model = connexion.find_model(int(vendor, 16), int(product, 16))
             elif event.kind is Kind.CLOSED and not event.sent:
                 self.lost.append(index)
             elif event.kind is Kind.REFUSED:
                 self.refused.append(index)
             elif event.kind is Kind.DATA and not event.sent:
-                value = decode_input(event.data)
+                value = connexion.decode_input(event.data)
                 self.reports.append(Report(index, event.time_s, event.data, value))
 
     @property
@@ -65,13 +60,13 @@ class ConnexionSeen(Seen):
         return [each for each in self.reports if each.is_motion]
 
     @property
-    def family(self) -> Family | None:
+    def family(self) -> connexion.Family | None:
         """What it sends; None before any motion."""
         motions = self.motions
         if not motions:
             return None
-        whole = isinstance(motions[0].value, Motion)
-        return Family.ONE if whole else Family.SPLIT
+        whole = isinstance(motions[0].value, connexion.Motion)
+        return connexion.Family.ONE if whole else connexion.Family.SPLIT
 
     def during(self, *names: str) -> list[Report]:
         """The reports of these phases."""

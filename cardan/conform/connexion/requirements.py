@@ -11,22 +11,16 @@ from cardan.conform.requirements import (
     Verdict,
     failed,
     met,
+    must,
     none_wrong,
     not_applicable,
     not_seen,
     passed,
+    some,
 )
 from cardan.conform.second_reading import read_twice, second_description
 from cardan.conform.timing import never_silent
-from cardan.protocols.connexion import (
-    Battery,
-    ButtonBits,
-    Family,
-    KeysDown,
-    Motion,
-    Rotation,
-    Translation,
-)
+from cardan.protocols import connexion
 from cardan.protocols.connexion.reports import (
     BATTERY_ID,
     HALF_BYTES,
@@ -43,7 +37,7 @@ DESCRIPTOR = "report descriptors of the devices (docs/protocols/3dconnexion-hid.
 SPACENAVD = "FreeSpacenav spacenavd, src/dev_usb_linux.c"
 RATE = "captures of SpaceNavigator and SpaceMouse Wireless"
 
-PERIOD_S = {Family.SPLIT: 0.008, Family.ONE: 0.016}
+PERIOD_S = {connexion.Family.SPLIT: 0.008, connexion.Family.ONE: 0.016}
 PERIOD_TOLERANCE = 0.15
 LINK_LOST_S = 0.1
 """Six periods: a driver takes a deflected device that is silent for so long to be gone."""
@@ -107,9 +101,7 @@ def reports_are_not_padded(each: Report) -> str:
 @requires(6, f"{DESCRIPTOR}: ids 1 and 2 of 7 bytes, or id 1 of 13")
 def the_family_is_one(seen: ConnexionSeen) -> Verdict:
     """All motion comes in halves (ids 1 and 2), or all of it whole (id 1 of 13 bytes)."""
-    whole = [isinstance(each.value, Motion) for each in seen.motions]
-    if not whole:
-        return not_seen(_NOTHING)
+    whole = some([isinstance(each.value, connexion.Motion) for each in seen.motions], _NOTHING)
     odd = [each.number for each, one in zip(seen.motions, whole, strict=True) if one != whole[0]]
     return failed("both kinds come", odd) if odd else passed("whole" if whole[0] else "halves")
 
@@ -134,7 +126,7 @@ def _moving(seen: ConnexionSeen) -> list[list[Report]]:
 @requires(8, f"{RATE}: one half every 8 ms, in turn")
 def halves_take_turns(seen: ConnexionSeen) -> Verdict:
     """Translations and rotations come in turn, one of each."""
-    if seen.family is Family.ONE:
+    if seen.family is connexion.Family.ONE:
         return not_applicable("motion comes whole")
     wrong, count = [], 0
     for motion in _moving(seen):
@@ -153,8 +145,7 @@ def the_rate_is_the_families(seen: ConnexionSeen) -> Verdict:
         return not_seen(_NOTHING)
     periods = [(m[-1].time_s - m[0].time_s) / (len(m) - 1) for m in moving]
     worst = max(periods, key=lambda each: abs(each - PERIOD_S[family]))
-    said = f"{worst * 1e3:.2f} ms"
-    return met(abs(worst / PERIOD_S[family] - 1.0) < PERIOD_TOLERANCE, said)
+    return met(abs(worst / PERIOD_S[family] - 1.0) < PERIOD_TOLERANCE, f"{worst * 1e3:.2f} ms")
 
 
 @requires(10, f"{RATE}: while deflected the device keeps sending")
@@ -191,7 +182,7 @@ def the_last_value_is_zero(seen: ConnexionSeen) -> Verdict:
             if any(each.counts):
                 break
             zeros += 1
-        least = 2 if seen.family is Family.SPLIT else 1
+        least = 2 if seen.family is connexion.Family.SPLIT else 1
         if not least <= zeros <= ZEROS_AT_MOST:
             wrong.append((found[-1].number, f"{zeros} zeros at the end"))
     return none_wrong(wrong, count, f"{count} motions", "it was never deflected")
@@ -211,7 +202,7 @@ def counts_are_in_range(seen: ConnexionSeen) -> Verdict:
 
 def _mean(found: list[Report], kind: type, at: int) -> list[float]:
     rows = [each.counts for each in found if isinstance(each.value, kind)]
-    whole = [each.counts for each in found if isinstance(each.value, Motion)]
+    whole = [each.counts for each in found if isinstance(each.value, connexion.Motion)]
     rows = [row[at : at + 3] for row in whole] if whole else rows
     return [sum(axis) / len(rows) for axis in zip(*rows, strict=True)] if rows else []
 
@@ -222,10 +213,9 @@ def axes_have_their_signs(seen: ConnexionSeen) -> Verdict:
     Rz."""
     if seen.model is not None and seen.model.serial_axes:
         return not_applicable("the model has another frame")
-    push = _mean(seen.during("push-held"), Translation, 0)
-    twist = _mean(seen.during("twist-held"), Rotation, 3)
-    if not push or not twist:
-        return not_seen("it was not pushed and twisted")
+    push = _mean(seen.during("push-held"), connexion.Translation, 0)
+    twist = _mean(seen.during("twist-held"), connexion.Rotation, 3)
+    some(push and twist, "it was not pushed and twisted")
     said = f"X {push[0]:.0f}, Rz {twist[2]:.0f} counts"
     return met(push[0] == max(push, key=abs) > 0 and twist[2] == max(twist, key=abs) > 0, said)
 
@@ -239,10 +229,8 @@ def buttons_are_told(seen: ConnexionSeen) -> Verdict:
         return not_seen("none was pressed")
     down = _buttons(seen.during("press"))
     up = _buttons(seen.during("release"))
-    if not down or not down[-1]:
-        return failed("pressing was not told")
-    if not up:
-        return failed("letting go was not told")
+    must(down and down[-1], "pressing was not told")
+    must(up, "letting go was not told")
     return passed("pressed and let go") if not up[-1] else failed("it stays down")
 
 
@@ -250,9 +238,9 @@ def _buttons(found: list[Report]) -> list[bool]:
     """Whether any is down, report by report."""
     states = []
     for each in found:
-        if isinstance(each.value, ButtonBits):
+        if isinstance(each.value, connexion.ButtonBits):
             states.append(bool(each.value.mask))
-        elif isinstance(each.value, KeysDown):
+        elif isinstance(each.value, connexion.KeysDown):
             states.append(bool(each.value.codes))
     return states
 
@@ -260,7 +248,7 @@ def _buttons(found: list[Report]) -> list[bool]:
 @requires(16, f"{DESCRIPTOR}, battery strength")
 def the_battery_is_not_empty(seen: ConnexionSeen) -> Verdict:
     """The battery, where it is told of, has 10 % and more."""
-    found = [(e, e.value.percent) for e in seen.reports if isinstance(e.value, Battery)]
+    found = [(e, e.value.percent) for e in seen.reports if isinstance(e.value, connexion.Battery)]
     if not found:
         return not_applicable("no battery was told of")
     wrong = ((each.number, f"{percent} %") for each, percent in found if percent < LOW_PERCENT)
@@ -272,8 +260,7 @@ def it_stays(seen: ConnexionSeen) -> Verdict:
     """The device does not go while it is used."""
     hand = seen.phase("unplug")
     wrong = [index for index in seen.lost if hand is None or index < hand.first]
-    if seen.refused:
-        return not_seen("it was never opened")
+    some(not seen.refused, "it was never opened")
     return failed("it went", wrong) if wrong else passed("it stayed")
 
 
@@ -312,7 +299,6 @@ def unplugging_is_told(seen: ConnexionSeen) -> Verdict:
     """Unplugged, the device is told to be gone, and sends nothing more."""
     phase = seen.phase("unplug")
     gone = [] if phase is None else [index for index in seen.lost if index >= phase.first]
-    if not gone:
-        return not_seen("it was not unplugged")
+    some(gone, "it was not unplugged")
     after = [each.number for each in seen.reports if each.number > gone[0]]
     return failed("reports come from what is gone", after) if after else passed("told")

@@ -6,15 +6,7 @@ from cardan.conform.hands import HandPilot
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Script, Wait, mark, send
 from cardan.conform.timeline import Event
-from cardan.protocols.connexion import (
-    ButtonBits,
-    KeysDown,
-    Motion,
-    Rotation,
-    Translation,
-    decode_input,
-    encode_led,
-)
+from cardan.protocols import connexion
 
 REST_S = 0.5
 
@@ -23,10 +15,10 @@ class ConnexionPilot(HandPilot):
     """Reads; only from level 1 on it sends, to the LED."""
 
     def _note(self, event: Event) -> None:
-        value = decode_input(event.data)
-        if isinstance(value, (Translation, Rotation, Motion)):
+        value = connexion.decode_input(event.data)
+        if isinstance(value, (connexion.Translation, connexion.Rotation, connexion.Motion)):
             self._moved = self._moved or any(value)
-        elif isinstance(value, (ButtonBits, KeysDown)):
+        elif isinstance(value, (connexion.ButtonBits, connexion.KeysDown)):
             self._pressed = True
 
     def script(self) -> Script:
@@ -36,7 +28,7 @@ class ConnexionPilot(HandPilot):
         if self._level >= Level.HOLD:
             yield mark("led")
             for on in (True, False, True):
-                yield send(encode_led(on))
+                yield send(connexion.encode_led(on))
                 yield Wait(0.1)
             yield from self._again()
         if self._level >= Level.BY_HAND:

@@ -9,17 +9,7 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 from cardan.conform.timeline import Kind, Seen, Timeline
-from cardan.protocols.egm import (
-    EgmMotion,
-    EgmRobot,
-    EgmSensor,
-    EgmSensorPathCorr,
-    Malformed,
-    MCIState,
-    MotorState,
-    decode_from_pc,
-    decode_robot,
-)
+from cardan.protocols import egm
 
 _WRAP = 1 << 32
 _OVERTAKEN_AT_MOST = 16
@@ -37,7 +27,7 @@ class Robot(NamedTuple):
     number: int
     time_s: float
     source: str
-    message: EgmRobot
+    message: egm.EgmRobot
 
     @property
     def seqno(self) -> int | None:
@@ -47,12 +37,12 @@ class Robot(NamedTuple):
     @property
     def running(self) -> bool:
         """Whether guidance acts."""
-        return self.message.mci_state == MCIState.RUNNING
+        return self.message.mci_state == egm.MCIState.RUNNING
 
     @property
     def motors_on(self) -> bool:
         """Whether it says so."""
-        return self.message.motor_state == MotorState.ON
+        return self.message.motor_state == egm.MotorState.ON
 
     @property
     def joints(self) -> tuple[float, ...]:
@@ -69,7 +59,7 @@ class Robot(NamedTuple):
         return tuple(back.cartesian.pos or ())
 
 
-def not_normal(motion: EgmMotion | None) -> str | None:
+def not_normal(motion: egm.EgmMotion | None) -> str | None:
     """How long a motion's quaternion is where that is not 1, to 1e-3; None: there is none."""
     pose = None if motion is None else motion.cartesian
     if pose is None or pose.orient is None:
@@ -83,7 +73,7 @@ class Answer(NamedTuple):
 
     number: int
     time_s: float
-    message: EgmSensor | EgmSensorPathCorr
+    message: egm.EgmSensor | egm.EgmSensorPathCorr
 
 
 class Refused(NamedTuple):
@@ -91,7 +81,7 @@ class Refused(NamedTuple):
 
     number: int
     time_s: float
-    malformed: Malformed
+    malformed: egm.Malformed
 
 
 class EgmSeen(Seen):
@@ -113,16 +103,16 @@ class EgmSeen(Seen):
             judged = not event.sent
             if judged:
                 self.raw[index] = event.data
-            decode: Callable[[bytes], Any] = decode_from_pc
+            decode: Callable[[bytes], Any] = egm.decode_from_pc
             if event.sent == robot_sends:
-                decode = decode_robot
+                decode = egm.decode_robot
             message = decode(event.data)
-            if isinstance(message, Malformed):
+            if isinstance(message, egm.Malformed):
                 if judged:
                     self.refused.append(Refused(index, event.time_s, message))
                 else:
                     self.junk.append((index, event.time_s))
-            elif isinstance(message, EgmRobot):
+            elif isinstance(message, egm.EgmRobot):
                 self.robots.append(Robot(index, event.time_s, event.note, message))
             else:
                 self.answers.append(Answer(index, event.time_s, message))

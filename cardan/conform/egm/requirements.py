@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import pairwise
+from itertools import dropwhile, pairwise
 
 from cardan.conform.egm.decoded import EgmSeen, Robot, not_normal, step
 from cardan.conform.egm.scenario import STEP_M, STEP_RAD
@@ -16,10 +16,12 @@ from cardan.conform.requirements import (
     at_most,
     failed,
     met,
+    must,
     none_wrong,
     not_applicable,
     not_seen,
     passed,
+    some,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.conform.timing import steady
@@ -145,8 +147,7 @@ def the_period_is_a_controllers(seen: EgmSeen) -> Verdict:
         cycles = step(first.seqno, last.seqno)
         period_s = (last.time_s - first.time_s) / cycles if cycles > 0 else math.nan
         found.append((period_s, last.number))
-    if not found:
-        return not_seen(f"no session of more than {ENOUGH} datagrams")
+    some(found, f"no session of more than {ENOUGH} datagrams")
     for period_s, index in found:
         ratios = [period_s / each for each in PERIODS_S]
         off = min(abs(r / max(1, round(r)) - 1.0) if r == r else 1.0 for r in ratios)
@@ -209,8 +210,7 @@ def the_ms_clock_runs(seen: EgmSeen) -> Verdict:
         worst = max(worst, off)
         if off > 0.01 * passed_s + 0.01:
             wrong.append((last.number, f"{step(one, other)} ms in {passed_s:.3f} s"))
-    if not seen.sessions:
-        return not_seen(_NOTHING)
+    some(seen.sessions, _NOTHING)
     return none_wrong(
         wrong, len(seen.sessions), f"off by {worst * 1e3:.1f} ms at most", _NOTHING, "sessions"
     )
@@ -336,12 +336,9 @@ def fields_are_of_one_release(seen: EgmSeen) -> Verdict:
 @requires(19, f"{SCHEMA}: the longest message with every field")
 def datagrams_are_short(seen: EgmSeen) -> Verdict:
     """No datagram is longer than 1113 bytes."""
-    lengths = [(len(seen.raw[each.number]), each.number) for each in seen.robots]
-    if not lengths:
-        return not_seen(_NOTHING)
+    lengths = some([(len(seen.raw[each.number]), each.number) for each in seen.robots], _NOTHING)
     longest, index = max(lengths)
-    said = f"{longest} B"
-    return met(longest <= LARGEST_BYTES, said, [index])
+    return met(longest <= LARGEST_BYTES, f"{longest} B", [index])
 
 
 @requires(20, "cardan.dissect: a second description of the protocol, written from the schema")
@@ -388,8 +385,7 @@ def an_answered_session_lasts(seen: EgmSeen) -> Verdict:
         if found[0].number < session[0].number < phase.end:
             return failed("a session began anew", [session[0].number])
     silent_s = phase.end_s - found[-1].time_s
-    if silent_s > 0.25:
-        return failed(f"it ended {silent_s:.2f} s before the answers did", [found[-1].number])
+    must(silent_s <= 0.25, f"it ended {silent_s:.2f} s before the answers did", [found[-1].number])
     return passed(f"{phase.end_s - found[0].time_s:.1f} s, {len(found)} datagrams")
 
 
@@ -427,8 +423,7 @@ def _apart(one: tuple[float, ...], other: tuple[float, ...]) -> float:
 def an_arm_that_is_held_stands(seen: EgmSeen) -> Verdict:
     """Told its own position, the arm stays within 0.5 mm and 0.1 degrees of it."""
     found = [each for each in _hold(seen) if each.running]
-    if len(found) < ENOUGH:
-        return not_seen("the MCI ran too shortly")
+    some(len(found) >= ENOUGH, "the MCI ran too shortly")
     first = found[0]
     far_m = max(_apart(first.position, each.position) for each in found)
     far_rad = max(_apart(first.joints, each.joints) for each in found)
@@ -457,24 +452,20 @@ def silence_ends_the_run(seen: EgmSeen) -> Verdict:
 def silence_does_not_slow_it(seen: EgmSeen) -> Verdict:
     """Until then the controller sends on in its period, whether it is answered or not."""
     found = [each for each in seen.during("silence") if each.running]
-    if len(found) < ENOUGH:
-        return not_seen("no run was left alone for long enough")
+    some(len(found) >= ENOUGH, "no run was left alone for long enough")
     first, last = found[0].seqno, found[-1].seqno
     assert first is not None
     assert last is not None
     cycles = max(1, step(first, last))
     period_s = (found[-1].time_s - found[0].time_s) / cycles
     off = min(abs(period_s / (n * p) - 1.0) for p in PERIODS_S for n in range(1, 25))
-    said = f"{period_s * 1e3:.3f} ms"
-    return met(off <= 0.01, said, [found[-1].number])
+    return met(off <= 0.01, f"{period_s * 1e3:.3f} ms", [found[-1].number])
 
 
 @requires(107, "ros-industrial/abb_libegm: sequence number 0 is the start of a session")
 def a_new_run_counts_from_0(seen: EgmSeen) -> Verdict:
     """A run after an earlier one counts its datagrams from 0 again."""
-    later = [session[0] for session in seen.sessions[1:]]
-    if not later:
-        return not_seen("there was one session only")
+    later = some([session[0] for session in seen.sessions[1:]], "there was one session only")
     wrong = ((each.number, f"the first is {each.seqno}") for each in later if each.seqno)
     return none_wrong(wrong, len(later), f"{len(later)} sessions", _NOTHING, "sessions")
 
@@ -487,14 +478,10 @@ def a_new_run_counts_from_0(seen: EgmSeen) -> Verdict:
 def junk_changes_nothing(seen: EgmSeen) -> Verdict:
     """Datagrams that are not EGM neither stop nor move the arm."""
     found = seen.during("junk")
-    if not seen.junk or not found or not seen.during("hold"):
-        return not_seen("none were sent")
-    before = [each for each in seen.during("hold") if each.running]
-    if not before:
-        return not_seen("the MCI never ran")
+    some(seen.junk and found and seen.during("hold"), "none were sent")
+    before = some([each for each in seen.during("hold") if each.running], "the MCI never ran")
     stopped = [each.number for each in found if not each.running]
-    if stopped:
-        return failed("the run ended", stopped)
+    must(not stopped, "the run ended", stopped)
     far_m = max(_apart(before[-1].position, each.position) for each in found)
     said = f"{len(seen.junk)} datagrams, moved {far_m * 1e3:.3f} mm"
     return met(far_m <= HELD_WITHIN_M, said, [found[-1].number])
@@ -545,23 +532,17 @@ def a_reference_acts_soon(seen: EgmSeen) -> Verdict:
 @requires(202, LAW)
 def a_reference_is_reached(seen: EgmSeen) -> Verdict:
     """The arm comes to within 15 % of a small step's end, in the time of five time constants."""
-    stepped = _stepped(seen)
-    if stepped is None:
-        return not_seen(_NO_STEP)
+    stepped = some(_stepped(seen), _NO_STEP)
     *_, (last, share) = _progress(stepped[1], stepped[0])
-    said = f"{100 * share:.0f} % of the step"
-    return met(abs(share - 1.0) < 0.15, said, [last.number])
+    return met(abs(share - 1.0) < 0.15, f"{100 * share:.0f} % of the step", [last.number])
 
 
 @requires(203, LAW)
 def a_step_does_not_overshoot(seen: EgmSeen) -> Verdict:
     """On its way it goes no more than 20 % beyond the step's end."""
-    stepped = _stepped(seen)
-    if stepped is None:
-        return not_seen(_NO_STEP)
+    stepped = some(_stepped(seen), _NO_STEP)
     far, most = max(_progress(stepped[1], stepped[0]), key=lambda each: each[1])
-    said = f"{100 * most:.0f} % at most"
-    return met(most < 1.2, said, [far.number])
+    return met(most < 1.2, f"{100 * most:.0f} % at most", [far.number])
 
 
 @requires(204, LAW)
@@ -572,18 +553,15 @@ def it_comes_back(seen: EgmSeen) -> Verdict:
     if stepped is None or not back:
         return not_seen(_NO_STEP)
     *_, (last, share) = _progress(back, stepped[0])
-    said = f"{100 * share:.0f} % of the step is left"
-    return met(share < 0.15, said, [last.number])
+    return met(share < 0.15, f"{100 * share:.0f} % of the step is left", [last.number])
 
 
 @requires(301, f"{SCHEMA}, EgmMotorState, EgmMCIState")
 def an_emergency_stop_is_told(seen: EgmSeen) -> Verdict:
     """After an emergency stop no datagram says that motors are on and guidance runs."""
-    found = seen.during("estop")
-    stopped = next((n for n, each in enumerate(found) if not each.motors_on), None)
-    if stopped is None:
-        return not_seen("no datagram said that the motors went off")
-    wrong = [each.number for each in found[stopped:] if each.motors_on or each.running]
+    off = dropwhile(lambda each: each.motors_on, seen.during("estop"))
+    found = some(list(off), "no datagram said that the motors went off")
+    wrong = [each.number for each in found if each.motors_on or each.running]
     return failed("it says on or RUNNING again", wrong) if wrong else passed("off, not RUNNING")
 
 
@@ -592,8 +570,6 @@ def it_goes_on_where_it_stood(seen: EgmSeen) -> Verdict:
     """Guided again after an emergency stop, the arm is within 1 mm of where it stopped."""
     before = seen.during("estop")
     after = [each for each in seen.during("released") if each.running]
-    if not before or not after:
-        return not_seen("it was not started again")
+    some(before and after, "it was not started again")
     far_m = max(_apart(before[-1].position, each.position) for each in after)
-    said = f"{far_m * 1e3:.3f} mm away"
-    return met(far_m < 1e-3, said, [after[-1].number])
+    return met(far_m < 1e-3, f"{far_m * 1e3:.3f} mm away", [after[-1].number])

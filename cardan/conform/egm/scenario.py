@@ -8,17 +8,7 @@ from collections.abc import Iterator
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
 from cardan.conform.timeline import Event, Kind
-from cardan.protocols.egm import (
-    EgmHeader,
-    EgmMotion,
-    EgmRobot,
-    EgmSensor,
-    MCIState,
-    MessageType,
-    MotorState,
-    decode_robot,
-    encode_sensor,
-)
+from cardan.protocols import egm
 
 STEP_M = 0.0005
 STEP_RAD = math.radians(0.1)
@@ -46,8 +36,8 @@ class EgmPilot(Scenario):
         self._answering = False
         self._shift = 0.0
         """Share of the step that is asked for."""
-        self._hold: EgmMotion | None = None
-        self._newest: EgmRobot | None = None
+        self._hold: egm.EgmMotion | None = None
+        self._newest: egm.EgmRobot | None = None
         self._newest_s = -math.inf
         self._seqno = 0
 
@@ -99,22 +89,22 @@ class EgmPilot(Scenario):
     def answer(self, event: Event) -> Iterator[Act]:
         if event.kind is not Kind.DATA:
             return
-        message = decode_robot(event.data)
-        if not isinstance(message, EgmRobot):
+        message = egm.decode_robot(event.data)
+        if not isinstance(message, egm.EgmRobot):
             return
-        if self._quiet() or self._begins(message) or message.mci_state != MCIState.RUNNING:
+        if self._quiet() or self._begins(message) or message.mci_state != egm.MCIState.RUNNING:
             self._hold = None
         self._newest, self._newest_s = message, self.now_s
         if self._answering and message.feed_back is not None and message.header is not None:
             self._hold = self._hold or message.feed_back
             self._seqno += 1
-            header = EgmHeader(self._seqno, message.header.tm_ms, MessageType.CORRECTION)
-            yield send(encode_sensor(EgmSensor(header, self._reference(self._hold))))
+            header = egm.EgmHeader(self._seqno, message.header.tm_ms, egm.MessageType.CORRECTION)
+            yield send(egm.encode_sensor(egm.EgmSensor(header, self._reference(self._hold))))
 
-    def _begins(self, message: EgmRobot) -> bool:
+    def _begins(self, message: egm.EgmRobot) -> bool:
         return message.header is not None and message.header.seqno == 0
 
-    def _reference(self, held: EgmMotion) -> EgmMotion:
+    def _reference(self, held: egm.EgmMotion) -> egm.EgmMotion:
         joints, pose = held.joints, held.cartesian
         if joints is not None and len(joints) >= 6:
             joints = (*joints[:5], joints[5] + self._shift * STEP_RAD, *joints[6:])
@@ -122,14 +112,14 @@ class EgmPilot(Scenario):
             x, y, z = pose.pos
             lifted = type(pose.pos)(x, y, z + self._shift * STEP_M)
             pose = pose._replace(pos=lifted, euler=None)
-        return EgmMotion(joints, pose, held.external_joints)
+        return egm.EgmMotion(joints, pose, held.external_joints)
 
     def _quiet(self) -> bool:
         return self.now_s - self._newest_s > QUIET_S
 
     def _runs(self) -> bool:
         newest = self._newest
-        return newest is not None and not self._quiet() and newest.mci_state == MCIState.RUNNING
+        return newest is not None and not self._quiet() and newest.mci_state == egm.MCIState.RUNNING
 
     def _motors(self) -> bool:
-        return self._newest is not None and self._newest.motor_state == MotorState.ON
+        return self._newest is not None and self._newest.motor_state == egm.MotorState.ON

@@ -17,9 +17,11 @@ from cardan.conform.requirements import (
     at_most,
     failed,
     met,
+    must,
     none_wrong,
     not_applicable,
     not_seen,
+    some,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.protocols.egm import EgmSensor, EgmSensorPathCorr, MessageType
@@ -113,8 +115,7 @@ def the_run_is_answered(seen: EgmSeen) -> Verdict:
     if began is None:
         return failed("none came") if found else not_seen("nothing was sent")
     share = sum(bool(each.answers) for each in found[began:-1]) / max(1, len(found[began:-1]))
-    said = f"{100 * share:.1f} %"
-    return met(share >= ANSWERED_SHARE, said)
+    return met(share >= ANSWERED_SHARE, f"{100 * share:.1f} %")
 
 
 @requires(102, SCHEMA)
@@ -187,8 +188,7 @@ def answers_are_in_time(seen: EgmSeen) -> Verdict:
         echoed = by_tm.get(header.tm_ms) if header is not None and header.tm_ms else None
         asked = echoed if echoed is not None and echoed.number < number else newest
         times.append((answer.time_s - asked.time_s, number))
-    if not times:
-        return not_seen(_NOTHING)
+    some(times, _NOTHING)
     times.sort()
     late_s, number = times[int(0.99 * (len(times) - 1))]
     said = f"99 of 100 within {late_s * 1e3:.2f} ms"
@@ -332,8 +332,7 @@ def old_datagrams_are_not_answered(seen: EgmSeen) -> Verdict:
             and echoed[each.message.header.tm_ms] > 1
         ]
         said = f"{len(wrong)} answers to what came twice"
-        if wrong:
-            return failed(said, wrong)
+        must(not wrong, said, wrong)
     fresh = len({each.seqno for each in seen.during("old")})
     said = f"{len(inside)} answers to {fresh} new datagrams"
     # The last answer before may have been late.
@@ -355,8 +354,7 @@ def silence_is_not_answered(seen: EgmSeen) -> Verdict:
         for each in seen.answers
         if phase.first <= each.number < phase.end and each.time_s > phase.start_s + SILENT_AFTER_S
     ]
-    said = f"{len(found)} messages"
-    return met(len(found) <= FAREWELLS, said, found)
+    return met(len(found) <= FAREWELLS, f"{len(found)} messages", found)
 
 
 @requires(
@@ -396,7 +394,5 @@ def it_leaves_without_speed(seen: EgmSeen) -> Verdict:
     if phase is None or not seen.answers:
         return not_seen("it was not ended")
     last = seen.answers[-1]
-    if phase.end_s - last.time_s < 0.5:
-        return not_seen("it still answers")
-    said = f"{_speed(last):.3g} m/s or rad/s"
-    return met(_speed(last) <= SPEED_M_S, said, [last.number])
+    some(phase.end_s - last.time_s >= 0.5, "it still answers")
+    return met(_speed(last) <= SPEED_M_S, f"{_speed(last):.3g} m/s or rad/s", [last.number])

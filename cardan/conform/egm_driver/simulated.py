@@ -10,16 +10,7 @@ from cardan.conform.rigs import DriverRig
 from cardan.conform.runner import Exchange
 from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import EgmSession
-from cardan.protocols.egm import (
-    EgmHeader,
-    EgmMotion,
-    EgmRobot,
-    EgmSensor,
-    EgmSpeedRef,
-    decode_from_pc,
-    decode_robot,
-    encode_sensor,
-)
+from cardan.protocols import egm
 from cardan.types import HoldCommand, Quaternion, Vector3
 
 _PORTS = {FIRST: 49_152, SECOND: 49_153}
@@ -34,15 +25,15 @@ class EgmDriverRig(DriverRig):
         self._session = EgmSession(AbbEgmOptions(comm_timeout_s=5.0), 0.0)
         self._asked = self._answered = 0
         self._seqno = 0
-        self._reference: EgmMotion | None = None
+        self._reference: egm.EgmMotion | None = None
         self._heard_s = 0.0
         self._chatter_s = 0.0
         self._ended = False
 
     def _take(self, data: bytes, channel: str) -> None:
         faults = self._faults
-        message = decode_robot(data)
-        is_robot = isinstance(message, EgmRobot)
+        message = egm.decode_robot(data)
+        is_robot = isinstance(message, egm.EgmRobot)
         if self._ended or faults.get("mute"):
             return
         if faults.get("gives-up") and not is_robot:
@@ -59,8 +50,8 @@ class EgmDriverRig(DriverRig):
         self._session.tick(self._now_s)
         if state is None:
             if faults.get("answers-old") and is_robot and self._reference is not None:
-                header = EgmHeader(self._next_seqno(), None, 3)
-                self._send(encode_sensor(EgmSensor(header, self._reference)), channel)
+                header = egm.EgmHeader(self._next_seqno(), None, 3)
+                self._send(egm.encode_sensor(egm.EgmSensor(header, self._reference)), channel)
             return
         answer = self._session.reply(HoldCommand(), self._now_s)
         self._session.answered(self._now_s)
@@ -81,13 +72,13 @@ class EgmDriverRig(DriverRig):
         faults = self._faults
         if not faults:
             return answer
-        sensor = decode_from_pc(answer)
-        assert isinstance(sensor, EgmSensor)
+        sensor = egm.decode_from_pc(answer)
+        assert isinstance(sensor, egm.EgmSensor)
         assert sensor.header is not None
-        assert isinstance(message, EgmRobot)
+        assert isinstance(message, egm.EgmRobot)
         planned = sensor.planned
         mtype = int(faults.get("mtype", sensor.header.mtype))
-        header = EgmHeader(self._next_seqno(), sensor.header.tm_ms, mtype)
+        header = egm.EgmHeader(self._next_seqno(), sensor.header.tm_ms, mtype)
         if faults.get("stale") and self._reference is not None:
             planned = self._reference
         self._reference = self._reference or planned
@@ -108,7 +99,7 @@ class EgmDriverRig(DriverRig):
             planned = planned._replace(cartesian=pose._replace(pos=Vector3(x, y, z), orient=orient))
         if self._every("empty", self._answered):
             planned = speed = None
-        data = encode_sensor(EgmSensor(header, planned, speed, sensor.rapid_to_robot))
+        data = egm.encode_sensor(egm.EgmSensor(header, planned, speed, sensor.rapid_to_robot))
         return data[:-7] if self._every("truncated", self._answered) else data
 
     def _send(self, data: bytes, channel: str) -> None:
@@ -119,16 +110,18 @@ class EgmDriverRig(DriverRig):
         silent = self._now_s - self._heard_s > 0.05
         if every_s and silent and self._reference and self._now_s >= self._chatter_s:
             self._chatter_s = self._now_s + every_s
-            header = EgmHeader(self._next_seqno(), None, 3)
-            self._send(encode_sensor(EgmSensor(header, self._reference)), FIRST)
+            header = egm.EgmHeader(self._next_seqno(), None, 3)
+            self._send(egm.encode_sensor(egm.EgmSensor(header, self._reference)), FIRST)
 
     def _by_hand(self, what: str) -> None:
         """The driver's program ends, with a last message where it owes one."""
         words = self._session.farewell(self._now_s)
         if "leaves-moving" in self._faults:
-            speed = EgmSpeedRef(cartesians=(1e-3 * self._faults["leaves-moving"], 0, 0, 0, 0, 0))
-            header = EgmHeader(self._next_seqno(), None, 3)
-            words = encode_sensor(EgmSensor(header, self._reference, speed))
+            speed = egm.EgmSpeedRef(
+                cartesians=(1e-3 * self._faults["leaves-moving"], 0, 0, 0, 0, 0)
+            )
+            header = egm.EgmHeader(self._next_seqno(), None, 3)
+            words = egm.encode_sensor(egm.EgmSensor(header, self._reference, speed))
         if words is not None:
             self._send(words, SECOND)
         self._ended = True

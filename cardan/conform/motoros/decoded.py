@@ -2,19 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from cardan.conform.timeline import Event, Kind, Seen, Timeline
-from cardan.protocols.simple_message import (
-    ByteOrder,
-    FrameReader,
-    JointFeedback,
-    Malformed,
-    Message,
-    MotionReply,
-    RobotStatus,
-    wire,
-)
+from cardan.protocols import simple_message as sm
 
 
 class Heard(NamedTuple):
@@ -25,8 +16,13 @@ class Heard(NamedTuple):
     begun_s: float
     time_s: float
     channel: str
-    message: Message
+    message: sm.Message
     raw: bytes
+
+
+B = TypeVar("B")
+Status = tuple[Heard, sm.RobotStatus]
+"""What was told, and what told it."""
 
 
 class Unread(NamedTuple):
@@ -43,16 +39,21 @@ class Exchange(NamedTuple):
     number: int
     time_s: float
     channel: str
-    request: Message | None
+    request: sm.Message | None
     """None: what was sent on purpose is no message, or a piece of one."""
     raw: bytes
     reply: Heard | None
 
     @property
-    def motion(self) -> MotionReply | None:
+    def body(self) -> sm.Body | None:
+        """Of the request."""
+        return None if self.request is None else self.request.body
+
+    @property
+    def motion(self) -> sm.MotionReply | None:
         """The reply, where it is one of motion."""
         body = None if self.reply is None else self.reply.message.body
-        return body if isinstance(body, MotionReply) else None
+        return body if isinstance(body, sm.MotionReply) else None
 
 
 class MotorosSeen(Seen):
@@ -65,8 +66,8 @@ class MotorosSeen(Seen):
         self.asked: list[Exchange] = []
         self.ended: list[tuple[int, Event]] = []
         """Connections that the controller closed or refused."""
-        self.order: ByteOrder | None = None
-        readers: dict[str, FrameReader] = {}
+        self.order: sm.ByteOrder | None = None
+        readers: dict[str, sm.FrameReader] = {}
         begun: dict[str, float] = {}
         open_requests: dict[str, tuple[int, Event]] = {}
         for index, event in enumerate(timeline):
@@ -81,7 +82,7 @@ class MotorosSeen(Seen):
                 self._unanswered(open_requests.pop(channel, None))
                 open_requests[channel] = index, event
                 continue
-            reader = readers.setdefault(channel, FrameReader())
+            reader = readers.setdefault(channel, sm.FrameReader())
             if not reader.pending_bytes:
                 begun[channel] = event.time_s
             reader.feed(event.data)
@@ -100,14 +101,14 @@ class MotorosSeen(Seen):
         index: int,
         event: Event,
         begun_s: float,
-        reader: FrameReader,
+        reader: sm.FrameReader,
         frame: bytes,
         open_requests: dict[str, tuple[int, Event]],
     ) -> None:
-        order = reader.byte_order or ByteOrder.LITTLE
+        order = reader.byte_order or sm.ByteOrder.LITTLE
         self.order = self.order or order
-        message = wire(order).decode(frame)
-        if isinstance(message, Malformed):
+        message = sm.wire(order).decode(frame)
+        if isinstance(message, sm.Malformed):
             self.unread.append(Unread(index, event.channel, message.reason))
             return
         heard = Heard(index, begun_s, event.time_s, event.channel, message, frame)
@@ -122,26 +123,31 @@ class MotorosSeen(Seen):
 
     def _exchange(self, asked: tuple[int, Event], reply: Heard | None) -> None:
         number, sent = asked
-        request = wire(self.order or ByteOrder.LITTLE).decode(sent.data)
-        known = None if isinstance(request, Malformed) else request
+        request = sm.wire(self.order or sm.ByteOrder.LITTLE).decode(sent.data)
+        known = None if isinstance(request, sm.Malformed) else request
         self.asked.append(Exchange(number, sent.time_s, sent.channel, known, sent.data, reply))
 
     def exchanges(self, phase: str) -> list[Exchange]:
         """What was asked in a phase."""
         return self.within(self.asked, phase)
 
-    def statuses(self, phase: str = "") -> list[tuple[Heard, RobotStatus]]:
-        """Those of a phase; empty: all."""
+    def requests(self, kind: type, phase: str = "", **fields: int) -> list[Exchange]:
+        """What was asked with a body of a kind that has these fields, in a phase; empty: in any."""
         return [
-            (each, each.message.body)
-            for each in (self.within(self.heard, phase) if phase else self.heard)
-            if isinstance(each.message.body, RobotStatus)
+            each
+            for each in (self.exchanges(phase) if phase else self.asked)
+            if isinstance(each.body, kind)
+            and all(getattr(each.body, name) == value for name, value in fields.items())
         ]
 
-    def feedback(self, phase: str = "", group: int = 0) -> list[tuple[Heard, JointFeedback]]:
+    def _told(self, kind: type[B], phase: str) -> list[tuple[Heard, B]]:
+        found = self.within(self.heard, phase) if phase else self.heard
+        return [(e, e.message.body) for e in found if isinstance(e.message.body, kind)]
+
+    def statuses(self, phase: str = "") -> list[Status]:
+        """Those of a phase; empty: all."""
+        return self._told(sm.RobotStatus, phase)
+
+    def feedback(self, phase: str = "", group: int = 0) -> list[tuple[Heard, sm.JointFeedback]]:
         """That of a group in a phase; empty: all."""
-        return [
-            (each, each.message.body)
-            for each in (self.within(self.heard, phase) if phase else self.heard)
-            if isinstance(each.message.body, JointFeedback) and each.message.body.group == group
-        ]
+        return [each for each in self._told(sm.JointFeedback, phase) if each[1].group == group]

@@ -3,41 +3,34 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from itertools import pairwise
 
-from cardan.conform.motoros.decoded import Exchange, Heard, MotorosSeen
+from cardan.conform.motoros.decoded import Exchange, Heard, MotorosSeen, Status
 from cardan.conform.motoros.scenario import STEP_RAD, STEP_S, UNKNOWN_TYPE
 from cardan.conform.requirements import (
     Over,
     Requirements,
     Verdict,
+    Wrongs,
+    apart,
     at_most,
     failed,
     met,
+    must,
     none_wrong,
     not_applicable,
     not_seen,
     passed,
+    some,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
-    CommType,
-    ControllerMode,
-    InvalidSubcode,
-    IoResult,
-    JointTrajPtFull,
-    JointVelocity,
     MessageType as T,
     MotionCommand as C,
-    MotionCtrl,
     MotionResult as R,
     NotReadySubcode as N,
-    ReadIoReply,
-    ReplyCode,
-    RobotStatus,
-    ValidFields,
-    VelocityInfo,
 )
 
 STATES = "motoman_driver 1.9.12, MotoPlus/StateServer.c"
@@ -59,6 +52,10 @@ PLAYED_LATE_S = 0.06
 REACHED_SHARE = 0.2
 
 requires: Requirements[MotorosSeen] = Requirements("MOTO")
+_UNANSWERED = "nothing was answered"
+_OTHERWISE = "it was not answered by a motion reply"
+Echoed = tuple[Exchange, sm.MotionReply]
+"""An order, and the reply that names it."""
 
 
 # -- level 0: the state port ----------------------------------------------------------------------
@@ -68,8 +65,7 @@ requires: Requirements[MotorosSeen] = Requirements("MOTO")
 def states_come_unasked(seen: MotorosSeen) -> Verdict:
     """The state port sends feedback and status to every client."""
     count, states = len(seen.feedback("listen")), len(seen.statuses("listen"))
-    said = f"{count} feedbacks, {states} statuses"
-    return met(count > 0 and states > 0, said)
+    return met(count > 0 and states > 0, f"{count} feedbacks, {states} statuses")
 
 
 @requires(2, f"{MESSAGES}: prefix, header, body")
@@ -84,25 +80,20 @@ def bytes_are_messages(seen: MotorosSeen) -> Verdict:
 def the_state_cycle_is_25_ms(seen: MotorosSeen) -> Verdict:
     """The mean period of ROBOT_STATUS is 25 ms, to half a millisecond."""
     times = [each.time_s for each, _ in seen.statuses("listen")]
-    if len(times) < 10:
-        return not_seen("fewer than 10 statuses")
+    some(len(times) >= 10, "fewer than 10 statuses")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
-    said = f"{period_s * 1e3:.2f} ms"
-    return met(abs(period_s - PERIOD_S) < PERIOD_TOLERANCE_S, said)
+    return met(abs(period_s - PERIOD_S) < PERIOD_TOLERANCE_S, f"{period_s * 1e3:.2f} ms")
 
 
 @requires(4, f"{STATES}; a client stops its stream after three missed cycles")
 def no_three_cycles_are_missed(seen: MotorosSeen) -> Verdict:
     """From one ROBOT_STATUS to the next it is never more than 75 ms, whatever else is done."""
-    found = seen.statuses()
-    if not found:
-        return not_seen("no status came")
+    found = some(seen.statuses(), "no status came")
     gaps = [(b.time_s - a.time_s, b.number) for (a, _), (b, _) in pairwise(found)]
     last_phase = max(seen.phases.values(), key=lambda each: each.end)
     gaps.append((last_phase.end_s - found[-1][0].time_s, found[-1][0].number))
     longest, index = max(gaps)
-    said = f"longest {longest * 1e3:.0f} ms"
-    return at_most(MISSED_S * 1e3, longest * 1e3, "ms", said, [index])
+    return at_most(MISSED_S * 1e3, longest * 1e3, "ms", f"longest {longest * 1e3:.0f} ms", [index])
 
 
 @requires(5, f"{STATES}: JOINT_FEEDBACK of each group, then ROBOT_STATUS")
@@ -123,16 +114,15 @@ def a_cycle_has_its_order(seen: MotorosSeen) -> Verdict:
     return none_wrong(wrong, count, f"{count} cycles", "no status came")
 
 
-@requires(6, f"{MESSAGES}: TOPIC is 1, the reply code of topics 0")
-def states_are_topics(seen: MotorosSeen) -> Verdict:
+@requires.each(
+    6,
+    f"{MESSAGES}: TOPIC is 1, the reply code of topics 0",
+    Over(lambda seen: [each for each in seen.heard if each.channel == "state"], "{} messages"),
+)
+def states_are_topics(each: Heard) -> str:
     """Messages of the state port are topics with the reply code 0."""
-    found = [each for each in seen.heard if each.channel == "state"]
-    wrong = (
-        (each.number, f"communication type {each.message.comm_type}")
-        for each in found
-        if each.message.comm_type != CommType.TOPIC or each.message.reply_code
-    )
-    return none_wrong(wrong, len(found), f"{len(found)} messages", "nothing came")
+    topic = each.message.comm_type == sm.CommType.TOPIC and not each.message.reply_code
+    return "" if topic else f"communication type {each.message.comm_type}"
 
 
 @requires(7, f"{STATES}: POSITION, and VELOCITY where speed feedback is available")
@@ -140,10 +130,10 @@ def feedback_says_what_is_valid(seen: MotorosSeen) -> Verdict:
     """valid_fields of feedback are POSITION, or POSITION and VELOCITY; all values are finite."""
     wrong, fields = [], set()
     found = seen.feedback()
-    position = ValidFields.POSITION
+    position = sm.ValidFields.POSITION
     for each, body in found:
         fields.add(body.valid_fields)
-        if body.valid_fields not in (position, position | ValidFields.VELOCITY):
+        if body.valid_fields not in (position, position | sm.ValidFields.VELOCITY):
             wrong.append((each.number, f"valid_fields {body.valid_fields}"))
         elif not all(map(math.isfinite, (*body.pos, *body.vel))):
             wrong.append((each.number, "a value that is not finite"))
@@ -155,9 +145,10 @@ def feedback_says_what_is_valid(seen: MotorosSeen) -> Verdict:
 def feedback_has_speeds(seen: MotorosSeen) -> Verdict:
     """Feedback has speeds, as of firmware that is not old."""
     found = seen.feedback()
-    without = [each.number for each, body in found if not body.valid_fields & ValidFields.VELOCITY]
-    if without:
-        return failed("positions alone", without)
+    without = [
+        each.number for each, body in found if not body.valid_fields & sm.ValidFields.VELOCITY
+    ]
+    must(not without, "positions alone", without)
     return passed(f"{len(found)} feedbacks") if found else not_seen("no feedback came")
 
 
@@ -166,13 +157,13 @@ def feedback_has_speeds(seen: MotorosSeen) -> Verdict:
     f"{MESSAGES}, ROBOT_STATUS: MotoROS sends no unknowns",
     Over(MotorosSeen.statuses, "{} statuses", nothing="no status came"),
 )
-def statuses_are_plausible(each: tuple[Heard, RobotStatus]) -> str:
+def statuses_are_plausible(each: Status) -> str:
     """Switches of a status are 0 or 1, and the mode is 1 (teach) or 2 (play)."""
     s = each[1]
     switches = (s.drives_powered, s.e_stopped, s.in_error, s.motion_possible)
     if not set(switches) <= {0, 1} or s.in_motion not in (-1, 0, 1):
         return f"switches {switches}"
-    return "" if s.mode in (ControllerMode.MANUAL, ControllerMode.AUTO) else f"mode {s.mode}"
+    return "" if s.mode in (sm.ControllerMode.MANUAL, sm.ControllerMode.AUTO) else f"mode {s.mode}"
 
 
 @requires.each(
@@ -227,38 +218,15 @@ _LAYERS_HAVE = {
 
 
 def _control(seen: MotorosSeen, command: C, phase: str = "") -> list[Exchange]:
-    found = seen.exchanges(phase) if phase else seen.asked
-    return [
-        each
-        for each in found
-        if each.request is not None
-        and isinstance(each.request.body, MotionCtrl)
-        and each.request.body.command == command
-    ]
-
-
-def _bodies(found: Iterable[Exchange], kind: type) -> list[Exchange]:
-    """The requests with a body of a kind."""
-    return [e for e in found if e.request is not None and isinstance(e.request.body, kind)]
-
-
-def _points(seen: MotorosSeen, phase: str) -> list[Exchange]:
-    return _bodies(seen.exchanges(phase), JointTrajPtFull)
-
-
-def _requests(seen: MotorosSeen) -> list[Exchange]:
-    """Those that every controller answers, one at a time."""
-    return [
-        each
-        for each in seen.asked
-        if each.request is not None and each.request.comm_type == CommType.SERVICE_REQUEST
-    ]
+    return seen.requests(sm.MotionCtrl, phase, command=command)
 
 
 @requires(101, f"{SERVER}: every request is answered, one at a time")
 def every_request_is_answered(seen: MotorosSeen) -> Verdict:
     """Each request is answered on its connection before a client's time is out."""
-    found = _requests(seen)
+    found = [
+        e for e in seen.asked if e.request and e.request.comm_type == sm.CommType.SERVICE_REQUEST
+    ]
     ends = [event.time_s for _, event in seen.ended]
     wrong = (
         (each.number, "no answer")
@@ -276,107 +244,107 @@ def answers_are_quick(seen: MotorosSeen) -> Verdict:
         for each in _control(seen, C.CHECK_QUEUE_CNT) + _control(seen, C.CHECK_MOTION_READY)
         if each.reply is not None
     )
-    if not times:
-        return not_seen("nothing was answered")
+    some(times, _UNANSWERED)
     late_s, index = times[int(0.9 * (len(times) - 1))]
     said = f"nine of ten within {late_s * 1e3:.1f} ms"
     return at_most(REPLY_WITHIN_S * 1e3, late_s * 1e3, "ms", said, [index])
 
 
-@requires(103, f"{SERVER}: group, sequence and command are echoed")
-def answers_are_to_what_was_asked(seen: MotorosSeen) -> Verdict:
+@requires.each(
+    103,
+    f"{SERVER}: group, sequence and command are echoed",
+    Over(lambda seen: seen.asked, "{} replies", nothing=_UNANSWERED),
+)
+def answers_are_to_what_was_asked(each: Exchange) -> Wrongs | None:
     """The reply to an order has its command and its sequence."""
-    wrong, count = [], 0
-    for each in seen.asked:
-        body = None if each.request is None else each.request.body
-        if each.reply is None or not isinstance(body, MotionCtrl):
-            continue
-        count += 1
-        found = each.motion
-        if found is None or (found.command, found.sequence) != (body.command, body.sequence):
-            wrong.append((each.reply.number, f"not of {body.command}, {body.sequence}"))
-    return none_wrong(wrong, count, f"{count} replies", "nothing was answered")
+    body, found = each.body, each.motion
+    if each.reply is None or not isinstance(body, sm.MotionCtrl):
+        return None
+    if found and (found.command, found.sequence) == (body.command, body.sequence):
+        return []
+    return [(each.reply.number, f"not of {body.command}, {body.sequence}")]
 
 
-@requires(104, f"{MESSAGES}: SERVICE_REPLY is 3, the reply code SUCCESS even of errors")
-def replies_are_replies(seen: MotorosSeen) -> Verdict:
+@requires.each(
+    104,
+    f"{MESSAGES}: SERVICE_REPLY is 3, the reply code SUCCESS even of errors",
+    Over(
+        lambda seen: [e.reply for e in seen.asked if e.motion and e.reply],
+        "{} replies",
+        nothing=_UNANSWERED,
+    ),
+)
+def replies_are_replies(each: Heard) -> str:
     """A motion reply has the communication type 3 and the reply code 1."""
-    found = [each.reply for each in seen.asked if each.motion is not None and each.reply]
-    wrong = (
-        (each.number, f"type {each.message.comm_type}, code {each.message.reply_code}")
-        for each in found
-        if (each.message.comm_type, each.message.reply_code)
-        != (CommType.SERVICE_REPLY, ReplyCode.SUCCESS)
-    )
-    return none_wrong(wrong, len(found), f"{len(found)} replies", "nothing was answered")
+    head = each.message.comm_type, each.message.reply_code
+    good = head == (sm.CommType.SERVICE_REPLY, sm.ReplyCode.SUCCESS)
+    return "" if good else f"type {head[0]}, code {head[1]}"
 
 
 @requires(105, f"{SERVER}: PING is answered with PING")
 def ping_is_answered(seen: MotorosSeen) -> Verdict:
     """PING on the motion port is answered with a PING of 16 bytes."""
     found = [e for e in seen.exchanges("ask") if e.request and e.request.msg_type == T.PING]
-    if not found or found[0].reply is None:
-        return not_seen("no PING was answered")
-    reply = found[0].reply
+    reply = some(found[0].reply if found else None, "no PING was answered")
     good = reply.message.msg_type == T.PING and len(reply.raw) == 16
     return passed("16 B") if good else failed(f"type {reply.message.msg_type}", [reply.number])
 
 
 def _refused(seen: MotorosSeen, msg_type: int, subcode: int) -> Verdict:
+    big = seen.order is sm.ByteOrder.BIG
     found = [
         each
         for each in seen.exchanges("ask")
-        if int.from_bytes(each.raw[4:8], _endian(seen)) == msg_type  # type: ignore[arg-type]
-        and (each.request is None or not isinstance(each.request.body, MotionCtrl))
+        if int.from_bytes(each.raw[4:8], "big" if big else "little") == msg_type
+        and not isinstance(each.body, sm.MotionCtrl)
     ]
-    if not found or found[0].motion is None:
-        return not_seen("it was not answered by a motion reply")
-    reply = found[0].motion
-    said = f"result {reply.result}, subcode {reply.subcode}, command {reply.command}"
+    reply = _motion(found, _OTHERWISE)
+    said = f"{_words(reply)}, command {reply.command}"
     return met((reply.result, reply.subcode) == (R.INVALID, subcode), said, [found[0].number])
-
-
-def _endian(seen: MotorosSeen) -> str:
-    return "big" if seen.order is not None and seen.order.value == ">" else "little"
 
 
 @requires(106, f"{SERVER}: INVALID, MSGTYPE, and the connection is kept")
 def unknown_types_are_refused(seen: MotorosSeen) -> Verdict:
     """A type that nobody knows is answered INVALID with 3003."""
-    return _refused(seen, UNKNOWN_TYPE, InvalidSubcode.MSGTYPE)
+    return _refused(seen, UNKNOWN_TYPE, sm.InvalidSubcode.MSGTYPE)
 
 
 @requires(107, f"{SERVER}: INVALID, MSGSIZE")
 def short_messages_are_refused(seen: MotorosSeen) -> Verdict:
     """An order with too short a body is answered INVALID with 3001."""
-    return _refused(seen, T.MOTO_MOTION_CTRL, InvalidSubcode.MSGSIZE)
+    return _refused(seen, T.MOTO_MOTION_CTRL, sm.InvalidSubcode.MSGSIZE)
 
 
 @requires(108, f"{SERVER}: NOT_READY before GROUPNO")
 def points_are_refused_before_the_start(seen: MotorosSeen) -> Verdict:
     """A point before START_TRAJ_MODE, of a group that is not there, is refused and does nothing."""
-    found = _points(seen, "ask")
-    if not found or found[0].motion is None:
-        return not_seen("it was not answered by a motion reply")
-    reply = found[0].motion
-    said = f"result {reply.result}, subcode {reply.subcode}"
-    return met(reply.result in (R.NOT_READY, R.INVALID), said, [found[0].number])
+    found = seen.requests(sm.JointTrajPtFull, "ask")
+    reply = _motion(found, _OTHERWISE)
+    return met(reply.result in (R.NOT_READY, R.INVALID), _words(reply), [found[0].number])
 
 
-@requires(109, f"{CONTROLLER}: the first NOT_READY reason that applies")
-def not_ready_has_a_reason(seen: MotorosSeen) -> Verdict:
+def _echoed(command: C, phase: str = "") -> Callable[[MotorosSeen], list[Echoed]]:
+    """Orders of a command with the replies that name it."""
+
+    def found(seen: MotorosSeen) -> list[Echoed]:
+        pairs = [(each, each.motion) for each in _control(seen, command, phase)]
+        return [(each, reply) for each, reply in pairs if reply and reply.command == command]
+
+    return found
+
+
+@requires.each(
+    109,
+    f"{CONTROLLER}: the first NOT_READY reason that applies",
+    Over(_echoed(C.CHECK_MOTION_READY), "{} reasons", nothing="it was ready all the time"),
+)
+def not_ready_has_a_reason(each: Echoed) -> str | None:
     """CHECK_MOTION_READY that is not TRUE is FALSE with a subcode of 5000 to 5099."""
-    found = _control(seen, C.CHECK_MOTION_READY)
-    refused = [
-        (e, e.motion) for e in found if e.motion is not None and e.motion.result != R.SUCCESS
-    ]
-    refused = [(e, m) for e, m in refused if m.command == C.CHECK_MOTION_READY]
-    wrong = (
-        (each.number, f"result {reply.result}, subcode {reply.subcode}")
-        for each, reply in refused
-        if reply.result != R.FAILURE or not N.UNSPECIFIED <= reply.subcode < N.UNSPECIFIED + 100
-    )
-    return none_wrong(wrong, len(refused), f"{len(refused)} reasons", "it was ready all the time")
+    reply = each[1]
+    if reply.result == R.SUCCESS:
+        return None
+    reason = reply.result == R.FAILURE and 0 <= reply.subcode - N.UNSPECIFIED < 100
+    return "" if reason else _words(reply)
 
 
 @requires(110, f"{IO}: results 0 and 1001")
@@ -384,12 +352,12 @@ def inputs_and_outputs_are_read(seen: MotorosSeen) -> Verdict:
     """The I/O port gives the bit 10010, and refuses the address 9 with 1001."""
     found = [each for each in seen.exchanges("ask") if each.channel == "io"]
     bodies = [e.reply.message.body for e in found if e.reply is not None]
-    replies = [each for each in bodies if isinstance(each, ReadIoReply)]
+    replies = [each for each in bodies if isinstance(each, sm.ReadIoReply)]
     if len(replies) < 2:
         return not_seen("the I/O port did not answer") if not bodies else failed("no such reply")
     good, bad = replies[:2]
     said = f"results {good.result} and {bad.result}"
-    right = (good.result, bad.result) == (IoResult.OK, IoResult.READ_ADDRESS_INVALID)
+    right = (good.result, bad.result) == (sm.IoResult.OK, sm.IoResult.READ_ADDRESS_INVALID)
     return met(right and good.value in (0, 1), said, [found[-1].number])
 
 
@@ -397,26 +365,19 @@ def inputs_and_outputs_are_read(seen: MotorosSeen) -> Verdict:
 def torn_messages_are_understood(seen: MotorosSeen) -> Verdict:
     """A PING that arrives in two pieces is answered as one that arrives whole."""
     found = seen.exchanges("pieces")
-    if len(found) < 2:
-        return not_seen("none was sent")
+    some(len(found) >= 2, "none was sent")
     replies = [each.reply for each in found if each.reply is not None]
-    if not replies:
-        return failed("no answer", [found[-1].number])
+    must(replies, "no answer", [found[-1].number])
     msg_type = replies[0].message.msg_type
-    said = f"answered with type {msg_type}"
-    return met(msg_type == T.PING, said, [replies[0].number])
+    return met(msg_type == T.PING, f"answered with type {msg_type}", [replies[0].number])
 
 
 @requires(112, f"{CONTROLLER}, START_TRAJ_MODE")
 def trajectory_mode_starts(seen: MotorosSeen) -> Verdict:
     """START_TRAJ_MODE succeeds, or says with a subcode why not; then motion is possible."""
     found = _control(seen, C.START_TRAJ_MODE, "start")
-    reply = found[0].motion if found else None
-    if reply is None:
-        return not_seen("it was not answered")
-    said = f"result {reply.result}, subcode {reply.subcode}"
-    if reply.result != R.SUCCESS:
-        return failed(said, [found[0].number])
+    reply = _motion(found)
+    must(reply.result == R.SUCCESS, _words(reply), [found[0].number])
     after = seen.statuses("hold")
     if after and after[0][1].motion_possible != 1:
         return failed("motion is not possible after it", [after[0][0].number])
@@ -435,14 +396,14 @@ def _held(seen: MotorosSeen) -> Verdict | None:
     Over(lambda seen: seen.statuses("hold"), "{} statuses"),
     unless=_held,
 )
-def holding_is_undisturbed(each: tuple[Heard, RobotStatus]) -> str:
+def holding_is_undisturbed(each: Status) -> str:
     """Held in trajectory mode, the drives have power, play is on, no stop or alarm, motion is
     possible."""
     s = each[1]
     causes = (
         (s.e_stopped, "emergency stop"),
         (s.in_error, f"alarm {s.error_code}"),
-        (s.mode != ControllerMode.AUTO, "not in play"),
+        (s.mode != sm.ControllerMode.AUTO, "not in play"),
         (not s.drives_powered, "drives without power"),
         (not s.motion_possible, "motion is not possible"),
     )
@@ -460,42 +421,37 @@ def connections_last(seen: MotorosSeen) -> Verdict:
 @requires(115, f"{GROUP}: 30 pulses around the command")
 def the_first_point_is_taken(seen: MotorosSeen) -> Verdict:
     """Point 0 at the measured position is taken, and nothing moves."""
-    found = _points(seen, "hold")
-    reply = found[0].motion if found else None
-    if reply is None or reply.command != T.JOINT_TRAJ_PT_FULL:
-        return not_seen("no point was answered")
-    if reply.result != R.SUCCESS:
-        return failed(f"result {reply.result}, subcode {reply.subcode}", [found[0].number])
+    found = seen.requests(sm.JointTrajPtFull, "hold")
+    reply = _motion(found, "no point was answered")
+    some(reply.command == T.JOINT_TRAJ_PT_FULL, "no point was answered")
+    must(reply.result == R.SUCCESS, _words(reply), [found[0].number])
     feedback = [body.pos for _, body in seen.feedback("hold")]
-    far = max((abs(a - b) for pos in feedback for a, b in zip(pos, feedback[0], strict=True)))
-    said = f"{math.degrees(far):.4f} degrees at most"
-    return met(far < STILL_RAD, said, [found[0].number])
+    far = max(apart(pos, feedback[0]) for pos in feedback)
+    return met(far < STILL_RAD, f"{math.degrees(far):.4f} degrees at most", [found[0].number])
 
 
-@requires(116, f"{GROUP}: the number of increments")
-def an_empty_queue_is_said_to_be(seen: MotorosSeen) -> Verdict:
+@requires.each(
+    116,
+    f"{GROUP}: the number of increments",
+    Over(_echoed(C.CHECK_QUEUE_CNT, "hold"), "{} times", nothing="it was not answered"),
+)
+def an_empty_queue_is_said_to_be(each: Echoed) -> str:
     """While nothing was commanded CHECK_QUEUE_CNT counts 0."""
-    found = _control(seen, C.CHECK_QUEUE_CNT, "hold")
-    counted = [(e, e.motion) for e in found if e.motion and e.motion.command == C.CHECK_QUEUE_CNT]
-    wrong = (
-        (each.number, f"result {reply.result}, {reply.subcode} increments")
-        for each, reply in counted
-        if (reply.result, reply.subcode) != (R.SUCCESS, 0)
-    )
-    return none_wrong(wrong, len(counted), f"{len(counted)} times", "it was not answered")
+    empty = (each[1].result, each[1].subcode) == (R.SUCCESS, 0)
+    return "" if empty else f"result {each[1].result}, {each[1].subcode} increments"
 
 
 def _velocities(seen: MotorosSeen, phase: str) -> list[Exchange]:
-    found = _bodies(seen.exchanges(phase), JointVelocity)
-    return [e for e in found if e.request and e.request.comm_type == CommType.SERVICE_REQUEST]
+    found = seen.requests(sm.JointVelocity, phase)
+    return [e for e in found if e.request and e.request.comm_type == sm.CommType.SERVICE_REQUEST]
 
 
 _NO_VELOCITY = "the controller has no velocity mode"
 
 
-def _info(seen: MotorosSeen) -> VelocityInfo | None:
+def _info(seen: MotorosSeen) -> sm.VelocityInfo | None:
     for each in seen.exchanges("ask"):
-        if each.reply is not None and isinstance(each.reply.message.body, VelocityInfo):
+        if each.reply is not None and isinstance(each.reply.message.body, sm.VelocityInfo):
             return each.reply.message.body
     return None
 
@@ -510,9 +466,8 @@ def the_velocity_mode_says_what_it_is(seen: MotorosSeen) -> Verdict:
         good = info.version == 1 and 500 <= info.ipc_us <= 20_000 and info.axes >= 1
         good = good and all(info.v_max[n] > 0.0 and info.a_max[n] > 0.0 for n in axes)
         good = good and all(info.pos_min[n] < info.pos_max[n] for n in axes)
-        said = f"version {info.version}, {info.ipc_us} us, {info.axes} axes"
-        return met(good, said)
-    return _refused(seen, T.MOTO_VELOCITY_INFO, InvalidSubcode.MSGTYPE)
+        return met(good, f"version {info.version}, {info.ipc_us} us, {info.axes} axes")
+    return _refused(seen, T.MOTO_VELOCITY_INFO, sm.InvalidSubcode.MSGTYPE)
 
 
 def _in_velocity_mode(phase: str) -> Callable[[MotorosSeen], Verdict | None]:
@@ -532,171 +487,154 @@ def _in_velocity_mode(phase: str) -> Callable[[MotorosSeen], Verdict | None]:
     return why
 
 
-def _answered(asked: Exchange | None, *wanted: tuple[int, int]) -> Verdict:
-    """Whether a request was answered by one of these results and subcodes."""
-    reply = None if asked is None else asked.motion
-    if asked is None or reply is None:
-        return not_seen("it was not answered")
-    said = f"result {reply.result}, subcode {reply.subcode}"
-    return met((reply.result, reply.subcode) in wanted, said, [asked.number])
+def _motion(found: list[Exchange], nothing: str = "it was not answered") -> sm.MotionReply:
+    """The answer to the first of these requests, which is one of motion."""
+    return some(found[0].motion if found else None, nothing)
+
+
+def _words(reply: sm.MotionReply) -> str:
+    return f"result {reply.result}, subcode {reply.subcode}"
+
+
+def _answered(found: list[Exchange], *wanted: tuple[int, int]) -> Verdict:
+    """Whether the first of these was answered by one of these results and subcodes."""
+    reply = _motion(found)
+    return met((reply.result, reply.subcode) in wanted, _words(reply), [found[0].number])
 
 
 @requires(122, f"{VELOCITY}, the watchdog", unless=_in_velocity_mode("velocity"))
 def the_watchdog_latches(seen: MotorosSeen) -> Verdict:
     """After a silence longer than the watchdog waits a velocity is answered NOT_READY with 5041."""
-    found = _velocities(seen, "velocity")
-    return _answered(found[1] if len(found) > 1 else None, (R.NOT_READY, N.VEL_WATCHDOG))
+    return _answered(_velocities(seen, "velocity")[1:], (R.NOT_READY, N.VEL_WATCHDOG))
 
 
 @requires(123, f"{VELOCITY}, starting and stopping", unless=_in_velocity_mode("velocity"))
 def modes_exclude_each_other(seen: MotorosSeen) -> Verdict:
     """In velocity mode a point is answered NOT_READY with 5042."""
-    found = _points(seen, "velocity")
-    return _answered(found[0] if found else None, (R.NOT_READY, N.OTHER_MODE_ACTIVE))
+    found = seen.requests(sm.JointTrajPtFull, "velocity")
+    return _answered(found, (R.NOT_READY, N.OTHER_MODE_ACTIVE))
 
 
 @requires(124, f"{VELOCITY}, sequence", unless=_in_velocity_mode("velocity"))
 def old_velocities_are_refused(seen: MotorosSeen) -> Verdict:
     """A sequence that is not newer than the last is answered INVALID with 3040."""
-    found = _velocities(seen, "velocity")
-    asked = found[-1] if len(found) >= 5 else None
-    return _answered(asked, (R.INVALID, InvalidSubcode.VEL_SEQUENCE))
+    found = _velocities(seen, "velocity")[4:]
+    return _answered(found[-1:], (R.INVALID, sm.InvalidSubcode.VEL_SEQUENCE))
 
 
 # -- level 2: micro-motion ------------------------------------------------------------------------
 
 
-def _point(seen: MotorosSeen, phase: str, sequence: int) -> Exchange | None:
-    for each in seen.exchanges(phase):
-        body = None if each.request is None else each.request.body
-        if isinstance(body, JointTrajPtFull) and body.sequence == sequence:
-            return each
-    return None
+def _point(seen: MotorosSeen, phase: str, sequence: int) -> list[Exchange]:
+    return seen.requests(sm.JointTrajPtFull, phase, sequence=sequence)
+
+
+_NO_POINT = "no point was taken"
+
+
+def _taken(seen: MotorosSeen, phase: str = "out", nothing: str = _NO_POINT) -> Exchange:
+    """The point that moves an axis in a phase, which was taken."""
+    found = _point(seen, phase, 1)
+    some(_motion(found, nothing).result == R.SUCCESS, nothing)
+    return found[0]
 
 
 @requires(201, f"{GROUP}, {SERVER}: SUCCESS at acceptance")
 def a_point_is_taken(seen: MotorosSeen) -> Verdict:
     """A point that turns one axis by 0.2 degrees in 0.1 s is taken."""
-    if seen.phase("out") is None:
-        return not_seen("it was not tried")
-    found = _point(seen, "out", 1)
-    if found is None:
-        first = _point(seen, "out", 0)
-        reply = first.motion if first else None
-        words = "" if reply is None else f": result {reply.result}, subcode {reply.subcode}"
-        return failed(f"not even point 0 was{words}")
-    reply = found.motion
-    if reply is None:
-        return not_seen("it was not answered")
-    said = f"result {reply.result}, subcode {reply.subcode}"
-    return met(reply.result == R.SUCCESS, said, [found.number])
+    some(seen.phase("out"), "it was not tried")
+    found, begun = _point(seen, "out", 1), _point(seen, "out", 0)
+    if not found:
+        why = f": {_words(begun[0].motion)}" if begun and begun[0].motion else ""
+        return failed(f"not even point 0 was{why}")
+    reply = _motion(found)
+    return met(reply.result == R.SUCCESS, _words(reply), [found[0].number])
 
 
 @requires(202, f"{GROUP}: one increment in each interpolation period")
 def a_trajectory_takes_its_time(seen: MotorosSeen) -> Verdict:
     """The queue is empty 0.1 s after the point was taken, or no more than 60 ms later."""
-    point = _point(seen, "out", 1)
-    if point is None or point.motion is None or point.motion.result != R.SUCCESS:
-        return not_seen("no point was taken")
+    point = _taken(seen)
     counts = [
-        (each.time_s, each.motion.subcode)
-        for each in _control(seen, C.CHECK_QUEUE_CNT, "out")
-        if each.motion
-        and each.motion.command == C.CHECK_QUEUE_CNT
-        and each.motion.result == R.SUCCESS
+        (each.time_s, reply.subcode)
+        for each, reply in _echoed(C.CHECK_QUEUE_CNT, "out")(seen)
+        if reply.result == R.SUCCESS
     ]
     filled = [time_s for time_s, count in counts if count > 0]
-    if not filled:
-        return not_seen("the queue was never seen to hold anything")
+    some(filled, "the queue was never seen to hold anything")
     empty = [time_s for time_s, count in counts if not count and time_s > filled[-1]]
-    if not empty:
-        return failed("it never was", [point.number])
+    must(empty, "it never was", [point.number])
     took_s = empty[0] - point.time_s
-    said = f"after {took_s:.3f} s"
-    return at_most(STEP_S + PLAYED_LATE_S, took_s, "s", said, [point.number])
+    return at_most(STEP_S + PLAYED_LATE_S, took_s, "s", f"after {took_s:.3f} s", [point.number])
 
 
-def _turned(seen: MotorosSeen, phase: str) -> float | None:
-    """How far one axis turned during a phase, rad, the most of all."""
-    found = [body.pos for _, body in seen.feedback(phase)]
-    if len(found) < 2:
-        return None
-    return max(abs(b - a) for a, b in zip(found[0], found[-1], strict=True))
+def _reached(seen: MotorosSeen, phase: str, nothing: str) -> Verdict:
+    """Whether an axis turned during a phase as far as it was to, where its point was answered."""
+    asked, found = _point(seen, phase, 1), [body.pos for _, body in seen.feedback(phase)]
+    _motion(asked, nothing)
+    some(len(found) >= 2, nothing)
+    far = apart(found[0], found[-1])
+    said = f"{math.degrees(far):.3f} degrees"
+    return met(abs(far / STEP_RAD - 1.0) < REACHED_SHARE, said, [asked[0].number])
 
 
 @requires(203, f"{GROUP}: the last sample is the point itself")
 def a_point_is_reached(seen: MotorosSeen) -> Verdict:
     """Half a second later the axis has turned by 0.2 degrees, to a fifth of it; and no error is
     latched."""
-    taken = _point(seen, "out", 1)
-    far = _turned(seen, "out")
-    if taken is None or taken.motion is None or far is None:
-        return not_seen("no point was taken")
-    said = f"{math.degrees(far):.3f} degrees"
-    return met(abs(far / STEP_RAD - 1.0) < REACHED_SHARE, said, [taken.number])
+    return _reached(seen, "out", _NO_POINT)
 
 
-@requires(204, f"{CONTROLLER}: motion stays possible after motion")
-def motion_stays_possible(seen: MotorosSeen) -> Verdict:
+@requires.each(
+    204,
+    f"{CONTROLLER}: motion stays possible after motion",
+    Over(
+        lambda seen: seen.statuses("out") + seen.statuses("back"),
+        "{} statuses",
+        unless=lambda seen: None if _point(seen, "out", 1) else not_seen(_NO_POINT),
+        nothing=_NO_POINT,
+    ),
+)
+def motion_stays_possible(each: Status) -> str:
     """While it moves and after, motion is possible and no alarm comes."""
-    found = seen.statuses("out") + seen.statuses("back")
-    if _point(seen, "out", 1) is None or not found:
-        return not_seen("no point was taken")
-    wrong = (
-        (each.number, f"motion_possible {s.motion_possible}, alarm {s.error_code}")
-        for each, s in found
-        if s.motion_possible != 1 or s.in_error
-    )
-    return none_wrong(wrong, len(found), f"{len(found)} statuses", "")
+    s = each[1]
+    stays = s.motion_possible == 1 and not s.in_error
+    return "" if stays else f"motion_possible {s.motion_possible}, alarm {s.error_code}"
 
 
 @requires(205, f"{STATES}, in_motion")
 def it_says_that_it_moves(seen: MotorosSeen) -> Verdict:
     """in_motion is 1 while the queue is played, and 0 again afterwards."""
-    taken = _point(seen, "out", 1)
-    found = [s.in_motion for _, s in seen.statuses("out")]
-    if taken is None or taken.motion is None or taken.motion.result != R.SUCCESS or not found:
-        return not_seen("no point was taken")
-    if 1 not in found:
-        return failed("it never was", [taken.number])
+    taken, found = _taken(seen), [s.in_motion for _, s in seen.statuses("out")]
+    some(found, _NO_POINT)
+    must(1 in found, "it never was", [taken.number])
     return passed("1, then 0") if found[-1] == 0 else failed("it still is", [taken.number])
 
 
 @requires(206, f"{GROUP}: a new point 0 at standstill")
 def it_comes_back(seen: MotorosSeen) -> Verdict:
     """A second trajectory, from where the first ended, turns the axis back."""
-    taken = _point(seen, "back", 1)
-    far = _turned(seen, "back")
-    if taken is None or taken.motion is None or far is None:
-        return not_seen("no second point was taken")
-    said = f"{math.degrees(far):.3f} degrees"
-    return met(abs(far / STEP_RAD - 1.0) < REACHED_SHARE, said, [taken.number])
+    return _reached(seen, "back", "no second point was taken")
 
 
 @requires(211, f"{VELOCITY}, law of one interpolation period", unless=_in_velocity_mode("stream"))
 def velocities_move_it(seen: MotorosSeen) -> Verdict:
     """0.1 s of velocities turn the axis, and by no more than 0.2 degrees."""
-    before = [body.pos for _, body in seen.feedback("stream")]
-    after = [body.pos for _, body in seen.feedback("deserted")]
-    if not before or not after:
-        return not_seen("no feedback came")
-    far = max(abs(b - a) for a, b in zip(before[0], after[-1], strict=True))
-    said = f"{math.degrees(far):.3f} degrees"
-    return met(0.2 * STEP_RAD < far < 1.2 * STEP_RAD, said)
+    before, after = seen.feedback("stream"), seen.feedback("deserted")
+    some(before and after, "no feedback came")
+    far = apart(before[0][1].pos, after[-1][1].pos)
+    return met(0.2 * STEP_RAD < far < 1.2 * STEP_RAD, f"{math.degrees(far):.3f} degrees")
 
 
 @requires(212, f"{VELOCITY}, the watchdog", unless=_in_velocity_mode("stream"))
 def silence_stops_it(seen: MotorosSeen) -> Verdict:
     """Without further velocities the axis stands within 0.3 s, and the watchdog is latched."""
-    phase, found = seen.phase("deserted"), seen.feedback("deserted")
-    asked = _velocities(seen, "deserted")
-    if phase is None or not found or not asked:
-        return not_seen("it was not tried")
+    phase = some(seen.phase("deserted"), "it was not tried")
+    found, asked = seen.feedback("deserted"), _velocities(seen, "deserted")
+    some(found and asked, "it was not tried")
     late = [body.pos for each, body in found if each.time_s > phase.start_s + 0.3]
-    if not late:
-        return not_seen("no feedback came")
-    far = max(abs(b - a) for pos in late for a, b in zip(late[0], pos, strict=True))
-    reply = asked[0].motion
+    some(late, "no feedback came")
+    far, reply = max(apart(late[0], pos) for pos in late), asked[0].motion
     latched = reply is not None and reply.subcode == N.VEL_WATCHDOG
     said = f"{math.degrees(far):.4f} degrees more, {'' if latched else 'not '}latched"
     return met(far < STEP_RAD / 50 and latched, said, [asked[0].number])
@@ -709,8 +647,7 @@ def silence_stops_it(seen: MotorosSeen) -> Verdict:
 def an_emergency_stop_is_told(seen: MotorosSeen) -> Verdict:
     """After an emergency stop e_stopped is 1 and motion is not possible."""
     found = [(each, s) for each, s in seen.statuses("estop") if s.e_stopped == 1]
-    if not found:
-        return not_seen("no status told of one")
+    some(found, "no status told of one")
     wrong = [each.number for each, s in found[2:] if s.motion_possible]
     return failed("motion is still possible", wrong) if wrong else passed("told")
 
@@ -719,16 +656,14 @@ def an_emergency_stop_is_told(seen: MotorosSeen) -> Verdict:
 def an_emergency_stop_is_the_reason(seen: MotorosSeen) -> Verdict:
     """CHECK_MOTION_READY then is FALSE with 5003, or with an alarm or an error, which come before
     it."""
-    found = _control(seen, C.CHECK_MOTION_READY, "estop")
     reasons = ((R.FAILURE, each) for each in (N.ALARM, N.ERROR, N.ESTOP))
-    return _answered(found[0] if found else None, *reasons)
+    return _answered(_control(seen, C.CHECK_MOTION_READY, "estop"), *reasons)
 
 
 @requires(303, f"{CONTROLLER}: START_TRAJ_MODE is needed again")
 def release_starts_nothing(seen: MotorosSeen) -> Verdict:
     """When the emergency stop is released motion is not possible by itself."""
     found = [(each, s) for each, s in seen.statuses("released") if s.e_stopped == 0]
-    if not found:
-        return not_seen("it was not released")
+    some(found, "it was not released")
     wrong = [each.number for each, s in found if s.motion_possible]
     return failed("motion is possible", wrong) if wrong else passed(f"{len(found)} statuses")

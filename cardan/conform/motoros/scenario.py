@@ -8,33 +8,8 @@ from collections.abc import Iterator
 from cardan.conform.requirements import Level
 from cardan.conform.runner import Act, Scenario, Script, Wait, ask, mark, open_, send
 from cardan.conform.timeline import Event, Kind
-from cardan.protocols.simple_message import (
-    ZEROS,
-    Body,
-    ByteOrder,
-    Empty,
-    FrameReader,
-    JointFeedback,
-    Joints,
-    JointTrajPtFull,
-    JointVelocity,
-    Message,
-    MessageType as T,
-    MotionCommand as C,
-    MotionCtrl,
-    MotionReply,
-    MotionResult,
-    Raw,
-    ReadIo,
-    RobotStatus,
-    ValidFields,
-    VelocityInfo,
-    VelocityInfoRequest,
-    joints10,
-    request,
-    topic,
-    wire,
-)
+from cardan.protocols import simple_message as sm
+from cardan.protocols.simple_message import MessageType as T, MotionCommand as C
 
 STEP_RAD = math.radians(0.2)
 """Of the last axis, which only turns the flange."""
@@ -50,7 +25,7 @@ WATCHDOG_MS = 100.0
 HAND_S = 60.0
 VELOCITY_S = 0.01
 FIRST_OUTPUT = 10010
-_POSITION = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
+_POSITION = sm.ValidFields.TIME | sm.ValidFields.POSITION | sm.ValidFields.VELOCITY
 
 
 class MotorosPilot(Scenario):
@@ -59,11 +34,11 @@ class MotorosPilot(Scenario):
     def __init__(self, level: Level, seconds: float) -> None:
         self._level = level
         self._seconds = seconds
-        self._order = ByteOrder.LITTLE
-        self._readers: dict[str, FrameReader] = {}
-        self._reply: Message | None = None
-        self._status: RobotStatus | None = None
-        self._feedback: JointFeedback | None = None
+        self._order = sm.ByteOrder.LITTLE
+        self._readers: dict[str, sm.FrameReader] = {}
+        self._reply: sm.Message | None = None
+        self._status: sm.RobotStatus | None = None
+        self._feedback: sm.JointFeedback | None = None
         self._sequence = 0
         self._lost: set[str] = set()
         self._axes = 6
@@ -78,24 +53,24 @@ class MotorosPilot(Scenario):
         elif event.kind in (Kind.CLOSED, Kind.REFUSED):
             self._lost.add(channel)
         elif event.kind is Kind.DATA:
-            reader = self._readers.setdefault(channel, FrameReader())
+            reader = self._readers.setdefault(channel, sm.FrameReader())
             reader.feed(event.data)
             while (frame := reader.take()) is not None:
                 self._order = reader.byte_order or self._order
-                message = wire(self._order).decode(frame)
-                if isinstance(message, Message):
+                message = sm.wire(self._order).decode(frame)
+                if isinstance(message, sm.Message):
                     self._take(channel, message)
             if reader.failure:
                 del self._readers[channel]
         return iter(())
 
-    def _take(self, channel: str, message: Message) -> None:
+    def _take(self, channel: str, message: sm.Message) -> None:
         body = message.body
         if channel != "state":
             self._reply = message
-        elif isinstance(body, RobotStatus):
+        elif isinstance(body, sm.RobotStatus):
             self._status = body
-        elif isinstance(body, JointFeedback) and body.group == 0:
+        elif isinstance(body, sm.JointFeedback) and body.group == 0:
             self._feedback = body
 
     # -- what is asked ----------------------------------------------------------------------------
@@ -121,21 +96,21 @@ class MotorosPilot(Scenario):
         yield open_("io")
         yield mark("ask")
         yield from self._ordered(C.STOP_MOTION)
-        yield from self._asked(Empty(), T.PING)
+        yield from self._asked(sm.Empty(), T.PING)
         yield from self._ordered(C.CHECK_MOTION_READY)
         yield from self._ordered(C.CHECK_QUEUE_CNT)
-        yield from self._asked(VelocityInfoRequest(0), T.MOTO_VELOCITY_INFO)
-        if self._reply is not None and isinstance(self._reply.body, VelocityInfo):
+        yield from self._asked(sm.VelocityInfoRequest(0), T.MOTO_VELOCITY_INFO)
+        if self._reply is not None and isinstance(self._reply.body, sm.VelocityInfo):
             self._axes = min(max(self._reply.body.axes, 1), 10)
-        yield from self._asked(Raw(b""), UNKNOWN_TYPE)
-        yield from self._asked(Raw(bytes(8)), int(T.MOTO_MOTION_CTRL))
+        yield from self._asked(sm.Raw(b""), UNKNOWN_TYPE)
+        yield from self._asked(sm.Raw(bytes(8)), int(T.MOTO_MOTION_CTRL))
         # Sequence 0 of a group that no controller has.
-        point = JointTrajPtFull(9, 0, _POSITION, 0.0, ZEROS, ZEROS, ZEROS)
+        point = sm.JointTrajPtFull(9, 0, _POSITION, 0.0, sm.ZEROS, sm.ZEROS, sm.ZEROS)
         yield from self._asked(point)
-        yield from self._asked(ReadIo(FIRST_OUTPUT), T.MOTO_READ_IO_BIT, channel="io")
-        yield from self._asked(ReadIo(9), T.MOTO_READ_IO_BIT, channel="io")
+        yield from self._asked(sm.ReadIo(FIRST_OUTPUT), T.MOTO_READ_IO_BIT, channel="io")
+        yield from self._asked(sm.ReadIo(9), T.MOTO_READ_IO_BIT, channel="io")
         yield mark("pieces")
-        data = wire(self._order).encode(request(Empty(), T.PING))
+        data = sm.wire(self._order).encode(sm.request(sm.Empty(), T.PING))
         self._reply = None
         yield send(data[:6], "motion")
         yield Wait(0.03)
@@ -191,7 +166,7 @@ class MotorosPilot(Scenario):
             speed, count = STEP_RAD / STEP_S / 2.0, round(STEP_S / VELOCITY_S)
             for sequence in range(1, count + 1):
                 body = self._velocity_body(sequence, speed)
-                yield send(wire(self._order).encode(topic(body)), "motion")
+                yield send(sm.wire(self._order).encode(sm.topic(body)), "motion")
                 yield Wait(VELOCITY_S)
             yield mark("deserted")
             yield Wait(5.0 * WATCHDOG_MS * 1e-3)
@@ -216,46 +191,50 @@ class MotorosPilot(Scenario):
 
     def _asked(
         self,
-        body: Body,
+        body: sm.Body,
         msg_type: int | None = None,
         *,
         channel: str = "motion",
         s: float = REPLY_S,
     ) -> Script:
         self._reply = None
-        yield send(wire(self._order).encode(request(body, msg_type)), channel)
+        yield send(sm.wire(self._order).encode(sm.request(body, msg_type)), channel)
         yield Wait(s, self._answered)
 
-    def _ordered(self, command: C, seconds: float = REPLY_S, data: Joints = ZEROS) -> Script:
+    def _ordered(self, command: C, seconds: float = REPLY_S, data: sm.Joints = sm.ZEROS) -> Script:
         self._sequence += 1
-        yield from self._asked(MotionCtrl(0, self._sequence, command, data), s=seconds)
+        yield from self._asked(sm.MotionCtrl(0, self._sequence, command, data), s=seconds)
 
     def _start_velocity(self) -> Script:
-        yield from self._ordered(C.START_VEL_MODE, START_S, joints10((WATCHDOG_MS,)))
+        yield from self._ordered(C.START_VEL_MODE, START_S, sm.joints10((WATCHDOG_MS,)))
 
     def _point(self, sequence: int, time_s: float, shift: float = 0.0) -> Script:
-        at = ZEROS if self._feedback is None else self._feedback.pos
+        at = sm.ZEROS if self._feedback is None else self._feedback.pos
         axis = self._axes - 1
         at = (*at[:axis], at[axis] + shift, *at[axis + 1 :])
         # The half millisecond: times are cut to whole milliseconds.
         time_s += 0.0005 if time_s else 0.0
-        yield from self._asked(JointTrajPtFull(0, sequence, _POSITION, time_s, at, ZEROS, ZEROS))
+        yield from self._asked(
+            sm.JointTrajPtFull(0, sequence, _POSITION, time_s, at, sm.ZEROS, sm.ZEROS)
+        )
 
-    def _velocity_body(self, sequence: int, speed: float) -> JointVelocity:
+    def _velocity_body(self, sequence: int, speed: float) -> sm.JointVelocity:
         axis = self._axes - 1
-        speeds = joints10((*ZEROS[:axis], speed))
-        return JointVelocity(0, sequence, ValidFields.VELOCITY, 0.0, ZEROS, speeds, ZEROS)
+        speeds = sm.joints10((*sm.ZEROS[:axis], speed))
+        return sm.JointVelocity(
+            0, sequence, sm.ValidFields.VELOCITY, 0.0, sm.ZEROS, speeds, sm.ZEROS
+        )
 
     def _velocity(self, sequence: int, speed: float) -> Script:
         yield from self._asked(self._velocity_body(sequence, speed))
 
-    def _motion_reply(self) -> MotionReply | None:
+    def _motion_reply(self) -> sm.MotionReply | None:
         body = None if self._reply is None else self._reply.body
-        return body if isinstance(body, MotionReply) else None
+        return body if isinstance(body, sm.MotionReply) else None
 
     def _succeeded(self) -> bool:
         found = self._motion_reply()
-        return found is not None and found.result == MotionResult.SUCCESS
+        return found is not None and found.result == sm.MotionResult.SUCCESS
 
     def _queue_left(self) -> bool:
         found = self._motion_reply()

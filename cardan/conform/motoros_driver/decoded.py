@@ -13,28 +13,11 @@ from typing import NamedTuple, TypeVar
 
 from cardan.conform.motoros_driver.scenario import port_of
 from cardan.conform.timeline import Event, Kind, Phase, Seen, Timeline
-from cardan.protocols.simple_message import (
-    ByteOrder,
-    CommType,
-    FrameReader,
-    JointFeedback,
-    JointTrajPtFull,
-    JointTrajPtFullEx,
-    JointVelocity,
-    JointVelocityEx,
-    Malformed,
-    Message,
-    MessageType,
-    MotionCtrl,
-    MotionReply,
-    RobotStatus,
-    detect_byte_order,
-    wire,
-)
+from cardan.protocols import simple_message as sm
 
 T = TypeVar("T")
 
-_VELOCITIES = frozenset((MessageType.MOTO_JOINT_VELOCITY, MessageType.MOTO_JOINT_VELOCITY_EX))
+_VELOCITIES = frozenset((sm.MessageType.MOTO_JOINT_VELOCITY, sm.MessageType.MOTO_JOINT_VELOCITY_EX))
 
 
 class Answered(NamedTuple):
@@ -42,7 +25,7 @@ class Answered(NamedTuple):
 
     number: int
     time_s: float
-    message: Message
+    message: sm.Message
 
 
 class Said(NamedTuple):
@@ -54,7 +37,7 @@ class Said(NamedTuple):
     """Of the event that completed it."""
     time_s: float
     channel: str
-    message: Message
+    message: sm.Message
     raw: bytes
     whole: bool
     """It came in one piece, with nothing else in it."""
@@ -65,41 +48,41 @@ class Said(NamedTuple):
     @property
     def is_topic(self) -> bool:
         """Nothing answers it: a speed, sent as a topic."""
-        topic = self.message.comm_type == CommType.TOPIC
+        topic = self.message.comm_type == sm.CommType.TOPIC
         return topic and self.message.msg_type in _VELOCITIES
 
     @property
-    def reply(self) -> MotionReply | None:
+    def reply(self) -> sm.MotionReply | None:
         """The answer, where it is one of motion."""
         body = None if self.answered is None else self.answered.message.body
-        return body if isinstance(body, MotionReply) else None
+        return body if isinstance(body, sm.MotionReply) else None
 
     @property
     def command(self) -> int:
         """Of a MOTION_CTRL; 0 for others."""
         body = self.message.body
-        return body.command if isinstance(body, MotionCtrl) else 0
+        return body.command if isinstance(body, sm.MotionCtrl) else 0
 
     @property
-    def point(self) -> JointTrajPtFull | None:
+    def point(self) -> sm.JointTrajPtFull | None:
         """A point; of one for several groups that of the first."""
         body = self.message.body
-        if isinstance(body, JointTrajPtFullEx) and body.points:
+        if isinstance(body, sm.JointTrajPtFullEx) and body.points:
             first = body.points[0]
-            return JointTrajPtFull(first.group, body.sequence, *first[1:])
-        return body if isinstance(body, JointTrajPtFull) else None
+            return sm.JointTrajPtFull(first.group, body.sequence, *first[1:])
+        return body if isinstance(body, sm.JointTrajPtFull) else None
 
     @property
-    def velocity(self) -> JointVelocity | None:
+    def velocity(self) -> sm.JointVelocity | None:
         """Speeds; of those for several groups the first's."""
         body = self.message.body
-        if isinstance(body, JointVelocityEx) and body.commands:
+        if isinstance(body, sm.JointVelocityEx) and body.commands:
             first = body.commands[0]
-            return JointVelocity(first.group, body.sequence, *first[1:])
-        return body if isinstance(body, JointVelocity) else None
+            return sm.JointVelocity(first.group, body.sequence, *first[1:])
+        return body if isinstance(body, sm.JointVelocity) else None
 
 
-Neighbours = tuple[Said, JointTrajPtFull, Said, JointTrajPtFull]
+Neighbours = tuple[Said, sm.JointTrajPtFull, Said, sm.JointTrajPtFull]
 """Two points of a trajectory, one after the other, and what said them."""
 
 
@@ -135,21 +118,21 @@ class DriverSeen(Seen):
         self.strays: list[int] = []
         """What was sent to the state port."""
         self.links: list[Link] = []
-        self.feedback: list[tuple[int, JointFeedback]] = []
+        self.feedback: list[tuple[int, sm.JointFeedback]] = []
         """What was told of group 0, by the number of the event."""
-        self.statuses: list[tuple[int, RobotStatus]] = []
+        self.statuses: list[tuple[int, sm.RobotStatus]] = []
         """What was told, by the number of the event."""
-        self._readers: dict[str, FrameReader] = {}
-        self._ours: dict[str, FrameReader] = {}
+        self._readers: dict[str, sm.FrameReader] = {}
+        self._ours: dict[str, sm.FrameReader] = {}
         self._waiting: dict[str, deque[int]] = {}
         self._orders = [
             (number, order)
             for number, event in enumerate(timeline)
             if event.sent and event.kind is Kind.DATA and port_of(event.channel) == "state"
-            for order in [detect_byte_order(event.data[:4].ljust(4, b"\0"))]
+            for order in [sm.detect_byte_order(event.data[:4].ljust(4, b"\0"))]
             if order is not None and len(event.data) >= 16
         ]
-        self._order = ByteOrder.LITTLE
+        self._order = sm.ByteOrder.LITTLE
         self._place = 0
         open_links: dict[str, Link] = {}
         for number, event in enumerate(timeline):
@@ -171,12 +154,12 @@ class DriverSeen(Seen):
         self.links += open_links.values()
         self.links.sort(key=lambda each: each.number)
 
-    def _order_at(self, number: int) -> ByteOrder:
+    def _order_at(self, number: int) -> sm.ByteOrder:
         """The controller's, as its states have it."""
         orders = self._orders
         while self._place + 1 < len(orders) and orders[self._place + 1][0] < number:
             self._place += 1
-        return orders[self._place][1] if orders else ByteOrder.LITTLE
+        return orders[self._place][1] if orders else sm.ByteOrder.LITTLE
 
     def _heard(self, number: int, event: Event) -> None:
         channel, data = event.channel, event.data
@@ -186,10 +169,10 @@ class DriverSeen(Seen):
         order = self._order_at(number)
         reader = self._readers.get(channel)
         if reader is None:
-            found = detect_byte_order(data)
+            found = sm.detect_byte_order(data)
             if found is not None and found is not order:
                 self.disordered.append((number, f"{data[:8].hex(' ')}"))
-            reader = self._readers[channel] = FrameReader(found or order)
+            reader = self._readers[channel] = sm.FrameReader(found or order)
         order = reader.byte_order or order
         begun = bool(reader.pending_bytes)
         reader.feed(data)
@@ -199,8 +182,8 @@ class DriverSeen(Seen):
         pieces = begun or bool(reader.pending_bytes) or len(frames) > 1
         topics = True
         for frame in frames:
-            message = wire(order).decode(frame)
-            if isinstance(message, Malformed):
+            message = sm.wire(order).decode(frame)
+            if isinstance(message, sm.Malformed):
                 self.malformed.append((number, message.reason))
                 topics = False
                 continue
@@ -220,7 +203,7 @@ class DriverSeen(Seen):
             self.said.append(said)
             if not said.is_topic:
                 topics = False
-                if message.comm_type != CommType.SERVICE_REPLY:
+                if message.comm_type != sm.CommType.SERVICE_REPLY:
                     waiting.append(index)
         if pieces and not (topics and frames):
             self.pieces.append((number, f"{len(frames)} messages in a piece of {len(data)} bytes"))
@@ -230,17 +213,17 @@ class DriverSeen(Seen):
 
     def _told(self, number: int, event: Event) -> None:
         channel = event.channel
-        reader = self._ours.setdefault(channel, FrameReader())
+        reader = self._ours.setdefault(channel, sm.FrameReader())
         reader.feed(event.data)
         while (frame := reader.take()) is not None:
-            message = wire(reader.byte_order or ByteOrder.LITTLE).decode(frame)
-            if isinstance(message, Malformed):
+            message = sm.wire(reader.byte_order or sm.ByteOrder.LITTLE).decode(frame)
+            if isinstance(message, sm.Malformed):
                 continue
             if port_of(channel) == "state":
                 body = message.body
-                if isinstance(body, JointFeedback) and body.group == 0:
+                if isinstance(body, sm.JointFeedback) and body.group == 0:
                     self.feedback.append((number, body))
-                elif isinstance(body, RobotStatus):
+                elif isinstance(body, sm.RobotStatus):
                     self.statuses.append((number, body))
                 continue
             waiting = self._waiting.get(channel)
@@ -278,19 +261,19 @@ class DriverSeen(Seen):
         return found
 
     @cached_property
-    def points(self) -> list[tuple[Said, JointTrajPtFull]]:
+    def points(self) -> list[tuple[Said, sm.JointTrajPtFull]]:
         """All points, those that were sent again too."""
         return [(each, point) for each in self.said if (point := each.point) is not None]
 
     @cached_property
-    def velocities(self) -> list[tuple[Said, JointVelocity]]:
+    def velocities(self) -> list[tuple[Said, sm.JointVelocity]]:
         """All speeds."""
         return [(each, body) for each in self.said if (body := each.velocity) is not None]
 
     def neighbours(self) -> Iterator[Neighbours]:
         """Points of one trajectory that were accepted one after the other."""
         for messages in self.motion.values():
-            before: tuple[Said, JointTrajPtFull] | None = None
+            before: tuple[Said, sm.JointTrajPtFull] | None = None
             for said in messages:
                 point = said.point
                 if point is None:
@@ -303,11 +286,11 @@ class DriverSeen(Seen):
                     yield (*before, said, point)
                 before = said, point
 
-    def feedback_before(self, number: int) -> JointFeedback | None:
+    def feedback_before(self, number: int) -> sm.JointFeedback | None:
         """The newest that was told before an event."""
         return _newest(self.feedback, number)
 
-    def status_before(self, number: int) -> RobotStatus | None:
+    def status_before(self, number: int) -> sm.RobotStatus | None:
         """The newest that was told before an event."""
         return _newest(self.statuses, number)
 

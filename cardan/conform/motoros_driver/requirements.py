@@ -22,25 +22,16 @@ from cardan.conform.requirements import (
     not_applicable,
     not_seen,
     passed,
+    some,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
 from cardan.conform.timeline import Phase
+from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
-    CommType,
-    InvalidSubcode,
-    JointFeedback,
-    Joints,
-    JointTrajPtFull,
-    JointVelocity,
     MessageType as T,
     MotionCommand as C,
-    MotionCtrl,
     MotionResult as R,
     NotReadySubcode as N,
-    ReplyCode,
-    RobotStatus,
-    ValidFields,
-    VelocityInfo,
 )
 from cardan.robots import load_arm
 
@@ -72,7 +63,7 @@ UNDISTURBED = ("before-run", "run", "before-pieces", "pieces")
 STARTS = frozenset((C.START_TRAJ_MODE, C.START_VEL_MODE))
 POWER = frozenset((*STARTS, C.RESET_ALARM, C.START_SERVOS))
 MOVING = frozenset((*STARTS, C.START_SERVOS))
-POINT_FIELDS = ValidFields.TIME | ValidFields.POSITION | ValidFields.VELOCITY
+POINT_FIELDS = sm.ValidFields.TIME | sm.ValidFields.POSITION | sm.ValidFields.VELOCITY
 KNOWN_TYPES = frozenset(
     (
         T.PING,
@@ -107,7 +98,7 @@ def _unused(seen: DriverSeen) -> Verdict | None:
 
 MESSAGES_SAID: Over[DriverSeen, Said] = Over(lambda seen: seen.said, "{} messages")
 
-POINTS: Over[DriverSeen, tuple[Said, JointTrajPtFull]] = Over(
+POINTS: Over[DriverSeen, tuple[Said, sm.JointTrajPtFull]] = Over(
     lambda seen: seen.points, "{} points", nothing=_NO_POINTS
 )
 
@@ -115,7 +106,7 @@ NEIGHBOURS: Over[DriverSeen, Neighbours] = Over(
     DriverSeen.neighbours, "{} points", nothing=_NO_POINTS
 )
 
-SPEEDS: Over[DriverSeen, tuple[Said, JointVelocity]] = Over(
+SPEEDS: Over[DriverSeen, tuple[Said, sm.JointVelocity]] = Over(
     lambda seen: seen.velocities, "{} messages", nothing=_NO_SPEEDS, unless=_unused
 )
 
@@ -176,15 +167,14 @@ def the_byte_order_is_the_controllers(seen: DriverSeen) -> Verdict:
 def requests_are_requests(said: Said) -> str:
     """Everything is a service request with reply code 0; speeds may be topics."""
     head = said.message.comm_type, said.message.reply_code
-    good = said.is_topic or head == (CommType.SERVICE_REQUEST, ReplyCode.INVALID)
+    good = said.is_topic or head == (sm.CommType.SERVICE_REQUEST, sm.ReplyCode.INVALID)
     return "" if good else f"comm_type {head[0]}, reply_code {head[1]}"
 
 
 @requires(107, f"{STATES}: nothing is ever read there")
 def the_state_port_is_left_alone(seen: DriverSeen) -> Verdict:
     """Nothing is sent to the state port: it would fill the controller's buffers."""
-    if not any(each.port == "state" for each in seen.links):
-        return not_seen("it did not connect there")
+    some(any(each.port == "state" for each in seen.links), "it did not connect there")
     count = len(seen.strays)
     return failed(f"{count} pieces", seen.strays) if count else passed("nothing came")
 
@@ -200,7 +190,7 @@ def commands_are_known(each: tuple[Said, str]) -> str:
     kind, command = said.message.msg_type, said.command
     if kind not in KNOWN_TYPES | VELOCITY_TYPES:
         return f"type {kind}"
-    if isinstance(said.message.body, MotionCtrl) and command not in set(C):
+    if isinstance(said.message.body, sm.MotionCtrl) and command not in set(C):
         return f"command {command}"
     of_velocity = kind in VELOCITY_TYPES or command in VELOCITY_COMMANDS
     stock = controller and not controller.startswith("velocity")
@@ -271,8 +261,7 @@ def a_refused_start_is_taken_for_one(seen: DriverSeen) -> Verdict:
     refused = [
         e for e in seen.during("refused") if e.command in STARTS and e.reply and e.reply.result
     ]
-    if not refused:
-        return not_seen("none was refused")
+    some(refused, "none was refused")
     wrong = [e.number for e in seen.during("refused") if e.point or e.velocity]
     said = f"{len(wrong)} after it"
     return failed(said, wrong) if wrong else passed(f"{len(refused)} refused")
@@ -282,7 +271,7 @@ def a_refused_start_is_taken_for_one(seen: DriverSeen) -> Verdict:
 
 
 @requires.each(120, f"{SERVER}: else DATA_INSUFFICIENT", POINTS)
-def points_are_complete(each: tuple[Said, JointTrajPtFull]) -> str:
+def points_are_complete(each: tuple[Said, sm.JointTrajPtFull]) -> str:
     """Every point has a time, positions and velocities, and says so; all are finite."""
     point = each[1]
     if point.valid_fields & POINT_FIELDS != POINT_FIELDS:
@@ -301,7 +290,7 @@ def points_are_complete(each: tuple[Said, JointTrajPtFull]) -> str:
     ),
 )
 def a_trajectory_begins_where_the_arm_is(
-    each: tuple[Said, JointTrajPtFull, JointFeedback | None],
+    each: tuple[Said, sm.JointTrajPtFull, sm.JointFeedback | None],
 ) -> str | None:
     """The first point (sequence 0) is the measured position, to 0.001 rad, with no speed."""
     _, point, measured = each
@@ -334,7 +323,7 @@ def time_goes_on(each: Neighbours) -> str:
     return "" if later else f"{point.time:.4f} s after {one.time:.4f}"
 
 
-def _outside(positions: Joints) -> str:
+def _outside(positions: sm.Joints) -> str:
     """Which joint is out of its range; empty: none."""
     for joint, (q, each) in enumerate(zip(positions, ARM.joints, strict=False), 1):
         if not each.lower - EDGE_RAD <= q <= each.upper + EDGE_RAD:
@@ -351,12 +340,12 @@ def _too_fast(speeds: Iterable[float], share: float = 1.0) -> str:
 
 
 @requires.each(124, f"{SERVER}: DATA_SPEED of a speed; positions are not checked there", POINTS)
-def points_are_within_the_arm(each: tuple[Said, JointTrajPtFull]) -> str:
+def points_are_within_the_arm(each: tuple[Said, sm.JointTrajPtFull]) -> str:
     """Positions are within the joints' ranges, and speeds within what the joints can do."""
     return _outside(each[1].pos) or _too_fast(each[1].vel)
 
 
-def _steepest(one: JointTrajPtFull, other: JointTrajPtFull) -> list[float]:
+def _steepest(one: sm.JointTrajPtFull, other: sm.JointTrajPtFull) -> list[float]:
     """The highest speed of each joint on MotoROS's cubic from point to point, rad/s."""
     span = other.time - one.time
     if span <= 0.0:
@@ -441,12 +430,12 @@ def the_queue_does_not_run_empty(seen: DriverSeen) -> Verdict:
 
 
 @requires.each(129, f"{SERVER}: InvalidSubcode; {MANUAL}", POINTS)
-def points_are_taken(each: tuple[Said, JointTrajPtFull]) -> str:
+def points_are_taken(each: tuple[Said, sm.JointTrajPtFull]) -> str:
     """No point is answered INVALID, but a first one where the arm sags."""
     reply = each[0].reply
     if reply is None or reply.result != R.INVALID:
         return ""
-    sags = each[1].sequence == 0 and reply.subcode == InvalidSubcode.DATA_START_POS
+    sags = each[1].sequence == 0 and reply.subcode == sm.InvalidSubcode.DATA_START_POS
     return "" if sags else f"subcode {reply.subcode}"
 
 
@@ -460,7 +449,7 @@ def points_are_taken(each: tuple[Said, JointTrajPtFull]) -> str:
     ),
 )
 def a_trajectory_begins_at_rest(
-    each: tuple[Said, JointTrajPtFull, RobotStatus | None],
+    each: tuple[Said, sm.JointTrajPtFull, sm.RobotStatus | None],
 ) -> str | None:
     """No first point is sent while the newest status says that the arm is in motion."""
     _, point, status = each
@@ -479,7 +468,7 @@ def the_velocity_mode_is_asked_for(seen: DriverSeen) -> Verdict:
     for messages in seen.motion.values():
         known = False
         for each in messages:
-            if each.answered and isinstance(each.answered.message.body, VelocityInfo):
+            if each.answered and isinstance(each.answered.message.body, sm.VelocityInfo):
                 known = True
             if each.command == C.START_VEL_MODE:
                 count += 1
@@ -499,7 +488,7 @@ def the_velocity_mode_is_asked_for(seen: DriverSeen) -> Verdict:
 def the_watchdog_can_be_had(said: Said) -> str | None:
     """START_VEL_MODE asks for a watchdog and for a scale of acceleration that there are."""
     body = said.message.body
-    if not isinstance(body, MotionCtrl) or said.command != C.START_VEL_MODE:
+    if not isinstance(body, sm.MotionCtrl) or said.command != C.START_VEL_MODE:
         return None
     watchdog_ms, scale = body.data[:2]
     if not (watchdog_ms == 0.0 or 20.0 <= watchdog_ms <= 500.0):
@@ -507,7 +496,7 @@ def the_watchdog_can_be_had(said: Said) -> str | None:
     return "" if scale == 0.0 or 0.01 <= scale <= 1.0 else f"a scale of {scale:g}"
 
 
-def _streams(seen: DriverSeen) -> Iterator[tuple[Said, JointVelocity, JointVelocity | None]]:
+def _streams(seen: DriverSeen) -> Iterator[tuple[Said, sm.JointVelocity, sm.JointVelocity | None]]:
     """Speeds, and those before them since START_VEL_MODE, or sequence 0."""
     for messages in seen.motion.values():
         before = None
@@ -525,7 +514,7 @@ def _streams(seen: DriverSeen) -> Iterator[tuple[Said, JointVelocity, JointVeloc
     f"{VELOCITY}, sequence: 0 arms, then strictly rising, modulo 2^31",
     Over(_streams, "{} messages", nothing=_NO_SPEEDS, unless=_unused),
 )
-def speeds_count_up(each: tuple[Said, JointVelocity, JointVelocity | None]) -> str:
+def speeds_count_up(each: tuple[Said, sm.JointVelocity, sm.JointVelocity | None]) -> str:
     """The first speeds after a start have sequence 0, and from there on it rises."""
     _, body, before = each
     if before is None:
@@ -535,16 +524,16 @@ def speeds_count_up(each: tuple[Said, JointVelocity, JointVelocity | None]) -> s
 
 
 @requires.each(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION", SPEEDS)
-def speeds_are_complete(each: tuple[Said, JointVelocity]) -> str:
+def speeds_are_complete(each: tuple[Said, sm.JointVelocity]) -> str:
     """Speeds say that they are, and no positions; all are finite."""
     fields = each[1].valid_fields
-    if not fields & ValidFields.VELOCITY or fields & ValidFields.POSITION:
+    if not fields & sm.ValidFields.VELOCITY or fields & sm.ValidFields.POSITION:
         return f"valid_fields {fields}"
     return "" if all(map(math.isfinite, each[1].vel)) else "a number that is not finite"
 
 
 @requires.each(144, f"{VELOCITY}, MOTO_VELOCITY_INFO: v_max", SPEEDS)
-def speeds_are_within_the_arm(each: tuple[Said, JointVelocity]) -> str:
+def speeds_are_within_the_arm(each: tuple[Said, sm.JointVelocity]) -> str:
     """No speed is higher than the controller said that it can be."""
     return _too_fast(each[1].vel)
 
@@ -555,7 +544,7 @@ def speeds_are_within_the_arm(each: tuple[Said, JointVelocity]) -> str:
     SPEEDS,
     good="{} streams",
 )
-def a_stream_begins_at_rest(each: tuple[Said, JointVelocity]) -> str | None:
+def a_stream_begins_at_rest(each: tuple[Said, sm.JointVelocity]) -> str | None:
     """The first speeds, of sequence 0, are zero."""
     speed = max(map(abs, each[1].vel))
     if each[1].sequence:
@@ -579,8 +568,7 @@ def the_watchdog_is_fed(seen: DriverSeen) -> Verdict:
             watchdog_s = each.reply.data[2] * 1e-3
     if (unused := _unused(seen)) is not None:
         return unused
-    if not gaps:
-        return not_seen(_NO_SPEEDS)
+    some(gaps, _NO_SPEEDS)
     longest_s, number = max(gaps)
     said = f"longest {longest_s * 1e3:.0f} of {watchdog_s * 1e3:.0f} ms"
     if longest_s >= watchdog_s:
@@ -724,9 +712,7 @@ def the_reply_before_is_not_the_answer(seen: DriverSeen) -> Verdict:
 
 def _came_again(seen: DriverSeen, what: str, port: str) -> Verdict:
     """Whether a connection that ended in a phase was made again."""
-    phases = seen.named(what, f"{what} over")
-    if not phases:
-        return not_seen(NOT_MOVED)
+    phases = some(seen.named(what, f"{what} over"), NOT_MOVED)
     wrong, count = [], 0
     firsts = [phase for phase in phases if not phase.name.endswith("over")]
     for phase in firsts:
@@ -756,9 +742,7 @@ def junk_ends_the_connection_only(seen: DriverSeen) -> Verdict:
 @requires(162, f"{MANUAL}: TCP splits and merges")
 def messages_in_pieces_are_read(seen: DriverSeen) -> Verdict:
     """Messages of the controller that come in pieces, or several at once, disturb nothing."""
-    phases = seen.named("pieces")
-    if not phases:
-        return not_seen(NOT_MOVED)
+    phases = some(seen.named("pieces"), NOT_MOVED)
     wrong = []
     for phase in phases:
         last_s = phase.end_s - 0.5 * (phase.end_s - phase.start_s)
@@ -774,8 +758,7 @@ def messages_in_pieces_are_read(seen: DriverSeen) -> Verdict:
 def a_restart_is_followed(seen: DriverSeen) -> Verdict:
     """After a restart of the controller it connects again, to both ports."""
     phases = seen.named("connect")[1:]
-    if not phases or not seen.links:
-        return not_seen("there was no restart, or it never connected")
+    some(phases and seen.links, "there was no restart, or it never connected")
     wrong = []
     for phase in phases:
         found = {e.port for e in seen.links if phase.first < e.number < phase.end}

@@ -14,32 +14,7 @@ from cardan.drivers.motoros.connections import CHANNELS, Channel
 from cardan.drivers.motoros.motion_control import Phase
 from cardan.drivers.motoros.options import MotorosOptions
 from cardan.drivers.motoros.session import MotorosSession
-from cardan.protocols.simple_message import (
-    ByteOrder,
-    CommType,
-    ControllerMode,
-    Empty,
-    FrameReader,
-    InvalidSubcode,
-    Joints,
-    JointTrajPtFull,
-    JointVelocity,
-    Malformed,
-    Message,
-    MessageType,
-    MotionCommand,
-    MotionCtrl,
-    MotionReply,
-    MotionResult,
-    RobotStatus,
-    ValidFields,
-    VelocityInfo,
-    VelocityInfoRequest,
-    joints10,
-    reply,
-    request,
-    wire,
-)
+from cardan.protocols import simple_message as sm
 from cardan.robots import load_arm
 from cardan.types import HoldCommand, JointVelocityCommand, RobotCommand, RobotState
 
@@ -54,8 +29,8 @@ OWN_SEQUENCE = 987_654
 DOZES_EVERY_S = 0.5
 STATE_S = 0.025
 LEAP_EVERY, STARVES_EVERY = 50, 25
-STARTS = (MotionCommand.START_TRAJ_MODE, MotionCommand.START_VEL_MODE)
-STOPS = (MotionCommand.STOP_TRAJ_MODE, MotionCommand.STOP_VEL_MODE)
+STARTS = (sm.MotionCommand.START_TRAJ_MODE, sm.MotionCommand.START_VEL_MODE)
+STOPS = (sm.MotionCommand.STOP_TRAJ_MODE, sm.MotionCommand.STOP_VEL_MODE)
 TRUSTING = ("blind", "no-start", "takes-no-for-yes")
 """Faults of drivers that do not look at the status either."""
 
@@ -78,14 +53,14 @@ class MotorosDriverRig(DriverRig):
         self._links: dict[Channel, str] = {}
         """Channels of the connections that stand."""
         self._joined = 0
-        self._readers: dict[str, FrameReader] = {}
+        self._readers: dict[str, sm.FrameReader] = {}
         self._ended = self._leaving = False
         self._requests = self._commands = self._sent = 0
-        self._told: Message | None = None
+        self._told: sm.Message | None = None
         """The request that is open, for those who take any reply for its answer."""
         self._told_s = math.inf
-        self._point: JointTrajPtFull | None = None
-        self._states: dict[int, Message] = {}
+        self._point: sm.JointTrajPtFull | None = None
+        self._states: dict[int, sm.Message] = {}
         self._heard_s, self._repeated_s = math.inf, 0.0
 
     def _new_session(self) -> MotorosSession:
@@ -124,10 +99,10 @@ class MotorosDriverRig(DriverRig):
             self._told = None
             self._hear(name, kind=Kind.OPENED)
             if kind == "state" and "talks-to-states" in faults:
-                self._write(name, request(Empty(), MessageType.PING))
+                self._write(name, sm.request(sm.Empty(), sm.MessageType.PING))
             if kind == "motion" and "unknown-command" in faults:
                 command = int(faults["unknown-command"])
-                self._write(name, request(MotionCtrl(0, OWN_SEQUENCE, command)))
+                self._write(name, sm.request(sm.MotionCtrl(0, OWN_SEQUENCE, command)))
 
     # -- what the controller says -----------------------------------------------------------------
 
@@ -142,20 +117,20 @@ class MotorosDriverRig(DriverRig):
             self._session.received(kind, data, self._now_s)
             return
         if "one-read" in self._faults:
-            found = FrameReader()
+            found = sm.FrameReader()
             found.feed(data)
             if found.take() is None or found.pending_bytes:
                 return
-        reader = self._readers.setdefault(channel, FrameReader())
+        reader = self._readers.setdefault(channel, sm.FrameReader())
         reader.feed(data)
         while (frame := reader.take()) is not None:
-            order = reader.byte_order or ByteOrder.LITTLE
-            message = wire(order).decode(frame)
-            if isinstance(message, Message):
+            order = reader.byte_order or sm.ByteOrder.LITTLE
+            message = sm.wire(order).decode(frame)
+            if isinstance(message, sm.Message):
                 heard = self._believed(message)
                 if heard is None:
                     continue
-                frame = wire(order).encode(heard)
+                frame = sm.wire(order).encode(heard)
                 if kind == "state":
                     self._states[heard.msg_type], self._heard_s = heard, self._now_s
             if self._kind(channel) == kind:
@@ -164,46 +139,46 @@ class MotorosDriverRig(DriverRig):
             del self._readers[channel]
             self._session.received(kind, data, self._now_s)
 
-    def _believed(self, message: Message) -> Message | None:
+    def _believed(self, message: sm.Message) -> sm.Message | None:
         """What the driver takes a message for; None: it does not see it."""
         faults, body = self._faults, message.body
-        if isinstance(body, RobotStatus) and any(name in faults for name in TRUSTING):
+        if isinstance(body, sm.RobotStatus) and any(name in faults for name in TRUSTING):
             well = body._replace(
                 drives_powered=1,
                 e_stopped=0,
                 in_error=0,
-                mode=int(ControllerMode.AUTO),
+                mode=int(sm.ControllerMode.AUTO),
                 motion_possible=1,
             )
             return message._replace(body=well)
-        if isinstance(body, RobotStatus) and "hasty" in faults:
+        if isinstance(body, sm.RobotStatus) and "hasty" in faults:
             return message._replace(body=body._replace(in_motion=0))
-        if not isinstance(body, MotionReply):
+        if not isinstance(body, sm.MotionReply):
             return message
         if body.sequence == OWN_SEQUENCE or (body.command == 0 and "unknown-command" in faults):
             return None
         asked, self._told, self._told_s = self._told, None, math.inf
         if asked is None and "impatient" in faults:
             return None
-        first = body.sequence == 0 and body.subcode == InvalidSubcode.DATA_START_POS
-        refused = body.result == MotionResult.NOT_READY
+        first = body.sequence == 0 and body.subcode == sm.InvalidSubcode.DATA_START_POS
+        refused = body.result == sm.MotionResult.NOT_READY
         believes = (
-            ("skips-busy" in faults and body.result == MotionResult.BUSY)
+            ("skips-busy" in faults and body.result == sm.MotionResult.BUSY)
             or ("skips-first" in faults and first)
             or ("blind" in faults and refused and body.command not in STARTS)
             or ("takes-no-for-yes" in faults and refused and body.command in STARTS)
-            or ("nan" in faults and body.result == MotionResult.INVALID)
+            or ("nan" in faults and body.result == sm.MotionResult.INVALID)
         )
         if believes:
-            body = body._replace(result=int(MotionResult.SUCCESS), subcode=0)
-        if "skips-busy" in faults and body.command == MotionCommand.CHECK_QUEUE_CNT:
+            body = body._replace(result=int(sm.MotionResult.SUCCESS), subcode=0)
+        if "skips-busy" in faults and body.command == sm.MotionCommand.CHECK_QUEUE_CNT:
             body = body._replace(subcode=max(body.subcode, 1))
         if "credulous" in faults and asked is not None:
             wanted = asked.body
-            command = wanted.command if isinstance(wanted, MotionCtrl) else asked.msg_type
+            command = wanted.command if isinstance(wanted, sm.MotionCtrl) else asked.msg_type
             sequence = getattr(wanted, "sequence", body.sequence)
             body = body._replace(
-                command=command, sequence=sequence, result=int(MotionResult.SUCCESS)
+                command=command, sequence=sequence, result=int(sm.MotionResult.SUCCESS)
             )
         return message._replace(body=body)
 
@@ -249,8 +224,8 @@ class MotorosDriverRig(DriverRig):
         if "deaf" in faults and now_s > max(self._heard_s, self._repeated_s) + STATE_S:
             self._repeated_s = now_s
             for message in tuple(self._states.values()):
-                order = session.feed.byte_order or ByteOrder.LITTLE
-                session.received("state", wire(order).encode(message), now_s)
+                order = session.feed.byte_order or sm.ByteOrder.LITTLE
+                session.received("state", sm.wire(order).encode(message), now_s)
         again_s = 1e-3 * faults.get("impatient", math.inf)
         name = self._links.get("motion")
         if self._told is not None and name is not None and now_s > self._told_s + again_s:
@@ -270,60 +245,62 @@ class MotorosDriverRig(DriverRig):
             if not self._faults:
                 self._send(self._links[kind], data)
                 continue
-            order = session.feed.byte_order or ByteOrder.LITTLE
-            message = wire(order).decode(data)
-            assert not isinstance(message, Malformed)
+            order = session.feed.byte_order or sm.ByteOrder.LITTLE
+            message = sm.wire(order).decode(data)
+            assert not isinstance(message, sm.Malformed)
             self._spoilt(self._links[kind], message)
 
     def _close(self, name: str) -> None:
         self._later(NETWORK_S, lambda: self._hear(name, kind=Kind.CLOSED))
 
-    def _spoilt(self, name: str, message: Message) -> None:
+    def _spoilt(self, name: str, message: sm.Message) -> None:
         """Send `message` as a driver with these defects would."""
         faults, body = self._faults, message.body
-        if isinstance(body, MotionCtrl):
+        if isinstance(body, sm.MotionCtrl):
             command = body.command
             left_out = (
-                ("no-stop" in faults and command == MotionCommand.STOP_MOTION)
+                ("no-stop" in faults and command == sm.MotionCommand.STOP_MOTION)
                 or ("no-start" in faults and command in STARTS)
                 or ("leaves-mode-on" in faults and self._leaving and command in STOPS)
             )
             if left_out:
-                done = MotionReply(body.group, body.sequence, command, MotionResult.SUCCESS, 0)
+                done = sm.MotionReply(
+                    body.group, body.sequence, command, sm.MotionResult.SUCCESS, 0
+                )
                 self._pretend(name, done)
                 return
-            if command == MotionCommand.START_VEL_MODE and "watchdog" in faults:
-                body = body._replace(data=joints10((faults["watchdog"], *body.data[1:])))
-        elif isinstance(body, VelocityInfoRequest) and "no-info" in faults:
+            if command == sm.MotionCommand.START_VEL_MODE and "watchdog" in faults:
+                body = body._replace(data=sm.joints10((faults["watchdog"], *body.data[1:])))
+        elif isinstance(body, sm.VelocityInfoRequest) and "no-info" in faults:
             arm = load_arm(OPTIONS.robot)
-            accelerations = joints10(joint.acceleration for joint in arm.joints)
-            limits = (joints10(arm.velocity), accelerations, joints10(arm.lower))
+            accelerations = sm.joints10(joint.acceleration for joint in arm.joints)
+            limits = (sm.joints10(arm.velocity), accelerations, sm.joints10(arm.lower))
             joints = len(arm.joints)
-            info = VelocityInfo(1, 4000, 100, 0, 1, joints, *limits, joints10(arm.upper))
+            info = sm.VelocityInfo(1, 4000, 100, 0, 1, joints, *limits, sm.joints10(arm.upper))
             self._pretend(name, info)
             return
-        elif isinstance(body, JointTrajPtFull):
+        elif isinstance(body, sm.JointTrajPtFull):
             body = self._spoilt_point(body)
-        elif isinstance(body, JointVelocity):
+        elif isinstance(body, sm.JointVelocity):
             if body.sequence and _asleep(self._now_s, 1e-3 * faults.get("dozes", 0.0)):
-                if message.comm_type == CommType.SERVICE_REQUEST:
-                    kind = MessageType.MOTO_JOINT_VELOCITY
-                    self._pretend(name, MotionReply(body.group, body.sequence, kind, 0, 0))
+                if message.comm_type == sm.CommType.SERVICE_REQUEST:
+                    kind = sm.MessageType.MOTO_JOINT_VELOCITY
+                    self._pretend(name, sm.MotionReply(body.group, body.sequence, kind, 0, 0))
                 return
             body = self._spoilt_speeds(body)
         comm_type = message.comm_type
-        asks = comm_type == CommType.SERVICE_REQUEST
+        asks = comm_type == sm.CommType.SERVICE_REQUEST
         if asks:
-            comm_type = int(CommType.TOPIC) if "topics" in faults else comm_type
+            comm_type = int(sm.CommType.TOPIC) if "topics" in faults else comm_type
             # What is awaited is what the driver's core said.
             self._told, self._told_s = message, self._now_s
             self._requests += 1
         self._write(name, message._replace(comm_type=comm_type, body=body))
         if asks and self._every("pipelines", self._requests):
-            more = MotionCtrl(0, OWN_SEQUENCE, MotionCommand.CHECK_MOTION_READY)
-            self._write(name, request(more))
+            more = sm.MotionCtrl(0, OWN_SEQUENCE, sm.MotionCommand.CHECK_MOTION_READY)
+            self._write(name, sm.request(more))
 
-    def _spoilt_point(self, point: JointTrajPtFull) -> JointTrajPtFull:
+    def _spoilt_point(self, point: sm.JointTrajPtFull) -> sm.JointTrajPtFull:
         faults = self._faults
         before, self._point = self._point, point
         if before is None or before.sequence != point.sequence:
@@ -349,7 +326,7 @@ class MotorosDriverRig(DriverRig):
                 point = point._replace(time=before.time)
         return point
 
-    def _spoilt_speeds(self, body: JointVelocity) -> JointVelocity:
+    def _spoilt_speeds(self, body: sm.JointVelocity) -> sm.JointVelocity:
         faults, vel, sequence = self._faults, body.vel, body.sequence
         self._commands += 1
         if not sequence and "starts-moving" in faults:
@@ -362,13 +339,13 @@ class MotorosDriverRig(DriverRig):
             sequence -= 1
         fields = body.valid_fields
         if "fields" in faults:
-            fields = int(faults["fields"]) & ~ValidFields.VELOCITY
+            fields = int(faults["fields"]) & ~sm.ValidFields.VELOCITY
         return body._replace(vel=vel, sequence=sequence, valid_fields=fields)
 
-    def _pretend(self, name: str, body: MotionReply | VelocityInfo) -> None:
+    def _pretend(self, name: str, body: sm.MotionReply | sm.VelocityInfo) -> None:
         """The driver goes on as after this answer, without having asked."""
-        order = self._session.feed.byte_order or ByteOrder.LITTLE
-        data = wire(order).encode(reply(body))
+        order = self._session.feed.byte_order or sm.ByteOrder.LITTLE
+        data = sm.wire(order).encode(sm.reply(body))
 
         def arrived() -> None:
             if self._kind(name) == "motion":
@@ -376,17 +353,17 @@ class MotorosDriverRig(DriverRig):
 
         self._later(NETWORK_S, arrived)
 
-    def _write(self, name: str, message: Message) -> None:
-        order = self._session.feed.byte_order or ByteOrder.LITTLE
+    def _write(self, name: str, message: sm.Message) -> None:
+        order = self._session.feed.byte_order or sm.ByteOrder.LITTLE
         if "other-order" in self._faults:
-            order = ByteOrder.BIG if order is ByteOrder.LITTLE else ByteOrder.LITTLE
-        data = wire(order).encode(message)
+            order = sm.ByteOrder.BIG if order is sm.ByteOrder.LITTLE else sm.ByteOrder.LITTLE
+        data = sm.wire(order).encode(message)
         self._sent += 1
         if self._every("truncated", self._sent):
-            word = "little" if order is ByteOrder.LITTLE else "big"
+            word = "little" if order is sm.ByteOrder.LITTLE else "big"
             data = (len(data) - 8).to_bytes(4, word) + data[4:-4]  # type: ignore[arg-type]
         late_s = 1e-3 * self._faults.get("starves", 0.0)
-        point = isinstance(message.body, JointTrajPtFull)
+        point = isinstance(message.body, sm.JointTrajPtFull)
         if late_s and point and self._commands % STARVES_EVERY == 0:
             self._later(late_s, lambda: self._hear(name, data))
         elif self._every("pieces", self._sent):
@@ -422,7 +399,7 @@ class MotorosDriverRig(DriverRig):
         self._links.clear()
 
 
-def _shifted(values: Joints, by: float) -> Joints:
+def _shifted(values: sm.Joints, by: float) -> sm.Joints:
     """With so much more of the first joint."""
     return (values[0] + by, *values[1:])
 

@@ -7,28 +7,10 @@ import re
 from typing import Any, NamedTuple, NoReturn
 
 from cardan.conform.timeline import Event, Kind, Seen, Timeline, UnaskedError
+from cardan.protocols.ur import rtde
 from cardan.protocols.ur.dashboard import LineReader
 from cardan.protocols.ur.primary import Package, PackageReader, RobotMessage, read_message
 from cardan.protocols.ur.realtime import RealtimeReader
-from cardan.protocols.ur.rtde import (
-    VERSION,
-    VERSIONS,
-    Accepted,
-    Asked,
-    Data,
-    Malformed,
-    PacketReader,
-    PacketType,
-    Recipe,
-    Reply,
-    Request,
-    Setup,
-    SetupReply,
-    Text,
-    packet,
-    read_reply,
-    read_request,
-)
 
 RTDE, SECOND, OLD = "rtde", "rtde-2", "rtde-1"
 """Channels: the connection that is judged, another client's beside it, and that of a client that
@@ -39,7 +21,7 @@ REVERSE = "reverse"
 """A port of ours, which a program of ours comes to."""
 TOKEN = re.compile(r"write_output_integer_register\(\d+, (\d{2,})\)")
 """In a program: what it writes first, so that it is known to run."""
-_OF_A_VERSION = frozenset((PacketType.OUTPUTS, PacketType.DATA, PacketType.TEXT))
+_OF_A_VERSION = frozenset((rtde.PacketType.OUTPUTS, rtde.PacketType.DATA, rtde.PacketType.TEXT))
 """What has another form in another version of RTDE."""
 _NAME = re.compile(r"def (\w+)\(\)")
 
@@ -52,7 +34,7 @@ class Heard(NamedTuple):
     begun_s: float
     time_s: float
     channel: str
-    reply: Reply
+    reply: rtde.Reply
     raw: bytes
 
 
@@ -62,8 +44,12 @@ class Exchange(NamedTuple):
     number: int
     time_s: float
     channel: str
-    asked: Request | Setup
+    asked: rtde.Request | rtde.Setup
     reply: Heard | None
+
+
+Answered = tuple[Exchange, rtde.Setup, rtde.SetupReply]
+"""A request for a recipe, and what it was answered."""
 
 
 class Values(dict[str, Any]):
@@ -134,12 +120,12 @@ class _Connection:
     """What is known of an RTDE connection while it is open."""
 
     def __init__(self, version: int) -> None:
-        self.theirs, self.ours = PacketReader(), PacketReader()
+        self.theirs, self.ours = rtde.PacketReader(), rtde.PacketReader()
         self.begun_s = 0.0
         self.version = version
-        self.open: list[tuple[int, float, Request | Setup]] = []
-        self.outputs: Recipe | None = None
-        self.inputs: dict[int, Recipe] = {}
+        self.open: list[tuple[int, float, rtde.Request | rtde.Setup]] = []
+        self.outputs: rtde.Recipe | None = None
+        self.inputs: dict[int, rtde.Recipe] = {}
         self.stream: list[State] | None = None
         self.stream_s = 0.0
 
@@ -149,7 +135,6 @@ class UrSeen(Seen):
 
     def __init__(self, timeline: Timeline) -> None:
         super().__init__(timeline)
-        self.end_s = timeline.end_s
         self.heard: list[Heard] = []
         self.unread: list[tuple[int, str]] = []
         """Numbers of events with what cannot be read, and why."""
@@ -159,7 +144,7 @@ class UrSeen(Seen):
         self.strays: list[tuple[int, float, str]] = []
         """Data packages that nothing had been started for."""
         self.streams: list[Stream] = []
-        self.recipes: dict[int, Recipe] = {}
+        self.recipes: dict[int, rtde.Recipe] = {}
         """Of each data package, by its event's number: those of the judged connection."""
         self.commands: list[State] = []
         """What we wrote, by the names of its recipe."""
@@ -201,7 +186,9 @@ class UrSeen(Seen):
             if channel.startswith(RTDE):
                 # A controller speaks the oldest until another is agreed on. What was before the
                 # beginning of a capture is not known.
-                self._connections[channel] = _Connection(VERSION if event.note else VERSIONS[0])
+                self._connections[channel] = _Connection(
+                    rtde.VERSION if event.note else rtde.VERSIONS[0]
+                )
             elif channel in self._packages:
                 self._packages[channel] = PackageReader()
                 self._package_begun_s.pop(channel, None)
@@ -246,10 +233,10 @@ class UrSeen(Seen):
     def _sent(self, number: int, event: Event, connection: _Connection) -> None:
         connection.ours.feed(event.data)
         while (found := connection.ours.take()) is not None:
-            asked: Asked | Malformed = read_request(*found, connection.version)
-            if isinstance(asked, (Request, Setup)):
+            asked: rtde.Asked | rtde.Malformed = rtde.read_request(*found, connection.version)
+            if isinstance(asked, (rtde.Request, rtde.Setup)):
                 connection.open.append((number, event.time_s, asked))
-            elif isinstance(asked, Data) and asked.recipe in connection.inputs:
+            elif isinstance(asked, rtde.Data) and asked.recipe in connection.inputs:
                 values = connection.inputs[asked.recipe].unpack(asked.values)
                 if values is not None and event.channel == RTDE:
                     self.commands.append(State(number, event.time_s, Values(values)))
@@ -261,25 +248,25 @@ class UrSeen(Seen):
         reader.feed(event.data)
         while (found := reader.take()) is not None:
             kind, payload = found
-            reply = read_reply(kind, payload, connection.version)
+            reply = rtde.read_reply(kind, payload, connection.version)
             begun_s, connection.begun_s = connection.begun_s, event.time_s
-            if isinstance(reply, Malformed):
+            if isinstance(reply, rtde.Malformed):
                 self.unread.append((number, reply.reason))
                 continue
-            raw = packet(PacketType(kind), payload)
+            raw = rtde.packet(rtde.PacketType(kind), payload)
             heard = Heard(number, begun_s, event.time_s, event.channel, reply, raw)
             self.heard.append(heard)
-            if connection.version != VERSION and kind in _OF_A_VERSION:
+            if connection.version != rtde.VERSION and kind in _OF_A_VERSION:
                 self.old.add(event.channel)
-            if isinstance(reply, Data):
+            if isinstance(reply, rtde.Data):
                 self._data(heard, reply, connection)
             else:
                 self._reply(heard, connection)
         if reader.failure:
             self.unread.append((number, reader.failure))
-            connection.theirs = PacketReader()
+            connection.theirs = rtde.PacketReader()
 
-    def _data(self, heard: Heard, data: Data, connection: _Connection) -> None:
+    def _data(self, heard: Heard, data: rtde.Data, connection: _Connection) -> None:
         recipe = connection.outputs
         if recipe is None or data.recipe != (recipe.number or 0):
             self.unread.append((heard.number, f"a data package of recipe {data.recipe}"))
@@ -300,49 +287,42 @@ class UrSeen(Seen):
 
     def _reply(self, heard: Heard, connection: _Connection) -> None:
         reply = heard.reply
-        if isinstance(reply, Text):
+        if isinstance(reply, rtde.Text):
             return
-        kind = getattr(reply, "kind", PacketType.CONTROLLER_VERSION)
+        kind = getattr(reply, "kind", rtde.PacketType.CONTROLLER_VERSION)
         place = next((n for n, each in enumerate(connection.open) if each[2].kind is kind), None)
         if place is None:
             return
         number, time_s, asked = connection.open.pop(place)
         self.asked.append(Exchange(number, time_s, heard.channel, asked, heard))
-        if isinstance(reply, SetupReply) and isinstance(asked, Setup) and reply.recipe:
+        if isinstance(reply, rtde.SetupReply) and isinstance(asked, rtde.Setup) and reply.recipe:
             try:
-                numbered = connection.version != 1 or reply.kind is PacketType.INPUTS
-                recipe = Recipe(reply.recipe if numbered else None, asked.names, reply.types)
+                numbered = connection.version != 1 or reply.kind is rtde.PacketType.INPUTS
+                recipe = rtde.Recipe(reply.recipe if numbered else None, asked.names, reply.types)
             except ValueError as error:
                 self.unread.append((heard.number, f"a recipe that cannot be: {error}"))
                 return
-            if reply.kind is PacketType.OUTPUTS:
+            if reply.kind is rtde.PacketType.OUTPUTS:
                 connection.outputs = recipe
             else:
                 connection.inputs[reply.recipe] = recipe
-        elif isinstance(reply, Accepted) and reply.kind is PacketType.PROTOCOL_VERSION:
-            if reply.accepted and isinstance(asked, Request):
-                connection.version = asked.version
-                if asked.version != VERSION:
-                    self.old.add(heard.channel)
-        elif isinstance(reply, Accepted) and reply.kind is PacketType.START and reply.accepted:
-            connection.stream, connection.stream_s = [], heard.time_s
-        elif isinstance(reply, Accepted) and reply.kind is PacketType.PAUSE:
+        elif isinstance(reply, rtde.Accepted) and reply.kind is rtde.PacketType.PAUSE:
             self._stream_ends(heard.channel, connection, heard.time_s)
+        elif isinstance(reply, rtde.Accepted) and reply.accepted:
+            if reply.kind is rtde.PacketType.START:
+                connection.stream, connection.stream_s = [], heard.time_s
+            elif isinstance(asked, rtde.Request):  # for a version
+                connection.version = asked.version
+                if asked.version != rtde.VERSION:
+                    self.old.add(heard.channel)
 
     # -- client interfaces and dashboard ----------------------------------------------------------
 
     def _uploaded(self, number: int, event: Event) -> None:
         text = event.data.decode("utf-8", "replace")
         name, token = _NAME.search(text), TOKEN.search(text)
-        self.uploads.append(
-            Upload(
-                number,
-                event.time_s,
-                event.channel,
-                name.group(1) if name else "",
-                int(token.group(1)) if token else 0,
-            )
-        )
+        known = name.group(1) if name else "", int(token.group(1)) if token else 0
+        self.uploads.append(Upload(number, event.time_s, event.channel, *known))
 
     def _told(self, number: int, event: Event) -> None:
         channel = event.channel
@@ -399,7 +379,7 @@ class UrSeen(Seen):
         """The commands of these phases."""
         return self.within(self.commands, *names)
 
-    def exchanges(self, kind: PacketType, *names: str) -> list[Exchange]:
+    def exchanges(self, kind: rtde.PacketType, *names: str) -> list[Exchange]:
         """Requests of a kind in these phases; without any, in all."""
         return [
             each
@@ -407,14 +387,16 @@ class UrSeen(Seen):
             if each.asked.kind is kind and (not names or self.inside(each.number, *names))
         ]
 
-    def setups(self, kind: PacketType, *names: str) -> list[tuple[Exchange, Setup, SetupReply]]:
+    def setups(
+        self, kind: rtde.PacketType, *names: str
+    ) -> list[tuple[Exchange, rtde.Setup, rtde.SetupReply]]:
         """Those requests for recipes that were answered."""
         return [
             (each, each.asked, each.reply.reply)
             for each in self.exchanges(kind, *names)
-            if isinstance(each.asked, Setup)
+            if isinstance(each.asked, rtde.Setup)
             and each.reply is not None
-            and isinstance(each.reply.reply, SetupReply)
+            and isinstance(each.reply.reply, rtde.SetupReply)
         ]
 
     def said(self, asked: str) -> list[Line]:

@@ -13,11 +13,14 @@ from cardan.conform.requirements import (
     at_most,
     failed,
     met,
+    must,
     none_wrong,
     not_applicable,
     not_seen,
     passed,
+    some,
 )
+from cardan.conform.timeline import Kind
 from cardan.conform.ur_rtde.decoded import State, Upload, UrSeen
 from cardan.conform.ur_rtde.requirements import (
     BOARD,
@@ -30,12 +33,17 @@ from cardan.conform.ur_rtde.requirements import (
     requires,
 )
 from cardan.conform.ur_rtde.scenario import (
+    ANSWER,
     BEAT,
+    CALLS,
     DESERTED_RAD_S,
     INPUTS,
     LAST_JOINT,
+    LINE,
     NONSENSE,
     POWER_S,
+    RAISES,
+    RAISES_AT,
     REPORT,
     SAYS,
     SERVOING,
@@ -78,8 +86,7 @@ RUNTIME = "runtime_state"
 def inputs_are_given(seen: UrSeen) -> Verdict:
     """The registers that the driver writes are given, with the documented types."""
     found = [each for each in seen.setups(PacketType.INPUTS, "inputs") if each[1].names == INPUTS]
-    if not found:
-        return not_seen("it was not answered")
+    some(found, "it was not answered")
     exchange, asked, reply = found[0]
     wrong = [
         (exchange.number, f"{name} {kind}")
@@ -112,8 +119,7 @@ def what_a_client_had_is_free_when_it_goes(seen: UrSeen) -> Verdict:
         [each for each in seen.setups(PacketType.INPUTS, phase) if SPARE_INPUT in each[1].names]
         for phase in ("taken", "free")
     )
-    if not first or not again or not first[0][2].recipe:
-        return not_seen("it was not taken")
+    some(first and again and first[0][2].recipe, "it was not taken")
     exchange, _, reply = again[0]
     said = f"recipe {reply.recipe}, {', '.join(reply.types)}"
     return met(reply.recipe != 0, said, [exchange.number])
@@ -122,9 +128,7 @@ def what_a_client_had_is_free_when_it_goes(seen: UrSeen) -> Verdict:
 @requires(105, "RFC 9293: TCP keeps no borders of packets")
 def torn_requests_are_understood(seen: UrSeen) -> Verdict:
     """A request that arrives in two pieces is answered as one that arrives whole."""
-    found = seen.exchanges(PacketType.CONTROLLER_VERSION, "pieces")
-    if not found:
-        return not_seen("none was sent")
+    found = some(seen.exchanges(PacketType.CONTROLLER_VERSION, "pieces"), "none was sent")
     reply = found[0].reply
     return passed("answered") if reply is not None else failed("no answer", [found[0].number])
 
@@ -132,9 +136,7 @@ def torn_requests_are_understood(seen: UrSeen) -> Verdict:
 @requires(106, f"{BOARD}; the driver asks CB3 what only e-Series know")
 def unknown_requests_are_answered(seen: UrSeen) -> Verdict:
     """A request that the dashboard does not know is answered, by a line that is no consent."""
-    found = seen.said(NONSENSE)
-    if not found:
-        return not_seen("it was not asked")
+    found = some(seen.said(NONSENSE), "it was not asked")
     said = found[0].said
     if said is None:
         return failed("no answer", [found[0].number])
@@ -167,8 +169,7 @@ def it_is_in_remote_control(seen: UrSeen) -> Verdict:
 def power_and_brakes_obey(seen: UrSeen) -> Verdict:
     """`power on` and `brake release` are granted, and the robot's mode is RUNNING 40 s later."""
     before, after = _before(seen, "power"), seen.during("power")
-    if not before or not after:
-        return not_seen(NO_STATES)
+    some(before and after, NO_STATES)
     if before[-1].values["robot_mode"] == RobotMode.RUNNING:
         return passed("they were on and released")
     for words in (dashboard.POWER_ON, dashboard.BRAKE_RELEASE):
@@ -177,8 +178,7 @@ def power_and_brakes_obey(seen: UrSeen) -> Verdict:
                 return failed(f"{words}: {each.said!r}", [each.number])
     asked_s = after[0].time_s
     mode = after[-1].values["robot_mode"]
-    if mode != RobotMode.RUNNING:
-        return failed(f"mode {mode} after {POWER_S:g} s", [after[-1].number])
+    must(mode == RobotMode.RUNNING, f"mode {mode} after {POWER_S:g} s", [after[-1].number])
     took_s = next(s.time_s for s in after if s.values["robot_mode"] == mode) - asked_s
     return passed(f"after {took_s:.1f} s", took_s, "s")
 
@@ -256,8 +256,7 @@ def runtime_state_says_what_runs(seen: UrSeen) -> Verdict:
     if not found or first(states, TOKEN, found[0].token) is None:
         return not_seen("none was begun")
     playing = [each for each in states if each.values["runtime_state"] == RuntimeState.PLAYING]
-    if not playing:
-        return failed("it was never PLAYING", [found[0].number])
+    must(playing, "it was never PLAYING", [found[0].number])
     took_s = playing[-1].time_s - playing[0].time_s
     last = states[-1].values["runtime_state"]
     said = f"PLAYING for {took_s:.2f} s, then {RuntimeState(last).name}"
@@ -283,9 +282,7 @@ def programs_are_announced(seen: UrSeen) -> Verdict:
 @requires(113, f"{SCRIPT}; {CLIENT}: what is wrong with a program is a message")
 def wrong_programs_are_refused_in_words(seen: UrSeen) -> Verdict:
     """A program that calls what there is not ends at once, and the primary interface says why."""
-    uploads = [each for each in seen.uploads if each.name == WRONG]
-    if not uploads:
-        return not_seen(NO_PROGRAM)
+    uploads = some([each for each in seen.uploads if each.name == WRONG], NO_PROGRAM)
     words = [
         each.message
         for each in seen.told
@@ -296,8 +293,7 @@ def wrong_programs_are_refused_in_words(seen: UrSeen) -> Verdict:
     states = seen.during("wrong")
     if states and states[-1].values["runtime_state"] != RuntimeState.STOPPED:
         return failed("it still runs", [states[-1].number])
-    if not words:
-        return failed("nothing was said", [uploads[0].number])
+    must(words, "nothing was said", [uploads[0].number])
     return passed(f"line {words[0].line}: {words[0].text!r}")
 
 
@@ -349,10 +345,8 @@ def commands_are_obeyed(seen: UrSeen) -> Verdict:
         if obeyed >= beat or each.time_s < phase.end_s - UNOBEYED_S:
             times.append((late_s, each.number))
     lost = [number for late_s, number in times if late_s > UNOBEYED_S]
-    if lost:
-        return failed(f"{len(lost)} of {len(times)} had no effect", lost)
-    if not times:
-        return not_seen("too few commands")
+    must(not lost, f"{len(lost)} of {len(times)} had no effect", lost)
+    some(times, "too few commands")
     late_s, number = sorted(times)[int(0.9 * (len(times) - 1))]
     said = f"nine of ten within {late_s * 1e3:.1f} ms"
     return at_most(
@@ -372,11 +366,9 @@ def _farthest(states: Sequence[State], name: str = "actual_q") -> float:
 def held_it_stands(seen: UrSeen) -> Verdict:
     """Sent to its own target by servoj, every joint stays within 0.02 degrees."""
     found = [each for each in seen.during("hold") if _follows(each)]
-    if len(found) < 50:
-        return not_seen("it was not held")
+    some(len(found) >= 50, "it was not held")
     far = _farthest(found)
-    said = f"{math.degrees(far):.4f} degrees at most"
-    return met(far < STILL_RAD, said)
+    return met(far < STILL_RAD, f"{math.degrees(far):.4f} degrees at most")
 
 
 def _ended(seen: UrSeen, phase: str) -> tuple[float, State] | None:
@@ -392,13 +384,10 @@ def _ended(seen: UrSeen, phase: str) -> tuple[float, State] | None:
 
 def _watchdog(seen: UrSeen, phase: str) -> Verdict:
     """Whether the program's own watchdog ended it in time, with the arm at rest after it."""
-    found = _ended(seen, phase)
-    if found is None:
-        return not_seen("no program followed then")
+    found = some(_ended(seen, phase), "no program followed then")
     took_s, state = found
     report = state.values[REPORT]
-    if report != Report.ENDED_BY_WATCHDOG:
-        return failed(f"it reports {report}", [state.number])
+    must(report == Report.ENDED_BY_WATCHDOG, f"it reports {report}", [state.number])
     said = f"after {took_s * 1e3:.0f} ms"
     if took_s > SERVOING.watchdog_s + WATCHDOG_LATE_S:
         return failed(said, [state.number], took_s * 1e3, "ms")
@@ -434,11 +423,9 @@ def an_order_ends_the_program(seen: UrSeen) -> Verdict:
 def a_program_replaces_another(seen: UrSeen) -> Verdict:
     """A program that is sent while another runs takes its place."""
     begun, found = _programs(seen, "replace"), _programs(seen, "replaced")
-    if not begun or not found:
-        return not_seen("no program followed then")
+    some(begun and found, "no program followed then")
     state = first(seen.during("replaced"), TOKEN, found[0].token)
-    if state is None:
-        return failed("it was not begun", [found[0].number])
+    state = must(state, "it was not begun", [found[0].number])
     back = [
         each.number for each in after(seen, state.time_s) if each.values[TOKEN] == begun[0].token
     ]
@@ -470,10 +457,8 @@ def commands_move_it(seen: UrSeen) -> Verdict:
     told = next((c for c in sent if abs(c.values[LAST_JOINT] - first) > 0.02 * STEP_RAD), None)
     far = _last_joint(found)
     moved = next((s for s, each in zip(found, far, strict=True) if each > 0.02 * STEP_RAD), None)
-    if told is None:
-        return not_seen("it was not told to")
-    if moved is None:
-        return failed("it never did", [told.number])
+    told = some(told, "it was not told to")
+    moved = must(moved, "it never did", [told.number])
     took_s = moved.time_s - told.time_s
     said = f"after {took_s * 1e3:.0f} ms"
     return at_most(1e3 * MOVES_WITHIN_S, 1e3 * took_s, "ms", said, [moved.number])
@@ -493,8 +478,7 @@ def it_does_not_overshoot(seen: UrSeen) -> Verdict:
     """On its way it goes no more than 20 % beyond the step's end."""
     found = seen.during("out")
     beyond = max(_last_joint(found)) / STEP_RAD - 1.0
-    said = f"{100.0 * max(beyond, 0.0):.1f} %"
-    return met(beyond < BEYOND_SHARE, said)
+    return met(beyond < BEYOND_SHARE, f"{100.0 * max(beyond, 0.0):.1f} %")
 
 
 @requires(204, f"{SCRIPT}: servoj", unless=_unmoved)
@@ -505,8 +489,7 @@ def the_other_joints_stand(seen: UrSeen) -> Verdict:
     far = max(
         abs(a - b) for s in found for a, b in zip(s.values["actual_q"][:-1], first, strict=True)
     )
-    said = f"{math.degrees(far):.4f} degrees at most"
-    return met(far < AWAY_SHARE * STEP_RAD, said)
+    return met(far < AWAY_SHARE * STEP_RAD, f"{math.degrees(far):.4f} degrees at most")
 
 
 @requires(205, f"{GUIDE}: actual_qd, target_qd", unless=_unmoved)
@@ -550,8 +533,7 @@ def deserted_in_motion_it_stops(seen: UrSeen) -> Verdict:
 def it_comes_back(seen: UrSeen) -> Verdict:
     """Begun anew, the program takes the joint back to where it was, to a tenth of the step."""
     there, back = seen.during("out"), seen.during("back")
-    if not seen.sent_during("back") or not back:
-        return not_seen("no program followed then")
+    some(seen.sent_during("back") and back, "no program followed then")
     left = back[-1].values["actual_q"][-1] - there[0].values["actual_q"][-1]
     said = f"{math.degrees(left):.4f} degrees off"
     return met(abs(left) < REACHED_SHARE * STEP_RAD, said, [back[-1].number])
@@ -564,11 +546,9 @@ def it_comes_back(seen: UrSeen) -> Verdict:
 def the_speed_slider_is_told(seen: UrSeen) -> Verdict:
     """target_speed_fraction follows the speed slider to the half, and back."""
     half, full = seen.during("slider-half"), seen.during("slider-full")
-    if not half or not full:
-        return not_seen(NO_STATES)
+    some(half and full, NO_STATES)
     values = [found[-1].values["target_speed_fraction"] for found in (half, full)]
-    said = f"{values[0]:.2f}, then {values[1]:.2f}"
-    return met(0.3 < values[0] < 0.7 and values[1] > 0.95, said)
+    return met(0.3 < values[0] < 0.7 and values[1] > 0.95, f"{values[0]:.2f}, then {values[1]:.2f}")
 
 
 def _never_local(seen: UrSeen) -> Verdict | None:
@@ -598,9 +578,7 @@ def local_control_is_told(seen: UrSeen) -> Verdict:
 @requires(303, "UR's user manual, e-Series: remote control", unless=_never_local)
 def local_control_takes_no_programs(seen: UrSeen) -> Verdict:
     """In local control a program that is sent is not begun."""
-    uploads = _programs(seen, "local")
-    if not uploads:
-        return not_seen(NO_PROGRAM)
+    uploads = some(_programs(seen, "local"), NO_PROGRAM)
     state = first(seen.states, TOKEN, uploads[0].token)
     return passed("it was not") if state is None else failed("it was", [state.number])
 
@@ -614,9 +592,7 @@ def _emergency(seen: UrSeen) -> list[State]:
 def an_emergency_stop_is_told(seen: UrSeen) -> Verdict:
     """After an emergency stop safety_mode says so, and no state says that a program plays half a
     second later."""
-    found = _emergency(seen)
-    if not found:
-        return not_seen("no state told of one")
+    found = some(_emergency(seen), "no state told of one")
     begun_s = found[0].time_s + STOPPED_BY_HAND_S
     wrong = [
         each.number
@@ -629,9 +605,7 @@ def an_emergency_stop_is_told(seen: UrSeen) -> Verdict:
 @requires(305, f"{GUIDE}: robot_mode; stop category 1")
 def an_emergency_stop_takes_the_power(seen: UrSeen) -> Verdict:
     """Within a second of it the robot is no longer RUNNING."""
-    found = _emergency(seen)
-    if not found:
-        return not_seen("no state told of one")
+    found = some(_emergency(seen), "no state told of one")
     mode = found[-1].values["robot_mode"]
     said = RobotMode(mode).name if mode in RobotMode._value2member_map_ else str(mode)
     return met(mode != RobotMode.RUNNING, said, [found[-1].number])
@@ -643,8 +617,7 @@ def release_starts_nothing(seen: UrSeen) -> Verdict:
     plays."""
     found = [each for each in seen.during("release") if each not in _emergency(seen)]
     found = [each for each in found if each.values["safety_mode"] in MOVES_IN]
-    if not _emergency(seen) or not found:
-        return not_seen("it was not released")
+    some(_emergency(seen) and found, "it was not released")
     wrong = (
         (each.number, f"mode {each.values['robot_mode']}, runtime state {each.values[RUNTIME]}")
         for each in found
@@ -652,3 +625,88 @@ def release_starts_nothing(seen: UrSeen) -> Verdict:
         or each.values[RUNTIME] == RuntimeState.PLAYING
     )
     return none_wrong(wrong, len(found), f"{len(found)} states", "")
+
+
+# -- level 1: lines and programs that users send beside a driver ---------------------------------
+
+
+def _uploads(seen: UrSeen, *phases: str) -> list[Upload]:
+    """Programs with a token, in these phases."""
+    return [each for each in seen.uploads if each.token and seen.inside(each.number, *phases)]
+
+
+def _texts(seen: UrSeen, phase: str) -> list[str]:
+    return [
+        each.message.text
+        for each in seen.told
+        if each.message is not None
+        and each.message.kind == MessageKind.TEXT
+        and seen.inside(each.number, phase)
+    ]
+
+
+@requires(120, f"{CLIENT}: a line that is sent alone is run")
+def a_line_is_a_program_of_its_own(seen: UrSeen) -> Verdict:
+    """What is sent in one line, without `def` and `end`, is done: its text comes over the primary
+    interface."""
+    lines = [each for each in seen.uploads if not each.token and seen.inside(each.number, "lines")]
+    some(lines, NO_PROGRAM)
+    found = [text for text in _texts(seen, "lines") if LINE in text]
+    return passed(repr(found[0])) if found else failed("no text came", [lines[0].number])
+
+
+@requires(121, f"{CLIENT}: lines and programs on one connection")
+def lines_spoil_no_program(seen: UrSeen) -> Verdict:
+    """After lines, comments and `stop program` the next program of the connection is begun."""
+    found = some(_uploads(seen, "lines"), NO_PROGRAM)
+    state = first(after(seen, found[0].time_s), TOKEN, found[0].token)
+    return passed("it was") if state else failed("it was not", [found[0].number])
+
+
+@requires(122, f"{CLIENT}: runtime exception message")
+def runtime_exceptions_are_told(seen: UrSeen) -> Verdict:
+    """A program that fails while it runs ends, and a runtime exception on the primary interface
+    says in which line."""
+    found = _uploads(seen, "raise")
+    if not found or first(seen.during("raise"), TOKEN, found[0].token) is None:
+        return not_seen("none was begun")
+    last = seen.during("raise")[-1]
+    must(last.values[RUNTIME] == RuntimeState.STOPPED, "it still runs", [last.number])
+    told = [
+        each.message
+        for each in seen.told
+        if each.message is not None
+        and each.message.kind == MessageKind.RUNTIME_EXCEPTION
+        and seen.inside(each.number, "raise")
+    ]
+    must(told, f"nothing was said of {RAISES}", [found[0].number])
+    return met(told[0].line == RAISES_AT, f"line {told[0].line}: {told[0].text!r}")
+
+
+@requires(123, f"{SCRIPT}: socket_open, socket_send_line, socket_read_line")
+def programs_open_sockets(seen: UrSeen) -> Verdict:
+    """A program opens a socket to a port of ours, sends a line, and hears what is answered."""
+    uploads = [each for each in _uploads(seen, "call") if each.name == CALLS]
+    if not uploads or first(seen.during("call"), TOKEN, uploads[0].token) is None:
+        return not_seen("none was begun")
+    if not any(event.kind is Kind.OPENED for _, event in seen.called):
+        return failed("it did not come", [uploads[0].number])
+    number = seen.called[0][0]
+    wanted = f"{SAYS} {uploads[0].token}"
+    line = b"".join(event.data for _, event in seen.called).decode("utf-8", "replace")
+    must(line.strip() == wanted, f"it sent {line!r}", [number])
+    if not any(ANSWER in text for text in _texts(seen, "call")):
+        return failed("it did not hear the answer", [number])
+    return passed("it did")
+
+
+@requires(124, f"{CLIENT}: the secondary and the real-time interface take programs, too")
+def other_interfaces_take_programs(seen: UrSeen) -> Verdict:
+    """Programs that are sent over the secondary and over the real-time interface are begun."""
+    found = _uploads(seen, "elsewhere")
+    wrong = [
+        (each.number, f"over the {each.channel} interface")
+        for each in found
+        if first(after(seen, each.time_s), TOKEN, each.token) is None
+    ]
+    return none_wrong(wrong, len(found), ", ".join(each.channel for each in found), NO_PROGRAM)

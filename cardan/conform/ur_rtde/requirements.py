@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
 from cardan.conform.requirements import (
     Over,
@@ -13,31 +16,40 @@ from cardan.conform.requirements import (
     at_most,
     failed,
     met,
+    must,
     none_wrong,
     not_seen,
     passed,
+    some,
 )
-from cardan.conform.ur_rtde.decoded import RTDE, SECOND, Exchange, Heard, State, Stream, UrSeen
-from cardan.conform.ur_rtde.scapy_check import readings_differ
+from cardan.conform.second_reading import COMPARED, read_twice, second_description
+from cardan.conform.ur_rtde.decoded import (
+    OLD,
+    PRIMARY,
+    RTDE,
+    SECOND,
+    Exchange,
+    Heard,
+    State,
+    Stream,
+    UrSeen,
+)
 from cardan.conform.ur_rtde.scenario import (
     FUTURE_VERSION,
+    OLD_OUTPUTS,
     OUTPUTS,
     REPLY_S,
     SLOWER,
     STATE_TIMEOUT_S,
     UNKNOWN,
+    WORDED,
+    published,
 )
-from cardan.protocols.ur import dashboard
+from cardan.protocols.ur import dashboard, rtde
 from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, read_mode
-from cardan.protocols.ur.rtde import (
-    NOT_FOUND,
-    VERSION,
-    Accepted,
-    ControllerVersion,
-    PacketType,
-    Request,
-    control_rate_hz,
-)
+from cardan.protocols.ur.realtime import RealtimeForm
+from cardan.protocols.ur.robot_state import PARTS, sub_packages
+from cardan.protocols.ur.rtde import Data, PacketType, SetupReply
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyBit, SafetyMode, StatusBit
 from cardan.protocols.ur.variables import OUTPUTS as OUTPUT_TYPES
 
@@ -63,27 +75,27 @@ NO_STATES = "no states came"
 
 def cycle_s(seen: UrSeen) -> float:
     """The period of its control loop, by the version that it tells."""
-    return 1.0 / control_rate_hz(version_of(seen))
+    return 1.0 / rtde.control_rate_hz(version_of(seen))
 
 
-def version_of(seen: UrSeen) -> ControllerVersion | None:
+def version_of(seen: UrSeen) -> rtde.ControllerVersion | None:
     """The version of its software, where it told one."""
-    found = (each.reply for each in seen.heard if isinstance(each.reply, ControllerVersion))
+    found = (each.reply for each in seen.heard if isinstance(each.reply, rtde.ControllerVersion))
     return next(found, None)
 
 
 def accepted(exchange: Exchange) -> bool | None:
     """What was answered; None: nothing was."""
     reply = None if exchange.reply is None else exchange.reply.reply
-    return reply.accepted if isinstance(reply, Accepted) else None
+    return reply.accepted if isinstance(reply, rtde.Accepted) else None
 
 
 def versions(seen: UrSeen, version: int) -> list[Exchange]:
     """Requests for a version of the protocol."""
     return [
         each
-        for each in seen.exchanges(PacketType.PROTOCOL_VERSION)
-        if isinstance(each.asked, Request) and each.asked.version == version
+        for each in seen.exchanges(rtde.PacketType.PROTOCOL_VERSION)
+        if isinstance(each.asked, rtde.Request) and each.asked.version == version
     ]
 
 
@@ -98,7 +110,7 @@ def streams(seen: UrSeen, channel: str = RTDE) -> list[Stream]:
 @requires(1, f"{GUIDE}: protocol version 2")
 def version_2_is_spoken(seen: UrSeen) -> Verdict:
     """The protocol version 2 is accepted."""
-    found = versions(seen, VERSION)
+    found = versions(seen, rtde.VERSION)
     wrong = [(each.number, "refused") for each in found if accepted(each) is False]
     if found and all(accepted(each) is None for each in found):
         return failed("no answer", [found[0].number])
@@ -127,11 +139,9 @@ def it_says_its_version(seen: UrSeen) -> Verdict:
     """It tells its software's version, which is 3 or newer."""
     found = version_of(seen)
     if found is None:
-        if not seen.exchanges(PacketType.CONTROLLER_VERSION):
-            return not_seen("it was not asked")
+        some(seen.exchanges(rtde.PacketType.CONTROLLER_VERSION), "it was not asked")
         return failed("it was not told")
-    said = ".".join(map(str, found))
-    return met(found.major >= 3, said)
+    return met(found.major >= 3, ".".join(map(str, found)))
 
 
 @requires(5, f"{GUIDE}: each request has its return")
@@ -152,9 +162,8 @@ def every_request_is_answered(seen: UrSeen) -> Verdict:
 @requires(6, f"{GUIDE}: field names and associated types")
 def outputs_are_as_documented(seen: UrSeen) -> Verdict:
     """All states that the driver asks for are there, with the documented types."""
-    found = [each for each in seen.setups(PacketType.OUTPUTS) if each[1].names == OUTPUTS]
-    if not found:
-        return not_seen("it was not answered")
+    found = [each for each in seen.setups(rtde.PacketType.OUTPUTS) if each[1].names == OUTPUTS]
+    some(found, "it was not answered")
     exchange, asked, reply = found[0]
     if len(reply.types) != len(asked.names):
         return failed(f"{len(reply.types)} types for {len(asked.names)}", [exchange.number])
@@ -168,11 +177,10 @@ def outputs_are_as_documented(seen: UrSeen) -> Verdict:
     return none_wrong(wrong, len(asked.names), f"{len(asked.names)} states", "")
 
 
-def refused(seen: UrSeen, kind: PacketType, name: str, word: str, *phases: str) -> Verdict:
+def refused(seen: UrSeen, kind: rtde.PacketType, name: str, word: str, *phases: str) -> Verdict:
     """Whether a recipe with a name was refused with `word`."""
     found = [each for each in seen.setups(kind, *phases) if name in each[1].names]
-    if not found:
-        return not_seen("it was not answered")
+    some(found, "it was not answered")
     exchange, asked, reply = found[-1]
     types = dict(zip(asked.names, reply.types, strict=False))
     said = f"recipe {reply.recipe}, {types.get(name, 'no type')}"
@@ -182,7 +190,7 @@ def refused(seen: UrSeen, kind: PacketType, name: str, word: str, *phases: str) 
 @requires(7, f"{GUIDE}: NOT_FOUND")
 def unknown_outputs_arerefused(seen: UrSeen) -> Verdict:
     """A name that there is not is NOT_FOUND, and the recipe 0: none."""
-    return refused(seen, PacketType.OUTPUTS, UNKNOWN, NOT_FOUND)
+    return refused(seen, rtde.PacketType.OUTPUTS, UNKNOWN, rtde.NOT_FOUND)
 
 
 @requires(8, f"{GUIDE}: start and pause")
@@ -212,8 +220,7 @@ def _steps(seen: UrSeen) -> list[tuple[State, State]]:
 def the_period_is_the_control_loop_s(seen: UrSeen) -> Verdict:
     """Asked for all, it sends a state in each control cycle: 2 ms, CB3 8 ms, to 2 % in the mean."""
     found = seen.during("listen")
-    if len(found) < FEWEST:
-        return not_seen("too few states")
+    some(len(found) >= FEWEST, "too few states")
     period_s = (found[-1].time_s - found[0].time_s) / (len(found) - 1)
     said = f"{period_s * 1e3:.3f} ms"
     return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said, [found[-1].number])
@@ -223,8 +230,7 @@ def the_period_is_the_control_loop_s(seen: UrSeen) -> Verdict:
 def none_is_left_out(seen: UrSeen) -> Verdict:
     """At most 1 % of the states are left out, as their timestamps say."""
     period_s, found = cycle_s(seen), _steps(seen)
-    if len(found) < FEWEST:
-        return not_seen("too few states")
+    some(len(found) >= FEWEST, "too few states")
     left_out = [
         (round((b.values["timestamp"] - a.values["timestamp"]) / period_s) - 1, b.number)
         for a, b in found
@@ -262,8 +268,7 @@ def it_is_never_silent(seen: UrSeen) -> Verdict:
         number = each.states[-1].number if each.states else 0
         times = [each.start_s, *(state.time_s for state in each.states), each.end_s]
         gaps.append((max(b - a for a, b in pairwise(times)), number))
-    if not gaps:
-        return not_seen("nothing was started")
+    some(gaps, "nothing was started")
     longest_s, number = max(gaps)
     said = f"longest {longest_s * 1e3:.1f} ms"
     return at_most(1e3 * STATE_TIMEOUT_S, 1e3 * longest_s, "ms", said, [number])
@@ -273,8 +278,7 @@ def it_is_never_silent(seen: UrSeen) -> Verdict:
 def arrival_is_steady(seen: UrSeen) -> Verdict:
     """95 % of the states arrive within 1.5 ms of their period after the one before."""
     found = _steps(seen)
-    if len(found) < FEWEST:
-        return not_seen("too few states")
+    some(len(found) >= FEWEST, "too few states")
     off = sorted(
         (abs(b.time_s - a.time_s - (b.values["timestamp"] - a.values["timestamp"])), b.number)
         for a, b in found
@@ -299,8 +303,7 @@ def packets_are_not_torn(each: Heard) -> str:
 def another_client_has_its_own_rate(seen: UrSeen) -> Verdict:
     """Another client beside it gets a tenth of the states, evenly, when it asks for a tenth."""
     found = [pair for each in streams(seen, SECOND) for pair in pairwise(each.states)]
-    if len(found) < 3:
-        return not_seen("it got no states")
+    some(len(found) >= 3, "it got no states")
     want_s = SLOWER * cycle_s(seen)
     wrong = [
         (b.number, f"{(b.values['timestamp'] - a.values['timestamp']) * 1e3:.1f} ms")
@@ -372,22 +375,19 @@ def the_primary_interface_begins_with_a_version(seen: UrSeen) -> Verdict:
     """The primary interface sends its version first, and then robot states."""
     if seen.phase("primary") is None:
         return not_seen("it was not opened")
-    if not seen.told:
-        return failed("nothing came")
+    must(seen.told, "nothing came")
     first = seen.told[0]
     if first.message is None or first.message.kind != MessageKind.VERSION:
         return failed(f"first a package of type {first.package.kind}", [first.number])
     count = sum(each.package.kind == ROBOT_STATE for each in seen.told)
-    said = f"{first.message.text}, {count} states"
-    return met(count > 0, said)
+    return met(count > 0, f"{first.message.text}, {count} states")
 
 
 @requires(22, f"{CLIENT}: 10 Hz")
 def robot_states_come_ten_times_a_second(seen: UrSeen) -> Verdict:
     """Robot states of the primary interface come ten times a second, to a tenth."""
     times = [each.time_s for each in seen.told if each.package.kind == ROBOT_STATE]
-    if len(times) < 4:
-        return not_seen("too few robot states")
+    some(len(times) >= 4, "too few robot states")
     period_s = (times[-1] - times[0]) / (len(times) - 1)
     said = f"{period_s * 1e3:.1f} ms"
     return met(abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE, said)
@@ -465,3 +465,201 @@ def the_dashboard_tells_the_same_modes(seen: UrSeen) -> Verdict:
 def both_descriptions_agree(seen: UrSeen) -> Verdict:
     """A second reader, the scapy layers, sees the same replies, recipes and values."""
     return readings_differ(seen)
+
+
+# -- level 0: the other interfaces, for what users run beside a driver ---------------------------
+
+
+REALTIME = "UR's guide to the real-time interface"
+SAME_RAD = 0.01
+"""Two interfaces tell of one moment at different times."""
+
+_NOT_OPENED = "it was not opened"
+
+
+@requires(27, f"{GUIDE}: protocol version 1")
+def version_1_is_spoken(seen: UrSeen) -> Verdict:
+    """The protocol version 1 is accepted: outputs are asked for without a frequency, and come in
+    each control cycle without a recipe's number."""
+    asked = some(versions(seen, 1), "it was not asked")
+    must(accepted(asked[0]), "not accepted", [asked[0].number])
+    setups = [each for each in seen.setups(PacketType.OUTPUTS) if each[1].names == OLD_OUTPUTS]
+    if not setups or not setups[0][2].recipe:
+        types = ", ".join(setups[0][2].types) if setups else "no answer"
+        return failed(f"outputs: {types}", [asked[0].number])
+    states = [state for each in streams(seen, OLD) for state in each.states]
+    must(len(states) >= FEWEST, f"{len(states)} states")
+    wrong = [
+        (b.number, f"{(b.values['timestamp'] - a.values['timestamp']) * 1e3:.1f} ms")
+        for a, b in pairwise(states)
+        if not 0.5 < (b.values["timestamp"] - a.values["timestamp"]) / cycle_s(seen) < 1.5
+    ]
+    allowed = len(wrong) <= 0.1 * len(states)
+    return none_wrong([] if allowed else wrong, len(states), f"{len(states)} states", "")
+
+
+@requires(28, f"{GUIDE}: controller output, and since which version")
+def all_published_outputs_are_there(seen: UrSeen) -> Verdict:
+    """Every output variable that is published for its version is there, with its type."""
+    names = published(version_of(seen))
+    found: dict[str, tuple[int, str]] = {}
+    for exchange, asked, reply in seen.setups(PacketType.OUTPUTS, "published"):
+        for name, kind in zip(asked.names, reply.types, strict=False):
+            found[name] = exchange.number, kind
+    some(names and found, "they were not asked for")
+    wrong = [
+        (found[name][0], f"{name} {found[name][1]}")
+        if name in found
+        else (seen.phases["published"].first, f"{name}: no answer")
+        for name in names
+        if name not in found or found[name][1] != OUTPUT_TYPES[name]
+    ]
+    return none_wrong(wrong, len(names), f"{len(names)} variables", "")
+
+
+@requires(29, f"{CLIENT}: the secondary interface has no messages but that of the version")
+def the_secondary_interface_tells_states(seen: UrSeen) -> Verdict:
+    """The secondary interface sends its version first, and then robot states ten times a second,
+    and no other messages."""
+    if seen.phase(PRIMARY) is None:
+        return not_seen(_NOT_OPENED)
+    found = [each for each in seen.secondary if seen.inside(each.number, PRIMARY)]
+    must(found, "nothing came")
+    first, *others = found
+    if first.message is None or first.message.kind != MessageKind.VERSION:
+        return failed(f"first a package of type {first.package.kind}", [first.number])
+    wrong = [each.number for each in others if each.message is not None]
+    must(not wrong, "another message", wrong)
+    times = [each.time_s for each in others if each.package.kind == ROBOT_STATE]
+    must(len(times) >= 3, f"{len(times)} robot states")
+    period_s = (times[-1] - times[0]) / (len(times) - 1)
+    said = f"{period_s * 1e3:.1f} ms"
+    return met(abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE, said)
+
+
+@requires(30, f"{CLIENT}: sub-packages of a robot state")
+def robot_states_are_whole(seen: UrSeen) -> Verdict:
+    """Robot states of the primary and the secondary interface have all documented sub-packages,
+    none shorter than documented, and nothing between them."""
+    version = version_of(seen)
+    wanted = [each for each in PARTS if not each.e_series or (version and version.major > 3)]
+    wrong, count = [], 0
+    for told in (*seen.told, *seen.secondary):
+        if told.package.kind != ROBOT_STATE:
+            continue
+        count += 1
+        found = sub_packages(told.package)
+        if found is None:
+            wrong.append((told.number, "sub-packages do not fill it"))
+            continue
+        for part in wanted:
+            if len(found.get(part.kind, b"")) < part.size:
+                had = f"{len(found[part.kind])} bytes" if part.kind in found else "missing"
+                wrong.append((told.number, f"sub-package {part.kind}: {had}, not {part.size}"))
+                break
+    return none_wrong(wrong, count, f"{count} robot states", "none came")
+
+
+@requires(31, f"{REALTIME}: 500 Hz on e-Series, 125 Hz on CB3; the length of each version")
+def the_real_time_interface_keeps_time(seen: UrSeen) -> Verdict:
+    """The real-time interface sends a packet in each control cycle, to 2 % in the mean, all of one
+    length, which is no less than what is documented for the version."""
+    version = version_of(seen)
+    if seen.phase(PRIMARY) is None or version is None:
+        return not_seen(_NOT_OPENED)
+    found = [each for each in seen.samples if seen.inside(each.number, PRIMARY)]
+    must(len(found) >= FEWEST, f"{len(found)} packets")
+    size = len(found[0].packet)
+    wrong = [each.number for each in found if len(each.packet) != size]
+    must(not wrong, f"{size} bytes, and others", wrong)
+    least = RealtimeForm(version[:2]).size
+    must(size >= least, f"{size} bytes, not {least}", [found[0].number])
+    period_s = (found[-1].time_s - found[0].time_s) / (len(found) - 1)
+    said = f"{size} bytes, {period_s * 1e3:.3f} ms"
+    return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said)
+
+
+def _same(told: Sequence[float], other: Sequence[float]) -> bool:
+    return all(abs(a - b) <= SAME_RAD for a, b in zip(told, other, strict=True))
+
+
+@requires(32, f"{REALTIME}: actual joint positions; {GUIDE}: actual_q")
+def the_real_time_interface_tells_the_same_joints(seen: UrSeen) -> Verdict:
+    """Joints of the real-time interface are those that RTDE tells within 0.3 s, to 0.01 rad."""
+    version = version_of(seen)
+    if version is None or not seen.samples:
+        return not_seen("no packet came")
+    form, wrong, count = RealtimeForm(version[:2]), [], 0
+    for each in seen.samples:
+        values, around = form.read(each.packet), near(seen, each.time_s)
+        if values is None or not around:
+            continue
+        count += 1
+        told = values["actual_q"]
+        if not any(_same(told, state.values["actual_q"]) for state in around):
+            words = ", ".join(f"{angle:g}" for angle in told)
+            wrong.append((each.number, f"joints at {words} rad"))
+    return none_wrong(wrong, count, f"{count} packets", "none could be compared")
+
+
+_WORDS = {
+    "safetymode": r"Safetymode: [A-Z_]+",
+    "running": r"Program running: (true|false)",
+    "programState": r"(STOPPED|PLAYING|PAUSED)\b.*",
+    "get loaded program": r"Loaded program: .+|No program loaded",
+    "isProgramSaved": r"(true|false)\b.*",
+    "PolyscopeVersion": r"(URSoftware|Polyscope:? ?)? ?\d+\.\d+.*",
+}
+
+
+@requires(33, f"{BOARD}: safetymode, running, programState, get loaded program, ...")
+def the_dashboard_answers_in_its_words(seen: UrSeen) -> Verdict:
+    """What the dashboard says of safety, program and version begins with the documented words."""
+    found = [each for words in WORDED for each in seen.said(words)]
+    wrong = [
+        (each.number, f"{each.asked}: {each.said!r}")
+        for each in found
+        if each.said is None or not re.fullmatch(_WORDS[each.asked], each.said, re.IGNORECASE)
+    ]
+    return none_wrong(wrong, len(found), f"{len(found)} answers", "nothing was asked")
+
+
+def readings_differ(seen: UrSeen) -> Verdict:
+    """Whether the layers and the codec read the controller's packets alike."""
+
+    def differs(each: Heard) -> str:
+        layers = second_description("rtde")
+        layer = layers.RtdeReply(each.raw)
+        return layers.malformed(layer) or _difference(seen, each, layer, layers)
+
+    # The layers are of version 2; of what is no data there is little.
+    heard = [each for each in seen.heard if each.channel not in seen.old]
+    data = [each for each in heard if isinstance(each.reply, Data)]
+    chosen = [each for each in heard if not isinstance(each.reply, Data)]
+    chosen += data[:: max(1, len(data) // COMPARED)]
+    return read_twice(chosen, differs, "packets", compared=max(1, len(chosen)))
+
+
+def _difference(seen: UrSeen, heard: Heard, layer: object, layers: Any) -> str:
+    """What a layer says otherwise; empty: nothing."""
+    reply = heard.reply
+    if isinstance(reply, SetupReply):
+        read = getattr(layer, "recipe", None), layers.listed(getattr(layer, "types", b""))
+        return "" if read == (reply.recipe, reply.types) else f"another recipe: {read}"
+    if isinstance(reply, Data):
+        recipe = seen.recipes.get(heard.number)
+        if recipe is None:
+            return ""
+        values = layers.values_of(recipe.types, getattr(layer, "values", b""))
+        same = recipe.unpack(reply.values)
+        return "" if same is not None and values == [*same.values()] else "other values"
+    for name, value in reply._asdict().items():
+        found = getattr(layer, _SAME.get(name, name), value)
+        found = found.decode() if isinstance(found, bytes) else found
+        if found != value:
+            return f"another {name}"
+    return ""
+
+
+_SAME = {"text": "message", "build": "build_number"}
+"""Fields of the codec, and the layers' names for them."""

@@ -21,7 +21,7 @@ from cardan.conform.ur_rtde.decoded import (
     SECOND,
     SECONDARY,
 )
-from cardan.protocols.ur import dashboard
+from cardan.protocols.ur import dashboard, rtde
 from cardan.protocols.ur.program import (
     JOINTS,
     Order,
@@ -31,25 +31,6 @@ from cardan.protocols.ur.program import (
     nobody,
     program,
     report_names,
-)
-from cardan.protocols.ur.rtde import (
-    VERSION,
-    Accepted,
-    ControllerVersion,
-    Data,
-    Malformed,
-    PacketReader,
-    PacketType,
-    Recipe,
-    Reply,
-    SetupReply,
-    Text,
-    ask_inputs,
-    ask_outputs,
-    ask_version,
-    control_rate_hz,
-    packet,
-    read_reply,
 )
 from cardan.protocols.ur.states import MOVES_IN, RobotMode, RuntimeState, SafetyMode
 from cardan.protocols.ur.variables import OUTPUT_VARIABLES
@@ -144,18 +125,37 @@ def _steady(speed_rad_s: float) -> _Path:
     return lambda time_s: (speed_rad_s * time_s, speed_rad_s)
 
 
+def _program(name: str, token: int, *lines: str) -> str:
+    """A program that first writes `token`, by which it is known to run."""
+    begin = f"write_output_integer_register({FIRST}, {token})"
+    return "\n  ".join((f"def {name}():", begin, *lines)) + "\nend\n"
+
+
 def says(token: int) -> str:
-    """A program that moves nothing: it says something, writes a register, and waits."""
-    return f"""\
-def cardan_says():
-  write_output_integer_register({FIRST}, {token})
-  textmsg("{SAYS} ", {token})
-  sleep({SLEEP_S})
-end
-"""
+    """A program that moves nothing: it says something, and waits."""
+    return _program("cardan_says", token, f'textmsg("{SAYS} ", {token})', f"sleep({SLEEP_S})")
 
 
-def published(version: ControllerVersion | None) -> tuple[str, ...]:
+def raises(token: int) -> str:
+    """A program that begins, and fails when it has run a little."""
+    lines = "local cardan_list = [1, 2]", f'textmsg("{SAYS} ", cardan_list[5])'
+    return _program(RAISES, token, *lines)
+
+
+def calls(token: int, host: str, port: int) -> str:
+    """A program that opens a socket to `host`, and says what it hears there."""
+    return _program(
+        CALLS,
+        token,
+        f'if socket_open("{host}", {port}, "cardan"):',
+        f'  socket_send_line("{SAYS} {token}", "cardan")',
+        f'  textmsg("{SAYS} {token} ", socket_read_line("cardan"))',
+        '  socket_close("cardan")',
+        "end",
+    )
+
+
+def published(version: rtde.ControllerVersion | None) -> tuple[str, ...]:
     """The output variables that a controller of that version has."""
     if version is None:
         return ()
@@ -163,36 +163,7 @@ def published(version: ControllerVersion | None) -> tuple[str, ...]:
     return tuple(name for name, since in found if since is not None and since <= version[:2])
 
 
-def raises(token: int) -> str:
-    """A program that begins, and fails when it has run a little."""
-    return f"""\
-def {RAISES}():
-  write_output_integer_register({FIRST}, {token})
-  local cardan_list = [1, 2]
-  textmsg("{SAYS} ", cardan_list[5])
-end
-"""
-
-
-def calls(token: int, host: str, port: int) -> str:
-    """A program that opens a socket to `host`, and says what it hears there."""
-    return f"""\
-def {CALLS}():
-  write_output_integer_register({FIRST}, {token})
-  if socket_open("{host}", {port}, "cardan"):
-    socket_send_line("{SAYS} {token}", "cardan")
-    textmsg("{SAYS} {token} ", socket_read_line("cardan"))
-    socket_close("cardan")
-  end
-end
-"""
-
-
-_WRONG = f"""\
-def {WRONG}():
-  cardan_has_no_such_function(1)
-end
-"""
+_WRONG = f"def {WRONG}():\n  cardan_has_no_such_function(1)\nend\n"
 
 
 class UrPilot(Scenario):
@@ -203,16 +174,16 @@ class UrPilot(Scenario):
         self._level = level
         self._seconds = seconds
         self._home = home
-        self._readers: dict[str, PacketReader] = {}
-        self._reply: Reply | None = None
+        self._readers: dict[str, rtde.PacketReader] = {}
+        self._reply: rtde.Reply | None = None
         self._said = dashboard.LineReader()
         self._lines = 0
         self._line = ""
         self._remote = self._local = False
         self._lost: set[str] = set()
-        self._version: ControllerVersion | None = None
-        self._outputs: Recipe | None = None
-        self._inputs: Recipe | None = None
+        self._version: rtde.ControllerVersion | None = None
+        self._outputs: rtde.Recipe | None = None
+        self._inputs: rtde.Recipe | None = None
         self._values: dict[str, Any] = {}
         self._token = 1000
         self._beat = 0
@@ -225,7 +196,7 @@ class UrPilot(Scenario):
     def answer(self, event: Event) -> Iterator[Act]:
         channel = event.channel
         if event.kind is Kind.OPENED:
-            self._readers[channel] = PacketReader()
+            self._readers[channel] = rtde.PacketReader()
             self._lost.discard(channel)
         elif event.kind in (Kind.CLOSED, Kind.REFUSED):
             self._lost.add(channel)
@@ -244,17 +215,17 @@ class UrPilot(Scenario):
         reader.feed(data)
         fresh = False
         while (found := reader.take()) is not None:
-            reply = read_reply(*found, 1 if channel == OLD else VERSION)
-            if isinstance(reply, Data):
+            reply = rtde.read_reply(*found, 1 if channel == OLD else rtde.VERSION)
+            if isinstance(reply, rtde.Data):
                 fresh = self._state(channel, reply) or fresh
-            elif not isinstance(reply, (Malformed, Text)):
+            elif not isinstance(reply, (rtde.Malformed, rtde.Text)):
                 self._reply = reply
         if reader.failure:
-            self._readers[channel] = PacketReader()
+            self._readers[channel] = rtde.PacketReader()
         if fresh and self._path is not None:
             yield from self._follow(*self._path(self.now_s - self._path_s))
 
-    def _state(self, channel: str, data: Data) -> bool:
+    def _state(self, channel: str, data: rtde.Data) -> bool:
         recipe = self._outputs
         if channel != RTDE or recipe is None or data.recipe != recipe.number:
             return False
@@ -296,28 +267,28 @@ class UrPilot(Scenario):
     def _listening(self) -> Script:
         yield open_(RTDE)
         yield mark("greet")
-        yield from self._asked(ask_version())
-        yield from self._asked(packet(PacketType.CONTROLLER_VERSION))
-        if isinstance(self._reply, ControllerVersion):
+        yield from self._asked(rtde.ask_version())
+        yield from self._asked(rtde.packet(rtde.PacketType.CONTROLLER_VERSION))
+        if isinstance(self._reply, rtde.ControllerVersion):
             self._version = self._reply
-        rate_hz = control_rate_hz(self._version)
-        self._outputs = yield from self._recipe(ask_outputs(rate_hz, OUTPUTS), OUTPUTS)
+        rate_hz = rtde.control_rate_hz(self._version)
+        self._outputs = yield from self._recipe(rtde.ask_outputs(rate_hz, OUTPUTS), OUTPUTS)
         yield mark("listen")
-        yield from self._asked(packet(PacketType.START))
+        yield from self._asked(rtde.packet(rtde.PacketType.START))
         yield Wait(self._seconds / 3.0)
         yield mark("pause")
-        yield from self._asked(packet(PacketType.PAUSE))
+        yield from self._asked(rtde.packet(rtde.PacketType.PAUSE))
         yield Wait(0.1)
         yield mark("go on")
-        yield from self._asked(packet(PacketType.START))
+        yield from self._asked(rtde.packet(rtde.PacketType.START))
         yield Wait(0.1)
         yield mark("other")
         yield open_(SECOND)
-        yield from self._asked(ask_version(FUTURE_VERSION), SECOND)
-        yield from self._asked(ask_version(), SECOND)
-        yield from self._asked(ask_outputs(1.0, ("timestamp", UNKNOWN)), SECOND)
-        yield from self._asked(ask_outputs(rate_hz / SLOWER, ("timestamp",)), SECOND)
-        yield from self._asked(packet(PacketType.START), SECOND)
+        yield from self._asked(rtde.ask_version(FUTURE_VERSION), SECOND)
+        yield from self._asked(rtde.ask_version(), SECOND)
+        yield from self._asked(rtde.ask_outputs(1.0, ("timestamp", UNKNOWN)), SECOND)
+        yield from self._asked(rtde.ask_outputs(rate_hz / SLOWER, ("timestamp",)), SECOND)
+        yield from self._asked(rtde.packet(rtde.PacketType.START), SECOND)
         yield Wait(0.4)
         yield close(SECOND)
         yield from self._published()
@@ -341,17 +312,17 @@ class UrPilot(Scenario):
         yield from self._other_client()
         names = published(self._version)
         for at in range(0, len(names), RECIPE_NAMES):
-            yield from self._asked(ask_outputs(1.0, names[at : at + RECIPE_NAMES]), SECOND)
+            yield from self._asked(rtde.ask_outputs(1.0, names[at : at + RECIPE_NAMES]), SECOND)
         yield close(SECOND)
 
     def _version_1(self) -> Script:
         yield mark("version 1")
         yield open_(OLD)
-        yield from self._asked(ask_version(1), OLD)
-        if isinstance(self._reply, Accepted) and self._reply.accepted:
+        yield from self._asked(rtde.ask_version(1), OLD)
+        if isinstance(self._reply, rtde.Accepted) and self._reply.accepted:
             names = ",".join(OLD_OUTPUTS).encode()
-            yield from self._asked(packet(PacketType.OUTPUTS, names), OLD)
-            yield from self._asked(packet(PacketType.START), OLD)
+            yield from self._asked(rtde.packet(rtde.PacketType.OUTPUTS, names), OLD)
+            yield from self._asked(rtde.packet(rtde.PacketType.START), OLD)
             yield Wait(0.3)
         yield close(OLD)
 
@@ -364,8 +335,8 @@ class UrPilot(Scenario):
 
     def _setting_up(self) -> Script:
         yield mark("inputs")
-        self._inputs = yield from self._recipe(ask_inputs(INPUTS), INPUTS)
-        data = packet(PacketType.CONTROLLER_VERSION)
+        self._inputs = yield from self._recipe(rtde.ask_inputs(INPUTS), INPUTS)
+        data = rtde.packet(rtde.PacketType.CONTROLLER_VERSION)
         self._reply = None
         yield mark("pieces")
         yield send(data[:1], RTDE)
@@ -374,21 +345,21 @@ class UrPilot(Scenario):
         yield Wait(REPLY_S, self._answered(RTDE))
         yield mark("taken")
         yield from self._other_client()
-        yield from self._asked(ask_inputs(INPUTS), SECOND)
-        yield from self._asked(ask_inputs((UNKNOWN,)), SECOND)
-        yield from self._asked(ask_inputs((SPARE_INPUT,)), SECOND)
+        yield from self._asked(rtde.ask_inputs(INPUTS), SECOND)
+        yield from self._asked(rtde.ask_inputs((UNKNOWN,)), SECOND)
+        yield from self._asked(rtde.ask_inputs((SPARE_INPUT,)), SECOND)
         yield close(SECOND)
         yield Wait(0.2)
         yield mark("free")
         yield from self._other_client()
-        yield from self._asked(ask_inputs((SPARE_INPUT,)), SECOND)
+        yield from self._asked(rtde.ask_inputs((SPARE_INPUT,)), SECOND)
         yield close(SECOND)
         yield mark("nonsense")
         yield from self._requested(NONSENSE)
 
     def _other_client(self) -> Script:
         yield open_(SECOND)
-        yield from self._asked(ask_version(VERSION), SECOND)
+        yield from self._asked(rtde.ask_version(rtde.VERSION), SECOND)
 
     def _powering(self) -> Script:
         yield mark("power")
@@ -444,11 +415,7 @@ class UrPilot(Scenario):
             yield from self._saying(always=True)
         yield mark("raise")
         if self._may_begin():
-            self._next_token()
-            yield send(raises(self._token).encode(), PRIMARY)
-            yield Wait(BEGIN_S, self._token_told)
-            yield Wait(END_S, self._stopped)
-            yield Wait(0.1)
+            yield from self._run(raises)
         yield mark("call")
         yield from self._called()
         yield mark("elsewhere")
@@ -464,11 +431,7 @@ class UrPilot(Scenario):
         yield open_(REVERSE)
         if REVERSE in self._lost:
             return
-        self._next_token()
-        yield send(calls(self._token, self._home, REVERSE_PORT).encode(), PRIMARY)
-        yield Wait(BEGIN_S, self._token_told)
-        yield Wait(CALL_S, self._stopped)
-        yield Wait(0.1)
+        yield from self._run(lambda token: calls(token, self._home, REVERSE_PORT), end_s=CALL_S)
         yield close(REVERSE)
 
     def _moving(self) -> Script:
@@ -540,14 +503,14 @@ class UrPilot(Scenario):
 
     def _recipe(
         self, data: bytes, names: Sequence[str]
-    ) -> Generator[Act | Wait, None, Recipe | None]:
+    ) -> Generator[Act | Wait, None, rtde.Recipe | None]:
         """A setup on the connection that is judged; gives its recipe, None where there is none."""
         yield from self._asked(data)
         reply = self._reply
-        if not isinstance(reply, SetupReply) or not reply.recipe:
+        if not isinstance(reply, rtde.SetupReply) or not reply.recipe:
             return None
         try:
-            return Recipe(reply.recipe, names, reply.types)
+            return rtde.Recipe(reply.recipe, names, reply.types)
         except ValueError:
             return None
 
@@ -596,14 +559,21 @@ class UrPilot(Scenario):
     def _saying(self, always: bool = False, channel: str = PRIMARY) -> Script:
         """The program that says something, where none runs, or `always`."""
         if (always or self._may_begin()) and channel not in self._lost:
-            self._next_token()
-            yield send(says(self._token).encode(), channel)
-            yield Wait(BEGIN_S, self._token_told)
-            yield Wait(END_S, self._stopped)
-            yield Wait(0.05)
+            yield from self._run(says, channel, rest_s=0.05)
 
-    def _token_told(self) -> bool:
-        return self._values.get(TOKEN) == self._token or RTDE in self._lost
+    def _run(
+        self,
+        made: Callable[[int], str],
+        channel: str = PRIMARY,
+        end_s: float = END_S,
+        rest_s: float = 0.1,
+    ) -> Script:
+        """A program that ends by itself."""
+        self._next_token()
+        yield send(made(self._token).encode(), channel)
+        yield Wait(BEGIN_S, lambda: RTDE in self._lost or self._values.get(TOKEN) == self._token)
+        yield Wait(end_s, self._stopped)
+        yield Wait(rest_s)
 
     def _begun(self) -> Script:
         """The driver's program, up to where it follows."""
@@ -615,7 +585,7 @@ class UrPilot(Scenario):
         self._beat += 1
         yield send(self._inputs.pack(nobody(self._beat)), RTDE)
         yield Wait(0.02)
-        period_s = 1.0 / control_rate_hz(self._version)
+        period_s = 1.0 / rtde.control_rate_hz(self._version)
         yield send(program(SERVOING, self._token, period_s).encode(), PRIMARY)
         yield Wait(BEGIN_S, lambda: self._follows() or RTDE in self._lost)
         if self._values:

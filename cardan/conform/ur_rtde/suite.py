@@ -10,7 +10,7 @@ from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event
 from cardan.conform.transports import ListenTcp, TcpPorts, Wire, Wires, host_and_port
-from cardan.conform.ur_rtde import interfaces, sending  # noqa: F401 - enter what they require
+from cardan.conform.ur_rtde import programs  # noqa: F401 - enters what it requires
 from cardan.conform.ur_rtde.decoded import (
     OLD,
     PRIMARY,
