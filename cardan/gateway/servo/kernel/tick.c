@@ -788,7 +788,7 @@ static bool strikes(Kernel *kernel, const double *step)
                                &kernel->ahead[j]);
             stepped = true;
         }
-        Separation after;
+        Separation after = {.features = kernel->separations[i].features};
         body_separation(&kernel->ahead[kernel->pairs[i].first],
                         &kernel->ahead[kernel->pairs[i].second], 0.0, &after);
         if (after.distance_m < 0.0)
