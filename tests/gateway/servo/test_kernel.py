@@ -111,15 +111,21 @@ def test_sliding_and_endless_joints_are_pinocchios_and_the_servos(monkeypatch):
     assert found.worse == 0
 
 
-@pytest.mark.parametrize("n", range(1, 9))
+@pytest.mark.parametrize("n", range(1, layout.MAX_JOINTS + 1))
 def test_the_smallest_eigenvalue_is_numpys(n):
     generator, library = np.random.default_rng(n), native.kernel_library()
-    for _ in range(200):
-        factor = generator.normal(size=(n, n)) * 10.0 ** generator.uniform(-6, 0, n)
+    for case in range(400):
+        factor, digits = generator.normal(size=(n, n)) * 10.0 ** generator.uniform(-6, 0, n), 1e-13
+        if case % 4 == 1:  # All of a few sizes, many of them the same.
+            factor, digits = np.linalg.qr(factor)[0] * generator.integers(1, 3, n), 1e-12
+        elif case % 4 == 2:  # Next to singular, or singular.
+            factor[:, -1] = factor[:, 0] * (1.0 + generator.choice([0.0, 1e-9, 1e-5]))
+        elif case % 4 == 3:
+            factor = np.diag(10.0 ** generator.integers(-8, 3, n))
         matrix = np.ascontiguousarray(factor.T @ factor)
         expected = np.linalg.eigvalsh(matrix)[0]
         found = library.kernel_smallest_eigenvalue(native.numbers(matrix.ravel()), n)
-        assert found == pytest.approx(expected, abs=1e-13 * np.abs(matrix).max())
+        assert found == pytest.approx(expected, abs=digits * np.abs(matrix).max())
 
 
 # ---------------------------------------------------------------------------------------------

@@ -59,6 +59,20 @@ def random_arm(rng):
     return parse_urdf(f'<robot name="any">{"".join(parts)}</robot>')
 
 
+def distances_of(servo, q):
+    """Those of all pairs at `q`, and their gradients, by the kernel of `servo`."""
+    count = len(servo.collision.pairs)
+    distances, rows = np.zeros(count), np.zeros((count, servo.joints))
+    pointer = native.POINTER(native.c_double)
+    native.kernel_library().kernel_distances(
+        servo._handle,
+        native.numbers(q),
+        distances.ctypes.data_as(pointer),
+        rows.ctypes.data_as(pointer),
+    )
+    return distances, rows
+
+
 class AllPairs:
     """Rows and nearest pair of a servo's next tick, of the distances and gradients of all pairs."""
 
@@ -76,14 +90,7 @@ class AllPairs:
         """How many rows, how many more or fewer by rounding, and what is left of distances."""
         servo, n = self.servo, self.servo.joints
         count = len(servo.collision.pairs)
-        distances, rows = np.zeros(count), np.zeros((count, n))
-        pointer = native.POINTER(native.c_double)
-        native.kernel_library().kernel_distances(
-            self._other._handle,
-            native.numbers(servo.q),
-            distances.ctypes.data_as(pointer),
-            rows.ctypes.data_as(pointer),
-        )
+        distances, rows = distances_of(self._other, servo.q)
         low, high = np.zeros(n), np.zeros(n)
         servo.bounds.fill(servo.q.tolist(), servo.v.tolist(), dt_s, low, high)
         grown = np.array([servo.collision.grown_of(pair) for pair in range(count)])
@@ -126,6 +133,23 @@ def test_rows_and_nearest_pair_are_those_of_all_pairs(seed):
             assert left[servo._state.nearest] == pytest.approx(left.min(), abs=1e-9)
             counts.add(found.active_pairs)
     assert len(counts) > 2  # Rows come and go.
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_was_nearest_before_changes_no_distance(seed):
+    """A walk in small steps, in large ones, and past bodies that overlap on the way."""
+    rng = np.random.default_rng(seed)
+    arm = ArmKinematics(random_arm(rng))
+    collision = CollisionModel(arm, tuple(surroundings(rng)))
+    servo = CompiledServo(arm, collision)
+    q = rng.uniform(np.maximum(arm.lower, -3.0), np.minimum(arm.upper, 3.0))
+    for _ in range(100):
+        q = q + rng.normal(size=arm.joints) * rng.choice((1e-3, 1e-2, 0.3))
+        distances, rows = distances_of(servo, q)
+        expected, gradients = distances_of(CompiledServo(arm, collision), q)
+        np.testing.assert_allclose(distances, expected, rtol=0.0, atol=1e-12)
+        apart = expected > 1e-3
+        np.testing.assert_allclose(rows[apart], gradients[apart], rtol=0.0, atol=1e-5)
 
 
 PROPELLER = """<robot name="propeller"><link name="base"/><link name="bar"><collision><geometry>

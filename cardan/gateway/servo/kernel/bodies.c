@@ -11,6 +11,10 @@
 /* Cross products of unit vectors shorter than this are of parallel ones. */
 #define PARALLEL 1e-9
 
+/* Of the nearest points of boxes, relative to how far these and their middles are apart: those of
+ * edges that are nearly parallel have as few digits. */
+#define ROUNDING 1e-13
+
 void body_place(const KernelShape *shape, const Placement *at, Body *body)
 {
     double moved[3];
@@ -266,15 +270,24 @@ static void capsule_and_box(const Body *capsule, const Body *box, Separation *ou
 typedef struct {
     double square;
     double on_first[3], on_second[3]; /* axes of the first box */
+    int features;
 } Nearest;
 
-static void keep_nearer(Nearest *nearest, const double on_first[3], const double on_second[3])
+/* Numbers of the features that points are on: a corner of the second box, a corner of the first, an
+ * edge of each. */
+#define OF_SECOND 1
+#define OF_FIRST (OF_SECOND + 8)
+#define OF_EDGES (OF_FIRST + 8)
+
+static void keep_nearer(Nearest *nearest, const double on_first[3], const double on_second[3],
+                        int features)
 {
     double between[3];
     subtract3(on_second, on_first, between);
     double square = dot3(between, between);
     if (square < nearest->square) {
         nearest->square = square;
+        nearest->features = features;
         copy3(on_first, nearest->on_first);
         copy3(on_second, nearest->on_second);
     }
@@ -294,6 +307,20 @@ static int edge_middle(const double half[3], int which, double out[3])
     out[next] = which & 1 ? half[next] : -half[next];
     out[last] = which & 2 ? half[last] : -half[last];
     return axis;
+}
+
+/* Two boxes, the second at `middle` and `turned` in the axes of the first. */
+typedef struct {
+    const double *a, *b; /* half their edges */
+    double turned[9], middle[3];
+} Boxes;
+
+/* A point of the second box, in the axes of the first. */
+static void of_second(const Boxes *boxes, const double point[3], double out[3])
+{
+    double moved[3];
+    turn3(boxes->turned, point, moved);
+    along3(boxes->middle, 1.0, moved, out);
 }
 
 /* What lies between two boxes, the second at `middle` and `turned` in the axes of the first. */
@@ -332,68 +359,109 @@ static bool can_be_nearest(const double edge[3], int axis, const double beyond[3
     return true;
 }
 
-/* Two boxes, the second at `middle` and `turned` in the axes of the first, that do not meet: the
- * nearest points are a corner and a point of the other, or on two edges. */
-static void apart(const double a[3], const double b[3], const double turned[9],
-                  const double middle[3], const Faces *faces, Nearest *nearest)
+static void try_corner_of_second(const Boxes *boxes, int which, Nearest *nearest)
 {
-    double edges[12][3], point[3], other[3], moved[3];
+    double point[3], other[3];
+    corner(boxes->b, which, point);
+    of_second(boxes, point, other);
+    for (int i = 0; i < 3; i++)
+        point[i] = clamp(other[i], -boxes->a[i], boxes->a[i]);
+    keep_nearer(nearest, point, other, OF_SECOND + which);
+}
+
+static void try_corner_of_first(const Boxes *boxes, int which, Nearest *nearest)
+{
+    double point[3], other[3], moved[3];
+    corner(boxes->a, which, point);
+    subtract3(point, boxes->middle, moved);
+    turn_back3(boxes->turned, moved, other);
+    for (int i = 0; i < 3; i++)
+        moved[i] = clamp(other[i], -boxes->b[i], boxes->b[i]);
+    of_second(boxes, moved, other);
+    keep_nearer(nearest, point, other, OF_FIRST + which);
+}
+
+/* Edge `first` of the first box, and `second`, of which the middle is `at`. */
+static void try_edges(const Boxes *boxes, int first, int second, const double at[3],
+                      Nearest *nearest)
+{
+    double start[3], end[3], from[3], to[3], on_first[3], on_second[3];
+    int axis = edge_middle(boxes->a, first, start), along = second >> 2;
+    copy3(start, end);
+    start[axis] = -boxes->a[axis];
+    end[axis] = boxes->a[axis];
+    const double axis_b[3] = {boxes->turned[along], boxes->turned[3 + along],
+                              boxes->turned[6 + along]};
+    along3(at, -boxes->b[along], axis_b, from);
+    along3(at, boxes->b[along], axis_b, to);
+    segments(start, end, from, to, on_first, on_second);
+    keep_nearer(nearest, on_first, on_second, OF_EDGES + 12 * first + second);
+}
+
+/* The nearest points of features that were nearest. */
+static void try_features(const Boxes *boxes, int features, Nearest *nearest)
+{
+    if (features >= OF_EDGES) {
+        int first = (features - OF_EDGES) / 12, second = (features - OF_EDGES) % 12;
+        double point[3], at[3];
+        edge_middle(boxes->b, second, point);
+        of_second(boxes, point, at);
+        try_edges(boxes, first, second, at, nearest);
+    } else if (features >= OF_FIRST) {
+        try_corner_of_first(boxes, features - OF_FIRST, nearest);
+    } else {
+        try_corner_of_second(boxes, features - OF_SECOND, nearest);
+    }
+}
+
+/* How far apart two boxes are at least: what is between them along the line through two points. */
+static double gap_along(const Boxes *boxes, const Nearest *nearest)
+{
+    double along[3], own[3];
+    subtract3(nearest->on_second, nearest->on_first, along);
+    turn_back3(boxes->turned, along, own);
+    double gap = dot3(along, boxes->middle);
+    for (int i = 0; i < 3; i++)
+        gap -= boxes->a[i] * fabs(along[i]) + boxes->b[i] * fabs(own[i]);
+    return gap / sqrt(nearest->square);
+}
+
+/* Two boxes that do not meet: the nearest points are a corner and a point of the other, or on two
+ * edges. */
+static void apart(const Boxes *boxes, const Faces *faces, Nearest *nearest)
+{
+    double edges[12][3], point[3];
+    const double *a = boxes->a, *b = boxes->b;
     const double *beyond_a = faces->of_first, *beyond_b = faces->of_second;
     bool of_b[12];
-    nearest->square = INFINITY;
     for (int which = 0; which < 8; which++) {
         corner(b, which, point);
-        if (can_be_nearest(point, -1, beyond_b)) {
-            turn3(turned, point, moved);
-            along3(middle, 1.0, moved, other);
-            for (int i = 0; i < 3; i++)
-                point[i] = clamp(other[i], -a[i], a[i]);
-            keep_nearer(nearest, point, other);
-        }
+        if (can_be_nearest(point, -1, beyond_b))
+            try_corner_of_second(boxes, which, nearest);
         corner(a, which, point);
-        if (can_be_nearest(point, -1, beyond_a)) {
-            subtract3(point, middle, moved);
-            turn_back3(turned, moved, other);
-            for (int i = 0; i < 3; i++)
-                other[i] = clamp(other[i], -b[i], b[i]);
-            turn3(turned, other, moved);
-            along3(middle, 1.0, moved, other);
-            keep_nearer(nearest, point, other);
-        }
+        if (can_be_nearest(point, -1, beyond_a))
+            try_corner_of_first(boxes, which, nearest);
     }
     for (int which = 0; which < 12; which++) {
         int axis = edge_middle(b, which, point);
         of_b[which] = can_be_nearest(point, axis, beyond_b);
-        if (!of_b[which])
-            continue;
-        turn3(turned, point, moved);
-        along3(middle, 1.0, moved, edges[which]);
+        if (of_b[which])
+            of_second(boxes, point, edges[which]);
     }
     for (int first = 0; first < 12; first++) {
-        double start[3], end[3];
         int axis = edge_middle(a, first, point);
         if (!can_be_nearest(point, axis, beyond_a))
             continue;
-        copy3(point, start);
-        copy3(point, end);
-        start[axis] = -a[axis];
-        end[axis] = a[axis];
         for (int second = 0; second < 12; second++) {
             if (!of_b[second])
                 continue;
-            int along = second >> 2;
-            double away[3], from[3], to[3], reach = a[axis] + b[along];
+            double away[3], reach = a[axis] + b[second >> 2];
             subtract3(edges[second], point, away);
             double far = dot3(away, away);
             /* No point of one edge is nearer to the other than their middles less half of both. */
             if (far > reach * reach && sqrt(far) - reach > sqrt(nearest->square))
                 continue;
-            const double axis_b[3] = {turned[along], turned[3 + along], turned[6 + along]};
-            along3(edges[second], -b[along], axis_b, from);
-            along3(edges[second], b[along], axis_b, to);
-            double on_first[3], on_second[3];
-            segments(start, end, from, to, on_first, on_second);
-            keep_nearer(nearest, on_first, on_second);
+            try_edges(boxes, first, second, edges[second], nearest);
         }
     }
 }
@@ -474,35 +542,56 @@ static double separating_axis(const double a[3], const double b[3], const double
 
 static void boxes(const Body *first, const Body *second, double far_m, Separation *out)
 {
-    double away[3], middle[3], turned[9], normal[3], on_second[3];
+    double away[3], normal[3], on_second[3];
+    Boxes both = {.a = first->half_m, .b = second->half_m};
     subtract3(second->position, first->position, away);
-    turn_back3(first->rotation, away, middle);
+    turn_back3(first->rotation, away, both.middle);
     for (int row = 0; row < 3; row++)
         for (int column = 0; column < 3; column++) {
             double sum = 0.0;
             for (int i = 0; i < 3; i++)
                 sum += first->rotation[3 * i + row] * second->rotation[3 * i + column];
-            turned[3 * row + column] = sum;
+            both.turned[3 * row + column] = sum;
         }
+    Nearest nearest = {.square = INFINITY};
+    bool known = false;
+    if (out->features) {
+        try_features(&both, out->features, &nearest);
+        double distance = sqrt(nearest.square), gap = -INFINITY;
+        if (distance > TOUCHING_M)
+            gap = gap_along(&both, &nearest);
+        if (gap > far_m) {
+            out->distance_m = gap;
+            return;
+        }
+        /* Nothing is nearer than what a plane between them leaves. */
+        known = distance - gap <= ROUNDING * (distance + norm3(both.middle));
+    }
     Faces faces;
-    between_faces(first->half_m, second->half_m, turned, middle, &faces);
-    bool by_faces = faces.most > 0.0;
-    double gap = faces.most;
-    if (!by_faces)
-        gap = separating_axis(first->half_m, second->half_m, turned, middle, normal, on_second);
-    out->distance_m = gap;
-    if (gap > far_m)
-        return;
-    if (gap > 0.0) {
-        Nearest nearest;
-        apart(first->half_m, second->half_m, turned, middle, &faces, &nearest);
+    bool by_faces = true;
+    if (!known) {
+        between_faces(both.a, both.b, both.turned, both.middle, &faces);
+        by_faces = faces.most > 0.0;
+        double gap = faces.most;
+        if (!by_faces)
+            gap = separating_axis(both.a, both.b, both.turned, both.middle, normal, on_second);
+        out->distance_m = gap;
+        if (gap > far_m)
+            return;
+        out->features = 0;
+        known = gap > 0.0;
+        if (known)
+            apart(&both, &faces, &nearest);
+    }
+    if (known) {
         double distance = sqrt(nearest.square);
         out->distance_m = distance;
+        out->features = nearest.features;
         if (distance > TOUCHING_M)
             for (int i = 0; i < 3; i++)
                 normal[i] = (nearest.on_second[i] - nearest.on_first[i]) / distance;
         else if (by_faces)
-            separating_axis(first->half_m, second->half_m, turned, middle, normal, on_second);
+            separating_axis(both.a, both.b, both.turned, both.middle, normal, on_second);
         copy3(nearest.on_second, on_second);
     }
     turn3(first->rotation, normal, out->normal);

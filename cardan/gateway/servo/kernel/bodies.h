@@ -34,12 +34,14 @@ typedef struct {
     double distance_m; /* negative: they overlap by so much */
     double normal[3];  /* unit vector from the first to the second */
     double point[3];   /* of the second that is nearest to the first, or deepest in it */
+    int32_t features;  /* of two boxes: those that were nearest when last computed; 0: none */
 } Separation;
 
 void body_place(const KernelShape *shape, const Placement *at, Body *body);
 
 /* Not of two half-spaces. Where they are farther apart than `far_m`, out has a distance between that
- * and the true one, and nothing else: that much is found at once. */
+ * and the true one, and nothing else: that much is found at once. What of two boxes was nearest before
+ * is tried first: `features` is in and out, and 0 before the first time. */
 void body_separation(const Body *first, const Body *second, double far_m, Separation *out);
 
 #endif

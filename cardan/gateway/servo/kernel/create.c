@@ -117,16 +117,16 @@ static int32_t problem(const KernelArm *arm, const KernelOptions *options,
 
 static void set_task(Kernel *kernel, const KernelArm *arm)
 {
-    int counted = 0, ones = 0;
+    int counted = 0;
     for (int i = 0; i < 6; i++) {
         double weight = arm->weights[i], length = i < 3 ? 1.0 : kernel->options.length_m;
         kernel->weights[i] = weight * length;
+        /* Priorities among directions must not make an arm look singular. */
         kernel->scales[i] = weight != 0.0 ? length : 0.0;
-        counted += weight != 0.0;
-        ones += weight == 1.0;
+        if (weight != 0.0)
+            kernel->directions[counted++] = i;
     }
-    /* Priorities among directions must not make an arm look singular. */
-    kernel->equal_weights = ones == counted;
+    kernel->counted = counted;
     int rank = counted < arm->joints ? counted : arm->joints;
     kernel->full_rank = rank == 6;
     kernel->smallest = arm->joints - rank;

@@ -129,3 +129,39 @@ int eigen_symmetric(int n, const double matrix[MAX_JOINTS][MAX_JOINTS], double v
     }
     return true;
 }
+
+double eigen_smallest(int n, double matrix[MAX_JOINTS][MAX_JOINTS])
+{
+    double diagonal[MAX_JOINTS], lower[MAX_JOINTS] = {0.0}, norm = 0.0, at = 0.0, before = 0.0;
+    tridiagonal(n, matrix, diagonal, lower, NULL);
+    for (int i = 0; i < n; i++) {
+        norm = norm > diagonal[i] ? norm : diagonal[i];
+        lower[i] *= lower[i];
+    }
+    for (int step = 0; step < EIGEN_STEPS; step++) {
+        /* Of the polynomial as the product of pivots: sums of 1 / (value - at), and of its square. */
+        double square = 0.0, share = 0.0, second = 0.0, first_sum = 0.0, second_sum = 0.0;
+        for (int i = 0; i < n; i++) {
+            double pivot = diagonal[i] - at - square;
+            if (!(pivot > 0.0))
+                return at;
+            double inverse = 1.0 / pivot;
+            second = square * (second - 2.0 * share * share) * inverse;
+            share = (square * share - 1.0) * inverse;
+            first_sum -= share;
+            second_sum += share * share - second;
+            square = lower[i] * inverse;
+        }
+        double spread = (n - 1) * (n * second_sum - first_sum * first_sum);
+        double away = n / (first_sum + (spread > 0.0 ? sqrt(spread) : 0.0));
+        if (!(away > 0.0))
+            return at;
+        at += away;
+        /* The next is less by the third power of that, or as much where values are the same. */
+        double less = away / before;
+        if (away * less * less * less < DBL_EPSILON * (at + norm * DBL_EPSILON))
+            return at;
+        before = away;
+    }
+    return at;
+}

@@ -13,4 +13,11 @@
 int eigen_symmetric(int n, const double matrix[MAX_JOINTS][MAX_JOINTS], double values[MAX_JOINTS],
                     double (*vectors)[MAX_JOINTS]);
 
+/*
+ * The smallest eigenvalue of the positive semidefinite `matrix` (n x n), which is overwritten; 0 where
+ * that is 0 but for rounding. Householder's tridiagonal form, and Laguerre's steps from 0 on its
+ * characteristic polynomial (Parlett 1964), which come near it from below: EIGEN_STEPS at most.
+ */
+double eigen_smallest(int n, double matrix[MAX_JOINTS][MAX_JOINTS]);
+
 #endif

@@ -46,7 +46,8 @@ struct Kernel {
     int n;
     double lower[MAX_JOINTS], upper[MAX_JOINTS], velocity[MAX_JOINTS], acceleration[MAX_JOINTS];
     double weights[6], scales[6];
-    int equal_weights, full_rank, smallest;
+    int directions[6], counted; /* those that have a weight */
+    int full_rank, smallest;
     double small_m, small_rad;
     KernelOptions options;
 

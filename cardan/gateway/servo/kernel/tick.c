@@ -565,22 +565,39 @@ static void add_posture(Kernel *kernel, double vectors[MAX_JOINTS][MAX_JOINTS],
     }
 }
 
-/* The smallest eigenvalue of the task, which `matrix` becomes, of the joints that are not at an end
- * of their range. */
-static double smallest_of_free(const Kernel *kernel, double matrix[MAX_JOINTS][MAX_JOINTS])
+/* The smallest eigenvalue of the task that is not 0 for want of joints or of directions: of all
+ * joints, or of those that are not at an end of their range. */
+static double smallest_eigenvalue(const Kernel *kernel, bool of_free)
 {
     const KernelState *state = &kernel->state;
-    double values[MAX_JOINTS];
-    int n = kernel->n, ended = 0;
-    for (int i = 0; i < n; i++) {
-        if (!(fmin(kernel->upper[i] - state->q[i], state->q[i] - kernel->lower[i]) < AT_END))
+    double columns[MAX_JOINTS][6], matrix[MAX_JOINTS][MAX_JOINTS];
+    int counted = kernel->counted, free = 0;
+    for (int i = 0; i < kernel->n; i++) {
+        if (of_free && fmin(kernel->upper[i] - state->q[i], state->q[i] - kernel->lower[i]) < AT_END)
             continue;
-        ended++;
-        for (int j = 0; j < n; j++)
-            matrix[i][j] = matrix[j][i] = 0.0;
+        for (int k = 0; k < counted; k++) {
+            int row = kernel->directions[k];
+            columns[free][k] = kernel->scales[row] * kernel->jacobian[row][i];
+        }
+        free++;
     }
-    int smallest = kernel->smallest > ended ? kernel->smallest : ended;
-    return smallest < n && eigen_symmetric(n, matrix, values, NULL) ? values[smallest] : 0.0;
+    if (!free)
+        return 0.0;
+    if (free <= counted) {
+        for (int i = 0; i < free; i++)
+            for (int j = 0; j <= i; j++)
+                matrix[i][j] = matrix[j][i] = product(counted, columns[i], columns[j]);
+        return eigen_smallest(free, matrix);
+    }
+    memset(matrix, 0, sizeof matrix);
+    for (int i = 0; i < free; i++)
+        for (int k = 0; k < counted; k++)
+            for (int l = 0; l <= k; l++)
+                matrix[k][l] += columns[i][k] * columns[i][l];
+    for (int k = 0; k < counted; k++)
+        for (int l = 0; l < k; l++)
+            matrix[l][k] = matrix[k][l];
+    return eigen_smallest(counted, matrix);
 }
 
 /* Smallest singular value of the task, the damping it asks for, and the directions it leaves. */
@@ -590,31 +607,21 @@ static void damp(Kernel *kernel, const double *joint_rate, double pace)
     const KernelOptions *options = &kernel->options;
     KernelState *state = &kernel->state;
     int n = kernel->n;
-    double matrix[MAX_JOINTS][MAX_JOINTS] = {{0.0}}, values[MAX_JOINTS];
-    double vectors[MAX_JOINTS][MAX_JOINTS];
-    bool pulled = kernel->smallest && (state->has_posture || joint_rate);
-    if (kernel->equal_weights) {
-        for (int i = 0; i < n; i++)
-            for (int j = 0; j <= i; j++)
-                matrix[i][j] = matrix[j][i] = programme->hessian[i][j];
-    } else {
-        normal_matrix(kernel, kernel->scales, matrix);
-    }
-    bool found = eigen_symmetric(n, matrix, values, pulled ? vectors : NULL);
-    double square = found ? values[kernel->smallest] : 0.0;
-    if (kernel->held)
-        square = smallest_of_free(kernel, matrix);
-    double sigma = state->smallest_singular_value = square > 0.0 ? sqrt(square) : 0.0;
+    double sigma = state->smallest_singular_value = sqrt(smallest_eigenvalue(kernel, kernel->held));
     double damping = options->damping_floor;
     if (sigma < options->singular_below) {
         double share = sigma / options->singular_below;
         damping += options->damping * options->damping * (1.0 - share * share);
     }
     state->damping = sqrt(damping);
+    if (kernel->smallest && (state->has_posture || joint_rate)) {
+        double matrix[MAX_JOINTS][MAX_JOINTS], values[MAX_JOINTS], vectors[MAX_JOINTS][MAX_JOINTS];
+        normal_matrix(kernel, kernel->scales, matrix);
+        if (eigen_symmetric(n, matrix, values, vectors))
+            add_posture(kernel, vectors, joint_rate, pace);
+    }
     for (int i = 0; i <= n; i++)
         programme->hessian[i][i] += damping;
-    if (pulled && found)
-        add_posture(kernel, vectors, joint_rate, pace);
 }
 
 /* Row `index` of H and f, of its column of the task. */
@@ -781,7 +788,7 @@ static bool strikes(Kernel *kernel, const double *step)
                                &kernel->ahead[j]);
             stepped = true;
         }
-        Separation after;
+        Separation after = {.features = kernel->separations[i].features};
         body_separation(&kernel->ahead[kernel->pairs[i].first],
                         &kernel->ahead[kernel->pairs[i].second], 0.0, &after);
         if (after.distance_m < 0.0)
@@ -1105,9 +1112,9 @@ int32_t kernel_programme(Programme *programme)
 
 double kernel_smallest_eigenvalue(const double *matrix, int32_t n)
 {
-    double values[MAX_JOINTS], copy[MAX_JOINTS][MAX_JOINTS] = {{0.0}};
+    double copy[MAX_JOINTS][MAX_JOINTS] = {{0.0}};
     for (int i = 0; i < n; i++)
         for (int j = 0; j < n; j++)
             copy[i][j] = matrix[i * n + j];
-    return eigen_symmetric(n, copy, values, NULL) ? values[0] : NAN;
+    return eigen_smallest(n, copy);
 }
