@@ -302,8 +302,9 @@ class ArmBody(Body):
             joint_rates = np.array([rates.get(name, 0.0) for name in servo.kinematics.names])
         twist = reference.linear, reference.angular
         share = servo.tick(reference.pose, twist, dt_s, joint_rates, slide=slide)
-        if servo.reachable is not None:
-            reference.pose = servo.reachable
+        reachable = servo.reachable
+        if reachable is not None:
+            reference.pose = reachable
         linear, angular = servo.twist.tolist()
         reference.move(Vector3(*linear), Vector3(*angular), dt_s)
         return share

@@ -31,8 +31,11 @@ from cardan.robots import Box, Capsule, JointKind, SixWeights
 from cardan.spatial import norm, subtract
 from cardan.types import Pose, Quaternion, Vector3
 
-_GOAL = struct.Struct("13d")
-_POSE = struct.Struct("7d")
+_pack_goal = struct.Struct("13d").pack_into
+_unpack_pose = struct.Struct("7d").unpack_from
+
+_FLAGS = tuple(ctypes.c_int32(flags) for flags in range(4))
+"""Of a tick, made once: to make one takes longer than to pass it on."""
 
 _SPHERE_M = 1e-9
 """Capsules shorter than this are spheres, as CollisionModel has it."""
@@ -76,7 +79,6 @@ class CompiledServo:
         self.options = options = options or ServoOptions()
         n = self.joints = kinematics.joints
         self.bounds = JointBounds(kinematics, options.speed_share, options.acceleration_share)
-        self.reachable: Pose | None = None
         self._handle = _create(library, kinematics, self.bounds, collision, options, weights)
         address = library.kernel_state(self._handle)
         self._state: Any = layout.CState.from_address(address)
@@ -84,18 +86,20 @@ class CompiledServo:
         weakref.finalize(self._memory, library.kernel_destroy, self._handle).atexit = False
         self._library = library
         self._tick = library.kernel_tick
+        self._dt_s, self._period = 0.0, ctypes.c_double()
         self._projects = min(sum(1 for weight in weights if weight), n) < 6
         self.q = self._window("q", n)
         self.v = self._window("v", n)
         self.twist = self._window("twist", 6).reshape(2, 3)
         self._motion = self._window("motion", 6).reshape(2, 3)
         self._posture = self._window("posture", n)
-        self._joint_rate = self._window("joint_rate", n)
-        self._goal_joints = self._window("goal_joints", n)
-        self._goal_rate = self._window("goal_rate", n)
+        self._joint_rate = layout.CState.joint_rate.offset
+        self._goal_joints = layout.CState.goal_joints.offset
+        self._goal_rate = layout.CState.goal_rate.offset
         self._numbers = layout.CState.goal_position.offset
         self._pose_joints = layout.CState.pose_joints.offset
-        self._joints = struct.Struct(f"{n}d")
+        self._reachable = layout.CState.reachable_position.offset
+        self._pack_joints = struct.Struct(f"{n}d").pack_into
         movers = 0 if collision is None else len(collision.solids) - collision.first_mover
         self._placements, self._grown_m = np.zeros((movers, 12)), np.zeros(movers)
         self.policy = options.policy
@@ -123,6 +127,18 @@ class CompiledServo:
         if len(values) != self.joints:
             raise ValueError(f"{what}: {len(values)} values for {self.joints} joints")
         return native.numbers(values)
+
+    def _write(self, what: str, offset: int, values: Any) -> None:
+        """`values`, one for each joint, where the kernel reads them."""
+        given = values.tolist() if isinstance(values, np.ndarray) else values
+        try:
+            self._pack_joints(self._memory, offset, *given)
+        except struct.error as error:
+            if len(given) != self.joints:
+                text = f"{what}: {len(given)} values for {self.joints} joints"
+            else:
+                text = f"{what}: {given} are not numbers: {error}"
+            raise ValueError(text) from None
 
     def place(self, q: FloatArray) -> None:
         """Start from the joint positions `q`, at rest. Only while nothing is commanded."""
@@ -167,13 +183,21 @@ class CompiledServo:
         """The TCP in the base for the joint positions `q`."""
         if self.kinematics.tool is not self._tool:
             self._take_tool()
-        self._joints.pack_into(self._memory, self._pose_joints, *q)
+        self._pack_joints(self._memory, self._pose_joints, *q)
         self._library.kernel_pose_at(self._handle)
         return self._read_pose(layout.CState.pose_position.offset)
 
     def _read_pose(self, offset: int) -> Pose:
-        x, y, z, w, i, j, k = _POSE.unpack_from(self._memory, offset)
+        x, y, z, w, i, j, k = _unpack_pose(self._memory, offset)
         return Pose(Vector3(x, y, z), Quaternion(w, i, j, k))
+
+    @property
+    def reachable(self) -> Pose | None:
+        """As Servo.reachable."""
+        if not self._projects:
+            return None
+        pose = self._read_pose(self._reachable)
+        return pose if any(pose.orientation) else None  # None was computed so far.
 
     @property
     def motion(self) -> FloatArray:
@@ -231,24 +255,25 @@ class CompiledServo:
             self._take_tool()
         linear, angular = twist
         try:
-            _GOAL.pack_into(
+            _pack_goal(
                 self._memory, self._numbers, *goal.position, *goal.orientation, *linear, *angular
             )
         except struct.error as error:
             raise ValueError(f"{goal} and {twist} are no pose and 2×3 numbers: {error}") from None
         flags = layout.SLIDE if slide else 0
         if joint_rate is not None:
-            self._joint_rate[:] = self._checked("joint rates", joint_rate)
+            self._write("joint rates", self._joint_rate, joint_rate)
             flags |= layout.WITH_RATE
-        share: float = self._tick(self._handle, dt_s, flags)
-        if self._projects and self._state.problem not in (layout.BAD_INPUT, layout.BAD_PERIOD):
-            self.reachable = self._read_pose(layout.CState.reachable_position.offset)
+        if dt_s != self._dt_s:
+            self._period.value = dt_s
+            self._dt_s = dt_s
+        share: float = self._tick(self._handle, self._period, _FLAGS[flags])
         return share
 
     def tick_joints(self, goal: FloatArray, rate: FloatArray, dt_s: float) -> float:
         """As Servo.tick_joints. A number that is none, or a period that is not above 0, brakes."""
-        self._goal_joints[:] = self._checked("joint goal", goal)
-        self._goal_rate[:] = self._checked("joint rates", rate)
+        self._write("joint goal", self._goal_joints, goal)
+        self._write("joint rates", self._goal_rate, rate)
         share: float = self._library.kernel_tick_joints(self._handle, dt_s)
         return share
 

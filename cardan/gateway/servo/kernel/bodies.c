@@ -119,7 +119,7 @@ static void plane_and_capsule(const Body *plane, const Body *capsule, Separation
 {
     double start = dot3(plane->normal, capsule->start), end = dot3(plane->normal, capsule->end);
     const double *lowest = start <= end ? capsule->start : capsule->end;
-    out->distance_m = fmin(start, end) - plane->offset_m - capsule->radius_m;
+    out->distance_m = smaller(start, end) - plane->offset_m - capsule->radius_m;
     copy3(plane->normal, out->normal);
     along3(lowest, -capsule->radius_m, plane->normal, out->point);
 }

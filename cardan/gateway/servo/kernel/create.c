@@ -137,9 +137,9 @@ static void set_gains(Kernel *kernel)
     /* For errors so small the gain alone counts: not fast, and far from overshooting. */
     const KernelOptions *options = &kernel->options;
     double gain = options->gain_1_s, square = gain * gain;
-    kernel->small_m = fmin(0.5 * options->linear_deceleration_m_s2 / square,
+    kernel->small_m = smaller(0.5 * options->linear_deceleration_m_s2 / square,
                            options->linear_speed_m_s / gain);
-    kernel->small_rad = fmin(0.5 * options->angular_deceleration_rad_s2 / square,
+    kernel->small_rad = smaller(0.5 * options->angular_deceleration_rad_s2 / square,
                              options->angular_speed_rad_s / gain);
 }
 
@@ -181,11 +181,11 @@ static void group_pairs(Kernel *kernel)
         group->high = high;
         group->beyond++;
         for (int j = 0; j < kernel->n; j++) {
-            group->sweep[j] = fmax(group->sweep[j], pair->sweep[j]);
-            kernel->farthest[j] = fmax(kernel->farthest[j], pair->sweep[j]);
+            group->sweep[j] = larger(group->sweep[j], pair->sweep[j]);
+            kernel->farthest[j] = larger(kernel->farthest[j], pair->sweep[j]);
         }
-        group->safety_m = fmax(group->safety_m, pair->safety_m);
-        group->deceleration_m_s2 = fmin(group->deceleration_m_s2, pair->deceleration_m_s2);
+        group->safety_m = larger(group->safety_m, pair->safety_m);
+        group->deceleration_m_s2 = smaller(group->deceleration_m_s2, pair->deceleration_m_s2);
     }
     size_t before = 0;
     for (size_t i = 0; i < kernel->group_count; i++) {
@@ -232,12 +232,12 @@ static void surround(Kernel *kernel, int body)
             double around_m = hull(&kernel->shapes[i], points, &count);
             for (int point = 0; point < count; point++) {
                 for (int axis = 0; axis < 3 && !twice; axis++) {
-                    low[axis] = fmin(low[axis], points[point][axis] - around_m);
-                    high[axis] = fmax(high[axis], points[point][axis] + around_m);
+                    low[axis] = smaller(low[axis], points[point][axis] - around_m);
+                    high[axis] = larger(high[axis], points[point][axis] + around_m);
                 }
                 subtract3(points[point], ball->middle, away);
                 if (twice)
-                    ball->radius_m = fmax(ball->radius_m, norm3(away) + around_m);
+                    ball->radius_m = larger(ball->radius_m, norm3(away) + around_m);
             }
         }
         for (int axis = 0; axis < 3 && !twice && low[axis] <= high[axis]; axis++)

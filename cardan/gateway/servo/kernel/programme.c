@@ -4,6 +4,8 @@
 #include <stdbool.h>
 #include <string.h>
 
+#include "vectors.h"
+
 /* Violation that counts as none, relative to the size of the solution; some thousand times the
  * rounding of a product of eleven. */
 #define PRIMAL_TOLERANCE 1e-12
@@ -171,7 +173,7 @@ static double substitute(const Programme *p, double *b)
         for (int j = i + 1; j < p->count; j++)
             sum -= p->lower[j][i] * b[j];
         b[i] = sum;
-        largest = fmax(largest, fabs(sum));
+        largest = larger(fabs(sum), largest);
     }
     return largest;
 }
@@ -217,7 +219,7 @@ static int blocking(const Programme *p, double tolerance, double *share)
     *share = INFINITY;
     for (int i = 0; i < p->count; i++) {
         double sign = p->is_high[i] ? -1.0 : 1.0;
-        double target = sign * p->target[i], now = fmax(0.0, sign * p->lambda[i]);
+        double target = sign * p->target[i], now = larger(sign * p->lambda[i], 0.0);
         if (target >= -tolerance)
             continue;
         double here = now / (now - target);
@@ -304,7 +306,7 @@ static void finish(Programme *p)
     }
     /* Rounding must not push a joint past its limit. */
     for (int i = 0; i < n; i++)
-        p->x[i] = fmin(fmax(p->x[i], p->lowest[i]), p->highest[i]);
+        p->x[i] = smaller(larger(p->x[i], p->lowest[i]), p->highest[i]);
 }
 
 int programme_solve(Programme *p)

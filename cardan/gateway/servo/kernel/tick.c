@@ -125,7 +125,7 @@ static double separate_pair(Kernel *kernel, size_t i, double far_m)
     double left = found->distance_m - grown_m;
     PairGroup *group = &kernel->groups[kernel->group[i]];
     kernel->clear_m[i] = left + group->travel_m;
-    group->clear_m = fmin(group->clear_m, kernel->clear_m[i]);
+    group->clear_m = smaller(group->clear_m, kernel->clear_m[i]);
     return left;
 }
 
@@ -157,13 +157,13 @@ static int look(Kernel *kernel)
     for (size_t number = 0; number < kernel->group_count; number++) {
         PairGroup *group = &kernel->groups[number];
         double near_m = group->travel_m + group->far_m;
-        double far_m = group->travel_m + fmax(group->far_m, least), clear_m = INFINITY;
+        double far_m = group->travel_m + larger(group->far_m, least), clear_m = INFINITY;
         if (group->clear_m > far_m)
             continue;
         for (size_t k = group->first; k < group->beyond; k++) {
             int32_t i = kernel->order[k];
             if (kernel->clear_m[i] <= far_m && i != before) {
-                double left = separate_pair(kernel, (size_t)i, fmax(group->far_m, least));
+                double left = separate_pair(kernel, (size_t)i, larger(group->far_m, least));
                 if (left < least) {
                     least = left;
                     kernel->state.nearest = i;
@@ -171,7 +171,7 @@ static int look(Kernel *kernel)
             }
             if (kernel->clear_m[i] < near_m)
                 kernel->near[count++] = i;
-            clear_m = fmin(clear_m, kernel->clear_m[i]);
+            clear_m = smaller(clear_m, kernel->clear_m[i]);
         }
         group->clear_m = clear_m;
     }
@@ -238,7 +238,7 @@ static double stopping_time(const Kernel *kernel)
 {
     double longest_s = 0.0;
     for (int i = 0; i < kernel->n; i++)
-        longest_s = fmax(longest_s, fabs(kernel->state.v[i]) / kernel->acceleration[i]);
+        longest_s = larger(longest_s, fabs(kernel->state.v[i]) / kernel->acceleration[i]);
     return longest_s;
 }
 
@@ -252,7 +252,7 @@ static void fill_bounds(Kernel *kernel, double dt_s)
         double position = kernel->state.q[i], speed = kernel->state.v[i];
         double fastest = kernel->velocity[i], acceleration = kernel->acceleration[i];
         double gain = acceleration * dt_s, slowed = speed - gain, sped = speed + gain;
-        double top = fmin(fastest, sped), bottom = fmax(-fastest, slowed);
+        double top = smaller(fastest, sped), bottom = larger(-fastest, slowed);
         double room = kernel->upper[i] - position;
         if (room > 0.0 && top * longest_s > 2.0 * room) {
             top = 2.0 * room / longest_s;
@@ -278,8 +278,8 @@ static void fill_bounds(Kernel *kernel, double dt_s)
             }
         }
         /* Braking harder than the joint can is impossible. */
-        programme->highest[i] = fmax(top, slowed);
-        programme->lowest[i] = fmin(bottom, sped);
+        programme->highest[i] = larger(top, slowed);
+        programme->lowest[i] = smaller(bottom, sped);
     }
 }
 
@@ -410,7 +410,7 @@ static void solve_programme(Kernel *kernel)
         state->failures++;
         state->problem = KERNEL_NO_SOLUTION;
         for (int i = 0; i < programme->unknowns; i++)
-            programme->x[i] = fmin(fmax(0.0, programme->lowest[i]), programme->highest[i]);
+            programme->x[i] = smaller(larger(0.0, programme->lowest[i]), programme->highest[i]);
     }
 }
 
@@ -424,9 +424,9 @@ static void solve(Kernel *kernel)
 static double path_stiffness(const Kernel *kernel)
 {
     const KernelState *state = &kernel->state;
-    double off = fmax(state->error_m / OFF_LINE_M, state->error_rad / OFF_LINE_RAD);
-    double left = fmax(0.0, 1.0 - off);
-    return kernel->options.path_stiffness * fmax(left * left, LEAST_STIFFNESS);
+    double off = larger(state->error_m / OFF_LINE_M, state->error_rad / OFF_LINE_RAD);
+    double left = larger(0.0, 1.0 - off);
+    return kernel->options.path_stiffness * larger(left * left, LEAST_STIFFNESS);
 }
 
 /* Bounds and price of the speed along the path: a share of the pace, alike at any pace. */
@@ -525,7 +525,7 @@ static void limit_feedback(Kernel *kernel, double feedback[6], double dt_s)
         double fastest = part ? options->angular_speed_rad_s : options->linear_speed_m_s;
         double deceleration =
             part ? options->angular_deceleration_rad_s2 : options->linear_deceleration_m_s2;
-        double speed = fmin(fmin(options->gain_1_s * error,
+        double speed = smaller(smaller(options->gain_1_s * error,
                                  stopping_speed(error, deceleration, dt_s)),
                             fastest);
         for (int i = 3 * part; i < 3 * part + 3; i++)
@@ -542,7 +542,7 @@ static void add_posture(Kernel *kernel, double vectors[MAX_JOINTS][MAX_JOINTS],
     const KernelOptions *options = &kernel->options;
     const KernelState *state = &kernel->state;
     int n = kernel->n;
-    double share = fmin(1.0, pace / POSTURE_FULL_AT_M_S), pull[MAX_JOINTS];
+    double share = smaller(1.0, pace / POSTURE_FULL_AT_M_S), pull[MAX_JOINTS];
     double weight = options->posture_weight * share * share;
     for (int i = 0; i < n; i++) {
         pull[i] = joint_rate ? joint_rate[i] : 0.0;
@@ -550,7 +550,7 @@ static void add_posture(Kernel *kernel, double vectors[MAX_JOINTS][MAX_JOINTS],
             continue;
         double away = state->posture[i] - state->q[i], half_turns = away / M_PI;
         if (!isfinite(kernel->lower[i])) /* the turns that it counts are no way back */
-            away *= fmax(0.0, 1.0 - half_turns * half_turns);
+            away *= larger(0.0, 1.0 - half_turns * half_turns);
         pull[i] += share * options->posture_gain_1_s * away;
     }
     for (int k = 0; k < kernel->smallest; k++) {
@@ -573,7 +573,8 @@ static double smallest_eigenvalue(const Kernel *kernel, bool of_free)
     double columns[MAX_JOINTS][6], matrix[MAX_JOINTS][MAX_JOINTS];
     int counted = kernel->counted, free = 0;
     for (int i = 0; i < kernel->n; i++) {
-        if (of_free && fmin(kernel->upper[i] - state->q[i], state->q[i] - kernel->lower[i]) < AT_END)
+        double room = smaller(kernel->upper[i] - state->q[i], state->q[i] - kernel->lower[i]);
+        if (of_free && room < AT_END)
             continue;
         for (int k = 0; k < counted; k++) {
             int row = kernel->directions[k];
@@ -749,7 +750,7 @@ static double slide(Kernel *kernel, double parts[MAX_PARTS][6], int count, doubl
     for (int part = 0; part < count; part++)
         for (int row = 0; row < 6; row++)
             wanted[row] += programme->x[n + part] / pace[part] * parts[part][row];
-    return fmin(1.0, product(count, programme->x + n, pace) / product(count, pace, pace));
+    return smaller(product(count, programme->x + n, pace) / product(count, pace, pace), 1.0);
 }
 
 /* ----------------------------------------------------------------------------------------------
@@ -802,7 +803,7 @@ static void note_motion(Kernel *kernel)
     KernelState *state = &kernel->state;
     double fastest = 0.0;
     for (int i = 0; i < kernel->n; i++)
-        fastest = fmax(fastest, fabs(state->v[i]));
+        fastest = larger(fastest, fabs(state->v[i]));
     state->moving = fastest > AT_REST;
 }
 
@@ -819,7 +820,7 @@ static void step_on(Kernel *kernel, double dt_s)
         /* The soft rows are violated; what is left is to be slower. */
         state->failures++;
         for (int i = 0; i < n; i++) {
-            v[i] = fmin(fmax(0.0, programme->lowest[i]), programme->highest[i]);
+            v[i] = smaller(larger(0.0, programme->lowest[i]), programme->highest[i]);
             step[i] = v[i] * dt_s;
         }
     }
@@ -936,7 +937,7 @@ double kernel_tick(Kernel *kernel, double dt_s, int32_t flags)
     fill_bounds(kernel, dt_s);
     add_rows(kernel, dt_s);
     solve(kernel);
-    double share = pace > AT_REST ? fmin(1.0, programme->x[n] / pace) : 1.0;
+    double share = pace > AT_REST ? smaller(programme->x[n] / pace, 1.0) : 1.0;
     int tight[MAX_ROWS], blocked = flags & KERNEL_SLIDE ? find_tight(kernel, tight) : 0;
     double parts[MAX_PARTS][6];
     int count = 1;
@@ -948,7 +949,7 @@ double kernel_tick(Kernel *kernel, double dt_s, int32_t flags)
         double asked = product(6, wanted, wanted), left[6];
         for (int row = 0; row < 6; row++)
             left[row] = product(n, kernel->jacobian[row], programme->x) - feedback[row];
-        share = asked > 0.0 ? fmin(1.0, fmax(0.0, product(6, left, wanted) / asked)) : 1.0;
+        share = asked > 0.0 ? smaller(larger(product(6, left, wanted) / asked, 0.0), 1.0) : 1.0;
         memcpy(wanted, left, sizeof wanted);
     } else if (count > 1) {
         share = slide(kernel, parts, count, stiffness, wanted);
@@ -978,7 +979,7 @@ double kernel_tick_joints(Kernel *kernel, double dt_s)
     memset(programme->hessian, 0, sizeof programme->hessian);
     for (int i = 0; i < n; i++) {
         double error = goal[i] - state->q[i], size = fabs(error);
-        double speed = fmin(kernel->options.joint_gain_1_s * size,
+        double speed = smaller(kernel->options.joint_gain_1_s * size,
                             stopping_speed(size, kernel->acceleration[i], dt_s));
         programme->linear[i] = -copysign(speed, error);
         programme->hessian[i][i] = 1.0;
@@ -991,7 +992,7 @@ double kernel_tick_joints(Kernel *kernel, double dt_s)
     fill_bounds(kernel, dt_s);
     add_rows(kernel, dt_s);
     solve(kernel);
-    double share = pace > AT_REST ? fmin(1.0, programme->x[n] / pace) : 1.0;
+    double share = pace > AT_REST ? smaller(programme->x[n] / pace, 1.0) : 1.0;
     state->path_speed = share;
     kernel->held = kernel->ending && share < SLOWED;
     state->error_m = state->error_rad = 0.0;
