@@ -7,12 +7,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import dropwhile, pairwise
 
-from cardan.conform.egm.decoded import EgmSeen, Robot, not_normal, step
+from cardan.conform.egm.decoded import EgmSeen, Robot, joints_of, not_normal, place_of, step
 from cardan.conform.egm.scenario import STEP_M, STEP_RAD
 from cardan.conform.requirements import (
     Over,
     Requirements,
     Verdict,
+    apart,
     at_most,
     failed,
     met,
@@ -219,21 +220,20 @@ def the_ms_clock_runs(seen: EgmSeen) -> Verdict:
 @requires(12, f"{SCHEMA}, EgmFeedBack.time (since RobotWare 6.07)")
 def the_wall_clock_runs(seen: EgmSeen) -> Verdict:
     """The wall clock in feedBack.time advances as tm does; it never leaps."""
-    wrong, before, count = [], None, 0
-    for each in seen.robots:
-        header, back = each.message.header, each.message.feed_back
-        if header is None or header.tm_ms is None or back is None or back.time_us is None:
-            continue
-        count += 1
-        now = (header.tm_ms, back.time_us)
-        if before is not None and 0 <= step(before[0], now[0]) < 60_000:
-            leap_s = (now[1] - before[1]) * 1e-6 - step(before[0], now[0]) * 1e-3
-            if abs(leap_s) > CLOCK_STEP_S:
-                wrong.append((each.number, f"by {leap_s:.3f} s"))
-        before = now
-    return none_wrong(
-        wrong, count, f"{count} times", "no datagram has feedBack.time", "clocks leap"
-    )
+    told = [
+        (header.tm_ms, back.time_us, each.number)
+        for each in seen.robots
+        if (header := each.message.header) and (back := each.message.feed_back)
+        if header.tm_ms is not None and back.time_us is not None
+    ]
+    wrong = []
+    for (tm_ms, time_us, _), (later_ms, later_us, number) in pairwise(told):
+        passed_ms = step(tm_ms, later_ms)
+        leap_s = (later_us - time_us) * 1e-6 - passed_ms * 1e-3
+        if 0 <= passed_ms < 60_000 and abs(leap_s) > CLOCK_STEP_S:
+            wrong.append((number, f"by {leap_s:.3f} s"))
+    said, nothing = f"{len(told)} times", "no datagram has feedBack.time"
+    return none_wrong(wrong, len(told), said, nothing, "clocks leap")
 
 
 def _complete(motion: EgmMotion | None, name: str) -> str:
@@ -415,21 +415,17 @@ def the_program_is_said_to_run(each: Robot) -> str | None:
     return "" if state == RapidState.RUNNING else f"the state is {state}"
 
 
-def _apart(one: tuple[float, ...], other: tuple[float, ...]) -> float:
-    return max((abs(a - b) for a, b in zip(one, other, strict=False)), default=0.0)
-
-
 @requires(104, LAW)
 def an_arm_that_is_held_stands(seen: EgmSeen) -> Verdict:
     """Told its own position, the arm stays within 0.5 mm and 0.1 degrees of it."""
     found = [each for each in _hold(seen) if each.running]
     some(len(found) >= ENOUGH, "the MCI ran too shortly")
     first = found[0]
-    far_m = max(_apart(first.position, each.position) for each in found)
-    far_rad = max(_apart(first.joints, each.joints) for each in found)
+    far_m = max(apart(first.position, each.position) for each in found)
+    far_rad = max(apart(first.joints, each.joints) for each in found)
     said = f"{far_m * 1e3:.3f} mm, {math.degrees(far_rad):.3f} degrees"
     if far_m > HELD_WITHIN_M or far_rad > HELD_WITHIN_RAD:
-        worst = max(found, key=lambda each: _apart(first.position, each.position))
+        worst = max(found, key=lambda each: apart(first.position, each.position))
         return failed(said, [worst.number], far_m * 1e3, "mm")
     return passed(said, far_m * 1e3, "mm")
 
@@ -437,11 +433,8 @@ def an_arm_that_is_held_stands(seen: EgmSeen) -> Verdict:
 @requires(105, f"{MANUAL}, CommTimeout: event 41822")
 def silence_ends_the_run(seen: EgmSeen) -> Verdict:
     """Without messages of the PC the run ends, after CommTimeout."""
-    phase = seen.phase("silence")
-    found = seen.during("silence")
-    if phase is None or not any(each.running for each in found):
-        return not_seen("no run was left alone")
-    last = max(each.time_s for each in found if each.running)
+    phase, found = some(seen.phase("silence"), "no run was left alone"), seen.during("silence")
+    last = max(some([each.time_s for each in found if each.running], "no run was left alone"))
     after_s = last - phase.start_s
     if phase.end_s - last < 0.25 and found[-1].running:
         return failed(f"it still runs after {after_s:.1f} s", [found[-1].number], after_s, "s")
@@ -482,7 +475,7 @@ def junk_changes_nothing(seen: EgmSeen) -> Verdict:
     before = some([each for each in seen.during("hold") if each.running], "the MCI never ran")
     stopped = [each.number for each in found if not each.running]
     must(not stopped, "the run ended", stopped)
-    far_m = max(_apart(before[-1].position, each.position) for each in found)
+    far_m = max(apart(before[-1].position, each.position) for each in found)
     said = f"{len(seen.junk)} datagrams, moved {far_m * 1e3:.3f} mm"
     return met(far_m <= HELD_WITHIN_M, said, [found[-1].number])
 
@@ -490,8 +483,8 @@ def junk_changes_nothing(seen: EgmSeen) -> Verdict:
 def _progress(found: list[Robot], still: Robot) -> Iterator[tuple[Robot, float]]:
     """How far each is from `still`, in shares of the step, along what moved."""
     for each in found:
-        by_position = _apart(still.position, each.position) / STEP_M
-        by_joints = _apart(still.joints[5:6], each.joints[5:6]) / STEP_RAD
+        by_position = apart(still.position, each.position) / STEP_M
+        by_joints = apart(still.joints[5:6], each.joints[5:6]) / STEP_RAD
         yield each, max(by_position, by_joints)
 
 
@@ -505,54 +498,49 @@ def _stepped(seen: EgmSeen) -> tuple[Robot, list[Robot]] | None:
 _NO_STEP = "no step was made"
 
 
+def _moved(one: Robot, other: Robot) -> bool:
+    """Whether what is measured or planned is another place."""
+    m, n = one.message.planned, other.message.planned
+    far_m = max(apart(one.position, other.position), apart(place_of(m), place_of(n)))
+    far_rad = max(apart(one.joints, other.joints), apart(joints_of(m), joints_of(n)))
+    return far_m > MOVED_M or far_rad > MOVED_RAD
+
+
 @requires(201, LAW, late_s=ACTS_WITHIN_S / 4.0)
 def a_reference_acts_soon(seen: EgmSeen) -> Verdict:
     """A reference moves the arm within 60 ms of being sent, what it plans or what it measures."""
-    stepped, phase = _stepped(seen), seen.phase("step")
-    if stepped is None or phase is None:
-        return not_seen(_NO_STEP)
-    still, found = stepped
+    still, found = some(_stepped(seen), _NO_STEP)
+    phase = some(seen.phase("step"), _NO_STEP)
     sent = next((a.time_s for a in seen.answers if a.number > phase.first), phase.start_s)
-    for each in found:
-        planned, was = each.message.planned, still.message.planned
-        moved = _apart(still.position, each.position) > MOVED_M
-        moved = moved or _apart(still.joints, each.joints) > MOVED_RAD
-        if planned is not None and was is not None:
-            pos, was_pos = planned.cartesian, was.cartesian
-            if pos and was_pos and pos.pos and was_pos.pos:
-                moved = moved or _apart(tuple(pos.pos), tuple(was_pos.pos)) > MOVED_M
-            moved = moved or _apart(planned.joints or (), was.joints or ()) > MOVED_RAD
-        if moved:
-            after_ms = (each.time_s - sent) * 1e3
-            said = f"after {after_ms:.1f} ms"
-            return at_most(ACTS_WITHIN_S * 1e3, after_ms, "ms", said, [each.number])
-    return failed("it never moved", [found[-1].number])
+    moved = next((each for each in found if _moved(still, each)), None)
+    moved = must(moved, "it never moved", [found[-1].number])
+    after_ms = (moved.time_s - sent) * 1e3
+    said = f"after {after_ms:.1f} ms"
+    return at_most(ACTS_WITHIN_S * 1e3, after_ms, "ms", said, [moved.number])
 
 
 @requires(202, LAW)
 def a_reference_is_reached(seen: EgmSeen) -> Verdict:
     """The arm comes to within 15 % of a small step's end, in the time of five time constants."""
-    stepped = some(_stepped(seen), _NO_STEP)
-    *_, (last, share) = _progress(stepped[1], stepped[0])
+    still, found = some(_stepped(seen), _NO_STEP)
+    *_, (last, share) = _progress(found, still)
     return met(abs(share - 1.0) < 0.15, f"{100 * share:.0f} % of the step", [last.number])
 
 
 @requires(203, LAW)
 def a_step_does_not_overshoot(seen: EgmSeen) -> Verdict:
     """On its way it goes no more than 20 % beyond the step's end."""
-    stepped = some(_stepped(seen), _NO_STEP)
-    far, most = max(_progress(stepped[1], stepped[0]), key=lambda each: each[1])
+    still, found = some(_stepped(seen), _NO_STEP)
+    far, most = max(_progress(found, still), key=lambda each: each[1])
     return met(most < 1.2, f"{100 * most:.0f} % at most", [far.number])
 
 
 @requires(204, LAW)
 def it_comes_back(seen: EgmSeen) -> Verdict:
     """Told its old position, the arm comes back to within 15 % of the step."""
-    stepped = _stepped(seen)
-    back = [each for each in seen.during("back") if each.running]
-    if stepped is None or not back:
-        return not_seen(_NO_STEP)
-    *_, (last, share) = _progress(back, stepped[0])
+    still, _ = some(_stepped(seen), _NO_STEP)
+    back = some([each for each in seen.during("back") if each.running], _NO_STEP)
+    *_, (last, share) = _progress(back, still)
     return met(share < 0.15, f"{100 * share:.0f} % of the step is left", [last.number])
 
 
@@ -571,5 +559,5 @@ def it_goes_on_where_it_stood(seen: EgmSeen) -> Verdict:
     before = seen.during("estop")
     after = [each for each in seen.during("released") if each.running]
     some(before and after, "it was not started again")
-    far_m = max(_apart(before[-1].position, each.position) for each in after)
+    far_m = max(apart(before[-1].position, each.position) for each in after)
     return met(far_m < 1e-3, f"{far_m * 1e3:.3f} mm away", [after[-1].number])
