@@ -99,13 +99,11 @@ def none_is_missing(seen: EgmSeen) -> Verdict:
     """No sequence number is left out within a session."""
     wrong = []
     for session in seen.sessions:
-        numbers = {each.seqno: each.number for each in session}
-        first, last = session[0].seqno, max(session, key=lambda each: each.number).seqno
-        assert first is not None
-        assert last is not None
-        come = {step(first, number) for number in numbers if number is not None}
-        missing = set(range(min(come), max(come) + 1)) - come
-        wrong += [(session[-1].number, f"number {first + n} never came") for n in sorted(missing)]
+        numbers = [each.seqno for each in session if each.seqno is not None]
+        come = {step(numbers[0], number) for number in numbers}
+        missing = sorted({*range(min(come), max(come) + 1)} - come)
+        end = session[-1].number
+        wrong += [(end, f"number {numbers[0] + n} never came") for n in missing]
     return _sequence(seen, wrong, "are missing")
 
 
@@ -140,14 +138,7 @@ def _long(seen: EgmSeen) -> Iterator[list[Robot]]:
 @requires(7, f"{MANUAL}: 4.032 ms, virtual about 4 ms; SampleRate its multiples")
 def the_period_is_a_controllers(seen: EgmSeen) -> Verdict:
     """The mean period is 4.032 ms, or 4 ms of a virtual controller, times a whole number."""
-    found = []
-    for session in _long(seen):
-        first, last = session[0], session[-1]
-        assert first.seqno is not None
-        assert last.seqno is not None
-        cycles = step(first.seqno, last.seqno)
-        period_s = (last.time_s - first.time_s) / cycles if cycles > 0 else math.nan
-        found.append((period_s, last.number))
+    found = [(_period_s(session), session[-1].number) for session in _long(seen)]
     some(found, f"no session of more than {ENOUGH} datagrams")
     for period_s, index in found:
         ratios = [period_s / each for each in PERIODS_S]
@@ -195,15 +186,20 @@ def a_session_has_one_source(seen: EgmSeen) -> Verdict:
     return _sequence(seen, wrong, "come from elsewhere")
 
 
+def _period_s(found: list[Robot]) -> float:
+    """The mean period, by their sequence numbers; not a number where these do not advance."""
+    first, last = found[0], found[-1]
+    cycles = step(first.seqno or 0, last.seqno or 0)
+    return (last.time_s - first.time_s) / cycles if cycles > 0 else math.nan
+
+
 @requires(11, f"{SCHEMA}, EgmHeader.tm")
 def the_ms_clock_runs(seen: EgmSeen) -> Verdict:
     """tm counts milliseconds: within a session it advances as time does, to 1 % and 10 ms."""
     worst, wrong = 0.0, []
     for session in _long(seen):
         first, last = session[0], session[-1]
-        assert first.message.header is not None
-        assert last.message.header is not None
-        one, other = first.message.header.tm_ms, last.message.header.tm_ms
+        one, other = (each.message.header and each.message.header.tm_ms for each in (first, last))
         if one is None or other is None:
             return failed("there is no tm", [first.number])
         passed_s = last.time_s - first.time_s
@@ -211,10 +207,8 @@ def the_ms_clock_runs(seen: EgmSeen) -> Verdict:
         worst = max(worst, off)
         if off > 0.01 * passed_s + 0.01:
             wrong.append((last.number, f"{step(one, other)} ms in {passed_s:.3f} s"))
-    some(seen.sessions, _NOTHING)
-    return none_wrong(
-        wrong, len(seen.sessions), f"off by {worst * 1e3:.1f} ms at most", _NOTHING, "sessions"
-    )
+    count, said = len(seen.sessions), f"off by {worst * 1e3:.1f} ms at most"
+    return none_wrong(wrong, count, said, _NOTHING, "sessions")
 
 
 @requires(12, f"{SCHEMA}, EgmFeedBack.time (since RobotWare 6.07)")
@@ -306,9 +300,8 @@ def forces_have_six_values(seen: EgmSeen) -> Verdict:
     wrong = ((i, f"{len(force.force)} values") for i, force in forces if len(force.force) != 6)
     layouts = {force.fc_active is None for _, force in forces}
     names = " and ".join("RobotWare 6" if old else "RobotWare 7" for old in sorted(layouts))
-    return none_wrong(
-        wrong, len(forces), f"{len(forces)} forces in the layout of {names}", _NOTHING, "forces"
-    )
+    said = f"{len(forces)} forces in the layout of {names}"
+    return none_wrong(wrong, len(forces), said, _NOTHING, "forces")
 
 
 @requires(18, f"{SCHEMA}: fields since 6.10, 7.6, 7.7, 7.16")
@@ -446,10 +439,7 @@ def silence_does_not_slow_it(seen: EgmSeen) -> Verdict:
     """Until then the controller sends on in its period, whether it is answered or not."""
     found = [each for each in seen.during("silence") if each.running]
     some(len(found) >= ENOUGH, "no run was left alone for long enough")
-    first, last = found[0].seqno, found[-1].seqno
-    assert first is not None
-    assert last is not None
-    cycles = max(1, step(first, last))
+    cycles = max(1, step(found[0].seqno or 0, found[-1].seqno or 0))
     period_s = (found[-1].time_s - found[0].time_s) / cycles
     off = min(abs(period_s / (n * p) - 1.0) for p in PERIODS_S for n in range(1, 25))
     return met(off <= 0.01, f"{period_s * 1e3:.3f} ms", [found[-1].number])
