@@ -68,7 +68,7 @@ def it_can_be_opened(seen: ConnexionSeen) -> Verdict:
 @requires(2, RATE)
 def deflection_is_reported(seen: ConnexionSeen) -> Verdict:
     """Deflected, it sends motion reports."""
-    some(seen.phase("push-held") and not seen.refused, "it was never deflected")
+    some(not seen.refused and seen.phase("push-held"), "it was never deflected")
     found = [each for each in seen.during("push", "push-held") if any(each.counts)]
     return passed(f"{len(found)} reports") if found else failed("none came")
 

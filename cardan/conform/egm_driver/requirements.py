@@ -71,7 +71,10 @@ def _pairs(seen: EgmSeen, *phases: str) -> list[Pair]:
         before = bisect(seen.robots, answer.number, key=number_of)
         if before:
             found[before - 1].answers.append(answer)
-    return [each for each in found if not phases or seen.inside(each.robot.number, *phases)]
+    if not phases:
+        return found
+    inside = {each.number for each in seen.within(seen.robots, *phases)}
+    return [each for each in found if each.robot.number in inside]
 
 
 def _answered(found: Sequence[Pair]) -> float:
@@ -159,12 +162,13 @@ def answers_are_in_time(seen: EgmSeen) -> Verdict:
     """99 of 100 answers come within the cycle of 4 ms."""
     by_tm = {each.message.header.tm_ms: each for each in seen.robots if each.message.header}
     times = []
-    for asked, answers in _pairs(seen):
-        for answer in seen.within(answers, "run"):
-            header = answer.message.header
-            echoed = by_tm.get(header.tm_ms) if header is not None and header.tm_ms else None
-            if echoed is not None and echoed.number < answer.number:
-                asked = echoed
+    before = {answer.number: robot for robot, answers in _pairs(seen) for answer in answers}
+    for answer in seen.within(seen.answers, "run"):
+        asked, header = before.get(answer.number), answer.message.header
+        echoed = by_tm.get(header.tm_ms) if header is not None and header.tm_ms else None
+        if asked is not None and echoed is not None and echoed.number < answer.number:
+            asked = echoed
+        if asked is not None:
             times.append((answer.time_s - asked.time_s, answer.number))
     some(times, _NOTHING)
     late_s, number = sorted(times)[int(0.99 * (len(times) - 1))]

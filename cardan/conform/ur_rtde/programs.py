@@ -241,7 +241,7 @@ def what_a_program_says_is_told(seen: UrSeen) -> Verdict:
 @requires(111, f"{GUIDE}: runtime_state")
 def runtime_state_says_what_runs(seen: UrSeen) -> Verdict:
     """runtime_state is PLAYING while a program of 0.2 s runs, and STOPPED before it and after."""
-    found, states = _begun(seen, "say"), seen.during("say")
+    states, found = seen.during("say"), _begun(seen, "say")
     playing = [each for each in states if each.values[RUNTIME] == RuntimeState.PLAYING]
     must(playing, "it was never PLAYING", [found.number])
     took_s = playing[-1].time_s - playing[0].time_s
@@ -591,7 +591,7 @@ def release_starts_nothing(seen: UrSeen) -> Verdict:
 def a_line_is_a_program_of_its_own(seen: UrSeen) -> Verdict:
     """What is sent in one line, without `def` and `end`, is done: its text comes over the primary
     interface."""
-    lines = [each for each in seen.within(seen.uploads, "lines") if not each.token]
+    lines = [each for each in seen.uploads if not each.token and seen.inside(each.number, "lines")]
     some(lines, NO_PROGRAM)
     texts = seen.messages(MessageKind.TEXT, during=("lines",))
     found = [each.text for each in texts if LINE in each.text]
