@@ -25,9 +25,11 @@ from cardan.conform.requirements import (
     Requirements,
     failed,
     met,
+    must,
     not_applicable,
     not_seen,
     passed,
+    some,
 )
 
 
@@ -152,3 +154,29 @@ def test_a_judge_of_several_requirements_has_a_text_for_each():
     for number, what in ((101, "one"), (102, "other")):
         requires(number, "", text=f"It is {what}.")(partial(met, said=what))
     assert [each.text for each in requires.all()] == ["It is one.", "It is other."]
+
+
+@pytest.mark.parametrize("found", [None, [], False])
+def test_a_judge_ends_where_there_is_nothing_to_judge(found):
+    requires = Requirements("X")
+    requires(101, "")(lambda seen: passed(f"{some(seen, 'none was sent')}"))
+    (requirement,) = requires.all()
+    assert requirement.verdict(found, 0.0) == not_seen("none was sent")
+    assert requirement.judge([7]) == passed("[7]")
+
+
+def test_a_judge_ends_where_what_must_be_is_not():
+    requires = Requirements("X")
+    requires(101, "")(lambda seen: passed(f"{must(seen, 'it never was', [3])}"))
+    (requirement,) = requires.all()
+    assert requirement.judge(None) == failed("it never was", (3,))
+    assert requirement.judge([7]) == passed("[7]")
+
+
+def test_events_that_show_what_is_wrong_can_be_others_than_the_thing_s_own():
+    requires = Requirements("X")
+    things = Over(lambda seen: [(n, SimpleNamespace(number=n)) for n in seen], "{} things")
+    requires.each(101, "", things)(lambda each: [(40 + n, "odd") for n in range(each[0])])
+    (requirement,) = requires.all()
+    assert requirement.judge([0, 2]) == failed("2 of 2: odd", (40, 41))
+    assert requirement.judge([0, 0]) == passed("2 things")

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 from cardan.conform.connexion.decoded import ConnexionSeen, Report
 from cardan.conform.requirements import (
     Over,
     Requirements,
     Verdict,
+    at_most,
     failed,
     met,
     must,
@@ -67,8 +68,7 @@ def it_can_be_opened(seen: ConnexionSeen) -> Verdict:
 @requires(2, RATE)
 def deflection_is_reported(seen: ConnexionSeen) -> Verdict:
     """Deflected, it sends motion reports."""
-    if seen.refused or seen.phase("push-held") is None:
-        return not_seen("it was never deflected")
+    some(not seen.refused and seen.phase("push-held"), "it was never deflected")
     found = [each for each in seen.during("push", "push-held") if any(each.counts)]
     return passed(f"{len(found)} reports") if found else failed("none came")
 
@@ -160,11 +160,9 @@ def deflection_is_never_silent(seen: ConnexionSeen) -> Verdict:
 @requires(11, f"{RATE}: three zero pairs, then silence")
 def rest_is_silent(seen: ConnexionSeen) -> Verdict:
     """Let go, it sends a few zeros, and then nothing."""
-    if seen.phase("push-rest") is None:
-        return not_seen("it was never let go")
-    talks = [
-        each.number for each in seen.during("rest", "push-rest", "twist-rest") if each.is_motion
-    ]
+    some(seen.phase("push-rest"), "it was never let go")
+    rest = seen.during("rest", "push-rest", "twist-rest")
+    talks = [each.number for each in rest if each.is_motion]
     return failed(f"{len(talks)} motion reports at rest", talks) if talks else passed("silent")
 
 
@@ -174,30 +172,23 @@ def the_last_value_is_zero(seen: ConnexionSeen) -> Verdict:
     wrong, count = [], 0
     for name in ("push", "twist"):
         found = [each for each in seen.during(f"{name}-held", f"{name}-over") if each.is_motion]
-        if not any(any(each.counts) for each in found):
-            continue
-        count += 1
-        zeros = 0
-        for each in reversed(found):
-            if any(each.counts):
-                break
-            zeros += 1
-        least = 2 if seen.family is connexion.Family.SPLIT else 1
-        if not least <= zeros <= ZEROS_AT_MOST:
-            wrong.append((found[-1].number, f"{zeros} zeros at the end"))
+        if any(any(each.counts) for each in found):
+            count += 1
+            zeros = len(list(takewhile(lambda each: not any(each.counts), reversed(found))))
+            least = 2 if seen.family is connexion.Family.SPLIT else 1
+            if not least <= zeros <= ZEROS_AT_MOST:
+                wrong.append((found[-1].number, f"{zeros} zeros at the end"))
     return none_wrong(wrong, count, f"{count} motions", "it was never deflected")
 
 
 @requires(13, f"{DESCRIPTOR}: logical range -350 to 350")
 def counts_are_in_range(seen: ConnexionSeen) -> Verdict:
     """No axis goes beyond the range that the descriptor declares, +-350."""
-    most = max((abs(c) for each in seen.motions for c in each.counts), default=0)
+    found = [(max(map(abs, each.counts)), each.number) for each in seen.motions]
+    most = max(some(found, _NOTHING))[0]
     top = 350 if seen.model is None else seen.model.full_scale
-    wrong = [each.number for each in seen.motions if any(abs(c) > top for c in each.counts)]
-    said = f"{most} counts at most"
-    if wrong:
-        return failed(said, wrong, float(most), "counts")
-    return passed(said, float(most), "counts") if seen.motions else not_seen(_NOTHING)
+    beyond = (number for far, number in found if far > top)
+    return at_most(top, float(most), "counts", f"{most} counts at most", beyond)
 
 
 def _mean(found: list[Report], kind: type, at: int) -> list[float]:
@@ -225,10 +216,8 @@ def buttons_are_told(seen: ConnexionSeen) -> Verdict:
     """A button that is pressed is told at once, and again when it is let go."""
     if seen.model is not None and not seen.model.buttons:
         return not_applicable("the model has none")
-    if seen.phase("release") is None or seen.refused:
-        return not_seen("none was pressed")
-    down = _buttons(seen.during("press"))
-    up = _buttons(seen.during("release"))
+    some(seen.phase("release") and not seen.refused, "none was pressed")
+    down, up = _buttons(seen.during("press")), _buttons(seen.during("release"))
     must(down and down[-1], "pressing was not told")
     must(up, "letting go was not told")
     return passed("pressed and let go") if not up[-1] else failed("it stays down")
@@ -236,13 +225,8 @@ def buttons_are_told(seen: ConnexionSeen) -> Verdict:
 
 def _buttons(found: list[Report]) -> list[bool]:
     """Whether any is down, report by report."""
-    states = []
-    for each in found:
-        if isinstance(each.value, connexion.ButtonBits):
-            states.append(bool(each.value.mask))
-        elif isinstance(each.value, connexion.KeysDown):
-            states.append(bool(each.value.codes))
-    return states
+    kinds = connexion.ButtonBits, connexion.KeysDown
+    return [any(each.value) for each in found if isinstance(each.value, kinds)]
 
 
 @requires(16, f"{DESCRIPTOR}, battery strength")

@@ -47,16 +47,23 @@ class Robot(NamedTuple):
     @property
     def joints(self) -> tuple[float, ...]:
         """Measured, rad; empty where absent."""
-        back = self.message.feed_back
-        return back.joints or () if back is not None else ()
+        return joints_of(self.message.feed_back)
 
     @property
     def position(self) -> tuple[float, ...]:
         """Measured, m; empty where absent."""
-        back = self.message.feed_back
-        if back is None or back.cartesian is None:
-            return ()
-        return tuple(back.cartesian.pos or ())
+        return place_of(self.message.feed_back)
+
+
+def joints_of(motion: egm.EgmMotion | None) -> tuple[float, ...]:
+    """Rad; empty where absent."""
+    return () if motion is None else motion.joints or ()
+
+
+def place_of(motion: egm.EgmMotion | None) -> tuple[float, ...]:
+    """Of the TCP, m; empty where absent."""
+    pose = None if motion is None else motion.cartesian
+    return () if pose is None else tuple(pose.pos or ())
 
 
 def not_normal(motion: egm.EgmMotion | None) -> str | None:

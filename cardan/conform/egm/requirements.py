@@ -7,12 +7,13 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from itertools import dropwhile, pairwise
 
-from cardan.conform.egm.decoded import EgmSeen, Robot, not_normal, step
+from cardan.conform.egm.decoded import EgmSeen, Robot, joints_of, not_normal, place_of, step
 from cardan.conform.egm.scenario import STEP_M, STEP_RAD
 from cardan.conform.requirements import (
     Over,
     Requirements,
     Verdict,
+    apart,
     at_most,
     failed,
     met,
@@ -98,13 +99,11 @@ def none_is_missing(seen: EgmSeen) -> Verdict:
     """No sequence number is left out within a session."""
     wrong = []
     for session in seen.sessions:
-        numbers = {each.seqno: each.number for each in session}
-        first, last = session[0].seqno, max(session, key=lambda each: each.number).seqno
-        assert first is not None
-        assert last is not None
-        come = {step(first, number) for number in numbers if number is not None}
-        missing = set(range(min(come), max(come) + 1)) - come
-        wrong += [(session[-1].number, f"number {first + n} never came") for n in sorted(missing)]
+        numbers = [each.seqno for each in session if each.seqno is not None]
+        come = {step(numbers[0], number) for number in numbers}
+        missing = sorted({*range(min(come), max(come) + 1)} - come)
+        end = session[-1].number
+        wrong += [(end, f"number {numbers[0] + n} never came") for n in missing]
     return _sequence(seen, wrong, "are missing")
 
 
@@ -139,14 +138,7 @@ def _long(seen: EgmSeen) -> Iterator[list[Robot]]:
 @requires(7, f"{MANUAL}: 4.032 ms, virtual about 4 ms; SampleRate its multiples")
 def the_period_is_a_controllers(seen: EgmSeen) -> Verdict:
     """The mean period is 4.032 ms, or 4 ms of a virtual controller, times a whole number."""
-    found = []
-    for session in _long(seen):
-        first, last = session[0], session[-1]
-        assert first.seqno is not None
-        assert last.seqno is not None
-        cycles = step(first.seqno, last.seqno)
-        period_s = (last.time_s - first.time_s) / cycles if cycles > 0 else math.nan
-        found.append((period_s, last.number))
+    found = [(_period_s(session), session[-1].number) for session in _long(seen)]
     some(found, f"no session of more than {ENOUGH} datagrams")
     for period_s, index in found:
         ratios = [period_s / each for each in PERIODS_S]
@@ -194,15 +186,20 @@ def a_session_has_one_source(seen: EgmSeen) -> Verdict:
     return _sequence(seen, wrong, "come from elsewhere")
 
 
+def _period_s(found: list[Robot]) -> float:
+    """The mean period, by their sequence numbers; not a number where these do not advance."""
+    first, last = found[0], found[-1]
+    cycles = step(first.seqno or 0, last.seqno or 0)
+    return (last.time_s - first.time_s) / cycles if cycles > 0 else math.nan
+
+
 @requires(11, f"{SCHEMA}, EgmHeader.tm")
 def the_ms_clock_runs(seen: EgmSeen) -> Verdict:
     """tm counts milliseconds: within a session it advances as time does, to 1 % and 10 ms."""
     worst, wrong = 0.0, []
     for session in _long(seen):
         first, last = session[0], session[-1]
-        assert first.message.header is not None
-        assert last.message.header is not None
-        one, other = first.message.header.tm_ms, last.message.header.tm_ms
+        one, other = (each.message.header and each.message.header.tm_ms for each in (first, last))
         if one is None or other is None:
             return failed("there is no tm", [first.number])
         passed_s = last.time_s - first.time_s
@@ -210,30 +207,27 @@ def the_ms_clock_runs(seen: EgmSeen) -> Verdict:
         worst = max(worst, off)
         if off > 0.01 * passed_s + 0.01:
             wrong.append((last.number, f"{step(one, other)} ms in {passed_s:.3f} s"))
-    some(seen.sessions, _NOTHING)
-    return none_wrong(
-        wrong, len(seen.sessions), f"off by {worst * 1e3:.1f} ms at most", _NOTHING, "sessions"
-    )
+    count, said = len(seen.sessions), f"off by {worst * 1e3:.1f} ms at most"
+    return none_wrong(wrong, count, said, _NOTHING, "sessions")
 
 
 @requires(12, f"{SCHEMA}, EgmFeedBack.time (since RobotWare 6.07)")
 def the_wall_clock_runs(seen: EgmSeen) -> Verdict:
     """The wall clock in feedBack.time advances as tm does; it never leaps."""
-    wrong, before, count = [], None, 0
-    for each in seen.robots:
-        header, back = each.message.header, each.message.feed_back
-        if header is None or header.tm_ms is None or back is None or back.time_us is None:
-            continue
-        count += 1
-        now = (header.tm_ms, back.time_us)
-        if before is not None and 0 <= step(before[0], now[0]) < 60_000:
-            leap_s = (now[1] - before[1]) * 1e-6 - step(before[0], now[0]) * 1e-3
-            if abs(leap_s) > CLOCK_STEP_S:
-                wrong.append((each.number, f"by {leap_s:.3f} s"))
-        before = now
-    return none_wrong(
-        wrong, count, f"{count} times", "no datagram has feedBack.time", "clocks leap"
-    )
+    told = [
+        (header.tm_ms, back.time_us, each.number)
+        for each in seen.robots
+        if (header := each.message.header) and (back := each.message.feed_back)
+        if header.tm_ms is not None and back.time_us is not None
+    ]
+    wrong = []
+    for (tm_ms, time_us, _), (later_ms, later_us, number) in pairwise(told):
+        passed_ms = step(tm_ms, later_ms)
+        leap_s = (later_us - time_us) * 1e-6 - passed_ms * 1e-3
+        if 0 <= passed_ms < 60_000 and abs(leap_s) > CLOCK_STEP_S:
+            wrong.append((number, f"by {leap_s:.3f} s"))
+    said, nothing = f"{len(told)} times", "no datagram has feedBack.time"
+    return none_wrong(wrong, len(told), said, nothing, "clocks leap")
 
 
 def _complete(motion: EgmMotion | None, name: str) -> str:
@@ -306,9 +300,8 @@ def forces_have_six_values(seen: EgmSeen) -> Verdict:
     wrong = ((i, f"{len(force.force)} values") for i, force in forces if len(force.force) != 6)
     layouts = {force.fc_active is None for _, force in forces}
     names = " and ".join("RobotWare 6" if old else "RobotWare 7" for old in sorted(layouts))
-    return none_wrong(
-        wrong, len(forces), f"{len(forces)} forces in the layout of {names}", _NOTHING, "forces"
-    )
+    said = f"{len(forces)} forces in the layout of {names}"
+    return none_wrong(wrong, len(forces), said, _NOTHING, "forces")
 
 
 @requires(18, f"{SCHEMA}: fields since 6.10, 7.6, 7.7, 7.16")
@@ -415,21 +408,17 @@ def the_program_is_said_to_run(each: Robot) -> str | None:
     return "" if state == RapidState.RUNNING else f"the state is {state}"
 
 
-def _apart(one: tuple[float, ...], other: tuple[float, ...]) -> float:
-    return max((abs(a - b) for a, b in zip(one, other, strict=False)), default=0.0)
-
-
 @requires(104, LAW)
 def an_arm_that_is_held_stands(seen: EgmSeen) -> Verdict:
     """Told its own position, the arm stays within 0.5 mm and 0.1 degrees of it."""
     found = [each for each in _hold(seen) if each.running]
     some(len(found) >= ENOUGH, "the MCI ran too shortly")
     first = found[0]
-    far_m = max(_apart(first.position, each.position) for each in found)
-    far_rad = max(_apart(first.joints, each.joints) for each in found)
+    far_m = max(apart(first.position, each.position) for each in found)
+    far_rad = max(apart(first.joints, each.joints) for each in found)
     said = f"{far_m * 1e3:.3f} mm, {math.degrees(far_rad):.3f} degrees"
     if far_m > HELD_WITHIN_M or far_rad > HELD_WITHIN_RAD:
-        worst = max(found, key=lambda each: _apart(first.position, each.position))
+        worst = max(found, key=lambda each: apart(first.position, each.position))
         return failed(said, [worst.number], far_m * 1e3, "mm")
     return passed(said, far_m * 1e3, "mm")
 
@@ -437,11 +426,8 @@ def an_arm_that_is_held_stands(seen: EgmSeen) -> Verdict:
 @requires(105, f"{MANUAL}, CommTimeout: event 41822")
 def silence_ends_the_run(seen: EgmSeen) -> Verdict:
     """Without messages of the PC the run ends, after CommTimeout."""
-    phase = seen.phase("silence")
-    found = seen.during("silence")
-    if phase is None or not any(each.running for each in found):
-        return not_seen("no run was left alone")
-    last = max(each.time_s for each in found if each.running)
+    phase, found = some(seen.phase("silence"), "no run was left alone"), seen.during("silence")
+    last = max(some([each.time_s for each in found if each.running], "no run was left alone"))
     after_s = last - phase.start_s
     if phase.end_s - last < 0.25 and found[-1].running:
         return failed(f"it still runs after {after_s:.1f} s", [found[-1].number], after_s, "s")
@@ -453,10 +439,7 @@ def silence_does_not_slow_it(seen: EgmSeen) -> Verdict:
     """Until then the controller sends on in its period, whether it is answered or not."""
     found = [each for each in seen.during("silence") if each.running]
     some(len(found) >= ENOUGH, "no run was left alone for long enough")
-    first, last = found[0].seqno, found[-1].seqno
-    assert first is not None
-    assert last is not None
-    cycles = max(1, step(first, last))
+    cycles = max(1, step(found[0].seqno or 0, found[-1].seqno or 0))
     period_s = (found[-1].time_s - found[0].time_s) / cycles
     off = min(abs(period_s / (n * p) - 1.0) for p in PERIODS_S for n in range(1, 25))
     return met(off <= 0.01, f"{period_s * 1e3:.3f} ms", [found[-1].number])
@@ -482,7 +465,7 @@ def junk_changes_nothing(seen: EgmSeen) -> Verdict:
     before = some([each for each in seen.during("hold") if each.running], "the MCI never ran")
     stopped = [each.number for each in found if not each.running]
     must(not stopped, "the run ended", stopped)
-    far_m = max(_apart(before[-1].position, each.position) for each in found)
+    far_m = max(apart(before[-1].position, each.position) for each in found)
     said = f"{len(seen.junk)} datagrams, moved {far_m * 1e3:.3f} mm"
     return met(far_m <= HELD_WITHIN_M, said, [found[-1].number])
 
@@ -490,8 +473,8 @@ def junk_changes_nothing(seen: EgmSeen) -> Verdict:
 def _progress(found: list[Robot], still: Robot) -> Iterator[tuple[Robot, float]]:
     """How far each is from `still`, in shares of the step, along what moved."""
     for each in found:
-        by_position = _apart(still.position, each.position) / STEP_M
-        by_joints = _apart(still.joints[5:6], each.joints[5:6]) / STEP_RAD
+        by_position = apart(still.position, each.position) / STEP_M
+        by_joints = apart(still.joints[5:6], each.joints[5:6]) / STEP_RAD
         yield each, max(by_position, by_joints)
 
 
@@ -505,54 +488,49 @@ def _stepped(seen: EgmSeen) -> tuple[Robot, list[Robot]] | None:
 _NO_STEP = "no step was made"
 
 
+def _moved(one: Robot, other: Robot) -> bool:
+    """Whether what is measured or planned is another place."""
+    m, n = one.message.planned, other.message.planned
+    far_m = max(apart(one.position, other.position), apart(place_of(m), place_of(n)))
+    far_rad = max(apart(one.joints, other.joints), apart(joints_of(m), joints_of(n)))
+    return far_m > MOVED_M or far_rad > MOVED_RAD
+
+
 @requires(201, LAW, late_s=ACTS_WITHIN_S / 4.0)
 def a_reference_acts_soon(seen: EgmSeen) -> Verdict:
     """A reference moves the arm within 60 ms of being sent, what it plans or what it measures."""
-    stepped, phase = _stepped(seen), seen.phase("step")
-    if stepped is None or phase is None:
-        return not_seen(_NO_STEP)
-    still, found = stepped
+    still, found = some(_stepped(seen), _NO_STEP)
+    phase = some(seen.phase("step"), _NO_STEP)
     sent = next((a.time_s for a in seen.answers if a.number > phase.first), phase.start_s)
-    for each in found:
-        planned, was = each.message.planned, still.message.planned
-        moved = _apart(still.position, each.position) > MOVED_M
-        moved = moved or _apart(still.joints, each.joints) > MOVED_RAD
-        if planned is not None and was is not None:
-            pos, was_pos = planned.cartesian, was.cartesian
-            if pos and was_pos and pos.pos and was_pos.pos:
-                moved = moved or _apart(tuple(pos.pos), tuple(was_pos.pos)) > MOVED_M
-            moved = moved or _apart(planned.joints or (), was.joints or ()) > MOVED_RAD
-        if moved:
-            after_ms = (each.time_s - sent) * 1e3
-            said = f"after {after_ms:.1f} ms"
-            return at_most(ACTS_WITHIN_S * 1e3, after_ms, "ms", said, [each.number])
-    return failed("it never moved", [found[-1].number])
+    moved = next((each for each in found if _moved(still, each)), None)
+    moved = must(moved, "it never moved", [found[-1].number])
+    after_ms = (moved.time_s - sent) * 1e3
+    said = f"after {after_ms:.1f} ms"
+    return at_most(ACTS_WITHIN_S * 1e3, after_ms, "ms", said, [moved.number])
 
 
 @requires(202, LAW)
 def a_reference_is_reached(seen: EgmSeen) -> Verdict:
     """The arm comes to within 15 % of a small step's end, in the time of five time constants."""
-    stepped = some(_stepped(seen), _NO_STEP)
-    *_, (last, share) = _progress(stepped[1], stepped[0])
+    still, found = some(_stepped(seen), _NO_STEP)
+    *_, (last, share) = _progress(found, still)
     return met(abs(share - 1.0) < 0.15, f"{100 * share:.0f} % of the step", [last.number])
 
 
 @requires(203, LAW)
 def a_step_does_not_overshoot(seen: EgmSeen) -> Verdict:
     """On its way it goes no more than 20 % beyond the step's end."""
-    stepped = some(_stepped(seen), _NO_STEP)
-    far, most = max(_progress(stepped[1], stepped[0]), key=lambda each: each[1])
+    still, found = some(_stepped(seen), _NO_STEP)
+    far, most = max(_progress(found, still), key=lambda each: each[1])
     return met(most < 1.2, f"{100 * most:.0f} % at most", [far.number])
 
 
 @requires(204, LAW)
 def it_comes_back(seen: EgmSeen) -> Verdict:
     """Told its old position, the arm comes back to within 15 % of the step."""
-    stepped = _stepped(seen)
-    back = [each for each in seen.during("back") if each.running]
-    if stepped is None or not back:
-        return not_seen(_NO_STEP)
-    *_, (last, share) = _progress(back, stepped[0])
+    still, _ = some(_stepped(seen), _NO_STEP)
+    back = some([each for each in seen.during("back") if each.running], _NO_STEP)
+    *_, (last, share) = _progress(back, still)
     return met(share < 0.15, f"{100 * share:.0f} % of the step is left", [last.number])
 
 
@@ -571,5 +549,5 @@ def it_goes_on_where_it_stood(seen: EgmSeen) -> Verdict:
     before = seen.during("estop")
     after = [each for each in seen.during("released") if each.running]
     some(before and after, "it was not started again")
-    far_m = max(_apart(before[-1].position, each.position) for each in after)
+    far_m = max(apart(before[-1].position, each.position) for each in after)
     return met(far_m < 1e-3, f"{far_m * 1e3:.3f} mm away", [after[-1].number])

@@ -3,24 +3,26 @@
 from __future__ import annotations
 
 import math
+from bisect import bisect
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
-from itertools import pairwise
+from collections.abc import Callable, Iterator, Sequence
+from itertools import dropwhile, pairwise
 from typing import NamedTuple
 
 from cardan.conform.controllers import had_ended
-from cardan.conform.egm.decoded import Answer, EgmSeen, Robot, not_normal, step
+from cardan.conform.egm.decoded import Answer, EgmSeen, Robot, joints_of, not_normal, place_of, step
 from cardan.conform.requirements import (
     Over,
     Requirements,
     Verdict,
+    apart,
     at_most,
     failed,
     met,
     must,
     none_wrong,
     not_applicable,
-    not_seen,
+    number_of,
     some,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
@@ -64,21 +66,20 @@ class Pair(NamedTuple):
 
 def _pairs(seen: EgmSeen, *phases: str) -> list[Pair]:
     """Those of the phases; junk and old datagrams are none."""
-    found = []
-    answers = iter(seen.answers)
-    answer = next(answers, None)
-    ends = [*(each.number for each in seen.robots[1:]), math.inf]
-    for robot, end in zip(seen.robots, ends, strict=True):
-        own = []
-        while answer is not None and answer.number < end:
-            if answer.number > robot.number:
-                own.append(answer)
-            answer = next(answers, None)
-        found.append(Pair(robot, own))
+    found = [Pair(robot, []) for robot in seen.robots]
+    for answer in seen.answers:
+        before = bisect(seen.robots, answer.number, key=number_of)
+        if before:
+            found[before - 1].answers.append(answer)
     if not phases:
         return found
-    inside = [seen.phases[name] for name in phases if name in seen.phases]
-    return [p for p in found if any(i.first <= p.robot.number < i.end for i in inside)]
+    inside = {each.number for each in seen.within(seen.robots, *phases)}
+    return [each for each in found if each.robot.number in inside]
+
+
+def _answered(found: Sequence[Pair]) -> float:
+    """The share of datagrams that were answered."""
+    return sum(bool(each.answers) for each in found) / max(1, len(found))
 
 
 def _planned(answer: Answer) -> EgmMotion | None:
@@ -86,17 +87,9 @@ def _planned(answer: Answer) -> EgmMotion | None:
     return message.planned if isinstance(message, EgmSensor) else None
 
 
-def _far(one: Iterable[float] | None, other: Iterable[float] | None) -> float:
-    if one is None or other is None:
-        return 0.0
-    return max((abs(a - b) for a, b in zip(one, other, strict=False)), default=0.0)
-
-
 def _apart(motion: EgmMotion, robot: Robot) -> tuple[float, float]:
     """How far a reference is from what was measured: m, rad."""
-    pos = motion.cartesian.pos if motion.cartesian is not None else None
-    joints = motion.joints[:6] if motion.joints is not None else None
-    return _far(pos, robot.position), _far(joints, robot.joints)
+    return apart(place_of(motion), robot.position), apart(joints_of(motion)[:6], robot.joints)
 
 
 def _speed(answer: Answer) -> float:
@@ -110,11 +103,9 @@ def _speed(answer: Answer) -> float:
 @requires(101, f"{MANUAL}: the PC answers to the source of the datagram")
 def the_run_is_answered(seen: EgmSeen) -> Verdict:
     """Once it has begun to answer, it answers 95 % of the datagrams of a run."""
-    found = _pairs(seen, "run")
-    began = next((n for n, each in enumerate(found) if each.answers), None)
-    if began is None:
-        return failed("none came") if found else not_seen("nothing was sent")
-    share = sum(bool(each.answers) for each in found[began:-1]) / max(1, len(found[began:-1]))
+    found = some(_pairs(seen, "run"), "nothing was sent")
+    began = must(list(dropwhile(lambda each: not each.answers, found)), "none came")
+    share = _answered(began[:-1])
     return met(share >= ANSWERED_SHARE, f"{100 * share:.1f} %")
 
 
@@ -156,11 +147,8 @@ def answers_count_up_by_one(seen: EgmSeen) -> Verdict:
 def one_answer_is_enough(seen: EgmSeen) -> Verdict:
     """To a datagram there is one answer: more would wait in the controller and make it lag."""
     found = _pairs(seen, "run", "started")
-    wrong = [
-        (each.answers[1].number, f"{len(each.answers)} answers")
-        for each in found
-        if len(each.answers) > 1
-    ]
+    several = [each.answers for each in found if len(each.answers) > 1]
+    wrong = [(answers[1].number, f"{len(answers)} answers") for answers in several]
     # An answer that was just late stands beside the next one.
     if len(wrong) <= 0.01 * len(found):
         wrong = []
@@ -172,25 +160,18 @@ def one_answer_is_enough(seen: EgmSeen) -> Verdict:
 @requires(106, f"{MANUAL}: the controller reads what is there in its next cycle")
 def answers_are_in_time(seen: EgmSeen) -> Verdict:
     """99 of 100 answers come within the cycle of 4 ms."""
-    times = []
-    newest: Robot | None = None
-    robots = {each.number: each for each in seen.robots}
     by_tm = {each.message.header.tm_ms: each for each in seen.robots if each.message.header}
-    last = max((*robots, *(each.number for each in seen.answers)), default=-1)
-    answers = {each.number: each for each in seen.answers}
-    run = seen.phase("run")
-    for number in range(last + 1):
-        newest = robots.get(number, newest)
-        answer = answers.get(number)
-        if answer is None or newest is None or run is None or not run.first <= number < run.end:
-            continue
-        header = answer.message.header
+    times = []
+    before = {answer.number: robot for robot, answers in _pairs(seen) for answer in answers}
+    for answer in seen.within(seen.answers, "run"):
+        asked, header = before.get(answer.number), answer.message.header
         echoed = by_tm.get(header.tm_ms) if header is not None and header.tm_ms else None
-        asked = echoed if echoed is not None and echoed.number < number else newest
-        times.append((answer.time_s - asked.time_s, number))
+        if asked is not None and echoed is not None and echoed.number < answer.number:
+            asked = echoed
+        if asked is not None:
+            times.append((answer.time_s - asked.time_s, answer.number))
     some(times, _NOTHING)
-    times.sort()
-    late_s, number = times[int(0.99 * (len(times) - 1))]
+    late_s, number = sorted(times)[int(0.99 * (len(times) - 1))]
     said = f"99 of 100 within {late_s * 1e3:.2f} ms"
     return at_most(ANSWER_WITHIN_S * 1e3, late_s * 1e3, "ms", said, [number])
 
@@ -272,8 +253,8 @@ def references_do_not_leap(each: tuple[Answer, Answer]) -> str | None:
     a, b = map(_planned, each)
     if a is None or b is None:
         return None
-    one, other = (m.cartesian.pos if m.cartesian is not None else None for m in (a, b))
-    return _beyond(_far(one, other), _far(a.joints, b.joints), LEAP_M, LEAP_RAD)
+    far_m, far_rad = apart(place_of(a), place_of(b)), apart(joints_of(a), joints_of(b))
+    return _beyond(far_m, far_rad, LEAP_M, LEAP_RAD)
 
 
 def _while_stopped(seen: EgmSeen) -> Iterator[tuple[Robot, Answer]]:
@@ -302,12 +283,10 @@ def it_follows_while_commands_do_not_act(each: tuple[Robot, Answer]) -> str:
 )
 def junk_does_not_end_it(seen: EgmSeen) -> Verdict:
     """Datagrams that are not EGM end nothing: it goes on answering."""
-    found = _pairs(seen, "junk")
-    if not found or not seen.junk or not any(e.answers for e in _pairs(seen, "run")):
-        return not_seen("none were sent, or it never answered")
-    share = sum(bool(each.answers) for each in found) / len(found)
-    said = f"{len(seen.junk)} of them; {100 * share:.1f} % answered"
-    return met(share > 0.9, said, [seen.junk[0][0]])
+    found, ran = _pairs(seen, "junk"), _answered(_pairs(seen, "run"))
+    some(found and seen.junk and ran, "none were sent, or it never answered")
+    said = f"{len(seen.junk)} of them; {100 * _answered(found):.1f} % answered"
+    return met(_answered(found) > 0.9, said, [seen.junk[0][0]])
 
 
 @requires(
@@ -315,24 +294,15 @@ def junk_does_not_end_it(seen: EgmSeen) -> Verdict:
 )
 def old_datagrams_are_not_answered(seen: EgmSeen) -> Verdict:
     """A datagram that is old, or comes again, is not answered."""
-    phase = seen.phase("old")
-    if phase is None or not any(e.answers for e in _pairs(seen, "old")):
-        return not_seen("none were sent, or it did not answer")
+    some(_answered(_pairs(seen, "old")), "none were sent, or it did not answer")
     sent = Counter(each.message.header for each in seen.robots)
     again = {header.tm_ms for header, count in sent.items() if count > 1 and header is not None}
     echoed = Counter(each.message.header.tm_ms for each in seen.answers if each.message.header)
-    inside = [each for each in seen.answers if phase.first <= each.number < phase.end]
-    if set(echoed) & again:
-        # It echoes tm, which tells what it answers, however late.
-        wrong = [
-            each.number
-            for each in inside
-            if each.message.header
-            and each.message.header.tm_ms in again
-            and echoed[each.message.header.tm_ms] > 1
-        ]
-        said = f"{len(wrong)} answers to what came twice"
-        must(not wrong, said, wrong)
+    twice = {tm_ms for tm_ms in again if echoed[tm_ms] > 1}
+    inside = seen.within(seen.answers, "old")
+    # It echoes tm, which tells what it answers, however late.
+    wrong = [e.number for e in inside if e.message.header and e.message.header.tm_ms in twice]
+    must(not wrong, f"{len(wrong)} answers to what came twice", wrong)
     fresh = len({each.seqno for each in seen.during("old")})
     said = f"{len(inside)} answers to {fresh} new datagrams"
     # The last answer before may have been late.
@@ -346,15 +316,14 @@ def old_datagrams_are_not_answered(seen: EgmSeen) -> Verdict:
 )
 def silence_is_not_answered(seen: EgmSeen) -> Verdict:
     """While the controller is silent it is sent no more than three messages."""
-    phase = seen.phase("silence")
-    if phase is None or not any(e.answers for e in _pairs(seen, "run")):
-        return not_seen("there was no silence, or it never answered")
-    found = [
-        each.number
-        for each in seen.answers
-        if phase.first <= each.number < phase.end and each.time_s > phase.start_s + SILENT_AFTER_S
-    ]
+    phase = some(seen.phase("silence"), _NEVER)
+    some(_answered(_pairs(seen, "run")), _NEVER)
+    since_s = phase.start_s + SILENT_AFTER_S
+    found = [e.number for e in seen.within(seen.answers, "silence") if e.time_s > since_s]
     return met(len(found) <= FAREWELLS, f"{len(found)} messages", found)
+
+
+_NEVER = "there was no silence, or it never answered"
 
 
 @requires(
@@ -364,10 +333,9 @@ def silence_is_not_answered(seen: EgmSeen) -> Verdict:
 )
 def a_new_port_is_followed(seen: EgmSeen) -> Verdict:
     """After a restart of the controller, which has another port then, that one is answered."""
-    found = _pairs(seen, "restarted")
-    if len(found) < 25 or not any(e.answers for e in _pairs(seen, "run")):
-        return not_seen("there was no restart, or it never answered")
-    share = sum(bool(each.answers) for each in found[10:-1]) / len(found[10:-1])
+    found, ran = _pairs(seen, "restarted"), _answered(_pairs(seen, "run"))
+    some(len(found) >= 25 and ran, "there was no restart, or it never answered")
+    share = _answered(found[10:-1])
     said = f"{100 * share:.1f} % of its datagrams are answered"
     return met(share > 0.9, said, [found[-1].robot.number])
 
@@ -390,9 +358,7 @@ def both_descriptions_agree(seen: EgmSeen) -> Verdict:
 )
 def it_leaves_without_speed(seen: EgmSeen) -> Verdict:
     """When the driver's program ends, the last message says no speed."""
-    phase = seen.phase("ended")
-    if phase is None or not seen.answers:
-        return not_seen("it was not ended")
-    last = seen.answers[-1]
+    phase = some(seen.phase("ended"), "it was not ended")
+    last = some(seen.answers, "it was not ended")[-1]
     some(phase.end_s - last.time_s >= 0.5, "it still answers")
     return met(_speed(last) <= SPEED_M_S, f"{_speed(last):.3g} m/s or rad/s", [last.number])

@@ -43,7 +43,7 @@ class Said(NamedTuple):
     """It came in one piece, with nothing else in it."""
     owed: int
     """Requests before it on its connection that were not answered yet."""
-    answered: Answered | None
+    answered: Answered | None = None
 
     @property
     def is_topic(self) -> bool:
@@ -52,10 +52,14 @@ class Said(NamedTuple):
         return topic and self.message.msg_type in _VELOCITIES
 
     @property
+    def answer(self) -> sm.Body | None:
+        """What was said in answer."""
+        return None if self.answered is None else self.answered.message.body
+
+    @property
     def reply(self) -> sm.MotionReply | None:
         """The answer, where it is one of motion."""
-        body = None if self.answered is None else self.answered.message.body
-        return body if isinstance(body, sm.MotionReply) else None
+        return self.answer if isinstance(self.answer, sm.MotionReply) else None
 
     @property
     def command(self) -> int:
@@ -171,7 +175,7 @@ class DriverSeen(Seen):
         if reader is None:
             found = sm.detect_byte_order(data)
             if found is not None and found is not order:
-                self.disordered.append((number, f"{data[:8].hex(' ')}"))
+                self.disordered.append((number, data[:8].hex(" ")))
             reader = self._readers[channel] = sm.FrameReader(found or order)
         order = reader.byte_order or order
         begun = bool(reader.pending_bytes)
@@ -188,18 +192,8 @@ class DriverSeen(Seen):
                 topics = False
                 continue
             waiting = self._waiting.setdefault(channel, deque())
-            index = len(self.said)
-            said = Said(
-                index,
-                number,
-                event.time_s,
-                channel,
-                message,
-                frame,
-                not pieces,
-                len(waiting),
-                None,
-            )
+            index, owed = len(self.said), len(waiting)
+            said = Said(index, number, event.time_s, channel, message, frame, not pieces, owed)
             self.said.append(said)
             if not said.is_topic:
                 topics = False
@@ -229,8 +223,8 @@ class DriverSeen(Seen):
             waiting = self._waiting.get(channel)
             if waiting:
                 index = waiting.popleft()
-                answered = Answered(number, event.time_s, message)
-                self.said[index] = self.said[index]._replace(answered=answered)
+                said = self.said[index]
+                self.said[index] = said._replace(answered=Answered(number, event.time_s, message))
         if reader.failure:
             del self._ours[channel]
 

@@ -17,10 +17,11 @@ from cardan.conform.requirements import (
     Over,
     Requirements,
     Verdict,
+    apart,
     failed,
+    must,
     none_wrong,
     not_applicable,
-    not_seen,
     passed,
     some,
 )
@@ -121,12 +122,17 @@ def _in_stock(seen: DriverSeen) -> Iterator[tuple[Said, str]]:
 # -- the wire --------------------------------------------------------------------------------------
 
 
+def _not_to(found: Iterable[str]) -> str:
+    """Which of its ports it did not connect to; empty: to both."""
+    missing = sorted({"motion", "state"} - set(found))
+    return f"not to {' and '.join(missing)}" if missing else ""
+
+
 @requires(101, f"{MANUAL}: the controller listens at 50240 and 50241")
 def it_connects(seen: DriverSeen) -> Verdict:
     """It connects to the state port and to the motion port."""
-    found = {each.port for each in seen.links}
-    missing = sorted({"motion", "state"} - found)
-    return failed(f"not to {' and '.join(missing)}") if missing else passed("to both")
+    missing = _not_to(each.port for each in seen.links)
+    return failed(missing) if missing else passed("to both")
 
 
 @requires(102, f"{MESSAGES}: prefix, header, body")
@@ -258,13 +264,12 @@ def _answered_lately(said: Said, messages: list[Said]) -> bool:
 @requires(111, f"{CONTROLLER}: hold, for one, does not let a job be started")
 def a_refused_start_is_taken_for_one(seen: DriverSeen) -> Verdict:
     """Where the start of motion is answered NOT_READY, neither points nor speeds follow."""
-    refused = [
-        e for e in seen.during("refused") if e.command in STARTS and e.reply and e.reply.result
-    ]
+    found = seen.during("refused")
+    refused = [e for e in found if e.command in STARTS and e.reply and e.reply.result]
     some(refused, "none was refused")
-    wrong = [e.number for e in seen.during("refused") if e.point or e.velocity]
-    said = f"{len(wrong)} after it"
-    return failed(said, wrong) if wrong else passed(f"{len(refused)} refused")
+    wrong = [e.number for e in found if e.point or e.velocity]
+    must(not wrong, f"{len(wrong)} after it", wrong)
+    return passed(f"{len(refused)} refused")
 
 
 # -- trajectories ----------------------------------------------------------------------------------
@@ -296,10 +301,9 @@ def a_trajectory_begins_where_the_arm_is(
     _, point, measured = each
     if point.sequence or measured is None:
         return None
-    far = max(abs(a - b) for a, b in zip(point.pos, measured.pos, strict=True))
+    far, speed = apart(point.pos, measured.pos), max(map(abs, point.vel))
     if far > NEAR_RAD:
         return f"{far:.4f} rad away"
-    speed = max(map(abs, point.vel))
     return f"at {speed:.3g} rad/s" if speed > STILL_RAD_S else ""
 
 
@@ -367,45 +371,40 @@ def the_way_between_is_within_the_arm(each: Neighbours) -> str:
     return _too_fast(_steepest(each[1], each[3]), TOO_FAST)
 
 
-def _next_point(said: Said, messages: list[Said]) -> Said | None:
-    """The point after one on its connection."""
-    return next((m for m in messages if m.place > said.place and m.point is not None), None)
+def _with_next(seen: DriverSeen, result: R) -> list[tuple[Said, Said | None]]:
+    """Points that were answered so, each with the next one on its connection."""
+    return [
+        (each, next((m for m in messages[n + 1 :] if m.point is not None), None))
+        for messages in seen.motion.values()
+        for n, each in enumerate(messages)
+        if each.point is not None and each.reply is not None and each.reply.result == result
+    ]
 
 
 @requires(126, f"{SERVER}: BUSY, the point is not taken; {CLIENT}: the same is sent again")
 def a_busy_point_is_sent_again(seen: DriverSeen) -> Verdict:
     """A point that is answered BUSY is the next one that is sent, unless motion begins anew."""
-    wrong, count = [], 0
-    for messages in seen.motion.values():
-        for each in messages:
-            if each.point is None or each.reply is None or each.reply.result != R.BUSY:
-                continue
-            count += 1
-            after = _next_point(each, messages)
-            anew = after is None or after.point is None or after.point.sequence == 0
-            if after is not None and not anew and after.point != each.point:
-                wrong.append((after.number, "another point follows"))
-    if seen.points and not count:
-        return not_seen("no point was answered BUSY")
-    return none_wrong(wrong, count, f"{count} busy answers", _NO_POINTS)
+    busy = _with_next(seen, R.BUSY)
+    some(busy or not seen.points, "no point was answered BUSY")
+    wrong = [
+        (after.number, "another point follows")
+        for each, after in busy
+        if after and after.point and after.point.sequence and after.point != each.point
+    ]
+    return none_wrong(wrong, len(busy), f"{len(busy)} busy answers", _NO_POINTS)
 
 
 @requires(127, f"{SERVER}: a first point that is refused is kept, and the next goes on from it")
 def a_refused_first_point_is_not_gone_on_from(seen: DriverSeen) -> Verdict:
     """After a first point that is answered INVALID comes another first point, or none."""
-    wrong, count = [], 0
-    for messages in seen.motion.values():
-        for each in messages:
-            first = each.point is not None and each.point.sequence == 0
-            if not first or each.reply is None or each.reply.result != R.INVALID:
-                continue
-            count += 1
-            after = _next_point(each, messages)
-            if after is not None and after.point is not None and after.point.sequence != 0:
-                wrong.append((after.number, f"point {after.point.sequence} follows"))
-    if seen.points and not count:
-        return not_seen("no first point was refused")
-    return none_wrong(wrong, count, f"{count} of them", _NO_POINTS)
+    found = [e for e in _with_next(seen, R.INVALID) if e[0].point and not e[0].point.sequence]
+    some(found or not seen.points, "no first point was refused")
+    wrong = [
+        (after.number, f"point {after.point.sequence} follows")
+        for _, after in found
+        if after and after.point and after.point.sequence
+    ]
+    return none_wrong(wrong, len(found), f"{len(found)} of them", _NO_POINTS)
 
 
 @requires(128, f"{SERVER}: an empty queue stops the command dead, without a ramp")
@@ -461,20 +460,19 @@ def a_trajectory_begins_at_rest(
 # -- the velocity mode -----------------------------------------------------------------------------
 
 
-@requires(140, f"{VELOCITY}, finding out")
+@requires(140, f"{VELOCITY}, finding out", unless=_unused)
 def the_velocity_mode_is_asked_for(seen: DriverSeen) -> Verdict:
     """START_VEL_MODE is only sent after MOTO_VELOCITY_INFO was answered on that connection."""
     wrong, count = [], 0
     for messages in seen.motion.values():
         known = False
         for each in messages:
-            if each.answered and isinstance(each.answered.message.body, sm.VelocityInfo):
-                known = True
+            known = known or isinstance(each.answer, sm.VelocityInfo)
             if each.command == C.START_VEL_MODE:
                 count += 1
                 if not known:
                     wrong.append((each.number, "without having asked"))
-    return _unused(seen) or none_wrong(wrong, count, f"{count} starts", _NO_SPEEDS)
+    return none_wrong(wrong, count, f"{count} starts", _NO_SPEEDS)
 
 
 @requires.each(
@@ -552,7 +550,7 @@ def a_stream_begins_at_rest(each: tuple[Said, sm.JointVelocity]) -> str | None:
     return f"{speed:.3g} rad/s" if speed > STILL_RAD_S else ""
 
 
-@requires(146, f"{VELOCITY}, safety: the watchdog")
+@requires(146, f"{VELOCITY}, safety: the watchdog", unless=_unused)
 def the_watchdog_is_fed(seen: DriverSeen) -> Verdict:
     """While nothing disturbs it, it is never silent for as long as the watchdog waits."""
     inside = {each.place for each in seen.during(*UNDISTURBED)}
@@ -562,33 +560,30 @@ def the_watchdog_is_fed(seen: DriverSeen) -> Verdict:
         for a, b in pairwise(messages)
         if a.velocity is not None and a.place in inside and b.place in inside
     ]
-    watchdog_s = 0.1
-    for each in seen.said:
-        if each.command == C.START_VEL_MODE and each.reply and not each.reply.result:
-            watchdog_s = each.reply.data[2] * 1e-3
-    if (unused := _unused(seen)) is not None:
-        return unused
-    some(gaps, _NO_SPEEDS)
-    longest_s, number = max(gaps)
+    longest_s, number = max(some(gaps, _NO_SPEEDS))
+    starts = (e.reply for e in seen.said if e.command == C.START_VEL_MODE and e.reply)
+    watchdog_s = [0.1, *(reply.data[2] * 1e-3 for reply in starts if not reply.result)][-1]
     said = f"longest {longest_s * 1e3:.0f} of {watchdog_s * 1e3:.0f} ms"
     if longest_s >= watchdog_s:
         return failed(said, [number], longest_s * 1e3, "ms")
     return passed(said, longest_s * 1e3, "ms")
 
 
-@requires(147, f"{VELOCITY}, MOTO_JOINT_VELOCITY: INVALID and NOT_READY; it is never BUSY")
+@requires(
+    147,
+    f"{VELOCITY}, MOTO_JOINT_VELOCITY: INVALID and NOT_READY; it is never BUSY",
+    unless=_unused,
+)
 def speeds_are_taken(seen: DriverSeen) -> Verdict:
     """Speeds that are asked about are not answered INVALID, nor VEL_WATCHDOG."""
     found = [(said, said.reply) for said, _ in seen.velocities if said.reply is not None]
+    if seen.velocities and not found:
+        return not_applicable("it never asks what became of its speeds")
     wrong = [
         (said.number, f"subcode {reply.subcode}")
         for said, reply in found
         if reply.result == R.INVALID or reply.subcode == N.VEL_WATCHDOG
     ]
-    if (unused := _unused(seen)) is not None:
-        return unused
-    if seen.velocities and not found:
-        return not_applicable("it never asks what became of its speeds")
     return none_wrong(wrong, len(found), f"{len(found)} answers", _NO_SPEEDS)
 
 
@@ -713,17 +708,15 @@ def the_reply_before_is_not_the_answer(seen: DriverSeen) -> Verdict:
 def _came_again(seen: DriverSeen, what: str, port: str) -> Verdict:
     """Whether a connection that ended in a phase was made again."""
     phases = some(seen.named(what, f"{what} over"), NOT_MOVED)
-    wrong, count = [], 0
     firsts = [phase for phase in phases if not phase.name.endswith("over")]
+    wrong = []
     for phase in firsts:
-        count += 1
         end = max(p.end for p in phases if p.name.startswith(phase.name))
-        again = [e for e in seen.links if e.port == port and phase.first < e.number < end]
-        if not again:
+        if not any(e.port == port and phase.first < e.number < end for e in seen.links):
             wrong.append((phase.first, "it did not come again"))
     inside = seen.during(what, f"{what} over")
     wrong += [(e.number, f"command {e.command}") for e in inside if e.command in MOVING]
-    return none_wrong(wrong, count, f"{count} of them")
+    return none_wrong(wrong, len(firsts), f"{len(firsts)} of them")
 
 
 @requires(160, f"{SERVER}: the place is free at once; {ENDS}")
@@ -759,12 +752,8 @@ def a_restart_is_followed(seen: DriverSeen) -> Verdict:
     """After a restart of the controller it connects again, to both ports."""
     phases = seen.named("connect")[1:]
     some(phases and seen.links, "there was no restart, or it never connected")
-    wrong = []
-    for phase in phases:
-        found = {e.port for e in seen.links if phase.first < e.number < phase.end}
-        missing = sorted({"motion", "state"} - found)
-        if missing:
-            wrong.append((phase.first, f"not to {' and '.join(missing)}"))
+    came = ((p, [e.port for e in seen.within(seen.links, p.name)]) for p in phases)
+    wrong = [(phase.first, words) for phase, ports in came if (words := _not_to(ports))]
     return none_wrong(wrong, len(phases), f"{len(phases)} of them")
 
 

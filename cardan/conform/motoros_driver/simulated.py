@@ -82,6 +82,10 @@ class MotorosDriverRig(DriverRig):
             del self._links[kind]
             self._session.disconnected(kind, "the controller closed it", self._now_s)
 
+    @property
+    def _wire(self) -> sm.Wire:
+        return sm.wire(self._session.feed.byte_order or sm.ByteOrder.LITTLE)
+
     def _kind(self, name: str) -> Channel | None:
         return next((kind for kind, each in self._links.items() if each == name), None)
 
@@ -224,8 +228,7 @@ class MotorosDriverRig(DriverRig):
         if "deaf" in faults and now_s > max(self._heard_s, self._repeated_s) + STATE_S:
             self._repeated_s = now_s
             for message in tuple(self._states.values()):
-                order = session.feed.byte_order or sm.ByteOrder.LITTLE
-                session.received("state", sm.wire(order).encode(message), now_s)
+                session.received("state", self._wire.encode(message), now_s)
         again_s = 1e-3 * faults.get("impatient", math.inf)
         name = self._links.get("motion")
         if self._told is not None and name is not None and now_s > self._told_s + again_s:
@@ -245,8 +248,7 @@ class MotorosDriverRig(DriverRig):
             if not self._faults:
                 self._send(self._links[kind], data)
                 continue
-            order = session.feed.byte_order or sm.ByteOrder.LITTLE
-            message = sm.wire(order).decode(data)
+            message = self._wire.decode(data)
             assert not isinstance(message, sm.Malformed)
             self._spoilt(self._links[kind], message)
 
@@ -344,8 +346,7 @@ class MotorosDriverRig(DriverRig):
 
     def _pretend(self, name: str, body: sm.MotionReply | sm.VelocityInfo) -> None:
         """The driver goes on as after this answer, without having asked."""
-        order = self._session.feed.byte_order or sm.ByteOrder.LITTLE
-        data = sm.wire(order).encode(sm.reply(body))
+        data = self._wire.encode(sm.reply(body))
 
         def arrived() -> None:
             if self._kind(name) == "motion":

@@ -4,12 +4,19 @@ decoded once."""
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from typing import Any, NamedTuple, NoReturn
 
 from cardan.conform.timeline import Event, Kind, Seen, Timeline, UnaskedError
 from cardan.protocols.ur import rtde
 from cardan.protocols.ur.dashboard import LineReader
-from cardan.protocols.ur.primary import Package, PackageReader, RobotMessage, read_message
+from cardan.protocols.ur.primary import (
+    MessageKind,
+    Package,
+    PackageReader,
+    RobotMessage,
+    read_message,
+)
 from cardan.protocols.ur.realtime import RealtimeReader
 
 RTDE, SECOND, OLD = "rtde", "rtde-2", "rtde-1"
@@ -378,6 +385,11 @@ class UrSeen(Seen):
     def sent_during(self, *names: str) -> list[State]:
         """The commands of these phases."""
         return self.within(self.commands, *names)
+
+    def messages(self, *kinds: MessageKind, during: Sequence[str] = ()) -> list[RobotMessage]:
+        """Those of the primary interface, of these kinds; in these phases, or in all."""
+        found = self.within(self.told, *during) if during else self.told
+        return [each.message for each in found if each.message and each.message.kind in kinds]
 
     def exchanges(self, kind: rtde.PacketType, *names: str) -> list[Exchange]:
         """Requests of a kind in these phases; without any, in all."""

@@ -10,6 +10,7 @@ from cardan.conform.requirements import (
     Outcome,
     Over,
     Verdict,
+    apart,
     at_most,
     failed,
     met,
@@ -76,6 +77,7 @@ AWAY_SHARE = 0.1
 STOPPED_BY_HAND_S = 0.5
 
 NO_PROGRAM = "no program was sent"
+_NONE_FOLLOWED = "no program followed then"
 RUNTIME = "runtime_state"
 
 
@@ -86,15 +88,11 @@ RUNTIME = "runtime_state"
 def inputs_are_given(seen: UrSeen) -> Verdict:
     """The registers that the driver writes are given, with the documented types."""
     found = [each for each in seen.setups(PacketType.INPUTS, "inputs") if each[1].names == INPUTS]
-    some(found, "it was not answered")
-    exchange, asked, reply = found[0]
-    wrong = [
-        (exchange.number, f"{name} {kind}")
-        for name, kind in zip(asked.names, reply.types, strict=False)
-        if kind != INPUT_TYPES[name]
-    ]
-    if not wrong and (not reply.recipe or len(reply.types) != len(asked.names)):
-        return failed(f"recipe {reply.recipe}", [exchange.number])
+    exchange, asked, reply = some(found, "it was not answered")[0]
+    kinds = zip(asked.names, reply.types, strict=False)
+    wrong = [(exchange.number, f"{name} {k}") for name, k in kinds if k != INPUT_TYPES[name]]
+    given = reply.recipe and len(reply.types) == len(asked.names)
+    must(wrong or given, f"recipe {reply.recipe}", [exchange.number])
     return none_wrong(wrong, len(asked.names), f"{len(asked.names)} registers", "")
 
 
@@ -212,7 +210,7 @@ def after(seen: UrSeen, time_s: float) -> list[State]:
 @requires(109, f"{CLIENT}: a client sends a program, and the controller runs it")
 def programs_are_begun(seen: UrSeen) -> Verdict:
     """Each program that is sent has written its first register within 1 s."""
-    found = _programs(seen)
+    found = some(_programs(seen), NO_PROGRAM)
     wrong, latest_s = [], 0.0
     for each in found:
         state = first(after(seen, each.time_s), TOKEN, each.token)
@@ -220,26 +218,18 @@ def programs_are_begun(seen: UrSeen) -> Verdict:
         latest_s = max(latest_s, took_s)
         if took_s > BEGINS_WITHIN_S:
             words = "never" if state is None else f"after {took_s:.2f} s"
-            wrong.append((each.number, f"{each.name} in {_phase_of(seen, each.number)}: {words}"))
-    if wrong or not found:
-        return none_wrong(wrong, len(found), "", NO_PROGRAM)
+            phase = next((name for name in seen.phases if seen.inside(each.number, name)), "")
+            wrong.append((each.number, f"{each.name} in {phase}: {words}"))
+    if wrong:
+        return none_wrong(wrong, len(found), "")
     return passed(f"{len(found)} programs, within {latest_s * 1e3:.0f} ms", latest_s * 1e3, "ms")
-
-
-def _phase_of(seen: UrSeen, number: int) -> str:
-    return next((name for name in seen.phases if seen.inside(number, name)), "")
 
 
 @requires(110, f"{SCRIPT}: textmsg; {CLIENT}: text message")
 def what_a_program_says_is_told(seen: UrSeen) -> Verdict:
     """What a program says by textmsg comes over the primary interface."""
-    found = _programs(seen, "say", "replaced")
-    ours = [each for each in found if each.name == "cardan_says"]
-    texts = [
-        each.message.text
-        for each in seen.told
-        if each.message is not None and each.message.kind == MessageKind.TEXT
-    ]
+    ours = [each for each in _programs(seen, "say", "replaced") if each.name == "cardan_says"]
+    texts = [each.text for each in seen.messages(MessageKind.TEXT)]
     wrong = (
         (each.number, f"{texts[-1]!r}" if texts else "no text came")
         for each in ours
@@ -251,30 +241,27 @@ def what_a_program_says_is_told(seen: UrSeen) -> Verdict:
 @requires(111, f"{GUIDE}: runtime_state")
 def runtime_state_says_what_runs(seen: UrSeen) -> Verdict:
     """runtime_state is PLAYING while a program of 0.2 s runs, and STOPPED before it and after."""
-    found = _programs(seen, "say")
-    states = seen.during("say")
-    if not found or first(states, TOKEN, found[0].token) is None:
-        return not_seen("none was begun")
-    playing = [each for each in states if each.values["runtime_state"] == RuntimeState.PLAYING]
-    must(playing, "it was never PLAYING", [found[0].number])
+    states, found = seen.during("say"), _begun(seen, "say")
+    playing = [each for each in states if each.values[RUNTIME] == RuntimeState.PLAYING]
+    must(playing, "it was never PLAYING", [found.number])
     took_s = playing[-1].time_s - playing[0].time_s
-    last = states[-1].values["runtime_state"]
+    last = states[-1].values[RUNTIME]
     said = f"PLAYING for {took_s:.2f} s, then {RuntimeState(last).name}"
     return met(took_s > 0.9 * SLEEP_S and last == RuntimeState.STOPPED, said, [playing[-1].number])
+
+
+def _begun(seen: UrSeen, phase: str, name: str = "") -> Upload:
+    """The first program of a phase, of that name where one is given, which was begun."""
+    found = [each for each in _programs(seen, phase) if name in ("", each.name)]
+    begun = found and first(seen.during(phase), TOKEN, found[0].token)
+    return some(found if begun else None, "none was begun")[0]
 
 
 @requires(112, f"{CLIENT}: key message")
 def programs_are_announced(seen: UrSeen) -> Verdict:
     """Key messages tell that a program has begun, and that it has ended."""
-    if first(seen.during("say"), RUNTIME, RuntimeState.PLAYING) is None:
-        return not_seen("no program ran")
-    titles = [
-        each.message.title
-        for each in seen.told
-        if each.message is not None
-        and each.message.kind == MessageKind.KEY
-        and seen.inside(each.number, "say", "wrong")
-    ]
+    some(first(seen.during("say"), RUNTIME, RuntimeState.PLAYING), "no program ran")
+    titles = [each.title for each in seen.messages(MessageKind.KEY, during=("say", "wrong"))]
     missing = [t for t in ("PROGRAM_XXX_STARTED", "PROGRAM_XXX_STOPPED") if t not in titles]
     return failed(f"no {missing[0]}") if missing else passed(f"{len(titles)} messages")
 
@@ -283,16 +270,10 @@ def programs_are_announced(seen: UrSeen) -> Verdict:
 def wrong_programs_are_refused_in_words(seen: UrSeen) -> Verdict:
     """A program that calls what there is not ends at once, and the primary interface says why."""
     uploads = some([each for each in seen.uploads if each.name == WRONG], NO_PROGRAM)
-    words = [
-        each.message
-        for each in seen.told
-        if each.message is not None
-        and each.message.kind in (MessageKind.TEXT, MessageKind.RUNTIME_EXCEPTION)
-        and seen.inside(each.number, "wrong")
-    ]
-    states = seen.during("wrong")
-    if states and states[-1].values["runtime_state"] != RuntimeState.STOPPED:
-        return failed("it still runs", [states[-1].number])
+    kinds = MessageKind.TEXT, MessageKind.RUNTIME_EXCEPTION
+    for last in seen.during("wrong")[-1:]:
+        must(last.values[RUNTIME] == RuntimeState.STOPPED, "it still runs", [last.number])
+    words = seen.messages(*kinds, during=("wrong",))
     must(words, "nothing was said", [uploads[0].number])
     return passed(f"line {words[0].line}: {words[0].text!r}")
 
@@ -354,12 +335,10 @@ def commands_are_obeyed(seen: UrSeen) -> Verdict:
     )
 
 
-def _farthest(states: Sequence[State], name: str = "actual_q") -> float:
-    """How far any joint was from where it is in the first state, rad."""
-    first = states[0].values[name]
-    return float(
-        max(abs(a - b) for each in states for a, b in zip(each.values[name], first, strict=True))
-    )
+def _farthest(states: Sequence[State], joints: slice = slice(None)) -> float:
+    """How far any of the joints was from where it is in the first state, rad."""
+    first = states[0].values["actual_q"][joints]
+    return max(apart(each.values["actual_q"][joints], first) for each in states)
 
 
 @requires(116, f"{SCRIPT}: servoj")
@@ -384,7 +363,7 @@ def _ended(seen: UrSeen, phase: str) -> tuple[float, State] | None:
 
 def _watchdog(seen: UrSeen, phase: str) -> Verdict:
     """Whether the program's own watchdog ended it in time, with the arm at rest after it."""
-    found = some(_ended(seen, phase), "no program followed then")
+    found = some(_ended(seen, phase), _NONE_FOLLOWED)
     took_s, state = found
     report = state.values[REPORT]
     must(report == Report.ENDED_BY_WATCHDOG, f"it reports {report}", [state.number])
@@ -407,28 +386,23 @@ def silence_ends_the_program(seen: UrSeen) -> Verdict:
 def an_order_ends_the_program(seen: UrSeen) -> Verdict:
     """A program that was begun again ends by order, its registers keep what it reported, and
     runtime_state is STOPPED."""
-    found = _ended(seen, "order")
-    if found is None or not seen.sent_during("order"):
-        return not_seen("no program followed then")
+    _, state = some(_ended(seen, "order"), _NONE_FOLLOWED)
+    some(seen.sent_during("order"), _NONE_FOLLOWED)
     last = seen.during("order")[-1].values
     said = f"report {last[REPORT]}, runtime state {last[RUNTIME]}"
-    return met(
-        (last[REPORT], last[RUNTIME]) == (Report.ENDED_BY_ORDER, RuntimeState.STOPPED),
-        said,
-        [found[1].number],
-    )
+    ended = (last[REPORT], last[RUNTIME]) == (Report.ENDED_BY_ORDER, RuntimeState.STOPPED)
+    return met(ended, said, [state.number])
 
 
 @requires(119, f"{CLIENT}: a program takes the place of the one that runs")
 def a_program_replaces_another(seen: UrSeen) -> Verdict:
     """A program that is sent while another runs takes its place."""
     begun, found = _programs(seen, "replace"), _programs(seen, "replaced")
-    some(begun and found, "no program followed then")
+    some(begun and found, _NONE_FOLLOWED)
     state = first(seen.during("replaced"), TOKEN, found[0].token)
     state = must(state, "it was not begun", [found[0].number])
-    back = [
-        each.number for each in after(seen, state.time_s) if each.values[TOKEN] == begun[0].token
-    ]
+    later = after(seen, state.time_s)
+    back = [each.number for each in later if each.values[TOKEN] == begun[0].token]
     return failed("the other goes on", back) if back else passed("it did")
 
 
@@ -451,17 +425,15 @@ def _unmoved(seen: UrSeen) -> Verdict | None:
 @requires(201, f"{SCRIPT}: servoj", unless=_unmoved)
 def commands_move_it(seen: UrSeen) -> Verdict:
     """The last joint moves within 0.1 s of the first command that says so."""
-    found = seen.during("out")
-    sent = seen.sent_during("out")
-    first = sent[0].values[LAST_JOINT]
-    told = next((c for c in sent if abs(c.values[LAST_JOINT] - first) > 0.02 * STEP_RAD), None)
-    far = _last_joint(found)
-    moved = next((s for s, each in zip(found, far, strict=True) if each > 0.02 * STEP_RAD), None)
+    found, sent = seen.during("out"), seen.sent_during("out")
+    begins = sent[0].values[LAST_JOINT]
+    told = next((c for c in sent if abs(c.values[LAST_JOINT] - begins) > 0.02 * STEP_RAD), None)
     told = some(told, "it was not told to")
+    far = zip(found, _last_joint(found), strict=True)
+    moved = next((state for state, each in far if each > 0.02 * STEP_RAD), None)
     moved = must(moved, "it never did", [told.number])
-    took_s = moved.time_s - told.time_s
-    said = f"after {took_s * 1e3:.0f} ms"
-    return at_most(1e3 * MOVES_WITHIN_S, 1e3 * took_s, "ms", said, [moved.number])
+    took_ms = 1e3 * (moved.time_s - told.time_s)
+    return at_most(1e3 * MOVES_WITHIN_S, took_ms, "ms", f"after {took_ms:.0f} ms", [moved.number])
 
 
 @requires(202, f"{SCRIPT}: servoj", unless=_unmoved)
@@ -484,11 +456,7 @@ def it_does_not_overshoot(seen: UrSeen) -> Verdict:
 @requires(204, f"{SCRIPT}: servoj", unless=_unmoved)
 def the_other_joints_stand(seen: UrSeen) -> Verdict:
     """Meanwhile no other joint moves by more than a tenth of the step."""
-    found = seen.during("out")
-    first = found[0].values["actual_q"][:-1]
-    far = max(
-        abs(a - b) for s in found for a, b in zip(s.values["actual_q"][:-1], first, strict=True)
-    )
+    far = _farthest(seen.during("out"), slice(-1))
     return met(far < AWAY_SHARE * STEP_RAD, f"{math.degrees(far):.4f} degrees at most")
 
 
@@ -533,7 +501,7 @@ def deserted_in_motion_it_stops(seen: UrSeen) -> Verdict:
 def it_comes_back(seen: UrSeen) -> Verdict:
     """Begun anew, the program takes the joint back to where it was, to a tenth of the step."""
     there, back = seen.during("out"), seen.during("back")
-    some(seen.sent_during("back") and back, "no program followed then")
+    some(seen.sent_during("back") and back, _NONE_FOLLOWED)
     left = back[-1].values["actual_q"][-1] - there[0].values["actual_q"][-1]
     said = f"{math.degrees(left):.4f} degrees off"
     return met(abs(left) < REACHED_SHARE * STEP_RAD, said, [back[-1].number])
@@ -563,15 +531,9 @@ def _never_local(seen: UrSeen) -> Verdict | None:
 @requires(302, f"{BOARD}: is in remote control", unless=_never_local)
 def local_control_is_told(seen: UrSeen) -> Verdict:
     """In local control the dashboard says so, and in remote control again."""
-    found = [
-        [
-            each.said
-            for each in seen.said(dashboard.REMOTE_CONTROL)
-            if seen.inside(each.number, name)
-        ]
-        for name in ("local", "remote")
-    ]
-    said = " then ".join(str(each[-1]) if each else "nothing" for each in found)
+    asked = seen.said(dashboard.REMOTE_CONTROL)
+    found = (seen.within(asked, name) for name in ("local", "remote"))
+    said = " then ".join(str(each[-1].said) if each else "nothing" for each in found)
     return met(said == "false then true", said)
 
 
@@ -593,12 +555,8 @@ def an_emergency_stop_is_told(seen: UrSeen) -> Verdict:
     """After an emergency stop safety_mode says so, and no state says that a program plays half a
     second later."""
     found = some(_emergency(seen), "no state told of one")
-    begun_s = found[0].time_s + STOPPED_BY_HAND_S
-    wrong = [
-        each.number
-        for each in found
-        if each.time_s > begun_s and each.values[RUNTIME] == RuntimeState.PLAYING
-    ]
+    late = [each for each in found if each.time_s > found[0].time_s + STOPPED_BY_HAND_S]
+    wrong = [each.number for each in late if each.values[RUNTIME] == RuntimeState.PLAYING]
     return failed("a program plays", wrong) if wrong else passed(f"{len(found)} states")
 
 
@@ -615,34 +573,18 @@ def an_emergency_stop_takes_the_power(seen: UrSeen) -> Verdict:
 def release_starts_nothing(seen: UrSeen) -> Verdict:
     """When the emergency stop is released the robot is not RUNNING by itself, and no program
     plays."""
-    found = [each for each in seen.during("release") if each not in _emergency(seen)]
-    found = [each for each in found if each.values["safety_mode"] in MOVES_IN]
+    found = [each for each in seen.during("release") if each.values["safety_mode"] in MOVES_IN]
     some(_emergency(seen) and found, "it was not released")
+    told = [(e.number, e.values["robot_mode"], e.values[RUNTIME]) for e in found]
     wrong = (
-        (each.number, f"mode {each.values['robot_mode']}, runtime state {each.values[RUNTIME]}")
-        for each in found
-        if each.values["robot_mode"] == RobotMode.RUNNING
-        or each.values[RUNTIME] == RuntimeState.PLAYING
+        (number, f"mode {mode}, runtime state {runtime}")
+        for number, mode, runtime in told
+        if mode == RobotMode.RUNNING or runtime == RuntimeState.PLAYING
     )
     return none_wrong(wrong, len(found), f"{len(found)} states", "")
 
 
 # -- level 1: lines and programs that users send beside a driver ---------------------------------
-
-
-def _uploads(seen: UrSeen, *phases: str) -> list[Upload]:
-    """Programs with a token, in these phases."""
-    return [each for each in seen.uploads if each.token and seen.inside(each.number, *phases)]
-
-
-def _texts(seen: UrSeen, phase: str) -> list[str]:
-    return [
-        each.message.text
-        for each in seen.told
-        if each.message is not None
-        and each.message.kind == MessageKind.TEXT
-        and seen.inside(each.number, phase)
-    ]
 
 
 @requires(120, f"{CLIENT}: a line that is sent alone is run")
@@ -651,14 +593,15 @@ def a_line_is_a_program_of_its_own(seen: UrSeen) -> Verdict:
     interface."""
     lines = [each for each in seen.uploads if not each.token and seen.inside(each.number, "lines")]
     some(lines, NO_PROGRAM)
-    found = [text for text in _texts(seen, "lines") if LINE in text]
+    texts = seen.messages(MessageKind.TEXT, during=("lines",))
+    found = [each.text for each in texts if LINE in each.text]
     return passed(repr(found[0])) if found else failed("no text came", [lines[0].number])
 
 
 @requires(121, f"{CLIENT}: lines and programs on one connection")
 def lines_spoil_no_program(seen: UrSeen) -> Verdict:
     """After lines, comments and `stop program` the next program of the connection is begun."""
-    found = some(_uploads(seen, "lines"), NO_PROGRAM)
+    found = some(_programs(seen, "lines"), NO_PROGRAM)
     state = first(after(seen, found[0].time_s), TOKEN, found[0].token)
     return passed("it was") if state else failed("it was not", [found[0].number])
 
@@ -667,43 +610,32 @@ def lines_spoil_no_program(seen: UrSeen) -> Verdict:
 def runtime_exceptions_are_told(seen: UrSeen) -> Verdict:
     """A program that fails while it runs ends, and a runtime exception on the primary interface
     says in which line."""
-    found = _uploads(seen, "raise")
-    if not found or first(seen.during("raise"), TOKEN, found[0].token) is None:
-        return not_seen("none was begun")
-    last = seen.during("raise")[-1]
+    found, last = _begun(seen, "raise"), seen.during("raise")[-1]
     must(last.values[RUNTIME] == RuntimeState.STOPPED, "it still runs", [last.number])
-    told = [
-        each.message
-        for each in seen.told
-        if each.message is not None
-        and each.message.kind == MessageKind.RUNTIME_EXCEPTION
-        and seen.inside(each.number, "raise")
-    ]
-    must(told, f"nothing was said of {RAISES}", [found[0].number])
+    told = seen.messages(MessageKind.RUNTIME_EXCEPTION, during=("raise",))
+    must(told, f"nothing was said of {RAISES}", [found.number])
     return met(told[0].line == RAISES_AT, f"line {told[0].line}: {told[0].text!r}")
 
 
 @requires(123, f"{SCRIPT}: socket_open, socket_send_line, socket_read_line")
 def programs_open_sockets(seen: UrSeen) -> Verdict:
     """A program opens a socket to a port of ours, sends a line, and hears what is answered."""
-    uploads = [each for each in _uploads(seen, "call") if each.name == CALLS]
-    if not uploads or first(seen.during("call"), TOKEN, uploads[0].token) is None:
-        return not_seen("none was begun")
-    if not any(event.kind is Kind.OPENED for _, event in seen.called):
-        return failed("it did not come", [uploads[0].number])
-    number = seen.called[0][0]
-    wanted = f"{SAYS} {uploads[0].token}"
+    found = _begun(seen, "call", CALLS)
+    came = any(event.kind is Kind.OPENED for _, event in seen.called)
+    must(came, "it did not come", [found.number])
+    number, wanted = seen.called[0][0], f"{SAYS} {found.token}"
     line = b"".join(event.data for _, event in seen.called).decode("utf-8", "replace")
     must(line.strip() == wanted, f"it sent {line!r}", [number])
-    if not any(ANSWER in text for text in _texts(seen, "call")):
-        return failed("it did not hear the answer", [number])
+    texts = seen.messages(MessageKind.TEXT, during=("call",))
+    heard = any(ANSWER in each.text for each in texts)
+    must(heard, "it did not hear the answer", [number])
     return passed("it did")
 
 
 @requires(124, f"{CLIENT}: the secondary and the real-time interface take programs, too")
 def other_interfaces_take_programs(seen: UrSeen) -> Verdict:
     """Programs that are sent over the secondary and over the real-time interface are begun."""
-    found = _uploads(seen, "elsewhere")
+    found = _programs(seen, "elsewhere")
     wrong = [
         (each.number, f"over the {each.channel} interface")
         for each in found

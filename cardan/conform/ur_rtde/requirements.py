@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 import re
 from bisect import bisect_left, bisect_right
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise
+from operator import attrgetter
 from typing import Any
 
 from cardan.conform.requirements import (
     Over,
     Requirements,
     Verdict,
+    Wrongs,
     at_most,
     failed,
     met,
@@ -49,7 +51,7 @@ from cardan.protocols.ur import dashboard, rtde
 from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, read_mode
 from cardan.protocols.ur.realtime import RealtimeForm
 from cardan.protocols.ur.robot_state import PARTS, sub_packages
-from cardan.protocols.ur.rtde import Data, PacketType, SetupReply
+from cardan.protocols.ur.rtde import Data, SetupReply
 from cardan.protocols.ur.states import RobotMode, RuntimeState, SafetyBit, SafetyMode, StatusBit
 from cardan.protocols.ur.variables import OUTPUTS as OUTPUT_TYPES
 
@@ -147,16 +149,15 @@ def it_says_its_version(seen: UrSeen) -> Verdict:
 @requires(5, f"{GUIDE}: each request has its return")
 def every_request_is_answered(seen: UrSeen) -> Verdict:
     """Each RTDE request is answered within 1 s by a packet of its own type."""
-    wrong, latest_s = [], 0.0
-    for each in seen.asked:
-        if each.reply is None:
-            wrong.append((each.number, f"no answer to {each.asked.kind.name}"))
-        else:
-            latest_s = max(latest_s, each.reply.time_s - each.time_s)
-            if each.reply.time_s - each.time_s > REPLY_S:
-                wrong.append((each.number, f"after {each.reply.time_s - each.time_s:.2f} s"))
-    count = len(seen.asked)
-    return none_wrong(wrong, count, f"{count}, within {latest_s * 1e3:.1f} ms", "nothing was asked")
+    took = [(e.reply.time_s - e.time_s if e.reply else math.inf, e) for e in seen.asked]
+    wrong = [
+        (each.number, f"after {s:.2f} s" if each.reply else f"no answer to {each.asked.kind.name}")
+        for s, each in took
+        if s > REPLY_S
+    ]
+    latest_ms = 1e3 * max((s for s, each in took if each.reply), default=0.0)
+    said = f"{len(took)}, within {latest_ms:.1f} ms"
+    return none_wrong(wrong, len(took), said, "nothing was asked")
 
 
 @requires(6, f"{GUIDE}: field names and associated types")
@@ -226,18 +227,19 @@ def the_period_is_the_control_loop_s(seen: UrSeen) -> Verdict:
     return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said, [found[-1].number])
 
 
+def _advance_s(pair: tuple[State, State]) -> float:
+    """By how much its clock goes on from one state to the other."""
+    return float(pair[1].values["timestamp"] - pair[0].values["timestamp"])
+
+
 @requires(10, f"{GUIDE}: a controller that is busy leaves packages out")
 def none_is_left_out(seen: UrSeen) -> Verdict:
     """At most 1 % of the states are left out, as their timestamps say."""
     period_s, found = cycle_s(seen), _steps(seen)
     some(len(found) >= FEWEST, "too few states")
-    left_out = [
-        (round((b.values["timestamp"] - a.values["timestamp"]) / period_s) - 1, b.number)
-        for a, b in found
-    ]
+    left_out = [(round(_advance_s(pair) / period_s) - 1, pair[1].number) for pair in found]
     count = sum(max(each, 0) for each, _ in left_out)
-    said = f"{count} of {len(found) + count}"
-    most = LEFT_OUT_SHARE * (len(found) + count)
+    said, most = f"{count} of {len(found) + count}", LEFT_OUT_SHARE * (len(found) + count)
     return at_most(most, count, "", said, (number for each, number in left_out if each > 0))
 
 
@@ -245,16 +247,11 @@ def none_is_left_out(seen: UrSeen) -> Verdict:
 def its_clock_goes_as_ours(seen: UrSeen) -> Verdict:
     """timestamp never goes back, and advances as time does, to 1 % and 20 ms."""
     found = _steps(seen)
-    wrong = [
-        (b.number, "it does not advance")
-        for a, b in found
-        if b.values["timestamp"] <= a.values["timestamp"]
-    ]
+    wrong = [(b.number, "it does not advance") for a, b in found if _advance_s((a, b)) <= 0.0]
     for each in streams(seen):
         if len(each.states) > 1:
             first, last = each.states[0], each.states[-1]
-            theirs_s = last.values["timestamp"] - first.values["timestamp"]
-            ours_s = last.time_s - first.time_s
+            theirs_s, ours_s = _advance_s((first, last)), last.time_s - first.time_s
             if abs(theirs_s - ours_s) > CLOCK_SHARE * ours_s + CLOCK_S:
                 wrong.append((last.number, f"{theirs_s:.3f} s in {ours_s:.3f} s"))
     return none_wrong(wrong, len(found), f"{len(found)} states", NO_STATES)
@@ -277,12 +274,9 @@ def it_is_never_silent(seen: UrSeen) -> Verdict:
 @requires(13, f"{GUIDE}: a package in each control cycle")
 def arrival_is_steady(seen: UrSeen) -> Verdict:
     """95 % of the states arrive within 1.5 ms of their period after the one before."""
-    found = _steps(seen)
+    found = some(_steps(seen), "too few states")
     some(len(found) >= FEWEST, "too few states")
-    off = sorted(
-        (abs(b.time_s - a.time_s - (b.values["timestamp"] - a.values["timestamp"])), b.number)
-        for a, b in found
-    )
+    off = sorted((abs(b.time_s - a.time_s - _advance_s((a, b))), b.number) for a, b in found)
     figure, number = off[int((1.0 - JITTER_SHARE) * (len(off) - 1))]
     said = f"95 % within {figure * 1e3:.2f} ms"
     return at_most(1e3 * JITTER_S, 1e3 * figure, "ms", said, [number])
@@ -299,67 +293,63 @@ def packets_are_not_torn(each: Heard) -> str:
     return f"{took_s * 1e3:.1f} ms" if took_s > WHOLE_WITHIN_S else ""
 
 
+def _uneven(pairs: list[tuple[State, State]], off: Callable[[float], bool], few: float) -> Wrongs:
+    """States that are `off` by their clock, where more than `few` are."""
+    wrong = [(p[1].number, f"{_advance_s(p) * 1e3:.1f} ms") for p in pairs if off(_advance_s(p))]
+    return wrong if len(wrong) > few else []
+
+
 @requires(15, f"{GUIDE}: each client has its recipes and its frequency")
 def another_client_has_its_own_rate(seen: UrSeen) -> Verdict:
     """Another client beside it gets a tenth of the states, evenly, when it asks for a tenth."""
     found = [pair for each in streams(seen, SECOND) for pair in pairwise(each.states)]
     some(len(found) >= 3, "it got no states")
     want_s = SLOWER * cycle_s(seen)
-    wrong = [
-        (b.number, f"{(b.values['timestamp'] - a.values['timestamp']) * 1e3:.1f} ms")
-        for a, b in found
-        if abs(b.values["timestamp"] - a.values["timestamp"] - want_s) > 0.1 * want_s
-    ]
-    allowed = len(wrong) <= LEFT_OUT_SHARE * len(found)
+    few = LEFT_OUT_SHARE * len(found)
+    wrong = _uneven(found, lambda each_s: abs(each_s - want_s) > 0.1 * want_s, few)
     said = f"{len(found) + 1} states, {want_s * 1e3:g} ms apart"
-    return none_wrong([] if allowed else wrong, len(found), said, "")
+    return none_wrong(wrong, len(found), said, "")
 
 
-@requires.each(
-    16,
-    f"{GUIDE}: field names, units and modes",
-    Over(lambda seen: seen.states, "{} states", nothing=NO_STATES),
-)
+_STATES: Over[UrSeen, State] = Over(lambda seen: seen.states, "{} states", nothing=NO_STATES)
+
+
+@requires.each(16, f"{GUIDE}: field names, units and modes", _STATES)
 def states_are_plausible(each: State) -> str:
     """Values are finite, joints inside their ranges, modes known, and the speed slider 0 to 1."""
     values = each.values
     for name, value in values.items():
-        numbers = value if isinstance(value, tuple) else (value,)
-        if not all(map(math.isfinite, numbers)):
+        if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
             return f"{name} is not finite"
     for name in ("actual_q", "target_q"):
         if max(map(abs, values[name])) > 2.1 * math.pi:
             return f"{name} beyond 378 degrees"
-    for name, known in (
-        ("robot_mode", RobotMode),
-        ("safety_mode", SafetyMode),
-        ("runtime_state", RuntimeState),
-    ):
+    for name, known in _MODES.items():
         if values[name] not in known._value2member_map_:
             return f"{name} {values[name]}"
     slider = values["target_speed_fraction"]
     return "" if 0.0 <= slider <= 1.0 else f"target_speed_fraction {slider:g}"
 
 
-@requires(17, f"{GUIDE}: robot_status_bits, safety_status_bits")
-def bits_say_what_modes_say(seen: UrSeen) -> Verdict:
+_MODES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": RuntimeState}
+
+
+@requires.each(17, f"{GUIDE}: robot_status_bits, safety_status_bits", _STATES)
+def bits_say_what_modes_say(each: State) -> Wrongs:
     """The bits for power, for normal mode and for a protective stop say what the modes say."""
-    wrong = []
-    for each in seen.states:
-        v = each.values
-        power = bool(v["robot_status_bits"] & StatusBit.POWER_ON)
-        if v["robot_mode"] in (RobotMode.IDLE, RobotMode.RUNNING) and not power:
-            wrong.append((each.number, f"no power in mode {v['robot_mode']}"))
-        if v["robot_mode"] == RobotMode.POWER_OFF and power:
-            wrong.append((each.number, "power in the mode POWER_OFF"))
-        for mode, bit in (
-            (SafetyMode.NORMAL, SafetyBit.NORMAL),
-            (SafetyMode.PROTECTIVE_STOP, SafetyBit.PROTECTIVE_STOP),
-        ):
-            if (v["safety_mode"] == mode) != bool(v["safety_status_bits"] & bit):
-                bits = v["safety_status_bits"]
-                wrong.append((each.number, f"safety mode {v['safety_mode']}, bits {bits:#x}"))
-    return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", NO_STATES)
+    v = each.values
+    mode, safety, bits = v["robot_mode"], v["safety_mode"], v["safety_status_bits"]
+    power = bool(v["robot_status_bits"] & StatusBit.POWER_ON)
+    if mode in (RobotMode.IDLE, RobotMode.RUNNING) and not power:
+        yield each.number, f"no power in mode {mode}"
+    if mode == RobotMode.POWER_OFF and power:
+        yield each.number, "power in the mode POWER_OFF"
+    for known, bit in (
+        (SafetyMode.NORMAL, SafetyBit.NORMAL),
+        (SafetyMode.PROTECTIVE_STOP, SafetyBit.PROTECTIVE_STOP),
+    ):
+        if (safety == known) != bool(bits & bit):
+            yield each.number, f"safety mode {safety}, bits {bits:#x}"
 
 
 @requires(18, "a client's connection is its own to end")
@@ -395,13 +385,9 @@ def robot_states_come_ten_times_a_second(seen: UrSeen) -> Verdict:
 
 def near(seen: UrSeen, time_s: float) -> list[State]:
     """States of about that time."""
-    first = bisect_right(seen.states, time_s - MODE_FOLLOWS_S, key=_time_s)
-    end = bisect_left(seen.states, time_s + MODE_FOLLOWS_S, key=_time_s)
-    return seen.states[first:end]
-
-
-def _time_s(state: State) -> float:
-    return state.time_s
+    time_of = attrgetter("time_s")
+    first = bisect_right(seen.states, time_s - MODE_FOLLOWS_S, key=time_of)
+    return seen.states[first : bisect_left(seen.states, time_s + MODE_FOLLOWS_S, key=time_of)]
 
 
 @requires(23, f"{CLIENT}: robot mode data; {GUIDE}: robot_mode")
@@ -410,13 +396,10 @@ def both_interfaces_tell_one_mode(seen: UrSeen) -> Verdict:
     wrong, count = [], 0
     for each in seen.told:
         mode = read_mode(each.package)
-        if mode is None:
-            continue
-        around = {state.values["robot_mode"] for state in near(seen, each.time_s)}
-        if around:
-            count += 1
-            if mode.robot_mode not in around:
-                wrong.append((each.number, f"{mode.robot_mode.name}, RTDE {sorted(around)}"))
+        around = {s.values["robot_mode"] for s in near(seen, each.time_s)} if mode else set()
+        count += bool(around)
+        if mode and around and mode.robot_mode not in around:
+            wrong.append((each.number, f"{mode.robot_mode.name}, RTDE {sorted(around)}"))
     return none_wrong(wrong, count, f"{count} states", "no robot state could be compared")
 
 
@@ -477,43 +460,43 @@ SAME_RAD = 0.01
 _NOT_OPENED = "it was not opened"
 
 
+def _documented(names: Sequence[str], found: Mapping[str, tuple[int, str]], asked: int) -> Wrongs:
+    """Of `names` those that were not given as their documented types; `asked`: the event's number
+    by which they were asked for."""
+    for name in names:
+        number, kind = found.get(name, (asked, ""))
+        if kind != OUTPUT_TYPES[name]:
+            yield number, f"{name} {kind}" if kind else f"{name}: no answer"
+
+
 @requires(27, f"{GUIDE}: protocol version 1")
 def version_1_is_spoken(seen: UrSeen) -> Verdict:
     """The protocol version 1 is accepted: outputs are asked for without a frequency, and come in
     each control cycle without a recipe's number."""
     asked = some(versions(seen, 1), "it was not asked")
     must(accepted(asked[0]), "not accepted", [asked[0].number])
-    setups = [each for each in seen.setups(PacketType.OUTPUTS) if each[1].names == OLD_OUTPUTS]
+    setups = [each for each in seen.setups(rtde.PacketType.OUTPUTS) if each[1].names == OLD_OUTPUTS]
     if not setups or not setups[0][2].recipe:
         types = ", ".join(setups[0][2].types) if setups else "no answer"
         return failed(f"outputs: {types}", [asked[0].number])
     states = [state for each in streams(seen, OLD) for state in each.states]
     must(len(states) >= FEWEST, f"{len(states)} states")
-    wrong = [
-        (b.number, f"{(b.values['timestamp'] - a.values['timestamp']) * 1e3:.1f} ms")
-        for a, b in pairwise(states)
-        if not 0.5 < (b.values["timestamp"] - a.values["timestamp"]) / cycle_s(seen) < 1.5
-    ]
-    allowed = len(wrong) <= 0.1 * len(states)
-    return none_wrong([] if allowed else wrong, len(states), f"{len(states)} states", "")
+    period_s, few = cycle_s(seen), 0.1 * len(states)
+    wrong = _uneven([*pairwise(states)], lambda each_s: not 0.5 < each_s / period_s < 1.5, few)
+    return none_wrong(wrong, len(states), f"{len(states)} states", "")
 
 
 @requires(28, f"{GUIDE}: controller output, and since which version")
 def all_published_outputs_are_there(seen: UrSeen) -> Verdict:
     """Every output variable that is published for its version is there, with its type."""
     names = published(version_of(seen))
-    found: dict[str, tuple[int, str]] = {}
-    for exchange, asked, reply in seen.setups(PacketType.OUTPUTS, "published"):
-        for name, kind in zip(asked.names, reply.types, strict=False):
-            found[name] = exchange.number, kind
+    found = {
+        name: (exchange.number, kind)
+        for exchange, asked, reply in seen.setups(rtde.PacketType.OUTPUTS, "published")
+        for name, kind in zip(asked.names, reply.types, strict=False)
+    }
     some(names and found, "they were not asked for")
-    wrong = [
-        (found[name][0], f"{name} {found[name][1]}")
-        if name in found
-        else (seen.phases["published"].first, f"{name}: no answer")
-        for name in names
-        if name not in found or found[name][1] != OUTPUT_TYPES[name]
-    ]
+    wrong = _documented(names, found, seen.phases["published"].first)
     return none_wrong(wrong, len(names), f"{len(names)} variables", "")
 
 
