@@ -12,7 +12,7 @@ from tests.tutorials import PAGES, follow, steps
 pytestmark = pytest.mark.matrix
 
 ELSEWHERE = re.compile(
-    r"cardan (?:demo|devices|dissect|doctor|network|plot|replay|sim omni)\b|.*\blever\b|pip |cp |"
+    r"cardan (?:demo|devices|dissect|doctor|net (?:list|plot|replay)|sim omni)\b|.*\blever\b|pip |cp |"
     r".*--console\b"
 )
 """Commands that other tests run, or that need what is not here: tests/docs_commands.py."""

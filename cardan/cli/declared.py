@@ -1,6 +1,6 @@
 """Commands made of what is declared elsewhere: an options dataclass, its fields as options.
 
-``cardan sim`` and ``cardan face`` are such groups of commands.
+``cardan sim`` and ``cardan net server`` are such groups of commands.
 """
 
 from __future__ import annotations
@@ -249,9 +249,8 @@ def broken(name: str, error: Exception) -> Any:
 
     app = typer.Typer(add_completion=False)
     settings = {"allow_extra_args": True, "ignore_unknown_options": True}
-    app.command(
-        name, help=as_written(f"cannot be loaded: {reason(error)}"), context_settings=settings
-    )(run)
+    why = as_written(f"cannot be loaded: {reason(error)}")
+    app.command(name, help=why, short_help=why, context_settings=settings)(run)
     return typer.main.get_command(app)
 
 

@@ -13,6 +13,7 @@ import typer
 from cardan.cli import completion
 from cardan.cli.bus import Router, Session, bus_options
 from cardan.cli.common import EPILOG, AsJson, print_json, print_table
+from cardan.cli.installed import CommandGroup
 from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError, ExtraMissingError
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 robots = typer.Typer(
     name="robots",
+    cls=CommandGroup,
     help="List and show arms, and make the file of one's own.",
     no_args_is_help=True,
     rich_markup_mode="rich",

@@ -15,7 +15,7 @@ GROUP = "daemon"
 
 
 def judge_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
-    """What the daemon's sessions and faces do. `rows`: as `cardan ps` has them."""
+    """What the daemon's sessions and faces do. `rows`: as `cardan daemon ps` has them."""
     for row in rows:
         who = f"{row['kind']} {row['name']}"
         reason = f": {row['reason']}" if row["reason"] else ""
@@ -24,14 +24,14 @@ def judge_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
                 "unit-failed",
                 f"{who} has failed{reason}",
                 "the daemon does not start it again by itself",
-                f"cardan log {row['name']}, then: cardan restart {row['name']}",
+                f"cardan daemon log {row['name']}, then: cardan daemon restart {row['name']}",
             )
         elif row["state"] == UnitState.WAITING.value:
             yield caution(
                 "unit-waiting",
                 f"{who} waits to be started again{reason}",
                 "what it needs is not there, or it has died",
-                f"cardan log {row['name']}",
+                f"cardan daemon log {row['name']}",
             )
         else:
             yield good("unit", f"{who} is {row['state']}{reason}")

@@ -28,7 +28,7 @@ def test_units():
         ("good", "unit"),
     ]
     assert found[1].what == "session gp8 has failed: given up after 8 starts in a row: it died"
-    assert found[1].mend == "cardan log gp8, then: cardan restart gp8"
+    assert found[1].mend == "cardan daemon log gp8, then: cardan daemon restart gp8"
 
 
 def test_no_daemon():

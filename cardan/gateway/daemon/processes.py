@@ -145,7 +145,8 @@ _HOW = {
 
 
 class RunningFace(Process):
-    """A face that runs: ``cardan face`` with the words given, which ends with this process."""
+    """A face that runs: ``cardan net server`` with the words given, which ends with this
+    process."""
 
     def __init__(self, words: Sequence[str], say: Say, over: Over, socket: str) -> None:
         """Start it; `socket`: of the daemon. Raises OSError."""

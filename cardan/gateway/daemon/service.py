@@ -79,9 +79,9 @@ RestrictSUIDSGID=yes
 LockPersonality=yes
 StateDirectory=cardan
 LogsDirectory=cardan
-# Devices stay as they are: udev's rules say who may open them (`cardan udev`). What names classes
-# of devices (DevicePolicy=, PrivateDevices=, ProtectClock=) would keep those away whose driver the
-# kernel loads when one is plugged in.
+# Devices stay as they are: udev's rules say who may open them (`cardan devices udev`). What names
+# classes of devices (DevicePolicy=, PrivateDevices=, ProtectClock=) would keep those away whose
+# driver the kernel loads when one is plugged in.
 {groups}"""
 
 
@@ -112,7 +112,14 @@ def make_service(files: Sequence[Path], *, system: bool, account: str) -> Servic
             _check_found(path)
     if not files:
         raise ConfigurationError("FILE", "which files is the daemon to serve?")
-    words = [sys.executable, "-m", "cardan", "serve", *(str(file.resolve()) for file in files)]
+    words = [
+        sys.executable,
+        "-m",
+        "cardan",
+        "daemon",
+        "run",
+        *(str(file.resolve()) for file in files),
+    ]
     text = _UNIT.format(
         command=" ".join(_quoted(word) for word in words),
         after="After=network-online.target\nWants=network-online.target\n" if system else "",
@@ -199,8 +206,8 @@ def _run(words: list[str]) -> None:
         done = subprocess.run(words, capture_output=True, text=True, check=False)
     except FileNotFoundError:
         raise DriverError(
-            f"there is no {words[0]}: this computer has no systemd; run `cardan serve` by what it "
-            "starts its services with"
+            f"there is no {words[0]}: this computer has no systemd; run `cardan daemon run` by "
+            "what it starts its services with"
         ) from None
     if done.returncode:
         raise DriverError(f"`{' '.join(words)}`: {done.stderr.strip() or done.returncode}")

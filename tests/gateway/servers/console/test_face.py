@@ -1,4 +1,4 @@
-"""``cardan face console`` and ``cardan run --console`` as whole programs."""
+"""``cardan net server console`` and ``cardan run --console`` as whole programs."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def program(*words, **environment):
 
 def face(tmp_path, *words, **environment):
     return program(
-        "face", "console", "--port", "0", "--router=", *words,
+        "net", "server", "console", "--port", "0", "--router=", *words,
         STATE_DIRECTORY=str(tmp_path), **environment,
     )  # fmt: skip
 
