@@ -114,6 +114,7 @@ TYPED = re.compile(
 )
 TEXTS = "**/*.py", "**/*.md", "**/*.toml", "**/*.ts", "**/*.svg", "**/*.sh", "**/*.yml", "Makefile"
 OF_NO_TEXT = {"CHANGELOG.md", "tests/test_help.py"}
+OF_OLD_UNITS = {"cardan/gateway/daemon/service.py", "tests/doctor/test_daemon.py"}
 
 
 def texts():
@@ -155,6 +156,9 @@ def test_no_text_has_an_old_name():
     seen, old = 0, []
     for name, text in texts():
         seen += 1
-        old += [f"{name}: {each[0]!r}" for each in TYPED.finditer(text)]
+        found = [each[0] for each in TYPED.finditer(text)]
+        if name in OF_OLD_UNITS:
+            found.remove("cardan serve")
+        old += [f"{name}: {each!r}" for each in found]
     assert seen > 500
     assert old == []

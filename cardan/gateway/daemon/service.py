@@ -170,6 +170,15 @@ def installed(system: bool) -> Service:
     return Service(_folder(system) / NAME, "", user=not system)
 
 
+def is_outdated(service: Service) -> bool:
+    """Whether the unit that is installed starts the daemon by the name that it had before 0.2.0,
+    which ends at once; False for one that cannot be read."""
+    try:
+        return " cardan serve " in service.path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+
+
 def install(service: Service) -> list[str]:
     """Write the unit and have it started, now and with the computer; what was done, in lines.
 
