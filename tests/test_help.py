@@ -2,12 +2,14 @@
 
 import inspect
 import re
+import shlex
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from cardan.cli import app
+from cardan.cli.examples import EXAMPLES
 from cardan.cli.installed import SECTIONS, TOP
 from cardan.cli.moved import MOVED, now_called
 from cardan.errors import ConfigurationError
@@ -83,6 +85,31 @@ def test_the_help_of_a_command_has_all_that_is_written_of_it(words):
         if parameter.param_type_name == "option" and not parameter.hidden:
             # A very long one is broken at the column's width.
             assert any(each[:18] in text for each in (*parameter.opts, *parameter.secondary_opts))
+
+
+OURS = [
+    words
+    for words in COMMANDS
+    if getattr(found(words).callback, "__module__", "").startswith("cardan.cli")
+]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [words for words in OURS if not hasattr(found(words), "list_commands")],
+    ids=" ".join,
+)
+def test_the_help_of_a_command_ends_with_an_example_that_it_takes(words):
+    example = EXAMPLES[" ".join((TOP, *words)[-2:])]
+    assert f"Example: {example} Exit codes: 0 success;" in plain(shown(*words))
+    typed = shlex.split(example.removeprefix("sudo ").partition(" | ")[0])
+    assert typed[: len(words) + 1] == ["cardan", *words]
+    with found(words).make_context(words[-1], typed[len(words) + 1 :]):
+        pass
+
+
+def test_no_example_is_left_over():
+    assert {" ".join((TOP, *words)[-2:]) for words in OURS} >= EXAMPLES.keys()
 
 
 @pytest.mark.parametrize("old", MOVED)

@@ -14,7 +14,6 @@ import typer
 from cardan import __version__
 from cardan.cli import completion
 from cardan.cli.common import (
-    EPILOG,
     EXIT_CANNOT_OPEN,
     EXIT_FAILED,
     EXIT_INCOMPLETE,
@@ -66,7 +65,7 @@ app = typer.Typer(
 for _group in (daemon, devices, robots, net, sim):
     app.add_typer(_group)
 for _command in (doctor, conform):
-    app.command(epilog=EPILOG)(_command)
+    app.command()(_command)
 
 
 def main() -> None:
@@ -214,7 +213,7 @@ def demo(
     raise typer.Exit(run_demo(seconds, name, picture))
 
 
-@app.command(epilog=EPILOG)
+@app.command()
 def run(
     file: ConfigFile,
     record_to: Annotated[

@@ -13,7 +13,6 @@ import typer
 
 from cardan.cli import completion
 from cardan.cli.common import (
-    EPILOG,
     EXIT_INCOMPLETE,
     AsJson,
     Level,
@@ -405,8 +404,8 @@ daemon = typer.Typer(
     rich_markup_mode="rich",
 )
 daemon.add_typer(service)
-daemon.command("run", epilog=EPILOG)(serve)
+daemon.command("run")(serve)
 for _command in (ps, top, start, stop, restart, switch, reload, log, events):
-    daemon.command(epilog=EPILOG)(_command)
+    daemon.command()(_command)
 # Of an arm's verbs -0.1 is a number, and no option.
-daemon.command(epilog=EPILOG, context_settings={"ignore_unknown_options": True})(arm)
+daemon.command(context_settings={"ignore_unknown_options": True})(arm)

@@ -9,7 +9,6 @@ import typer
 
 from cardan.cli import completion
 from cardan.cli.common import (
-    EPILOG,
     EXIT_INCOMPLETE,
     AsJson,
     ConfigFile,
@@ -28,7 +27,7 @@ from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import ConfigurationError
 
 devices = typer.Typer(name="devices", cls=OpenGroup, rich_markup_mode="rich")
-devices.command(epilog=EPILOG)(share)
+devices.command()(share)
 
 
 @devices.callback(invoke_without_command=True)
@@ -41,7 +40,7 @@ def _devices(context: typer.Context, as_json: AsJson = False) -> None:
         raise ConfigurationError("--json", "goes behind the command's name")
 
 
-@devices.command("list", epilog=EPILOG)
+@devices.command("list")
 def list_devices(as_json: AsJson = False) -> None:
     """List plugged-in operator devices, and what stands in their way. `cardan devices` does the
     same."""
@@ -71,7 +70,7 @@ def list_devices(as_json: AsJson = False) -> None:
     )
 
 
-@devices.command(epilog=EPILOG)
+@devices.command()
 def drivers(
     name: Annotated[
         str,
@@ -121,7 +120,7 @@ def _merged(found: Sequence[FoundDevice]) -> list[FoundDevice]:
     ]
 
 
-@devices.command(epilog=EPILOG)
+@devices.command()
 def udev() -> None:
     """Print udev rules that let the user at the console open devices."""
     from cardan.drivers.udev import udev_rules
@@ -129,7 +128,7 @@ def udev() -> None:
     print(udev_rules(), end="")
 
 
-@devices.command(epilog=EPILOG)
+@devices.command()
 def force(
     file: ConfigFile,
     connect: Annotated[
@@ -152,7 +151,7 @@ def force(
         raise typer.Exit(EXIT_INCOMPLETE)
 
 
-@devices.command(epilog=EPILOG)
+@devices.command()
 def haptic(
     file: ConfigFile,
     seconds: Seconds = None,

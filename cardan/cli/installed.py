@@ -15,6 +15,7 @@ from typer.core import TyperCommand, TyperGroup
 
 from cardan.cli.common import EPILOG
 from cardan.cli.declared import Commands
+from cardan.cli.examples import EXAMPLES
 from cardan.cli.moved import now_called
 from cardan.common.plugins import Finder, entry_points
 from cardan.common.text_sanitizer import printable
@@ -76,12 +77,15 @@ def _command(point: str, function: Callable[..., Any]) -> Any:
 
 
 class CommandGroup(TyperGroup):
-    """A group whose help has a line for each command, in sections, and then its options."""
+    """A group whose help has a line for each command, in sections, and then its options. The help
+    of a command of `EXAMPLES` ends with that, and with the exit codes."""
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         command: Any = super().get_command(ctx, cmd_name)
         if command is not None:
             command.short_help = _on_a_line(command)
+            if example := EXAMPLES.get(f"{self.name} {cmd_name}"):
+                command.epilog = f"Example: {example}\n\n{EPILOG}"
         return command
 
     def format_help(self, ctx: Any, formatter: Any) -> None:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from cardan.cli.bus import echo, hz, messages, network
-from cardan.cli.common import EPILOG, print_problem
+from cardan.cli.common import print_problem
 from cardan.cli.face import face
 from cardan.cli.installed import OpenGroup
 from cardan.cli.recording import plot, record, replay
@@ -28,12 +28,12 @@ net = typer.Typer(
 
 
 net.add_typer(face)
-net.command("list", epilog=EPILOG)(network)
+net.command("list")(network)
 for _command in (echo, hz, messages, record, replay, plot):
-    net.command(epilog=EPILOG)(_command)
+    net.command()(_command)
 
 
-@net.command(epilog=EPILOG)
+@net.command()
 def pair(
     host: Annotated[
         str | None,
