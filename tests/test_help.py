@@ -136,7 +136,8 @@ OLD = "|".join(sorted(MOVED, key=len, reverse=True))
 TYPED = re.compile(
     # After `cardan`, across the ends of lines and of strings; and as a list of words.
     rf"""(?<![\w./@-])cardan(?:\ +|\ ?"?\n[ #*>]*f?"?)({OLD})(?![\w/=(]|-\w|\.\w)"""
-    rf"""|"cardan",\s*"({OLD})\"""",
+    rf"""|(?:"cardan",|\*CARDAN,|parent_death",\ "",|\b(?:Launched|Program|launched|served)\()"""
+    rf"""\s*"({OLD})\"""",
     re.VERBOSE,
 )
 TEXTS = "**/*.py", "**/*.md", "**/*.toml", "**/*.ts", "**/*.svg", "**/*.sh", "**/*.yml", "Makefile"
@@ -172,6 +173,8 @@ def texts():
         ("run `cardan\n    serve lab.toml`", True),
         ('"run `cardan "\n    "serve lab.toml`"', True),
         ('["cardan", "serve"]', True),
+        ('Launched(\n    "serve", file)', True),
+        ('[*CARDAN, "face", *words]', True),
         ("`cardan daemon run`, `cardan daemon log`, cardan.log, cardan.record(", False),
     ],
 )

@@ -117,6 +117,11 @@ def test_it_goes_with_a_list(group):
         the_command_line()([*group.split(), "--json"], standalone_mode=False)
 
 
+def test_of_a_group_that_lists_by_itself_it_is_not_a_commands():
+    with pytest.raises(ConfigurationError, match="--json: goes behind the command's name"):
+        the_command_line()(["devices", "--json", "drivers"], standalone_mode=False)
+
+
 def test_echo_reads_feedback_of_every_distribution(monkeypatch, capsys):
     name = "control_msgs/action/FollowJointTrajectory_FeedbackMessage"
     given = {name: {"joint_names": ["a"]}, revised(name): {"joint_names": ["b"], "index": 3}}

@@ -196,3 +196,11 @@ def test_explain_names_what_is_near(monkeypatch, capsys, asked, near):
 )
 def test_texts_of_a_source(source, texts):
     assert list(message_texts.texts_of(ast.parse(source))) == texts
+
+
+@pytest.mark.parametrize("words", [("a.toml",), ("--report",)])
+def test_explain_examines_nothing(monkeypatch, capsys, words):
+    code, printed = run(monkeypatch, capsys, "doctor", "--explain", "S001", *words)
+    assert code == 2
+    assert printed.err == "cardan: --explain: goes with no file and no --report\n"
+    assert printed.out == ""

@@ -59,7 +59,8 @@ def simulated_lab(demo: Demo, seconds: float) -> Iterator[tuple[Peers, Layout, L
         _check_simulated(demo, peers.tables, layout)
         peers.start_all()
         daemon = Launched(
-            "serve",
+            "daemon",
+            "run",
             file.name,
             *peers.until,
             folder=peers.folder,

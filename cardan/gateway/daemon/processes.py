@@ -158,7 +158,15 @@ class RunningFace(Process):
         self._stopping = False
         self._last = ""
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "cardan.gateway.session.parent_death", "", "face", *words],
+            [
+                sys.executable,
+                "-m",
+                "cardan.gateway.session.parent_death",
+                "",
+                "net",
+                "server",
+                *words,
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

@@ -99,7 +99,7 @@ def test_a_daemons_console_lists_and_stops_what_it_runs_and_tells_no_token(monke
             f'[faces.page]\nface = "console"\nhost = "0.0.0.0"\nport = 0\nrouter = ""\n'
             f'[faces.other]\nface = "router"\nendpoint = "{endpoint}"\n'
         )
-        command = [*CARDAN, "serve", str(folder / "lab.toml")]
+        command = [*CARDAN, "daemon", "run", str(folder / "lab.toml")]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as daemon:
             try:
                 assert daemon.stdout.readline().startswith("READY ")
