@@ -178,7 +178,7 @@ def test_it_is_in_every_list(cardan):
     for words in ("[device]", "a lever that moves one axis", "https://lever.example/cardan"):
         assert words in line
     assert " lever  " in cardan("sim", "--list")
-    assert "A lever that a hand swings\n" in cardan("sim", "--help")
+    assert "A lever that a hand swings." in cardan("sim", "--help")
     assert "--path" in cardan("sim", "lever", "--help")
     assert '# a lever that moves one axis\nSUBSYSTEM=="lever", MODE=' in cardan("devices", "udev")
     demos = cardan("demo", "--list")

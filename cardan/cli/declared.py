@@ -249,8 +249,9 @@ def broken(name: str, error: Exception) -> Any:
 
     app = typer.Typer(add_completion=False)
     settings = {"allow_extra_args": True, "ignore_unknown_options": True}
-    why = as_written(f"cannot be loaded: {reason(error)}")
-    app.command(name, help=why, short_help=why, context_settings=settings)(run)
+    app.command(
+        name, help=as_written(f"cannot be loaded: {reason(error)}"), context_settings=settings
+    )(run)
     return typer.main.get_command(app)
 
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
@@ -27,6 +28,9 @@ if TYPE_CHECKING:
 ENTRY_POINT_GROUP = "cardan.commands"
 
 TOP = "cardan"
+
+LEAST_WIDTH = 50
+"""Of a help, in columns."""
 
 SECTIONS = {
     TOP: {
@@ -83,12 +87,15 @@ class CommandGroup(TyperGroup):
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         command: Any = super().get_command(ctx, cmd_name)
         if command is not None:
-            command.short_help = _on_a_line(command)
+            # What a registry has is described in one sentence, which is listed whole.
+            whole = isinstance(self.commands, Commands)
+            command.short_help = _summary(command) if whole else _on_a_line(command)
             if example := EXAMPLES.get(f"{self.name} {cmd_name}"):
                 command.epilog = f"Example: {example}\n\n{EPILOG}"
         return command
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
+        formatter.width = max(shutil.get_terminal_size().columns - 2, LEAST_WIDTH)
         self.format_usage(ctx, formatter)
         self.format_help_text(ctx, formatter)
         self.format_options(ctx, formatter)
@@ -164,6 +171,9 @@ class OpenGroup(CommandGroup):
 def _on_a_line(command: Any) -> str:
     """What a list says of a command, without markup: the first sentence of its help, or what comes
     before that one's colon."""
-    first = re.split(r"[.:](?=\s|$)", " ".join((command.help or "").split()), maxsplit=1)[0]
-    said: str = command.short_help or first
-    return said.replace("\\[", "[")
+    return re.split(r"[.:](?=\s|$)", _summary(command), maxsplit=1)[0]
+
+
+def _summary(command: Any) -> str:
+    """The help of a command without markup, on one line."""
+    return " ".join((command.help or "").split()).replace("\\[", "[")
