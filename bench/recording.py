@@ -1,7 +1,7 @@
 """Cost of recording in a session's loop: `python -m bench recording`.
 
-A session of a simulated UR5 at 250 Hz on the bus. `cardan record` comes and goes in a process of
-its own; both states take turns within one run.
+A session of a simulated UR5 at 250 Hz on the bus. `cardan net record` comes and goes in a process
+of its own; both states take turns within one run.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def main() -> None:
                     time.sleep(TURN_S)
                     continue
                 path = os.path.join(folder, f"{turn}.mcap")
-                words = ["record", "-o", path, "--session", file, "--seconds", str(TURN_S)]
+                words = ["net", "record", "-o", path, "--session", file, "--seconds", str(TURN_S)]
                 command = [sys.executable, "-m", "cardan", *words]
                 done = subprocess.run(command, capture_output=True, text=True, check=False)
                 print(done.stdout.splitlines()[1:])

@@ -23,7 +23,7 @@ PAGES = sorted(
 PROGRAMS = re.compile(
     r"(?:sudo |[A-Z_]+=\S+ )*(?:cardan|make|pip|python|python3|cp|adb|ros2|export|modprobe|"
     r"\.\w+/bin/python|tools/[\w-]+|udevadm|ip|tee) "
-    r"|make$|cardan (?:ps|top|devices|doctor|udev)$"
+    r"|make$|cardan (?:daemon (?:ps|top)|devices|doctor|devices udev)$"
 )
 PRINTED = re.compile(r"cardan(?: \w+)?: |cardan +\d")
 """What Cardan prints about itself, which is no command."""
@@ -51,7 +51,7 @@ def commands() -> list[Command]:
 
 
 AT_ONCE = re.compile(
-    r"cardan (?:devices|drivers\b.*|udev|check \S+|sim \S+ --(?:library|list-\w+))$"
+    r"cardan (?:devices(?: drivers\b.*| udev)?|check \S+|sim \S+ --(?:library|list-\w+))$"
 )
 """Run as they stand, by the name of a file that is there."""
 
@@ -63,7 +63,7 @@ PEER = re.compile(
 DAEMON = "tests/gateway/daemon"
 RECORDS = "tests/recording/test_commands.py"
 RUN = {
-    r"cardan share": "tests/gateway/session/test_remote_device.py",
+    r"cardan devices share": "tests/gateway/session/test_remote_device.py",
     r"cardan run examples/ros2/": "tests/test_ros2_examples.py::test_the_programs_move_the_arm",
     r"cardan run examples/[\w-]+-simulated\.toml": "tests/test_device_examples.py::test_the_example_runs",
     r"cardan run \S+ --record \S+": f"{RECORDS}::test_a_session_is_recorded_while_it_runs_from_its_first_cycle_on",
@@ -75,38 +75,38 @@ RUN = {
     r"cardan demo omni ": "plugins/cardan-omni/tests/test_omni_demo.py::test_the_drawing_runs_and_is_felt",
     r"cardan demo console": "tests/demos/test_console.py::test_the_page_waits_for_a_person_and_says_where",
     r"cardan demo lever-ur5": "tests/test_template_packages.py::test_its_demos_run",
-    r"cardan (drivers|sim) lever": "tests/test_template_packages.py::test_it_is_in_every_list",
+    r"cardan (devices drivers|sim) lever": "tests/test_template_packages.py::test_it_is_in_every_list",
     r"cardan doctor": "tests/test_doctor_command.py::test_what_fails_stands_with_why_and_the_command_that_mends_it",
-    r"cardan messages": "tests/protocols/test_ros2_packages.py::test_the_command_writes_them_and_says_where",
+    r"cardan net messages": "tests/protocols/test_ros2_packages.py::test_the_command_writes_them_and_says_where",
     r"cardan net pair": "tests/bus/test_pairing.py::test_the_router_takes_the_paired_operator_and_nobody_else",
-    r"cardan network": "tests/test_face_command.py::test_the_network_is_joined_as_a_session_joins_it",
-    r"cardan face router": "tests/test_face_command.py::test_a_router_serves_until_a_signal",
-    r"cardan face dds": "plugins/cardan-dds/tests/test_dds_face.py",
-    r"cardan face foxglove": "plugins/cardan-foxglove/tests/test_foxglove_face.py::test_the_face_tells_what_it_does_and_what_its_options_mean",
-    r"cardan face rosbridge": "tests/test_face_command.py::test_every_face_tells_what_it_does_and_what_its_options_mean",
-    r"cardan serve examples/two-arms": f"{DAEMON}/test_two_arms.py",
-    r"cardan (serve|ps|top|stop|arm)": f"{DAEMON}/test_serve.py",
-    r"cardan service (install|show)": f"{DAEMON}/test_service.py",
-    r"sudo cardan service install": f"{DAEMON}/test_service.py",
+    r"cardan net list": "tests/test_face_command.py::test_the_network_is_joined_as_a_session_joins_it",
+    r"cardan net server router": "tests/test_face_command.py::test_a_router_serves_until_a_signal",
+    r"cardan net server dds": "plugins/cardan-dds/tests/test_dds_face.py",
+    r"cardan net server foxglove": "plugins/cardan-foxglove/tests/test_foxglove_face.py::test_the_face_tells_what_it_does_and_what_its_options_mean",
+    r"cardan net server rosbridge": "tests/test_face_command.py::test_every_face_tells_what_it_does_and_what_its_options_mean",
+    r"cardan daemon run examples/two-arms": f"{DAEMON}/test_two_arms.py",
+    r"cardan daemon (run|ps|top|stop|arm)": f"{DAEMON}/test_serve.py",
+    r"cardan daemon service (install|show)": f"{DAEMON}/test_service.py",
+    r"sudo cardan daemon service install": f"{DAEMON}/test_service.py",
     r"cardan robots (add|show)": "tests/test_robots_command.py",
-    r"cardan record --repair": f"{RECORDS}::test_a_record_that_was_cut_off_is_repaired",
-    r"cardan record": f"{RECORDS}::test_a_record_is_ended_by_ctrl_c",
-    r"cardan replay --engine": f"{RECORDS}::test_the_engine_is_replayed_in_another_process",
-    r"cardan replay": "tests/recording/test_replay.py::test_topics_can_be_chosen",
-    r"cardan export": "plugins/cardan-learning/tests/test_learning_export.py::test_as_a_program",
-    r"cardan plot": "tests/recording/test_plot.py::test_a_picture",
+    r"cardan net record --repair": f"{RECORDS}::test_a_record_that_was_cut_off_is_repaired",
+    r"cardan net record": f"{RECORDS}::test_a_record_is_ended_by_ctrl_c",
+    r"cardan net replay --engine": f"{RECORDS}::test_the_engine_is_replayed_in_another_process",
+    r"cardan net replay": "tests/recording/test_replay.py::test_topics_can_be_chosen",
+    r"cardan net export": "plugins/cardan-learning/tests/test_learning_export.py::test_as_a_program",
+    r"cardan net plot": "tests/recording/test_plot.py::test_a_picture",
     r"cardan dissect": "plugins/cardan-dissect/tests",
     r"cardan conform --(list|compare)": "tests/test_conform_command.py",
     r"cardan conform \w+ --target": "tests/conform/test_live.py",
     r"cardan conform \w+": "tests/test_conform_command.py",
     r"cardan evaluate --compare": "studies/tests/test_command.py::test_two_reports_are_compared",
     r"cardan evaluate": "studies/tests/test_command.py::test_a_study_becomes_a_report_with_pictures",
-    r"cardan force": "tests/gateway/force/test_service.py",
-    r"cardan face spnav": "plugins/cardan-spnav-server/tests/test_spnav_server_face.py",
-    r"cardan spnav": "plugins/cardan-spnav-server/tests/test_spnav_server.py",
+    r"cardan devices force": "tests/gateway/force/test_service.py",
+    r"cardan net server spnav": "plugins/cardan-spnav-server/tests/test_spnav_server_face.py",
+    r"cardan devices spnav": "plugins/cardan-spnav-server/tests/test_spnav_server.py",
     r"cardan sim \S+ .*--keyboard": "tests/sim_peers",
     r"cardan sim jr3 --serve-socketcand": "plugins/cardan-jr3/tests",
-    r"cardan sim omni .*cardan haptic": "plugins/cardan-omni/tests/test_omni_alone.py",
+    r"cardan sim omni .*cardan devices haptic": "plugins/cardan-omni/tests/test_omni_alone.py",
     r"cardan sim omni .*cardan run": "plugins/cardan-omni/tests/test_omni_demo.py::test_the_haptic_example_runs_and_is_felt",
     r"cardan sim omni": "plugins/cardan-omni/tests/test_omni_wrapper.py",
     r"(sudo )?cardan sim \S+ --(uhid|uinput|usbip)": "tests/kernel",
@@ -131,7 +131,7 @@ BY_HAND = {
     r"cp ": "test_docs_commands holds the file to those there are",
     r"cardan --install-completion": "changes the user's shell: tests/test_completion.py",
     r"cardan run plugins/cardan-jr3/\S+/jr3-ur5\.toml": "a CAN bus: plugins/cardan-jr3/tests/kernel, and test_docs checks the file",
-    r"cardan udev \| sudo tee": "changes the system: `cardan udev` itself is run",
+    r"cardan devices udev \| sudo tee": "changes the system: `cardan devices udev` itself is run",
     r"sudo (ip|udevadm|modprobe)|modprobe|sudo tools/bare-debian|adb|export": "changes the system, or another one",
     r"ros2 (launch|run|node list)": "needs ROS 2",
 }

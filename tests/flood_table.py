@@ -108,7 +108,7 @@ class Server(NamedTuple):
     """How a server is started beside a session, whose client is the one of the same name."""
 
     face: tuple[str, ...] = ()
-    """Words of ``cardan face``; empty: the session itself is the server."""
+    """Words of ``cardan net server``; empty: the session itself is the server."""
     device: str = ""
     """Of the session."""
     deadman: str = ""
@@ -415,7 +415,9 @@ def bed(name: str) -> Iterator[Bed]:
             until(lambda: network.wait_for_service(f"{ARM}/ask", 5.0), "a session")
         roots = [arm_pid, pid]
         if server.face:
-            endpoint, pid = stack.enter_context(program("face", *server.face, "--router", bus))
+            endpoint, pid = stack.enter_context(
+                program("net", "server", *server.face, "--router", bus)
+            )
             roots.append(pid)
         yield Bed(name, link, endpoint, pid, roots)
 

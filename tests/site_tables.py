@@ -84,7 +84,7 @@ TABLES: dict[str, SiteTable] = {
         "docs/configuration.md",
         "the drivers and the page with the options of each",
         docs_tables.options_table,
-        "cardan drivers",
+        "cardan devices drivers",
     ),
     "demos": SiteTable(
         "docs/first-ten-minutes.md",

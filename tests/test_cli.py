@@ -142,7 +142,7 @@ def test_run_without_its_device_says_what_to_do():
 
 @pytest.mark.real
 def test_the_drivers_are_listed_with_what_they_declare():
-    lines = cardan("drivers").splitlines()
+    lines = cardan("devices", "drivers").splitlines()
     (mouse,) = (line for line in lines if line.split()[:1] == ["spacemouse"])
     for words in ("[device]", "3Dconnexion", "cardan sim spacemouse", "docs/spacemouse.md"):
         assert words in mouse

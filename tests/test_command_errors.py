@@ -126,7 +126,7 @@ def cardan(monkeypatch, capsys):
 
 @pytest.mark.usefixtures("plugins")
 def test_lists_say_what_cannot_be_loaded_and_go_on(cardan):
-    drivers = cardan("drivers")
+    drivers = cardan("devices", "drivers")
     assert "gone  cannot be loaded: ModuleNotFoundError: No module named" in drivers
     assert "Options is None; it must be a dataclass" in drivers
     assert "Mute, which has the same name, is not used" in drivers
@@ -214,7 +214,9 @@ def test_a_bug_of_our_own_is_no_wrong_configuration():
 
 @pytest.mark.parametrize("seconds", ["nan", "inf", "-1", "soon"])
 @pytest.mark.parametrize(
-    "command", [("demo",), ("run", "x.toml"), ("sim", "arm"), ("spnav",)], ids=lambda it: it[0]
+    "command",
+    [("demo",), ("run", "x.toml"), ("sim", "arm"), ("devices", "spnav")],
+    ids=lambda it: it[0],
 )
 def test_a_duration_is_a_finite_number(cardan, command, seconds):
     said = cardan(*command, "--seconds", seconds, code=2)

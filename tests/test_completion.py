@@ -130,10 +130,12 @@ def complete(*words, **environment):
     [
         (("doc",), ["doctor"]),
         (("demo", "ros2-"), ["ros2-joy", "ros2-pr2", "ros2-spacenav", "ros2-ur5"]),
-        (("face", "ro"), ["rosbridge", "router"]),
+        (("net", "server", "ro"), ["rosbridge", "router"]),
         (("sim", "sp"), ["spacemouse", "spacemouse-serial"]),
-        (("drivers", "ga"), ["gamepad"]),
-        (("arm", "gofa", "rel"), ["relj", "release"]),
+        (("devices", "drivers", "ga"), ["gamepad"]),
+        (("net", "rep"), ["replay"]),
+        (("serve", "la"), []),
+        (("daemon", "arm", "gofa", "rel"), ["relj", "release"]),
         (("doctor", "--re"), ["--report"]),
     ],
 )
@@ -149,11 +151,11 @@ def test_sessions_of_a_daemon_that_runs(tmp_path):
         '[[sessions]]\nname = "one"\nstart = false\nrobot = { driver = "abb_egm" }\n'
         '[faces.other]\nface = "router"\nstart = false\n'
     )
-    with Program("serve", file) as program:
+    with Program("daemon", "run", file) as program:
         program.wait_for("READY ")
         own = ("--socket", f"{tmp_path}/cardan.sock")
-        assert complete("stop", *own, "o") == ["one", "other"]
-        assert complete("arm", *own, "o") == ["one"]
+        assert complete("daemon", "stop", *own, "o") == ["one", "other"]
+        assert complete("daemon", "arm", *own, "o") == ["one"]
 
 
 @pytest.mark.matrix

@@ -225,7 +225,7 @@ def test_a_session_without_an_arms_model_runs(light: Installation) -> None:
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("drivers",), "sim_arm"),
+        (("devices", "drivers"), "sim_arm"),
         (("devices",), ""),
         (("sim", "--list"), "motoman-gp8"),
         (("demo", "--list"), "spacemouse-ur5"),

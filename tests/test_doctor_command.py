@@ -107,7 +107,7 @@ def test_what_the_daemon_runs_is_known(tmp_path):
         f'[daemon]\nsocket = "{own}"\nevent_log = "none"\n[[sessions]]\nname = "gofa"\n'
         f'robot = {{ driver = "abb_egm", listen_port = {port} }}\n'
     )
-    with Program("serve", file) as program:
+    with Program("daemon", "run", file) as program:
         program.wait_for("READY ")
         bound = ("udp", "127.0.0.1", port)
         until(lambda: bound in {each[:3] for each in bound_sockets(Subject())}, "its port")

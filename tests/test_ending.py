@@ -152,7 +152,7 @@ def test_a_signal_before_the_session_has_begun_is_no_fault(moving):
 
 SERVING = {
     "sim": ("sim", "spacemouse", "--hid", "{folder}/hid"),
-    "spnav": ("spnav", "--socket", "{folder}/spnav.sock"),
+    "spnav": ("devices", "spnav", "--socket", "{folder}/spnav.sock"),
     "arm": ("sim", "arm", "--listen", "127.0.0.1:0"),
 }
 
@@ -308,11 +308,11 @@ def waits_to_write(pid: int) -> bool:
 @pytest.mark.parametrize(
     "words",
     [
-        ("drivers",),
+        ("devices", "drivers"),
         ("devices",),
         ("check", EXAMPLES / "spacemouse-gofa.toml"),
         ("sim", "--list"),
-        ("udev",),
+        ("devices", "udev"),
     ],
     ids=lambda words: words[0],
 )
@@ -366,7 +366,7 @@ FULL = "cardan: standard output cannot be written: No space left on device\n"
 @pytest.mark.parametrize(
     "words",
     [
-        ("drivers",),
+        ("devices", "drivers"),
         ("devices",),
         ("check", EXAMPLES / "spacemouse-gofa.toml"),
         ("sim", "--list"),
@@ -398,7 +398,7 @@ def test_a_session_whose_output_fails_brakes_the_arm(moving):
 @pytest.mark.parametrize(
     "words",
     [
-        ("drivers",),
+        ("devices", "drivers"),
         ("check", EXAMPLES / "spacemouse-gofa.toml"),
         ("--help",),
         ("run", EXAMPLES / "verbs-ur5-simulated.toml"),

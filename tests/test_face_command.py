@@ -177,9 +177,9 @@ def cardan(*words):
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_router_serves_until_a_signal(number):
     endpoint = free_endpoint()
-    with cardan("face", "router", "--endpoint", endpoint) as process:
+    with cardan("net", "server", "router", "--endpoint", endpoint) as process:
         assert process.stdout.readline() == f"READY {endpoint}\n"
-        with cardan("face", "router", "--endpoint", endpoint) as second:
+        with cardan("net", "server", "router", "--endpoint", endpoint) as second:
             _, error = second.communicate(timeout=20.0)
             assert second.returncode == 3
             assert error.startswith(f"cardan: the router cannot serve at {endpoint}; another one")
@@ -191,7 +191,7 @@ def test_a_router_serves_until_a_signal(number):
 @pytest.mark.matrix
 def test_an_attached_router_ends_with_its_standard_input():
     endpoint = free_endpoint()
-    with cardan("face", "router", "--endpoint", endpoint, "--attached") as process:
+    with cardan("net", "server", "router", "--endpoint", endpoint, "--attached") as process:
         assert process.stdout.readline() == f"READY {endpoint}\n"
         process.stdin.write("what comes has no meaning")
         process.stdin.close()
@@ -211,7 +211,7 @@ SOMEBODY = discovery.Survey(
 
 def test_the_network_is_printed_to_be_copied(monkeypatch):
     monkeypatch.setattr(discovery, "survey", lambda _options: SOMEBODY)
-    assert said("network", program=app).splitlines() == [
+    assert said("net", "list", program=app).splitlines() == [
         "node     /arm/server",
         "topic    /joint_states  sensor_msgs/msg/JointState  by /arm/server",
         "service  /arm/server/stop  std_srvs/srv/Trigger  by /arm/server",
@@ -224,21 +224,21 @@ def test_the_network_is_joined_as_a_session_joins_it(monkeypatch, tmp_path):
     file = tmp_path / "session.toml"
     robot = '[robot]\ndriver = "sim_arm"\nrobot = "ur5"\n[arm]\nmodel = "ur5"\n'
     file.write_text(f'{robot}[network]\nrouter = "tcp/10.0.0.1:7447"\nmode = "client"\n')
-    said("network", str(file), program=app)
+    said("net", "list", str(file), program=app)
     assert seen == [BusOptions(router="tcp/10.0.0.1:7447", mode="client")]
     with pytest.raises(ConfigurationError, match="give one of them"):
-        said("network", str(file), "--router", "tcp/10.0.0.2:7447", program=app)
+        said("net", "list", str(file), "--router", "tcp/10.0.0.2:7447", program=app)
     file.write_text(robot)
     with pytest.raises(ConfigurationError, match=r"has no table \[network\]"):
-        said("network", str(file), program=app)
-    said("network", "--router", "tcp/10.0.0.2:7447", program=app)
+        said("net", "list", str(file), program=app)
+    said("net", "list", "--router", "tcp/10.0.0.2:7447", program=app)
     assert seen[1:] == [BusOptions(router="tcp/10.0.0.2:7447")]
 
 
 def test_where_nobody_is_met_the_remedies_are_said(monkeypatch):
     nobody = discovery.Survey((), {}, {}, 1, 0)
     monkeypatch.setattr(discovery, "survey", lambda _options: nobody)
-    told = said("network", program=app, code=4)
+    told = said("net", "list", program=app, code=4)
     assert "A router answers, and no node was met." in told
     assert 'mode = "client"' in told
 

@@ -1,39 +1,73 @@
-"""What `--help` shows at 80 columns: all of it, in groups, each command on a line of its own."""
+"""What `--help` shows at 80 columns: all of it, in sections, each command on a line of its own."""
 
 import inspect
 import re
+import shlex
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
 from cardan.cli import app
-from cardan.cli.installed import GROUPS
+from cardan.cli.examples import EXAMPLES
+from cardan.cli.installed import SECTIONS, TOP
+from cardan.cli.moved import MOVED, now_called
+from cardan.errors import ConfigurationError
 from tests.command_line import the_command_line
 
-COLUMNS = {"COLUMNS": "80", "TERMINAL_WIDTH": "80", "NO_COLOR": "1", "TERM": "dumb"}
+COLUMNS = {"COLUMNS": "80", "NO_COLOR": "1", "TERM": "dumb"}
+ROOT = Path(__file__).parent.parent
+
+
+def found(words):
+    """The command of these words."""
+    command = the_command_line()
+    for word in words:
+        command = command.get_command(None, word)
+    return command
+
+
+def all_commands(command, *words):
+    """The words of all commands, those of groups that a registry makes left out."""
+    yield words
+    if hasattr(command, "list_commands") and words not in (("sim",), ("net", "server")):
+        for name in command.list_commands(None):
+            yield from all_commands(command.get_command(None, name), *words, name)
+
+
+COMMANDS = list(all_commands(the_command_line()))
 
 
 def shown(*words):
     """The help of a command."""
-    result = CliRunner().invoke(app, [*words, "--help"], env=COLUMNS)
+    result = CliRunner().invoke(app, [*words, "--help"], env=COLUMNS, prog_name="cardan")
     assert result.exit_code == 0, result.output
     return result.output
 
 
-def test_each_command_is_on_a_line_of_its_own_in_its_group():
-    group, found = "", {}
-    for line in shown().splitlines():
+def test_the_top_is_one_screen_of_twelve_commands():
+    text = shown()
+    assert len(the_command_line().list_commands(None)) <= 12
+    assert len(text.splitlines()) <= 30
+
+
+@pytest.mark.parametrize("group", SECTIONS)
+def test_each_command_is_on_a_line_of_its_own_in_its_section(group):
+    words = () if group == TOP else (group,)
+    section, listed = "", {}
+    for line in shown(*words).splitlines():
         assert len(line) <= 80
-        if line.startswith("╭─"):
-            group = line.strip("╭─╮ ")
-        elif group not in ("", "Options") and line.startswith("│ "):
-            name, _, said = line.strip("│ ").partition(" ")
+        if re.fullmatch(r"\S.*:", line):
+            section = line.removesuffix(":")
+        elif section not in ("", "Options") and line.strip():
+            name, _, said = line.removeprefix("  ").partition(" ")
+            assert name, f"it goes on in another line: {line}"
             assert said.strip(), f"it goes on in another line: {line}"
-            found[name] = group
-    assert list(found) == the_command_line().list_commands(None)
-    assert list(dict.fromkeys(found.values())) == list(GROUPS)
-    for each, names in GROUPS.items():
-        assert [name for name in found if found[name] == each] == names.split()
+            listed[name] = section
+    assert list(listed) == found(words).list_commands(None)
+    assert list(dict.fromkeys(listed.values())) == list(SECTIONS[group])
+    for each, names in SECTIONS[group].items():
+        assert [name for name in listed if listed[name] == each] == names.split()
 
 
 def plain(text):
@@ -41,13 +75,120 @@ def plain(text):
     return " ".join(re.sub(r"[│╭╮╰╯─]", " ", text).split())
 
 
-@pytest.mark.parametrize("name", the_command_line().list_commands(None))
-def test_the_help_of_a_command_has_all_that_is_written_of_it(name):
-    command = the_command_line().get_command(None, name)
-    text = plain(shown(name))
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_the_help_of_a_command_has_all_that_is_written_of_it(words):
+    command = found(words)
+    text = plain(shown(*words))
     for paragraph in inspect.cleandoc(command.help or "").split("\n\n"):
         assert plain(re.sub(r"\\(\[)", r"\1", paragraph)) in text
     for parameter in command.params:
         if parameter.param_type_name == "option" and not parameter.hidden:
             # A very long one is broken at the column's width.
             assert any(each[:18] in text for each in (*parameter.opts, *parameter.secondary_opts))
+
+
+OURS = [
+    words
+    for words in COMMANDS
+    if getattr(found(words).callback, "__module__", "").startswith("cardan.cli")
+]
+
+
+@pytest.mark.parametrize(
+    "words",
+    [words for words in OURS if not hasattr(found(words), "list_commands")],
+    ids=" ".join,
+)
+def test_the_help_of_a_command_ends_with_an_example_that_it_takes(words):
+    example = EXAMPLES[" ".join((TOP, *words)[-2:])]
+    assert f"Example: {example} Exit codes: 0 success;" in plain(shown(*words))
+    typed = shlex.split(example.removeprefix("sudo ").partition(" | ")[0])
+    assert typed[: len(words) + 1] == ["cardan", *words]
+    with found(words).make_context(words[-1], typed[len(words) + 1 :]):
+        pass
+
+
+def test_no_example_is_left_over():
+    assert {" ".join((TOP, *words)[-2:]) for words in OURS} >= EXAMPLES.keys()
+
+
+@pytest.mark.parametrize("old", MOVED)
+def test_an_old_name_is_answered_by_the_new_one(old):
+    for words in ((old,), (old, "--help"), (old, "x", "-v")):
+        with pytest.raises(ConfigurationError) as told:
+            the_command_line()([*words], standalone_mode=False)
+        said = f"command: cardan {old} is now: cardan {MOVED[old]}"
+        assert str(told.value).startswith(said), told.value
+    words = MOVED[old].split()
+    option = words.pop() if words[-1].startswith("--") else ""
+    command = found(words)
+    assert command is not None
+    assert not option or any(option in each.opts for each in command.params)
+    assert old not in the_command_line().list_commands(None)
+
+
+def test_of_a_unit_that_has_the_old_name_it_says_what_to_do():
+    assert "`cardan daemon service install FILE...`" in now_called("serve")
+    assert now_called("run") == ""
+
+
+OLD = "|".join(sorted(MOVED, key=len, reverse=True))
+TYPED = re.compile(
+    # After `cardan`, across the ends of lines and of strings; and as a list of words.
+    rf"""(?<![\w./@-])cardan(?:\ +|\ ?"?\n[ #*>]*f?"?)({OLD})(?![\w/=(]|-\w|\.\w)"""
+    rf"""|(?:"cardan",|\*CARDAN,|parent_death",\ "",|\b(?:Launched|Program|launched|served)\()"""
+    rf"""\s*"({OLD})\"""",
+    re.VERBOSE,
+)
+TEXTS = "**/*.py", "**/*.md", "**/*.toml", "**/*.ts", "**/*.svg", "**/*.sh", "**/*.yml", "Makefile"
+OF_NO_TEXT = {"CHANGELOG.md", "tests/test_help.py"}
+OF_OLD_UNITS = {"cardan/gateway/daemon/service.py", "tests/doctor/test_daemon.py"}
+
+
+def texts():
+    """What of the source tree is read by people, and what starts the command."""
+    folders = (
+        "cardan",
+        "docs",
+        "examples",
+        "plugins",
+        "tests",
+        "bench",
+        "studies",
+        "console",
+        "tools",
+    )
+    paths = [path for of in folders for each in TEXTS for path in (ROOT / of).glob(each)]
+    paths += [path for each in TEXTS for path in ROOT.glob(each.removeprefix("**/"))]
+    for path in paths:
+        name = path.relative_to(ROOT).as_posix()
+        if name not in OF_NO_TEXT and not re.search("node_modules|/(build|dist|site)/", name):
+            yield name, path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("text", "has"),
+    [
+        ("run `cardan serve lab.toml`", True),
+        ("run `cardan\n    serve lab.toml`", True),
+        ('"run `cardan "\n    "serve lab.toml`"', True),
+        ('["cardan", "serve"]', True),
+        ('Launched(\n    "serve", file)', True),
+        ('[*CARDAN, "face", *words]', True),
+        ("`cardan daemon run`, `cardan daemon log`, cardan.log, cardan.record(", False),
+    ],
+)
+def test_old_names_are_found(text, has):
+    assert bool(TYPED.search(text)) is has
+
+
+def test_no_text_has_an_old_name():
+    seen, old = 0, []
+    for name, text in texts():
+        seen += 1
+        found = [each[0] for each in TYPED.finditer(text)]
+        if name in OF_OLD_UNITS:
+            found.remove("cardan serve")
+        old += [f"{name}: {each!r}" for each in found]
+    assert seen > 500
+    assert old == []

@@ -18,6 +18,8 @@ POINTS = {
     "number": "math:pi",
     "strange": f"{__name__}:strange",
     "check": f"{__name__}:wave",
+    "devices.beckon": f"{__name__}:wave",
+    "arms.nod": f"{__name__}:wave",
 }
 
 
@@ -62,10 +64,14 @@ def cardan(monkeypatch, capsys):
 
 @pytest.mark.parametrize(
     ("command", "written"),
-    [("run", "needs a [network]"), ("force", "[force] and [[fixtures]]"), ("record", "[network]")],
+    [
+        ("run", "needs a [network]"),
+        ("devices force", "[force] and [[fixtures]]"),
+        ("net record", "[network]"),
+    ],
 )
 def test_what_stands_in_brackets_is_shown_in_a_help(cardan, command, written):
-    text = " ".join(cardan(command, "--help").replace("\u2502", " ").split())
+    text = " ".join(cardan(*command.split(), "--help").replace("\u2502", " ").split())
     assert written in text
 
 
@@ -83,8 +89,7 @@ def test_no_help_loses_what_stands_in_brackets():
     texts = [each for each in helps(command, None) if each]
     assert len(texts) > 300
     for text in texts:
-        written = text.replace("[bold]", "").replace("[/bold]", "").replace("\\[", "[")
-        assert Text.from_markup(text).plain == written
+        assert Text.from_markup(text).plain == text.replace("\\[", "[")
 
 
 @pytest.mark.usefixtures("others")
@@ -99,10 +104,21 @@ def test_a_command_of_another_package_is_one_of_ours(cardan, capsys):
 @pytest.mark.usefixtures("others")
 def test_help_names_it_and_goes_on_past_what_cannot_be_loaded(cardan):
     said = cardan("--help")
-    assert "Wave the arm " in said
-    for name in ("gone", "number", "strange"):
-        assert f"│ {name} " in said
-    assert said.index("│ doctor ") < said.index("│ wave ")
+    assert "Wave the arm\n" in said
+    for name in ("gone", "number", "strange", "arms.nod"):
+        assert f"\n  {name} " in said
+    assert said.index("\n  doctor ") < said.index("\n  wave ")
+
+
+@pytest.mark.usefixtures("others")
+def test_a_command_goes_where_its_entry_point_says(cardan):
+    assert cardan("devices", "beckon", "--times", "2") == "waved 2\n"
+    assert "cardan devices beckon --help" in cardan("devices", "beckon", "--often", code=2)
+    below = cardan("devices", "--help")
+    assert below.index("Of other packages:") < below.index("\n  beckon ")
+    assert "beckon" not in cardan("--help")
+    assert "beckon" not in cardan("net", "--help")
+    cardan("beckon", code=2)
 
 
 @pytest.mark.usefixtures("others")
@@ -112,6 +128,7 @@ def test_help_names_it_and_goes_on_past_what_cannot_be_loaded(cardan):
         ("gone", "cannot be loaded: ModuleNotFoundError: No module named 'no_such_module_at_all'"),
         ("number", "math:pi of command 'number' is no function"),
         ("strange", "command 'strange' cannot be used: RuntimeError: "),
+        ("arms.nod", "'arms.nod': there is no group 'arms', but daemon, devices, net"),
     ],
 )
 def test_what_cannot_be_loaded_says_why_in_one_line(cardan, name, words):
@@ -131,7 +148,7 @@ def test_ours_have_their_names_first(cardan):
     [
         (("dissect", "a.pcap"), "plugins/cardan-dissect"),
         (("evaluate", "--quick"), "studies"),
-        (("spnav", "--socket", "x"), "plugins/cardan-spnav-server"),
+        (("devices", "spnav", "--socket", "x"), "plugins/cardan-spnav-server"),
     ],
     ids=["dissect", "evaluate", "spnav"],
 )
@@ -140,11 +157,12 @@ def test_a_command_of_the_source_tree_says_where_it_is(
 ):
     monkeypatch.chdir(tmp_path)  # Where it is installed all the same, it writes into this folder.
     monkeypatch.setattr(installed, "entry_points", lambda group: [])
+    name = words[1] if words[0] == "devices" else words[0]
     said = cardan(*words, code=2)
-    assert said.startswith(f"cardan: command: '{words[0]}' is in the folder {folder} ")
+    assert said.startswith(f"cardan: command: '{name}' is in the folder {folder} ")
     assert f"pip install ./{folder}" in said
     assert said.count("\n") == 1
-    assert words[0] not in cardan("--help")
+    assert f"  {name} " not in cardan("--help") + cardan("devices", "--help")
     assert "`cardan --help`" in cardan("evaluated", code=2)
 
 
@@ -153,4 +171,4 @@ def test_a_command_of_ours_asks_nothing_about_what_is_installed(cardan, monkeypa
         raise AssertionError(group)
 
     monkeypatch.setattr(installed, "entry_points", asked)
-    assert "abb_egm" in cardan("drivers")
+    assert "abb_egm" in cardan("devices", "drivers")

@@ -20,26 +20,31 @@ from tests.command_line import the_command_line
 
 WITHOUT = {
     "run": "lives until it is ended; its session is read by the daemon or the network",
-    "serve": "its log is JSON by --log-format",
-    "udev": "prints a file",
-    "messages": "writes files",
-    "force": "lives until it is ended",
-    "haptic": "lives until it is ended",
-    "share": "lives until it is ended",
-    "net": "pair writes files",
-    "echo": "prints JSON, nothing else",
-    "record": "writes a file, and says in words what is missing",
-    "replay": "likewise",
-    "plot": "writes a file",
+    "daemon run": "its log is JSON by --log-format",
+    "daemon service": "show prints a file; the others do what their lines say",
+    "devices udev": "prints a file",
+    "devices force": "lives until it is ended",
+    "devices haptic": "lives until it is ended",
+    "devices share": "lives until it is ended",
+    "net pair": "writes files",
+    "net messages": "writes files",
+    "net echo": "prints JSON, nothing else",
+    "net record": "writes a file, and says in words what is missing",
+    "net replay": "likewise",
+    "net plot": "writes a file",
     "conform": "prints JSON by --format, as it has four of them",
     "robots": "list and show have it; add writes a file",
-    "service": "show prints a file; the others do what their lines say",
 }
 """Commands without it, and why."""
 
 
 def test_every_command_has_it_or_a_reason_why_not():
-    commands = the_command_line().commands
+    commands = dict(the_command_line().commands)
+    for group in ("daemon", "devices", "net"):
+        below = the_command_line().commands[group].commands
+        commands |= {f"{group} {name}": command for name, command in below.items()}
+        if group != "devices":  # That one lists them by itself.
+            del commands[group]
     has = {
         name
         for name, command in commands.items()
@@ -47,7 +52,8 @@ def test_every_command_has_it_or_a_reason_why_not():
     }
     assert commands.keys() == has | WITHOUT.keys()
     assert not has & WITHOUT.keys()
-    assert {"ps", "top", "events", "log", "arm", "check", "devices", "network", "hz"} <= has
+    daemon = {f"daemon {each}" for each in ("ps", "top", "events", "log", "arm")}
+    assert daemon | {"check", "devices", "devices list", "net list", "net hz"} <= has
 
 
 class Phase(enum.Enum):
@@ -96,19 +102,24 @@ def printed(capsys):
 
 def test_lists_and_checks_as_json(printed):
     assert "gofa" in {row["demo"] for row in printed("demo", "--list", "--json")}
-    assert "metrics" in {row["face"] for row in printed("face", "--list", "--json")}
+    assert "metrics" in {row["face"] for row in printed("net", "server", "--list", "--json")}
     assert "arm" in {row["peer"] for row in printed("sim", "--json", "--list")}
-    assert printed("drivers", "abb_egm", "--json")[0]["table"] == "[robot]"
+    assert printed("devices", "drivers", "abb_egm", "--json")[0]["table"] == "[robot]"
     assert isinstance(printed("devices", "--json"), list)
     found = printed("check", "examples/verbs-ur5-simulated.toml", "--json")
     assert found["robot"] == ["sim_arm"]
     assert found["warnings"] == []
 
 
-@pytest.mark.parametrize("group", ["demo", "face", "sim"])
+@pytest.mark.parametrize("group", ["demo", "net server", "sim"])
 def test_it_goes_with_a_list(group):
     with pytest.raises(ConfigurationError, match="--json: goes with --list"):
-        the_command_line()([group, "--json"], standalone_mode=False)
+        the_command_line()([*group.split(), "--json"], standalone_mode=False)
+
+
+def test_of_a_group_that_lists_by_itself_it_is_not_a_commands():
+    with pytest.raises(ConfigurationError, match="--json: goes behind the command's name"):
+        the_command_line()(["devices", "--json", "drivers"], standalone_mode=False)
 
 
 def test_echo_reads_feedback_of_every_distribution(monkeypatch, capsys):

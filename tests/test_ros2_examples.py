@@ -120,8 +120,8 @@ def bus():
     """A router, and a face of rosbridge."""
     endpoint = free_endpoint()
     with (
-        launched("face", "router", "--endpoint", endpoint),
-        launched("face", "rosbridge", "--port", "0", "--router", endpoint) as url,
+        launched("net", "server", "router", "--endpoint", endpoint),
+        launched("net", "server", "rosbridge", "--port", "0", "--router", endpoint) as url,
     ):
         yield endpoint, url
 
@@ -424,9 +424,9 @@ def test_two_computers_by_tls_and_who_may_do_what(made):
     client = BusOptions(zenoh_config=made("operator-client.json5", "c.json5", far))
     stranger = made("operator-client.json5", "s.json5", far, ("operator", "stranger"))
     with (
-        launched("face", "router", "--zenoh-config", robot),
-        launched("face", "router", "--zenoh-config", operator),
-        launched("face", "router", "--zenoh-config", viewer),
+        launched("net", "server", "router", "--zenoh-config", robot),
+        launched("net", "server", "router", "--zenoh-config", operator),
+        launched("net", "server", "router", "--zenoh-config", viewer),
         session(endpoint(inside)) as here,
     ):
         # The operator commands, through a router of its own or by itself.
@@ -493,7 +493,7 @@ def test_without_a_certificate_nobody_gets_in(made):
         ("enable_mtls: true", "enable_mtls: false"),
     )
     with (
-        launched("face", "router", "--zenoh-config", robot),
+        launched("net", "server", "router", "--zenoh-config", robot),
         session(f"tcp/127.0.0.1:{inside}"),
     ):
         with BusNetwork(BusOptions(zenoh_config=known), "somebody") as network:

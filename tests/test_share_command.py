@@ -1,5 +1,5 @@
-"""`cardan share`: what is wrong on its command line is said before anything is opened, and what
-changes while it shares is told once."""
+"""`cardan devices share`: what is wrong on its command line is said before anything is opened, and
+what changes while it shares is told once."""
 
 import sys
 from collections import Counter
@@ -36,7 +36,7 @@ def test_what_is_wrong_is_said(tmp_path, monkeypatch, words, said):
     # The log of this process stays as it is.
     monkeypatch.setattr(sys.modules["cardan.cli.share"], "begin_serving", lambda *_: None)
     with pytest.raises(ConfigurationError, match=said):
-        command_line.main(["share", *words], standalone_mode=False)
+        command_line.main(["devices", "share", *words], standalone_mode=False)
 
 
 def there(link=DeviceLink.LIVE, reason=""):

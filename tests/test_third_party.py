@@ -174,13 +174,13 @@ def cardan(tmp_path):
 
 
 def test_it_is_in_every_list(cardan):
-    (line,) = (line for line in cardan("drivers").splitlines() if "lever" in line)
+    (line,) = (line for line in cardan("devices", "drivers").splitlines() if "lever" in line)
     for words in ("[device]", "a lever that moves one axis", "https://lever.example/cardan"):
         assert words in line
     assert " lever  " in cardan("sim", "--list")
     assert "A lever that a hand swings." in cardan("sim", "--help")
     assert "--path" in cardan("sim", "lever", "--help")
-    assert '# a lever that moves one axis\nSUBSYSTEM=="lever", MODE=' in cardan("udev")
+    assert '# a lever that moves one axis\nSUBSYSTEM=="lever", MODE=' in cardan("devices", "udev")
     demos = cardan("demo", "--list")
     assert "simulated lever -> gateway -> simulated UR5" in demos
     assert " gofa " in demos

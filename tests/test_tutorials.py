@@ -12,8 +12,8 @@ from tests.tutorials import PAGES, follow, steps
 pytestmark = pytest.mark.matrix
 
 ELSEWHERE = re.compile(
-    r"cardan (?:demo|devices|dissect|doctor|network|plot|replay|sim omni)\b|.*\blever\b|pip |cp |"
-    r".*--console\b"
+    r"cardan (?:demo|devices|dissect|doctor|net (?:list|plot|replay)|sim omni)\b|.*\blever\b|pip |"
+    r"cp |.*--console\b"
 )
 """Commands that other tests run, or that need what is not here: tests/docs_commands.py."""
 

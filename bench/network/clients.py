@@ -66,8 +66,8 @@ class Load(NamedTuple):
 
 @contextmanager
 def face(name: str, endpoint: str) -> Iterator[tuple[int, int]]:
-    """``cardan face NAME``; its port and its process."""
-    words = ["face", name, "--router", endpoint, "--port", "0", "--log-level", "warning"]
+    """``cardan net server NAME``; its port and its process."""
+    words = ["net", "server", name, "--router", endpoint, "--port", "0", "--log-level", "warning"]
     command = [sys.executable, "-m", "cardan", *words]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     try:

@@ -1,4 +1,5 @@
-"""The sessions that are measured: one `cardan serve`, whose sessions start as they are needed."""
+"""The sessions that are measured: one `cardan daemon run`, whose sessions start as they are
+needed."""
 
 from __future__ import annotations
 
@@ -150,7 +151,7 @@ def lab(folder: Path, most: int) -> Iterator[Lab]:
         Crowd(folder, range(first, first + most)) as crowd,
         log.open("w") as said,
         subprocess.Popen(
-            [sys.executable, "-m", "cardan", "serve", str(file)],
+            [sys.executable, "-m", "cardan", "daemon", "run", str(file)],
             stdout=subprocess.PIPE,
             stderr=said,
         ) as daemon,

@@ -146,7 +146,7 @@ class Clients:
         words = [f"{each:g}" for each in self._twist(rng)]
         with self._watch.asking(name, "verbs"):
             process = subprocess.Popen(
-                [sys.executable, "-m", "cardan", "arm", name, "movv", "--socket",
+                [sys.executable, "-m", "cardan", "daemon", "arm", name, "movv", "--socket",
                  self._watch.lab.socket, "--", *words],
                 env=self._watch.lab.environment, stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,

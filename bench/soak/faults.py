@@ -248,7 +248,7 @@ class Faults:
         file = self._watch.folder / "tmp" / "record.mcap"
         router = f"tcp/127.0.0.1:{self._lab.ports['bus']}"
         process = subprocess.Popen(
-            [sys.executable, "-m", "cardan", "record", "-o", str(file), "--router", router,
+            [sys.executable, "-m", "cardan", "net", "record", "-o", str(file), "--router", router,
              "--seconds", str(RECORDS_S)],
             env=self._lab.environment, stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True,

@@ -323,7 +323,7 @@ class Lab:
             for name, each in hands.items()
         }
         self.daemon = Kept(
-            [sys.executable, "-m", "cardan", "serve", str(self.file),
+            [sys.executable, "-m", "cardan", "daemon", "run", str(self.file),
              "--log-level", "warning", "--log-format", "text"],
             folder / "logs" / "daemon.log",
             self.environment,

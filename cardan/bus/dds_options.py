@@ -11,7 +11,7 @@ from cardan.common.options import Options
 from cardan.errors import ConfigurationError
 
 FACE_NODE = "cardan_dds_face"
-"""Name of the node of `cardan face dds` on both sides."""
+"""Name of the node of `cardan net server dds` on both sides."""
 
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 

@@ -48,7 +48,7 @@ def reachable(options: BusOptions) -> BusOptions:
 
 
 def bus_words(options: BusOptions) -> list[str]:
-    """How ``cardan face`` is told of a bus."""
+    """How ``cardan net server`` is told of a bus."""
     words = {
         "domain": str(options.domain),
         "router": options.router,
@@ -84,8 +84,8 @@ def published(network: BusNetwork, name: str, key: str, remedy: str = "") -> Top
         raise ConfigurationError(
             key,
             f"nobody publishes {name}{suggestion(name, network.topics())}: waited for "
-            f"{APPEARS_WITHIN_S:g} s, {met_by(options)}; `cardan network` lists what there is, and "
-            "says what to do where that is nothing"
+            f"{APPEARS_WITHIN_S:g} s, {met_by(options)}; `cardan net list` lists what there is, "
+            "and says what to do where that is nothing"
             + (f"; {remedy}" if remedy else "")
             + (f"; other routers of this computer: {', '.join(others)}" if others else ""),
         )
@@ -130,10 +130,10 @@ def remedies(options: BusOptions, found: Survey) -> list[str]:
             f"Nobody answers at {options.router}: is the router started there, and does it listen "
             "beyond its own computer?"
         ]
+    place = "" if options.router == BusOptions().router else _at(options)
     return [
         f"Nobody answers at {options.router}: start a session with [network], or a router: "
-        f"`cardan face router{'' if options.router == BusOptions().router else _at(options)}`, or "
-        "rmw_zenohd."
+        f"`cardan net server router{place}`, or rmw_zenohd."
     ]
 
 
@@ -142,8 +142,9 @@ def unseen(found: Survey) -> str:
     if not any(name == f"/{FACE_NODE}" for name in found.nodes):
         return ""
     return (
-        "`cardan face dds` brings in the topics of DDS that somebody on the bus subscribes to: "
-        "others are not here, nor are they recorded; `cardan echo`, `hz` and `record` miss them."
+        "`cardan net server dds` brings in the topics of DDS that somebody on the bus subscribes "
+        "to: others are not here, nor are they recorded; `cardan net echo`, `hz` and `record` miss "
+        "them."
     )
 
 

@@ -715,8 +715,8 @@ def gid_of_token(token: str) -> bytes:
 def _advice(error: Exception) -> str:
     if "Unable to connect" in str(error):
         return (
-            "; start a router there (`cardan face router --endpoint ENDPOINT`), and see that the "
-            "network lets it be reached"
+            "; start a router there (`cardan net server router --endpoint ENDPOINT`), and see "
+            "that the network lets it be reached"
         )
     if "Address already in use" not in str(error):
         return ""

@@ -146,7 +146,7 @@ class RouterKeeper:
             time.sleep(_WAIT_S)
 
     def _start(self) -> None:
-        words = ["face", "router", "--endpoint", self._endpoint, "--attached"]
+        words = ["net", "server", "router", "--endpoint", self._endpoint, "--attached"]
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "cardan", *words],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,9 +13,7 @@ import typer
 
 from cardan import __version__
 from cardan.cli import completion
-from cardan.cli.bus import echo, hz, messages, network
 from cardan.cli.common import (
-    EPILOG,
     EXIT_CANNOT_OPEN,
     EXIT_FAILED,
     EXIT_INCOMPLETE,
@@ -31,27 +29,21 @@ from cardan.cli.common import (
     print_json,
     print_problem,
     print_table,
-    print_unusable,
 )
 from cardan.cli.conform import conform
-from cardan.cli.daemon import COMMANDS as DAEMON_COMMANDS, arm, checked, service
+from cardan.cli.daemon import checked, daemon
+from cardan.cli.devices import devices
 from cardan.cli.doctor import doctor
-from cardan.cli.explain import explain
-from cardan.cli.face import face
-from cardan.cli.installed import CardanCommands
+from cardan.cli.installed import TOP, OpenGroup
 from cardan.cli.net import net
-from cardan.cli.recording import plot, record, replay
 from cardan.cli.robots import robots
-from cardan.cli.share import share
 from cardan.cli.sim import sim
 from cardan.common import output
 from cardan.common.logs import make_logs_printable
-from cardan.common.plugins import Loaded
 from cardan.common.resource_errors import shortage
 from cardan.common.signals import raised_on_ending
 from cardan.common.text_sanitizer import printable
 from cardan.common.troubles import coded
-from cardan.drivers.base import FoundDevice, OperatorDevice
 from cardan.errors import CaptureError, CardanError, ConfigurationError, ScriptError
 from cardan.gateway.daemon.control import ControlError
 from cardan.gateway.session.snapshot import Snapshot
@@ -62,28 +54,18 @@ if TYPE_CHECKING:
     from cardan.gateway.session.subprocesses import Launched
 
 app = typer.Typer(
-    name="cardan",
-    cls=CardanCommands,
-    help="Drive a robot arm from a hand-held device.\n\n"
-    "New here? [bold]cardan demo[/bold] shows it without any hardware. Then copy a file from "
-    "examples/, [bold]cardan check[/bold] it, and [bold]cardan run[/bold] it.",
-    epilog=EPILOG,
+    name=TOP,
+    cls=OpenGroup,
+    help="Drive a robot arm from a hand-held device. New here? `cardan demo` shows it without any "
+    "hardware. Then copy a file from examples/, `cardan check` it, and `cardan run` it.",
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_show_locals=False,
 )
-app.add_typer(sim)
-app.add_typer(face)
-app.add_typer(service)
-app.add_typer(robots)
-app.add_typer(net)
-for _command in (
-    network, echo, hz, messages, share, record, replay, plot, *DAEMON_COMMANDS, doctor,
-    explain, conform,
-):  # fmt: skip
-    # Of an arm's verbs -0.1 is a number, and no option.
-    _settings = {"ignore_unknown_options": _command is arm}
-    app.command(epilog=EPILOG, context_settings=_settings)(_command)
+for _group in (daemon, devices, robots, net, sim):
+    app.add_typer(_group)
+for _command in (doctor, conform):
+    app.command()(_command)
 
 
 def main() -> None:
@@ -231,7 +213,7 @@ def demo(
     raise typer.Exit(run_demo(seconds, name, picture))
 
 
-@app.command(epilog=EPILOG)
+@app.command()
 def run(
     file: ConfigFile,
     record_to: Annotated[
@@ -240,14 +222,14 @@ def run(
             "--record",
             metavar="OUT",
             help="Record the network into this file (MCAP) while the session runs, as `cardan "
-            "record` does; the session needs a \\[network].",
+            "net record` does; the session needs a \\[network].",
         ),
     ] = None,
     console: Annotated[
         bool,
         typer.Option(
-            help="Serve the page that shows and moves the arm, as `cardan face console` does, and "
-            "print its address; the session needs a \\[network]."
+            help="Serve the page that shows and moves the arm, as `cardan net server console` "
+            "does, and print its address; the session needs a \\[network]."
         ),
     ] = False,
     console_host: Annotated[
@@ -433,130 +415,3 @@ def _moved_by_verbs(config: SessionConfig) -> str:
     authority = config.authority
     who = f"{authority.named!r} alone" if authority.named else "any source that has authority"
     return f"verbs and streams of a program (RemoteArm), {who}; `cardan run` shows it at rest"
-
-
-@app.command()
-def drivers(
-    name: Annotated[
-        str,
-        typer.Argument(metavar="[NAME]", help="One of them.", autocompletion=completion.drivers),
-    ] = "",
-    as_json: AsJson = False,
-) -> None:
-    """List the drivers, those of other installed packages included: the names that a
-    configuration's driver = "..." takes."""
-    from cardan.drivers import registry
-
-    if name:
-        found = Loaded({name: registry.load(name)}, {}, [])
-    else:
-        found = registry.load_all()
-    print_table(
-        ("driver", "table", "drives", "simulated by", "documentation"),
-        [
-            (
-                name,
-                "[device]" if issubclass(driver, OperatorDevice) else "[robot]",
-                driver.summary,
-                driver.peer and f"cardan sim {driver.peer}",
-                driver.page if "://" in driver.page or not driver.page else f"docs/{driver.page}",
-            )
-            for name, driver in found.classes.items()
-        ],
-        as_json,
-    )
-    if not as_json:
-        print_unusable(found)
-
-
-@app.command()
-def devices(as_json: AsJson = False) -> None:
-    """List plugged-in operator devices, and what stands in their way."""
-    from cardan import api
-
-    found = api.devices()
-    if not found and not as_json:
-        print(
-            "no operator device was found; serial, CAN and network devices are not detected: "
-            "the options of their drivers name them"
-        )
-        return
-    print_table(
-        ("device", "driver", "id", "transport", "path", "state"),
-        (
-            (
-                device.name,
-                device.driver,
-                device.identity,
-                device.transport,
-                device.path,
-                (device.obstacle if as_json else coded(device.obstacle)) or "ready",
-            )
-            for device in (found if as_json else _merged(found))
-        ),
-        as_json,
-    )
-
-
-def _merged(found: Sequence[FoundDevice]) -> list[FoundDevice]:
-    """`found`, with one row for all drivers whose search is prevented by the same thing."""
-    rows: dict[object, list[FoundDevice]] = {}
-    for number, device in enumerate(found):
-        hidden = device.obstacle and not (device.path or device.identity)
-        key = (device.transport, device.obstacle) if hidden else number
-        rows.setdefault(key, []).append(device)
-    return [
-        row[0]._replace(
-            name=", ".join(dict.fromkeys(device.name for device in row)),
-            driver=", ".join(dict.fromkeys(device.driver for device in row)),
-        )
-        for row in rows.values()
-    ]
-
-
-@app.command()
-def udev() -> None:
-    """Print udev rules that let the user at the console open devices."""
-    from cardan.drivers.udev import udev_rules
-
-    print(udev_rules(), end="")
-
-
-@app.command(epilog=EPILOG)
-def force(
-    file: ConfigFile,
-    connect: Annotated[
-        str,
-        typer.Option(metavar="PATH", help="The socket that the session offers: its force.socket."),
-    ],
-    seconds: Seconds = None,
-    verbose: Verbose = False,
-    log_level: Level = None,
-) -> None:
-    """Be the force node of a session in another process: read its robot's states, and send it the
-    forces that the \\[force] and [\\[fixtures]] of FILE make of them. Prints READY once it does."""
-    from cardan.gateway.session.force_assembly import load_force
-    from cardan.gateway.session.force_node import run_force_node
-
-    begin_serving(verbose, log_level)
-    sent = run_force_node(load_force(file), connect, seconds)
-    print(f"{sent} forces sent")
-    if not sent:
-        raise typer.Exit(EXIT_INCOMPLETE)
-
-
-@app.command(epilog=EPILOG)
-def haptic(
-    file: ConfigFile,
-    seconds: Seconds = None,
-    verbose: Verbose = False,
-    log_level: Level = None,
-) -> None:
-    """Serve a haptic device to ROS 2 without an arm: publish its pose and buttons, and render the
-    feedback that programs publish. Of FILE it reads \\[device] and \\[network]. Prints READY and
-    the name of its node once it serves."""
-    from cardan.gateway.session.force_assembly import load_haptic
-    from cardan.gateway.session.haptic_session import serve_haptic
-
-    begin_serving(verbose, log_level)
-    serve_haptic(load_haptic(file), seconds)

@@ -1,4 +1,5 @@
-"""Commands of the bus: ``cardan network``, ``cardan echo``, ``cardan hz`` and ``messages``."""
+"""Commands of the bus: ``cardan net list``, ``cardan net echo``, ``cardan net hz`` and
+``messages``."""
 
 from __future__ import annotations
 

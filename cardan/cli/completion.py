@@ -149,7 +149,7 @@ def verbs(incomplete: str) -> Offered:
 
 
 def _rows(context: typer.Context) -> list[Any]:
-    """What `cardan ps` would list."""
+    """What `cardan daemon ps` would list."""
     return _asked(context, "units")
 
 

@@ -1,4 +1,4 @@
-"""Commands of the daemon: ``cardan serve``, and those that ask one."""
+"""``cardan daemon``: runs one, and asks one that runs."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from cardan.cli.common import (
     print_json,
     print_problem,
 )
+from cardan.cli.installed import CommandGroup, OpenGroup
 from cardan.common.logs import LogFormat, found_format
 from cardan.common.places import in_file
 from cardan.common.text_sanitizer import printable
@@ -139,7 +140,7 @@ def top(
     seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> None:
-    """Show what `cardan ps` does, live.
+    """Show what `cardan daemon ps` does, live.
 
     Until Ctrl-C; as JSON an array a line. The daemon goes on after it."""
     from rich.console import Console
@@ -337,7 +338,10 @@ def arm(
 
 
 service = typer.Typer(
-    name="service", no_args_is_help=True, help="Run the daemon as a service of systemd."
+    name="service",
+    cls=CommandGroup,
+    no_args_is_help=True,
+    help="Run the daemon as a service of systemd.",
 )
 System = Annotated[
     bool,
@@ -347,7 +351,8 @@ Account = Annotated[
     str, typer.Option("--user", metavar="NAME", help="Who it runs as, with --system; default: you.")
 ]
 Files = Annotated[
-    list[Path] | None, typer.Argument(metavar="[FILE|FOLDER]...", help="As `cardan serve` has it.")
+    list[Path] | None,
+    typer.Argument(metavar="[FILE|FOLDER]...", help="As `cardan daemon run` has it."),
 ]
 
 
@@ -372,8 +377,8 @@ def show(files: Files = None, system: System = False, user: Account = "") -> Non
 
 @service.command("install")
 def install_service(files: Files = None, system: System = False, user: Account = "") -> None:
-    """Write the unit, start it, and have it started with the computer (--system) or at this user's
-    login."""
+    """Write the unit, and start it. With --system it starts again with the computer, else at this
+    user's login."""
     from cardan.gateway.daemon.service import install
 
     for line in install(_service(files, system, user)):
@@ -391,5 +396,16 @@ def remove_service(system: System = False) -> None:
         print(line)
 
 
-COMMANDS = (serve, ps, top, start, stop, restart, switch, reload, log, events, arm)
-"""All of them, as `cardan --help` lists them."""
+daemon = typer.Typer(
+    name="daemon",
+    cls=OpenGroup,
+    help="Run many sessions and faces, and see and command what runs.",
+    no_args_is_help=True,
+    rich_markup_mode="rich",
+)
+daemon.add_typer(service)
+daemon.command("run")(serve)
+for _command in (ps, top, start, stop, restart, switch, reload, log, events):
+    daemon.command()(_command)
+# Of an arm's verbs -0.1 is a number, and no option.
+daemon.command(context_settings={"ignore_unknown_options": True})(arm)

@@ -1,6 +1,6 @@
 """Commands made of what is declared elsewhere: an options dataclass, its fields as options.
 
-``cardan sim`` and ``cardan face`` are such groups of commands.
+``cardan sim`` and ``cardan net server`` are such groups of commands.
 """
 
 from __future__ import annotations

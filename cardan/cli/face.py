@@ -1,4 +1,4 @@
-"""``cardan face``: a command for each face, made of what the face declares."""
+"""``cardan net server``: a command for each face, made of what the face declares."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from cardan.cli.common import AsJson
 from cardan.cli.declared import (
@@ -21,18 +20,19 @@ from cardan.cli.declared import (
     run_logged,
     serving_parameters,
 )
+from cardan.cli.installed import CommandGroup
 from cardan.errors import ConfigurationError
 from cardan.gateway.servers import registry
 from cardan.gateway.servers.base import Face
 
 
-class _Faces(TyperGroup):
+class _Faces(CommandGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands: Any = Commands(registry, "face", _command)
 
 
-face = typer.Typer(name="face", cls=_Faces, no_args_is_help=True, rich_markup_mode="rich")
+face = typer.Typer(name="server", cls=_Faces, no_args_is_help=True, rich_markup_mode="rich")
 
 
 @face.callback(invoke_without_command=True)

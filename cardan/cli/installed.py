@@ -1,11 +1,14 @@
-"""Commands of other packages: for each entry point of the group a function, as typer has it, or a
-class of commands, which makes its options when it is asked for them."""
+"""Groups of commands: Cardan's own by what they are for, then those of other packages, for each
+entry point of the group a function, as typer has it, or a class of commands, which makes its
+options when it is asked for them."""
 
 from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Callable
+import shutil
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -13,7 +16,10 @@ from typer.core import TyperCommand, TyperGroup
 
 from cardan.cli.common import EPILOG
 from cardan.cli.declared import Commands
+from cardan.cli.examples import EXAMPLES
+from cardan.cli.moved import now_called
 from cardan.common.plugins import Finder, entry_points
+from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError
 
 if TYPE_CHECKING:
@@ -21,15 +27,33 @@ if TYPE_CHECKING:
 
 ENTRY_POINT_GROUP = "cardan.commands"
 
-GROUPS = {
-    "Run": "demo check run arm",
-    "Devices and robots": "devices drivers udev share doctor explain robots force haptic spnav",
-    "Network": "network net echo hz messages face",
-    "Record": "record replay plot export",
-    "Daemon": "serve ps top log events start stop restart switch reload service",
-    "Test": "sim conform dissect evaluate",
+TOP = "cardan"
+
+LEAST_WIDTH = 50
+"""Of a help, in columns."""
+
+SECTIONS = {
+    TOP: {
+        "Run": "demo check run daemon",
+        "Devices, robots, network": "devices robots net doctor",
+        "Test": "sim conform dissect evaluate",
+    },
+    "daemon": {
+        "The daemon": "run reload service",
+        "Its sessions and faces": "ps top log events start stop restart",
+        "Its arms and devices": "arm switch",
+    },
+    "devices": {
+        "Find and open them": "list drivers udev",
+        "Serve one to other programs": "share force haptic spnav",
+    },
+    "net": {
+        "Look": "list echo hz",
+        "Join": "pair server messages",
+        "Records": "record replay plot export",
+    },
 }
-"""The help's groups of commands, in order."""
+"""Groups of commands that other packages may add to, and the sections of their help, in order."""
 OTHERS = "Of other packages"
 
 
@@ -43,7 +67,12 @@ class _Functions(Finder[Any]):
             raise ConfigurationError(self._word, f"{of} is no function")
 
 
-def _command(name: str, function: Callable[..., Any]) -> Any:
+def _command(point: str, function: Callable[..., Any]) -> Any:
+    """The command of an entry point, NAME or GROUP.NAME. Raises ConfigurationError."""
+    group, _, name = point.rpartition(".")
+    if group and group not in SECTIONS:
+        there = ", ".join(each for each in SECTIONS if each != TOP)
+        raise ConfigurationError("command", f"{point!r}: there is no group {group!r}, but {there}")
     if isinstance(function, type) and issubclass(function, TyperCommand):
         return function(name, help=inspect.getdoc(function))
     app = typer.Typer(add_completion=False, rich_markup_mode="rich")
@@ -51,28 +80,100 @@ def _command(name: str, function: Callable[..., Any]) -> Any:
     return typer.main.get_command(app)
 
 
-class CardanCommands(TyperGroup):
-    """Cardan's own commands, then those of other packages, which are imported when asked for."""
+class CommandGroup(TyperGroup):
+    """A group whose help has a line for each command, in sections, and then its options. The help
+    of a command of `EXAMPLES` ends with that, and with the exit codes."""
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        command: Any = super().get_command(ctx, cmd_name)
+        if command is not None:
+            # What a registry has is described in one sentence, which is listed whole.
+            whole = isinstance(self.commands, Commands)
+            command.short_help = _summary(command) if whole else _on_a_line(command)
+            if example := EXAMPLES.get(f"{self.name} {cmd_name}"):
+                command.epilog = f"Example: {example}\n\n{EPILOG}"
+        return command
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        formatter.width = max(shutil.get_terminal_size().columns - 2, LEAST_WIDTH)
+        self.format_usage(ctx, formatter)
+        self.format_help_text(ctx, formatter)
+        self.format_options(ctx, formatter)
+        self.format_epilog(ctx, formatter)
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        rows = defaultdict(list)
+        for name in self.list_commands(ctx):
+            if (command := self.get_command(ctx, name)) is not None and not command.hidden:
+                rows[self.section_of(name)].append((name, printable(command.short_help)))
+        rows["Options"] = [
+            row for each in self.get_params(ctx) if (row := each.get_help_record(ctx)) is not None
+        ]
+        for title, lines in rows.items():
+            with formatter.section(title):
+                formatter.write_dl(lines)
+
+    def section_of(self, name: str) -> str:
+        """The section of the help that has the command."""
+        return "Commands"
+
+
+class OpenGroup(CommandGroup):
+    """A group of `SECTIONS`: Cardan's own commands, then those of other packages, which are
+    imported when asked for."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         finder = _Functions(object, "command", {}, _installed)
         self._others = Commands(finder, "command", _command)
+        self._sections = SECTIONS[self.name or TOP]
+
+    def _point(self, name: str) -> str:
+        """The entry point of a command."""
+        return name if self.name == TOP else f"{self.name}.{name}"
+
+    def _found(self) -> Iterator[str]:
+        """Commands of other packages; those of no group that there is are at the top, and say
+        so."""
+        for point in self._others:
+            group, _, name = point.rpartition(".")
+            if group == self.name:
+                yield name
+            elif self.name == TOP and group not in SECTIONS:
+                yield point
 
     def list_commands(self, ctx: Any) -> list[str]:
-        there = dict.fromkeys((*super().list_commands(ctx), *self._others))
-        grouped = (name for names in GROUPS.values() for name in names.split())
-        return [*dict.fromkeys(name for name in (*grouped, *there) if name in there)]
+        there = dict.fromkeys((*super().list_commands(ctx), *self._found()))
+        listed = (name for names in self._sections.values() for name in names.split())
+        return [*dict.fromkeys(name for name in (*listed, *there) if name in there)]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
-        command: Any = super().get_command(ctx, cmd_name) or self._others.get(cmd_name)
-        if command is not None:
-            groups = (group for group, names in GROUPS.items() if cmd_name in names.split())
-            command.rich_help_panel = next(groups, OTHERS)
-            command.short_help = _first_sentence(command.help or "")
+        command: Any = super().get_command(ctx, cmd_name)
+        if command is None and (other := self._others.get(self._point(cmd_name))) is not None:
+            other.short_help = _on_a_line(other)
+            return other
         return command
 
+    def section_of(self, name: str) -> str:
+        return next(
+            (each for each, names in self._sections.items() if name in names.split()), OTHERS
+        )
 
-def _first_sentence(text: str) -> str:
-    """The first of a docstring, or what comes before its colon, on one line."""
-    return re.split(r"[.:](?=\s|$)", " ".join(text.split()), maxsplit=1)[0]
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        # A shell that completes is told nothing.
+        if self.name == TOP and args and not ctx.resilient_parsing:
+            said = now_called(args[0])
+            if said and self.get_command(ctx, args[0]) is None:
+                raise ConfigurationError("command", said)
+        return super().resolve_command(ctx, args)
+
+
+def _on_a_line(command: Any) -> str:
+    """What a list says of a command, without markup: the first sentence of its help, or what comes
+    before that one's colon."""
+    return re.split(r"[.:](?=\s|$)", _summary(command), maxsplit=1)[0]
+
+
+def _summary(command: Any) -> str:
+    """The help of a command without markup, on one line."""
+    return " ".join((command.help or "").split()).replace("\\[", "[")

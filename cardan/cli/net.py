@@ -1,4 +1,5 @@
-"""``cardan net pair``: certificates for two computers, from a code that is typed once."""
+"""``cardan net``: what is on the network, and who may join it; ``cardan net pair``: certificates
+for two computers, from a code that is typed once."""
 
 from __future__ import annotations
 
@@ -7,7 +8,11 @@ from typing import Annotated
 
 import typer
 
-from cardan.cli.common import EPILOG, print_problem
+from cardan.cli.bus import echo, hz, messages, network
+from cardan.cli.common import print_problem
+from cardan.cli.face import face
+from cardan.cli.installed import OpenGroup
+from cardan.cli.recording import plot, record, replay
 from cardan.common.text_sanitizer import printable
 from cardan.errors import OptionError
 
@@ -15,13 +20,20 @@ PORT = 7449
 
 net = typer.Typer(
     name="net",
-    help="Join the operator's computer and the robot's.",
+    cls=OpenGroup,
+    help="See, join, serve and record the network of sessions and ROS 2 nodes.",
     no_args_is_help=True,
     rich_markup_mode="rich",
 )
 
 
-@net.command(epilog=EPILOG)
+net.add_typer(face)
+net.command("list")(network)
+for _command in (echo, hz, messages, record, replay, plot):
+    net.command()(_command)
+
+
+@net.command()
 def pair(
     host: Annotated[
         str | None,
@@ -58,7 +70,9 @@ def pair(
         words = f"Code that {printable(host)} shows"
         ask = lambda: code or str(typer.prompt(words, err=True))  # noqa: E731
         config = shlex.quote(str(pair_with(host, port, replace, ask)))
-        print(f"paired; now:\n  cardan share spacemouse --zenoh-config {config}", flush=True)
+        print(
+            f"paired; now:\n  cardan devices share spacemouse --zenoh-config {config}", flush=True
+        )
         return
     there = reachable_host(address) + ("" if port == PORT else f" --port {port}")
 
@@ -67,7 +81,8 @@ def pair(
 
     config = shlex.quote(str(wait_for_operator((address, port), replace, show, print_problem)))
     print(
-        f"paired; now:\n  cardan face router --zenoh-config {config}\nand in the session's file:\n"
+        f"paired; now:\n  cardan net server router --zenoh-config {config}\nand in the session's "
+        f"file:\n"
         '  [device]\n  driver = "remote"\n  device = "spacemouse"',
         flush=True,
     )

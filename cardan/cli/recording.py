@@ -1,4 +1,4 @@
-"""``cardan record``, ``cardan replay`` and ``cardan plot``."""
+"""``cardan net record``, ``cardan net replay`` and ``cardan net plot``."""
 
 from __future__ import annotations
 

@@ -12,7 +12,8 @@ import typer
 
 from cardan.cli import completion
 from cardan.cli.bus import Router, Session, bus_options
-from cardan.cli.common import EPILOG, AsJson, print_json, print_table
+from cardan.cli.common import AsJson, print_json, print_table
+from cardan.cli.installed import CommandGroup
 from cardan.common.text_sanitizer import printable
 from cardan.errors import ConfigurationError, ExtraMissingError
 
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 
 robots = typer.Typer(
     name="robots",
+    cls=CommandGroup,
     help="List and show arms, and make the file of one's own.",
     no_args_is_help=True,
     rich_markup_mode="rich",
@@ -30,7 +32,7 @@ POSTURES = 3
 """Drawn beside home."""
 
 
-@robots.command(epilog=EPILOG)
+@robots.command()
 def add(
     file: Annotated[
         str,
@@ -201,7 +203,7 @@ def _beside() -> list[tuple[str, str]]:
     return found
 
 
-@robots.command(epilog=EPILOG)
+@robots.command()
 def show(
     name: Annotated[
         str,

@@ -1,4 +1,4 @@
-"""``cardan share``: an operator device for a session on another computer."""
+"""``cardan devices share``: an operator device for a session on another computer."""
 
 from __future__ import annotations
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
 from cardan.cli.common import AsJson
 from cardan.cli.declared import (
@@ -23,6 +22,7 @@ from cardan.cli.declared import (
     run_logged,
     serving_parameters,
 )
+from cardan.cli.installed import CommandGroup
 from cardan.sim_peers import registry
 from cardan.sim_peers.base import parse_faults
 from cardan.sim_peers.command import PeerCommand
@@ -39,7 +39,7 @@ Fault = Annotated[
 Seed = Annotated[int, typer.Option(min=0, help="Seed of everything random.")]
 
 
-class _Peers(TyperGroup):
+class _Peers(CommandGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
         self.commands: Any = Commands(registry, "simulated peer", _command)

@@ -37,8 +37,8 @@ IN_SOURCE_TREE = {
     "command": {
         "dissect": _DISSECT,
         "evaluate": "studies",
-        "export": _LEARNING,
-        "spnav": _SPNAV_SERVER,
+        "net.export": _LEARNING,
+        "devices.spnav": _SPNAV_SERVER,
     },
     "dissector": {
         "jr3_can": _JR3,
@@ -86,8 +86,8 @@ def not_installed(word: str, name: str) -> str:
     if folder is None:
         return ""
     return (
-        f"{name!r} is in the folder {folder} of Cardan's source tree, and not installed: run "
-        f"`pip install ./{folder}` there, or `make demo`"
+        f"{name.rpartition('.')[2]!r} is in the folder {folder} of Cardan's source tree, and not "
+        f"installed: run `pip install ./{folder}` there, or `make demo`"
     )
 
 

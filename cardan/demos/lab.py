@@ -1,5 +1,6 @@
-"""Runs the example of a lab without hardware: its simulated peers, and ``cardan serve`` with its
-file, all of them processes as any other program would start them; shown as ``cardan top`` does."""
+"""Runs the example of a lab without hardware: its simulated peers, and ``cardan daemon run`` with
+its file, all of them processes as any other program would start them; shown as ``cardan daemon
+top`` does."""
 
 from __future__ import annotations
 
@@ -35,7 +36,7 @@ READY_S: Final = 60.0
 two cores with other work to do."""
 
 SHOWN_S: Final = 0.5
-"""How often it is shown on a terminal, as ``cardan top`` does."""
+"""How often it is shown on a terminal, as ``cardan daemon top`` does."""
 
 PRINTED_S: Final = 5.0
 """How often it is printed elsewhere."""
@@ -58,7 +59,8 @@ def simulated_lab(demo: Demo, seconds: float) -> Iterator[tuple[Peers, Layout, L
         _check_simulated(demo, peers.tables, layout)
         peers.start_all()
         daemon = Launched(
-            "serve",
+            "daemon",
+            "run",
             file.name,
             *peers.until,
             folder=peers.folder,

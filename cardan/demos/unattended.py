@@ -2,8 +2,8 @@
 
 The rule allows what is known to be harmless and refuses all else: see
 :mod:`cardan.drivers.simulated` for drivers. Programs that a demo starts are simulated peers, and
-``cardan spnav``, of plugins/cardan-spnav-server, of a simulated device; none is given a program to
-run.
+``cardan devices spnav``, of plugins/cardan-spnav-server, of a simulated device; none is given a
+program to run.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ ADDRESSES = frozenset({"--host", "--listen", "--to"})
 """Options of peers that are a host, or HOST:PORT; or an endpoint of Zenoh's by TCP."""
 
 SERVING = {"spnav": "--socket", "share": "--listen"}
-"""Commands that serve the device of a file, and where they have to be told to."""
+"""Commands of `cardan devices` that serve the device of a file, and the option that says where."""
 
 
 def check_unattended(
@@ -101,12 +101,15 @@ def _check_driver(
 def check_words(demo: Demo, key: str, words: Sequence[str]) -> list[str]:
     """The words of a launched command, each option joined to its value, so that none can be taken
     for a program to run. Raises ConfigurationError for a command that a demo may not start."""
-    if words and words[0] in SERVING and key == "launch":
+    if words[:1] == ["devices"] and words[1:2] and words[1] in SERVING and key == "launch":
         return _checked_serving(demo, words)
     if len(words) < 2 or words[0] != "sim" or words[1].startswith("-"):
         what = shlex.join(words) or "nothing"
         _refuse(
-            demo, key, f"it starts {what!r}; allowed: `sim PEER ...`, `spnav` or `share` of a FILE"
+            demo,
+            key,
+            f"it starts {what!r}; allowed: `sim PEER ...`, `devices spnav` or `devices share` of a "
+            "FILE",
         )
     options, rest = _options(demo, key, words[2:])
     if rest:
@@ -150,11 +153,11 @@ def _options(demo: Demo, key: str, words: Sequence[str]) -> tuple[list[str], lis
 def _checked_serving(demo: Demo, words: Sequence[str]) -> list[str]:
     """The words of a command of SERVING, of a file whose device is simulated: its paths are those
     of the demo's own folder, where the command runs."""
-    command, needed = words[0], SERVING[words[0]]
-    options, rest = _options(demo, "launch", words[1:])
+    command, needed = words[1], SERVING[words[1]]
+    options, rest = _options(demo, "launch", words[2:])
     named = any(option.startswith(f"{needed}=") for option in options)
     if not named or len(rest) != 1 or not Path(rest[0]).is_absolute():
-        _refuse(demo, "launch", f"{command} serves {{examples}}/FILE, and needs {needed}")
+        _refuse(demo, "launch", f"devices {command} serves {{examples}}/FILE, and needs {needed}")
     tables: Mapping[str, Any] = read_toml(Path(rest[0]))
     device = read_table(registry.DriverTable, tables.get("device"), "device")
     kind = registry.load(device.driver)
@@ -167,7 +170,7 @@ def _checked_serving(demo: Demo, words: Sequence[str]) -> list[str]:
     option, why = why_not_simulated(kind, options_of, in_folder, launched=False)
     if why:
         _refuse(demo, f"launch: {rest[0]}: device.{option}", why)
-    return [command, *options, *rest]
+    return [*words[:2], *options, *rest]
 
 
 def _refuse(demo: Demo, key: str, why: str) -> NoReturn:

@@ -9,13 +9,13 @@ from cardan.doctor.base import Check, Finding, Subject, caution, failure, good
 from cardan.errors import CardanError
 from cardan.gateway.daemon.client import ControlClient
 from cardan.gateway.daemon.restart_policy import UnitState
-from cardan.gateway.daemon.service import Service, installed
+from cardan.gateway.daemon.service import Service, installed, is_outdated
 
 GROUP = "daemon"
 
 
 def judge_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
-    """What the daemon's sessions and faces do. `rows`: as `cardan ps` has them."""
+    """What the daemon's sessions and faces do. `rows`: as `cardan daemon ps` has them."""
     for row in rows:
         who = f"{row['kind']} {row['name']}"
         reason = f": {row['reason']}" if row["reason"] else ""
@@ -24,14 +24,14 @@ def judge_units(rows: Sequence[Mapping[str, Any]]) -> Iterator[Finding]:
                 "unit-failed",
                 f"{who} has failed{reason}",
                 "the daemon does not start it again by itself",
-                f"cardan log {row['name']}, then: cardan restart {row['name']}",
+                f"cardan daemon log {row['name']}, then: cardan daemon restart {row['name']}",
             )
         elif row["state"] == UnitState.WAITING.value:
             yield caution(
                 "unit-waiting",
                 f"{who} waits to be started again{reason}",
                 "what it needs is not there, or it has died",
-                f"cardan log {row['name']}",
+                f"cardan daemon log {row['name']}",
             )
         else:
             yield good("unit", f"{who} is {row['state']}{reason}")
@@ -52,18 +52,37 @@ def judge_absent(why: str, services: Sequence[Service]) -> Finding:
     return failure("daemon", why, "it cannot be asked", "ls -l its socket; the group of [daemon]")
 
 
+def judge_unit(service: Service) -> Finding:
+    """Of a unit that starts the daemon by its old name."""
+    install = (
+        "cardan daemon service install"
+        if service.user
+        else ("sudo cardan daemon service install --system")
+    )
+    return failure(
+        "service-outdated",
+        f"the service {service.path} was written before 0.2.0",
+        "the command that it starts has another name now: it fails the next time it is started",
+        f"{install} FILE..., with the files behind ExecStart= there",
+    )
+
+
 class Running(Check):
     """The daemon of this user or of this computer: whether it runs, and what failed in it."""
 
-    group, tells = GROUP, ("daemon", "service", "unit", "unit-failed", "unit-waiting")
+    group, tells = (
+        GROUP,
+        ("daemon", "service", "service-outdated", "unit", "unit-failed", "unit-waiting"),
+    )
 
     @classmethod
     def look(cls, subject: Subject) -> Iterable[Finding]:
+        there = [each for each in map(installed, (False, True)) if each.path.exists()]
+        yield from map(judge_unit, filter(is_outdated, there))
         try:
             with ControlClient(subject.socket) as client:
                 rows = client.ask("units")
         except CardanError as error:
-            there = [each for each in map(installed, (False, True)) if each.path.exists()]
             yield judge_absent(str(error), there)
             return
         yield good("daemon", f"the daemon at {client.path} runs")

@@ -23,8 +23,8 @@ RULES_FOLDERS: Final = (
 RULES_FILE: Final = "70-cardan.rules"
 
 INSTALL_RULES: Final = (
-    f"cardan udev | sudo tee /etc/udev/rules.d/{RULES_FILE} && sudo udevadm control --reload, then "
-    "plug the device in again"
+    f"cardan devices udev | sudo tee /etc/udev/rules.d/{RULES_FILE} && sudo udevadm control "
+    "--reload, then plug the device in again"
 )
 
 THREE_D_DRIVERS: Final = frozenset({"spacemouse", "spacemouse_serial"})
@@ -52,7 +52,7 @@ def judge_devices(found: Sequence[FoundDevice], wanted: Iterable[Used]) -> Itera
 
 
 def _mend(obstacle: str) -> str:
-    if "no permission" in obstacle or "cardan udev" in obstacle:
+    if "no permission" in obstacle or "cardan devices udev" in obstacle:
         return INSTALL_RULES
     if "another program" in obstacle:
         return "cardan doctor, as the superuser, names the program: sudo cardan doctor"

@@ -1,4 +1,4 @@
-"""Checks the given files, as ``cardan check`` and ``cardan serve`` do."""
+"""Checks the given files, as ``cardan check`` and ``cardan daemon run`` do."""
 
 from __future__ import annotations
 

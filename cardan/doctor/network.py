@@ -33,14 +33,14 @@ def judge_bus(
     except CardanError as error:
         why = f"{who} cannot join the bus"
         missing = isinstance(error, ExtraMissingError)
-        mend = install_command("network") if missing else "cardan network"
+        mend = install_command("network") if missing else "cardan net list"
         return failure("bus", f"{where}: {error}", why, mend)
     if advice := remedies(options, found):
         return caution(
             "bus",
             f"{who}: {advice[0]}",
             "nobody is met there",
-            " ".join(advice[1:]) or ("start what is to be met, then: cardan network"),
+            " ".join(advice[1:]) or ("start what is to be met, then: cardan net list"),
         )
     return good("bus", f"{who}: {len(found.nodes)} nodes are met at {where}")
 

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-UDEV_HINT = "install the udev rules (`cardan udev` prints them) and plug it in again"
+UDEV_HINT = "install the udev rules (`cardan devices udev` prints them) and plug it in again"
 
 USB_DEVICES = Path("/sys/bus/usb/devices")
 

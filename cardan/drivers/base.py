@@ -187,8 +187,8 @@ class OperatorDevice(Driver):
     suits: ClassVar[str] = ""
     """The `mapping` of a session that suits it: mode and frame."""
     udev_matches: ClassVar[Sequence[str]] = ()
-    """What udev rules match its device nodes by: ``cardan udev`` opens those to the user at the
-    console. A line that begins with # is a comment."""
+    """What udev rules match its device nodes by: ``cardan devices udev`` opens those to the user at
+    the console. A line that begins with # is a comment."""
 
     @classmethod
     def find(cls) -> list[FoundDevice]:

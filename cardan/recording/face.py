@@ -41,7 +41,7 @@ class RecorderFaceOptions(Options):
 
 
 class RecorderFace(Face[RecorderFaceOptions]):
-    """Record what is on the bus, as `cardan record` does, into a new file at each start."""
+    """Record what is on the bus, as `cardan net record` does, into a new file at each start."""
 
     Options = RecorderFaceOptions
     page = "recording.md"

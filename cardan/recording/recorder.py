@@ -89,7 +89,7 @@ class Report(NamedTuple):
         said = [f"{self.messages} messages of {self.topics} topics"]
         if not self.messages:
             said.append(
-                "nothing was heard: `cardan network` tells who is there, and what to do where "
+                "nothing was heard: `cardan net list` tells who is there, and what to do where "
                 "nobody is"
             )
         said += [

@@ -144,8 +144,8 @@ def replay_engine(
                     continue  # Some other node's topic of that name.
     if not cycles:
         raise CaptureError(
-            f"{path} has no {ENGINE[1:]} topic of a session: `cardan record` makes it, of sessions "
-            "with a [network]"
+            f"{path} has no {ENGINE[1:]} topic of a session: `cardan net record` makes it, of "
+            "sessions with a [network]"
         )
     reports = []
     for node, records in sorted(cycles.items()):
@@ -182,7 +182,7 @@ def replay_cycles(config: SessionConfig, records: Iterable[CycleRecord]) -> Engi
             report.ended = (
                 f"not replayed from cycle {report.cycles + 1} on: the record goes on with "
                 f"{record.number}"
-                + ("; start `cardan record` before the session" if not report.cycles else "")
+                + ("; start `cardan net record` before the session" if not report.cycles else "")
             )
             return report
         for request in record.before:

@@ -1,8 +1,8 @@
 """Teleoperates a simulated GoFa with a simulated SpaceMouse, records episodes, loads them again.
 
 With LeRobot and the distributions of plugins/ it is LeRobot's loop: its teleoperator, its robot,
-its data set. Without, sessions of Cardan are recorded, and `cardan export` makes the data set, a
-command of plugins/cardan-learning.
+its data set. Without, sessions of Cardan are recorded, and `cardan net export` makes the data set,
+a command of plugins/cardan-learning.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def record_sessions(session: Path, folder: Path, episodes: int, seconds: float) 
         ):
             raise SystemExit(code)
     out = folder / "dataset"
-    words = ["export", *records, "--lerobot", str(out), "--fps", str(FPS), "--task", TASK]
+    words = ["net", "export", *records, "--lerobot", str(out), "--fps", str(FPS), "--task", TASK]
     subprocess.run([*CARDAN, *words], check=False)
     return out
 

@@ -1,5 +1,5 @@
 """Has an arm follow a joint trajectory, as MoveIt does, but by rosbridge: roslibpy (pip install
-roslibpy), and `cardan face rosbridge`."""
+roslibpy), and `cardan net server rosbridge`."""
 
 from __future__ import annotations
 

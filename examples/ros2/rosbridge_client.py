@@ -1,4 +1,4 @@
-"""Jogs an arm by rosbridge: roslibpy (pip install roslibpy), and `cardan face rosbridge`."""
+"""Jogs an arm by rosbridge: roslibpy (pip install roslibpy), and `cardan net server rosbridge`."""
 
 from __future__ import annotations
 

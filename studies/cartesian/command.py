@@ -72,7 +72,7 @@ def _zenoh(endpoint: str) -> Iterator[Put]:
 @contextmanager
 def _rosbridge(endpoint: str) -> Iterator[Put]:
     """A client of the face, in JSON."""
-    words = ("face", "rosbridge", "--router", endpoint, "--port", "0")
+    words = ("net", "server", "rosbridge", "--router", endpoint, "--port", "0")
     with launched(*words) as address, connect(address, compression=None) as client:
         client.send(json.dumps({"op": "advertise", "topic": TOPIC, "type": TYPE}))
         yield lambda x: client.send(json.dumps({"op": "publish", "topic": TOPIC, "msg": _twist(x)}))
@@ -85,7 +85,7 @@ def _dds(endpoint: str) -> Iterator[Put]:
     from cardan_dds.network import DdsNetwork
 
     options, codec = DdsOptions(dds_domain=random.randrange(100, 200)), codec_of(TYPE)
-    words = ("face", "dds", "--router", endpoint, "--dds-domain", str(options.dds_domain))
+    words = ("net", "server", "dds", "--router", endpoint, "--dds-domain", str(options.dds_domain))
     with launched(*words), DdsNetwork(options, "bench_command") as network:
         publisher = network.advertise(TOPIC, TYPE, latched=False)
         give_up_s = time.monotonic() + MEET_WITHIN_S

@@ -1,7 +1,7 @@
 """Stiffness felt over delay: a wall at an arm far away, over a network that is uneven and lossy.
 
 The simulated Omni and the compiled tick, as ever; between them and the far wall either nothing, the
-newest force rendered as it arrives, or the law of `cardan share` at both ends.
+newest force rendered as it arrives, or the law of `cardan devices share` at both ends.
 """
 
 from __future__ import annotations

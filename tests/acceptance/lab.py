@@ -1,9 +1,9 @@
 """What happens in a lab of four arms and three devices.
 
-The simulated devices and robots, and `cardan serve` with the lab's file, are processes as any other
-program would start them. What the lab's people do is done here, from outside: a device is unplugged
-and plugged in again, a session killed, a key of the file changed, a device passed on. What is seen
-of it is judged.
+The simulated devices and robots, and `cardan daemon run` with the lab's file, are processes as any
+other program would start them. What the lab's people do is done here, from outside: a device is
+unplugged and plugged in again, a session killed, a key of the file changed, a device passed on.
+What is seen of it is judged.
 """
 
 from __future__ import annotations
@@ -299,7 +299,7 @@ class Lab:
 
     def _reload(self, name: str) -> int:
         pid: int = self._arms[name].row["pid"]
-        self._say(f"a key of {name} is changed, then `cardan reload`:")
+        self._say(f"a key of {name} is changed, then `cardan daemon reload`:")
         self._hardware.change(name)
         with ControlClient(self._socket, RELOAD_S) as client, ThreadPoolExecutor(1) as beside:
             told = beside.submit(client.ask, "reload", value=False)
@@ -314,7 +314,7 @@ class Lab:
 
     def _pass_on(self, device: str, first: str, second: str) -> None:
         one, other = self._arms[first], self._arms[second]
-        self._say(f"`cardan switch {device} {second}`: it goes from {first} to {second}")
+        self._say(f"`cardan daemon switch {device} {second}`: it goes from {first} to {second}")
         self._client.ask("switch", device, second)
         self._until(
             f"{second} has {device}",

@@ -54,8 +54,8 @@ def run_on_the_network(folder: Path, seconds: float, say: _Say = print) -> list[
         node = "/".join(("", *filter(None, (network.namespace, network.name))))
         router = ("--router", network.router)
         with (
-            launched("face", "router", "--endpoint", network.router),
-            launched("face", "rosbridge", "--port", "0", *router) as url,
+            launched("net", "server", "router", "--endpoint", network.router),
+            launched("net", "server", "rosbridge", "--port", "0", *router) as url,
         ):
             with recorded(network, path, *router) as recorder:
                 program = RosbridgeProgram(url, node, say)
@@ -122,7 +122,7 @@ def _judge_record(recorder: Launched, path: Path, outcome: Outcome, say: _Say) -
         say(f"record: {line}")
     if recorder.code != EXIT_OK:
         problems.append(f"the record is not complete: {recorder.complaints or recorder.lines}")
-    code, lines = _cardan("replay", "--engine", str(path))
+    code, lines = _cardan("net", "replay", "--engine", str(path))
     for line in lines:
         say(f"replay through the control core: {line}")
     same = re.search(r": (\d+) cycles, each command bit for bit", lines[0]) if lines else None
@@ -143,7 +143,15 @@ def _shown_again(
 ) -> list[str]:
     """Publish the record, and compare the path that a program sees with the one `before`."""
     with RosbridgeProgram(url, node) as program:
-        words = ("replay", str(path), "--rate", str(REPLAY_RATE), "--topics", f"{node}/state/pose")
+        words = (
+            "net",
+            "replay",
+            str(path),
+            "--rate",
+            str(REPLAY_RATE),
+            "--topics",
+            f"{node}/state/pose",
+        )
         code, lines = _cardan(*words, *router)
     for line in lines:
         say(f"replay on the network: {line}")

@@ -1,5 +1,5 @@
-"""A program at ``cardan face rosbridge``, as a page in a browser would be one: it streams twists,
-and watches what becomes of them."""
+"""A program at ``cardan net server rosbridge``, as a page in a browser would be one: it streams
+twists, and watches what becomes of them."""
 
 from __future__ import annotations
 

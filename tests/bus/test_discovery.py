@@ -35,8 +35,11 @@ def test_a_client_is_not_told_to_become_one():
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({}, "`cardan face router`, or rmw_zenohd"),
-        ({"router": "tcp/127.0.0.1:7448"}, "`cardan face router --endpoint tcp/127.0.0.1:7448`"),
+        ({}, "`cardan net server router`, or rmw_zenohd"),
+        (
+            {"router": "tcp/127.0.0.1:7448"},
+            "`cardan net server router --endpoint tcp/127.0.0.1:7448`",
+        ),
         ({"router": "tcp/10.0.0.1:7447"}, "beyond its own computer"),
         ({"router": ""}, "there is no router"),
         ({"zenoh_config": "mine.json5"}, "as mine.json5 has it"),

@@ -425,9 +425,11 @@ def pair(folder):
         words = ("net", "pair", HOST, "--port", port, "--code", code.decode())
         with program(folder / "operator", *words) as operator:
             assert operator.process.wait(60.0) == 0, operator.err
-            operator.wait_for("cardan share spacemouse --zenoh-config ")
+            operator.wait_for("cardan devices share spacemouse --zenoh-config ")
         assert robot.process.wait(60.0) == 0, robot.err
-        robot.wait_for('cardan face router --zenoh-config .*\n.*\n  .device.\n  driver = "remote"')
+        robot.wait_for(
+            'cardan net server router --zenoh-config .*\n.*\n  .device.\n  driver = "remote"'
+        )
     at = "cardan/pair/{}/zenoh.json5"
     return folder / "robot" / at.format("as-robot"), folder / "operator" / at.format(
         "with-127.0.0.1"
@@ -456,8 +458,8 @@ def test_the_router_takes_the_paired_operator_and_nobody_else(tmp_path):
     own = str(stranger.parent / "authority.pem")
     assert own in text
     forged.write_text(text.replace(own, str(client.parent / "authority.pem")), encoding="utf-8")
-    mouse = ("share", "spacemouse", "--zenoh-config", client, "--name", "hand")
-    with Program("face", "router", "--zenoh-config", router) as served:
+    mouse = ("devices", "share", "spacemouse", "--zenoh-config", client, "--name", "hand")
+    with Program("net", "server", "router", "--zenoh-config", router) as served:
         served.wait_for("READY")
         with Program(*mouse) as share:
             share.wait_for("READY /shared/hand/state")

@@ -106,7 +106,16 @@ def test_a_router_is_started_where_nobody_serves_one_and_ended_at_the_end(monkey
     assert bench.poll() == 1
     words = bench.started[0].words
     assert words[1:] == [
-        *("-m", "cardan", "face", "router", "--endpoint", "tcp/127.0.0.1:7999", "--attached")
+        *(
+            "-m",
+            "cardan",
+            "net",
+            "server",
+            "router",
+            "--endpoint",
+            "tcp/127.0.0.1:7999",
+            "--attached",
+        )
     ]
     bench.served = True
     assert bench.poll() == 1
@@ -207,7 +216,7 @@ def test_a_router_that_cannot_be_announced_serves_all_the_same(monkeypatch, tmp_
 
 
 def test_without_a_word_the_only_router_of_this_computer_is_joined(monkeypatch, capsys):
-    """What `cardan echo`, `hz`, `record` and `network` do; `replay` publishes."""
+    """What `cardan net echo`, `hz`, `record` and `network` do; `replay` publishes."""
     here = []
     monkeypatch.setattr(module, "is_served", lambda _address: False)
     monkeypatch.setattr(module, "routers_here", lambda: here)
@@ -228,6 +237,6 @@ def test_without_a_word_the_only_router_of_this_computer_is_joined(monkeypatch, 
 def test_a_router_says_where_it_is_while_it_runs(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     endpoint = free_endpoint()
-    with launched("face", "router", "--endpoint", endpoint):
+    with launched("net", "server", "router", "--endpoint", endpoint):
         assert routers_here() == [endpoint]
     assert list(tmp_path.glob("*")) == []

@@ -124,7 +124,7 @@ def hands(folder: Path) -> Iterator[Hands]:
             )
             stack.callback(process.terminate)
 
-        run("face", "router", "--endpoint", endpoint)
+        run("net", "server", "router", "--endpoint", endpoint)
         for name, kind in KINDS.items():
             path = folder / f"{name}.toml"
             path.write_text(SESSION.format(name=name, endpoint=endpoint, **kind))

@@ -202,7 +202,7 @@ def robot_and_session(folder: Path, more: str = "") -> Iterator[Rig]:
 
 
 class Face(NamedTuple):
-    """``cardan face console`` that serves."""
+    """``cardan net server console`` that serves."""
 
     address: str
     """Of the page, with its token."""
@@ -226,7 +226,7 @@ def face(
     endpoint: str, words: Sequence[str] = (), environment: dict[str, str] | None = None
 ) -> Iterator[Face]:
     """The console's server on that bus."""
-    command = [sys.executable, "-m", "cardan", "face", "console", "--router", endpoint]
+    command = [sys.executable, "-m", "cardan", "net", "server", "console", "--router", endpoint]
     with subprocess.Popen(
         [*command, "--port", "0", *words],
         stdout=subprocess.PIPE,
@@ -240,6 +240,6 @@ def face(
                 if line.startswith("READY "):
                     yield Face(line.split()[1], process.pid)
                     return
-            raise AssertionError(f"cardan face console ended with {process.wait()}")
+            raise AssertionError(f"cardan net server console ended with {process.wait()}")
         finally:
             process.terminate()

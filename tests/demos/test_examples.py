@@ -23,7 +23,7 @@ from tests.command_line import the_command_line
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 DEMOS = find_demos()
-RUNS = re.compile(r"(run|serve) (examples/|\S+-simulated\.toml)")
+RUNS = re.compile(r"(?:daemon )?run (examples/|\S+-simulated\.toml)")
 NO_DEMO = {
     # It needs a program that simulates nothing: one that commands the arm.
     "verbs-ur5-simulated.toml",
@@ -78,7 +78,7 @@ def test_the_head_of_a_demo_says_the_same_commands(name):
 
 def called(words):
     """The command, without its options."""
-    return words[: 2 if words[0] == "sim" else 1]
+    return words[: 1 if words[0] == "run" else 2]
 
 
 def flags(words):

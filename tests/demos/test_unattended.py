@@ -209,18 +209,27 @@ def test_what_may_reach_hardware_is_refused(tmp_path, block, tables, words):
         ("sim abb-gofa --to gofa:6510", "--to=gofa:6510 is not an address of this computer only"),
         ("sim motoman-gp8 --host 0.0.0.0", "--host=0.0.0.0 is not an address of this computer"),
         ("sim spacemouse-serial --port /dev/ttyUSB0", "is a device of this computer"),
-        ("spnav --socket x", "spnav serves {examples}/FILE"),
-        ("spnav {examples}/spacemouse-gofa.toml", "spnav serves {examples}/FILE, and needs"),
+        ("devices spnav --socket x", "devices spnav serves {examples}/FILE"),
         (
-            "share {examples}/spacemouse-gofa.toml",
-            "share serves {examples}/FILE, and needs --listen",
+            "devices spnav {examples}/spacemouse-gofa.toml",
+            "devices spnav serves {examples}/FILE, and needs",
         ),
         (
-            "share --router tcp/127.0.0.1:7447 {examples}/x.toml",
+            "devices share {examples}/spacemouse-gofa.toml",
+            "devices share serves {examples}/FILE, and needs --listen",
+        ),
+        (
+            "devices share --router tcp/127.0.0.1:7447 {examples}/x.toml",
             "may be any network's: use --listen",
         ),
-        ("share --listen tcp/0.0.0.0:7447 {examples}/x.toml", "is not an address of this computer"),
-        ("share --listen tcp/127.0.0.1:0 spacemouse", "share serves {examples}/FILE"),
+        (
+            "devices share --listen tcp/0.0.0.0:7447 {examples}/x.toml",
+            "is not an address of this computer",
+        ),
+        (
+            "devices share --listen tcp/127.0.0.1:0 spacemouse",
+            "devices share serves {examples}/FILE",
+        ),
     ],
 )
 def test_a_demo_starts_nothing_but_simulated_peers(tmp_path, command, words):
@@ -230,7 +239,7 @@ def test_a_demo_starts_nothing_but_simulated_peers(tmp_path, command, words):
 
 def test_a_served_device_is_simulated_too(tmp_path):
     real = tmp_path / "real.toml"
-    command = 'launch = ["spnav --socket {device.path} {examples}/real.toml"]'
+    command = 'launch = ["devices spnav --socket {device.path} {examples}/real.toml"]'
     real.write_text('[device]\ndriver = "spacemouse"')
     with pytest.raises(
         ConfigurationError, match=r"real\.toml: device\.transport: 'auto' may reach"

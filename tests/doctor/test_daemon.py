@@ -5,7 +5,7 @@ from pathlib import Path
 from cardan.doctor import daemon
 from cardan.doctor.base import Subject
 from cardan.doctor.daemon import Running, judge_absent, judge_units
-from cardan.gateway.daemon.service import Service
+from cardan.gateway.daemon.service import Service, make_service
 from tests.doctor.told import told
 
 
@@ -28,7 +28,7 @@ def test_units():
         ("good", "unit"),
     ]
     assert found[1].what == "session gp8 has failed: given up after 8 starts in a row: it died"
-    assert found[1].mend == "cardan log gp8, then: cardan restart gp8"
+    assert found[1].mend == "cardan daemon log gp8, then: cardan daemon restart gp8"
 
 
 def test_no_daemon():
@@ -46,3 +46,22 @@ def test_where_none_runs(tmp_path, monkeypatch):
     monkeypatch.setattr(daemon, "installed", lambda system: none)
     found = Running.look(Subject(socket=str(tmp_path / "cardan.sock")))
     assert told(Running, found) == [("good", "daemon")]
+
+
+def test_a_unit_of_before_the_command_had_its_name(tmp_path, monkeypatch):
+    units = [Service(tmp_path / name, "", name == "mine") for name in ("mine", "system")]
+    monkeypatch.setattr(daemon, "installed", lambda system: units[system])
+    subject = Subject(socket=str(tmp_path / "cardan.sock"))
+    for unit in units:
+        unit.path.write_text("ExecStart=/opt/bin/python -m cardan serve /etc/cardan\n")
+    found = list(Running.look(subject))
+    outdated = [("failure", "service-outdated")] * 2
+    assert told(Running, found) == [*outdated, ("failure", "service")]
+    assert found[0].mend.startswith("cardan daemon service install FILE...")
+    assert found[1].mend.startswith("sudo cardan daemon service install --system FILE...")
+    file = tmp_path / "a.toml"
+    file.touch()
+    text = make_service([file], system=False, account="x").text
+    for unit in units:
+        unit.path.write_text(text)
+    assert told(Running, Running.look(subject)) == [("failure", "service")]

@@ -35,7 +35,9 @@ def test_an_obstacle_is_grave_where_a_file_wants_the_device():
     other = list(judge_devices([DENIED], [Used("x", "device", "keyboard", Keyboard())]))
     assert told(PluggedIn, wanted) == [("failure", "device")]
     assert told(PluggedIn, other) == [("caution", "device")]
-    assert wanted[0].mend.startswith("cardan udev | sudo tee /etc/udev/rules.d/70-cardan.rules")
+    assert wanted[0].mend.startswith(
+        "cardan devices udev | sudo tee /etc/udev/rules.d/70-cardan.rules"
+    )
     assert "gofa" in wanted[0].why
 
 

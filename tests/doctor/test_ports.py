@@ -75,7 +75,7 @@ TAKEN = Bound("udp", "0.0.0.0", 6510, 4711)
         ([TAKEN._replace(transport="tcp")], {}, "good", ""),
         ([TAKEN._replace(address="10.0.0.1")], {}, "good", ""),
         ([TAKEN], {4711: Holder(7, "RobotStudio", False)}, "failure", "kill 7"),
-        ([TAKEN], {4711: Holder(7, "cardan serve", True)}, "good", ""),
+        ([TAKEN], {4711: Holder(7, "cardan daemon run", True)}, "good", ""),
         ([TAKEN], {}, "failure", "sudo ss -lntup 'sport = :6510' names it; then sudo kill its pid"),
     ],
 )

@@ -15,7 +15,7 @@ def process(root, pid, *words, comm="x", parent=1, opened=()):
 
 def test_holders(tmp_path):
     process(tmp_path, 70, "spacenavd", comm="spacenavd", opened=["/dev/null", "/dev/hidraw0"])
-    process(tmp_path, 80, "python", "-m", "cardan", "serve", "lab.toml")
+    process(tmp_path, 80, "python", "-m", "cardan", "daemon", "run", "lab.toml")
     process(tmp_path, 90, "python", "-c", "spawn", parent=80, opened=["socket:[4711]"])
     process(tmp_path, 95, "vi", "cardan/x.py", opened=["socket:[1]"])
     (tmp_path / "proc" / "self").mkdir()

@@ -431,7 +431,7 @@ def test_a_page_that_is_not_there_says_what_to_open():
         "zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]"
     )
     port = free_ports(1)
-    with pytest.raises(DeviceNotFoundError, match="cardan face console"):
+    with pytest.raises(DeviceNotFoundError, match="cardan net server console"):
         Phone(port=port).open()
 
 

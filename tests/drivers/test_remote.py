@@ -639,7 +639,7 @@ def test_options(kind, given):
 
 def test_who_does_not_share_is_told_how():
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
-    with pytest.raises(DeviceNotFoundError, match="start `cardan share`"):
+    with pytest.raises(DeviceNotFoundError, match="start `cardan devices share`"):
         Remote(router="", mode="peer").open()
 
 

@@ -1,4 +1,5 @@
-"""A computer whose first process is systemd, with the service that `cardan service install` makes.
+"""A computer whose first process is systemd, with the service that `cardan daemon service install`
+makes.
 
 Nothing of systemd is pretended: it starts the daemon, is told by it, watches it, and starts it
 anew; a SpaceMouse comes through the kernel, udev's rules and the unit's hardening.
@@ -108,7 +109,7 @@ def computer(tmp_path_factory: pytest.TempPathFactory) -> None:
     for folder, owner in (("/etc/cardan", 0), (f"/run/{LAB}", LAB_ID)):
         os.mkdir(folder, 0o755)
         os.chown(folder, owner, owner)
-    # A service's user is not at the console: what `cardan udev` says in its head.
+    # A service's user is not at the console: what `cardan devices udev` says in its head.
     RULES.write_text(udev_rules().replace('MODE="0660"', 'MODE="0660", GROUP="plugdev"'))
     run("udevadm", "control", "--reload")
 

@@ -1,4 +1,4 @@
-"""The udev rules that `cardan udev` prints, read and applied by Debian's udevd."""
+"""The udev rules that `cardan devices udev` prints, read and applied by Debian's udevd."""
 
 from __future__ import annotations
 

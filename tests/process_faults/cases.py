@@ -268,7 +268,9 @@ def web_client(lab: Lab, stack: contextlib.ExitStack) -> None:
 
 def second_daemon(lab: Lab, _: contextlib.ExitStack) -> None:
     """Another daemon is started at the same socket."""
-    child = Child(("cardan", "serve", str(lab.folder / "lab.toml")), lab.folder / "second.log")
+    child = Child(
+        ("cardan", "daemon", "run", str(lab.folder / "lab.toml")), lab.folder / "second.log"
+    )
     lab.swing(lambda: not child.alive)
     assert child.process.returncode == 3, child.said()
     assert "is a daemon running already?" in child.said()

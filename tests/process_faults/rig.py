@@ -433,7 +433,7 @@ class Lab:
         self.robot: Child | None = None
         self.hand: Child | None = None
         self.server: Child | None = None
-        """``cardan spnav``, where the device is behind it."""
+        """``cardan devices spnav``, where the device is behind it."""
         self.daemon: Child | None = None
         self.options: dict[str, Any] = {}
         """Of the daemon's process."""
@@ -491,7 +491,14 @@ class Lab:
         device = {"driver": "spacemouse", "transport": "socket", "path": self.place}
         robot = {"driver": "sim_arm"}
         file.write_text(f"device = {toml(device)}\nrobot = {toml(robot)}\n")
-        words = ("cardan", "spnav", "--socket", str(self.folder / "spnav.sock"), str(file))
+        words = (
+            "cardan",
+            "devices",
+            "spnav",
+            "--socket",
+            str(self.folder / "spnav.sock"),
+            str(file),
+        )
         self.server = Child(words, self.folder / "server.log")
         with contextlib.suppress(OSError):  # As a device's own electronics, whatever else runs.
             os.sched_setscheduler(self.server.pid, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
@@ -514,7 +521,7 @@ class Lab:
 
     def start_daemon(self, *words: str) -> None:
         file = self.write()
-        command: tuple[str, ...] = ("run", "-v") if self.run else ("serve",)
+        command: tuple[str, ...] = ("run", "-v") if self.run else ("daemon", "run")
         if self.record:
             self.file_of_record = self.folder / f"{time.monotonic_ns()}.mcap"
             command = (*command, "--record", str(self.file_of_record))

@@ -1,4 +1,4 @@
-"""`cardan record`, `cardan replay` and `cardan plot` as programs."""
+"""`cardan net record`, `cardan net replay` and `cardan net plot` as programs."""
 
 import re
 import signal
@@ -31,7 +31,7 @@ def cardan(*words):
 def test_a_record_is_ended_by_ctrl_c(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "r.mcap"
     with BusNode(BusOptions(router="", listen=(endpoint,)), "talker") as node:
-        words = ("record", "-o", str(path), "--session", session_file(tmp_path, endpoint))
+        words = ("net", "record", "-o", str(path), "--session", session_file(tmp_path, endpoint))
         process = subprocess.Popen([*CARDAN, *words], stdout=subprocess.PIPE, text=True)
         assert process.stdout.readline() == f"READY {path}\n"
         put_all(node.publisher("/count", STRING), 50)
@@ -51,7 +51,7 @@ def test_a_session_is_recorded_while_it_runs_from_its_first_cycle_on(tmp_path):
     assert done.returncode == 0, done.stderr
     assert re.search(rf"{path}: \d+ messages of \d+ topics\n", done.stdout)
     answered = re.search(r"cycles answered\D*([\d,]+)", done.stdout)[1].replace(",", "")
-    replayed = cardan("replay", "--engine", str(path))
+    replayed = cardan("net", "replay", "--engine", str(path))
     assert f" {answered} cycles, each command bit for bit" in replayed.stdout, replayed.stderr
 
     done = cardan("run", file, "--seconds", "1.5", "--record", str(path))
@@ -71,9 +71,9 @@ def test_a_session_that_is_on_no_network_is_not_recorded(tmp_path):
 @pytest.mark.matrix
 def test_a_router_is_an_other_way_to_join(tmp_path):
     endpoint, path = free_endpoint(), tmp_path / "r.mcap"
-    done = cardan("record", "-o", str(path), "--router", endpoint, "--seconds", "0.2")
+    done = cardan("net", "record", "-o", str(path), "--router", endpoint, "--seconds", "0.2")
     assert done.returncode == 4
-    done = cardan("record", "-o", str(path), "--router", endpoint, "--session", "x.toml")
+    done = cardan("net", "record", "-o", str(path), "--router", endpoint, "--session", "x.toml")
     assert (done.returncode, "give one of them" in done.stderr) == (2, True)
 
 
@@ -81,22 +81,22 @@ def test_a_router_is_an_other_way_to_join(tmp_path):
 def test_a_record_of_nothing_says_so(tmp_path):
     file = session_file(tmp_path, free_endpoint())
     path = tmp_path / "r.mcap"
-    done = cardan("record", "-o", str(path), "--session", file, "--seconds", "0.2")
+    done = cardan("net", "record", "-o", str(path), "--session", file, "--seconds", "0.2")
     assert done.returncode == 4
-    assert "nothing was heard: `cardan network` tells" in done.stdout
+    assert "nothing was heard: `cardan net list` tells" in done.stdout
 
 
 @pytest.mark.matrix
 def test_a_record_that_was_cut_off_is_repaired(tmp_path):
     path = write(tmp_path / "r.mcap", rows())
     path.write_bytes(path.read_bytes()[:-8])
-    done = cardan("record", "--repair", str(path))
+    done = cardan("net", "record", "--repair", str(path))
     assert done.returncode == 4, done.stderr
     assert "the file ends early: it was cut off" in done.stdout
     whole = tmp_path / "r-repaired.mcap"
     assert f"{whole}: {len(list(rows()))} messages, with an index" in done.stdout
-    assert cardan("plot", str(whole)).returncode == 0
-    done = cardan("record", "--repair", str(path), "--seconds", "1")
+    assert cardan("net", "plot", str(whole)).returncode == 0
+    done = cardan("net", "record", "--repair", str(path), "--seconds", "1")
     assert (done.returncode, "--repair" in done.stderr) == (2, True)
 
 
@@ -104,7 +104,7 @@ def test_a_record_that_was_cut_off_is_repaired(tmp_path):
 def test_the_engine_is_replayed_in_another_process(tmp_path):
     """With another seed of Python's hashes than the session had."""
     path = Recorded(seconds=1.2).write(tmp_path / "r.mcap")
-    done = cardan("replay", "--engine", str(path))
+    done = cardan("net", "replay", "--engine", str(path))
     assert done.returncode == 0, done.stderr
     assert "300 cycles, each command bit for bit the recorded one" in done.stdout
 
@@ -113,14 +113,16 @@ def test_the_engine_is_replayed_in_another_process(tmp_path):
 def test_a_command_that_differs_is_a_failure(tmp_path):
     session = Recorded(seconds=1.2)
     session.tables = session.tables | {"limits": {"linear_speed_m_s": 0.02}}
-    done = cardan("replay", "--engine", str(session.write(tmp_path / "r.mcap")))
+    done = cardan("net", "replay", "--engine", str(session.write(tmp_path / "r.mcap")))
     assert done.returncode == 4
     assert "differs, after" in done.stdout
 
 
 @pytest.mark.matrix
 @pytest.mark.parametrize(
-    "words", [("replay",), ("replay", "--engine"), ("plot",)], ids=lambda words: " ".join(words)
+    "words",
+    [("net", "replay"), ("net", "replay", "--engine"), ("net", "plot")],
+    ids=lambda words: " ".join(words),
 )
 def test_a_file_that_is_none_is_refused_in_one_line(tmp_path, words):
     done = cardan(*words, str(tmp_path / "none.mcap"))
@@ -142,7 +144,7 @@ def test_a_file_that_is_none_is_refused_in_one_line(tmp_path, words):
 def test_what_is_wrong_with_a_file_is_the_exit_code_of_every_command(tmp_path, spoil, words):
     drawn, replayed = write(tmp_path / "p.mcap", rows()), tmp_path / "e.mcap"
     Recorded(seconds=0.3).write(replayed)
-    for command, path in ((("plot",), drawn), (("replay", "--engine"), replayed)):
+    for command, path in ((("net", "plot"), drawn), (("net", "replay", "--engine"), replayed)):
         assert cardan(*command, str(path)).returncode == 0
         path.write_bytes(spoil(path.read_bytes()))
         done = cardan(*command, str(path))

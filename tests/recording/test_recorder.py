@@ -223,7 +223,15 @@ def test_a_recorder_that_is_killed_has_lost_less_than_a_second(tmp_path):
     with BusNode(BusOptions(router="", listen=(endpoint,)), "talker") as node:
         publisher = node.publisher("/count", STRING)
         process = subprocess.Popen(
-            [*CARDAN, "record", "-o", str(path), "--session", session_file(tmp_path, endpoint)],
+            [
+                *CARDAN,
+                "net",
+                "record",
+                "-o",
+                str(path),
+                "--session",
+                session_file(tmp_path, endpoint),
+            ],
             stdout=subprocess.PIPE,
             text=True,
         )

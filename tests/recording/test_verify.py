@@ -198,8 +198,8 @@ def test_a_record_that_begins_later_says_so(recorded, tmp_path):
     (report,) = replay_engine(other.write(tmp_path / "late.mcap"))
     assert not report.same
     assert report.ended == (
-        "not replayed from cycle 1 on: the record goes on with 101; start `cardan record` before "
-        "the session"
+        "not replayed from cycle 1 on: the record goes on with 101; start `cardan net record` "
+        "before the session"
     )
 
 

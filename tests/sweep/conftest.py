@@ -39,6 +39,6 @@ def domain(session):
     from tests.dds_rig import OPTIONS
 
     number = str(OPTIONS.number)
-    face = ("face", "dds", "--router", session.endpoint, "--dds-domain", number)
+    face = ("net", "server", "dds", "--router", session.endpoint, "--dds-domain", number)
     with served(*face, "--services", "*"):
         yield OPTIONS.number

@@ -1,4 +1,5 @@
-"""A program with ROS 2's default middleware watches and commands an arm: `cardan face dds`."""
+"""A program with ROS 2's default middleware watches and commands an arm: `cardan net server
+dds`."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""Programs of others watch and command an arm: real rclpy by `cardan face dds`, as everybody starts
-it, and others. docs/ros2.md has what each can do."""
+"""Programs of others watch and command an arm: real rclpy by `cardan net server dds`, as everybody
+starts it, and others. docs/ros2.md has what each can do."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def lab(tmp_path_factory):
     run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "600"]
     with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
         try:
-            face = ("face", "dds", "--router", endpoint, "--dds-domain", str(domain))
+            face = ("net", "server", "dds", "--router", endpoint, "--dds-domain", str(domain))
             with served(*face):
                 yield Lab(endpoint, domain)
         finally:
@@ -65,7 +65,7 @@ def rosbridge(lab):
     """The port of that face."""
     pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
     port = free_tcp_port()
-    with served("face", "rosbridge", "--router", lab.endpoint, "--port", str(port)):
+    with served("net", "server", "rosbridge", "--router", lab.endpoint, "--port", str(port)):
         yield port
 
 

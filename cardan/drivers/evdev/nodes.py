@@ -40,11 +40,11 @@ _LETTERS = frozenset(KEY_CODES[label] for label in ("q", "a", "z", "p", "l", "m"
 """Keys that tell a keyboard from a power button, a remote control or a row of media keys."""
 
 CONSOLE_HINT = (
-    "log in at the console, or install the udev rules (`cardan udev` prints them) and plug it in "
-    "again"
+    "log in at the console, or install the udev rules (`cardan devices udev` prints them) and "
+    "plug it in again"
 )
 GROUP_HINT = (
-    "add a rule for this keyboard (`cardan udev` prints one), or join the group input "
+    "add a rule for this keyboard (`cardan devices udev` prints one), or join the group input "
     "(sudo usermod -aG input $USER, and log in again): either lets your programs read all that "
     "is typed"
 )

@@ -36,8 +36,8 @@ class HandheldDevice(RumblingDevice[H]):
 
     def _why_missing(self) -> str:
         return (
-            f"no page publishes {self.options.topic}: start `cardan face console`, and open its "
-            f"page on the {self._kind}"
+            f"no page publishes {self.options.topic}: start `cardan net server console`, and open "
+            f"its page on the {self._kind}"
         )
 
     def _why_gone(self) -> str:

@@ -20,7 +20,7 @@ class HandheldOptions(NodeOptions, ShapingOptions):
     """What the drivers of phones and of headsets have."""
 
     topic: str = "/hand"
-    """cardan_msgs/OperatorFrame, as `cardan face console` publishes what pages send."""
+    """cardan_msgs/OperatorFrame, as `cardan net server console` publishes what pages send."""
     name: str = "cardan_device_driver"
     """Name of this driver's node."""
     heading: Literal["asked", "each hold"] = "asked"
@@ -44,7 +44,7 @@ class PhoneOptions(HandheldOptions):
     """Options of :class:`Phone`."""
 
     topic: str = "/phone"
-    """cardan_msgs/OperatorFrame, as `cardan face console` publishes what pages send."""
+    """cardan_msgs/OperatorFrame, as `cardan net server console` publishes what pages send."""
     drag_m: Annotated[float, FULL_WAY_M] = 0.1
     """Way of the hand for a drag of the second finger over a third of the screen, in position
     mode."""
@@ -55,7 +55,7 @@ class XrOptions(HandheldOptions):
     """Options of :class:`Xr`."""
 
     topic: str = "/xr"
-    """cardan_msgs/OperatorFrame, as `cardan face console` publishes what pages send."""
+    """cardan_msgs/OperatorFrame, as `cardan net server console` publishes what pages send."""
     part: Literal["right", "left", "viewer"] = "right"
     """Which hand; "viewer": the phone or the headset itself, as of phones with AR."""
     full_way_m: Annotated[float, FULL_WAY_M] = 0.1

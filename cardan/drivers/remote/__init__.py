@@ -1,4 +1,4 @@
-"""An operator device that `cardan share` publishes on another computer."""
+"""An operator device that `cardan devices share` publishes on another computer."""
 
 from cardan.drivers.remote.device import Remote as Remote
 from cardan.drivers.remote.options import RemoteOptions as RemoteOptions

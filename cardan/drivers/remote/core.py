@@ -65,7 +65,7 @@ UNKNOWN = DeviceCapabilities(gives_pose=True, buttons=(), feedback=frozenset(), 
 _LINKS = {DeviceLink.CLOSED: DeviceLink.LOST, DeviceLink.STALE: DeviceLink.LOST}
 """Links there that are another one here: STALE is when no state is young enough."""
 
-ANEW = "`cardan share` was started anew on the operator's computer"
+ANEW = "`cardan devices share` was started anew on the operator's computer"
 LET_GO = "it was lost, or its states were too old: let go of the device once"
 
 

@@ -31,10 +31,10 @@ WAIT_S = 0.01
 
 
 class Remote(BusDevice[RemoteCore]):
-    """An operator device of another computer, where `cardan share` publishes it."""
+    """An operator device of another computer, where `cardan devices share` publishes it."""
 
     Options: ClassVar[type[RemoteOptions]] = RemoteOptions
-    summary = "any operator device of another computer, by `cardan share`"
+    summary = "any operator device of another computer, by `cardan devices share`"
     page = "remote.md"
     peer = "spacemouse"
     simulated = SIMULATED
@@ -67,15 +67,15 @@ class Remote(BusDevice[RemoteCore]):
         options = self.options
         return (
             f"nobody shares {options.device} by the router {self._on_bus.bus.router or 'none'}: "
-            f"start `cardan share` as {options.device} on the operator's computer, with --router, "
-            "or --zenoh-config once paired"
+            f"start `cardan devices share` as {options.device} on the operator's computer, with "
+            "--router, or --zenoh-config once paired"
         )
 
     def _why_gone(self) -> str:
         # Which of these it is, the next attempt to open it says.
         return (
-            f"{self.options.device} is not shared any more: `cardan share` has ended on the "
-            "operator's computer, or the router is gone, or the network between them"
+            f"{self.options.device} is not shared any more: `cardan devices share` has ended on "
+            "the operator's computer, or the router is gone, or the network between them"
         )
 
     def _feedback(self, feedback: DeviceFeedback) -> None:
@@ -144,8 +144,8 @@ class Remote(BusDevice[RemoteCore]):
 
 
 class RemoteForce(Remote, HapticDevice):
-    """One whose hand feels force. `cardan share` has the law that keeps it passive; here are the
-    newest command, and the state that the hand's end has published."""
+    """One whose hand feels force. `cardan devices share` has the law that keeps it passive; here
+    are the newest command, and the state that the hand's end has published."""
 
     _enabled = False
     _last = HapticState()

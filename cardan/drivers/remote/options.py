@@ -22,7 +22,7 @@ class RemoteOptions(NodeOptions):
     """Options of :class:`Remote`."""
 
     device: str = "spacemouse"
-    """The name under which `cardan share` publishes it."""
+    """The name under which `cardan devices share` publishes it."""
     max_age_s: Annotated[float, MAX_AGE_S] = 0.15
     """Age of its newest state at which the device counts as lost."""
     force: bool = False

@@ -318,8 +318,9 @@ class SpnavCore(DeviceCore):
         if self._open and self.is_serial:
             words.append(
                 f"the daemon's device is a {self.device_name} at a serial port, of which spacenavd "
-                "(but not `cardan spnav`) drops motion that does not change: the arm brakes while "
-                "the hand is steady. End spacenavd, install the plug-in cardan-serial-mice, and "
+                "(but not `cardan devices spnav`) drops motion that does not change: the arm "
+                "brakes while the hand is steady. End spacenavd, install the plug-in "
+                "cardan-serial-mice, and "
                 'set driver = "spacemouse_serial" and path = the port'
             )
         if self._open and self._version == 0:

@@ -184,7 +184,7 @@ def _connected(path: str) -> socket.socket:
 
 def _refusal(path: str, error: OSError) -> DriverError:
     """What `error` of connecting means, and what to do."""
-    start = f"start spacenavd, or `cardan spnav --socket {path}`"
+    start = f"start spacenavd, or `cardan devices spnav --socket {path}`"
     if isinstance(error, FileNotFoundError):
         return DeviceNotFoundError(f"{absence(path)}: {start}")
     if isinstance(error, ConnectionRefusedError):
@@ -193,7 +193,7 @@ def _refusal(path: str, error: OSError) -> DriverError:
         return DeviceAccessError(f"refused the socket {path}: {error.strerror}")
     if isinstance(error, PermissionError):
         return DeviceAccessError(
-            f"no permission for the socket {path}: let its owner give access (`cardan spnav` has "
-            "an option for it)"
+            f"no permission for the socket {path}: let its owner give access "
+            "(`cardan devices spnav` has an option for it)"
         )
     return DeviceAccessError(f"cannot connect to {path}: {error.strerror or error}")

@@ -254,7 +254,7 @@ class NeighbourWatch:
                 return ""
             return (
                 f"two publish joint states of {self._who} on {self.topic}: stop one of them "
-                "(`cardan network` lists who is there)"
+                "(`cardan net list` lists who is there)"
             )
         what = f"nothing was heard of {self._who} yet"
         if age_s < math.inf:

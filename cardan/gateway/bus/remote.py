@@ -132,7 +132,7 @@ class RemoteCartesianDevice(RemotePacketArm):
             router = self._network.node.options.router
             return (
                 f"nobody else is on the bus at {router or 'no router'}: start a router (`cardan "
-                "face router`, or rmw_zenohd), or name the session's own endpoint as router"
+                "net server router`, or rmw_zenohd), or name the session's own endpoint as router"
             )
         there = [name for name in self._network.services() if name.endswith(f"/{ASK_SERVICE}")]
         arms = ", ".join(name.removesuffix(f"/{ASK_SERVICE}") for name in there) or "none"

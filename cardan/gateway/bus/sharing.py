@@ -1,4 +1,4 @@
-"""``cardan share``: an operator device for a session on another computer.
+"""``cardan devices share``: an operator device for a session on another computer.
 
 The core decides who has the device, and keeps the edges of its buttons until they are acknowledged;
 it has no I/O, and its caller's time. One session has the device at a time: who claims it first,
@@ -290,7 +290,7 @@ class ShareCore:
             if now_s >= self._settled_s:
                 self._before_s = self._offered_s
             self._settled_s = now_s + SETTLE_S
-            self._still = f"`cardan share` stood still for {now_s - self._offered_s:.1f} s"
+            self._still = f"`cardan devices share` stood still for {now_s - self._offered_s:.1f} s"
         if now_s >= self._settled_s:
             return state, edges
         if state.link is not DeviceLink.LOST:

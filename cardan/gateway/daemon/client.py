@@ -32,7 +32,7 @@ RELOAD_S: Final = 120.0
 """Longest wait for that of a reload, which loads every arm's model."""
 
 SYSTEM_SOCKET: Final = "/run/cardan/cardan.sock"
-"""Where the daemon has it that `cardan service install --system` starts."""
+"""Where the daemon has it that `cardan daemon service install --system` starts."""
 
 SOCKET_VARIABLE: Final = "CARDAN_SOCKET"
 """The environment variable that names the daemon's socket; the daemon's faces have it."""
@@ -52,7 +52,7 @@ class ControlClient:
         if not path and not os.path.exists(self.path) and os.path.exists(SYSTEM_SOCKET):
             self.path = SYSTEM_SOCKET
         if why := absence(self.path):
-            raise AddressError(f"no daemon runs here ({why}): start one with `cardan serve`")
+            raise AddressError(f"no daemon runs here ({why}): start one with `cardan daemon run`")
         try:
             self._sock = connected(self.path, socket.SOCK_STREAM, timeout_s)
         except OSError as error:

@@ -121,7 +121,7 @@ class FaceEntry(NamedTuple):
 
     face: str
     words: tuple[str, ...]
-    """Options of ``cardan face``."""
+    """Options of ``cardan net server``."""
     start: bool
     file: Path
 
@@ -200,7 +200,9 @@ def _files(paths: Iterable[Path]) -> list[Path]:
             raise ConfigurationError("", f"the folder {path} has no .toml file")
         found += inside
     if not found:
-        raise ConfigurationError("", "no file was given: `cardan serve FILE` or a folder of files")
+        raise ConfigurationError(
+            "", "no file was given: `cardan daemon run FILE` or a folder of files"
+        )
     return list(dict.fromkeys(found))
 
 

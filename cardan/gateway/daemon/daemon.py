@@ -455,7 +455,7 @@ class Daemon:
             )
         if not self._seen(to).wanted:
             state = self._kept[to].unit.state.value
-            raise ControlError(f"{to} is {state}: `cardan start {to}` first", ask.id)
+            raise ControlError(f"{to} is {state}: `cardan daemon start {to}` first", ask.id)
         shared.pass_to(to)
         return {"name": shared.name, "from": shared.holder, "to": to}
 

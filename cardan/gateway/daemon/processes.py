@@ -145,7 +145,8 @@ _HOW = {
 
 
 class RunningFace(Process):
-    """A face that runs: ``cardan face`` with the words given, which ends with this process."""
+    """A face that runs: ``cardan net server`` with the words given, which ends with this
+    process."""
 
     def __init__(self, words: Sequence[str], say: Say, over: Over, socket: str) -> None:
         """Start it; `socket`: of the daemon. Raises OSError."""
@@ -157,7 +158,15 @@ class RunningFace(Process):
         self._stopping = False
         self._last = ""
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "cardan.gateway.session.parent_death", "", "face", *words],
+            [
+                sys.executable,
+                "-m",
+                "cardan.gateway.session.parent_death",
+                "",
+                "net",
+                "server",
+                *words,
+            ],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,

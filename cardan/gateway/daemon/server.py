@@ -57,7 +57,7 @@ _log = logging.getLogger(__name__)
 
 _ADVICE = Advice(
     no_socket="set daemon.socket",
-    served="is a daemon running already? `cardan ps` shows it; another one needs another "
+    served="is a daemon running already? `cardan daemon ps` shows it; another one needs another "
     "daemon.socket",
     refused="set daemon.socket to a short path in a folder that can be written",
 )

@@ -79,9 +79,9 @@ RestrictSUIDSGID=yes
 LockPersonality=yes
 StateDirectory=cardan
 LogsDirectory=cardan
-# Devices stay as they are: udev's rules say who may open them (`cardan udev`). What names classes
-# of devices (DevicePolicy=, PrivateDevices=, ProtectClock=) would keep those away whose driver the
-# kernel loads when one is plugged in.
+# Devices stay as they are: udev's rules say who may open them (`cardan devices udev`). What names
+# classes of devices (DevicePolicy=, PrivateDevices=, ProtectClock=) would keep those away whose
+# driver the kernel loads when one is plugged in.
 {groups}"""
 
 
@@ -112,7 +112,14 @@ def make_service(files: Sequence[Path], *, system: bool, account: str) -> Servic
             _check_found(path)
     if not files:
         raise ConfigurationError("FILE", "which files is the daemon to serve?")
-    words = [sys.executable, "-m", "cardan", "serve", *(str(file.resolve()) for file in files)]
+    words = [
+        sys.executable,
+        "-m",
+        "cardan",
+        "daemon",
+        "run",
+        *(str(file.resolve()) for file in files),
+    ]
     text = _UNIT.format(
         command=" ".join(_quoted(word) for word in words),
         after="After=network-online.target\nWants=network-online.target\n" if system else "",
@@ -163,6 +170,15 @@ def installed(system: bool) -> Service:
     return Service(_folder(system) / NAME, "", user=not system)
 
 
+def is_outdated(service: Service) -> bool:
+    """Whether the unit that is installed starts the daemon by the name that it had before 0.2.0,
+    which ends at once; False for one that cannot be read."""
+    try:
+        return " cardan serve " in service.path.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return False
+
+
 def install(service: Service) -> list[str]:
     """Write the unit and have it started, now and with the computer; what was done, in lines.
 
@@ -199,8 +215,8 @@ def _run(words: list[str]) -> None:
         done = subprocess.run(words, capture_output=True, text=True, check=False)
     except FileNotFoundError:
         raise DriverError(
-            f"there is no {words[0]}: this computer has no systemd; run `cardan serve` by what it "
-            "starts its services with"
+            f"there is no {words[0]}: this computer has no systemd; run `cardan daemon run` by "
+            "what it starts its services with"
         ) from None
     if done.returncode:
         raise DriverError(f"`{' '.join(words)}`: {done.stderr.strip() or done.returncode}")

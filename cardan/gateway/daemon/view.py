@@ -1,5 +1,5 @@
-"""Sessions and faces of the daemon as a person sees them: the table of ``cardan ps`` and
-``cardan top``.
+"""Sessions and faces of the daemon as a person sees them: the table of ``cardan daemon ps`` and
+``cardan daemon top``.
 
 Each has a line, and below it others where there is something to say: why its arm does not move,
 why it does not run, where it serves, how far its device is.
@@ -97,7 +97,7 @@ def way(metrics: Mapping[str, float | None]) -> str:
 
 
 def frame(rows: Sequence[Row], width: int | None) -> Text:
-    """One picture of ``cardan top``."""
+    """One picture of ``cardan daemon top``."""
     counts = [
         f"{len(found)} {kind}{'s' * (len(found) != 1)}"
         for kind in ("session", "face")

@@ -1,4 +1,4 @@
-"""How a face is declared: what ``cardan face`` makes its command of."""
+"""How a face is declared: what ``cardan net server`` makes its command of."""
 
 from __future__ import annotations
 

@@ -140,7 +140,7 @@ class NeighbourTable(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class HapticConfig(Options):
-    """What ``cardan haptic`` reads of a file: no robot is needed."""
+    """What ``cardan devices haptic`` reads of a file: no robot is needed."""
 
     device: DriverTable
     network: NetworkOptions = field(default_factory=NetworkOptions)
@@ -150,7 +150,7 @@ class HapticConfig(Options):
 
 @dataclass(frozen=True, kw_only=True)
 class ForceConfig(Options):
-    """What ``cardan force`` reads of a file: neither device nor robot is needed."""
+    """What ``cardan devices force`` reads of a file: neither device nor robot is needed."""
 
     force: ForceTables = field(default_factory=NoForceTable)
     fixtures: FixtureTables = ()

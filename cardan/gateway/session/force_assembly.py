@@ -161,8 +161,8 @@ def _force_warnings(
 
 
 def load_haptic(path: Path) -> HapticConfig:
-    """Read and check what ``cardan haptic`` needs of a file: ``[device]``, ``[network]`` and the
-    age of ``[force]``."""
+    """Read and check what ``cardan devices haptic`` needs of a file: ``[device]``, ``[network]``
+    and the age of ``[force]``."""
     with in_file(path):
         config = read_part(HapticConfig, path)
         device = make_device(config)
@@ -174,7 +174,8 @@ def load_haptic(path: Path) -> HapticConfig:
 
 
 def load_force(path: Path) -> ForceConfig:
-    """Read and check what ``cardan force`` needs of a file: ``[force]`` and ``[[fixtures]]``."""
+    """Read and check what ``cardan devices force`` needs of a file: ``[force]`` and
+    ``[[fixtures]]``."""
     with in_file(path):
         config = read_part(ForceConfig, path)
         make_source(config.force)

@@ -66,7 +66,7 @@ class SessionFeedback:
 
     why_no_torques = (
         "a session renders forces, joint torques only where the device is served alone, by "
-        "`cardan haptic`"
+        "`cardan devices haptic`"
     )
 
     def __init__(self, haptic: IHapticDevice, source: NetworkSource | None) -> None:

@@ -1,4 +1,4 @@
-"""Records a session while it runs, by ``cardan record`` in a process of its own."""
+"""Records a session while it runs, by ``cardan net record`` in a process of its own."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def why_incomplete(recorder: Launched, path: Path) -> str:
     name = signal.Signals(number).name if known else f"signal {number}"
     return (
         f"the recorder was ended by {name}: {path} has what came until less than a second before, "
-        f"and no index; `cardan record --repair {path}` writes a whole file of it"
+        f"and no index; `cardan net record --repair {path}` writes a whole file of it"
     )
 
 
@@ -35,13 +35,13 @@ def recorded(options: BusOptions, path: Path, *join: str) -> Iterator[Launched]:
     """Record the bus that `options` are of into `path`; gives the recorder, which has its report
     (`lines`, `code`) at the end.
 
-    `join` is what ``cardan record`` is told of the bus. The router is there before the recorder,
-    where it would be for the session to bring, so that the record has the first cycle. Raises
-    DriverError where it cannot record.
+    `join` is what ``cardan net record`` is told of the bus. The router is there before the
+    recorder, where it would be for the session to bring, so that the record has the first cycle.
+    Raises DriverError where it cannot record.
     """
     with contextlib.closing(RouterKeeper(options)) as router:
         router.wait()
-        recorder = Launched("record", "--output", str(path), *join)
+        recorder = Launched("net", "record", "--output", str(path), *join)
         try:
             yield recorder
             time.sleep(LAST_S)

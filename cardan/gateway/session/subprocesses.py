@@ -57,7 +57,7 @@ class Launched:
         self.complaints = ""
         """What it wrote on standard error last, once it has ended."""
         named = itertools.takewhile(lambda word: not word.startswith("-"), words)
-        self._name = shlex.join(itertools.islice(named, 2))
+        self._name = shlex.join(itertools.islice(named, 3))
         self._log: IO[str] = tempfile.TemporaryFile("w+")  # noqa: SIM115
         self._unread = b""
         """What came after the last line that was taken. No line may wait in a file's own buffer,

@@ -1,4 +1,4 @@
-"""Serves a face beside a session, by ``cardan face`` in a process of its own."""
+"""Serves a face beside a session, by ``cardan net server`` in a process of its own."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def with_face(
     place = ("--host", host, *(() if port is None else ("--port", str(port))))
     with contextlib.closing(RouterKeeper(options)) as router:
         router.wait()
-        face = Launched("face", name, *place, *bus_words(reachable(options)))
+        face = Launched("net", "server", name, *place, *bus_words(reachable(options)))
         try:
             yield face
         finally:

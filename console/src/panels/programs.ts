@@ -8,7 +8,7 @@ const SURE_MS = 3000;
 /** How often a demo that runs is asked after. */
 const LOOK_MS = 1500;
 
-/** A session or a face of the daemon, as `cardan ps --json` has it. */
+/** A session or a face of the daemon, as `cardan daemon ps --json` has it. */
 export type Unit = {
   name: string;
   kind: string;

@@ -145,8 +145,8 @@ class Bridge:
         on_dds, on_bus = self._dds.having(f"/{FACE_NODE}"), self._bus.having(f"/{FACE_NODE}")
         if on_bus and any(guid < self._dds.guid for guid in on_dds):
             raise DriverError(
-                "another `cardan face dds` joins the same bus and DDS domain: messages would go "
-                "round between the two; end one of them"
+                "another `cardan net server dds` joins the same bus and DDS domain: messages "
+                "would go round between the two; end one of them"
             )
 
     # -- out ---------------------------------------------------------------------------------------

@@ -272,7 +272,7 @@ def test_a_second_bridge_between_the_same_networks_ends(sides):
         bridge = Bridge(bus, dds, Allowed((), (), ()))
         until(lambda: bus.having(f"/{FACE_NODE}") and dds.having(f"/{FACE_NODE}"))
         if dds.having(f"/{FACE_NODE}")[0] < dds.guid:
-            with pytest.raises(DriverError, match="another `cardan face dds`"):
+            with pytest.raises(DriverError, match="another `cardan net server dds`"):
                 bridge.follow()
         bridge.close()
         bridge.close()

@@ -38,7 +38,7 @@ def domain(tmp_path_factory):
     run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "300"]
     with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
         try:
-            face = ("face", "dds", "--router", endpoint, "--dds-domain", number)
+            face = ("net", "server", "dds", "--router", endpoint, "--dds-domain", number)
             with served(*face, "--services", "*") as ready:
                 assert ready == f"dds/{number}"
                 yield number

@@ -204,9 +204,9 @@ class Capture:
         if magic == MCAP_MAGIC:
             file = shlex.quote(self.path)
             raise CaptureError(
-                f"{self.path}: it is a record (MCAP) and no capture: `cardan replay {file}` "
-                f"publishes it, `cardan plot {file}` draws it, `cardan export {file}` makes a data "
-                "set of it"
+                f"{self.path}: it is a record (MCAP) and no capture: `cardan net replay {file}` "
+                f"publishes it, `cardan net plot {file}` draws it, `cardan net export {file}` "
+                "makes a data set of it"
             )
         raise CaptureError(
             f"{self.path}: not a pcap or pcapng capture, and no log of Bluetooth or of a CAN "

@@ -159,7 +159,7 @@ def test_a_record_is_named_with_the_commands_that_read_it(tmp_path):
     with pytest.raises(CaptureError) as told:
         read(path)
     for command in ("replay", "plot", "export"):
-        assert f"`cardan {command} '{path}'`" in str(told.value)
+        assert f"`cardan net {command} '{path}'`" in str(told.value)
 
 
 def cooked2(interface, protocol, rest):

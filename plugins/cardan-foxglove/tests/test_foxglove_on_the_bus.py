@@ -31,7 +31,7 @@ def encoded(name, **fields):
 
 
 class Served:
-    """The face as ``cardan face foxglove`` serves it, in a thread."""
+    """The face as ``cardan net server foxglove`` serves it, in a thread."""
 
     def __init__(self, endpoint):
         self.options = FoxgloveFaceOptions(

@@ -1,4 +1,4 @@
-"""A session, ``cardan face foxglove`` and a client, each for itself: what its user meets."""
+"""A session, ``cardan net server foxglove`` and a client, each for itself: what its user meets."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def face(tmp_path_factory):
     path = tmp_path_factory.mktemp("foxglove") / "session.toml"
     path.write_text(ARM_SESSION.format(endpoint=endpoint))
     cardan = [sys.executable, "-m", "cardan"]
-    serve = ["face", "foxglove", "--router", endpoint, "--port", str(free_tcp_port())]
+    serve = ["net", "server", "foxglove", "--router", endpoint, "--port", str(free_tcp_port())]
     with (
         subprocess.Popen(
             [*cardan, "run", str(path), "--seconds", "300"], stdout=subprocess.DEVNULL

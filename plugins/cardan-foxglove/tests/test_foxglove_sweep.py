@@ -28,7 +28,9 @@ FOXGLOVE = (sys.executable, str(Path(__file__).with_name("foxglove_judge.py")))
 @pytest.fixture(scope="module")
 def foxglove(session):
     """The Foxglove server beside the session, in a process of its own."""
-    with served("face", "foxglove", "--router", session.endpoint, "--port", "0") as endpoint:
+    with served(
+        "net", "server", "foxglove", "--router", session.endpoint, "--port", "0"
+    ) as endpoint:
         yield SimpleNamespace(port=int(endpoint.rpartition(":")[2]))
 
 

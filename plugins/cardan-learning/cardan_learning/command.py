@@ -1,4 +1,4 @@
-"""``cardan export``: records as data sets for robot learning."""
+"""``cardan net export``: records as data sets for robot learning."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`cardan export`: what is written and told, by LeRobot's own program where it is there."""
+"""`cardan net export`: what is written and told, by LeRobot's own program where it is there."""
 
 import json
 import subprocess
@@ -144,7 +144,7 @@ def test_a_lerobot_that_cannot_be_imported_is_told(record, tmp_path, monkeypatch
 def test_as_a_program(record, tmp_path):
     def cardan(*words):
         return subprocess.run(
-            [sys.executable, "-m", "cardan", "export", *map(str, words)],
+            [sys.executable, "-m", "cardan", "net", "export", *map(str, words)],
             capture_output=True,
             text=True,
             check=False,

@@ -216,7 +216,7 @@ def test_a_program_makes_a_wall_over_the_bus(simulated, tmp_path):
     endpoint = free_endpoint()
     file = tmp_path / "haptic.toml"
     file.write_text(DEVICE + bus(endpoint, haptic='"omni"'))
-    words = (*simulated, "haptic", str(file))
+    words = (*simulated, "devices", "haptic", str(file))
     with running(*words), program(endpoint, "/omni") as user:
         user.until_felt()
         largest = user.call("get_max_feedback", "yarp_control_msgs/srv/GetMaxFeedback")
@@ -245,9 +245,9 @@ def test_a_second_one_of_its_name_does_not_begin(simulated, tmp_path):
     first, second = tmp_path / "first.toml", tmp_path / "second.toml"
     first.write_text(DEVICE + bus(endpoint, haptic='"omni"'))
     second.write_text(f'{DEVICE}\n[network]\nrouter = "{endpoint}"\nhaptic = "omni"\n')
-    with running(*simulated, "haptic", str(first)):
+    with running(*simulated, "devices", "haptic", str(first)):
         ended = subprocess.run(
-            [sys.executable, "-m", "cardan", *simulated, "haptic", str(second)],
+            [sys.executable, "-m", "cardan", *simulated, "devices", "haptic", str(second)],
             stderr=subprocess.PIPE,
             text=True,
             timeout=WITHIN_S,
@@ -262,7 +262,7 @@ def test_the_example_is_a_wall(simulated, tmp_path):
     file = tmp_path / "haptic.toml"
     text = (EXAMPLES / "haptic.toml").read_text(encoding="utf-8")
     file.write_text(f'{text}router = ""\nlisten = ["{endpoint}"]\n')
-    with running(*simulated, "haptic", str(file)):
+    with running(*simulated, "devices", "haptic", str(file)):
         wall = subprocess.run(
             [sys.executable, str(EXAMPLES / "haptic_wall.py"), "8", endpoint],
             stdout=subprocess.PIPE,

@@ -1,4 +1,4 @@
-"""What ``cardan spnav`` reads of a file."""
+"""What ``cardan devices spnav`` reads of a file."""
 
 from __future__ import annotations
 

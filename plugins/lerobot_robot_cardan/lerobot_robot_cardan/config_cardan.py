@@ -16,7 +16,7 @@ class CardanRobotConfig(RobotConfig):
     session: str = ""
     """File of a session, whose operator device is left out; or else:"""
     driver: str = ""
-    """A driver, as `cardan drivers` lists them."""
+    """A driver, as `cardan devices drivers` lists them."""
     options: dict[str, Any] = field(default_factory=dict)
     """Its options, as a session's [robot] has them."""
     address: str = ""

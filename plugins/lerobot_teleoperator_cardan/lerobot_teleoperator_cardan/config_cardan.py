@@ -15,7 +15,7 @@ class CardanTeleopConfig(TeleoperatorConfig):
     """File of a session, of which [device], [mapping], [gripper], [limits] and [watchdogs] are
     read; or else:"""
     driver: str = ""
-    """A driver, as `cardan drivers` lists them."""
+    """A driver, as `cardan devices drivers` lists them."""
     options: dict[str, Any] = field(default_factory=dict)
     """Its options, as a session's [device] has them."""
     mapping: dict[str, Any] = field(default_factory=dict)

@@ -140,7 +140,7 @@ def test_the_arm_brakes_when_who_asked_for_movv_is_killed(way):
 @pytest.mark.parametrize("mode", ["peer", "client"])
 def test_who_asks_through_a_router_is_missed_as_well(mode):
     with (
-        router("face", "router", "--endpoint", free_endpoint()) as endpoint,
+        router("net", "server", "router", "--endpoint", free_endpoint()) as endpoint,
         served(endpoint, router=endpoint) as here,
         asking(here, "remote", mode) as process,
     ):
@@ -192,7 +192,7 @@ def on_dds():
     """A session, and the endpoint by which it is asked on DDS."""
     pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
     endpoint, domain = free_endpoint(), str(OPTIONS.dds_domain)
-    face = ("face", "dds", "--router", endpoint, "--dds-domain", domain, "--services", "*")
+    face = ("net", "server", "dds", "--router", endpoint, "--dds-domain", domain, "--services", "*")
     with served(endpoint) as here, router(*face) as there:
         yield here, there
 

@@ -43,7 +43,7 @@ def test_levels_are_kept_and_tokens_are_nowhere(folder, level):
         f'[daemon]\nsocket = "{socket}"\nevent_log = "{folder}/events"\n'
         f'[faces.metrics]\nport = 0\ntoken_file = "{token}"\n'
     )
-    with Program("serve", file, "--log-level", level, "--log-format", "json") as program:
+    with Program("daemon", "run", file, "--log-level", level, "--log-format", "json") as program:
         program.wait_for("READY ")
 
         def row():

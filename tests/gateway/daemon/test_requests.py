@@ -51,7 +51,7 @@ def daemon_of(tmp_path, *parts):
 def test_a_device_goes_to_nobody_who_does_not_run(tmp_path):
     sessions = SESSION.format("one", "true"), SESSION.format("two", "false")
     daemon = daemon_of(tmp_path, *sessions)
-    with pytest.raises(ControlError, match="two is stopped: `cardan start two` first"):
+    with pytest.raises(ControlError, match="two is stopped: `cardan daemon start two` first"):
         daemon._do_switch(Ask(1, "switch", "mouse", "two"), Asker())
     with pytest.raises(ControlError, match="no other session that shares mouse runs"):
         daemon._do_switch(Ask(1, "switch", "mouse"), Asker())

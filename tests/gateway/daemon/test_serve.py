@@ -1,4 +1,4 @@
-"""``cardan serve`` with real sessions and faces, and the commands that ask it."""
+"""``cardan daemon run`` with real sessions and faces, and the commands that ask it."""
 
 import contextlib
 import json
@@ -54,7 +54,7 @@ class Lab:
         return self
 
     def start(self):
-        self.program = Program("serve", self.file)
+        self.program = Program("daemon", "run", self.file)
         self.program.wait_for("READY ")
         return self
 
@@ -113,11 +113,11 @@ def test_sessions_run_and_are_listed(lab):
     assert row["state"] == "running"
     assert row["robot"] == "sim_arm"
     assert lab.row("two")["state"] == "stopped"
-    text = lab.cardan("ps")
+    text = lab.cardan("daemon", "ps")
     assert "one" in text
     assert "stopped" in text
-    assert json.loads(lab.cardan("ps", "--json"))[0]["name"] == "one"
-    assert "there is no 'three'; there are: one, two" in lab.cardan("ps", "three", code=2)
+    assert json.loads(lab.cardan("daemon", "ps", "--json"))[0]["name"] == "one"
+    assert "there is no 'three'; there are: one, two" in lab.cardan("daemon", "ps", "three", code=2)
 
 
 @pytest.mark.real
@@ -152,34 +152,34 @@ def test_a_session_that_is_killed_comes_back_disarmed(one):
     until(lambda: {("arm", "disarmed"), ("robot", "live")} <= {*afterwards()}, "the events")
     assert ("authority", "verbs") in happened()[: -len(afterwards())]
     assert [what for event, what in afterwards() if event == "arm"] == ["disarmed"]
-    assert "waiting  session: the session's process ended" in one.cardan("events", "one")
+    assert "waiting  session: the session's process ended" in one.cardan("daemon", "events", "one")
     until(lambda: "status -9" in one.program.err, "its words in the log")
 
 
 def test_orders(one):
     one.until("one", phase="disarmed")
-    assert "one is ending" in one.cardan("stop", "one")
+    assert "one is ending" in one.cardan("daemon", "stop", "one")
     one.until("one", state="stopped", reason="stopped by hand")
-    one.cardan("start", "one")
+    one.cardan("daemon", "start", "one")
     one.until("one", state="running", phase="disarmed")
     before = one.row("one")["pid"]
-    one.cardan("restart", "one")
+    one.cardan("daemon", "restart", "one")
     until(lambda: one.row("one")["pid"] not in (before, None), "a new process")
 
 
 def test_verbs_of_an_arm(one):
     one.until("one", phase="disarmed")
-    assert "pose" in one.cardan("arm", "one", "stat")
-    assert "movj: done" in one.cardan("arm", "one", "movj", *map(str, HERE), "--wait")
+    assert "pose" in one.cardan("daemon", "arm", "one", "stat")
+    assert "movj: done" in one.cardan("daemon", "arm", "one", "movj", *map(str, HERE), "--wait")
     there = ("0.4", "-0.1", "0.4", "3.14", "-0", "-1e-3")
-    assert "movj: done" in one.cardan("arm", "one", "movj", *there, "--wait")
-    stat = json.loads(one.cardan("arm", "one", "stat", "--json"))
+    assert "movj: done" in one.cardan("daemon", "arm", "one", "movj", *there, "--wait")
+    stat = json.loads(one.cardan("daemon", "arm", "one", "stat", "--json"))
     assert -0.11 < stat["pose"][1] < -0.09
-    assert "out of reach" in one.cardan("arm", "one", "movj", "9", *["0"] * 5, code=4)
-    assert "there is no 'fly'" in one.cardan("arm", "one", "fly", code=2)
-    assert "takes x y z" in one.cardan("arm", "one", "movl", "1", code=2)
-    one.cardan("arm", "one", "set_parameter", "controllerGain", "0.2")
-    assert one.cardan("arm", "one", "get_parameter", "controllerGain") == "0.2\n"
+    assert "out of reach" in one.cardan("daemon", "arm", "one", "movj", "9", *["0"] * 5, code=4)
+    assert "there is no 'fly'" in one.cardan("daemon", "arm", "one", "fly", code=2)
+    assert "takes x y z" in one.cardan("daemon", "arm", "one", "movl", "1", code=2)
+    one.cardan("daemon", "arm", "one", "set_parameter", "controllerGain", "0.2")
+    assert one.cardan("daemon", "arm", "one", "get_parameter", "controllerGain") == "0.2\n"
 
 
 def test_a_motion_without_an_end_ends_with_who_asked_for_it(one):
@@ -319,7 +319,7 @@ def test_sessions_leave_when_the_daemon_is_killed_and_the_next_one_starts(one):
 
 
 def test_there_is_one_daemon_at_a_socket(one):
-    with Program("serve", one.file) as second:
+    with Program("daemon", "run", one.file) as second:
         assert second.end() == 3
         assert "is a daemon running already?" in second.err
     assert one.row("one")["state"] == "running"
@@ -361,15 +361,15 @@ def test_a_reload_says_each_key_and_restarts_the_session_once_nobody_has_its_arm
             # A computer that is busy enough has stopped the arm by now.
             return {line.removesuffix(" (waits until nobody has the arm)") for line in lines}
 
-        assert without_waits(one.cardan("reload", "--check").splitlines()) == said
+        assert without_waits(one.cardan("daemon", "reload", "--check").splitlines()) == said
         assert [each["name"] for each in one.ask("units")] == ["one"]
-        assert without_waits(one.cardan("reload").splitlines()) == said
+        assert without_waits(one.cardan("daemon", "reload").splitlines()) == said
         assert one.row("one")["pid"] == pid
         arm.stop()
         # The lease of who moved it ends.
         until(lambda: one.row("one")["pid"] not in (pid, None), "the new process")
         one.until("one", authority="", phase="disarmed", changes_wait=[])
-        assert one.cardan("reload") == "nothing has changed\n"
+        assert one.cardan("daemon", "reload") == "nothing has changed\n"
     one.file.write_text(text)
     one.program.process.send_signal(signal.SIGHUP)
     one.until("two", state="stopped", reason="it is not in the files any more")
@@ -381,7 +381,7 @@ def test_a_reload_that_is_refused_changes_nothing(one):
     one.file.write_text(
         text.replace('model = "ur5"', 'model = "ur7"') + ARM.format(name="two", more="")
     )
-    assert "ur7" in one.cardan("reload", code=2)
+    assert "ur7" in one.cardan("daemon", "reload", code=2)
     assert [each["name"] for each in one.ask("units")] == ["one"]
     refused = one.ask("events", "daemon")[-1]
     assert (refused["event"], refused["what"]) == ("reload refused", "nothing was changed")
@@ -392,7 +392,7 @@ def test_a_change_begins_a_disarmed_session_anew_at_once(one):
     one.until("one", phase="disarmed")
     pid = one.row("one")["pid"]
     one.file.write_text(one.file.read_text() + "collisions = false\n")
-    (change,) = json.loads(one.cardan("reload", "--json"))
+    (change,) = json.loads(one.cardan("daemon", "reload", "--json"))
     assert (change["key"], change["old"], change["new"]) == ("arm.collisions", True, False)
     assert (change["what"], change["waits"]) == ("changed", "")
     until(lambda: one.row("one")["pid"] not in (pid, None), "the new process")
@@ -415,7 +415,7 @@ def test_a_face_runs_and_its_death_harms_no_session(lab):
 
 
 def test_who_asks_where_no_daemon_is():
-    with pytest.raises(AddressError, match="cardan serve"):
+    with pytest.raises(AddressError, match="cardan daemon run"):
         ControlClient("/nowhere/cardan.sock")
 
 

@@ -43,7 +43,7 @@ def test_systemd_finds_no_fault_with_the_unit(tmp_path, file, system):
 def test_the_files_name_comes_through_whole(file):
     text = make_service([file], system=False, account="me").text
     (line,) = [line for line in text.splitlines() if line.startswith("ExecStart=")]
-    assert line.endswith(f'serve "{file.parent}/my lab $$1 50%%.toml"')
+    assert line.endswith(f' daemon run "{file.parent}/my lab $$1 50%%.toml"')
 
 
 def test_a_service_of_the_computer_runs_as_somebody_and_one_of_a_user_does_not(file):

@@ -1,5 +1,5 @@
-"""Two mice drive two arms under ``cardan serve``, as examples/two-arms has them; and two operators
-share one arm."""
+"""Two mice drive two arms under ``cardan daemon run``, as examples/two-arms has them; and two
+operators share one arm."""
 
 import contextlib
 import tempfile
@@ -82,7 +82,7 @@ class TwoArms(Lab):
 
     def start(self, *files):
         self.write()
-        self.program = Program("serve", self.file, *files, cwd=self.folder)
+        self.program = Program("daemon", "run", self.file, *files, cwd=self.folder)
         self.program.wait_for("READY ")
         return self
 

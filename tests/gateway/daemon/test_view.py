@@ -1,4 +1,4 @@
-"""The table of `cardan ps` and `cardan top`."""
+"""The table of `cardan daemon ps` and `cardan daemon top`."""
 
 import io
 

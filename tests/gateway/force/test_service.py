@@ -217,7 +217,7 @@ def test_the_command_line_has_the_node(tmp_path, monkeypatch):
 
     thread = threading.Thread(target=session, daemon=True)
     thread.start()
-    arguments = ["force", str(file), "--connect", path, "--seconds", "10"]
+    arguments = ["devices", "force", str(file), "--connect", path, "--seconds", "10"]
     result = CliRunner().invoke(cli.app, arguments)
     ended.set()
     thread.join(5.0)

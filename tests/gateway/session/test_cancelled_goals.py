@@ -133,7 +133,9 @@ def test_by_dds(endpoint, watcher):
 
     number = str(OPTIONS.dds_domain)
     with (
-        served("face", "dds", "--router", endpoint, "--dds-domain", number, "--services", "*"),
+        served(
+            "net", "server", "dds", "--router", endpoint, "--dds-domain", number, "--services", "*"
+        ),
         network("user") as user,
     ):
         assert user.wait_for_service(f"{ARM}/set_parameters_atomically", TIMEOUT_S)
@@ -146,7 +148,7 @@ def test_by_dds(endpoint, watcher):
 
 @pytest.fixture(scope="module")
 def rosbridge(endpoint, watcher):
-    with served("face", "rosbridge", "--router", endpoint, "--port", "0") as url:
+    with served("net", "server", "rosbridge", "--router", endpoint, "--port", "0") as url:
         yield url
 
 

@@ -133,11 +133,11 @@ def watcher(tmp_path_factory):
 
 
 class Server:
-    """cardan face rosbridge at one port, which ends and is there again."""
+    """cardan net server rosbridge at one port, which ends and is there again."""
 
     def __init__(self, endpoint):
         self.port = free_tcp_port()
-        arguments = ("face", "rosbridge", "--router", endpoint, "--port", str(self.port))
+        arguments = ("net", "server", "rosbridge", "--router", endpoint, "--port", str(self.port))
         self._command = [sys.executable, "-m", "cardan", *arguments]
         self._process = None
 

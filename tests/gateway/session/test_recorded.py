@@ -49,7 +49,7 @@ def test_a_recorder_that_is_killed_makes_4_and_is_told(run, code, name):
     ended, said = run(code)
     assert ended == 4
     assert f"the recorder was ended by {name}: out.mcap has what came" in said
-    assert "`cardan record --repair out.mcap`" in said
+    assert "`cardan net record --repair out.mcap`" in said
 
 
 @pytest.mark.parametrize(("code", "expected"), [(0, 0), (4, 4), (1, 4), (143, 4)])

@@ -68,11 +68,11 @@ class Joined(NamedTuple):
 def joined(tmp_path):
     router = free_endpoint()
     with driven(ROBOT, SPEED_M_S, tmp_path) as (robot, tables), contextlib.ExitStack() as stack:
-        served = stack.enter_context(Program("face", "router", "--endpoint", router))
+        served = stack.enter_context(Program("net", "server", "router", "--endpoint", router))
         served.wait_for("READY")
         operators = tmp_path / "operator.toml"
         operators.write_text(toml({"device": tables["device"]}))
-        share = Program("share", operators, "--router", router, "--name", "hand")
+        share = Program("devices", "share", operators, "--router", router, "--name", "hand")
         stack.enter_context(share).wait_for("READY /shared/hand/state")
         session = tmp_path / "session.toml"
         remote = {"driver": "remote", "router": router, "device": "hand"}

@@ -31,7 +31,7 @@ def command(tmp_path, monkeypatch):
 )
 def test_its_lines_are_told_apart_however_they_come(command, script):
     command(f"trap 'printf st; exit 7' TERM; {script}; while :; do sleep 0.05; done")
-    launched = Launched("face", "console", ready_within_s=5.0)
+    launched = Launched("net", "server", "console", ready_within_s=5.0)
     assert launched.endpoint == "here"
     assert launched.before == ["certificate"]
     launched.end()
@@ -41,6 +41,6 @@ def test_its_lines_are_told_apart_however_they_come(command, script):
 
 def test_one_that_ends_before_it_serves_is_an_error_with_its_words(command, capsys):
     command("echo certificate; echo 'no port' >&2; exit 3")
-    with pytest.raises(DriverError, match="`cardan face console` ended before it served"):
-        Launched("face", "console")
+    with pytest.raises(DriverError, match="`cardan net server console` ended before it served"):
+        Launched("net", "server", "console")
     assert "no port" in capsys.readouterr().err

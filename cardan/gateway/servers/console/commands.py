@@ -16,10 +16,10 @@ from cardan.common.text_sanitizer import printable
 COMMAND: Final = (sys.executable, "-m", "cardan")
 
 ORDERS: Final[Mapping[str, tuple[str, ...]]] = {
-    "list": ("ps", "--json"),
-    "start": ("start",),
-    "stop": ("stop",),
-    "restart": ("restart",),
+    "list": ("daemon", "ps", "--json"),
+    "start": ("daemon", "start"),
+    "stop": ("daemon", "stop"),
+    "restart": ("daemon", "restart"),
     "doctor": ("doctor", "--json"),
 }
 """What can be asked for, and the words of the command."""

@@ -24,7 +24,7 @@ from cardan.errors import ConfigurationError
 from cardan.gateway.servers.console.subprocesses import CARDAN, Beside
 from cardan.gateway.servers.stats import TELLS_VARIABLE, told
 
-RECORDER: Final = (*CARDAN, "face", "recorder")
+RECORDER: Final = (*CARDAN, "net", "server", "recorder")
 
 SHOWING: Final = (sys.executable, "-m", "cardan.recording.player")
 

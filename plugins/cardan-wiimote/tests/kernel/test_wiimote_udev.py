@@ -1,4 +1,4 @@
-"""The udev rules that `cardan udev` prints, applied to a remote by Debian's udevd."""
+"""The udev rules that `cardan devices udev` prints, applied to a remote by Debian's udevd."""
 
 import pytest
 

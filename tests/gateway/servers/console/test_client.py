@@ -505,8 +505,8 @@ def test_orders_are_those_of_the_command_line(page, monkeypatch, tmp_path):
     command = commands.carry_out.__defaults__[0]
     monkeypatch.setattr(commands.carry_out, "__defaults__", ((command[0], str(script)),))
     for fields, words in (
-        ({"do": "list"}, ["ps", "--json"]),
-        ({"do": "stop", "name": "gofa-1"}, ["stop", "gofa-1"]),
+        ({"do": "list"}, ["daemon", "ps", "--json"]),
+        ({"do": "stop", "name": "gofa-1"}, ["daemon", "stop", "gofa-1"]),
         ({"do": "doctor", "name": "x"}, ["doctor", "--json"]),
     ):
         page.ask("cardan.daemon", id="d", **fields)

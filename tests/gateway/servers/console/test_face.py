@@ -1,4 +1,4 @@
-"""``cardan face console`` and ``cardan run --console`` as whole programs."""
+"""``cardan net server console`` and ``cardan run --console`` as whole programs."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def program(*words, **environment):
 
 def face(tmp_path, *words, **environment):
     return program(
-        "face", "console", "--port", "0", "--router=", *words,
+        "net", "server", "console", "--port", "0", "--router=", *words,
         STATE_DIRECTORY=str(tmp_path), **environment,
     )  # fmt: skip
 
@@ -99,7 +99,7 @@ def test_a_daemons_console_lists_and_stops_what_it_runs_and_tells_no_token(monke
             f'[faces.page]\nface = "console"\nhost = "0.0.0.0"\nport = 0\nrouter = ""\n'
             f'[faces.other]\nface = "router"\nendpoint = "{endpoint}"\n'
         )
-        command = [*CARDAN, "serve", str(folder / "lab.toml")]
+        command = [*CARDAN, "daemon", "run", str(folder / "lab.toml")]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as daemon:
             try:
                 assert daemon.stdout.readline().startswith("READY ")

@@ -1,0 +1,40 @@
+"""Commands that once had another name: a person who types it is told the new one."""
+
+from __future__ import annotations
+
+from typing import Final
+
+MOVED: Final = {
+    **{
+        name: f"daemon {name}"
+        for name in (
+            "arm", "events", "log", "ps", "reload", "restart", "service", "start", "stop",
+            "switch", "top",
+        )
+    },
+    **{
+        name: f"devices {name}"
+        for name in ("drivers", "force", "haptic", "share", "spnav", "udev")
+    },
+    **{
+        name: f"net {name}"
+        for name in ("echo", "export", "hz", "messages", "plot", "record", "replay")
+    },
+    "explain": "doctor --explain",
+    "face": "net server",
+    "network": "net list",
+    "serve": "daemon run",
+}  # fmt: skip
+"""Old names, and what follows `cardan` today."""
+
+_UNIT: Final = (
+    "; a service of systemd that still says `serve` does not start: "
+    "`cardan daemon service install FILE...` writes its unit anew"
+)
+
+
+def now_called(name: str) -> str:
+    """What to tell a person who types `cardan NAME`; empty: it never had that name."""
+    if name not in MOVED:
+        return ""
+    return f"cardan {name} is now: cardan {MOVED[name]}{_UNIT if name == 'serve' else ''}"
