@@ -7,12 +7,13 @@ and asks sessions by EGM, once in 4 ms, as a controller does. From the report th
 device to the first answer that moves the arm, and from the report that lets go of the dead-man
 button to the last one that does.
 
-Speed: one session reads the device itself, one by ``cardan share`` and a router, and one what ROS
-2's spacenav_node would publish, on the same router. All run side by side and are asked in turns.
+Speed: one session reads the device itself, one by ``cardan devices share`` and a router, and one
+what ROS 2's spacenav_node would publish, on the same router. All run side by side and are asked in
+turns.
 
-Networks: between ``cardan share`` and the router is a process that holds back what passes. TCP
-makes delays of what a network loses, and keeps the order; so does it (:class:`Network`). It is a
-model of those networks, and not one of them.
+Networks: between ``cardan devices share`` and the router is a process that holds back what passes.
+TCP makes delays of what a network loses, and keeps the order; so does it (:class:`Network`). It is
+a model of those networks, and not one of them.
 
 `--pages` writes the tables into docs/measurements.md.
 """
@@ -47,7 +48,7 @@ from studies.cartesian.controller import START, datagram, obeyed
 PAGE: Final = Path(__file__).parents[1] / "docs/measurements.md"
 SPEED_PART, NETWORK_PART = "remote-speed", "remote-networks"
 
-LOCAL, REMOTE, SPACENAV = "read locally", "`cardan share`", "spacenav_node"
+LOCAL, REMOTE, SPACENAV = "read locally", "`cardan devices share`", "spacenav_node"
 
 ACTS = 100
 PERIOD_S = 0.004
@@ -270,10 +271,10 @@ def session(
 
 @contextlib.contextmanager
 def shared(folder: Path, mouse: str, router: str) -> Iterator[None]:
-    """``cardan share``, of the mouse."""
+    """``cardan devices share``, of the mouse."""
     config = folder / "operator.toml"
     config.write_text(f'[device]\ndriver = "spacemouse"\ntransport = "socket"\npath = "{mouse}"\n')
-    with launched("share", str(config), "--router", router, "--name", "hand"):
+    with launched("devices", "share", str(config), "--router", router, "--name", "hand"):
         yield
 
 
@@ -359,7 +360,7 @@ def _stack() -> contextlib.ExitStack:
 @contextlib.contextmanager
 def _router() -> Iterator[str]:
     endpoint = f"tcp/127.0.0.1:{free_ports()}"
-    with launched("face", "router", "--endpoint", endpoint):
+    with launched("net", "server", "router", "--endpoint", endpoint):
         yield endpoint
 
 
@@ -379,8 +380,8 @@ def speed_table(figures: Figures, conditions: str) -> str:
     most_s = min(ADDED_S, OF_SPACENAV * added[SPACENAV])
     met = "met" if added[REMOTE] <= most_s else "missed"
     aim = (
-        f"Aim: `cardan share` adds at most {1e3 * ADDED_S:g} ms, and at most {OF_SPACENAV:g} of "
-        f"what spacenav_node adds: {met}."
+        f"Aim: {REMOTE} adds at most {1e3 * ADDED_S:g} ms, and at most {OF_SPACENAV:g} of what "
+        f"spacenav_node adds: {met}."
     )
     return "\n".join(lines) + f"\n\n{aim} {conditions}"
 

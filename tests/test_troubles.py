@@ -1,5 +1,4 @@
-"""Codes of messages: the table, the sources that say the messages, and `cardan doctor
---explain`."""
+"""Codes of messages: the table, the sources that say the messages, and `cardan explain`."""
 
 from __future__ import annotations
 
@@ -162,7 +161,7 @@ def run(monkeypatch, capsys, *words):
 
 @pytest.mark.parametrize("asked", ["S002", "s002", "[S002]", "limits.a: there is no such key; b"])
 def test_explain_by_code_and_by_words(monkeypatch, capsys, asked):
-    code, printed = run(monkeypatch, capsys, "doctor", "--explain", asked)
+    code, printed = run(monkeypatch, capsys, "explain", asked)
     assert code == 0
     entry = TABLE["S002"]
     assert printed.out.startswith("S002: ")
@@ -171,7 +170,7 @@ def test_explain_by_code_and_by_words(monkeypatch, capsys, asked):
 
 
 def test_explain_as_json(monkeypatch, capsys):
-    _, printed = run(monkeypatch, capsys, "doctor", "--explain", "S001", "--json")
+    _, printed = run(monkeypatch, capsys, "explain", "S001", "--json")
     assert json.loads(printed.out) == {**TABLE["S001"]._asdict(), "words": [*TABLE["S001"].words]}
 
 
@@ -179,7 +178,7 @@ def test_explain_as_json(monkeypatch, capsys):
     ("asked", "near"), [("S0001", "S001"), ("R999", "R009"), ("motors off", "R004")]
 )
 def test_explain_names_what_is_near(monkeypatch, capsys, asked, near):
-    code, printed = run(monkeypatch, capsys, "doctor", "--explain", asked)
+    code, printed = run(monkeypatch, capsys, "explain", asked)
     assert code == 2
     assert printed.err.startswith(f"cardan: no entry is known for {asked!r}; near it: ")
     assert near in printed.err
@@ -196,11 +195,3 @@ def test_explain_names_what_is_near(monkeypatch, capsys, asked, near):
 )
 def test_texts_of_a_source(source, texts):
     assert list(message_texts.texts_of(ast.parse(source))) == texts
-
-
-@pytest.mark.parametrize("words", [("a.toml",), ("--report",)])
-def test_explain_examines_nothing(monkeypatch, capsys, words):
-    code, printed = run(monkeypatch, capsys, "doctor", "--explain", "S001", *words)
-    assert code == 2
-    assert printed.err == "cardan: --explain: goes with no file and no --report\n"
-    assert printed.out == ""

@@ -34,6 +34,7 @@ from cardan.cli.conform import conform
 from cardan.cli.daemon import checked, daemon
 from cardan.cli.devices import devices
 from cardan.cli.doctor import doctor
+from cardan.cli.explain import explain
 from cardan.cli.installed import TOP, OpenGroup
 from cardan.cli.net import net
 from cardan.cli.robots import robots
@@ -57,7 +58,8 @@ app = typer.Typer(
     name=TOP,
     cls=OpenGroup,
     help="Drive a robot arm from a hand-held device. New here? `cardan demo` shows it without any "
-    "hardware. Then copy a file from examples/, `cardan check` it, and `cardan run` it.",
+    "hardware. Then copy a file from examples/, `cardan check` it, and `cardan run` it. What a "
+    "message means: `cardan explain CODE`.",
     no_args_is_help=True,
     rich_markup_mode="rich",
     pretty_exceptions_show_locals=False,
@@ -66,6 +68,8 @@ for _group in (daemon, devices, robots, net, sim):
     app.add_typer(_group)
 for _command in (doctor, conform):
     app.command()(_command)
+# The help names it above its list, which has room for no more.
+app.command(hidden=True)(explain)
 
 
 def main() -> None:

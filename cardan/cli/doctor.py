@@ -1,5 +1,4 @@
-"""``cardan doctor``: what is wrong here, why it matters, and which command mends it; and what a
-message means."""
+"""``cardan doctor``: what is wrong here, why it matters, and which command mends it."""
 
 from __future__ import annotations
 
@@ -10,8 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from cardan.cli import completion
-from cardan.cli.common import EXIT_INCOMPLETE, AsJson, print_json
+from cardan.cli.common import EXIT_INCOMPLETE, AsJson
 from cardan.cli.daemon import Socket
 from cardan.common.text_sanitizer import printable
 from cardan.common.troubles import code_of
@@ -44,27 +42,11 @@ def doctor(
             help="Print versions and findings for an issue, without names and serial numbers.",
         ),
     ] = False,
-    message: Annotated[
-        str,
-        typer.Option(
-            "--explain",
-            metavar="CODE|MESSAGE",
-            help="Examine nothing: print the cause of a message, by its code, such as S004, or its "
-            "words, what happens meanwhile, what to do, and the page of the documentation.",
-            autocompletion=completion.codes,
-        ),
-    ] = "",
     socket: Socket = "",
 ) -> None:
-    """Examine this computer and the given files, or explain a message. Prints each thing
-    that is wrong, why it matters, and the command that mends it. Moves and changes nothing, and
-    sends nothing to a robot: controllers are only listened to. Exit code 4 where something
-    fails."""
-    if message:
-        if paths or as_report:
-            raise ConfigurationError("--explain", "goes with no file and no --report")
-        _explain(message, as_json)
-        return
+    """Examine this computer, and what the given files need of it. Prints each thing that is wrong,
+    why it matters, and the command that mends it. Moves and changes nothing, and sends nothing to a
+    robot: controllers are only listened to. Exit code 4 where something fails."""
     from rich.console import Console
     from rich.text import Text
 
@@ -100,23 +82,6 @@ def doctor(
         console.print(f"{failures} failed, {cautions} to look at; docs/doctor.md explains each")
     if examining.worst(found) is Level.FAILURE:
         raise typer.Exit(EXIT_INCOMPLETE)
-
-
-def _explain(message: str, as_json: bool) -> None:
-    from cardan.common.troubles import explained
-
-    found = explained(message)
-    if as_json:
-        print_json(found._asdict())
-        return
-    print(f"{found.code}: {found.words[0]}\n")
-    for title, text in (
-        ("cause", found.cause),
-        ("meanwhile", found.now),
-        ("what to do", found.do),
-        ("page", f"docs/{found.page}"),
-    ):
-        print(f"{title:<10}  {text}")
 
 
 def _lines(finding: Finding) -> list[Text]:

@@ -9,6 +9,7 @@ EXAMPLES: Final = {
     "cardan check": "cardan check my-robot.toml",
     "cardan run": "cardan run my-robot.toml --console --record session.mcap",
     "cardan doctor": "cardan doctor my-robot.toml",
+    "cardan explain": "cardan explain S002",
     "cardan conform": "cardan conform egm --target 127.0.0.1:6510",
     "daemon run": "cardan daemon run lab.toml",
     "daemon ps": "cardan daemon ps",

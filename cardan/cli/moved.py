@@ -20,7 +20,6 @@ MOVED: Final = {
         name: f"net {name}"
         for name in ("echo", "export", "hz", "messages", "plot", "record", "replay")
     },
-    "explain": "doctor --explain",
     "face": "net server",
     "network": "net list",
     "serve": "daemon run",
