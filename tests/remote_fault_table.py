@@ -309,8 +309,8 @@ def measured(network: str, faults: Iterable[str]) -> Iterator[Found]:
             at_s = bench.now_s
             fault.act(pilot, fault.lasts_s)
             bench.run(WATCHED_S)
-            if math.isinf(bench.motion(at_s).stop_s):
-                motion, by_s = bench.motion(at_s), rest_by_s(pilot, fault, at_s)
+            if math.isinf((motion := bench.motion(at_s)).stop_s):
+                by_s = rest_by_s(pilot, fault, at_s)
                 return Found(name, network, motion, by_s - at_s, 0.0, math.nan)
             bench.run(fault.lasts_s)
             motion, by_s = bench.motion(at_s), rest_by_s(pilot, fault, at_s)
@@ -349,7 +349,8 @@ def table(found: Iterable[Found]) -> str:
         for each in found
     }
     return markdown(
-        ("", *NETWORKS), ((name, *(cells[name, each] for each in NETWORKS)) for name in FAULTS)
+        ("what happens", *NETWORKS),
+        ((name, *(cells[name, each] for each in NETWORKS)) for name in FAULTS),
     )
 
 
