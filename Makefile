@@ -143,6 +143,7 @@ device-table: $(VENV)/.cardan-dev
 
 fault-table: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.fault_table
+	$(BIN)/python -m tests.remote_fault_table
 
 # Real processes and clocks: on a computer that has nothing else to do. What is found is kept in
 # build/faults.json after each case; FAULT_OPTIONS=--missing goes on with a run that was ended.

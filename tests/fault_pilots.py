@@ -74,7 +74,7 @@ class Scenario(ABC):
 class Operator(Scenario):
     """A hand on a deflected device, its dead-man held."""
 
-    def __init__(self, bench: Bench) -> None:
+    def __init__(self, bench: Bench, watchdogs: Watchdogs | None = None) -> None:
         super().__init__(bench)
         arm = None
         if CommandKind.POSE not in bench.capabilities.commands:
@@ -83,6 +83,7 @@ class Operator(Scenario):
         self.controller = controller_for_hand(
             MappingOptions(deadman=("left",), linear_speed_m_s=SPEED_M_S),
             ReferenceLimits(linear_speed_m_s=LIMIT_M_S, linear_acceleration_m_s2=ACCELERATION_M_S2),
+            watchdogs,
             arm=arm,
             period_s=bench.capabilities.period_s,
         )

@@ -228,12 +228,13 @@ def table(found: list[Row]) -> str:
         for name in FAULTS:
             there = [cells.get((source, name, kind.name)) for kind in BENCHES]
             if any(there):
-                lines.append(f"| {name} | {' | '.join(map(_cell, there))} |")
+                lines.append(f"| {name} | {' | '.join(map(cell, there))} |")
         lines.append("")
     return "\n".join(lines)
 
 
-def _cell(row: Row | None) -> str:
+def cell(row: Row | None) -> str:
+    """The figures of one, as they stand in the page."""
     if row is None:
         return "–"
     motion = row.motion

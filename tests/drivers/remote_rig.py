@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import itertools
+import math
 import random
 from typing import NamedTuple
 
@@ -50,8 +51,16 @@ class Link(NamedTuple):
     twice: float = 0.0
     in_order: bool = True
 
+    @property
+    def slowest_s(self):
+        """What passes takes no longer, but for stalls and what else fills it."""
+        return self.delay_s + self.jitter_s
+
 
 LAN = Link()
+
+AHEAD_BYTES = 1 << 16
+"""What else passes is ahead of a state by no more: docs/remote.md, of pictures."""
 
 
 class Way:
@@ -64,17 +73,31 @@ class Way:
         self._last_s = 0.0
         self.stalled_until_s = 0.0
         self.cut = False
+        self.rate_bps = math.inf
+        self._free_s = 0.0
+        """When all that was handed to it is on its way."""
 
     def send(self, item, now_s):
         link, chosen = self.link, self._chosen
         if self.cut or chosen.random() < link.loss:
             return
+        if self.rate_bps < math.inf:
+            now_s = self._free_s = self._passed_s(len(item.data), now_s)
         for _ in range(1 + (chosen.random() < link.twice)):
             arrives_s = now_s + link.delay_s + chosen.uniform(0.0, link.jitter_s)
             arrives_s = max(arrives_s, self.stalled_until_s)
             if link.in_order:
                 arrives_s = self._last_s = max(arrives_s, self._last_s)
             heapq.heappush(self._queue, (arrives_s, next(self._numbers), item))
+
+    def picture(self, size, now_s):
+        """So many bytes of something else, dropped where they would have too much wait."""
+        passed_s = self._passed_s(size, now_s)
+        if (passed_s - now_s) * self.rate_bps <= 8 * AHEAD_BYTES:
+            self._free_s = passed_s
+
+    def _passed_s(self, size, now_s):
+        return max(self._free_s, now_s) + 8 * size / self.rate_bps
 
     def stall(self, until_s):
         """Nothing arrives before that time; all of it then."""
@@ -92,15 +115,30 @@ class Bench:
     there."""
 
     def __init__(
-        self, down=LAN, up=None, seed=1, offset_s=1000.0, drift=0.0, haptic=None, **options
+        self,
+        down=LAN,
+        up=None,
+        seed=1,
+        offset_s=1000.0,
+        drift=0.0,
+        haptic=None,
+        now_s=50.0,
+        **options,
     ):
         chosen = random.Random(seed)
         self.down, self.up = Way(down, chosen), Way(down if up is None else up, chosen)
         self.offset_s, self.drift, self.lie_s = offset_s, drift, 0.0
-        self.now_s = 50.0
-        self.core = RemoteCore(RemoteOptions(device="x", **options), 7, "arm at robot")
+        self.now_s = now_s
+        self.options = RemoteOptions(device="x", **options)
+        self.core = RemoteCore(self.options, 7, "arm at robot")
         self.numbers, self.sender = itertools.count(1), 1
-        self.claim_numbers = itertools.count(1)
+        self.claim_numbers, self.claimant = itertools.count(1), 9
+        self.sent = {}
+        """When each state was sent, and the claim that it answers, by its number."""
+        self.came = []
+        """When states came, when each was sent, and the claim that it answers: by the time here."""
+        self.direction = (1.0, 0.0, 0.0)
+        """In which move() deflects."""
         self.share = ShareCore("spacemouse", 11)
         self.device = DeviceState(self.there_s, DeviceLink.LIVE, NEUTRAL, frozenset())
         self.edges = []
@@ -111,6 +149,8 @@ class Bench:
         """Edges that came out of the driver."""
         self.frozen = False
         """Whether the process that shares it stands still."""
+        self.asleep = False
+        """Whether its computer sleeps: so does its monotonic clock (CLOCK_MONOTONIC of Linux)."""
         self.mangle = lambda message: message
         self.core.on_opened(self.now_s)
 
@@ -127,7 +167,7 @@ class Bench:
         return self.core.metrics(self.now_s)[name]
 
     def move(self, x=0.0, link=DeviceLink.LIVE, reason=""):
-        axes = Axes(x, 0.0, 0.0, 0.0, 0.0, 0.0)
+        axes = Axes(*(x * part for part in self.direction), 0.0, 0.0, 0.0)
         buttons = self.device.buttons if link is DeviceLink.LIVE else frozenset()
         self.device = DeviceState(self.there_s, link, axes, buttons, reason=reason)
 
@@ -144,6 +184,7 @@ class Bench:
             each()
             self.operator()
             for item in self.down.arrived(self.now_s):
+                self.came.append((self.now_s, *self.sent[item.attachment]))
                 self.core.on_received(item, self.now_s)
             claim = self.core.claim(self.now_s, self.given, self.command)
             if claim is not None:
@@ -152,7 +193,9 @@ class Bench:
 
     def operator(self):
         """A step of the computer that shares."""
-        if self.frozen:
+        if self.asleep:
+            self.lie_s -= STEP_S * (1.0 + self.drift)
+        if self.asleep or self.frozen:
             return
         for item in self.up.arrived(self.now_s):
             self.share.on_received(item, self.there_s)
@@ -165,9 +208,11 @@ class Bench:
         if shared is not None:
             message = self.mangle(shared_message(shared))
             item = received(STATE_TYPE, message, next(self.numbers), self.sender)
+            self.sent[item.attachment] = self.now_s, shared.asked_s
             self.down.send(item, self.now_s)
 
-    def claimed(self, claim, sender=9):
+    def claimed(self, claim, sender=None):
+        sender = self.claimant if sender is None else sender
         return received(CLAIM_TYPE, claim_message(claim), next(self.claim_numbers), sender)
 
     def live(self):
