@@ -21,6 +21,7 @@ from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.slow_motion import SpeedCapDetector
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
 from cardan.drivers.abb_egm.statistics import NO_STATES, UNKNOWN, Book, PlainBook
+from cardan.drivers.datagram_robot import FLOOD_DATAGRAMS, AnsweringSession
 from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, ClockWatch, believed_s
 from cardan.drivers.robot_core import check_command, implausible, no_rotation, outside
 from cardan.errors import CommandError
@@ -88,12 +89,8 @@ _GAP_PERIODS = 1.5
 _COAST_PERIODS = 4
 """In a longer gap the controller slows down by itself, so its own reference must be read."""
 
-FLOOD_DATAGRAMS = 50
-"""Excess of refused over accepted datagrams that counts as a flood, not as a bad line: garbage in
-a tenth of all cycles never reaches it, a flood does within a cycle or two."""
 
-
-class EgmSession:
+class EgmSession(AnsweringSession):
     """One controller on one port, seen from the PC.
 
     The shell calls `receive` for each datagram and, for the newest state that comes back, `reply`
@@ -104,15 +101,12 @@ class EgmSession:
         self, options: AbbEgmOptions, now_s: float, controller_ip: str | None = None
     ) -> None:
         """`controller_ip` pins the controller's address; None learns it from what comes first."""
+        super().__init__(options.lost_after_s)
         self.options = options
         self.opened_s = now_s
         self.counters = EgmCounters()
         self.peer: Address | None = None
         """Where the controller sends from, and where answers go."""
-        self.state: RobotState | None = None
-        """The newest accepted state."""
-        self.owes_answer = False
-        """True between an accepted datagram and its answer."""
         self.last_cause = ""
         """Why the present session counts as a new one."""
         self.last_malformed = ""
@@ -142,7 +136,6 @@ class EgmSession:
         slowly they count."""
         self._ip = controller_ip
         self._nominal_s = options.period_s
-        self._lost_after_s = options.lost_after_s
         self._late_after_s = options.late_after_s
         self._comm_timeout_s = options.comm_timeout_s
         self._joints = options.joints
@@ -161,15 +154,14 @@ class EgmSession:
             if not self._needs_external:
                 self._take = self._reader.taker(cycle, self._force_frame)
         self._guidance = guidance_for(options, cycle)
+        self.capabilities = self._capabilities()
+        """Which commands `reply` takes in the mode of the options."""
         self._suffix = b""
         self._outputs = EgmRapidData(None, ())
         if options.digital_output is not None or options.output_values:
             self.set_outputs(options.digital_output, options.output_values)
-        self._sessions = 0
         self._silent = False
         self._fresh = False
-        self._flood = 0
-        """Refused datagrams, less one for each that was accepted."""
         self._alarm = ""
         self._session_s = NEVER_S
         self._session_first = 0
@@ -260,7 +252,7 @@ class EgmSession:
         usual = sum(map(abs, numbers)) <= _USUAL and (pose is not None or turn is None)
         if not usual and (wrong := _implausible(joints, external, position, turn)):
             self.counters.malformed["implausible"] += 1
-            self._flood += 1
+            self._note_refused()
             self.last_malformed = wrong
             return None
         step = 1
@@ -330,7 +322,7 @@ class EgmSession:
             (
                 now_s,
                 _LIVE,
-                self._sessions,
+                self.sessions,
                 seqno,
                 period_s,
                 joints,
@@ -356,7 +348,7 @@ class EgmSession:
             self._foreign = None
             if peer is not None and foreign[0] == peer[0] and foreign[1] != peer[1]:
                 self._rivals.add(foreign)
-        self._flood = min(self._flood, 2 * FLOOD_DATAGRAMS) - 1
+        self._flood -= 1
         if self._flood >= FLOOD_DATAGRAMS:
             self._alarm = (
                 f"port {self.port} is flooded with datagrams that are not the controller's"
@@ -411,7 +403,7 @@ class EgmSession:
 
     def _refuse_foreign(self, source: Address, counts_on: bool = False) -> None:
         self.counters.foreign += 1
-        self._flood += 1
+        self._note_refused()
         self._foreign = source
         self.last_foreign = f"{source[0]}:{source[1]}"
         self.last_foreign_counts_on = counts_on
@@ -436,7 +428,7 @@ class EgmSession:
 
     def _refuse(self, malformed: Malformed) -> None:
         self.counters.malformed[malformed.fault.name.lower()] += 1
-        self._flood += 1
+        self._note_refused()
         self.last_malformed = f"{malformed.fault.value}: {malformed.detail}"
 
     def _missing_field(self, feedback: EgmFeedback) -> str:
@@ -489,9 +481,9 @@ class EgmSession:
         return found_s
 
     def _begin(self, cause: str, source: Address) -> None:
-        if self._sessions and not self._silent:
+        if self.sessions and not self._silent:
             self._note_end()
-        self._sessions += 1
+        self.sessions += 1
         self.last_cause = cause
         self.peer = source
         self._silent = False
@@ -583,9 +575,7 @@ class EgmSession:
 
     # -- answers --------------------------------------------------------------------------------
 
-    @property
-    def capabilities(self) -> RobotCapabilities:
-        """Which commands `reply` takes in the mode of the options."""
+    def _capabilities(self) -> RobotCapabilities:
         outputs = self.options.mode != "path-correction"
         return RobotCapabilities(
             self._guidance.kinds,
@@ -799,11 +789,6 @@ class EgmSession:
         return state.pose.orientation
 
     @property
-    def sessions(self) -> int:
-        """Sessions so far."""
-        return self._sessions
-
-    @property
     def hold_reason(self) -> str:
         """Why the controller's states keep commands from acting; empty when they act."""
         return self._hold_reason
@@ -823,7 +808,7 @@ class EgmSession:
         state = self.state
         intervals = counters.accepted - self._session_first - 1
         figures: dict[str, float] = {
-            "sessions": self._sessions,
+            "sessions": self.sessions,
             "datagrams": counters.accepted,
             "answers": counters.answers,
             "farewells": counters.farewells,
