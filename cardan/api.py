@@ -64,13 +64,17 @@ from cardan.types import (
 if TYPE_CHECKING:
     from cardan.common.value_json import from_json as from_json, to_json as to_json
     from cardan.drivers.abb_egm import AbbEgm as AbbEgm
+    from cardan.drivers.bus_devices import (
+        Phone as Phone,
+        Ros2Joy as Ros2Joy,
+        Ros2Spacenav as Ros2Spacenav,
+        Xr as Xr,
+    )
     from cardan.drivers.gamepad import Gamepad as Gamepad
-    from cardan.drivers.handheld import Phone as Phone, Xr as Xr
     from cardan.drivers.keyboard import Keyboard as Keyboard
     from cardan.drivers.motoros import Motoros as Motoros
     from cardan.drivers.remote import Remote as Remote
     from cardan.drivers.ros2_arm import Ros2Arm as Ros2Arm
-    from cardan.drivers.ros2_nodes import Ros2Joy as Ros2Joy, Ros2Spacenav as Ros2Spacenav
     from cardan.drivers.sim_arm import SimArm as SimArm
     from cardan.drivers.spacemouse import SpaceMouse as SpaceMouse
     from cardan.drivers.spnav import Spnav as Spnav

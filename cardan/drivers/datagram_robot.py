@@ -1,7 +1,9 @@
 """Drivers of controllers that send their state as a datagram in each of their cycles.
 
 A :class:`DatagramSession` has the protocol, without sockets, clocks and threads; a
-:class:`DatagramRobot` around it has the loop, and a :class:`Transport` the socket.
+:class:`DatagramRobot` around it has the loop, and a :class:`Transport` the socket. What both do
+whatever the protocol numbers its datagrams by is an :class:`AnsweringSession`'s and an
+:class:`AnsweringRobot`'s.
 """
 
 from __future__ import annotations
@@ -13,7 +15,7 @@ import socket
 import time
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Iterable, Sequence
 from typing import Any, ClassVar, Final, Generic, Protocol, TypeVar
 
 from cardan.common.bounds import LONGEST_BLIND_S
@@ -31,8 +33,13 @@ from cardan.types import (
     RobotState,
 )
 
-_FLOOD: Final = 50
-"""Excess of bad over good datagrams that counts as a flood: motion is not safe then."""
+FLOOD_DATAGRAMS: Final = 50
+"""Excess of refused over accepted datagrams that counts as a flood, not as a bad line: garbage in
+a tenth of all cycles never reaches it, a flood does within a cycle or two. Motion is not safe
+then."""
+
+BRAKE_WITHIN_S: Final = 1.0
+"""Longest time that a braking ramp is waited for: no joint takes longer from its full speed."""
 
 _IMPLAUSIBLE: Final = "implausible"
 
@@ -61,7 +68,85 @@ def _continues(message: Numbered, before: Numbered) -> bool:
     return message.session == before.session and is_newer(message.sequence, before.sequence)
 
 
-class DatagramSession(ABC, Generic[MessageT]):
+class AnsweringSession(ABC):
+    """A session whose controller is answered, once for each of its states; sans I/O.
+
+    What came is received, and gives a state or nothing; `tick` gives one of silence. Times are
+    local monotonic ones.
+    """
+
+    capabilities: RobotCapabilities
+
+    def __init__(self, lost_after_s: float) -> None:
+        """After `lost_after_s` without a valid datagram the link counts as lost."""
+        self.state: RobotState | None = None
+        """The newest."""
+        self.owes_answer = False
+        """The newest state has no answer yet."""
+        self.sessions = 0
+        """So many sessions of the controller were heard; the number that states have."""
+        self._lost_after_s = lost_after_s
+        self._flood = 0
+        """Refused datagrams, less one for each that was accepted."""
+
+    @property
+    def moving(self) -> bool:
+        """Whether what was sent last moves the robot on, so that it is to be braked by a ramp."""
+        return False
+
+    @abstractmethod
+    def check(self, command: RobotCommand) -> None:
+        """Raise CommandError for a command that the robot cannot take."""
+
+    def greeting(self, now_s: float) -> bytes | None:
+        """What a silent controller is sent, to make itself heard; None: nothing."""
+        return None
+
+    @abstractmethod
+    def hold(self, now_s: float) -> bytes | None:
+        """The answer to `state` where the application gives none: brake, or stay."""
+
+    @abstractmethod
+    def farewell(self, now_s: float) -> bytes | None:
+        """What the controller is left with, at rest; None: nothing is to be said."""
+
+    @abstractmethod
+    def tick(self, now_s: float) -> RobotState | None:
+        """The state of a controller that is silent; None while it is not. To be called when nothing
+        came for a while."""
+
+    @abstractmethod
+    def silence_s(self, now_s: float) -> float:
+        """Time since the newest state, s."""
+
+    def lost(self, now_s: float) -> bool:
+        """True when the newest state is too old (or there is none)."""
+        return self.silence_s(now_s) > self._lost_after_s
+
+    def link(self, now_s: float) -> RobotLink:
+        """Whether the controller is heard."""
+        if self.state is None:
+            return RobotLink.WAITING
+        return RobotLink.LOST if self.lost(now_s) else RobotLink.LIVE
+
+    def _note_refused(self) -> None:
+        """A datagram was none of the controller's states."""
+        self._flood = min(self._flood + 1, 2 * FLOOD_DATAGRAMS)
+
+    @abstractmethod
+    def metrics(self) -> dict[str, float]:
+        """Live figures."""
+
+    @abstractmethod
+    def protocol_errors(self) -> dict[str, int]:
+        """Datagrams that could not be used, by kind."""
+
+    @abstractmethod
+    def diagnosis(self, now_s: float) -> tuple[str, ...]:
+        """Problems, worst first."""
+
+
+class DatagramSession(AnsweringSession, Generic[MessageT]):
     """One connection to a controller, sans I/O: datagrams to states, commands to datagrams.
 
     A newer session of the controller voids earlier commands; an older one, or a lower sequence
@@ -82,23 +167,18 @@ class DatagramSession(ABC, Generic[MessageT]):
         lost_after_s: float,
         clock: AgreedTime | None = None,
     ) -> None:
-        """After `lost_after_s` without a valid datagram the link counts as lost. `clock`: one that
-        has options of its own."""
+        """As AnsweringSession. `clock`: one that has options of its own."""
+        super().__init__(lost_after_s)
         self.capabilities = capabilities
         self.ignored: Counter[str] = Counter()
         """Datagrams without effect, by reason."""
         self.last_implausible = ""
         """What no robot measures in the last state that was ignored for it."""
         self.accepted = 0
-        self.state: RobotState | None = None
-        """The newest."""
         self.message: MessageT | None = None
         """Of which `state` was made."""
-        self._lost_after_s = lost_after_s
         self._heard_s = NEVER_S
-        self.sessions = 0
-        """So many sessions of the controller were heard; the number that states have."""
-        self._skipped = self._flood = 0
+        self._skipped = 0
         self._leapt_s = NEVER_S
         """When what came last was out of the arm's reach."""
         lower, upper, self._fastest, _ = capabilities.limits or JointLimits((), (), (), ())
@@ -135,22 +215,15 @@ class DatagramSession(ABC, Generic[MessageT]):
         (`hold_reason`): forget what was commanded."""
 
     @abstractmethod
-    def check(self, command: RobotCommand) -> None:
-        """Raise CommandError for a command that the robot cannot take."""
-
-    @abstractmethod
     def command(self, command: RobotCommand, now_s: float) -> bytes | None:
         """The answer to `state`; None before any. Raises CommandError as `check` does."""
 
-    def greeting(self, now_s: float) -> bytes | None:
-        """What a silent controller is sent, to make itself heard; None: nothing."""
-        return None
+    def hold(self, now_s: float) -> bytes | None:
+        return self.command(HoldCommand(), now_s)
 
     def farewell(self, now_s: float) -> bytes | None:
-        """What brings the robot to rest when nothing comes after it. Not asked for where the
-        controller has been silent for `LONGEST_BLIND_S`: it has stopped by itself, and its next
-        run is not ours to command."""
-        return self.command(HoldCommand(), now_s)
+        """What brings the robot to rest when nothing comes after it."""
+        return self.hold(now_s)
 
     # -- states ---------------------------------------------------------------------------------
 
@@ -196,9 +269,10 @@ class DatagramSession(ABC, Generic[MessageT]):
         self.message, self._heard_s = message, now_s
         self.accepted += 1
         self._flood = max(self._flood - 1, 0)
-        if self._flood >= _FLOOD:
+        if self._flood >= FLOOD_DATAGRAMS:
             state = state._replace(alarm="the port is flooded with other datagrams")
         self.state = state
+        self.owes_answer = True
         return state
 
     def _leap(self, state: RobotState, message: MessageT) -> str:
@@ -236,6 +310,7 @@ class DatagramSession(ABC, Generic[MessageT]):
         self.state = self.state._replace(
             stamp_s=now_s, link=self.link(now_s), period_s=0.0, hold_reason=why
         )
+        self.owes_answer = True
         return self.state
 
     def _agreed(self, state: RobotState, message: MessageT, before: MessageT | None) -> RobotState:
@@ -255,25 +330,18 @@ class DatagramSession(ABC, Generic[MessageT]):
 
     def _ignore(self, reason: str) -> None:
         self.ignored[reason] += 1
-        self._flood = min(self._flood + 1, 2 * _FLOOD)
+        self._note_refused()
 
     def silence_s(self, now_s: float) -> float:
         """Time since the newest state, s; infinite before the first."""
         return now_s - self._heard_s
 
-    def lost(self, now_s: float) -> bool:
-        """True when the newest state is too old (or there is none)."""
-        return self.silence_s(now_s) > self._lost_after_s
-
     def late(self, now_s: float) -> bool:
         """True when a newer state than the newest should be there."""
         return now_s - self._heard_s > self.capabilities.period_s
 
-    def link(self, now_s: float) -> RobotLink:
-        """Whether the controller is heard."""
-        if self.state is None:
-            return RobotLink.WAITING
-        return RobotLink.LOST if self.lost(now_s) else RobotLink.LIVE
+    def tick(self, now_s: float) -> RobotState | None:
+        return self.silence(now_s) if self.lost(now_s) else None
 
     def silence(self, now_s: float) -> RobotState:
         """The state to report while nothing is heard."""
@@ -381,15 +449,120 @@ class UdpTransport:
         self._socket.close()
 
 
+AnsweringSessionT = TypeVar("AnsweringSessionT", bound=AnsweringSession)
 DatagramSessionT = TypeVar("DatagramSessionT", bound=DatagramSession[Any])
 
 
-class DatagramRobot(LoopingRobot[DatagramSessionT]):
-    """A driver of a controller that is answered, a datagram for each of its own.
+class AnsweringRobot(LoopingRobot[AnsweringSessionT]):
+    """A driver of a controller that is answered, once for each of its states.
 
-    A driver gives `_make_session` and `_join`. Of several states that came in at once the newest is
-    yielded; one that the application does not answer is answered with a hold.
+    Of several states that came in at once the newest is yielded; one that the application does not
+    answer is answered with a hold. However the loop ends, the robot is braked for as long as its
+    session calls it moving, and the farewell is what is said last.
     """
+
+    brakes_within_s: ClassVar[float] = 0.0
+    """The longest that a robot that is left is braked."""
+    no_farewell_after_s: ClassVar[float] = LONGEST_BLIND_S
+    """A controller that has been silent for so long is told nothing: it has stopped by itself, and
+    its next run is not ours to command."""
+
+    @abstractmethod
+    def _connection(self) -> object:
+        """What the driver is connected by; None while it is closed."""
+
+    @abstractmethod
+    def _waiting(self) -> Iterable[Any]:
+        """What came and was not taken, oldest first. Never blocks."""
+
+    @abstractmethod
+    def _take(self, came: Any, now_s: float) -> RobotState | None:
+        """The state in one of these, which came `now_s`; None where it is none."""
+
+    @abstractmethod
+    def _hear(self) -> RobotState | None:
+        """The newest state of what comes by the next control instant, or the one of a silence that
+        was just noticed; None where nothing is to be told. Returns at least every WAKE_S."""
+
+    @abstractmethod
+    def _say(self, data: bytes | None) -> bool:
+        """Send `data`, if there is any; whether it has left. Never raises."""
+
+    def _drain(self) -> RobotState | None:
+        """Take all that waits; the newest state, if there is any in it."""
+        newest = None
+        for came in self._waiting():
+            newest = self._take(came, self._now_s()) or newest
+        return newest
+
+    def _leave_within_s(self) -> float:
+        return WAKE_S + self.brakes_within_s
+
+    def _states(self, loop: int) -> Generator[RobotState, None, None]:
+        session, connection = self._session, self._connection()
+        if connection is None or self._loop != loop:
+            return
+        said_s = self._now_s()
+        self._say(session.greeting(said_s))
+        with self._looping(loop):
+            while self._loop == loop:
+                state = self._hear()
+                if self._loop != loop:
+                    return
+                if state is None:
+                    now_s = self._now_s()
+                    if now_s - said_s < WAKE_S or (state := session.tick(now_s)) is None:
+                        continue
+                    self._say(session.greeting(now_s))
+                said_s = state.stamp_s
+                yield state
+                if session.owes_answer and self._connection() is connection:
+                    self._hold()
+
+    @abstractmethod
+    def _hold(self) -> None:
+        """Answer the state that the application gave no command for."""
+
+    def _answer_with_hold(self) -> None:
+        """Answer the newest state so that the robot brakes, or stays."""
+        self._say(self._session.hold(self._now_s()))
+        self._session.owes_answer = False
+
+    def _brake(self) -> None:
+        """Answer states with holds until the robot rests, or they cease."""
+        until_s = self._now_s() + self.brakes_within_s
+        while self._session.moving and self._now_s() < until_s and self._hear_while_braking():
+            self._answer_with_hold()
+
+    def _hear_while_braking(self) -> bool:
+        """Take what comes next; whether the controller is still there."""
+        return self._hear() is not None
+
+    def _leave(self) -> None:
+        try:
+            self._brake()
+        finally:
+            session, now_s = self._session, self._now_s()
+            if session.silence_s(now_s) <= self.no_farewell_after_s:
+                self._say(session.farewell(now_s))
+            session.owes_answer = False
+
+    @property
+    def link(self) -> RobotLink:
+        """Whether the controller is heard now."""
+        if self._connection() is None:
+            return RobotLink.WAITING
+        return self._session.link(self._now_s())
+
+    def metrics(self) -> dict[str, float]:
+        return self._session.metrics()
+
+    def protocol_errors(self) -> dict[str, int]:
+        return self._session.protocol_errors()
+
+
+class DatagramRobot(AnsweringRobot[DatagramSessionT]):
+    """Such a driver by a :class:`Transport`; it gives `_make_session` and `_join`."""
 
     def __init__(self, options: Any = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -397,7 +570,6 @@ class DatagramRobot(LoopingRobot[DatagramSessionT]):
         self._transport: Transport | None = None
         self._parents: Transport | None = None
         """In a forked child: kept, as a bus that is let go of there would wait for its threads."""
-        self._owes_answer = False
 
     @abstractmethod
     def _make_session(self) -> DatagramSessionT:
@@ -410,7 +582,6 @@ class DatagramRobot(LoopingRobot[DatagramSessionT]):
     def _acquire(self) -> None:
         self._session = self._make_session()
         self._transport = self._join()
-        self._owes_answer = False
 
     def _release(self) -> None:
         transport, self._transport = self._transport, None
@@ -422,6 +593,9 @@ class DatagramRobot(LoopingRobot[DatagramSessionT]):
         if isinstance(self._parents, UdpTransport):
             self._parents.close()
 
+    def _connection(self) -> Transport | None:
+        return self._transport
+
     def _joined(self) -> Transport:
         if self._transport is None:
             raise self._not_open()
@@ -430,74 +604,42 @@ class DatagramRobot(LoopingRobot[DatagramSessionT]):
     def _now_s(self) -> float:
         return self._joined().now()
 
-    def _leave_within_s(self) -> float:
-        return WAKE_S
+    def _waiting(self) -> Sequence[Any]:
+        return self._joined().waiting()
 
-    def _states(self, loop: int) -> Generator[RobotState, None, None]:
-        session, transport = self._session, self._transport
-        if transport is None or self._loop != loop:
-            return
-        said_s = transport.now()
-        self._say(transport, session.greeting(said_s))
-        with self._looping(loop):
-            while self._loop == loop:
-                state = None
-                for data in transport.wait():
-                    if (tap := self.tap) is not None:
-                        tap(data, False, "")
-                    state = session.receive(data, transport.now()) or state
-                if self._loop != loop:
-                    return
-                now_s = transport.now()
-                if state is not None:
-                    said_s = now_s
-                    self._owes_answer = True
-                    yield state
-                    if self._loop == loop and self._owes_answer:
-                        self.send(HoldCommand())
-                elif now_s - said_s >= WAKE_S and session.lost(now_s):
-                    said_s = now_s
-                    self._say(transport, session.greeting(now_s))
-                    yield session.silence(now_s)
+    def _take(self, came: Any, now_s: float) -> RobotState | None:
+        if (tap := self.tap) is not None:
+            tap(came, False, "")
+        return self._session.receive(came, now_s)
 
-    def _leave(self) -> None:
-        transport = self._joined()
-        self._owes_answer = False
-        now_s = transport.now()
-        if self._session.silence_s(now_s) <= LONGEST_BLIND_S:
-            self._say(transport, self._session.farewell(now_s))
+    def _hear(self) -> RobotState | None:
+        transport, newest = self._transport, None
+        if transport is None:  # closed by another thread
+            return None
+        for came in transport.wait():
+            newest = self._take(came, transport.now()) or newest
+        return newest
+
+    def _say(self, data: bytes | None) -> bool:
+        if data is None:
+            return False
+        self._joined().send(data)
+        if (tap := self.tap) is not None:
+            tap(data, True, "")
+        return True
+
+    def _hold(self) -> None:
+        self.send(HoldCommand())
 
     def send(self, command: RobotCommand) -> None:
         """Command the robot; the last of several calls for one state counts."""
-        transport, session = self._joined(), self._session
-        if not self._owes_answer and session.lost(transport.now()):
+        session, now_s = self._session, self._now_s()
+        if not session.owes_answer and session.lost(now_s):
             session.check(command)
             return
-        if session.late(transport.now()):
+        if session.late(now_s):
             # The robot has moved on since the state that this command was computed from.
-            for data in transport.waiting():
-                if (tap := self.tap) is not None:
-                    tap(data, False, "")
-                session.receive(data, transport.now())
-        answer = session.command(command, transport.now())
-        self._owes_answer = False
-        self._say(transport, answer)
-
-    def _say(self, transport: Transport, data: bytes | None) -> None:
-        if data is not None:
-            transport.send(data)
-            if (tap := self.tap) is not None:
-                tap(data, True, "")
-
-    @property
-    def link(self) -> RobotLink:
-        """Whether the controller is heard now."""
-        if self._transport is None:
-            return RobotLink.WAITING
-        return self._session.link(self._transport.now())
-
-    def metrics(self) -> dict[str, float]:
-        return self._session.metrics()
-
-    def protocol_errors(self) -> dict[str, int]:
-        return self._session.protocol_errors()
+            self._drain()
+        answer = session.command(command, self._now_s())
+        session.owes_answer = False
+        self._say(answer)

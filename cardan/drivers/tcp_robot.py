@@ -13,13 +13,19 @@ import socket
 import time
 from abc import abstractmethod
 from collections import deque
-from collections.abc import Generator
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from collections.abc import Generator, Iterable
+from typing import Any, ClassVar, Generic, TypeVar
 
 from cardan.common.sockets import hang_up, opened
 from cardan.drivers.robot_core import LoopingRobot, RobotSession
 from cardan.errors import AddressError
-from cardan.types import NEVER_S, HoldCommand, RobotCommand, RobotState
+from cardan.types import (
+    NEVER_S,
+    HoldCommand,
+    RobotCommand,
+    RobotLink,
+    RobotState,
+)
 
 SHORTEST_BACKOFF_S, LONGEST_BACKOFF_S = 0.25, 2.0
 STEADY_S = 5.0
@@ -42,7 +48,6 @@ _monotonic = time.monotonic
 
 ChannelT = TypeVar("ChannelT", bound=str)
 TaskT = TypeVar("TaskT", bound=str)
-_TaskT = TypeVar("_TaskT", bound=str, contravariant=True)
 
 
 class Connection:
@@ -72,7 +77,7 @@ class Connection:
         self._backoff_s = min(2.0 * self._backoff_s, LONGEST_BACKOFF_S)
 
 
-class TcpSession(RobotSession, Protocol[ChannelT, _TaskT]):
+class TcpSession(RobotSession, Generic[ChannelT, TaskT]):
     """One robot on one controller, sans I/O.
 
     The shell connects what `wants` says, passes on what comes and goes (`connected`, `received`,
@@ -81,34 +86,115 @@ class TcpSession(RobotSession, Protocol[ChannelT, _TaskT]):
     `due_state` gives is answered by one `command`. All times are local monotonic seconds.
     """
 
+    def __init__(self, channels: Iterable[ChannelT]) -> None:
+        self.losses = 0
+        """Times that the controller fell silent."""
+        self._links: dict[ChannelT, Connection] = {name: Connection() for name in channels}
+        self._out: list[tuple[ChannelT, bytes]] = []
+        """What is to be sent, in order."""
+        self._closing: list[ChannelT] = []
+        self._said_s = NEVER_S
+        """When a state was given last, and with which link."""
+        self._said_link: RobotLink | None = None
+
     @property
-    def next_s(self) -> float: ...
-    @property
+    @abstractmethod
     def owes_answer(self) -> bool:
         """The state given last takes a command, and got none yet."""
 
     @property
+    @abstractmethod
+    def next_s(self) -> float:
+        """When `advance` and `due_state` are to be called at the latest."""
+
+    @property
+    @abstractmethod
     def left(self) -> bool:
         """Whether what `leave` began has ended."""
 
     @property
+    @abstractmethod
     def braking_s(self) -> float:
         """The longest ramp from full speed to rest, s."""
 
-    def wants(self, channel: ChannelT, now_s: float, /) -> bool: ...
-    def connected(self, channel: ChannelT, now_s: float, /) -> None: ...
-    def connect_failed(self, channel: ChannelT, reason: str, now_s: float, /) -> None: ...
-    def disconnected(self, channel: ChannelT, reason: str, now_s: float, /) -> None: ...
-    def received(self, channel: ChannelT, data: bytes, now_s: float, /) -> None: ...
-    def closing(self) -> list[ChannelT]: ...
-    def outgoing(self) -> list[tuple[ChannelT, bytes]]: ...
-    def advance(self, now_s: float, /) -> None: ...
-    def due_state(self, now_s: float, /) -> RobotState | None: ...
-    def command(self, command: RobotCommand, now_s: float, /) -> None: ...
-    def ask(self, task: _TaskT, now_s: float, /) -> None:
+    # -- connections ------------------------------------------------------------------------------
+
+    @abstractmethod
+    def wants(self, channel: ChannelT, now_s: float) -> bool:
+        """True when `channel` should be connected now."""
+
+    @abstractmethod
+    def connected(self, channel: ChannelT, now_s: float) -> None:
+        """A connection stands."""
+
+    def connect_failed(self, channel: ChannelT, reason: str, now_s: float) -> None:
+        """No connection could be made."""
+        self._links[channel].lost(reason, now_s)
+
+    def disconnected(self, channel: ChannelT, reason: str, now_s: float) -> None:
+        """A connection was closed from the other side, or broke."""
+        if self._links[channel].up:
+            self._out = [item for item in self._out if item[0] != channel]
+            self._lost(channel, reason, now_s)
+
+    @abstractmethod
+    def _lost(self, channel: ChannelT, reason: str, now_s: float) -> None:
+        """A connection that stood is down: note it in `_links`, and what it means."""
+
+    def _drop(self, channel: ChannelT, reason: str, now_s: float) -> None:
+        """Close a connection that cannot be trusted, or is not needed."""
+        if self._links[channel].up:
+            self._closing.append(channel)
+            self.disconnected(channel, reason, now_s)
+
+    def closing(self) -> list[ChannelT]:
+        """Connections to close now; they count as disconnected already."""
+        found = self._closing
+        if found:
+            self._closing = []
+        return found
+
+    def outgoing(self) -> list[tuple[ChannelT, bytes]]:
+        """What to send now, in order; each item is one message and needs a send of its own."""
+        found = self._out
+        if found:
+            self._out = []
+        return found
+
+    def _retry_before(self, found_s: float, advanced_s: float) -> float:
+        """`found_s`, or the sooner time of a connection's next attempt after `advanced_s`."""
+        for link in self._links.values():
+            if found_s > link.retry_s > advanced_s and not link.up:
+                found_s = link.retry_s
+        return found_s
+
+    @abstractmethod
+    def received(self, channel: ChannelT, data: bytes, now_s: float) -> None:
+        """Take what TCP delivered."""
+
+    # -- the control loop -------------------------------------------------------------------------
+
+    @abstractmethod
+    def advance(self, now_s: float) -> None:
+        """Do what is due."""
+
+    @abstractmethod
+    def due_state(self, now_s: float) -> RobotState | None:
+        """The state to report now; None while nothing is new."""
+
+    @abstractmethod
+    def command(self, command: RobotCommand, now_s: float) -> None:
+        """Answer the state last given; without effect where that takes no command.
+
+        Raises CommandError for a kind or shape that the robot cannot take; nothing is sent then.
+        """
+
+    @abstractmethod
+    def ask(self, task: TaskT, now_s: float) -> None:
         """Do one of the tasks that only the application may request."""
 
-    def leave(self, now_s: float, /) -> None:
+    @abstractmethod
+    def leave(self, now_s: float) -> None:
         """Brake, and end what the driver began: the application ends its loop."""
 
 

@@ -253,6 +253,8 @@ class TestLoop:
             peer.socket.send(b"\xff" * 50)
         assert next(robot.cycles()).link is RobotLink.WAITING
         assert peer.rest() == []
+        errors = robot.protocol_errors()
+        assert sum(errors.values()) == robot.metrics()["malformed"] > 0
 
     def test_a_backlog_that_may_be_incomplete_is_not_answered(
         self, robot: AbbEgm, peer: Peer

@@ -24,7 +24,7 @@ DEVICES = [
 @pytest.fixture(autouse=True)
 def nobody_comes(monkeypatch):
     """Those on a bus need not wait for a node."""
-    monkeypatch.setattr("cardan.drivers.ros2_nodes.device.MEET_S", 0.05)
+    monkeypatch.setattr("cardan.drivers.bus_devices.device.MEET_S", 0.05)
 
 
 def nowhere(driver, tmp_path, **more):

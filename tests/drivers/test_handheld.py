@@ -5,7 +5,8 @@ import math
 import pytest
 
 from cardan.demos.examples import free_ports
-from cardan.drivers.handheld import HandheldOptions, Phone, PhoneOptions, Xr, XrOptions
+from cardan.drivers.bus_devices import Phone, Xr
+from cardan.drivers.handheld import HandheldOptions, PhoneOptions, XrOptions
 from cardan.errors import DeviceNotFoundError, OptionError
 from cardan.protocols.handheld import Gamepad, OperatorFrame, Part, encode_frame
 from cardan.sim_peers.handheld import FAULTS, PagePeer, PagePeerOptions, XrPeerOptions

@@ -5,7 +5,8 @@ import math
 import pytest
 
 from cardan.demos.examples import free_ports
-from cardan.drivers.ros2_nodes import Ros2Joy, Ros2JoyOptions, Ros2Spacenav, Ros2SpacenavOptions
+from cardan.drivers.bus_devices import Ros2Joy, Ros2Spacenav
+from cardan.drivers.ros2_nodes import Ros2JoyOptions, Ros2SpacenavOptions
 from cardan.drivers.ros2_nodes.core import JOY_TYPE
 from cardan.errors import DeviceNotFoundError, OptionError
 from cardan.protocols.ros2.cdr import codec_of

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import select
 import socket
 import struct
 import time
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, ClassVar
 
 from cardan.drivers.abb_egm.address import bind_udp, resolve
@@ -16,7 +17,8 @@ from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.session import Address, EgmSession
 from cardan.drivers.abb_egm.stream import EgmStream
 from cardan.drivers.base import Endpoint
-from cardan.drivers.robot_core import WAKE_S, LoopingRobot
+from cardan.drivers.datagram_robot import BRAKE_WITHIN_S, AnsweringRobot
+from cardan.drivers.robot_core import WAKE_S
 from cardan.drivers.simulated import LOOPBACK, OWN
 from cardan.errors import DriverError
 from cardan.protocols.egm import (
@@ -37,9 +39,6 @@ _DRAIN_MAX = 256
 _BACKLOG_STALE = 25
 """Waiting datagrams (0.1 s of them) from which the kernel may have dropped newer ones."""
 
-_BRAKE_S = 1.0
-"""Longest time that a braking ramp is waited for; sensible limits need less."""
-
 _monotonic = time.monotonic
 
 
@@ -47,7 +46,7 @@ def _speaks_egm(data: bytes) -> bool:
     return not isinstance(decode_robot(data), Malformed)
 
 
-class AbbEgm(LoopingRobot[EgmSession]):
+class AbbEgm(AnsweringRobot[EgmSession]):
     """An ABB controller in Externally Guided Motion, over UDP.
 
     One instance serves one motion task on one port; several may live in one process. Each datagram
@@ -67,6 +66,9 @@ class AbbEgm(LoopingRobot[EgmSession]):
     simulated = ({"listen_host": LOOPBACK, "listen_port": OWN},)
     options: AbbEgmOptions
     title = "the EGM driver"
+    brakes_within_s = BRAKE_WITHIN_S
+    no_farewell_after_s = math.inf
+    """The session knows when the controller's run is over."""
 
     def __init__(self, options: AbbEgmOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
@@ -77,6 +79,10 @@ class AbbEgm(LoopingRobot[EgmSession]):
         self._poll = select.poll()
         self._drained_s = NEVER_S
         """When the socket was last seen empty; datagrams read now arrived after it."""
+        self._woken_s = NEVER_S
+        """When something came last, or was waited for in vain."""
+        self._patience_ms = 0.0
+        """How long the next datagram is waited for while the robot is braked."""
         self._wake_s = min(WAKE_S, self.options.lost_after_s)
         self._period_s = self.options.period_s
         self._late_after_s = self.options.late_after_s
@@ -127,6 +133,7 @@ class AbbEgm(LoopingRobot[EgmSession]):
         self._poll.register(sock, select.POLLIN)
         self._recvfrom, self._sendto = datagrams(sock)
         self._socket = sock
+        self._woken_s = _monotonic()
 
     def _release(self) -> None:
         sock, self._socket = self._socket, None
@@ -145,61 +152,44 @@ class AbbEgm(LoopingRobot[EgmSession]):
     def _now_s(self) -> float:
         return _monotonic()
 
-    def _leave_within_s(self) -> float:
-        return WAKE_S + _BRAKE_S
+    def _connection(self) -> socket.socket | None:
+        return self._socket
 
     # -- the control loop -----------------------------------------------------------------------
 
-    def _states(self, loop: int) -> Generator[RobotState, None, None]:
-        sock = self._socket
-        if sock is None or self._loop != loop:
-            return
-        session = self._session
-        receive = self._receive
-        recvfrom = self._recvfrom
-        period_s = self._period_s
-        poll = self._poll.poll
-        wake_s = self._wake_s
-        yielded_s = now_s = _monotonic()
-        with self._looping(loop):
-            try:
-                while self._loop == loop:
-                    try:
-                        data, source = recvfrom(_RECEIVE_BYTES)
-                    except BlockingIOError:  # the socket's timeout
-                        left_s = now_s + wake_s - _monotonic()
-                        if left_s > 0.0 and poll(1e3 * left_s):
-                            continue
-                        now_s = _monotonic()
-                        silence = session.tick(now_s)
-                        if silence is not None:
-                            yielded_s = now_s
-                            yield silence
-                        continue
-                    now_s = _monotonic()
-                    # A datagram that waited for less than a period has no newer one behind it.
-                    more = now_s - self._drained_s > period_s and poll(0)
-                    state = receive(data, source, now_s)
-                    if more:
-                        taken = session.counters.accepted
-                        state = self._drain(sock) or state
-                        if session.counters.accepted - taken >= _BACKLOG_STALE:
-                            session.skip()
-                            continue
-                    if state is None:
-                        if now_s - yielded_s >= WAKE_S:
-                            silence = session.tick(now_s)
-                            if silence is not None:
-                                yielded_s = now_s
-                                yield silence
-                        continue
-                    yielded_s = now_s
-                    yield state
-                    if session.owes_answer:
-                        self._hold(sock)
-            except OSError as error:
-                if self._loop == loop:
-                    raise DriverError(f"the EGM socket failed: {error}") from error
+    def _hear(self) -> RobotState | None:
+        try:
+            came = self._recvfrom(_RECEIVE_BYTES)
+        except BlockingIOError:  # the socket's timeout
+            return self._wait()
+        except OSError as error:
+            self._failed(error)
+            return None
+        self._woken_s = now_s = _monotonic()
+        # A datagram that waited for less than a period has no newer one behind it.
+        more = now_s - self._drained_s > self._period_s and self._poll.poll(0)
+        state = self._take(came, now_s)
+        if more:
+            session = self._session
+            taken = session.counters.accepted
+            state = self._drain() or state
+            if session.counters.accepted - taken >= _BACKLOG_STALE:
+                session.skip()
+                return None
+        return state
+
+    def _failed(self, error: OSError) -> None:
+        """Raise DriverError, unless another thread has closed the driver."""
+        if self._socket is not None:
+            raise DriverError(f"the EGM socket failed: {error}") from error
+
+    def _wait(self) -> RobotState | None:
+        """Wait where the socket does not do so for long enough; the state of a silence."""
+        left_s = self._woken_s + self._wake_s - _monotonic()
+        if left_s > 0.0 and self._poll.poll(1e3 * left_s):
+            return None
+        self._woken_s = now_s = _monotonic()
+        return self._session.tick(now_s)
 
     def send(self, command: RobotCommand) -> None:
         """Answer the datagram last yielded; a second call for it has no effect.
@@ -219,11 +209,11 @@ class AbbEgm(LoopingRobot[EgmSession]):
         age_s = now_s - state.stamp_s
         if age_s > self._late_after_s:
             session.check(command)
-            self._brake(sock)
+            self._brake()
             return
         if age_s > self._period_s:
             # The robot has moved on since the state that this command was computed from.
-            self._drain(sock)
+            self._drain()
             if not self._owed():
                 session.check(command)
                 return
@@ -238,18 +228,18 @@ class AbbEgm(LoopingRobot[EgmSession]):
 
     def _transmit(self, answer: bytes) -> None:
         session = self._session
-        if self._say(answer, session.peer):
+        if self._say(answer):
             now_s = _monotonic()
             if not self._poll.poll(0):
                 self._drained_s = now_s
             session.answered(now_s)
 
-    def _say(self, data: bytes, peer: Address | None) -> bool:
-        """Send `data`; whether it has left."""
-        if peer is None:
+    def _say(self, data: bytes | None, to: Address | None = None) -> bool:
+        to = to or self._session.peer
+        if data is None or to is None:
             return False
         try:
-            self._sendto(data, peer)
+            self._sendto(data, to)
         except OSError as error:
             self._session.send_failed(error.strerror or str(error))
             return False
@@ -257,8 +247,9 @@ class AbbEgm(LoopingRobot[EgmSession]):
             tap(data, True, "")
         return True
 
-    def _receive(self, data: bytes, source: Address, now_s: float) -> RobotState | None:
+    def _take(self, came: tuple[bytes, Address], now_s: float) -> RobotState | None:
         """What the session makes of a datagram; a port that the controller has left is told."""
+        data, source = came
         if (tap := self.tap) is not None:
             tap(data, False, "")
         session = self._session
@@ -269,52 +260,42 @@ class AbbEgm(LoopingRobot[EgmSession]):
             self._say(last_words, port_before)
         return state
 
-    def _drain(self, sock: socket.socket) -> RobotState | None:
-        """Read all waiting datagrams; the newest state, if any of them is valid."""
-        newest = None
+    def _waiting(self) -> Iterator[tuple[bytes, Address]]:
         for _ in range(_DRAIN_MAX):
-            if not self._poll.poll(0):
-                break
-            try:
-                data, source = sock.recvfrom(_RECEIVE_BYTES, socket.MSG_DONTWAIT)
-            except BlockingIOError:  # what was there had a bad checksum
-                break
-            newest = self._receive(data, source, _monotonic()) or newest
-        return newest
-
-    def _hold(self, sock: socket.socket) -> None:
-        """Answer with a hold for an application that gave no command."""
-        now_s = _monotonic()
-        state = self._session.state
-        if state is not None and now_s - state.stamp_s > self._late_after_s:
-            self._brake(sock)
-        elif self._owed():
-            self._transmit(self._session.hold(now_s))
-
-    def _brake(self, sock: socket.socket) -> None:
-        """Bring the robot to rest, answering its datagrams until it is, or until they cease."""
-        session = self._session
-        deadline_s = _monotonic() + _BRAKE_S
-        # A silence that was seen already is not waited for: the last message must not be late.
-        patience_ms = 0.0 if session.silent else 1e3 * self.options.lost_after_s
-        self._drain(sock)
-        while True:
-            if self._owed():
-                self._transmit(session.hold(_monotonic()))
-            if not session.moving or _monotonic() > deadline_s or not self._poll.poll(patience_ms):
+            sock = self._socket
+            if sock is None or not self._poll.poll(0):
                 return
-            self._drain(sock)
+            try:
+                yield sock.recvfrom(_RECEIVE_BYTES, socket.MSG_DONTWAIT)
+            except BlockingIOError:  # what was there had a bad checksum
+                return
+            except OSError as error:
+                self._failed(error)
+                return
 
-    def _leave(self) -> None:
-        """Leave the robot at rest, and the last message without a speed."""
-        sock = self._open_socket()
-        try:
-            self._brake(sock)
-        finally:
-            session = self._session
-            last_words = session.farewell(_monotonic())
-            if last_words is not None:
-                self._say(last_words, session.peer)
+    def _hold(self) -> None:
+        state = self._session.state
+        if state is not None and _monotonic() - state.stamp_s > self._late_after_s:
+            self._brake()
+        else:
+            self._answer_with_hold()
+
+    def _answer_with_hold(self) -> None:
+        if self._owed():
+            self._transmit(self._session.hold(_monotonic()))
+
+    def _brake(self) -> None:
+        # A silence that was seen already is not waited for: the last message must not be late.
+        self._patience_ms = 0.0 if self._session.silent else 1e3 * self.options.lost_after_s
+        self._drain()
+        self._answer_with_hold()
+        super()._brake()
+
+    def _hear_while_braking(self) -> bool:
+        if not self._poll.poll(self._patience_ms):
+            return False
+        self._drain()
+        return True
 
     # -- the rest -------------------------------------------------------------------------------
 
@@ -349,6 +330,3 @@ class AbbEgm(LoopingRobot[EgmSession]):
                 speaks=_speaks_egm,
             ),
         )
-
-    def metrics(self) -> dict[str, float]:
-        return self._session.metrics()

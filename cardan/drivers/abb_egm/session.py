@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from cardan.common.bounds import COORDINATE_M, JOINT_POSITION, OUTPUT_VALUE
 from cardan.common.histogram import LatencyHistogram
@@ -21,6 +21,7 @@ from cardan.drivers.abb_egm.options import AbbEgmOptions
 from cardan.drivers.abb_egm.slow_motion import SpeedCapDetector
 from cardan.drivers.abb_egm.states import EGM_UNDEFINED, FIRST_ANSWER, hold_reason
 from cardan.drivers.abb_egm.statistics import NO_STATES, UNKNOWN, Book, PlainBook
+from cardan.drivers.datagram_robot import FLOOD_DATAGRAMS, AnsweringSession
 from cardan.drivers.missed_cycles import PAUSE_S, SLACK_S, ClockWatch, believed_s
 from cardan.drivers.robot_core import check_command, implausible, no_rotation, outside
 from cardan.errors import CommandError
@@ -51,6 +52,18 @@ from cardan.types import (
 )
 
 Address = tuple[str, int]
+
+
+class Measured(NamedTuple):
+    """What a datagram says."""
+
+    feedback: EgmFeedback
+    joints: tuple[float, ...]
+    """In kinematic order; likewise in SI:"""
+    external: tuple[float, ...]
+    pose: Pose | None
+
+
 Heard = tuple[RobotState | None, bytes, float]
 """A state, its datagram, and how much earlier or later than by its clock that came, s."""
 
@@ -88,12 +101,8 @@ _GAP_PERIODS = 1.5
 _COAST_PERIODS = 4
 """In a longer gap the controller slows down by itself, so its own reference must be read."""
 
-FLOOD_DATAGRAMS = 50
-"""Excess of refused over accepted datagrams that counts as a flood, not as a bad line: garbage in
-a tenth of all cycles never reaches it, a flood does within a cycle or two."""
 
-
-class EgmSession:
+class EgmSession(AnsweringSession):
     """One controller on one port, seen from the PC.
 
     The shell calls `receive` for each datagram and, for the newest state that comes back, `reply`
@@ -104,15 +113,12 @@ class EgmSession:
         self, options: AbbEgmOptions, now_s: float, controller_ip: str | None = None
     ) -> None:
         """`controller_ip` pins the controller's address; None learns it from what comes first."""
+        super().__init__(options.lost_after_s)
         self.options = options
         self.opened_s = now_s
         self.counters = EgmCounters()
         self.peer: Address | None = None
         """Where the controller sends from, and where answers go."""
-        self.state: RobotState | None = None
-        """The newest accepted state."""
-        self.owes_answer = False
-        """True between an accepted datagram and its answer."""
         self.last_cause = ""
         """Why the present session counts as a new one."""
         self.last_malformed = ""
@@ -142,7 +148,6 @@ class EgmSession:
         slowly they count."""
         self._ip = controller_ip
         self._nominal_s = options.period_s
-        self._lost_after_s = options.lost_after_s
         self._late_after_s = options.late_after_s
         self._comm_timeout_s = options.comm_timeout_s
         self._joints = options.joints
@@ -161,15 +166,14 @@ class EgmSession:
             if not self._needs_external:
                 self._take = self._reader.taker(cycle, self._force_frame)
         self._guidance = guidance_for(options, cycle)
+        self.capabilities = self._capabilities()
+        """Which commands `reply` takes in the mode of the options."""
         self._suffix = b""
         self._outputs = EgmRapidData(None, ())
         if options.digital_output is not None or options.output_values:
             self.set_outputs(options.digital_output, options.output_values)
-        self._sessions = 0
         self._silent = False
         self._fresh = False
-        self._flood = 0
-        """Refused datagrams, less one for each that was accepted."""
         self._alarm = ""
         self._session_s = NEVER_S
         self._session_first = 0
@@ -224,24 +228,44 @@ class EgmSession:
                 self.counters.accepted += 1
                 self.owes_answer = True
                 return state  # type: ignore[no-any-return]
-        book = self._book
-        previous = self._last_orientation()
-        if source != peer and not self._admissible(source, now_s):
-            self._refuse_foreign(source, counts_on=source in self._rivals)
+        if not self._admit(source, now_s):
             return None
+        measured = self._decode(data, source, now_s)
+        if measured is None:
+            return None
+        step, cause = self._sequence(measured, source, now_s)
+        if not step:
+            return None
+        if cause:
+            self._begin(cause, source, now_s)
+        return self._publish(measured, data, 0 if cause else step, now_s)
+
+    def _admit(self, source: Address, now_s: float) -> bool:
+        """Whether a datagram from `source` may be looked at; one that may not is counted."""
+        if source == self.peer or self._admissible(source, now_s):
+            return True
+        self._refuse_foreign(source, counts_on=source in self._rivals)
+        return False
+
+    def _decode(self, data: bytes, source: Address, now_s: float) -> Measured | None:
+        """What a datagram says, if it has all that is needed and a robot can measure it; what has
+        not is counted."""
         feedback = self._reader.read(data)
         if isinstance(feedback, Malformed):
             self._refuse(feedback)
             return None
-        seqno, tm_ms, joints, position, orientation, external, time_us, states, force, rate = (
-            feedback
-        )
-        if source != peer and peer is not None and not self._began_in_silence(seqno, now_s):
+        peer, position, orientation = self.peer, feedback.pos, feedback.orient
+        joints, external = feedback.joints, feedback.external_joints
+        if (
+            source != peer
+            and peer is not None
+            and not self._began_in_silence(feedback.seqno, now_s)
+        ):
             self._refuse_foreign(source, counts_on=True)
             return None
         pose = None
         if position is not None and orientation is not None:
-            pose = _pose(position, orientation, previous)
+            pose = _pose(position, orientation, self._last_orientation())
         if (
             (self._needs_pose and (position is None or orientation is None))
             or (self._needs_joints and len(joints) != 6)
@@ -260,53 +284,62 @@ class EgmSession:
         usual = sum(map(abs, numbers)) <= _USUAL and (pose is not None or turn is None)
         if not usual and (wrong := _implausible(joints, external, position, turn)):
             self.counters.malformed["implausible"] += 1
-            self._flood += 1
+            self._note_refused()
             self.last_malformed = wrong
             return None
-        step = 1
-        cause = ""
+        return Measured(feedback, joints, external, pose)
+
+    def _sequence(self, measured: Measured, source: Address, now_s: float) -> tuple[int, str]:
+        """How many datagrams after the newest one this is, and why it begins a new session, where
+        it does; 0 for one that is late, double, or cannot come from where the robot was, which is
+        counted."""
+        feedback, peer = measured.feedback, self.peer
+        seqno, before, step = feedback.seqno, self._seqno, 1
         if peer is None:
-            cause = "the first datagram"
-        elif source != peer:
-            cause = f"the controller's port changed from {peer[1]} to {source[1]}"
-        elif self._silent or (
-            now_s - self._last_s > self._lost_after_s and not self._was_queued(feedback)
-        ):
-            cause = f"{now_s - self._last_s:.2f} s of silence"
-        elif seqno != ((seqno_before := self._seqno) + 1) & _MASK:
-            step = ((seqno - seqno_before + _HALF) & _MASK) - _HALF
+            return step, "the first datagram"
+        if source != peer:
+            return step, f"the controller's port changed from {peer[1]} to {source[1]}"
+        silence_s = now_s - self._last_s
+        if self._silent or (silence_s > self._lost_after_s and not self._was_queued(feedback)):
+            return step, f"{silence_s:.2f} s of silence"
+        if seqno != (before + 1) & _MASK:
+            step = ((seqno - before + _HALF) & _MASK) - _HALF
             if step <= 0:
-                if not self._restarted(feedback, step):
-                    if step:
-                        self.counters.old += 1
-                    else:
-                        self.counters.duplicates += 1
-                    return None
-                cause = f"the sequence number fell from {seqno_before} to {seqno}"
-            elif (step - 1) * self._nominal_s > 2.0 * (now_s - self._last_s) + self._lost_after_s:
-                cause = f"the sequence number jumped from {seqno_before} to {seqno}"
-        if not cause:
-            if wrong := self._leap(joints, position, now_s):
-                self.counters.malformed["implausible"] += 1
-                self.last_malformed = wrong
-                return None
-            self.counters.lost += step - 1
+                if self._restarted(feedback, step):
+                    return 1, f"the sequence number fell from {before} to {seqno}"
+                if step:
+                    self.counters.old += 1
+                else:
+                    self.counters.duplicates += 1
+                return 0, ""
+            if (step - 1) * self._nominal_s > 2.0 * silence_s + self._lost_after_s:
+                return step, f"the sequence number jumped from {before} to {seqno}"
+        if wrong := self._leap(measured.joints, feedback.pos, now_s):
+            self.counters.malformed["implausible"] += 1
+            self.last_malformed = wrong
+            return 0, ""
+        return step, ""
+
+    def _publish(self, measured: Measured, data: bytes, step: int, now_s: float) -> RobotState:
+        """The state of a datagram, `step` after the newest in the same session; 0: the first of
+        one."""
+        book, (feedback, joints, external, pose) = self._book, measured
+        tm_ms, time_us, force, rate = (
+            feedback.tm_ms,
+            feedback.time_us,
+            feedback.force,
+            feedback.utilization_rate,
+        )
         superseded = None
-        jitter_s = self._newest[2]
-        if cause:
-            if peer is not None and source != peer:
-                last_words = self.farewell(now_s)
-                self.parting = None if last_words is None else (last_words, peer)
-            self._begin(cause, source)
-            period_s = self._nominal_s
-            self._session_s = now_s
-            self._session_first = self.counters.accepted
-        else:
+        if step:
+            self.counters.lost += step - 1
             period_s = self._period(time_us, step, now_s - self._last_s)
             jitter_s = abs(now_s - self._last_s - period_s)
             superseded = self.state if self.owes_answer else None
             if superseded is not None:
                 self.counters.superseded += 1
+        else:
+            period_s, jitter_s = self._nominal_s, self._newest[2]
         book.tm_ms = UNKNOWN if tm_ms is None else tm_ms
         book.time_us = UNKNOWN if time_us is None or time_us > _CLOCK_MAX_US else time_us
         book.last_step_s = period_s
@@ -316,9 +349,9 @@ class EgmSession:
         self.counters.accepted += 1
         if self._flood:
             self._note_accepted()
-        if states != tuple(book.states):
-            self._enter(states)
-        self._orientation = previous if pose is None else pose.orientation
+        if feedback.states != tuple(book.states):
+            self._enter(feedback.states)
+        self._orientation = self._last_orientation() if pose is None else pose.orientation
         wrench = None
         if len(force) == 6:
             fx, fy, fz, tx, ty, tz = force
@@ -330,8 +363,8 @@ class EgmSession:
             (
                 now_s,
                 _LIVE,
-                self._sessions,
-                seqno,
+                self.sessions,
+                feedback.seqno,
                 period_s,
                 joints,
                 external,
@@ -356,7 +389,7 @@ class EgmSession:
             self._foreign = None
             if peer is not None and foreign[0] == peer[0] and foreign[1] != peer[1]:
                 self._rivals.add(foreign)
-        self._flood = min(self._flood, 2 * FLOOD_DATAGRAMS) - 1
+        self._flood -= 1
         if self._flood >= FLOOD_DATAGRAMS:
             self._alarm = (
                 f"port {self.port} is flooded with datagrams that are not the controller's"
@@ -411,7 +444,7 @@ class EgmSession:
 
     def _refuse_foreign(self, source: Address, counts_on: bool = False) -> None:
         self.counters.foreign += 1
-        self._flood += 1
+        self._note_refused()
         self._foreign = source
         self.last_foreign = f"{source[0]}:{source[1]}"
         self.last_foreign_counts_on = counts_on
@@ -436,7 +469,7 @@ class EgmSession:
 
     def _refuse(self, malformed: Malformed) -> None:
         self.counters.malformed[malformed.fault.name.lower()] += 1
-        self._flood += 1
+        self._note_refused()
         self.last_malformed = f"{malformed.fault.value}: {malformed.detail}"
 
     def _missing_field(self, feedback: EgmFeedback) -> str:
@@ -488,10 +521,15 @@ class EgmSession:
         found_s, book.credit_s = believed_s(told_s, nominal_s, waited_s, book.credit_s)
         return found_s
 
-    def _begin(self, cause: str, source: Address) -> None:
-        if self._sessions and not self._silent:
+    def _begin(self, cause: str, source: Address, now_s: float) -> None:
+        peer = self.peer
+        if peer is not None and source != peer:
+            last_words = self.farewell(now_s)
+            self.parting = None if last_words is None else (last_words, peer)
+        self._session_s, self._session_first = now_s, self.counters.accepted
+        if self.sessions and not self._silent:
             self._note_end()
-        self._sessions += 1
+        self.sessions += 1
         self.last_cause = cause
         self.peer = source
         self._silent = False
@@ -583,9 +621,7 @@ class EgmSession:
 
     # -- answers --------------------------------------------------------------------------------
 
-    @property
-    def capabilities(self) -> RobotCapabilities:
-        """Which commands `reply` takes in the mode of the options."""
+    def _capabilities(self) -> RobotCapabilities:
         outputs = self.options.mode != "path-correction"
         return RobotCapabilities(
             self._guidance.kinds,
@@ -799,11 +835,6 @@ class EgmSession:
         return state.pose.orientation
 
     @property
-    def sessions(self) -> int:
-        """Sessions so far."""
-        return self._sessions
-
-    @property
     def hold_reason(self) -> str:
         """Why the controller's states keep commands from acting; empty when they act."""
         return self._hold_reason
@@ -823,7 +854,7 @@ class EgmSession:
         state = self.state
         intervals = counters.accepted - self._session_first - 1
         figures: dict[str, float] = {
-            "sessions": self._sessions,
+            "sessions": self.sessions,
             "datagrams": counters.accepted,
             "answers": counters.answers,
             "farewells": counters.farewells,

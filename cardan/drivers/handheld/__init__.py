@@ -1,6 +1,6 @@
-"""Hands that a page of the console shows: phones, headsets."""
+"""What hands mean that a page of the console shows: phones, headsets. Their drivers are in
+:mod:`cardan.drivers.bus_devices`."""
 
-from cardan.drivers.handheld.device import Phone as Phone, Xr as Xr
 from cardan.drivers.handheld.options import (
     HandheldOptions as HandheldOptions,
     PhoneOptions as PhoneOptions,

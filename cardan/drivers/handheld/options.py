@@ -33,6 +33,11 @@ class HandheldOptions(NodeOptions, ShapingOptions):
     wait_for_device: bool = False
     """open() succeeds without a page, which is found once it is there."""
 
+    @property
+    def feedback_topic(self) -> str:
+        """sensor_msgs/JoyFeedback, of which the page makes vibrations."""
+        return f"{self.topic}/feedback"
+
     def __post_init__(self) -> None:
         super().__post_init__()
         require_name("topic", self.topic, self.topic)

@@ -7,7 +7,6 @@ requested on the motion port.
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import ClassVar
 
 from cardan.common.histogram import LatencyHistogram
@@ -20,7 +19,7 @@ from cardan.drivers.motoros.requests import MotionRequests
 from cardan.drivers.motoros.status_text import findings, no_motion_connection, silence
 from cardan.drivers.motoros.trajectory_limiter import KINDS
 from cardan.drivers.robot_core import check_joints, counts
-from cardan.drivers.tcp_robot import Connection
+from cardan.drivers.tcp_robot import TcpSession
 from cardan.protocols.simple_message import (
     LONGEST_PREFIX_OF_MOTOROS,
     ByteOrder,
@@ -40,12 +39,13 @@ WAKE_S = 0.09
 """Longest gap between states that cycles() yields: 0.1 s, with a margin for a late computer."""
 
 
-class MotorosSession:
-    """One robot on one controller: a :class:`cardan.drivers.tcp_robot.TcpSession`."""
+class MotorosSession(TcpSession[Channel, Task]):
+    """One robot on one controller."""
 
     kind_of_control: ClassVar[type[MotionControl]] = MotionControl
 
     def __init__(self, options: MotorosOptions) -> None:
+        super().__init__(CHANNELS)
         self.options = options
         self.limits = options.limits
         self.feed = StateFeed(options)
@@ -56,21 +56,14 @@ class MotorosSession:
         """When motion may be, and what became of it."""
         self.jitter = LatencyHistogram()
         """Deviation of the time between two control instants from their period."""
-        self.losses = 0
-        """Times that the controller fell silent."""
-        self._links: dict[Channel, Connection] = {name: Connection() for name in CHANNELS}
-        self._out: deque[tuple[Channel, bytes]] = deque()
-        self._closing: list[Channel] = []
         self._wire: Wire | None = None
         self._reader = FrameReader()
         self._statuses = 0
         self._checked_statuses = 0
         self._recorded = 0
         self._advanced_s = NEVER_S
-        self._said_s = NEVER_S
         self._instant_s = NEVER_S
         self._instant_session = 0
-        self._said_link: RobotLink | None = None
         self._period_s = 0.0
 
     @property
@@ -91,17 +84,14 @@ class MotorosSession:
 
     @property
     def owes_answer(self) -> bool:
-        """The state given last takes a command, and got none yet."""
         return self.control.owes_answer
 
     @property
     def left(self) -> bool:
-        """Whether what `leave` began has ended."""
         return self.control.left
 
     @property
     def braking_s(self) -> float:
-        """The longest ramp from full speed to rest, s."""
         return self.control.braking_s
 
     @property
@@ -132,7 +122,6 @@ class MotorosSession:
     # -- connections ------------------------------------------------------------------------------
 
     def wants(self, channel: Channel, now_s: float) -> bool:
-        """True when `channel` should be connected now."""
         link = self._links[channel]
         if link.up or now_s < link.retry_s:
             return False
@@ -140,7 +129,6 @@ class MotorosSession:
         return channel == "state" or (self.feed.live(now_s) and self.feed.byte_order is not None)
 
     def connected(self, channel: Channel, now_s: float) -> None:
-        """A connection stands."""
         self._links[channel].opened(now_s)
         if channel == "state":
             self.feed.connected()
@@ -151,43 +139,16 @@ class MotorosSession:
         self.control.connected()
         self._flush(now_s)
 
-    def connect_failed(self, channel: Channel, reason: str, now_s: float) -> None:
-        """No connection could be made."""
+    def _lost(self, channel: Channel, reason: str, now_s: float) -> None:
         self._links[channel].lost(reason, now_s)
-
-    def disconnected(self, channel: Channel, reason: str, now_s: float) -> None:
-        """A connection was closed from the other side, or broke."""
-        link = self._links[channel]
-        if not link.up:
+        if channel == "motion":
+            self.control.disconnected(reason, now_s)
             return
-        link.lost(reason, now_s)
-        if channel == "state":
-            self.feed.disconnected()
-            self.control.brake(f"the state connection was lost: {reason}", now_s)
-            self._send_topics()
-            return
-        self._out = deque(item for item in self._out if item[0] != "motion")
-        self.control.disconnected(reason, now_s)
-
-    def _drop(self, channel: Channel, reason: str, now_s: float) -> None:
-        """Close a connection that cannot be trusted."""
-        if self._links[channel].up:
-            self._closing.append(channel)
-            self.disconnected(channel, reason, now_s)
-
-    def closing(self) -> list[Channel]:
-        """Connections to close now; they count as disconnected already."""
-        found, self._closing = self._closing, []
-        return found
-
-    def outgoing(self) -> list[tuple[Channel, bytes]]:
-        """What to send now, in order; each item is one message and needs a send of its own."""
-        found = list(self._out)
-        self._out.clear()
-        return found
+        self.feed.disconnected()
+        self.control.brake(f"the state connection was lost: {reason}", now_s)
+        self._send_topics()
 
     def received(self, channel: Channel, data: bytes, now_s: float) -> None:
-        """Take what TCP delivered."""
         if not self._links[channel].up:
             return
         if channel == "state":
@@ -234,14 +195,10 @@ class MotorosSession:
 
     @property
     def next_s(self) -> float:
-        """When `advance` and `due_state` are to be called at the latest."""
         found = min(self.control.next_s, self._said_s + WAKE_S)
         if self._said_link is RobotLink.LIVE:
             found = min(found, self.feed.stale_s)
-        for link in self._links.values():
-            if not link.up and link.retry_s > self._advanced_s:
-                found = min(found, link.retry_s)
-        return found
+        return self._retry_before(found, self._advanced_s)
 
     def advance(self, now_s: float) -> None:
         """Do what is due: time-outs, polls, points, ramps."""
@@ -269,7 +226,6 @@ class MotorosSession:
     # -- requests of the application --------------------------------------------------------------
 
     def ask(self, task: Task, now_s: float) -> None:
-        """Do one of the tasks that only the application may request."""
         self.control.ask(task, now_s)
         self._flush(now_s)
 
@@ -352,10 +308,6 @@ class MotorosSession:
         )
 
     def command(self, command: RobotCommand, now_s: float) -> None:
-        """Answer the state last given; without effect where that takes no command.
-
-        Raises CommandError for a kind or shape that the robot cannot take; nothing is sent then.
-        """
         self.check(command)
         motion = self.control.motion
         if not self.control.owes_answer or motion is None:

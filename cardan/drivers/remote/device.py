@@ -15,12 +15,12 @@ from cardan.common.haptics import (
     HapticState,
     OperatingState,
 )
+from cardan.drivers.bus_devices.device import LOOK_S, MEET_S, BusDevice
 from cardan.drivers.haptic import HapticDevice
 from cardan.drivers.node_options import SIMULATED
 from cardan.drivers.remote.core import RemoteCore
 from cardan.drivers.remote.options import RemoteOptions
 from cardan.drivers.remote.shared import CLAIM_TYPE, Claim, claim_message, flat
-from cardan.drivers.ros2_nodes.device import LOOK_S, MEET_S, BusDevice
 from cardan.errors import CommandError, DeviceAccessError
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.spatial import is_finite
@@ -50,12 +50,14 @@ class Remote(BusDevice[RemoteCore]):
 
     def __init__(self, options: RemoteOptions | None = None, **keywords: Any) -> None:
         super().__init__(options, **keywords)
-        name = f"{self.options.name} at {socket.gethostname()}"
-        self._core = RemoteCore(self.options, secrets.randbits(63) | 1, name)
         self._claims: Publisher | None = None
         self._given = DeviceFeedback()
         self._command: HapticCommand | None = None
         """What the hand is to feel."""
+
+    def _make_core(self) -> RemoteCore:
+        name = f"{self.options.name} at {socket.gethostname()}"
+        return RemoteCore(self.options, secrets.randbits(63) | 1, name)
 
     @property
     def capabilities(self) -> DeviceCapabilities:

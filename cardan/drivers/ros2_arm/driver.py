@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import ClassVar
 
-from cardan.drivers.datagram_robot import DatagramRobot
+from cardan.drivers.datagram_robot import BRAKE_WITHIN_S, DatagramRobot
 from cardan.drivers.node_options import SIMULATED
 from cardan.drivers.ros2_arm.options import Ros2ArmOptions
 from cardan.drivers.ros2_arm.session import LIVING_S, Ros2ArmSession
 from cardan.drivers.ros2_arm.transport import DESCRIPTION_TIMEOUT_S, TRANSPORTS, Ros2Transport
 from cardan.errors import ConfigurationError, DriverError
 from cardan.robots import limits_in
-from cardan.types import HoldCommand, JointLimits
-
-BRAKE_WITHIN_S = 1.0
-"""Longest braking of a driver that is closed: no joint takes longer from its full speed."""
+from cardan.types import JointLimits
 
 
 class Ros2Arm(DatagramRobot[Ros2ArmSession]):
@@ -30,6 +28,9 @@ class Ros2Arm(DatagramRobot[Ros2ArmSession]):
     simulated = ({"transport": ("zenoh",), **SIMULATED[0]},)
     options: Ros2ArmOptions
     title = "the ROS 2 arm's driver"
+    brakes_within_s = BRAKE_WITHIN_S
+    no_farewell_after_s = math.inf
+    """Whoever publishes the joint states is not the controller."""
 
     def cautions(self) -> tuple[str, ...]:
         """What speaks against the kind of command."""
@@ -64,19 +65,3 @@ class Ros2Arm(DatagramRobot[Ros2ArmSession]):
             return limits_in(text, self.options.joints)
         except ConfigurationError as error:
             raise DriverError(f"{topic}: {error}") from None
-
-    def _leave_within_s(self) -> float:
-        return BRAKE_WITHIN_S + super()._leave_within_s()
-
-    def _leave(self) -> None:
-        """Brake by ramp while joint states come, then stop."""
-        transport, session = self._joined(), self._session
-        until_s = transport.now() + BRAKE_WITHIN_S
-        while session.moving and transport.now() < until_s:
-            found = [session.receive(data, transport.now()) for data in transport.wait()]
-            if not any(found):
-                break
-            self._say(transport, session.command(HoldCommand(), transport.now()))
-        self._owes_answer = False
-        # However long the joint states are silent: their publisher is not the controller.
-        self._say(transport, session.farewell(transport.now()))

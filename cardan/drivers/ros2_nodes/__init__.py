@@ -1,11 +1,7 @@
-"""Operator devices that nodes of a ROS 2 system read: a 3D mouse, gamepads."""
+"""What the messages of nodes mean that read operator devices: a 3D mouse, gamepads. Their drivers
+are in :mod:`cardan.drivers.bus_devices`."""
 
 from cardan.drivers.ros2_nodes.core import BusCore as BusCore, JoyCore as JoyCore
-from cardan.drivers.ros2_nodes.device import (
-    Ros2Joy as Ros2Joy,
-    Ros2Spacenav as Ros2Spacenav,
-    RumblingDevice as RumblingDevice,
-)
 from cardan.drivers.ros2_nodes.options import (
     Ros2JoyOptions as Ros2JoyOptions,
     Ros2SpacenavOptions as Ros2SpacenavOptions,

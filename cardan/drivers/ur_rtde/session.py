@@ -18,7 +18,7 @@ from cardan.drivers.robot_core import (
     WAKE_S as REPORT_S,
     check_joints,
 )
-from cardan.drivers.tcp_robot import Connection
+from cardan.drivers.tcp_robot import TcpSession
 from cardan.drivers.ur_rtde.feed import IMPLAUSIBLE, Package, RtdeFeed
 from cardan.drivers.ur_rtde.motion import Motion
 from cardan.drivers.ur_rtde.options import UrRtdeOptions
@@ -83,11 +83,14 @@ def _drawn_token() -> int:
     return random.SystemRandom().randrange(1, 1 << 31)
 
 
-class UrSession:
-    """One robot on one controller: a :class:`cardan.drivers.tcp_robot.TcpSession`."""
+class UrSession(TcpSession[Channel, Task]):
+    """One robot on one controller."""
+
+    owes_answer = False
 
     def __init__(self, options: UrRtdeOptions, draw: Callable[[], int] = _drawn_token) -> None:
         """`draw` gives a token for each run of the program, unlike all before it."""
+        super().__init__(CHANNELS)
         self.options = options
         self.limits = options.limits
         self.feed = RtdeFeed(options)
@@ -96,18 +99,13 @@ class UrSession:
         """Starts of motion and connections; earlier targets are void when it changes."""
         self.end_reason = ""
         """What ended or prevented motion last; empty after a start that worked."""
-        self.owes_answer = False
-        self.losses = self.superseded = self.commands = self.starts = self.ends = 0
+        self.superseded = self.commands = self.starts = self.ends = 0
         self.jitter = LatencyHistogram()
         """Deviation of the time between two states from their period."""
         self.command_latency = LatencyHistogram()
         """From a command until the state that shows that the program obeyed it."""
         self._draw = draw
-        self._links: dict[Channel, Connection] = {name: Connection() for name in CHANNELS}
         self._blind_s, self._astray_rad = options.state_timeout_s, options.following_error_rad
-        self._out: list[tuple[Channel, bytes]] = []
-        """To other channels than RTDE's."""
-        self._closing: list[Channel] = []
         self._starting: Starting | None = None
         self._motion: Motion | None = None
         self._token = self._beat = 0
@@ -119,8 +117,7 @@ class UrSession:
         self._unlocks = self._ended = False
         self._at_start = options.enable == "at-start"
         self._told_packages = 0
-        self._said_s = self._counted_s = NEVER_S
-        self._said_link: RobotLink | None = None
+        self._counted_s = NEVER_S
         self._before_s: float | None = None
         """The agreed time of the state given last."""
         self._answered = (0, 0.0)
@@ -153,12 +150,10 @@ class UrSession:
 
     @property
     def left(self) -> bool:
-        """Whether what `leave` began has ended."""
         return self.phase not in ("moving", "braking")
 
     @property
     def braking_s(self) -> float:
-        """The longest ramp from full speed to rest, s."""
         return max(
             v / a for v, a in zip(self.limits.velocity, self.limits.acceleration, strict=True)
         )
@@ -192,7 +187,6 @@ class UrSession:
     # -- connections ------------------------------------------------------------------------------
 
     def wants(self, channel: Channel, now_s: float) -> bool:
-        """True when `channel` should be connected now."""
         if channel == "dashboard":
             return (self._unlocks or self.phase == "starting") and not self._links[channel].up
         if channel == "primary" and self.phase != "starting":
@@ -201,7 +195,6 @@ class UrSession:
         return now_s >= link.retry_s and not link.up
 
     def connected(self, channel: Channel, now_s: float) -> None:
-        """A connection stands."""
         self._links[channel].opened(now_s)
         if channel == "rtde":
             self._model = ""
@@ -215,8 +208,7 @@ class UrSession:
         self._go_on(now_s)
 
     def connect_failed(self, channel: Channel, reason: str, now_s: float) -> None:
-        """No connection could be made."""
-        self._links[channel].lost(reason, now_s)
+        super().connect_failed(channel, reason, now_s)
         if channel == "rtde":
             return
         where = "dashboard server" if channel == "dashboard" else "primary interface"
@@ -227,12 +219,8 @@ class UrSession:
         self._unlocks = False
         self._fail(why)
 
-    def disconnected(self, channel: Channel, reason: str, now_s: float) -> None:
-        """A connection was closed from the other side, or broke."""
+    def _lost(self, channel: Channel, reason: str, now_s: float) -> None:
         link = self._links[channel]
-        if not link.up:
-            return
-        self._out = [item for item in self._out if item[0] != channel]
         if channel == "rtde":
             reason = self._refused_rtde(reason)
         link.lost(reason, now_s)
@@ -260,20 +248,8 @@ class UrSession:
             "rtde_port the controller's?"
         )
 
-    def _drop(self, channel: Channel, reason: str, now_s: float) -> None:
-        if self._links[channel].up:
-            self._closing.append(channel)
-            self.disconnected(channel, reason, now_s)
-
-    def closing(self) -> list[Channel]:
-        """Connections to close now; they count as disconnected already."""
-        found = self._closing
-        if found:
-            self._closing = []
-        return found
-
     def outgoing(self) -> list[tuple[Channel, bytes]]:
-        """What to send now, in order."""
+        """What to send now, in order; `_out` is to other channels than RTDE's."""
         states = self.feed.out
         if not (states or self._out):
             return []
@@ -284,7 +260,6 @@ class UrSession:
         return found
 
     def received(self, channel: Channel, data: bytes, now_s: float) -> None:
-        """Take what TCP delivered."""
         if not self._links[channel].up:
             return
         if channel == "rtde":
@@ -456,7 +431,6 @@ class UrSession:
     # -- starting ---------------------------------------------------------------------------------
 
     def ask(self, task: Task, now_s: float) -> None:
-        """Do one of the tasks that only the application may request."""
         if task == "enable":
             self._links["rtde"].retry_s = min(self._links["rtde"].retry_s, now_s)
             self._enable(now_s)
@@ -530,7 +504,6 @@ class UrSession:
 
     @property
     def next_s(self) -> float:
-        """When `advance` and `due_state` are to be called at the latest."""
         feed = self.feed
         found = self._said_s + WAKE_S
         if feed.next_s < found:
@@ -541,14 +514,9 @@ class UrSession:
             return found
         if self._starting is not None:
             found = min(found, self._starting.deadline_s)
-        counted_s = self._counted_s
-        for link in self._links.values():
-            if found > link.retry_s > counted_s and not link.up:
-                found = link.retry_s
-        return found
+        return self._retry_before(found, self._counted_s)
 
     def advance(self, now_s: float) -> None:
-        """Do what is due."""
         self._counted_s = now_s
         feed = self.feed
         if now_s >= feed.next_s and self._links["rtde"].up:
@@ -571,7 +539,6 @@ class UrSession:
         return (now_s - self.feed.heard_s) * self.feed.rate_hz > 1.0
 
     def due_state(self, now_s: float) -> RobotState | None:
-        """The state to report now; None while nothing is new."""
         feed = self.feed
         if not self._live(now_s) or self.phase == "down":
             if self._said_link is not _LIVE and now_s - self._said_s < WAKE_S:
@@ -633,10 +600,6 @@ class UrSession:
         )
 
     def command(self, command: RobotCommand, now_s: float) -> None:
-        """Answer the state last given; without effect where that takes no command.
-
-        Raises CommandError for a kind or shape that the robot cannot take; nothing is sent then.
-        """
         self.check(command)
         motion = self._motion
         if not self.owes_answer or motion is None or self.phase != "moving":

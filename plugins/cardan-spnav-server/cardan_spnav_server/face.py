@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, fields
 
 from cardan.bus.options import BusOptions
 from cardan.common.options import Options
-from cardan.drivers.ros2_nodes import Ros2Spacenav, Ros2SpacenavOptions
+from cardan.drivers.bus_devices import Ros2Spacenav
+from cardan.drivers.ros2_nodes import Ros2SpacenavOptions
 from cardan.gateway.bus.device_topics import SPACENAV_FULL
 from cardan.gateway.servers.base import Face, Ready
 from cardan_spnav_server.options import SpnavServerOptions

@@ -7,7 +7,7 @@ import pytest
 from cardan.bus.node import BusNode, Received
 from cardan.bus.options import BusOptions
 from cardan.demos.examples import free_ports
-from cardan.drivers.ros2_nodes import Ros2Joy, Ros2Spacenav
+from cardan.drivers.bus_devices import Ros2Joy, Ros2Spacenav
 from cardan.gateway.bus.device_topics import RUMBLE_ENDS_S, SPACENAV_FULL, DeviceTopics
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.types import NEUTRAL, Axes, DeviceFeedback, DeviceLink, DeviceState, Inertia, Vector3

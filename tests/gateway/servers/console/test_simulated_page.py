@@ -9,7 +9,7 @@ pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install
 
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
-from cardan.drivers.handheld import Phone, Xr
+from cardan.drivers.bus_devices import Phone, Xr
 from cardan.errors import AddressError, DriverError
 from cardan.protocols.handheld import decode_frame
 from cardan.sim_peers.handheld import PagePeer, PagePeerOptions, XrPeerOptions

@@ -1,0 +1,274 @@
+"""The drivers of devices whose messages come on the bus: hands that a page of the console shows,
+and what nodes of a ROS 2 system read. Each driver is a node itself.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from abc import abstractmethod
+from typing import Any, ClassVar, TypeVar
+
+from cardan.bus.node import BusNode, Presence, Publisher, WaitingSubscription
+from cardan.drivers.handheld.core import PhoneCore, XrCore
+from cardan.drivers.handheld.options import PhoneOptions, XrOptions
+from cardan.drivers.node_options import SIMULATED, NodeOptions
+from cardan.drivers.reader_thread import ReadDevice
+from cardan.drivers.ros2_nodes.core import BusCore, JoyCore
+from cardan.drivers.ros2_nodes.options import Ros2JoyOptions, Ros2SpacenavOptions
+from cardan.errors import DeviceNotFoundError
+from cardan.protocols.ros2.cdr import codec_of
+from cardan.protocols.ros2.zenoh import PUBLISHER
+from cardan.types import DeviceCapabilities, DeviceFeedback
+
+MESSAGES_KEPT = 32
+"""Messages that wait for the reader; button edges are in each."""
+
+MEET_S = 1.0
+"""Longest wait for the node to be found: a router takes some 0.1 s to tell of it."""
+
+LOOK_S = 0.01
+"""How often it is looked for meanwhile."""
+
+WAIT_S = 0.04
+"""The reader looks at the end of its work so often."""
+
+RUMBLE_AGAIN_S = 0.2
+"""joy_node ends a rumble after a second."""
+
+FEEDBACK_TYPE, RUMBLE = "sensor_msgs/msg/JoyFeedback", 1
+
+NO_PAGE = "no page publishes {topic}: start `cardan net server console`, and open its page on the "
+PAGE_GONE = "the page was closed, or has lost its connection"
+NO_NODE = (
+    "nobody publishes {topic}: start {node} with RMW_IMPLEMENTATION=rmw_zenoh_cpp, and ROS 2's "
+    "router (rmw_zenohd) or the one that `router` names ({router})"
+)
+
+C = TypeVar("C", bound=BusCore)
+
+
+class Rumbler:
+    """Has another node show a rumble: by sensor_msgs/JoyFeedback, again while it lasts."""
+
+    def __init__(self, publisher: Publisher) -> None:
+        self.level = 0.0
+        """What is to be shown, 0 to 1."""
+        self._publisher = publisher
+        self._shown = self._again_s = 0.0
+
+    def attend(self, now_s: float) -> None:
+        """Send what is due."""
+        if self.level != self._shown or (self.level and now_s >= self._again_s):
+            self._show(self.level)
+            self._again_s = now_s + RUMBLE_AGAIN_S
+
+    def end(self) -> None:
+        """Leave it still."""
+        if self._shown:
+            self._show(0.0)
+
+    def _show(self, level: float) -> None:
+        message = {"type": RUMBLE, "id": 0, "intensity": level}
+        self._publisher.put(codec_of(FEEDBACK_TYPE).encode(message), time.time_ns())
+        self._shown = level
+
+
+class BusDevice(ReadDevice[C]):
+    """A device whose messages come on a topic."""
+
+    _bus: BusNode | None = None
+    _messages: WaitingSubscription | None = None
+    _presence: Presence | None = None
+    _rumbler: Rumbler | None = None
+    _level = 0.0
+    """Of the rumble that was asked for."""
+
+    _missing: ClassVar[str] = ""
+    """What to do where nobody publishes `{topic}`, of the `{router}`."""
+    _gone: ClassVar[str] = "the node that published {topic} has ended"
+    """What has happened where nobody publishes it any more."""
+    _gives_pose = _gives_inertia = False
+
+    def __init__(self, options: Any = None, **keywords: Any) -> None:
+        super().__init__(options, **keywords)
+        self._core = self._make_core()
+
+    @abstractmethod
+    def _make_core(self) -> C:
+        """What its messages mean, from `self.options`."""
+
+    @property
+    def capabilities(self) -> DeviceCapabilities:
+        """What the device has; buttons are those that are known."""
+        with self._lock:
+            labels = self._core.labels
+        return DeviceCapabilities(
+            gives_pose=self._gives_pose,
+            buttons=labels,
+            feedback=frozenset({"rumble"} if self._feedback_topic else ()),
+            battery=False,
+            gives_inertia=self._gives_inertia,
+        )
+
+    @property
+    def _on_bus(self) -> NodeOptions:
+        """How it is on the bus."""
+        options: NodeOptions = self.options
+        return options
+
+    @property
+    def _feedback_topic(self) -> str:
+        """Where its rumble is shown; empty: nowhere."""
+        topic: str = getattr(self.options, "feedback_topic", "")
+        return topic
+
+    def _in_words(self, text: str) -> str:
+        router = self._on_bus.bus.router or "none"
+        return text.format(topic=self.options.topic, router=router)
+
+    def _why_missing(self) -> str:
+        return self._in_words(self._missing)
+
+    def _why_gone(self) -> str:
+        return self._in_words(self._gone)
+
+    def _feedback(self, feedback: DeviceFeedback) -> None:
+        self._check_open("feedback()")
+        if feedback.rumble is not None:
+            self._level = min(1.0, max(0.0, feedback.rumble))
+
+    def _connect(self) -> None:
+        options = self.options
+        self._bus = bus = BusNode(self._on_bus.bus, options.name)
+        bus.open()
+        kind = self._core.message_type
+        self._messages = bus.waiting_subscription(options.topic, kind, MESSAGES_KEPT)
+        self._presence = bus.presence(PUBLISHER, options.topic)
+        until_s = time.monotonic() + MEET_S
+        while not self._presence.others():
+            if time.monotonic() >= until_s:
+                raise DeviceNotFoundError(self._why_missing())
+            time.sleep(LOOK_S)
+        with self._lock:
+            self._core.on_opened(time.monotonic())
+        if self._feedback_topic:
+            self._rumbler = Rumbler(bus.publisher(self._feedback_topic, FEEDBACK_TYPE))
+
+    def _serve(self, stop: threading.Event) -> None:
+        messages, presence = self._messages, self._presence
+        assert messages is not None
+        assert presence is not None
+        while not stop.is_set():
+            received = messages.wait(self._wait_s())
+            if received is not None:
+                with self._lock:
+                    self._core.on_received(received, time.monotonic())
+                self._notify()
+            elif not presence.others():
+                raise DeviceNotFoundError(self._why_gone())
+            self._attend()
+
+    def _wait_s(self) -> float:
+        """Longest time until the next call of `_attend`."""
+        return WAIT_S
+
+    def _attend(self) -> None:
+        """What the reader does besides."""
+        if self._rumbler is not None:
+            self._rumbler.level = self._level
+            self._rumbler.attend(time.monotonic())
+
+    def _release(self) -> None:
+        rumbler, self._rumbler = self._rumbler, None
+        bus, self._bus = self._bus, None
+        if rumbler is not None:
+            rumbler.end()
+        if bus is not None:
+            bus.close()
+
+    def close(self) -> None:
+        """Stop reading and rumbling."""
+        super().close()
+        self._level = 0.0
+
+
+# -- hands that a page of the console shows ----
+
+
+class Phone(BusDevice[PhoneCore]):
+    """A phone in the hand, by the console's page in its browser."""
+
+    Options: ClassVar[type[PhoneOptions]] = PhoneOptions
+    summary = "phones: orientation and touch, by the console's page"
+    page = "phone.md"
+    peer = "phone"
+    simulated = SIMULATED
+    gives, suits = "turns, a finger's drag, inertia", "rate, base frame"
+    takes_back = "vibration"
+    options: PhoneOptions
+    _kind = "phone"
+    _missing = NO_PAGE + _kind
+    _gone = PAGE_GONE
+    _gives_pose = _gives_inertia = True
+
+    def _make_core(self) -> PhoneCore:
+        return PhoneCore(self.options)
+
+
+class Xr(BusDevice[XrCore]):
+    """A headset's controller, or a phone with AR, by the console's page in its browser."""
+
+    Options: ClassVar[type[XrOptions]] = XrOptions
+    summary = "headset controllers and phones with AR (WebXR), by the console's page"
+    page = "phone.md"
+    peer = "xr"
+    simulated = SIMULATED
+    gives, suits = "pose of the hand, buttons", "position, base frame"
+    takes_back = "vibration"
+    options: XrOptions
+    _kind = "headset"
+    _missing = NO_PAGE + _kind
+    _gone = PAGE_GONE
+    _gives_pose = True
+
+    def _make_core(self) -> XrCore:
+        return XrCore(self.options)
+
+
+# -- devices that ROS 2 nodes read, and publish as sensor_msgs/Joy ----
+
+
+class Ros2Spacenav(BusDevice[JoyCore]):
+    """A 3D mouse that ROS 2's spacenav_node reads."""
+
+    Options: ClassVar[type[Ros2SpacenavOptions]] = Ros2SpacenavOptions
+    summary = "3D mice by ROS 2's spacenav_node"
+    page = "ros2-devices.md"
+    peer = "ros2-device"
+    simulated = SIMULATED
+    gives, suits = "six deflections, buttons", "rate, base or tool frame"
+    options: Ros2SpacenavOptions
+    _kind = "3D mouse"
+    _missing = NO_NODE.replace("{node}", "spacenav_node")
+
+    def _make_core(self) -> JoyCore:
+        return JoyCore(self.options, "touch the cap and let go once")
+
+
+class Ros2Joy(BusDevice[JoyCore]):
+    """A gamepad or joystick that ROS 2's joy_node or game_controller_node reads."""
+
+    Options: ClassVar[type[Ros2JoyOptions]] = Ros2JoyOptions
+    summary = "gamepads by ROS 2's joy_node or game_controller_node"
+    page = "ros2-devices.md"
+    peer = "ros2-device"
+    simulated = SIMULATED
+    gives, suits = "sticks, buttons", "rate, base frame"
+    takes_back = "rumble"
+    options: Ros2JoyOptions
+    _kind = "gamepad"
+    _missing = NO_NODE.replace("{node}", "joy_node or game_controller_node")
+
+    def _make_core(self) -> JoyCore:
+        return JoyCore(self.options, "press any button once")
