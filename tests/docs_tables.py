@@ -11,9 +11,12 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Callable, Iterable, Sequence
+from enum import Enum
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, get_type_hints
+
+from click import Command, Context
 
 from cardan.common.troubles import AREAS, troubles
 from cardan.demos.examples import find_demos
@@ -26,6 +29,7 @@ from cardan.sim_peers import registry as peers
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import SERIAL_MODELS
 from cardan_spnav_server import identity_of
+from tests.command_line import the_command_line
 
 ROOT = Path(__file__).parents[1]
 END = "<!-- end -->\n"
@@ -138,6 +142,62 @@ def faults_of(peer: str) -> Callable[[], str]:
             for fault in peers.load(peer).faults
         ]
         return markdown(("fault", "default", "what happens"), rows)
+
+    return table
+
+
+COMMON = {"--seconds", "--verbose", "--log-level", "--script", "--fault", "--seed", "--list-faults"}
+"""Options of every peer, which its page tells once."""
+
+
+def _cell(text: str) -> str:
+    """Text in a cell of a table."""
+    return text.replace("|", "\\|")
+
+
+def options_of(peer: str) -> Callable[[], str]:
+    """The options that a peer has beside those of every peer."""
+
+    def table() -> str:
+        rows = []
+        for parameter in the_command_line().commands["sim"].commands[peer].params:
+            flag = parameter.opts[0]
+            if flag in {*COMMON, "--list-scripts"} or not flag.startswith("--"):
+                continue
+            default = parameter.default
+            if isinstance(default, (bool, list, tuple)) or default is None:
+                default = ""
+            if isinstance(default, Enum):
+                default = default.value
+            if isinstance(default, float):
+                default = f"{default:g}"
+            values = "" if parameter.is_flag else parameter.make_metavar(Context(Command(None)))
+            rows.append(
+                (
+                    f"`{flag} {_cell(values)}`".replace(" `", "`"),
+                    f"`{default}`" if default != "" else "",
+                    _cell(parameter.help or ""),
+                )
+            )
+        return markdown(("option", "default", "what it does"), rows)
+
+    return table
+
+
+def scripts_of(peer: str) -> Callable[[], str]:
+    """The built-in scripts of a peer, and the verbs of a script for it."""
+
+    def table() -> str:
+        kind = peers.load(peer)
+        firsts = ((name, text.strip().splitlines()[0]) for name, text in kind.scripts.items())
+        rows = [
+            (f"`{name}`", _cell(first.lstrip("# ") if first.startswith("#") else ""))
+            for name, first in firsts
+        ]
+        for usage in kind.verbs.values():
+            words, _, about = usage.partition(" (")
+            rows.append((f"`{_cell(words)}`", _cell(about.removesuffix(")"))))
+        return markdown(("script or verb", "what it does"), rows)
 
     return table
 
