@@ -18,6 +18,7 @@ from typing import Any, get_type_hints
 
 from click import Command, Context
 
+from cardan.cli.driver_options import driver_options
 from cardan.common.troubles import AREAS, troubles
 from cardan.demos.examples import find_demos
 from cardan.drivers import registry as drivers
@@ -180,6 +181,27 @@ def options_of(peer: str) -> Callable[[], str]:
                 )
             )
         return markdown(("option", "default", "what it does"), rows)
+
+    return table
+
+
+def driver_options_of(driver: str) -> Callable[[], str]:
+    """The options of a driver, which a configuration has as keys."""
+
+    def code(word: str) -> str:
+        return f"`{word}`" if word.startswith(('"', "[")) else word
+
+    def table() -> str:
+        rows = [
+            (
+                f"`{each.name}`",
+                code(each.default),
+                _cell(", ".join(map(code, each.allowed.split(", ")))),
+                _cell(each.meaning),
+            )
+            for each in driver_options(DRIVERS[driver].Options)
+        ]
+        return markdown(("option", "default", "allowed", "meaning"), rows)
 
     return table
 

@@ -48,6 +48,21 @@ SCRIPTED = ("abb-gofa", "spacemouse", "wiimote", "leap", "gamepad", "keyboard", 
 """Simulated peers with scripts of their own. Other devices have those of the SpaceMouse."""
 
 
+def _driver_options() -> Iterator[tuple[str, SiteTable]]:
+    """Of each driver; `spacemouse_serial` has those of the SpaceMouse."""
+    for name, driver in docs_tables.DRIVERS.items():
+        if name != "spacemouse_serial":
+            yield (
+                f"options of driver {name}",
+                SiteTable(
+                    f"docs/{driver.page}",
+                    "the options of the driver, with defaults and ranges",
+                    docs_tables.driver_options_of(name),
+                    f"cardan devices drivers {name}",
+                ),
+            )
+
+
 def _faults() -> Iterator[tuple[str, SiteTable]]:
     """Of each simulated peer, where several commands have the same ones once."""
     for name in docs_tables.ours(peers):
@@ -157,6 +172,7 @@ TABLES: dict[str, SiteTable] = {
     "functions of ur": SiteTable(
         "docs/simulated-peers.md", "the functions of URScript that it knows", _urscript
     ),
+    **dict(_driver_options()),
     **dict(_options()),
     **dict(_faults()),
     **dict(_requirements()),
