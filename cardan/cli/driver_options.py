@@ -21,7 +21,7 @@ class DriverOption(NamedTuple):
     meaning: str
 
 
-def driver_options(options: type[Any]) -> list[DriverOption]:
+def driver_options(options: type) -> list[DriverOption]:
     """The fields of a dataclass of options, in their order."""
     kinds, texts = hints(options), texts_below(options)
     return [
