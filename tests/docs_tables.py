@@ -237,6 +237,23 @@ def demos_table() -> str:
     return markdown(("command", "what is joined", "the same by hand"), rows)
 
 
+def connexion_models() -> str:
+    """Each device of 3Dconnexion, and what it sends."""
+    rows = [
+        (
+            model.name,
+            f"{model.vendor_id:04x}:{model.product_id:04x}",
+            f"`{model.key}`",
+            model.family.value,
+            str(len(model.buttons) or ""),
+            "yes" if model.led else "",
+            "yes" if model.battery else "",
+        )
+        for model in MODELS
+    ]
+    return markdown(("device", "id", "`model`", "motion", "buttons", "LED", "battery"), rows)
+
+
 def spnav_buttons() -> str:
     """Which key has which number for programs of spacenavd."""
     devices: dict[str, list[str]] = {}

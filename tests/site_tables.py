@@ -163,6 +163,11 @@ TABLES: dict[str, SiteTable] = {
     "buttons": SiteTable(
         "docs/spnav.md", "the key behind each number, device by device", docs_tables.spnav_buttons
     ),
+    "models of 3Dconnexion": SiteTable(
+        "docs/spacemouse.md",
+        "each device, and what it sends; `cardan sim spacemouse --list-models` has their names",
+        docs_tables.connexion_models,
+    ),
     "peers": SiteTable(
         "docs/simulated-peers.md",
         "their commands, what each stands in for, and its protocol",
