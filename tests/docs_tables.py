@@ -11,10 +11,14 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Callable, Iterable, Sequence
+from enum import Enum
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from click import Command, Context
+
+from cardan.cli.driver_options import driver_options
 from cardan.common.troubles import AREAS, troubles
 from cardan.demos.examples import find_demos
 from cardan.drivers import registry as drivers
@@ -26,6 +30,7 @@ from cardan.sim_peers import registry as peers
 from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import SERIAL_MODELS
 from cardan_spnav_server import identity_of
+from tests.command_line import the_command_line
 
 ROOT = Path(__file__).parents[1]
 END = "<!-- end -->\n"
@@ -142,6 +147,83 @@ def faults_of(peer: str) -> Callable[[], str]:
     return table
 
 
+COMMON = {"--seconds", "--verbose", "--log-level", "--script", "--fault", "--seed", "--list-faults"}
+"""Options of every peer, which its page tells once."""
+
+
+def _cell(text: str) -> str:
+    """Text in a cell of a table."""
+    return text.replace("|", "\\|")
+
+
+def options_of(peer: str) -> Callable[[], str]:
+    """The options that a peer has beside those of every peer."""
+
+    def table() -> str:
+        rows = []
+        for parameter in the_command_line().commands["sim"].commands[peer].params:
+            flag = parameter.opts[0]
+            if flag in {*COMMON, "--list-scripts"} or not flag.startswith("--"):
+                continue
+            default = parameter.default
+            if isinstance(default, (bool, list, tuple)) or default is None:
+                default = ""
+            if isinstance(default, Enum):
+                default = default.value
+            if isinstance(default, float):
+                default = f"{default:g}"
+            values = "" if parameter.is_flag else parameter.make_metavar(Context(Command(None)))
+            rows.append(
+                (
+                    f"`{flag} {_cell(values)}`".replace(" `", "`"),
+                    f"`{default}`" if default != "" else "",
+                    _cell(parameter.help or ""),
+                )
+            )
+        return markdown(("option", "default", "what it does"), rows)
+
+    return table
+
+
+def driver_options_of(driver: str) -> Callable[[], str]:
+    """The options of a driver, which a configuration has as keys."""
+
+    def code(word: str) -> str:
+        return f"`{word}`" if word.startswith(('"', "[")) else word
+
+    def table() -> str:
+        rows = [
+            (
+                f"`{each.name}`",
+                code(each.default),
+                _cell(", ".join(map(code, each.allowed.split(", ")))),
+                _cell(each.meaning),
+            )
+            for each in driver_options(DRIVERS[driver].Options)
+        ]
+        return markdown(("option", "default", "allowed", "meaning"), rows)
+
+    return table
+
+
+def scripts_of(peer: str) -> Callable[[], str]:
+    """The built-in scripts of a peer, and the verbs of a script for it."""
+
+    def table() -> str:
+        kind = peers.load(peer)
+        firsts = ((name, text.strip().splitlines()[0]) for name, text in kind.scripts.items())
+        rows = [
+            (f"`{name}`", _cell(first.lstrip("# ") if first.startswith("#") else ""))
+            for name, first in firsts
+        ]
+        for usage in kind.verbs.values():
+            words, _, about = usage.partition(" (")
+            rows.append((f"`{_cell(words)}`", _cell(about.removesuffix(")"))))
+        return markdown(("script or verb", "what it does"), rows)
+
+    return table
+
+
 def demos_table() -> str:
     """Each demo, and its file."""
     rows = [
@@ -153,6 +235,23 @@ def demos_table() -> str:
         for name, demo in find_demos().items()
     ]
     return markdown(("command", "what is joined", "the same by hand"), rows)
+
+
+def connexion_models() -> str:
+    """Each device of 3Dconnexion, and what it sends."""
+    rows = [
+        (
+            model.name,
+            f"{model.vendor_id:04x}:{model.product_id:04x}",
+            f"`{model.key}`",
+            model.family.value,
+            str(len(model.buttons) or ""),
+            "yes" if model.led else "",
+            "yes" if model.battery else "",
+        )
+        for model in MODELS
+    ]
+    return markdown(("device", "id", "`model`", "motion", "buttons", "LED", "battery"), rows)
 
 
 def spnav_buttons() -> str:

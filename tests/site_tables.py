@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 from cardan.conform import registry as suites
 from cardan.sim_peers import registry as peers
+from cardan.sim_peers.ur_controller import UrController
 from tests import conformance_tables, device_table, docs_tables, network_table
 from tests.docs_tables import ROOT, markdown, replaced
 
@@ -43,6 +44,25 @@ def begin(name: str) -> str:
     return f"<!-- filled for the site by tests/site_tables.py: {name} -->\n"
 
 
+SCRIPTED = ("abb-gofa", "spacemouse", "wiimote", "leap", "gamepad", "keyboard", "jr3", "omni")
+"""Simulated peers with scripts of their own. Other devices have those of the SpaceMouse."""
+
+
+def _driver_options() -> Iterator[tuple[str, SiteTable]]:
+    """Of each driver; `spacemouse_serial` has those of the SpaceMouse."""
+    for name, driver in docs_tables.DRIVERS.items():
+        if name != "spacemouse_serial":
+            yield (
+                f"options of driver {name}",
+                SiteTable(
+                    f"docs/{driver.page}",
+                    "the options of the driver, with defaults and ranges",
+                    docs_tables.driver_options_of(name),
+                    f"cardan devices drivers {name}",
+                ),
+            )
+
+
 def _faults() -> Iterator[tuple[str, SiteTable]]:
     """Of each simulated peer, where several commands have the same ones once."""
     for name in docs_tables.ours(peers):
@@ -61,6 +81,31 @@ def _faults() -> Iterator[tuple[str, SiteTable]]:
         )
 
 
+def _options() -> Iterator[tuple[str, SiteTable]]:
+    """Of each simulated peer, and where it has scripts of its own, those and their verbs."""
+    for name, peer in docs_tables.ours(peers).items():
+        if name not in ("keyboard", "phone"):  # They have those of the gamepad and of `xr`.
+            yield (
+                f"options of {name}",
+                SiteTable(
+                    f"docs/{peer.page}",
+                    "its own options",
+                    docs_tables.options_of(name),
+                    f"cardan sim {name} --help",
+                ),
+            )
+        if name in SCRIPTED:
+            yield (
+                f"scripts of {name}",
+                SiteTable(
+                    f"docs/{peer.page}",
+                    "the built-in scripts, and the verbs of a script",
+                    docs_tables.scripts_of(name),
+                    f"cardan sim {name} --list-scripts",
+                ),
+            )
+
+
 def _requirements() -> Iterator[tuple[str, SiteTable]]:
     for name in suites.names():
         count = len(suites.load(name).requirements)
@@ -77,6 +122,23 @@ def _requirements() -> Iterator[tuple[str, SiteTable]]:
 
 def _network() -> str:
     return markdown(("name", "what", "type", *network_table.TRANSPORTS), network_table.table())
+
+
+def _urscript() -> str:
+    """The controller's functions, with the defaults of their arguments as the language has them."""
+    rows = [
+        (
+            f"`{name}`",
+            ", ".join(
+                f"`{each}={function.defaults[each]!r}`"
+                if each in function.defaults
+                else f"`{each}`"
+                for each in function.parameters
+            ),
+        )
+        for name, function in sorted(UrController().functions.items())
+    ]
+    return markdown(("function", "arguments"), rows)
 
 
 TABLES: dict[str, SiteTable] = {
@@ -101,12 +163,22 @@ TABLES: dict[str, SiteTable] = {
     "buttons": SiteTable(
         "docs/spnav.md", "the key behind each number, device by device", docs_tables.spnav_buttons
     ),
+    "models of 3Dconnexion": SiteTable(
+        "docs/spacemouse.md",
+        "each device, and what it sends; `cardan sim spacemouse --list-models` has their names",
+        docs_tables.connexion_models,
+    ),
     "peers": SiteTable(
         "docs/simulated-peers.md",
         "their commands, what each stands in for, and its protocol",
         docs_tables.peers_table,
         "cardan sim --list",
     ),
+    "functions of ur": SiteTable(
+        "docs/simulated-peers.md", "the functions of URScript that it knows", _urscript
+    ),
+    **dict(_driver_options()),
+    **dict(_options()),
     **dict(_faults()),
     **dict(_requirements()),
 }

@@ -24,7 +24,11 @@ PACKAGES = [str(each) for each in sorted(ROOT.glob("examples/packages/*"))]
 SOURCES = [str(ROOT), *map(str, sorted(ROOT.glob("plugins/cardan-*"))), *PACKAGES]
 """Where the programs find what they import."""
 EXAMPLES = [
-    *map(str, (*sorted(ROOT.glob("examples/*.py")), *sorted(ROOT.glob("examples/ros2/*.py")))),
+    *(
+        str(path)
+        for where in ("", "ros2/", "peers/")
+        for path in sorted(ROOT.glob(f"examples/{where}*.py"))
+    ),
     *PACKAGES,
 ]
 """LeRobot's, beside them, needs what is not installed where this runs."""

@@ -1,6 +1,6 @@
 """Fuzzing in short: what is kept is tried always, and every target gets some damaged input.
 
-``make fuzz`` is the long run; docs/fuzzing.md says what it has found.
+``make fuzz`` is the long run; docs/beyond-make-test.md says what a finding is.
 """
 
 from __future__ import annotations

@@ -62,7 +62,8 @@ def test_the_command_of_a_line_is_one(command):
             words.pop(0)  # An argument, as the protocol of `conform`.
             continue
         found = found.commands[words.pop(0)]
-    assert {*words} <= {option for parameter in found.params for option in parameter.opts}
+    offered = {option for parameter in found.params for option in parameter.opts}
+    assert {*words} <= {*offered, "--help"}
 
 
 @pytest.mark.parametrize("name", docs_tables.ours(peers))

@@ -169,7 +169,7 @@ def all_given(options: type, described: bool = False) -> Iterator[Given]:
     """The fields that `option` made, those of dataclasses inside included; where they are
     `described`, the others too, each by the text below it."""
     types = get_type_hints(options)
-    texts = _texts(options) if described else {}
+    texts = texts_below(options) if described else {}
     for each in dataclasses.fields(options):
         if (option := option_of(each)) is not None:
             yield Given(each, types[each.name], option, options)
@@ -190,7 +190,7 @@ def _described(field: dataclasses.Field[Any], kind: Any, text: str) -> Option:
     return Option(help=text, name=name)
 
 
-def _texts(options: type) -> dict[str, str]:
+def texts_below(options: type) -> dict[str, str]:
     """The text below each field, of the classes that this one inherits from too."""
     found: dict[str, str] = {}
     for each in reversed(options.__mro__):

@@ -79,7 +79,7 @@ def drivers(
     as_json: AsJson = False,
 ) -> None:
     """List the drivers, those of other installed packages included: the names that a
-    configuration's driver = "..." takes."""
+    configuration's driver = "..." takes. Of one of them, its options too."""
     from cardan.drivers import registry
 
     if name:
@@ -102,6 +102,13 @@ def drivers(
     )
     if not as_json:
         print_unusable(found)
+    if name and not as_json:
+        from cardan.cli.driver_options import driver_options
+
+        print()
+        print_table(
+            ("option", "default", "allowed", "meaning"), driver_options(found.classes[name].Options)
+        )
 
 
 def _merged(found: Sequence[FoundDevice]) -> list[FoundDevice]:

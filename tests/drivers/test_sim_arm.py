@@ -273,7 +273,7 @@ def test_bad_options(options):
 
 
 def test_the_page_tells_every_option_and_fault():
-    table = rows(section(text("simulated-arm.md"), "Options"))
+    table = rows(section(text("simulated-peers.md"), "Options"))
     defaults = {f.name: written(f.default) for f in dataclasses.fields(SimArmOptions)}
     assert {name: cells[0] for name, cells in table.items() if name in defaults} == defaults
     page = section(text("simulated-peers.md"), "The arm: `cardan sim arm`")

@@ -38,7 +38,8 @@ class AbbEgmOptions(Options):
     """Options of :class:`AbbEgm`. Lengths in m, angles as the controller's own terms: degrees."""
 
     listen_host: Annotated[str, bounds.LISTEN_HOST_OR_IPV4] = "127.0.0.1"
-    """This computer's address on the robot's network (RobotStudio on this machine: 127.0.0.1)."""
+    """This computer's address on the robot's network; 0.0.0.0: all of them. The default receives
+    from this computer only."""
     listen_port: Annotated[int, bounds.ANY_PORT] = 6510
     """UDP port; the controller's UdpUc device names it as Remote Port Number. 0: any free one."""
     controller_host: Annotated[str, bounds.HOST_OR_IPV4] | None = None
@@ -66,15 +67,19 @@ class AbbEgmOptions(Options):
     joint_speed_deg_s: Annotated[float, bounds.JOINT_SPEED_DEG_S] = 90.0
     """Highest joint speed in joint mode; joints that are slower by `robot` stay so."""
     joint_acceleration_deg_s2: Annotated[float, bounds.ANGULAR_ACCELERATION_DEG_S2] = 720.0
+    """Highest joint acceleration in joint mode, deg/s²."""
     external_axis_speed: Annotated[float, bounds.JOINT_SPEED_RAD_S] = 0.1
     """rad/s or m/s."""
     external_axis_acceleration: Annotated[float, bounds.JOINT_ACCELERATION_RAD_S2] = 0.5
     """rad/s² or m/s²."""
     linear_speed_m_s: Annotated[float, bounds.LINEAR_SPEED_M_S] = 0.25
-    """Highest speed of the TCP in pose mode and of the offset in path correction."""
+    """Highest speed of the TCP in pose mode and of the offset in path correction, m/s."""
     linear_acceleration_m_s2: Annotated[float, bounds.LINEAR_ACCELERATION_M_S2] = 2.0
+    """Highest acceleration along the way, m/s²."""
     angular_speed_deg_s: Annotated[float, bounds.ANGULAR_SPEED_DEG_S] = 90.0
+    """Highest speed of rotation of the TCP in pose mode, deg/s."""
     angular_acceleration_deg_s2: Annotated[float, bounds.ANGULAR_ACCELERATION_DEG_S2] = 720.0
+    """Highest acceleration of rotation, deg/s²."""
     workspace_lower_m: tuple[Annotated[float, bounds.COORDINATE_M], ...] = ()
     """Lower corner of a box the commanded TCP position stays in; empty: no box."""
     workspace_upper_m: tuple[Annotated[float, bounds.COORDINATE_M], ...] = ()

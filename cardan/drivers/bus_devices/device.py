@@ -244,7 +244,7 @@ class Ros2Spacenav(BusDevice[JoyCore]):
 
     Options: ClassVar[type[Ros2SpacenavOptions]] = Ros2SpacenavOptions
     summary = "3D mice by ROS 2's spacenav_node"
-    page = "ros2-devices.md"
+    page = "ros2-arm.md"
     peer = "ros2-device"
     simulated = SIMULATED
     gives, suits = "six deflections, buttons", "rate, base or tool frame"
@@ -261,7 +261,7 @@ class Ros2Joy(BusDevice[JoyCore]):
 
     Options: ClassVar[type[Ros2JoyOptions]] = Ros2JoyOptions
     summary = "gamepads by ROS 2's joy_node or game_controller_node"
-    page = "ros2-devices.md"
+    page = "ros2-arm.md"
     peer = "ros2-device"
     simulated = SIMULATED
     gives, suits = "sticks, buttons", "rate, base frame"

@@ -43,8 +43,11 @@ class MotorosOptions(Options):
     host: Annotated[str, bounds.HOST] = "127.0.0.1"
     """The robot controller."""
     motion_port: Annotated[int, bounds.PORT] = MOTION_PORT
+    """Motion: commands and their replies."""
     state_port: Annotated[int, bounds.PORT] = STATE_PORT
+    """Joint feedback and robot status."""
     io_port: Annotated[int, bounds.PORT] = IO_PORT
+    """Inputs and outputs."""
     robot: Annotated[str, bounds.ARM_FILE] = "gp8"
     """An arm's name, or the path of a .toml or .urdf file; number of joints and limits are its."""
     velocity_rad_s: tuple[Annotated[float, bounds.JOINT_SPEED_RAD_S], ...] = ()
@@ -69,7 +72,8 @@ class MotorosOptions(Options):
     point_spacing_s: Annotated[float, SPACING_S] = 0.020
     """Time between two points of a stream; rounded to a whole number of `ipc_s`."""
     queue_low: Annotated[int, QUEUE_LOW] = 3
-    """Increments left in the controller's queue at which the next point is sent."""
+    """Increments left in the controller's queue at which the next point is computed, plus those of
+    the time that two replies take."""
     ipc_s: Annotated[float, IPC_S] = 0.004
     """The controller's interpolation period: whole ms, usually 4."""
     reply_every: Annotated[int, REPLY_EVERY] = 25
@@ -77,6 +81,7 @@ class MotorosOptions(Options):
     state_timeout_s: Annotated[float, STATE_TIMEOUT_S] = 3.0 * STATE_PERIOD_S
     """Time without a state after which the link is LOST."""
     request_timeout_s: Annotated[float, REQUEST_TIMEOUT_S] = 0.5
+    """A reply that takes longer ends the connection."""
     start_timeout_s: Annotated[float, START_TIMEOUT_S] = 12.0
     """Longest start of motion: the controller may have to switch servos on and start a job."""
     trust_velocity: bool = False
@@ -85,7 +90,8 @@ class MotorosOptions(Options):
     """The longest that the arm is behind its command in good order: the controller's filter and
     servos."""
     record: Annotated[str, bounds.PATH] = ""
-    """A CSV file for commands and feedback, written at close; empty: none."""
+    """A CSV file for commands and feedback, written at close, in times of
+    CLOCK_MONOTONIC; empty: none."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -97,7 +97,7 @@ class SimArm(DatagramRobot[SimArmSession]):
 
     Options: ClassVar[type[SimArmOptions]] = SimArmOptions
     summary = "a simulated arm"
-    page = "simulated-arm.md"
+    page = "simulated-peers.md"
     peer = "arm"
     simulated = (
         {"transport": ("in-process",)},

@@ -37,12 +37,14 @@ class SimArmOptions(Options):
     robot: Annotated[str, bounds.ARM_FILE] = "ur5"
     """An arm's name, or the path of a .toml or .urdf file."""
     transport: Literal["in-process", "udp"] = "in-process"
+    """Where the arm is."""
     endpoint: str = "127.0.0.1:6520"
     """HOST:PORT of a served arm (`cardan sim arm`), for transport "udp"."""
     pacing: Literal["real-time", "virtual"] = "real-time"
     """virtual: cycles come as fast as they are taken, with stamps that count from 0 s; for tests
     and benchmarks whose other parts take their time from the states. In-process only."""
     period_s: Annotated[float, PERIOD_S] = 0.002
+    """The controller's cycle; udp: as the peer's."""
     drive: Literal["dynamic", "ideal"] = "dynamic"
     """ideal: the joints are exactly where they are commanded to be."""
     gravity_feedforward: bool = False
@@ -52,11 +54,13 @@ class SimArmOptions(Options):
     spheres: tuple[tuple[_Metre, _Metre, _Metre, _Radius], ...] = ()
     """Solid spheres: centre x y z and radius, m, base frame."""
     payload_kg: Annotated[float, bounds.PAYLOAD_KG] = 0.0
+    """A point mass at the TCP."""
     start: tuple[Annotated[float, bounds.JOINT_POSITION], ...] = ()
     """Joints at the start, rad or m; empty: the arm's home."""
     faults: tuple[str, ...] = ()
     """NAME or NAME=VALUE, as `cardan sim arm --list-faults` names them."""
     seed: Annotated[int, bounds.SEED] = 0
+    """Seed of everything random."""
     command_timeout_s: Annotated[float, bounds.BLIND_S] = 0.1
     """Time without a command after which the simulated controller brakes."""
     silence_s: Annotated[float, bounds.BLIND_S] = 0.1

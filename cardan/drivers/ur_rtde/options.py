@@ -35,8 +35,11 @@ class UrRtdeOptions(Options):
     host: Annotated[str, bounds.HOST] = "127.0.0.1"
     """The robot controller."""
     rtde_port: Annotated[int, bounds.PORT] = RTDE_PORT
+    """States and commands."""
     primary_port: Annotated[int, bounds.PORT] = PRIMARY_PORT
+    """Takes the program; connected during a start only."""
     dashboard_port: Annotated[int, bounds.PORT] = DASHBOARD_PORT
+    """Power, brakes; connected during a start only."""
     robot: Annotated[str, bounds.ARM_FILE] = "ur5e"
     """An arm's name, or the path of a .toml or .urdf file of six joints; limits are its."""
     rate_hz: Annotated[float, RATE_HZ] = 500.0
@@ -69,10 +72,12 @@ class UrRtdeOptions(Options):
     following_error_rad: Annotated[float, FOLLOWING_RAD] = 0.2
     """Distance of a joint from the controller's target, for FOLLOWING_S, that ends motion."""
     request_timeout_s: Annotated[float, REQUEST_TIMEOUT_S] = 1.0
+    """An answer of RTDE that takes longer ends the connection."""
     start_timeout_s: Annotated[float, START_TIMEOUT_S] = 30.0
     """Longest start of motion: power may have to be switched on and brakes released."""
     lag_s: Annotated[float, bounds.LAG_S] = 0.2
-    """The longest that the arm is behind its command in good order."""
+    """The longest that the arm is behind its command in good order; an arm farther behind counts as
+    held."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

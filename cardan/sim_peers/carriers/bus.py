@@ -29,7 +29,9 @@ class BusPeerOptions(HandOptions):
     host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Where other nodes connect to")
     port: Annotated[int, bounds.ANY_PORT] = 7447
     """TCP; by default in place of a router."""
-    router: str = option("", "A Zenoh router to meet others by (tcp/127.0.0.1:7447).")
+    router: str = option(
+        "", "A Zenoh router to meet others by (tcp/127.0.0.1:7447).", metavar="ENDPOINT"
+    )
 
     @property
     def bus(self) -> BusOptions:

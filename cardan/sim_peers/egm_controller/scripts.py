@@ -261,13 +261,14 @@ _VERBS: Mapping[str, _Verb] = {
     "movej": _Verb(
         "[J1 ... J6 deg] (a programmed movement; without values: stay)", _optional_joints
     ),
-    "getid": _Verb(),
+    "getid": _Verb("(EGMGetId)"),
     "setup": _Verb(
-        "[joint|pose|path] [timeout=S]", _words(_MODES, {"timeout": _number("comm_timeout_s")})
+        "[joint|pose|path] [timeout=S] (EGMSetupUC)",
+        _words(_MODES, {"timeout": _number("comm_timeout_s")}),
     ),
     "act": _Verb(
         "[joint|pose|path] [window=DEG,MM] [filter=HZ] [sample-rate=MS] [max-speed=DEG/S] "
-        "[max-pos=DEG] [stream]",
+        "[max-pos=DEG] [stream] (EGMActJoint, EGMActPose, EGMActMove)",
         _words(
             {**_MODES, "stream": {"stream_start": True}},
             {
@@ -279,11 +280,11 @@ _VERBS: Mapping[str, _Verb] = {
             },
         ),
     ),
-    "stream-start": _Verb(),
-    "stream-stop": _Verb(),
+    "stream-start": _Verb("(EGMStreamStart)"),
+    "stream-stop": _Verb("(EGMStreamStop)"),
     "run": _Verb(
         "[joint|pose] [hold|ramp-down] [axes=all|none|1,2,..|x,y,rz,..] [cond-time=S] "
-        "[ramp-in=S] [ramp-out=S] [pos-gain=0..1] [nowait]",
+        "[ramp-in=S] [ramp-out=S] [pos-gain=0..1] [nowait] (EGMRunJoint, EGMRunPose)",
         _words(
             {**_RUN_MODES, **_STOP_MODES, "nowait": {"no_wait": True}},
             {
@@ -295,33 +296,44 @@ _VERBS: Mapping[str, _Verb] = {
             },
         ),
     ),
-    "egmmovel": _Verb("DX DY DZ SPEED [REPEATS] (mm, mm/s)", _egmmovel),
-    "stop": _Verb(
-        "[hold|ramp-down] [ramp-out=S]", _words(_STOP_MODES, {"ramp-out": _number("ramp_out_s")})
+    "egmmovel": _Verb(
+        "DX DY DZ SPEED [REPEATS] (EGMMoveL with path correction; mm, mm/s)", _egmmovel
     ),
-    "reset": _Verb(),
+    "stop": _Verb(
+        "[hold|ramp-down] [ramp-out=S] (EGMStop)",
+        _words(_STOP_MODES, {"ramp-out": _number("ramp_out_s")}),
+    ),
+    "reset": _Verb("(EGMReset)"),
     "loop": _Verb("on|off (run EGM again when a run ends)", _switch),
-    "on-error": _Verb("stop|retry|restart [SECONDS]", _on_error),
+    "on-error": _Verb(
+        "stop|retry|restart [SECONDS] (after an error: nothing; an error handler tries again; an "
+        "operator starts it anew)",
+        _on_error,
+    ),
     "restart": _Verb("(program pointer to main, start)"),
     "pp-to-main": _Verb(),
     "program-stop": _Verb(),
     "program-start": _Verb(),
     "motors-off": _Verb(),
     "motors-on": _Verb(),
-    "estop": _Verb(),
-    "controller-restart": _Verb(),
-    "jog": _Verb("J1 ... J6 (deg)", _numbers("joints_deg", AXES, AXES)),
-    "collision": _Verb(),
-    "contact": _Verb("FX FY FZ TX TY TZ (N, N·m)", _numbers("wrench", AXES, AXES)),
+    "estop": _Verb("(emergency stop; motors-on acknowledges it)"),
+    "controller-restart": _Verb("(silent for 2 s, then sequence number 0 and a new port)"),
+    "jog": _Verb(
+        "J1 ... J6 (jogged by hand to these joints, deg)", _numbers("joints_deg", AXES, AXES)
+    ),
+    "collision": _Verb("(motion supervision sees a collision)"),
+    "contact": _Verb(
+        "FX FY FZ TX TY TZ (a force at the TCP; N, N·m)", _numbers("wrench", AXES, AXES)
+    ),
     "wall": _Verb(
         "Z_MM N_PER_MM [N_S_PER_M [FRICTION]] (a horizontal surface below the TCP; "
         "0 N_PER_MM: none)",
         _wall,
     ),
-    "force-control": _Verb("on|off", _switch),
+    "force-control": _Verb("on|off (the force is compensated, or the raw sensor's)", _switch),
     "do": _Verb("0|1 (RAPIDfromRobot.digVal)", _switch),
     "dnum": _Verb("VALUE ... (RAPIDfromRobot.dnum)", _numbers("values", 0, 40)),
-    "echo": _Verb("on|off (RAPIDfromRobot repeats RAPIDtoRobot)", _switch),
+    "echo": _Verb("on|off (RAPIDfromRobot repeats RAPIDtoRobot; on unless switched off)", _switch),
 }
 
 SCRIPT_VERBS: dict[str, str] = {

@@ -13,17 +13,22 @@ HAND_PERIOD_S = 0.004
 """How often a moving hand is sampled: as often as a pad is polled."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
-    "sticks": "sticks LX LY RX RY [over SECONDS]",
-    "triggers": "triggers LEFT RIGHT [over SECONDS]",
-    "swing": "swing LX LY RX RY over SECONDS [times N] [phase DEGREES]",
-    "neutral": "neutral [over SECONDS]",
-    "press": "press LABEL",
-    "release": "release LABEL",
-    "hold": "hold LABEL for SECONDS",
-    "unplug": "unplug",
-    "replug": "replug",
-    "silence": "silence",
-    "resume": "resume",
+    "sticks": (
+        "sticks LX LY RX RY [over SECONDS] (ramp the sticks there, each -1..1, to the right and up)"
+    ),
+    "triggers": "triggers LEFT RIGHT [over SECONDS] (ramp the triggers there, 0..1)",
+    "swing": (
+        "swing LX LY RX RY over SECONDS [times N] [phase DEGREES] (add N sine periods of "
+        "SECONDS each)"
+    ),
+    "neutral": "neutral [over SECONDS] (let go of sticks and triggers: ends ramps and swings)",
+    "press": "press LABEL (a button or a key by its name)",
+    "release": "release LABEL (let go of it)",
+    "hold": "hold LABEL for SECONDS (press it, and release it later)",
+    "unplug": "unplug (the device is gone)",
+    "replug": "replug (the device is back)",
+    "silence": "silence (its events stop)",
+    "resume": "resume (its events go on)",
     "loop": "loop",
 }
 """Usage of each verb of a script. Sticks are -1..1 to the right and up, triggers 0..1.

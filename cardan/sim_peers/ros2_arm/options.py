@@ -68,7 +68,9 @@ class RosArmOptions(Options):
     host: Annotated[str, bounds.LISTEN_HOST] = listen_option("Where other nodes connect to")
     port: Annotated[int, bounds.ANY_PORT] = 7447
     """TCP; by default in place of a router."""
-    router: str = option("", "A Zenoh router to meet others by (tcp/127.0.0.1:7447).")
+    router: str = option(
+        "", "A Zenoh router to meet others by (tcp/127.0.0.1:7447).", metavar="ENDPOINT"
+    )
     domain: Annotated[int, DOMAIN] = option(0, "ROS_DOMAIN_ID.", metavar="NUMBER")
     controller: Literal["position", "velocity", "joint_state", "trajectory"] = option(
         "position", "Which controller is active, on its usual topic."

@@ -14,16 +14,19 @@ HAND_PERIOD_S = 0.008
 """How often a moving hand is sampled: the shortest report period of a device."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
-    "axes": "axes X Y Z RX RY RZ [over SECONDS]",
-    "swing": "swing X Y Z RX RY RZ over SECONDS [times N] [phase DEGREES]",
-    "neutral": "neutral [over SECONDS]",
-    "press": "press LABEL",
-    "release": "release LABEL",
-    "unplug": "unplug",
-    "replug": "replug",
-    "silence": "silence",
-    "resume": "resume",
-    "loop": "loop",
+    "axes": "axes X Y Z RX RY RZ [over SECONDS] (ramp the deflection there, each in -1..1)",
+    "swing": (
+        "swing X Y Z RX RY RZ over SECONDS [times N] [phase DEGREES] (add N sine periods of "
+        "SECONDS each)"
+    ),
+    "neutral": "neutral [over SECONDS] (let go: ends ramps and swings)",
+    "press": "press LABEL (a button by its name, or first or second)",
+    "release": "release LABEL (let go of a button)",
+    "unplug": "unplug (the device is gone)",
+    "replug": "replug (the device is back)",
+    "silence": "silence (its reports stop)",
+    "resume": "resume (its reports go on)",
+    "loop": "loop (the last step: start again)",
 }
 """Usage of each verb of a script. Deflections are -1..1 in the robot frame.
 

@@ -47,7 +47,9 @@ HELD_S = 0.025
 """How long the amplifier exerts a force that is not renewed."""
 SETTLES_S = 1.0
 """In which the hand is on the floor again after that was dropped."""
-PAGE = Path(__file__).parents[3] / "docs" / "simulated-peers.md"
+ROOT = Path(__file__).parents[3]
+PAGE = ROOT / "docs" / "simulated-peers.md"
+TOUCH = ROOT / "examples" / "peers" / "touch.c"
 CALLBACK = ctypes.CFUNCTYPE(ctypes.c_uint, ctypes.c_void_p)
 
 
@@ -308,12 +310,10 @@ def blocks(language):
 @pytest.mark.real
 @pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
 def test_the_program_in_c_feels_its_floor(tmp_path):
-    (source,) = blocks("c")
-    (tmp_path / "touch.c").write_text(source, encoding="utf-8")
     headers = Path(hdapi.__file__).parent
     strict = ["-Wall", "-Wextra", "-Werror", "-std=gnu11"]
     subprocess.run(
-        ["cc", *strict, "-I", headers, "-o", tmp_path / "touch", tmp_path / "touch.c", "-ldl"],
+        ["cc", *strict, "-I", headers, "-o", tmp_path / "touch", TOUCH, "-ldl"],
         check=True,
         timeout=60,
     )

@@ -18,16 +18,25 @@ OVERLOAD = 1.5
 """An overload, in full scales."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
-    "wrench": "wrench FX FY FZ MX MY MZ [over SECONDS]",
-    "swing": "swing FX FY FZ MX MY MZ over SECONDS [times N] [phase DEGREES]",
-    "release": "release [over SECONDS]",
-    "overload": "overload FX|FY|FZ|MX|MY|MZ [over SECONDS]",
-    "sensor-unplug": "sensor-unplug",
-    "sensor-plug": "sensor-plug",
-    "power-off": "power-off",
-    "power-on": "power-on",
-    "silence": "silence",
-    "resume": "resume",
+    "wrench": (
+        "wrench FX FY FZ MX MY MZ [over SECONDS] (ramp to this load: N, N·m, the sensor's own axes)"
+    ),
+    "swing": (
+        "swing FX FY FZ MX MY MZ over SECONDS [times N] [phase DEGREES] (whole sine periods on top)"
+    ),
+    "release": "release [over SECONDS] (ends both)",
+    "overload": (
+        "overload FX|FY|FZ|MX|MY|MZ [over SECONDS] (one component to 1.5 times its full scale)"
+    ),
+    "sensor-unplug": (
+        "sensor-unplug (the sensor's cable: the board goes on sending the last sample, "
+        "counter and all)"
+    ),
+    "sensor-plug": "sensor-plug (the sensor's cable is back)",
+    "power-off": "power-off (the board's power fails)",
+    "power-on": "power-on (the board's power is back)",
+    "silence": "silence (the board hangs)",
+    "resume": "resume (the board goes on)",
     "loop": "loop",
 }
 """Usage of each verb of a script. Forces in N, moments in N·m, in the sensor's own axes.

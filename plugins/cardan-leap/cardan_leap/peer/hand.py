@@ -15,24 +15,34 @@ SHORTEST_SWING_S = 0.01
 """The shortest period of a swing."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
-    "enter": "enter left|right [X Y Z]",
-    "leave": "leave left|right",
-    "move": "move left|right X Y Z [over SECONDS]",
-    "tilt": "tilt left|right PITCH YAW ROLL [over SECONDS]",
-    "swing": "swing left|right X Y Z [PITCH YAW ROLL] over SECONDS [times N]",
-    "grab": "grab left|right STRENGTH [over SECONDS]",
-    "pinch": "pinch left|right STRENGTH [over SECONDS]",
-    "confidence": "confidence left|right VALUE [over SECONDS]",
-    "new-id": "new-id left|right",
-    "unplug": "unplug",
-    "replug": "replug",
-    "pause": "pause",
-    "unpause": "unpause",
-    "stall": "stall",
-    "resume": "resume",
-    "steal-focus": "steal-focus",
-    "restart": "restart [SECONDS]",
-    "malformed": "malformed [FRAMES]",
+    "enter": (
+        "enter left|right [X Y Z] (a hand comes into view, with a new id, open and flat; at 0"
+        " 200 0 unless said otherwise)"
+    ),
+    "leave": "leave left|right (it leaves)",
+    "move": "move left|right X Y Z [over SECONDS] (it goes there, starting and ending gently)",
+    "tilt": "tilt left|right PITCH YAW ROLL [over SECONDS] (it turns to there, likewise)",
+    "swing": (
+        "swing left|right X Y Z [PITCH YAW ROLL] over SECONDS [times N] (add N sine periods "
+        "of SECONDS each)"
+    ),
+    "grab": "grab left|right STRENGTH [over SECONDS] (it closes (1) or opens (0))",
+    "pinch": (
+        "pinch left|right STRENGTH [over SECONDS] (thumb and index finger meet (1) or part (0))"
+    ),
+    "confidence": "confidence left|right VALUE [over SECONDS] (the service's confidence in it)",
+    "new-id": "new-id left|right (it is lost and found between two frames)",
+    "unplug": "unplug (the tracker's cable is pulled; clients are informed)",
+    "replug": "replug (the tracker's cable is back; clients are informed)",
+    "pause": "pause (its delivery stops; clients are informed)",
+    "unpause": "unpause (its delivery goes on; clients are informed)",
+    "stall": "stall (frames stop without notice)",
+    "resume": "resume (frames go on)",
+    "steal-focus": "steal-focus (another program takes the focus)",
+    "restart": (
+        "restart [SECONDS] (the service is gone for this time (1), then counts everything anew)"
+    ),
+    "malformed": "malformed [FRAMES] (this number of frames (1) is cut short)",
     "loop": "loop",
 }
 """Usage of each verb of a script. Positions are in the tracker's axes, mm: X right, Y up, Z towards

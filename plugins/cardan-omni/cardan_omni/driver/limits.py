@@ -111,9 +111,12 @@ class TickLimits:
     leak_s: Annotated[float, LEAK_S] = 3.0
     """Time constant with which energy taken in is forgotten in free space, s."""
     workspace_lower_m: tuple[_Metre, _Metre, _Metre] = WORKSPACE_LOWER_M
+    """Hand frame, m. Where this and the next are left as they are, the device's own largest
+    workspace counts, less 10 mm."""
     workspace_upper_m: tuple[_Metre, _Metre, _Metre] = WORKSPACE_UPPER_M
-    """Hand frame, m. Outside a spring leads back, and fixtures fade over 20 mm."""
+    """The opposite corner. Outside a spring leads back, and fixtures fade over 20 mm."""
     edge_stiffness_n_m: Annotated[float, EDGE_STIFFNESS_N_M] = 200.0
+    """Of the spring that leads back from outside, N/m."""
     extrapolate_s: Annotated[float, EXTRAPOLATE_S] = 0.008
     """Time that a measured force is extrapolated by its rate and stiffness, s."""
     overrun_gap_s: Annotated[float, OVERRUN_GAP_S] = 0.002

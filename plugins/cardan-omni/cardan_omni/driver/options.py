@@ -34,7 +34,8 @@ class OmniOptions(ShapingOptions, TickLimits):
     device: str = ""
     """The device's name in the vendor's setup tool; empty: the first one."""
     library: Annotated[str, _LIBRARY] = ""
-    """Path or name of libHD; empty: $CARDAN_LIBHD, else where the system's loader finds it."""
+    """Path or name of libHD; empty: $CARDAN_LIBHD, else what the system's loader
+    finds: libHD.so.3.4, libHD.so.3.0, libHD.so."""
     force_mode: Literal["cartesian", "joint"] = "cartesian"
     """What set_feedback takes at first: forces at the stylus, or torques of the three joints."""
     drive_by: Literal["force", "joint_torques"] = "force"

@@ -33,20 +33,27 @@ _PACES = {"move": 0.1, "turn": math.pi / 2.0, "push": 2.0, "stiffness": 1000.0}
 _SHORTEST_DEFAULT_S = 0.3
 
 SCRIPT_VERBS: Mapping[str, str] = {
-    "move": "move X Y Z [over SECONDS]",
-    "turn": "turn RX RY RZ [over SECONDS]",
-    "swing": "swing X Y Z [RX RY RZ] over SECONDS [times N]",
-    "circle": "circle X Y over SECONDS [times N]",
-    "draw": "draw X Y [X Y ...] over SECONDS",
-    "push": "push FX FY FZ [over SECONDS]",
-    "stiffness": "stiffness KX KY KZ [over SECONDS]",
-    "grip": "grip on|off",
-    "press": "press 1|2",
-    "release": "release 1|2",
-    "click": "click 1|2",
-    "dock": "dock [over SECONDS]",
-    "undock": "undock",
-    "loop": "loop",
+    "move": "move X Y Z [over SECONDS] (go there, without a jerk; without over at 0.1 m/s)",
+    "turn": (
+        "turn RX RY RZ [over SECONDS] (turn the stylus, about the fixed axes x, y, z in turn)"
+    ),
+    "swing": ("swing X Y Z [RX RY RZ] over SECONDS [times N] (add N sine periods of SECONDS each)"),
+    "circle": (
+        "circle X Y over SECONDS [times N] (round a centre that lies X, Y from here, "
+        "anticlockwise from above)"
+    ),
+    "draw": (
+        "draw X Y [X Y ...] over SECONDS (straight strokes through these points, at this height)"
+    ),
+    "push": "push FX FY FZ [over SECONDS] (a force beside the hand's spring)",
+    "stiffness": "stiffness KX KY KZ [over SECONDS] (of that spring; 0: free along that axis)",
+    "grip": "grip on|off (let go; grip again)",
+    "press": "press 1|2 (a button)",
+    "release": "release 1|2 (let go of a button)",
+    "click": "click 1|2 (press and release a button, within 0.1 s)",
+    "dock": "dock [over SECONDS] (into the inkwell; at 0 s it is there from the start)",
+    "undock": "undock (out of it)",
+    "loop": "loop (the last step: start again; the hand must be as it was at the start)",
 }
 """Usage of each verb of a script. Axes of the hand: X forward, Y left, Z up, from the device's
 origin, m; turns about the fixed axes x, y, z one after the other, degrees; N; N/m.

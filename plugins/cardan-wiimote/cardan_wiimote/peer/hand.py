@@ -16,23 +16,33 @@ HAND_PERIOD_S = 0.005
 """How often a moving hand is sampled."""
 
 SCRIPT_VERBS: Mapping[str, str] = {
-    "tilt": "tilt ROLL PITCH YAW [over SECONDS]",
-    "swing": "swing ROLL PITCH YAW over SECONDS [times N] [phase DEGREES]",
-    "level": "level [over SECONDS]",
-    "push": "push X Y Z over SECONDS [times N]",
-    "stick": "stick X Y [over SECONDS]",
-    "press": "press LABEL",
-    "release": "release LABEL",
-    "dots": "dots [X Y ...]",
-    "battery": "battery 0..255",
-    "plug": "plug nunchuk",
-    "unplug": "unplug",
-    "power-off": "power-off",
-    "power-on": "power-on",
-    "leave": "leave",
-    "come-back": "come-back",
-    "silence": "silence",
-    "resume": "resume",
+    "tilt": "tilt ROLL PITCH YAW [over SECONDS] (ramp the angles there)",
+    "swing": (
+        "swing ROLL PITCH YAW over SECONDS [times N] [phase DEGREES] (add N sine periods of "
+        "SECONDS each)"
+    ),
+    "level": "level [over SECONDS] (back to level: ends ramps and swings)",
+    "push": (
+        "push X Y Z over SECONDS [times N] (accelerate to and fro, g, along the remote's "
+        "forward, left and up)"
+    ),
+    "stick": "stick X Y [over SECONDS] (the Nunchuk's stick, each in -1..1: right, forward)",
+    "press": (
+        "press LABEL (a, b, 1, 2, plus, minus, home, up, down, left, right; c, z of a Nunchuk)"
+    ),
+    "release": "release LABEL (let go of it)",
+    "dots": (
+        "dots [X Y ...] (what the camera sees, up to four points in 1024 x 768; none: nothing)"
+    ),
+    "battery": "battery 0..255 (0 to 255; new cells show about 200)",
+    "plug": "plug nunchuk (a Nunchuk is plugged in)",
+    "unplug": "unplug (the Nunchuk is pulled out)",
+    "power-off": "power-off (the remote is switched off)",
+    "power-on": "power-on (the remote is switched on)",
+    "leave": "leave (out of radio range; after 2 s the link is given up)",
+    "come-back": "come-back (in radio range again)",
+    "silence": "silence (it neither sends nor obeys, with the link up)",
+    "resume": "resume (it sends and obeys again)",
     "loop": "loop",
 }
 """Usage of each verb of a script. Angles are in degrees: roll right side down, pitch nose up, yaw

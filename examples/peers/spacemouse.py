@@ -1,0 +1,18 @@
+"""The reports of a SpaceMouse that is pushed and has a button pressed.
+
+It prints:
+
+    03 01 00
+    01 00 00 51 ff 00 00
+    02 00 00 00 00 00 00
+    01 00 00 51 ff 00 00
+"""
+
+from cardan.protocols.connexion import model_by_key
+from cardan.sim_peers.spacemouse import SimulatedSpaceMouse
+
+mouse = SimulatedSpaceMouse(model_by_key("spacemouse-compact"))
+mouse.set_axes((0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
+mouse.press("left")
+for report in mouse.reports(0.020):
+    print(report.hex(" "))
