@@ -54,7 +54,7 @@ help:
 	@echo "make hold-table  the table of docs/console.md: every end of a hold on the page, by a real browser"
 	@echo "make console-pictures  docs/images/console-*.webp, which the tests compare the page with"
 	@echo "make arm-tables  what Pinocchio reads of our arms, for programs that have none: cardan/robots/*.json"
-	@echo "make docs-tables  tables of drivers and codes of messages, and the lines in place of those that the site has"
+	@echo "make docs-tables  tables of drivers, and the lines in place of those that the site has"
 	@echo "make docs-pictures  the pictures of the console's page, by its acceptance test's browser"
 	@echo "make docs-evaluation  the report of docs/evaluation.md, EVALUATE=--quick for a short one"
 	@echo "make demo-picture  the moving picture of the README, from the demo"

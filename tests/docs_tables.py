@@ -1,6 +1,6 @@
-"""Writes the tables of the documentation that drivers and codes of messages declare.
+"""Writes the tables of the documentation that drivers declare.
 
-Those of simulated peers, options and demos it makes for the site (site_tables).
+Those of simulated peers, options, demos and codes of messages it makes for the site (site_tables).
 
 Each stands in its page between the lines that `begin` and END have;
 test_docs_tables holds them current. To write all of them anew: ``make docs-tables``.
@@ -197,7 +197,7 @@ def _states() -> str:
     return markdown(("machine", "state", "meaning"), rows)
 
 
-def _troubles() -> str:
+def codes_of_messages() -> str:
     """A section for each area, and in it one for each code."""
     made = []
     for letter, title in AREAS.items():
@@ -217,7 +217,6 @@ TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("README.md", "overview"): _overview,
     ("docs/devices.md", "devices"): _devices,
     ("docs/safety-and-access.md", "states"): _states,
-    ("docs/troubleshooting.md", "troubles"): _troubles,
 }
 """By page and name."""
 

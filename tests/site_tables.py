@@ -86,6 +86,12 @@ TABLES: dict[str, SiteTable] = {
         docs_tables.options_table,
         "cardan devices drivers",
     ),
+    "codes": SiteTable(
+        "docs/troubleshooting.md",
+        "each code, with its messages, cause, what happens meanwhile, and what to do",
+        docs_tables.codes_of_messages,
+        "cardan explain CODE",
+    ),
     "demos": SiteTable(
         "docs/first-ten-minutes.md",
         "all demos and their files",
