@@ -47,14 +47,14 @@ help:
 	@echo "make test-lerobot  the plug-ins and data sets against LeRobot, in an environment of its own"
 	@echo "make fuzz    10^7 damaged inputs for everything that reads foreign bytes (FUZZ_INPUTS=$(FUZZ_INPUTS))"
 	@echo "make device-table  the times to neutral in docs/devices.md, from the test that measures them"
-	@echo "make fault-table  the tables of docs/faults.md: what each robot does when something fails"
+	@echo "make fault-table  tables of docs/faults.md, in tests/results: what each robot does when something fails"
 	@echo "make fault-table-processes  the same with whole programs, for half an hour: FAULT_LABS=$(FAULT_LABS) side by side"
 	@echo "make fault-table-network  the same on a bad network, in the virtual machine of test-kernel"
 	@echo "make flood-table  its table of floods: clients that send more than a server can handle"
 	@echo "make hold-table  the table of docs/console.md: every end of a hold on the page, by a real browser"
 	@echo "make console-pictures  docs/images/console-*.webp, which the tests compare the page with"
 	@echo "make arm-tables  what Pinocchio reads of our arms, for programs that have none: cardan/robots/*.json"
-	@echo "make docs-tables  tables of drivers and codes of messages, and the lines in place of those that the site has"
+	@echo "make docs-tables  tables of drivers, and the lines in place of those that the site has"
 	@echo "make docs-pictures  the pictures of the console's page, by its acceptance test's browser"
 	@echo "make docs-evaluation  the report of docs/evaluation.md, EVALUATE=--quick for a short one"
 	@echo "make demo-picture  the moving picture of the README, from the demo"
@@ -144,18 +144,21 @@ device-table: $(VENV)/.cardan-dev
 fault-table: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.fault_table
 	$(BIN)/python -m tests.remote_fault_table
+	$(BIN)/python -m tests.docs_tables
 
 # Real processes and clocks: on a computer that has nothing else to do. What is found is kept in
 # build/faults.json after each case; FAULT_OPTIONS=--missing goes on with a run that was ended.
 fault-table-processes: $(VENV)/.cardan-dev
 	mkdir -p build
-	$(BIN)/python -m tests.process_faults --labs $(FAULT_LABS) --json build/faults.json --pages $(FAULT_OPTIONS)
+	$(BIN)/python -m tests.process_faults --labs $(FAULT_LABS) --json build/faults.json --write $(FAULT_OPTIONS); \
+		ended=$$?; $(BIN)/python -m tests.docs_tables && exit $$ended
 
 fault-table-network: $(VENV)/.cardan-dev
 	mkdir -p build
 	tools/debian-packages kernel
 	tools/kernel-vm tests/kernel/network_faults.py | tee build/network-faults.log
-	$(BIN)/python -m tests.process_faults --kernel build/network-faults.log --json build/faults.json --pages
+	$(BIN)/python -m tests.process_faults --kernel build/network-faults.log --json build/faults.json --write; \
+		ended=$$?; $(BIN)/python -m tests.docs_tables && exit $$ended
 
 flood-table: $(VENV)/.cardan-dev
 	$(BIN)/python -m tests.flood_table

@@ -1,4 +1,5 @@
-"""Writes the tables of docs/conformance.md that take runs: fault x requirement.
+"""Writes the list of protocols in docs/conformance.md, and the tables of tests/results that take
+runs: fault x requirement.
 
 Those of requirements are the site's (site_tables).
 
@@ -13,25 +14,15 @@ from typing import NamedTuple
 
 from cardan.conform import Level, Report, registry
 from cardan.conform.run import simulated
-from tests.docs_tables import END, ROOT, markdown
+from tests.docs_tables import ROOT, markdown, replaced
+from tests.result_tables import of_suite
 
 PAGE = ROOT / "docs" / "conformance.md"
 DO_NOT_APPLY = {"HID3D-016"}
 """Requirements that the simulated peer need not meet; docs/conformance.md says why."""
 
 
-def begin(name: str) -> str:
-    """The line before the table of that name."""
-    return f"<!-- made by tests/conformance_tables.py: {name} -->\n"
-
-
-def replaced(page: str, name: str, made: str) -> str:
-    """`page` with `made` in the place of the table of that name."""
-    head, found, rest = page.partition(begin(name))
-    _, ended, tail = rest.partition(END)
-    if not (found and ended):
-        raise ValueError(f"there is no {begin(name).strip()} ... {END.strip()}")
-    return f"{head}{begin(name)}\n{made}\n{END}{tail}"
+BEGIN = "<!-- made by tests/conformance_tables.py: protocols -->\n"
 
 
 @functools.cache
@@ -110,17 +101,15 @@ def _summary() -> str:
 
 
 def page(text: str) -> str:
-    """The page, with every table as it is now."""
-    text = replaced(text, "protocols", _summary())
-    for name in registry.names():
-        if tried(name):
-            text = replaced(text, f"faults of {name}", faults_table(name))
-    return text
+    """The page, with the list of protocols as it is now."""
+    return replaced(text, BEGIN, _summary())
 
 
 def main() -> None:
-    """Write the tables into their page."""
+    """Write the list and the tables."""
     PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    for name in registry.names():
+        of_suite(name).write(faults_table(name))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
-"""Writes the tables of the documentation that drivers and codes of messages declare.
+"""Writes the tables of the documentation that drivers declare, and short ones of results.
 
-Those of simulated peers, options and demos it makes for the site (site_tables).
+Those of simulated peers, options, demos and codes of messages it makes for the site (site_tables).
 
 Each stands in its page between the lines that `begin` and END have;
 test_docs_tables holds them current. To write all of them anew: ``make docs-tables``.
@@ -31,6 +31,7 @@ from cardan_serial_mice.driver import SpaceMouseSerial
 from cardan_serial_mice.protocol import SERIAL_MODELS
 from cardan_spnav_server import identity_of
 from tests.command_line import the_command_line
+from tests.result_tables import FAULTS, PROCESS_FAULTS, REMOTE_FAULTS
 
 ROOT = Path(__file__).parents[1]
 END = "<!-- end -->\n"
@@ -296,7 +297,7 @@ def _states() -> str:
     return markdown(("machine", "state", "meaning"), rows)
 
 
-def _troubles() -> str:
+def codes_of_messages() -> str:
     """A section for each area, and in it one for each code."""
     made = []
     for letter, title in AREAS.items():
@@ -312,11 +313,77 @@ def _troubles() -> str:
     return "".join(made)
 
 
+def _short(rows: Sequence[Sequence[str]], names: Iterable[str]) -> str:
+    """The rows of a table that have these names in their first cell."""
+    by_name = {row[0]: row for row in rows[1:]}
+    return markdown(rows[0], (by_name[name] for name in names))
+
+
+def _faults() -> str:
+    """What an operator's arm does when something of its own fails."""
+    (_, *robots), *rows = FAULTS.rows("operator")
+    return _short(
+        [("fault", *robots), *rows],
+        (
+            "device or sender silent",
+            "process stalls for 100 ms",
+            "process killed",
+            "controller restarts",
+            "motors off",
+            "second publisher of the joints",
+            "clock stands still",
+            "authority taken",
+        ),
+    )
+
+
+def _remote_faults() -> str:
+    """What it does when something of the way to it fails."""
+    return _short(
+        REMOTE_FAULTS.rows(),
+        (
+            "the hand lets go of the dead-man",
+            "the network stands still for 0.5 s",
+            "the link is cut",
+            "a camera fills a link of 2 Mbit/s",
+            "the laptop sleeps for 5 s",
+            "`cardan devices share` is killed, and is back in 3 s",
+        ),
+    )
+
+
+def _process_faults() -> str:
+    """What it does when a process dies or stands still, for one pair of device and robot."""
+    rows = []
+    for group, name in (
+        ("session", "SIGKILL"),
+        ("session", "stands still for 500 ms"),
+        ("daemon", "SIGKILL"),
+        ("daemon", "disk full"),
+        ("device", "killed: unplugged"),
+        ("robot", "stands still for 2 s"),
+        ("bus", "its router is killed"),
+        ("face", "SIGKILL"),
+        ("network", "30 % of all datagrams lost"),
+        ("network", "100 ms of delay, each way"),
+    ):
+        _, *cases = PROCESS_FAULTS.rows(group)
+        ((motion, again, to_go_on),) = (
+            (motion, again, to_go_on)
+            for fault, pair, motion, again, _said, to_go_on in cases
+            if (fault, pair) == (name, "SpaceMouse, GoFa (EGM pose)")
+        )
+        rows.append((group, name, motion, again, to_go_on))
+    return markdown(("what fails", "how", "ms, mm, mm/s", "again", "to go on"), rows)
+
+
 TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("README.md", "overview"): _overview,
     ("docs/devices.md", "devices"): _devices,
+    ("docs/faults.md", "faults"): _faults,
+    ("docs/faults.md", "faults of a device at another computer"): _remote_faults,
+    ("docs/faults.md", "faults of whole programs"): _process_faults,
     ("docs/safety-and-access.md", "states"): _states,
-    ("docs/troubleshooting.md", "troubles"): _troubles,
 }
 """By page and name."""
 

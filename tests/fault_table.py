@@ -1,4 +1,4 @@
-"""Makes the tables of docs/faults.md: what each robot did when something went wrong.
+"""Makes the tables of tests/results/faults.md: what each robot did when something went wrong.
 
 To write them anew: ``make fault-table``, or ``python -m tests.fault_table``.
 """
@@ -13,12 +13,10 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator
-from pathlib import Path
 from typing import NamedTuple, TypeVar
 from weakref import WeakSet
 
 from cardan.common import forks
-from tests.docs_tables import replaced
 from tests.fault_pilots import PILOTS, SPEED_M_S, Make, Scenario, make
 from tests.fault_rig import (
     BENCHES,
@@ -34,11 +32,9 @@ from tests.fault_rig import (
     Ros2Bench,
     UrBench,
 )
+from tests.result_tables import FAULTS as RESULTS
 
 _T = TypeVar("_T")
-
-PAGE = Path(__file__).parents[1] / "docs" / "faults.md"
-BEGIN = "<!-- made by tests/fault_table.py -->\n"
 
 RUN_UP_S = 0.6
 """At 1 m/s² the arm has its speed after 0.1 s."""
@@ -234,7 +230,7 @@ def table(found: list[Row]) -> str:
 
 
 def cell(row: Row | None) -> str:
-    """The figures of one, as they stand in the page."""
+    """The figures of one, as they stand in the table."""
     if row is None:
         return "–"
     motion = row.motion
@@ -247,14 +243,13 @@ def cell(row: Row | None) -> str:
 
 
 def main() -> None:
-    """Write the tables into their page, or print them with "-"."""
+    """Write the tables, or print them with "-"."""
     found = list(rows())
     text = table(found)
     if "-" in sys.argv[1:]:
         print(text)
     else:
-        page = PAGE.read_text(encoding="utf-8")
-        PAGE.write_text(replaced(page, BEGIN, text), encoding="utf-8")
+        RESULTS.write(text)
     for row in found:
         if row.too_much:
             print(f"{row.source}, {row.fault}, {row.robot}: {row.too_much}")

@@ -1,5 +1,5 @@
-"""Makes the table of floods in docs/faults.md: how long after a client's last byte the arm is at
-rest.
+"""Makes the table of floods, tests/results/floods.md: how long after a client's last byte the arm
+is at rest.
 
 Real sockets; the simulated arm, its session, the server and the client are processes of their own.
 To write it anew, in less than 15 minutes: ``make flood-table``, or ``python -m tests.flood_table``.
@@ -28,13 +28,11 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.arm.parameters import ParameterRule, find_rule
 from cardan.sim_peers.arm import PlantOptions, SimulatedArmOptions
-from tests.docs_tables import END, markdown, replaced
-from tests.fault_table import PAGE
+from tests.docs_tables import markdown
 from tests.flood_clients import ARM, MAKERS
+from tests.result_tables import FLOODS as RESULTS
 from tests.serving import free_endpoint
 from tests.waiting import until
-
-BEGIN = "<!-- made by tests/flood_table.py -->\n"
 
 _RULE: ParameterRule | None = find_rule("streamTimeout")
 assert _RULE is not None
@@ -437,15 +435,8 @@ def rows(
                     yield made.flooded(rate, end, rate * per_s)
 
 
-def written() -> list[list[str]]:
-    """Server, rate and cells of each row that the page has, its head first."""
-    _, _, rest = PAGE.read_text(encoding="utf-8").partition(BEGIN)
-    lines = [each for each in rest.partition(END)[0].splitlines() if each.startswith("| ")]
-    return [[cell.strip() for cell in each.strip("|").split("|")] for each in lines]
-
-
 def table(found: Iterable[Row], before: Iterable[Sequence[str]] = ()) -> str:
-    """What stands in the page: ms, bold where that is too long, and a star where the server ended
+    """What is written: ms, bold where that is too long, and a star where the server ended
     the connection; `before`: rows that stay where nothing was found anew."""
     cells: dict[tuple[str, float], dict[str, str]] = {
         (name, float(rate)): dict(zip(ENDS, each, strict=True)) for name, rate, *each in before
@@ -468,7 +459,7 @@ def table(found: Iterable[Row], before: Iterable[Sequence[str]] = ()) -> str:
 
 
 def main() -> None:
-    """Measure, and write the page."""
+    """Measure, and write the table."""
     reading = argparse.ArgumentParser(description="Measure how long arms go on after floods.")
     reading.add_argument("--only", metavar="WORDS", help="rows with these words; others stay")
     only = reading.parse_args().only
@@ -476,9 +467,8 @@ def main() -> None:
     for row in rows([name for name in SERVERS if only is None or only in name]):
         print(row, flush=True)
         found.append(row)
-    page = PAGE.read_text(encoding="utf-8")
-    before = () if only is None else written()[1:]
-    PAGE.write_text(replaced(page, BEGIN, table(found, before)), encoding="utf-8")
+    before = () if only is None else RESULTS.rows()[1:]
+    RESULTS.write(table(found, before))
 
 
 if __name__ == "__main__":

@@ -1,5 +1,5 @@
-"""Makes the table of docs/faults.md of a device at another computer: what the arm did when
-something between the two, or at the operator's, went wrong.
+"""Makes the table of a device at another computer, tests/results/remote-faults.md: what the arm
+did when something between the two, or at the operator's, went wrong.
 
 To write it anew: ``make fault-table``, or ``python -m tests.remote_fault_table``. All in virtual
 time: `cardan devices share` and the driver's core, a network between them, and a session's control
@@ -20,13 +20,12 @@ from cardan.drivers.remote.shared import CLAIM_PERIOD_S
 from cardan.gateway.arm.supervision import Watchdogs
 from cardan.gateway.bus.sharing import ShareCore
 from cardan.types import DeviceState
-from tests.docs_tables import markdown, replaced
+from tests.docs_tables import markdown
 from tests.drivers.remote_rig import STEP_S, Bench as RemoteBench, Link
 from tests.fault_pilots import ACCELERATION_M_S2, SPEED_M_S, Operator
 from tests.fault_rig import JointStreamBench, Motion
-from tests.fault_table import PAGE, Row, cell, in_a_copy
-
-BEGIN = "<!-- made by tests/remote_fault_table.py -->\n"
+from tests.fault_table import Row, cell, in_a_copy
+from tests.result_tables import REMOTE_FAULTS as RESULTS
 
 REPORT_S = 0.008
 """A SpaceMouse's reports, while it is deflected."""
@@ -355,14 +354,13 @@ def table(found: Iterable[Found]) -> str:
 
 
 def main() -> None:
-    """Write the table into its page, or print it with "-"."""
+    """Write the table, or print it with "-"."""
     found = list(rows())
     text = table(found)
     if "-" in sys.argv[1:]:
         print(text)
     else:
-        page = PAGE.read_text(encoding="utf-8")
-        PAGE.write_text(replaced(page, BEGIN, text), encoding="utf-8")
+        RESULTS.write(text)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 Each is made from what the code or the tests declare. In the page its place has a marker and one
 line that says which command prints the same; `filled` puts the table there, for the site
 (docs/site/conf.py) and for the tests that read pages. Tables of results that take a run to get are
-not among these: they are committed.
+read from tests/results (result_tables).
 
 ``python -m tests.site_tables`` writes those lines, and with a table's name prints that table.
 """
@@ -17,8 +17,9 @@ from typing import NamedTuple
 from cardan.conform import registry as suites
 from cardan.sim_peers import registry as peers
 from cardan.sim_peers.ur_controller import UrController
-from tests import conformance_tables, device_table, docs_tables, network_table
+from tests import conformance_tables, device_table, docs_tables, network_table, result_tables
 from tests.docs_tables import ROOT, markdown, replaced
+from tests.result_tables import Results
 
 
 class SiteTable(NamedTuple):
@@ -31,9 +32,14 @@ class SiteTable(NamedTuple):
     make: Callable[[], str]
     command: str = ""
     """It prints the same; empty: this module does."""
+    file: str = ""
+    """It has the table, in place of a command: relative to the repository."""
 
     def line(self, name: str) -> str:
         """What the page in the repository has in its place."""
+        if self.file:
+            link = f"[`{self.file}`](../{self.file})"
+            return f"Table on the site (`make docs`): {self.what}. In the repository: {link}.\n"
         command = self.command or f'python -m tests.site_tables "{name}"'
         where = "a terminal" if self.command else "a checkout"
         return f"Table on the site (`make docs`): {self.what}. In {where}: `{command}`.\n"
@@ -120,6 +126,34 @@ def _requirements() -> Iterator[tuple[str, SiteTable]]:
         )
 
 
+def _written(results: Results, what: str) -> SiteTable:
+    return SiteTable(results.page, what, results.read, file=results.file)
+
+
+def _results() -> Iterator[tuple[str, SiteTable]]:
+    for name, results, what in (
+        ("faults", result_tables.FAULTS, "every fault, for each source and robot"),
+        (
+            "faults of a device at another computer",
+            result_tables.REMOTE_FAULTS,
+            "every fault, over each network",
+        ),
+        (
+            "faults of whole programs",
+            result_tables.PROCESS_FAULTS,
+            "every case, with what was said and what it took to go on",
+        ),
+        ("floods", result_tables.FLOODS, "every server, at each rate and end of a flood"),
+    ):
+        yield name, _written(results, what)
+    for name in suites.names():
+        results = result_tables.of_suite(name)
+        yield (
+            f"conformance with faults: {name}",
+            _written(results, "each fault, and the requirements that are not met with it"),
+        )
+
+
 def _network() -> str:
     return markdown(("name", "what", "type", *network_table.TRANSPORTS), network_table.table())
 
@@ -147,6 +181,12 @@ TABLES: dict[str, SiteTable] = {
         "the drivers and the page with the options of each",
         docs_tables.options_table,
         "cardan devices drivers",
+    ),
+    "codes": SiteTable(
+        "docs/troubleshooting.md",
+        "each code, with its messages, cause, what happens meanwhile, and what to do",
+        docs_tables.codes_of_messages,
+        "cardan explain CODE",
     ),
     "demos": SiteTable(
         "docs/first-ten-minutes.md",
@@ -181,6 +221,7 @@ TABLES: dict[str, SiteTable] = {
     **dict(_options()),
     **dict(_faults()),
     **dict(_requirements()),
+    **dict(_results()),
 }
 
 

@@ -1,4 +1,5 @@
-"""The tables of docs/faults.md: they are what is measured, and nothing in them is too much."""
+"""The tables of tests/results/faults.md: they are what is measured, and nothing in them is too
+much."""
 
 import itertools
 import math
@@ -6,7 +7,7 @@ import re
 
 import pytest
 
-from tests import docs_tables, fault_table
+from tests import fault_table
 from tests.fault_pilots import PILOTS
 from tests.fault_rig import BENCHES
 
@@ -38,12 +39,10 @@ def numbers(text):
     return [math.inf if part == "goes on" else float(part) for part in parts]
 
 
-def assert_page_has(begin, table):
-    """That it has this table behind the marker `begin`."""
-    page = fault_table.PAGE.read_text(encoding="utf-8")
-    _, _, rest = page.partition(begin)
-    made = rest.partition(docs_tables.END)[0]
-    written, now = cells(made), cells(table)
+def assert_are(results, table):
+    """That this table is what is written of those results."""
+    written, now = cells(results.read()), cells(table)
+    assert now
     assert written.keys() == now.keys(), "make fault-table writes it anew"
     for key, text in now.items():
         if text == "–" or written[key] == "–":
@@ -53,8 +52,8 @@ def assert_page_has(begin, table):
             assert old == new or abs(old - new) <= near, (key, written[key], text)
 
 
-def test_the_page_has_what_is_measured(rows):
-    assert_page_has(fault_table.BEGIN, fault_table.table(rows))
+def test_what_is_written_is_what_is_measured(rows):
+    assert_are(fault_table.RESULTS, fault_table.table(rows))
 
 
 def test_every_source_fault_and_robot_is_there(rows):

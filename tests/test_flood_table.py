@@ -1,13 +1,13 @@
-"""The table of floods in docs/faults.md, and some of its cells measured anew."""
+"""The table of floods in tests/results/floods.md, and some of its cells measured anew."""
 
 import pytest
 
 from tests import flood_table
-from tests.flood_table import ENDS, NONE, RATES, REST_S, SERVERS, WITHOUT, written
+from tests.flood_table import ENDS, NONE, RATES, REST_S, RESULTS, SERVERS, WITHOUT
 
 
 def test_the_table_has_all_servers_rates_and_ends():
-    head, *found = written()
+    head, *found = RESULTS.rows()
     assert tuple(head[2:]) == ENDS
     assert [(name, float(rate)) for name, rate, *_ in found] == [
         (name, rate) for name in SERVERS for rate in RATES
@@ -15,7 +15,7 @@ def test_the_table_has_all_servers_rates_and_ends():
 
 
 def test_the_arm_is_at_rest_in_time_after_the_last_byte():
-    for name, _, *cells in written()[1:]:
+    for name, _, *cells in RESULTS.rows()[1:]:
         for end, cell in zip(ENDS, cells, strict=True):
             assert (cell == NONE) == ((name, end) in WITHOUT)
             if cell != NONE:

@@ -1,5 +1,5 @@
-"""A device at another computer, in docs/faults.md: the table is what is measured, the arm is at
-rest in time, and it moves for nobody who has not asked."""
+"""A device at another computer: the table is what is measured, the arm is at rest in time, and it
+moves for nobody who has not asked."""
 
 import math
 
@@ -18,7 +18,7 @@ from tests.remote_fault_table import (
     OVERTAKEN_S,
     TWICE,
 )
-from tests.test_fault_table import assert_page_has
+from tests.test_fault_table import assert_are
 
 STILL_M = 5e-5
 """What an arm that moves by less than 1 mm/s has before it until it rests: 0.0 mm."""
@@ -47,8 +47,8 @@ def test_a_network_that_is_cut_in_one_direction_stops_the_arm_in_time():
 
 @pytest.mark.matrix
 @pytest.mark.timeout(1200)
-def test_the_page_has_what_is_measured(rows):
-    assert_page_has(remote_fault_table.BEGIN, remote_fault_table.table(rows))
+def test_what_is_written_is_what_is_measured(rows):
+    assert_are(remote_fault_table.RESULTS, remote_fault_table.table(rows))
 
 
 @pytest.mark.matrix

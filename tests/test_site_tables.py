@@ -7,6 +7,7 @@ import shlex
 
 import pytest
 
+from cardan.common.troubles import AREAS, troubles
 from cardan.sim_peers import registry as peers
 from tests import docs_tables, site_tables
 from tests.command_line import the_command_line
@@ -36,19 +37,29 @@ def test_no_page_has_a_marker_that_nothing_fills():
     assert found == {(table.page, name) for name, table in TABLES.items()}
 
 
+def tables_of(text):
+    """The lines of each table in a text."""
+    return [each.strip().splitlines() for each in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE)]
+
+
+def cells_of(row):
+    return len(re.findall(r"(?<!\\) \| ", row)) + 1
+
+
 @pytest.mark.parametrize("page", PAGES)
 def test_the_site_has_a_table_in_each_place(page):
     text = site_tables.read(page)
     for name, table in TABLES.items():
         if table.page == page:
             _, _, rest = text.partition(site_tables.begin(name))
-            made = rest.partition(docs_tables.END)[0].strip().splitlines()
-            columns = made[0].count(" | ") + 1
-            assert made[1] == f"|{'---|' * columns}"
-            assert len(made) > 2, "it has rows"
-            assert all(
-                len(re.findall(r"(?<!\\) \| ", row)) + 1 == columns for row in (made[0], *made[2:])
-            )
+            made = rest.partition(docs_tables.END)[0]
+            assert made.strip() == table.make().strip()
+            for head, ruler, *rows in tables_of(made):
+                columns = cells_of(head)
+                assert ruler == f"|{'---|' * columns}"
+                assert rows
+                assert {cells_of(row) for row in rows} == {columns}
+            assert name == "codes" or any(tables_of(made))
     assert site_tables.unfilled(page, text) == source(page)
 
 
@@ -72,6 +83,13 @@ def test_every_peer_has_its_faults_on_its_page(name):
         return  # It has those of the gamepad.
     title = "serial devices" if name == "spacemouse-serial" else name
     assert TABLES[f"faults of {title}"].page == f"docs/{peers.load(name).page}"
+
+
+def test_the_page_of_codes_names_each_letter_and_the_site_has_each_code():
+    intro, _, codes = site_tables.read("docs/troubleshooting.md").partition("<!-- filled")
+    assert re.findall(r"^- ([A-Z]): (.*)$", intro, re.MULTILINE) == [*AREAS.items()]
+    assert re.findall(r"^## (.*)$", codes, re.MULTILINE) == [*AREAS.values()]
+    assert re.findall(r"^### (.*)$", codes, re.MULTILINE) == [*troubles()]
 
 
 def test_a_table_is_printed(capsys):

@@ -22,7 +22,7 @@ def explain(
     as_json: AsJson = False,
 ) -> None:
     """Explain a message by its code or its words. Prints its cause, what happens meanwhile, what
-    to do, and the page of the documentation. docs/troubleshooting.md has all of them."""
+    to do, and the page of the documentation."""
     from cardan.common.troubles import explained
 
     found = explained(message)

@@ -17,7 +17,7 @@ collect_ignore_glob = [] if INSIDE else ["test_*.py"]
 
 FAULT_ROW = "fault-row "
 """Begins a line with what a session did on a bad network, as JSON: ``python -m
-tests.process_faults --kernel LOG`` takes these lines into docs/faults.md."""
+tests.process_faults --kernel LOG`` takes these lines into its tables."""
 
 _fault_rows: list[dict[str, Any]] = []
 

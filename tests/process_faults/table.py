@@ -1,6 +1,6 @@
 """Goes through the cases with real processes, and writes what it found.
 
-python -m tests.process_faults [--labs N] [--only WORDS] [--json FILE] [--pages]
+python -m tests.process_faults [--labs N] [--only WORDS] [--json FILE] [--write]
 """
 
 from __future__ import annotations
@@ -20,16 +20,14 @@ from typing import Any, NamedTuple
 
 from cardan.errors import CardanError
 from cardan.gateway.daemon.services import ENGAGED
-from tests.docs_tables import replaced
 from tests.foreground import signals_act
 from tests.gateway.daemon.event_files import read_events
 from tests.kernel.conftest import FAULT_ROW
 from tests.process_faults.cases import BACK_S, GOFA, LATE_S, Case, Outcome, all_cases
 from tests.process_faults.rig import PAIRS, SPEED_M_S, Lab, Motion, wait
+from tests.result_tables import PROCESS_FAULTS as RESULTS
 
-PAGE = Path(__file__).parents[2] / "docs" / "faults.md"
 DEFAULT = Path("build/faults.json")
-BEGIN = "<!-- made by tests/process_faults/table.py -->\n"
 
 HIGHEST_M_S = 1.2 * SPEED_M_S
 """An arm that takes a step each 10 ms, as ROS 2's here, seems to be faster by a sixth in means over
@@ -253,7 +251,7 @@ def run(
     return [rows[case.key] for case in cases if case.key in rows]
 
 
-# -- the page -------------------------------------------------------------------------------------
+# -- the tables -----------------------------------------------------------------------------------
 
 
 def _cell(row: Row) -> str:
@@ -273,7 +271,7 @@ def _after(row: Row) -> str:
 
 
 def tables(rows: Sequence[Row], notes: str) -> str:
-    """The section's tables in Markdown."""
+    """In Markdown, one for each group."""
     lines = [notes, ""]
     for group in dict.fromkeys(row.group for row in rows):
         lines += [f"#### {group}", "", "| fault | pair | ms, mm, mm/s | again | said | to go on |"]
@@ -318,13 +316,6 @@ def taken_in(file: Path, log: Path) -> None:
     file.write_text(json.dumps(found, indent=1) + "\n")
 
 
-def write_page(found: dict[str, Any]) -> None:
-    """Put the tables into docs/faults.md."""
-    rows = [Row(**row) for row in found["rows"]]
-    page = PAGE.read_text(encoding="utf-8")
-    PAGE.write_text(replaced(page, BEGIN, tables(rows, notes_of(found))), encoding="utf-8")
-
-
 def _in_order(known: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
     """Rows as the cases are declared, the network's after them."""
     declared = [case.key for case in all_cases()]
@@ -364,8 +355,10 @@ def main() -> int:
     parser.add_argument("--only", default="", help="cases with these words in their key (regex)")
     parser.add_argument("--json", type=Path, help="keep what is found here, with what it has")
     parser.add_argument("--kernel", type=Path, help="take in the rows of this log of test-kernel")
-    parser.add_argument("--from", dest="source", type=Path, help="make the page of this JSON only")
-    parser.add_argument("--pages", action="store_true", help="write docs/faults.md")
+    parser.add_argument(
+        "--from", dest="source", type=Path, help="make the tables of this JSON only"
+    )
+    parser.add_argument("--write", action="store_true", help=f"write {RESULTS.file}")
     parser.add_argument("--missing", action="store_true", help="only what --json has not, or wrong")
     parser.add_argument("--list", action="store_true", help="print the cases' keys")
     options = parser.parse_args()
@@ -385,8 +378,8 @@ def main() -> int:
     else:
         with signals_act():
             found = measured(cases, options.labs, options.json)
-    if options.pages:
-        write_page(found)
+    if options.write:
+        RESULTS.write(tables([Row(**row) for row in found["rows"]], notes_of(found)))
     return 1 if any(row["wrong"] for row in found["rows"]) else 0
 
 

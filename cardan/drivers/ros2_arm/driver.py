@@ -30,7 +30,7 @@ class Ros2Arm(DatagramRobot[Ros2ArmSession]):
     title = "the ROS 2 arm's driver"
     brakes_within_s = BRAKE_WITHIN_S
     no_farewell_after_s = math.inf
-    """Whoever publishes the joint states is not the controller."""
+    """The publisher of the joint states is not the controller."""
 
     def cautions(self) -> tuple[str, ...]:
         """What speaks against the kind of command."""

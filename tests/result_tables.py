@@ -1,0 +1,63 @@
+"""Tables of results that take a run: one a file below tests/results.
+
+The run writes it, tests compare it with fresh runs, and the site has it in its page
+(site_tables); the page in the repository has a few of its rows at most (docs_tables).
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import NamedTuple
+
+ROOT = Path(__file__).parents[1]
+FOLDER = Path("tests") / "results"
+
+
+class Results(NamedTuple):
+    """One table, or those of one run."""
+
+    name: str
+    page: str
+    """Where the site has it, and what its columns mean: relative to the repository."""
+    command: str
+    """It writes the file anew."""
+
+    @property
+    def file(self) -> str:
+        """Relative to the repository."""
+        return (FOLDER / f"{self.name}.md").as_posix()
+
+    @property
+    def head(self) -> str:
+        """The paragraph before the table."""
+        return f"Written by `{self.command}`; [{self.page}](../../{self.page}) says what it means."
+
+    def read(self) -> str:
+        """The table."""
+        return (ROOT / self.file).read_text(encoding="utf-8").partition("\n\n")[2]
+
+    def write(self, made: str) -> None:
+        """Put this table in the place of the one that is there."""
+        text = f"{self.head}\n\n{made.strip()}\n"
+        (ROOT / self.file).write_text(text, encoding="utf-8")
+
+    def rows(self, section: str = "") -> list[list[str]]:
+        """The cells of the table below that heading, or before any: the names of columns first."""
+        found = re.split(r"^#+ (.*)\n", self.read(), flags=re.MULTILINE)
+        text = dict(zip(["", *found[1::2]], found[::2], strict=True))[section]
+        lines = [line for line in text.splitlines() if line.startswith("| ")]
+        return [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
+
+
+FAULTS = Results("faults", "docs/faults.md", "make fault-table")
+REMOTE_FAULTS = Results("remote-faults", "docs/faults.md", "make fault-table")
+PROCESS_FAULTS = Results("process-faults", "docs/faults.md", "make fault-table-processes")
+FLOODS = Results("floods", "docs/faults.md", "make flood-table")
+
+
+def of_suite(name: str) -> Results:
+    """Which requirements of that suite catch which fault of its simulated peer."""
+    return Results(
+        f"conformance-{name}", "docs/conformance.md", "python -m tests.conformance_tables"
+    )
