@@ -172,6 +172,12 @@ def test_distances_within_rounding_are_none():
         limiter.track((sign * 1.5e-12, 0.0), None, DT_S)
         assert limiter.velocity == [pytest.approx(sign * 1.5e-12 / DT_S), 0.0]
         assert limiter.moving
+    limiter = point()
+    limiter.track((0.0, 1e-12, 0.0), None, DT_S)
+    assert not limiter.moving
+    limiter.reset(ZERO3)
+    limiter.track((0.0, 1.5e-12, 0.0), None, DT_S)
+    assert limiter.velocity == pytest.approx((0.0, 1.5e-12 / DT_S, 0.0), abs=1e-15)
 
 
 def test_joints_that_are_seen_elsewhere_keep_their_speed():
@@ -181,10 +187,10 @@ def test_joints_that_are_seen_elsewhere_keep_their_speed():
     assert (limiter.reference, limiter.velocity) == ([0.1, -0.1], [0.5, 0.2])
 
 
-@pytest.mark.parametrize("short", range(4))
-def test_limits_are_of_as_many_joints(short):
+@pytest.mark.parametrize("long", range(4))
+def test_limits_are_of_as_many_joints(long):
     limits = [LOWER, UPPER, SPEED, ACCELERATION]
-    limits[short] = limits[short][:1]
+    limits[long] = (*limits[long], 3.0)
     with pytest.raises(ValueError, match="zip"):
         JointLimiter(*limits, DT_S)
 
@@ -431,6 +437,14 @@ def test_half_a_turn_is_taken_in_one_sense(speed):
     limiter.track(IDENTITY, None, DT_S)
     limiter.track(Quaternion(0.0, 1.0, 0.0, 0.0), None, DT_S)
     assert limiter.velocity == pytest.approx((10.0 * DT_S, 0.0, 0.0))
+
+
+def test_an_orientation_whose_sign_changes_does_not_turn():
+    limiter = turning()
+    limiter.reset(Quaternion(0.0, 1.0, 0.0, 0.0))
+    limiter.track(Quaternion(0.0, 1.0, 0.0, 0.0), None, DT_S)
+    limiter.track(Quaternion(0.0, -1.0, 0.0, 0.0), None, DT_S)
+    assert not limiter.moving
 
 
 def test_an_orientation_starts_and_coasts_at_the_velocity_it_may_have():
