@@ -179,9 +179,9 @@ def _steer(
     """The next velocity of a point that is `error` away from a target moving at `forward`."""
     vx, vy, vz = velocity
     wx, wy, wz = forward
-    squared = wx * wx + wy * wy + wz * wz
-    if squared > speed * speed:
-        shrink = speed / _sqrt(squared)
+    fast = wx * wx + wy * wy + wz * wz
+    if fast > speed * speed:
+        shrink = speed / _sqrt(fast)
         wx *= shrink
         wy *= shrink
         wz *= shrink

@@ -10,11 +10,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from cardan.common.braking import stopping_speed
-from cardan.drivers.motoros.trajectory_limiter import (
-    LONGEST_STEP_S,
-    SHORTEST_STEP_S,
-    JointTrajectoryLimiter,
-)
+from cardan.drivers.motoros.trajectory_limiter import JointTrajectoryLimiter
 from cardan.errors import CommandError, ConfigurationError
 from cardan.types import (
     IDENTITY_POSE,
@@ -89,7 +85,7 @@ class TestGuarantees:
             for _ in range(times):
                 before = tuple(guide.velocities)
                 guide.step(command, dt_s)
-                assert_within(guide, before, min(dt_s, LONGEST_STEP_S))
+                assert_within(guide, before, min(dt_s, 0.1))
 
     @settings(max_examples=examples(100))
     @given(
@@ -156,11 +152,11 @@ class TestGuarantees:
         assert guide.positions == [0.1, 0.0, 0.0]
         assert guide.velocities == [0.5, 0.1, -0.5]
 
-    @given(dt_s=st.floats(LONGEST_STEP_S) | st.just(math.inf), command=commands)
+    @given(dt_s=st.floats(0.1) | st.just(math.inf), command=commands)
     def test_a_long_period_counts_as_the_longest(self, dt_s: float, command: RobotCommand) -> None:
         long, longest = guide_at(0.1, 0.0, 0.0), guide_at(0.1, 0.0, 0.0)
         long.step(command, dt_s)
-        longest.step(command, LONGEST_STEP_S)
+        longest.step(command, 0.1)
         assert long.positions == longest.positions
         assert long.velocities == longest.velocities
 
@@ -175,11 +171,11 @@ class TestGuarantees:
     )
     def test_the_shortest_period_counts(self, command: RobotCommand) -> None:
         guide = guide_at(0.1, 0.0, 0.0, velocities=(0.2, 0.0, 0.0))
-        guide.step(command, SHORTEST_STEP_S)
-        assert abs(guide.velocities[0] - 0.2) == pytest.approx(10.0 * SHORTEST_STEP_S)
+        guide.step(command, 1e-6)
+        assert abs(guide.velocities[0] - 0.2) == pytest.approx(10.0 * 1e-6)
         assert guide.positions[0] > 0.1
 
-    @pytest.mark.parametrize("gap_s", [SHORTEST_STEP_S, 0.05, 0.1, 0.37])
+    @pytest.mark.parametrize("gap_s", [1e-6, 0.05, 0.1, 0.37])
     def test_a_gap_is_coasted_through_at_the_speeds_there_are(self, gap_s: float) -> None:
         guide = guide_at(-0.5, 0.0, 0.3, velocities=(0.5, 0.0, -0.7))
         guide.coast(gap_s)
@@ -456,7 +452,7 @@ def fastest_towards(room: float, acceleration: float, dt_s: float) -> float:
 
     By halving: v·dt/2 in this period; then v²/(2a) and a·later²/8, or v·later/2 where one suffices.
     """
-    later_s = min(5.0 * dt_s, LONGEST_STEP_S)
+    later_s = min(5.0 * dt_s, 0.1)
     low, high = 0.0, 20.0
     for _ in range(60):
         v = 0.5 * (low + high)
@@ -531,7 +527,7 @@ class Expected:
     def speeds(self, q, v, wanted, bounds, dt_s):
         """As much of `wanted` as ends, speeds and accelerations leave, in this order."""
         wanted, ends = list(wanted), []
-        mean_s = 0.5 * (dt_s + min(5.0 * dt_s, LONGEST_STEP_S))
+        mean_s = 0.5 * (dt_s + min(5.0 * dt_s, 0.1))
         for i, (p, now) in enumerate(zip(q, v, strict=True)):
             a, most = self.acceleration[i], self.speed[i]
             matters = 0.5 * most**2 / a + mean_s * most
@@ -585,6 +581,8 @@ class TestOnePeriod:
                 target[i] += dt_s * rate * 0.3 + steps * rng.choice((0.0, 0.4, -0.4, 1e-3))
                 if abs(target[i]) > 3.0 or rng.random() < 0.02:
                     target[i] = rng.uniform(-1.2, 1.6)
+                elif i != 2 and rng.random() < 0.02:
+                    target[i] = rng.choice((law.lower[i], law.upper[i]))
             wanted, bounds = [0.0] * 4, [(-math.inf, math.inf)] * 4
             if verb in ("follow", "lead"):
                 forward = tuple(rates) if verb == "lead" else None
@@ -612,19 +610,43 @@ class TestOnePeriod:
                 moved = p + 0.5 * dt_s * (now + new)
                 assert after == pytest.approx(min(max(moved, min(low, p)), max(high, p)), abs=1e-12)
 
-    def test_an_end_matters_from_where_a_joint_at_full_speed_has_to_slow(self) -> None:
+    @pytest.mark.parametrize("sign", [1.0, -1.0])
+    def test_an_end_matters_from_where_a_joint_at_full_speed_has_to_slow(self, sign: float) -> None:
         dt_s = 1.0 / 64.0
         reach = 1.0 + 3.0 * dt_s  # v²/(2a), and v for the mean of this period and five of them
         for away, share in ((reach, 1e-3), (reach - 1e-9, 1.0)):
-            guide = JointTrajectoryLimiter((-9.0, -9.0), (2.0, 9.0), (1.0, 1.0), (0.5, 0.5))
-            guide.place((2.0 - away, 0.0))
-            guide.step(JointVelocityCommand((1000.0, 1.0)), dt_s)
+            guide = JointTrajectoryLimiter((-2.0, -9.0), (2.0, 9.0), (1.0, 1.0), (0.5, 0.5))
+            guide.place((sign * (2.0 - away), 0.0))
+            guide.step(JointVelocityCommand((sign * 1000.0, 1.0)), dt_s)
             # The other joint is slowed with the first one, or not, as that gives way to its end.
-            assert guide.velocities == pytest.approx([0.5 * dt_s, 0.5 * dt_s * share], rel=0.03)
+            speeds = [sign * 0.5 * dt_s, 0.5 * dt_s * share]
+            assert guide.velocities == pytest.approx(speeds, rel=0.03)
+
+    @pytest.mark.parametrize("sign", [1.0, -1.0])
+    def test_a_joint_that_can_just_stop_at_its_end_brakes_as_hard_as_it_may(
+        self, sign: float
+    ) -> None:
+        guide = JointTrajectoryLimiter((-1.0,), (1.0,), (2.0,), (10.0,))
+        guide.place((sign * 0.95,), (sign * 1.0,))
+        guide.step(JointVelocityCommand((sign * 1.0,)), PERIOD_S)
+        assert guide.velocities == [pytest.approx(sign * (1.0 - 10.0 * PERIOD_S))]
+
+    def test_joints_that_the_period_brings_to_their_targets_change_as_one(self) -> None:
+        dt_s = 1.0 / 256.0
+        before, forward = (0.5, -0.5, 0.0), (0.25, -0.25, 0.5)
+        limits = (-1.0,) * 3, (1.0,) * 3, (2.0,) * 3, (10.0, 10.0, 3.0)
+        guide = JointTrajectoryLimiter(*limits)
+        guide.place((0.0,) * 3, before)
+        there = [0.5 * dt_s * (v + f) for v, f in zip(before, forward, strict=True)]
+        guide.step(JointCommand(tuple(there), forward), dt_s)
+        share = 3.0 * dt_s / 0.5  # Of the third, which needs longest.
+        assert guide.velocities == pytest.approx(
+            [v + share * (f - v) for v, f in zip(before, forward, strict=True)]
+        )
 
     def test_what_can_be_had_within_the_period_is_had_to_the_last_bit(self) -> None:
         for before, wanted in ((0.7, -0.07), (-0.2, 0.23), (0.45, 0.03)):
             assert before + (wanted - before) != wanted
             guide = guide_at(0.0, 0.0, 0.0, velocities=(before, 0.0, 0.0))
-            guide.step(JointVelocityCommand((wanted, 0.0, 0.0)), LONGEST_STEP_S)
+            guide.step(JointVelocityCommand((wanted, 0.0, 0.0)), 0.1)
             assert guide.velocities == [wanted, 0.0, 0.0]

@@ -237,7 +237,7 @@ class JointTrajectoryLimiter:
         # The speed at which an error can be closed such that, the period over, joint i can still
         # stop: r·dt + r²/(2a) = |e|, written r = closing·|e|. The smallest `closing` for all keeps
         # the direction, and with it the joints arrive together.
-        closing = 1.0 / dt_s
+        closing = _INF
         own = self._wanted
         for i in self._axes:
             speed = forward[i] * shrink
