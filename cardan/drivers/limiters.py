@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from cardan.common.braking import stopping_speed, within_walls
+from cardan.spatial import limit_norm
 from cardan.types import IDENTITY, ZERO3, Quaternion, Vector3
 
 _sqrt = math.sqrt
@@ -178,9 +179,9 @@ def _steer(
     """The next velocity of a point that is `error` away from a target moving at `forward`."""
     vx, vy, vz = velocity
     wx, wy, wz = forward
-    squared = wx * wx + wy * wy + wz * wz
-    if squared > speed * speed:
-        shrink = speed / _sqrt(squared)
+    fast = wx * wx + wy * wy + wz * wz
+    if fast > speed * speed:
+        shrink = speed / _sqrt(fast)
         wx *= shrink
         wy *= shrink
         wz *= shrink
@@ -210,12 +211,6 @@ def _steer(
     return _new(Vector3, (vx + dx * shrink, vy + dy * shrink, vz + dz * shrink))
 
 
-def _shortened(v: Sequence[float], longest: float) -> Vector3:
-    length = _sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-    shrink = longest / length if length > longest else 1.0
-    return Vector3(v[0] * shrink, v[1] * shrink, v[2] * shrink)
-
-
 def _clip(v: Sequence[float], lowest: Sequence[float], highest: Sequence[float]) -> Vector3:
     return Vector3(
         min(max(v[0], lowest[0]), highest[0]),
@@ -243,7 +238,7 @@ class _SpatialLimiter(ABC):
     def drive(self, velocity: Sequence[float], dt_s: float) -> None:
         """One period at `velocity`."""
         self._target = None
-        vx, vy, vz = _shortened(velocity, self._speed)
+        vx, vy, vz = limit_norm(Vector3(*velocity), self._speed)
         self._advance((vx * dt_s, vy * dt_s, vz * dt_s), (vx, vy, vz), dt_s)
 
     def brake(self, dt_s: float) -> None:
@@ -280,7 +275,7 @@ class PointLimiter(_SpatialLimiter):
         """Start from `position` (rest, or `velocity` as far as it can be stopped)."""
         self.reference = position
         self._target = None
-        self.velocity = _shortened(velocity, self._speed)
+        self.velocity = limit_norm(Vector3(*velocity), self._speed)
         if self._box is not None:
             lowest, highest = self._bounds(self._box, 0.0)
             self.velocity = _clip(self.velocity, lowest, highest)
@@ -361,7 +356,7 @@ class OrientationLimiter(_SpatialLimiter):
         """Start from `orientation` (a unit quaternion), turning at `velocity` within limits."""
         self.reference = orientation
         self._target = None
-        self.velocity = _shortened(velocity, self._speed)
+        self.velocity = limit_norm(Vector3(*velocity), self._speed)
 
     def coast(self, gap_s: float) -> None:
         """Advance by `gap_s` at the present angular velocity."""

@@ -18,6 +18,8 @@ AREAS: dict[str, tuple[str, ...]] = {
     "limits": (
         "cardan/common/braking.py",
         "cardan/drivers/limiters.py",
+        "cardan/drivers/motoros/trajectory_limiter.py",
+        "cardan/drivers/motoros/agreed_limits.py",
         "cardan/gateway/arm/output_check.py",
         "cardan/gateway/motion/reference.py",
         "cardan/gateway/force/watchdog.py",
@@ -34,7 +36,7 @@ AREAS: dict[str, tuple[str, ...]] = {
 }
 """Files and folders; one may be part of a larger area, too."""
 
-NO_SURVIVORS = ("arming", "states", "authority", "access")
+NO_SURVIVORS = ("arming", "states", "authority", "limits", "access")
 """Where a mutant that no test notices is an error."""
 
 _GATEWAY = ("tests/gateway/arm", "tests/gateway/operator", "tests/gateway/motion")
@@ -47,6 +49,11 @@ TESTS: dict[str, tuple[str, ...]] = {
     "cardan/gateway/kinematics": ("tests/gateway/kinematics", "tests/gateway/servo"),
     "cardan/gateway/force": ("tests/gateway/force",),
     "cardan/common/braking.py": ("tests/drivers/test_limiters.py", "tests/gateway/motion"),
+    "cardan/drivers/limiters.py": ("tests/drivers/test_limiters.py",),
+    "cardan/drivers/motoros/trajectory_limiter.py": (
+        "tests/drivers/test_motoros_trajectory_limiter.py",
+    ),
+    "cardan/drivers/motoros/agreed_limits.py": ("tests/drivers/test_motoros_agreed_limits.py",),
     "cardan/drivers": ("tests/drivers", "tests/test_device_faults.py", "tests/test_lost_time.py"),
     "cardan/protocols": ("tests/protocols", "tests/drivers", "tests/sim_peers"),
 }

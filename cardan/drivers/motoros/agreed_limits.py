@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from cardan.protocols.simple_message import VelocityInfo
 from cardan.types import JointLimits
 
@@ -29,8 +27,7 @@ def agreed_limits(limits: JointLimits, info: VelocityInfo) -> JointLimits:
 
 
 def _narrower(ours: tuple[float, ...], theirs: tuple[float, ...]) -> tuple[float, ...]:
-    """The lesser of each pair; values that are not positive and finite are no limits."""
+    """The lesser of each pair; values that are not above zero are no limits."""
     return tuple(
-        min(a, FLOAT32_SHARE * b) if 0.0 < b < math.inf else a
-        for a, b in zip(ours, theirs, strict=False)
+        min(a, FLOAT32_SHARE * b) if b > 0.0 else a for a, b in zip(ours, theirs, strict=False)
     )

@@ -37,8 +37,6 @@ KINDS: Final = frozenset({CommandKind.HOLD, CommandKind.JOINT, CommandKind.JOINT
 
 _PERIODS_AHEAD = 5.0
 """Factor by which the next period may be longer without a joint having to stop abruptly."""
-_ROUNDING = 1e-9
-"""Share of a limit."""
 _INF = math.inf
 _sqrt = math.sqrt
 
@@ -74,7 +72,6 @@ class JointTrajectoryLimiter:
             if not low < high:
                 raise ConfigurationError("upper", f"{high!r} is not above the lower end {low!r}")
         self._axes = range(count)
-        self._bits = tuple(1 << i for i in self._axes)
         self._lower = tuple(map(float, lower))
         self._upper = tuple(map(float, upper))
         self._speed = tuple(map(float, velocity))
@@ -85,22 +82,21 @@ class JointTrajectoryLimiter:
         self._zeros = (0.0,) * count
         self._free_high = (_INF,) * count
         self._free_low = (-_INF,) * count
-        self._wanted = [0.0] * count
-        self._forward = [0.0] * count
-        self._error = [0.0] * count
-        self._moved = [0.0] * count
-        self._target = [0.0] * count
-        self._high = [_INF] * count
-        self._low = [-_INF] * count
-        self._range_high = [_INF] * count
-        self._range_low = [-_INF] * count
+        self._wanted = [*self._zeros]
+        self._forward = [*self._zeros]
+        self._error = [*self._zeros]
+        self._moved = [*self._zeros]
+        self._target = [*self._zeros]
+        self._high = [*self._free_high]
+        self._low = [*self._free_low]
+        self._range_high = [*self._free_high]
+        self._range_low = [*self._free_low]
         self._following = False
-        self._speedy = self._jerky = self._ranged = 0
         self.closing_rad_s = _INF
         """Fastest correction of a distance, in addition to a JointCommand's velocities."""
-        self.positions: list[float] = [0.0] * count
+        self.positions = [*self._zeros]
         """Commanded, rad. The same list always."""
-        self.velocities: list[float] = [0.0] * count
+        self.velocities = [*self._zeros]
         """Commanded, rad/s. The same list always."""
 
     @property
@@ -118,23 +114,6 @@ class JointTrajectoryLimiter:
         """True when no joint is commanded to move."""
         return not any(self.velocities)
 
-    @property
-    def limited(self) -> dict[str, set[int]]:
-        """The joints (from 0) that cut the last step, by reason; only the reasons there are.
-
-        "speed" and "acceleration": what was asked of the joint was more than it can, so all were
-        shortened. "range": the joint was held at, or slowed for, the end of its range.
-        """
-        found = {}
-        for reason, mask in (
-            ("speed", self._speedy),
-            ("acceleration", self._jerky),
-            ("range", self._ranged),
-        ):
-            if mask:
-                found[reason] = {i for i in self._axes if mask & self._bits[i]}
-        return found
-
     def place(self, positions: Sequence[float], velocities: Sequence[float] | None = None) -> None:
         """Start from `positions`, rad, at rest, or at `velocities`, rad/s, as far as limits allow.
 
@@ -145,7 +124,6 @@ class JointTrajectoryLimiter:
         if velocities is not None:
             check_numbers("velocities", velocities, JOINT_VELOCITY, len(self._axes))
         self._following = False
-        self._speedy = self._jerky = self._ranged = 0
         for i in self._axes:
             position = float(positions[i])
             self.positions[i] = position
@@ -212,9 +190,6 @@ class JointTrajectoryLimiter:
         if any(self.velocities):
             self._wanted[:] = self._zeros
             self._advance(min(dt_s, LONGEST_STEP_S), self._free_low, self._free_high)
-        else:
-            self._ranged = 0
-        self._speedy = self._jerky = 0
 
     def _follow(
         self, target: Sequence[float], velocities: Sequence[float] | None, dt_s: float
@@ -226,21 +201,20 @@ class JointTrajectoryLimiter:
         forward = self._forward
         error = self._error
         was_following = self._following
-        beyond = 0
         shrink = 1.0
         for i in self._axes:
             goal = target[i]
             position = positions[i]
-            end = self._upper[i]
-            push = 0
-            if goal > end:
-                goal = max(end, min(goal, position))
-                push = 1
-            else:
-                end = self._lower[i]
-                if goal < end:
-                    goal = min(end, max(goal, position))
-                    push = -1
+            upper = self._upper[i]
+            lower = self._lower[i]
+            fastest = _INF
+            slowest = -_INF
+            if goal > upper:
+                goal = max(upper, min(goal, position))
+                fastest = 0.0
+            elif goal < lower:
+                goal = min(lower, max(goal, position))
+                slowest = 0.0
             if was_following:
                 rate = (goal - goals[i]) / dt_s
                 before = moved[i]
@@ -249,17 +223,13 @@ class JointTrajectoryLimiter:
             goals[i] = goal
             moved[i] = rate
             if velocities is not None:
-                speed = velocities[i]
-                if push and speed * push > 0.0:
-                    speed = 0.0
+                speed = min(max(velocities[i], slowest), fastest)
             elif rate * before <= 0.0:
                 # A target that steps does not move.
                 speed = 0.0
             else:
                 speed = rate if abs(rate) < abs(before) else before
             forward[i] = speed
-            if push:
-                beyond |= self._bits[i]
             if abs(speed) * shrink > speeds[i]:
                 shrink = speeds[i] / abs(speed)
         self._following = True
@@ -267,7 +237,7 @@ class JointTrajectoryLimiter:
         # The speed at which an error can be closed such that, the period over, joint i can still
         # stop: r·dt + r²/(2a) = |e|, written r = closing·|e|. The smallest `closing` for all keeps
         # the direction, and with it the joints arrive together.
-        closing = 1.0 / dt_s
+        closing = _INF
         own = self._wanted
         for i in self._axes:
             speed = forward[i] * shrink
@@ -298,7 +268,6 @@ class JointTrajectoryLimiter:
                 low[i] = min(speed + own[i] * left, self.velocities[i] + gain, 0.0)
             own[i] = speed + closing * left
         self._advance(dt_s, low, high)
-        self._ranged |= beyond
 
     def _advance(self, dt_s: float, lows: Sequence[float], highs: Sequence[float]) -> None:
         """One period towards the velocities in `_wanted`; `lows` and `highs` bound the next ones.
@@ -315,7 +284,6 @@ class JointTrajectoryLimiter:
         later_s = min(_PERIODS_AHEAD * dt_s, LONGEST_STEP_S)
         mean_s = 0.5 * (dt_s + later_s)
         half_s = 0.5 * dt_s
-        speedy = jerky = ranged = 0
         shrink = 1.0
         for i in self._axes:
             velocity = velocities[i]
@@ -328,40 +296,30 @@ class JointTrajectoryLimiter:
             room = self._upper[i] - position - on_the_way
             if room < reach:
                 a = accelerations[i]
-                high = max(_speed_towards_end(room, a, dt_s, later_s), velocity - a * dt_s, 0.0)
+                high = max(_speed_towards_end(room, a, dt_s, later_s), velocity - a * dt_s)
                 if speed > high:
-                    if speed > _ROUNDING:
-                        ranged |= self._bits[i]
                     speed = high
             range_high[i] = high
             low = -_INF
             room = position - self._lower[i] + on_the_way
             if room < reach:
                 a = accelerations[i]
-                low = min(-_speed_towards_end(room, a, dt_s, later_s), velocity + a * dt_s, 0.0)
+                low = min(-_speed_towards_end(room, a, dt_s, later_s), velocity + a * dt_s)
                 if speed < low:
-                    if speed < -_ROUNDING:
-                        ranged |= self._bits[i]
                     speed = low
             range_low[i] = low
             wanted[i] = speed
             size = abs(speed)
-            if size > most:
-                if size > most * (1.0 + _ROUNDING):
-                    speedy |= self._bits[i]
-                if size * shrink > most:
-                    shrink = most / size
+            if size * shrink > most:
+                shrink = most / size
         share = 1.0
         for i in self._axes:
             speed = wanted[i] * shrink
             wanted[i] = speed
             size = abs(speed - velocities[i])
             gain = accelerations[i] * dt_s
-            if size > gain:
-                if size > gain * (1.0 + _ROUNDING):
-                    jerky |= self._bits[i]
-                if size * share > gain:
-                    share = gain / size
+            if size * share > gain:
+                share = gain / size
         for i in self._axes:
             velocity = velocities[i]
             speed = wanted[i]
@@ -373,10 +331,8 @@ class JointTrajectoryLimiter:
                 speed = lows[i]
             if speed > range_high[i]:
                 speed = range_high[i]
-                ranged |= self._bits[i]
             elif speed < range_low[i]:
                 speed = range_low[i]
-                ranged |= self._bits[i]
             position = positions[i]
             after = position + half_s * (velocity + speed)
             # Acts on rounding, and when a joint about to stop at the end meets a period much
@@ -387,9 +343,6 @@ class JointTrajectoryLimiter:
                 after = max(after, min(self._lower[i], position))
             velocities[i] = speed
             positions[i] = after
-        self._speedy = speedy
-        self._jerky = jerky
-        self._ranged = ranged
 
 
 def _speed_towards_end(room: float, acceleration: float, dt_s: float, later_s: float) -> float:
