@@ -134,7 +134,7 @@ def control(seed: str, count: int) -> Outcome:
 
 
 def rosbridge(seed: str, count: int) -> Outcome:
-    """The front of a face: handshakes, WebSocket frames, operations."""
+    """The front of a server: handshakes, WebSocket frames, operations."""
     from tests.gateway.servers.memory_network import MemoryNetwork
     from tests.gateway.servers.rig import plain_client, rosbridge as served
 

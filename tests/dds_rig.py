@@ -13,7 +13,7 @@ TIMEOUT_S = WITHIN_S
 OPTIONS, SESSION_OPTIONS = (
     DdsOptions(dds_domain=each) for each in random.SystemRandom().sample(range(50, 100), 2)
 )
-"""Two domains. On the second there is nobody but a session's face and who its tests let in."""
+"""Two domains. On the second there is nobody but a session's server and who its tests let in."""
 
 STRING, TRIGGER = "std_msgs/msg/String", "std_srvs/srv/Trigger"
 

@@ -363,7 +363,7 @@ def _process_faults() -> str:
         ("device", "killed: unplugged"),
         ("robot", "stands still for 2 s"),
         ("bus", "its router is killed"),
-        ("face", "SIGKILL"),
+        ("server", "SIGKILL"),
         ("network", "30 % of all datagrams lost"),
         ("network", "100 ms of delay, each way"),
     ):

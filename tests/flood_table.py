@@ -105,7 +105,7 @@ PHONE = 'router = "{bus}"\nheading = "each hold"'
 class Server(NamedTuple):
     """How a server is started beside a session, whose client is the one of the same name."""
 
-    face: tuple[str, ...] = ()
+    server: tuple[str, ...] = ()
     """Words of ``cardan net server``; empty: the session itself is the server."""
     device: str = ""
     """Of the session."""
@@ -412,9 +412,9 @@ def bed(name: str) -> Iterator[Bed]:
         with BusNetwork(BusOptions(router=bus), "flood_table") as network:
             until(lambda: network.wait_for_service(f"{ARM}/ask", 5.0), "a session")
         roots = [arm_pid, pid]
-        if server.face:
+        if server.server:
             endpoint, pid = stack.enter_context(
-                program("net", "server", *server.face, "--router", bus)
+                program("net", "server", *server.server, "--router", bus)
             )
             roots.append(pid)
         yield Bed(name, link, endpoint, pid, roots)

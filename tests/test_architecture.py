@@ -28,7 +28,7 @@ BESIDE = {
 PLUGINS = sorted(SOURCE_TREE.glob("plugins/cardan-*"))
 GROUPS = {
     "cardan.buses", "cardan.captures", "cardan.checks", "cardan.commands", "cardan.conform",
-    "cardan.dissect", "cardan.drivers", "cardan.faces", "cardan.filters",
+    "cardan.dissect", "cardan.drivers", "cardan.servers", "cardan.filters",
     "cardan.second_descriptions", "cardan.sim_peers",
 }  # fmt: skip
 """Entry points by which a plug-in may reach Cardan; ``cardan.dissect`` reaches cardan-dissect."""
@@ -84,7 +84,7 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 SUITES_OF_ARMS = sorted(SOURCE_TREE.glob("plugins/cardan-conform-arms/cardan_conform_arms/**/*.py"))
 GONE = frozenset(
     [
-        "faces",
+        "servers",
         "activities",
         "door",
         "guessing",

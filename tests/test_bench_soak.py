@@ -244,8 +244,8 @@ def test_a_device_that_is_away_is_no_problem_of_its_session():
     assert problem_of(SESSION | {"device_link": "lost"}, False) == ""
 
 
-def test_a_face_has_to_serve():
-    row = {"kind": "face", "state": "running", "reason": "", "endpoint": ""}
+def test_a_server_has_to_serve():
+    row = {"kind": "server", "state": "running", "reason": "", "endpoint": ""}
     assert problem_of(row, True) == "it does not serve"
     assert problem_of(row | {"endpoint": "ws://127.0.0.1:1"}, True) == ""
 

@@ -237,9 +237,9 @@ def test_check_takes_a_file_of_the_daemon(tmp_path):
     file = tmp_path / "lab.toml"
     session = '[[sessions]]\nname = "one"\nrobot = {driver = "sim_arm", robot = "ur5"}\n'
     arm = '[sessions.arm]\nmodel = "ur5"\n'
-    file.write_text(f"{session}{arm}[faces.rosbridge]\nport = 9191\n", encoding="utf-8")
+    file.write_text(f"{session}{arm}[servers.rosbridge]\nport = 9191\n", encoding="utf-8")
     text = cardan("check", file)
     assert "fine" in text
-    assert re.search(r"session +one\n +face +rosbridge", text)
+    assert re.search(r"session +one\n +server +rosbridge", text)
     file.write_text(f"{session}{arm}speed_share = 2\n", encoding="utf-8")
     assert "lab.toml:6:1:" in cardan("check", file, code=2)

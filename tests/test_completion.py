@@ -16,7 +16,7 @@ from tests.test_cli import ENVIRONMENT
 ROWS = [
     {"name": "gofa", "kind": "session", "state": "running"},
     {"name": "gp8", "kind": "session", "state": "failed"},
-    {"name": "web", "kind": "face", "state": "running"},
+    {"name": "web", "kind": "server", "state": "running"},
 ]
 
 
@@ -39,7 +39,7 @@ def test_demos_and_drivers_and_verbs():
     assert names(completion.verbs("mov")) == ["movj", "movl", "movv"]
 
 
-def test_sessions_and_faces(monkeypatch):
+def test_sessions_and_servers(monkeypatch):
     monkeypatch.setattr(completion, "_rows", lambda context: ROWS)
     assert names(completion.units(Context, "")) == ["gofa", "gp8", "web"]
     assert names(completion.units(Context, "w")) == ["web"]
@@ -149,7 +149,7 @@ def test_sessions_of_a_daemon_that_runs(tmp_path):
     file.write_text(
         f'[daemon]\nsocket = "{tmp_path}/cardan.sock"\nevent_log = "none"\n'
         '[[sessions]]\nname = "one"\nstart = false\nrobot = { driver = "abb_egm" }\n'
-        '[faces.other]\nface = "router"\nstart = false\n'
+        '[servers.other]\nserver = "router"\nstart = false\n'
     )
     with Program("daemon", "run", file) as program:
         program.wait_for("READY ")

@@ -34,7 +34,7 @@ def test_good_kept_and_damaged_input_is_understood_or_refused(name):
 
 GROWN_NOW = (
     "connexion_serial.peer",
-    "faces.assets",
+    "servers.assets",
     "leap.peer",
     "recording.mcap",
     "ros2_arm.peer",

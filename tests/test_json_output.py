@@ -102,7 +102,7 @@ def printed(capsys):
 
 def test_lists_and_checks_as_json(printed):
     assert "gofa" in {row["demo"] for row in printed("demo", "--list", "--json")}
-    assert "metrics" in {row["face"] for row in printed("net", "server", "--list", "--json")}
+    assert "metrics" in {row["server"] for row in printed("net", "server", "--list", "--json")}
     assert "arm" in {row["peer"] for row in printed("sim", "--json", "--list")}
     assert printed("devices", "drivers", "abb_egm", "--json")[0]["table"] == "[robot]"
     assert isinstance(printed("devices", "--json"), list)

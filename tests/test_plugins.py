@@ -229,7 +229,7 @@ def plugins_entry_points():
         "cardan.conform": "protocol",
         "cardan.dissect": "dissector",
         "cardan.drivers": "driver",
-        "cardan.faces": "face",
+        "cardan.servers": "server",
         "cardan.filters": "filter",
         "cardan.sim_peers": "simulated peer",
     }

@@ -27,7 +27,7 @@ from tests.gateway.servers.test_rosbridge_judges import installed
 from tests.serving import free_endpoint, free_tcp_port
 from tests.waiting import until
 
-pytestmark = pytest.mark.timeout(180)  # Sessions, routers and faces begin one after the other.
+pytestmark = pytest.mark.timeout(180)  # Sessions, routers and servers begin one after the other.
 
 EXAMPLES = Path(__file__).parents[1] / "examples" / "ros2"
 TWO = EXAMPLES / "two-computers"
@@ -107,7 +107,7 @@ class Client:
         return answer["values"]
 
     def wait_for(self, service):
-        """Wait until the face knows the service: it may not have met the session yet."""
+        """Wait until the server knows the service: it may not have met the session yet."""
         until(lambda: service in self.call("/rosapi/services", {})["services"])
 
     def reach(self, action, kind, goal):
@@ -117,7 +117,7 @@ class Client:
 
 @pytest.fixture
 def bus():
-    """A router, and a face of rosbridge."""
+    """A router, and a server of rosbridge."""
     endpoint = free_endpoint()
     with (
         launched("net", "server", "router", "--endpoint", endpoint),

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-from bench.network.clients import face
+from bench.network.clients import server
 from cardan.demos.examples import free_ports
 from studies.cartesian.controller import session
 from studies.cartesian.rig import (
@@ -115,8 +115,8 @@ def _served() -> Iterator[tuple[Controller, str]]:
         controller = Controller(robot)
         controller.start()
         stack.callback(controller.end)
-        face_port, _ = stack.enter_context(face("console", endpoint))
-        yield controller, f"http://127.0.0.1:{face_port}/"
+        server_port, _ = stack.enter_context(server("console", endpoint))
+        yield controller, f"http://127.0.0.1:{server_port}/"
 
 
 def measure(presses: int = PRESSES) -> dict[str, Delays]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import ExitStack
 
 from bench.network.audience import Place
-from bench.network.clients import Load, face, load
+from bench.network.clients import Load, load, server
 from cardan.demos.examples import free_ports
 from cardan.gateway.bus.options import DEFAULT_NAME
 from studies.cartesian.controller import session
@@ -41,8 +41,8 @@ def measure() -> Load:
         robot = Robot(port)
         stack.callback(robot.close)
         with kept_alive([robot]):
-            face_port, pid = stack.enter_context(face("console", endpoint))
-        place = Place(face_port, "/ws")
+            server_port, pid = stack.enter_context(server("console", endpoint))
+        place = Place(server_port, "/ws")
         return load(endpoint, robot, place, pid, VIEWERS, topics=TOPICS, rate_hz=RATE_HZ)
 
 
@@ -52,7 +52,7 @@ def table(found: Load) -> str:
     ratio = loud_s / quiet_s
     return "\n".join(
         [
-            "| pages that watch | session's p99, nobody / all | times | CPU of the face | age of "
+            "| pages that watch | session's p99, nobody / all | times | CPU of the server | age of "
             "what they see, median / p99 |",
             "|---|---|---|---|---|",
             f"| {found.clients} at {RATE_HZ:g} Hz | {1e6 * quiet_s:.0f} / {1e6 * loud_s:.0f} µs | "

@@ -53,7 +53,7 @@ class Load(NamedTuple):
     clients: int
     crawling: bool
     cpu_share: float
-    """Of the face, of one core."""
+    """Of the server, of one core."""
     received_share: float
     ages_s: list[float]
     quiet_s: list[float]
@@ -61,11 +61,11 @@ class Load(NamedTuple):
     loud_s: list[float]
     """... and while they do."""
     grown_bytes: int
-    """The face's memory, from before its clients came to their last turn."""
+    """The server's memory, from before its clients came to their last turn."""
 
 
 @contextmanager
-def face(name: str, endpoint: str) -> Iterator[tuple[int, int]]:
+def server(name: str, endpoint: str) -> Iterator[tuple[int, int]]:
     """``cardan net server NAME``; its port and its process."""
     words = ["net", "server", name, "--router", endpoint, "--port", "0", "--log-level", "warning"]
     command = [sys.executable, "-m", "cardan", *words]
@@ -80,7 +80,7 @@ def face(name: str, endpoint: str) -> Iterator[tuple[int, int]]:
 
 
 def measure() -> list[Load]:
-    """One session and one face; clients of different numbers, one after the other."""
+    """One session and one server; clients of different numbers, one after the other."""
     with ExitStack() as stack:
         port, endpoint = free_ports(), free_endpoint()
         names = 'other_names = ["servo", "crtk", "fzi"]'
@@ -89,9 +89,9 @@ def measure() -> list[Load]:
         robot = Robot(port)
         stack.callback(robot.close)
         with kept_alive([robot]):
-            face_port, pid = stack.enter_context(face("rosbridge", endpoint))
-        loads = [load(endpoint, robot, Place(face_port), pid, clients) for clients in CLIENTS]
-        loads.append(load(endpoint, robot, Place(face_port), pid, CLIENTS[-1], crawling=True))
+            server_port, pid = stack.enter_context(server("rosbridge", endpoint))
+        loads = [load(endpoint, robot, Place(server_port), pid, clients) for clients in CLIENTS]
+        loads.append(load(endpoint, robot, Place(server_port), pid, CLIENTS[-1], crawling=True))
         return loads
 
 
@@ -170,8 +170,9 @@ def _answers(robot: Robot) -> list[float]:
 def table(loads: list[Load]) -> str:
     """As docs/measurements.md has it."""
     lines = [
-        "| clients | messages/s | CPU of the face | for each client | received | age, median / p99 "
-        "| session's p99, nobody / all listening | ratio | memory of the face |",
+        "| clients | messages/s | CPU of the server | for each client | received "
+        "| age, median / p99 | session's p99, nobody / all listening | ratio "
+        "| memory of the server |",
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for load in loads:

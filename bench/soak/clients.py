@@ -28,7 +28,7 @@ HOME_S: Final = 10.0
 """Longest motion to where the arm began."""
 
 ANSWER_S: Final = 10.0
-"""Longest wait for an answer of rosbridge or the face for Prometheus."""
+"""Longest wait for an answer of rosbridge or the server for Prometheus."""
 
 STARTS_S: Final = 15.0
 """Longest time for a command line to move the arm."""

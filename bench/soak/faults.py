@@ -60,7 +60,7 @@ class Faults:
             (self._unplug, 6), (self._kill_hand, 3), (self._stop_hand, 5),
             (self._kill_robot, 3), (self._stop_robot, 5),
             (self._kill_session, 2), (self._stop_session, 6), (self._restart_session, 1),
-            (self._stop_daemon, 4), (self._kill_face, 2), (self._stop_face, 3),
+            (self._stop_daemon, 4), (self._kill_server, 2), (self._stop_server, 3),
             (self._reload, 2), (self._bad_reload, 1), (self._switch, 5), (self._garbage, 6),
             (self._record, 1),
         )  # fmt: skip
@@ -181,14 +181,14 @@ class Faults:
             )
         return "daemon", f"for {lasts_s:g} s"
 
-    def _kill_face(self, _rng: random.Random) -> tuple[str, str]:
+    def _kill_server(self, _rng: random.Random) -> tuple[str, str]:
         pid = self._watch.pid("rosbridge")
         if pid is not None:
             with contextlib.suppress(ProcessLookupError):
                 os.kill(pid, signal.SIGKILL)
         return "rosbridge", "it does not run" if pid is None else "killed"
 
-    def _stop_face(self, rng: random.Random) -> tuple[str, str]:
+    def _stop_server(self, rng: random.Random) -> tuple[str, str]:
         name = rng.choice(("rosbridge", "metrics"))
         lasts_s = self._stop_for(self._watch.pid(name), rng, math.inf, lambda: None)
         return name, f"for {lasts_s:g} s"

@@ -219,11 +219,11 @@ class RecoveryJudge:
 
 
 def problem_of(row: Mapping[str, Any], device_there: bool) -> str:
-    """What is wrong with a session or a face by its row; empty: nothing. A device is expected to
+    """What is wrong with a session or a server by its row; empty: nothing. A device is expected to
     be live where it is `device_there` and this session has it."""
     if row["state"] != "running":
         return f"{row['state']}: {row['reason']}"
-    if row["kind"] == "face":
+    if row["kind"] == "server":
         return "" if row["endpoint"] else "it does not serve"
     if row["robot_link"] != "live":
         return f"robot {row['robot_link'] or 'not heard of'}"

@@ -141,11 +141,11 @@ angular_speed_rad_s = 0.3
 namespace = "ur5_b"
 router = "{router}"
 
-[faces.rosbridge]
+[servers.rosbridge]
 port = {rosbridge}
 router = "{router}"
 
-[faces.metrics]
+[servers.metrics]
 port = {metrics}
 """
 

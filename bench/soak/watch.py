@@ -70,7 +70,7 @@ class Watch:
             return client.ask(do, name, value)
 
     def pid(self, name: str) -> int | None:
-        """Of a session or a face, if it still is one: ids are used again."""
+        """Of a session or a server, if it still is one: ids are used again."""
         pid: int | None = self.rows.get(name, {}).get("pid")
         return pid if pid is not None and is_marked(pid, self.mark) else None
 
@@ -131,7 +131,7 @@ class Watch:
 
     @contextlib.contextmanager
     def excused(self, *names: str) -> Iterator[None]:
-        """These sessions and faces cannot be well."""
+        """These sessions and servers cannot be well."""
         with self.lock:
             self._excused.update(names)
         try:

@@ -1,1 +1,1 @@
-"""The bus that sessions, faces, drivers and simulated peers meet on: Zenoh, with ROS 2's names."""
+"""The bus of sessions, servers, drivers and simulated peers: Zenoh, with ROS 2's names."""

@@ -10,7 +10,7 @@ from cardan.common.bounds import DDS_CONFIG, Range
 from cardan.common.options import Options
 from cardan.errors import ConfigurationError
 
-FACE_NODE = "cardan_dds_face"
+SERVER_NODE = "cardan_dds_server"
 """Name of the node of `cardan net server dds` on both sides."""
 
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"

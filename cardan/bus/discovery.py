@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
-from cardan.bus.dds_options import FACE_NODE
+from cardan.bus.dds_options import SERVER_NODE
 from cardan.bus.network import Service, Topic
 from cardan.bus.options import BusOptions
 from cardan.bus.router import router_address, routers_here
@@ -117,7 +117,7 @@ def remedies(options: BusOptions, found: Survey) -> list[str]:
         return ["A router answers, and no node is connected to it, or to others that it knows."]
     if found.peers:
         return [
-            "Another session of Zenoh answers, and it has no node of ROS 2: no session or face."
+            "Another session of Zenoh answers, and it has no node of ROS 2: no session or server."
         ]
     if options.zenoh_config:
         return [f"Nobody answers as {options.zenoh_config} has it."]
@@ -139,7 +139,7 @@ def remedies(options: BusOptions, found: Survey) -> list[str]:
 
 def unseen(found: Survey) -> str:
     """What else there may be, in a sentence; empty: nothing."""
-    if not any(name == f"/{FACE_NODE}" for name in found.nodes):
+    if not any(name == f"/{SERVER_NODE}" for name in found.nodes):
         return ""
     return (
         "`cardan net server dds` brings in the topics of DDS that somebody on the bus subscribes "

@@ -1,4 +1,4 @@
-"""The ROS network behind a face: topics and services of other processes, messages as CDR."""
+"""The ROS network behind a server: topics and services of other processes, messages as CDR."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class Network(Protocol):
         """Offer a service; `asked` is called with each request. Raises NetworkError."""
 
     def part(self, name: str) -> Network:
-        """The same network as a node of its own, for one client of a face: what the client has on
+        """The same network as a node of its own, for one client of a server: what the client has on
         the network vanishes with it, and a motion without end that it asked for ends. Raises
         DriverError."""
 

@@ -1,4 +1,4 @@
-"""The whole ROS graph for faces: any topic and service, with callbacks. Not for a control loop."""
+"""The whole ROS graph for servers: any topic and service, by callbacks. Not for a control loop."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ PICTURES = frozenset(
     }
 )
 """Types of which one message fills a slow link: they wait for all else, and are dropped first. What
-clients of faces publish otherwise may be a command."""
+clients of servers publish otherwise may be a command."""
 
 LONGEST_CALL_S = 3600.0
 """How long a call without a time limit waits for its reply."""
 
 
 class BusNetwork:
-    """A node that sees the whole graph; what faces stand on.
+    """A node that sees the whole graph; what servers stand on.
 
     ::
 
@@ -96,9 +96,9 @@ class BusNetwork:
         self.node.close()
 
     def part(self, name: str, namespace: str = "/") -> BusNetwork:
-        """The same network as a node of its own, open until it is closed: of one client of a face,
+        """The same network as a node of its own, open until it is closed: of a client of a server,
         so that a motion without end which the client asks for ends with the client and not with the
-        face. The network itself must be closed after it."""
+        server. The network itself must be closed after it."""
         return _Part(self, name, namespace)
 
     def __enter__(self) -> BusNetwork:

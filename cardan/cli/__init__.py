@@ -268,10 +268,10 @@ def run(
             raise ConfigurationError("--console-host", "is where --console serves: give both")
         if console and config.network is not None:
             from cardan.gateway.servers.console.address import picture
-            from cardan.gateway.session.with_face import with_face
+            from cardan.gateway.session.with_server import with_server
 
             host = console_host or "127.0.0.1"
-            page = opened.enter_context(with_face("console", config.network, host))
+            page = opened.enter_context(with_server("console", config.network, host))
             print("\n".join((*page.before, f"console {page.endpoint}")), flush=True)
             if sys.stdout.isatty():
                 print(picture(page.endpoint), flush=True)
@@ -332,7 +332,7 @@ def check(file: ConfigFile, as_json: AsJson = False) -> None:
         ]
         warnings += disagreements({name: each.config for name, each in layout.sessions.items()})
         parts = [("session", name) for name in layout.sessions]
-        parts += [("face", name) for name in layout.faces]
+        parts += [("server", name) for name in layout.servers]
     else:
         config = load_config(file)
         warnings, parts = list(cautions(config)), list(_parts(config))

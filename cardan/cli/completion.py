@@ -68,7 +68,7 @@ def robots(incomplete: str) -> Offered:
 
 
 def units(context: typer.Context, incomplete: str) -> Offered:
-    """Sessions and faces of the daemon that runs."""
+    """Sessions and servers of the daemon that runs."""
     return [
         (row["name"], f"{row['kind']}, {row['state']}")
         for row in _rows(context)

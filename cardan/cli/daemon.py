@@ -40,26 +40,26 @@ Socket = Annotated[
 Name = Annotated[
     str,
     typer.Argument(
-        metavar="NAME", help="A session or a face of the daemon.", autocompletion=completion.units
+        metavar="NAME", help="A session or a server of the daemon.", autocompletion=completion.units
     ),
 ]
 
 OfName = Annotated[
     str,
     typer.Argument(
-        metavar="[NAME]", help="Of one session or face.", autocompletion=completion.units
+        metavar="[NAME]", help="Of one session or server.", autocompletion=completion.units
     ),
 ]
 
 
 def checked(layout: Layout) -> Layout:
-    """A layout, once the options of its faces are checked. Raises ConfigurationError."""
-    from cardan.cli.face import check_words
+    """A layout, once the options of its servers are checked. Raises ConfigurationError."""
+    from cardan.cli.server import check_words
 
-    for name, entry in layout.faces.items():
-        with in_file(entry.file), below(f"faces.{name}"):
+    for name, entry in layout.servers.items():
+        with in_file(entry.file), below(f"servers.{name}"):
             try:
-                check_words(entry.face, entry.words)
+                check_words(entry.server, entry.words)
             except ConfigurationError as error:
                 key = error.key.removeprefix("--").replace("-", "_")
                 raise ConfigurationError(key, error.message) from None
@@ -86,7 +86,7 @@ def serve(
         ),
     ] = None,
 ) -> None:
-    """Run many sessions and faces, each in its own process.
+    """Run many sessions and servers, each in its own process.
 
     Until Ctrl-C: one that dies comes
     back, its arm disarmed. Prints READY and the path of its socket once it serves."""
@@ -116,7 +116,7 @@ def ps(
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
-    """List the daemon's sessions and faces: what each does, who moves its arm, why it does not
+    """List the daemon's sessions and servers: what each does, who moves its arm, why it does not
     move."""
     from rich.console import Console
 
@@ -178,19 +178,19 @@ def _order(order: str, name: str, socket: str, as_json: bool) -> None:
 
 
 def start(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
-    """Start a session or a face that the daemon stopped or gave up."""
+    """Start a session or a server that the daemon stopped or gave up."""
     _order("start", name, socket, as_json)
 
 
 def stop(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
-    """Stop a session or a face of the daemon.
+    """Stop a session or a server of the daemon.
 
     The arm of a session brakes, holds, and is left."""
     _order("stop", name, socket, as_json)
 
 
 def restart(name: Name, socket: Socket = "", as_json: AsJson = False) -> None:
-    """Stop a session or a face of the daemon, and start it anew."""
+    """Stop a session or a server of the daemon, and start it anew."""
     _order("restart", name, socket, as_json)
 
 
@@ -256,7 +256,7 @@ def log(
     socket: Socket = "",
     as_json: AsJson = False,
 ) -> None:
-    """Print what the daemon's sessions and faces have said."""
+    """Print what the daemon's sessions and servers have said."""
     from cardan.gateway.daemon.client import ANSWER_S, ControlClient
 
     with ControlClient(socket, None if follow else ANSWER_S) as client:
@@ -399,7 +399,7 @@ def remove_service(system: System = False) -> None:
 daemon = typer.Typer(
     name="daemon",
     cls=OpenGroup,
-    help="Run many sessions and faces, and see and command what runs.",
+    help="Run many sessions and servers, and see and command what runs.",
     no_args_is_help=True,
     rich_markup_mode="rich",
 )

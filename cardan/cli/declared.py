@@ -44,7 +44,7 @@ from cardan.sim_peers.command import Option, name_and_unit, option_of
 
 
 class Registry(Protocol):
-    """What there is by name: drivers, simulated peers, faces."""
+    """What there is by name: drivers, simulated peers, servers."""
 
     def names(self) -> tuple[str, ...]:
         """All names that can be loaded."""

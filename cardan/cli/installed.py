@@ -40,7 +40,7 @@ SECTIONS = {
     },
     "daemon": {
         "The daemon": "run reload service",
-        "Its sessions and faces": "ps top log events start stop restart",
+        "Its sessions and servers": "ps top log events start stop restart",
         "Its arms and devices": "arm switch",
     },
     "devices": {

@@ -10,9 +10,9 @@ import typer
 
 from cardan.cli.bus import echo, hz, messages, network
 from cardan.cli.common import print_problem
-from cardan.cli.face import face
 from cardan.cli.installed import OpenGroup
 from cardan.cli.recording import plot, record, replay
+from cardan.cli.server import server
 from cardan.common.text_sanitizer import printable
 from cardan.errors import OptionError
 
@@ -27,7 +27,7 @@ net = typer.Typer(
 )
 
 
-net.add_typer(face)
+net.add_typer(server)
 net.command("list")(network)
 for _command in (echo, hz, messages, record, replay, plot):
     net.command()(_command)

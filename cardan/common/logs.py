@@ -53,7 +53,7 @@ class LogFormat(str, enum.Enum):
 
 FORMAT_VARIABLE = "CARDAN_LOG_FORMAT"
 LEVEL_VARIABLE = "CARDAN_LOG_LEVEL"
-"""Environment variables by which the daemon says how its faces log, and from which level on."""
+"""Environment variables by which the daemon says how its servers log, and from which level on."""
 
 
 def fields(**values: str) -> dict[str, Any]:

@@ -51,7 +51,7 @@ IN_SOURCE_TREE = {
         "spacemouse_serial": _SERIAL_MICE,
         "wiimote": _WIIMOTE,
     },
-    "face": {
+    "server": {
         "dds": "plugins/cardan-dds",
         "foxglove": "plugins/cardan-foxglove",
         "spnav": _SPNAV_SERVER,

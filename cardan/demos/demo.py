@@ -29,7 +29,7 @@ from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.subprocesses import READY_WITHIN_S
 from cardan.gateway.session.supervisor import KILL_AFTER_S, supervise
 from cardan.gateway.session.terminal_view import SessionView, summary
-from cardan.gateway.session.with_face import with_face
+from cardan.gateway.session.with_server import with_server
 
 EXIT_INCOMPLETE = 4
 
@@ -37,7 +37,7 @@ CARDAN = (sys.executable, "-m", "cardan")
 
 ALL_INTERFACES = "0.0.0.0"
 HOSTS = {"console": (ALL_INTERFACES, "127.0.0.1"), "rosbridge": ("127.0.0.1",)}
-"""Where a face is served: at the first that can be. The page is for phones, too, wherever a
+"""Where a server is served: at the first that can be. The page is for phones, too, wherever a
 certificate can be made."""
 
 PAUSE_S = 0.03
@@ -83,26 +83,26 @@ def simulated_hardware(demo: Demo, seconds: float) -> Iterator[tuple[SessionConf
 
 
 @contextlib.contextmanager
-def served_faces(
+def served_servers(
     demo: Demo, config: SessionConfig, say: Callable[[str], None], picture_of: Callable[[str], str]
 ) -> Iterator[None]:
-    """Serve the demo's faces beside its session, and say where."""
+    """Serve the demo's servers beside its session, and say where."""
     with contextlib.ExitStack() as opened:
-        for name in demo.faces:
+        for name in demo.servers:
             if config.network is None:
-                raise ConfigurationError("network", f"is missing: the face {name} needs it")
+                raise ConfigurationError("network", f"is missing: the server {name} needs it")
             for host in HOSTS[name]:
                 try:
-                    face = opened.enter_context(with_face(name, config.network, host, 0))
+                    server = opened.enter_context(with_server(name, config.network, host, 0))
                 except DriverError:
                     if host == HOSTS[name][-1]:
                         raise
-                    say(f"the face {name} is for this computer alone")
+                    say(f"the server {name} is for this computer alone")
                     continue
-                for line in (*face.before, f"face {name}: {face.endpoint}"):
+                for line in (*server.before, f"server {name}: {server.endpoint}"):
                     say(line)
                 if host == ALL_INTERFACES:
-                    say(picture_of(face.endpoint))
+                    say(picture_of(server.endpoint))
                 break
         yield
 
@@ -247,7 +247,7 @@ def run_demo(seconds: float, name: str = "gofa", picture_of: Callable[[str], str
         view.console.print(demo.description, markup=False)
         with (
             simulated_hardware(demo, seconds) as (config, through),
-            served_faces(demo, config, say, picture_of),
+            served_servers(demo, config, say, picture_of),
             Pauses() as pauses,
         ):
             if demo.invitation:

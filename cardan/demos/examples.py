@@ -65,7 +65,7 @@ class Demo(Options):
     ports: tuple[str, ...] = ()
     """Keys of the configuration that are given free ports, in a row; of an endpoint of Zenoh's it
     is the port."""
-    faces: tuple[Literal["console", "rosbridge"], ...] = ()
+    servers: tuple[Literal["console", "rosbridge"], ...] = ()
     """What is served beside the session; its address is printed."""
     invitation: str = ""
     """What somebody may do meanwhile, printed before the session starts. Where a demo has one an

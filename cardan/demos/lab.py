@@ -84,8 +84,8 @@ def write_lab(peers: Peers) -> Path:
 
 def _check_simulated(demo: Demo, tables: Mapping[str, Any], layout: Layout) -> None:
     """Raise ConfigurationError unless all that the lab reaches is simulated."""
-    if layout.faces:
-        raise ConfigurationError(f"{demo.file}: faces", "a demo has none: others could reach it")
+    if layout.servers:
+        raise ConfigurationError(f"{demo.file}: servers", "a demo has none: others could reach it")
     for table in tables["sessions"]:
         names = {
             key: f"{key}s.{table[key]}"

@@ -15,8 +15,8 @@ from typing import Any, ClassVar, Final, NamedTuple
 from cardan.bus.options import BusOptions
 from cardan.drivers.base import Driver, FoundDevice
 from cardan.errors import CardanError
-from cardan.gateway.daemon.config import DaemonOptions, FaceEntry, Layout, SessionEntry
-from cardan.gateway.servers import registry as face_registry
+from cardan.gateway.daemon.config import DaemonOptions, Layout, ServerEntry, SessionEntry
+from cardan.gateway.servers import registry as server_registry
 from cardan.gateway.session.driver_assembly import make_driver
 
 COMMAND_S: Final = 3.0
@@ -118,9 +118,9 @@ class Subject:
         return self.layout.sessions
 
     @property
-    def faces(self) -> Mapping[str, FaceEntry]:
-        """The faces of the files by name."""
-        return self.layout.faces
+    def servers(self) -> Mapping[str, ServerEntry]:
+        """The servers of the files by name."""
+        return self.layout.servers
 
     def used(self) -> Iterator[Used]:
         """The drivers of all sessions. One that cannot be made is none: checking the files tells
@@ -136,7 +136,7 @@ class Subject:
                 yield Used(session, key, table.driver, made)
 
     def buses(self) -> dict[BusOptions, str]:
-        """How the files' sessions, drivers and faces join the bus, and who is the first to do it
+        """How the files' sessions, drivers and servers join the bus, and who is the first to do it
         so."""
         found: dict[BusOptions, str] = {}
         for name, entry in self.sessions.items():
@@ -145,9 +145,9 @@ class Subject:
         for each in self.used():
             if isinstance(options := each.driver.options, BusOptions):
                 found.setdefault(options, f"{each.key} of {each.session}")
-        for name, face in self.faces.items():
-            if (bus := _bus_of(face)) is not None:
-                found.setdefault(bus, f"face {name}")
+        for name, server in self.servers.items():
+            if (bus := _bus_of(server)) is not None:
+                found.setdefault(bus, f"server {name}")
         return found
 
     def read(self, path: str) -> str:
@@ -181,17 +181,17 @@ class Check(ABC):
         seconds."""
 
 
-def face_option(entry: FaceEntry, name: str, default: Any = "") -> str:
-    """The value of a face's option "token-file" as its words give it, or `default`."""
+def server_option(entry: ServerEntry, name: str, default: Any = "") -> str:
+    """The value of a server's option "token-file" as its words give it, or `default`."""
     words = entry.words
     found = [words[at + 1] for at in range(len(words) - 1) if words[at] == f"--{name}"]
     return found[-1] if found else str(default)
 
 
-def face_defaults(entry: FaceEntry) -> dict[str, Any]:
-    """The options of a face and their defaults; none where it cannot be loaded."""
+def server_defaults(entry: ServerEntry) -> dict[str, Any]:
+    """The options of a server and their defaults; none where it cannot be loaded."""
     try:
-        options = face_registry.load(entry.face).Options()
+        options = server_registry.load(entry.server).Options()
     except CardanError:
         return {}
     return _fields(options)
@@ -205,18 +205,18 @@ def _fields(options: Any) -> dict[str, Any]:
     return found
 
 
-def _bus_of(entry: FaceEntry) -> BusOptions | None:
-    """How a face joins the bus; None for one that does not, or whose options are wrong, which it
+def _bus_of(entry: ServerEntry) -> BusOptions | None:
+    """How a server joins the bus; None for one that does not, or whose options are wrong, which it
     says itself when it starts."""
-    defaults = face_defaults(entry)
+    defaults = server_defaults(entry)
     if not {"domain", "router"} <= defaults.keys():
         return None
     words = {
-        name: face_option(entry, name.replace("_", "-"), defaults[name])
+        name: server_option(entry, name.replace("_", "-"), defaults[name])
         for name in ("router", "mode", "zenoh_config")
     }
     try:
-        domain = int(face_option(entry, "domain", defaults["domain"]))
+        domain = int(server_option(entry, "domain", defaults["domain"]))
         return BusOptions(domain=domain, **words)  # type: ignore[arg-type]
     except ValueError:
         return None

@@ -24,15 +24,15 @@ def read_files(paths: Sequence[Path]) -> tuple[Layout, str]:
         return read_layout(paths), ""
     except CardanError as error:
         wrong = " ".join(str(error).split())
-    sessions, faces = dict(NOTHING.sessions), dict(NOTHING.faces)
+    sessions, servers = dict(NOTHING.sessions), dict(NOTHING.servers)
     for path in _each(paths):
         try:
             one = read_layout([path])
         except CardanError:
             continue
         sessions.update(one.sessions)
-        faces.update(one.faces)
-    return Layout(NOTHING.daemon, sessions, faces), wrong
+        servers.update(one.servers)
+    return Layout(NOTHING.daemon, sessions, servers), wrong
 
 
 def _each(paths: Iterable[Path]) -> list[Path]:
@@ -68,5 +68,5 @@ class Files(Check):
                 )
             if not warned:
                 yield good("file", f"{entry.file}: session {name} is fine")
-        for name, face in subject.faces.items():
-            yield good("file", f"{face.file}: face {name} is fine")
+        for name, server in subject.servers.items():
+            yield good("file", f"{server.file}: server {name} is fine")

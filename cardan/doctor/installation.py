@@ -16,7 +16,7 @@ from cardan.drivers import registry as drivers
 from cardan.drivers.hid import load_hid
 from cardan.errors import DriverError, install_command
 from cardan.gateway.operator.filters import registry as filters
-from cardan.gateway.servers import registry as faces
+from cardan.gateway.servers import registry as servers
 
 GROUP = "installation"
 
@@ -24,7 +24,7 @@ EXTRAS: Final = ("arm", "network", "can", "record", "foxglove", "dissect", "ruck
 """Extras that change what works here; the others are for developers."""
 
 _EXTRA_OF_DRIVER: Final = {"sim_arm": "arm"}
-_EXTRA_OF_FACE: Final = {"foxglove": "foxglove"}
+_EXTRA_OF_SERVER: Final = {"foxglove": "foxglove"}
 
 _REQUIREMENT = re.compile(
     r"(?P<name>[\w.-]+)(?:\[(?P<extras>[\w,.-]+)\])?[<>=!~\d.*,\s]*(?:;(?P<marker>.*))?"
@@ -108,8 +108,8 @@ def needed_extras(subject: Subject) -> dict[str, str]:
             needed.setdefault("network", who)
         if extra := _EXTRA_OF_DRIVER.get(each.name):
             needed.setdefault(extra, who)
-    for name, face in subject.faces.items():
-        needed.setdefault(_EXTRA_OF_FACE.get(face.face, "network"), f"face {name}")
+    for name, server in subject.servers.items():
+        needed.setdefault(_EXTRA_OF_SERVER.get(server.server, "network"), f"server {name}")
     return needed
 
 
@@ -161,7 +161,7 @@ class Packages(Check):
 
 
 class PlugIns(Check):
-    """Drivers, filters, faces and checks of other packages."""
+    """Drivers, filters, servers and checks of other packages."""
 
     group, tells = GROUP, ("plug-in",)
 
@@ -174,7 +174,7 @@ class PlugIns(Check):
                 [
                     ("driver", drivers.load_all()),
                     ("filter", filters.load_all()),
-                    ("face", faces.load_all()),
+                    ("server", servers.load_all()),
                     ("transport", transports.load_all()),
                     ("check", checks.load_all()),
                 ]
@@ -206,4 +206,4 @@ def judge_plug_ins(found: Iterable[tuple[str, Loaded[Any]]]) -> Iterator[Finding
         yield good("plug-in", f"not installed: {install_command(extra)} for {', '.join(names)}")
     if not bad:
         others = "all other" if lacking else "all"
-        yield good("plug-in", f"{others} drivers, filters, faces and checks can be loaded")
+        yield good("plug-in", f"{others} drivers, filters, servers and checks can be loaded")

@@ -1,4 +1,4 @@
-"""Checks of ports: whether those that sessions and faces listen at are free, and who has them."""
+"""Checks of ports: whether those that sessions and servers listen at are free, and who has them."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from cardan.doctor.base import (
     Check,
     Finding,
     Subject,
-    face_defaults,
-    face_option,
     failure,
     good,
+    server_defaults,
+    server_option,
 )
 from cardan.doctor.processes import Holder, holders
 
@@ -34,7 +34,7 @@ class Wanted(NamedTuple):
     host: str
     port: int
     who: str
-    """ "robot of gofa", "face office"."""
+    """ "robot of gofa", "server office"."""
 
     def __str__(self) -> str:
         return f"{self.transport.upper()} port {self.port}"
@@ -129,19 +129,19 @@ def judge_ports(
 
 
 def wanted_ports(subject: Subject) -> Iterator[Wanted]:
-    """The ports that the files' drivers and faces listen at."""
+    """The ports that the files' drivers and servers listen at."""
     for used in subject.used():
         for each in used.driver.endpoints():
             if each.listens and (host := numeric(each.host)):
                 yield Wanted(each.transport, host, each.port, f"{used.key} of {used.session}")
-    for name, entry in subject.faces.items():
-        defaults = face_defaults(entry)
+    for name, entry in subject.servers.items():
+        defaults = server_defaults(entry)
         if "port" not in defaults:
             continue
-        port = face_option(entry, "port", defaults["port"])
-        host = numeric(face_option(entry, "host", defaults.get("host", "127.0.0.1")))
+        port = server_option(entry, "port", defaults["port"])
+        host = numeric(server_option(entry, "host", defaults.get("host", "127.0.0.1")))
         if host and port.isdecimal():
-            yield Wanted("tcp", host, int(port), f"face {name}")
+            yield Wanted("tcp", host, int(port), f"server {name}")
 
 
 def numeric(host: str) -> str:
@@ -163,7 +163,7 @@ def bound_sockets(subject: Subject) -> list[Bound]:
 
 
 class Ports(Check):
-    """The ports of the files' robots and faces."""
+    """The ports of the files' robots and servers."""
 
     group, tells = GROUP, ("port", "port-twice")
 

@@ -1,4 +1,4 @@
-"""Checks of faces with clients: tokens, certificates and their names."""
+"""Checks of servers with clients: tokens, certificates and their names."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from cardan.doctor.base import (
     Finding,
     Subject,
     caution,
-    face_defaults,
-    face_option,
     failure,
     good,
+    server_defaults,
+    server_option,
 )
 from cardan.errors import ConfigurationError
-from cardan.gateway.daemon.config import FaceEntry
-from cardan.gateway.servers.console.face import ConsoleOptions
+from cardan.gateway.daemon.config import ServerEntry
+from cardan.gateway.servers.console.server import ConsoleOptions
 from cardan.gateway.servers.web import WebOptions, tls_context
 
 GROUP = "network"
@@ -39,7 +39,7 @@ _MAKE_ONE: Final = (
 def judge_certificate(
     who: str, found: Certificate, names: Sequence[str], now: datetime.datetime
 ) -> Iterator[Finding]:
-    """Whether a face's certificate is valid, for long enough, and for a name that the computer
+    """Whether a server's certificate is valid, for long enough, and for a name that the computer
     has."""
     make = _MAKE_ONE.format(name=names[0])
     told = f"{who}: its certificate"
@@ -79,31 +79,33 @@ def _is_for(pattern: str, name: str) -> bool:
     return pattern == name
 
 
-def web_options(entry: FaceEntry) -> WebOptions:
-    """How clients reach a face, as its words have it. Raises ConfigurationError."""
+def web_options(entry: ServerEntry) -> WebOptions:
+    """How clients reach a server, as its words have it. Raises ConfigurationError."""
     words = entry.words
-    kind = ConsoleOptions if entry.face == "console" else WebOptions
+    kind = ConsoleOptions if entry.server == "console" else WebOptions
     return kind(
-        host=face_option(entry, "host", "127.0.0.1"),
-        token_file=face_option(entry, "token-file"),
-        certificate=face_option(entry, "certificate"),
-        key=face_option(entry, "key"),
+        host=server_option(entry, "host", "127.0.0.1"),
+        token_file=server_option(entry, "token-file"),
+        certificate=server_option(entry, "certificate"),
+        key=server_option(entry, "key"),
         plaintext="--plaintext" in words,
         hosts=tuple(words[at + 1] for at in range(len(words) - 1) if words[at] == "--hosts"),
     )
 
 
-def judge_door(name: str, entry: FaceEntry, own: str, now: datetime.datetime) -> Iterator[Finding]:
-    """Whether a face can be served, and reached by those whom it is for. `own`: this computer's
+def judge_door(
+    name: str, entry: ServerEntry, own: str, now: datetime.datetime
+) -> Iterator[Finding]:
+    """Whether a server can be served, and reached by those whom it is for. `own`: this computer's
     name."""
-    who = f"face {name}"
+    who = f"server {name}"
     try:
         options = web_options(entry)
         token = options.given_tokens()
         tls_context(options.certificate, options.key)
     except ConfigurationError as error:
-        mend = f"edit [faces.{name}] of {entry.file}"
-        yield failure("face", f"{who}: {error}", "it cannot start", mend)
+        mend = f"edit [servers.{name}] of {entry.file}"
+        yield failure("server", f"{who}: {error}", "it cannot start", mend)
         return
     if not options.encrypted and not is_loopback(options.host):
         yield caution(
@@ -111,12 +113,12 @@ def judge_door(name: str, entry: FaceEntry, own: str, now: datetime.datetime) ->
             f"{who} listens at {options.host} without TLS",
             "the token, and all that is said, can be read on the way, and browsers give pages of "
             "such an address no gamepad, no sensors and no VR",
-            f"{_MAKE_ONE.format(name=own)}, then certificate and key in [faces.{name}]",
+            f"{_MAKE_ONE.format(name=own)}, then certificate and key in [servers.{name}]",
         )
     else:
         made = "no token" if is_loopback(options.host) else "tokens that it makes"
         guarded = "tokens" if token else made
-        yield good("face", f"{who} listens at {options.host}, with {guarded}")
+        yield good("server", f"{who} listens at {options.host}, with {guarded}")
     if options.certificate:
         names = [*options.hosts, own, f"{own}.local", "localhost"]
         if not is_loopback(options.host):
@@ -135,13 +137,13 @@ def judge_door(name: str, entry: FaceEntry, own: str, now: datetime.datetime) ->
 
 
 class Doors(Check):
-    """Faces with clients: who may reach them, by which token and certificate."""
+    """Servers with clients: who may reach them, by which token and certificate."""
 
-    group, tells = GROUP, ("face", "clear", "certificate", "certificate-name")
+    group, tells = GROUP, ("server", "clear", "certificate", "certificate-name")
 
     @classmethod
     def look(cls, subject: Subject) -> Iterable[Finding]:
         now = datetime.datetime.now(datetime.timezone.utc)
-        for name, entry in subject.faces.items():
-            if "token_file" in face_defaults(entry):
+        for name, entry in subject.servers.items():
+            if "token_file" in server_defaults(entry):
                 yield from judge_door(name, entry, socket.gethostname().lower(), now)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 MAX_PUBLICATIONS_PER_S = 5000
-"""What a client of a face publishes beyond it is refused: 50 topics at 100 Hz are enough for a
+"""What a client of a server publishes beyond it is refused: 50 topics at 100 Hz are enough for a
 page."""
 
 

@@ -19,11 +19,11 @@ test("a session says what it does and why not", () => {
   assert.equal(about(failed), "session · failed 7 min · it ended with status 3");
 });
 
-test("a face says where it serves", () => {
-  const face = { name: "page", kind: "face", state: "running", since_s: 9000, reason: "" };
+test("a server says where it serves", () => {
+  const server = { name: "page", kind: "server", state: "running", since_s: 9000, reason: "" };
   assert.equal(
-    about({ ...face, face: "console", endpoint: "https://a:8443" }),
-    "face console · running 3 h · https://a:8443",
+    about({ ...server, server: "console", endpoint: "https://a:8443" }),
+    "server console · running 3 h · https://a:8443",
   );
   assert.equal(span(0.4), "0 s");
 });

@@ -40,7 +40,7 @@ def newest(ros: roslibpy.Ros, topic: str, kind: str) -> dict[str, Any]:
     heard = roslibpy.Topic(ros, topic, kind)
     heard.subscribe(take)
     if not there.wait(10.0):
-        raise SystemExit(f"nothing on {topic}: is a session on the network of the face?")
+        raise SystemExit(f"nothing on {topic}: is a session on the network of the server?")
     heard.unsubscribe()
     return found[0]
 

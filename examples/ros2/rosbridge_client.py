@@ -45,7 +45,7 @@ def jog(ros: roslibpy.Ros, arm: str, seconds: float) -> None:
     roslibpy.Topic(ros, f"{arm}/state/pose", "geometry_msgs/PoseStamped").subscribe(show)
     roslibpy.Topic(ros, f"{arm}/result", "cardan_msgs/CommandResult").subscribe(tell)
     if not seen.wait(10.0):
-        raise SystemExit(f"{arm} shows no pose: is its session on the network of the face?")
+        raise SystemExit(f"{arm} shows no pose: is its session on the network of the server?")
 
     chosen = roslibpy.Service(ros, f"{arm}/set_parameters", "rcl_interfaces/SetParameters").call(
         roslibpy.ServiceRequest(

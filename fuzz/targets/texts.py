@@ -80,8 +80,8 @@ def _control_stream(data: bytes) -> object:
     return kinds(joined_streams(lambda: control.LineReader().take, data))
 
 
-def _face_lines(data: bytes) -> object:
-    """What a face writes: lines, and figures in some of them."""
+def _server_lines(data: bytes) -> object:
+    """What a server writes: lines, and figures in some of them."""
     said: list[str] = []
     lines = Lines(said.append)
     for at in range(0, len(data), 700):
@@ -291,7 +291,7 @@ def _reading_seeds() -> Iterator[bytes]:
     yield b"-0.25 0.5"
 
 
-# -- faces ----------------------------------------------------------------------------------------
+# -- servers --------------------------------------------------------------------------------------
 
 _TOKEN = "0123456789abcdef0123456789abcdef"
 
@@ -441,8 +441,8 @@ robot = "ur5"
 name = "one"
 device = "mouse"
 robot = "gofa"
-[faces.web]
-face = "rosbridge"
+[servers.web]
+server = "rosbridge"
 port = 9090
 """
 
@@ -455,7 +455,7 @@ def _layouts() -> Iterator[bytes]:
 
 def _layout(data: bytes) -> object:
     layout = read_layout([_file(data, "layout.toml")])
-    return len(layout.sessions), len(layout.faces)
+    return len(layout.sessions), len(layout.servers)
 
 
 def _urdfs() -> Iterator[bytes]:
@@ -575,9 +575,9 @@ TARGETS = (
         longest=65536,
     ),
     Target(
-        "daemon.face_lines",
+        "daemon.server_lines",
         Form.TEXT,
-        _face_lines,
+        _server_lines,
         lambda: (b'READY ws://127.0.0.1:9090\nFIGURES {"clients": 1, "refused": 3}\nhello\n',),
         longest=65536,
     ),
@@ -587,16 +587,18 @@ TARGETS = (
     Target("cycle_record", Form.JSON, _cycle, _cycles, raises=(cycle_record.RecordError,)),
     Target("force.link", Form.BYTES, _force_link, _force_seeds, longest=2048),
     Target("filters.readings", Form.TEXT, _readings, _reading_seeds, longest=16384),
-    Target("faces.door", Form.TEXT, _door, _doors, words=(b"Host:", b"Origin:", b"%2F", b"[::1]")),
     Target(
-        "faces.tokens",
+        "servers.door", Form.TEXT, _door, _doors, words=(b"Host:", b"Origin:", b"%2F", b"[::1]")
+    ),
+    Target(
+        "servers.tokens",
         Form.TEXT,
         _tokens,
         lambda: (b"# c\nviewer 0123456789abcdefgh\noperator aaaaaaaaaaaaaaaaaaaaaa\n",),
         raises=(ConfigurationError,),
     ),
     Target(
-        "faces.assets",
+        "servers.assets",
         Form.TEXT,
         _packages,
         lambda: (b"package://meshes_pkg/a.stl",),

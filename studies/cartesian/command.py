@@ -71,7 +71,7 @@ def _zenoh(endpoint: str) -> Iterator[Put]:
 
 @contextmanager
 def _rosbridge(endpoint: str) -> Iterator[Put]:
-    """A client of the face, in JSON."""
+    """A client of the server, in JSON."""
     words = ("net", "server", "rosbridge", "--router", endpoint, "--port", "0")
     with launched(*words) as address, connect(address, compression=None) as client:
         client.send(json.dumps({"op": "advertise", "topic": TOPIC, "type": TYPE}))
@@ -80,7 +80,7 @@ def _rosbridge(endpoint: str) -> Iterator[Put]:
 
 @contextmanager
 def _dds(endpoint: str) -> Iterator[Put]:
-    """A participant on a DDS domain of this run alone, behind the face."""
+    """A participant on a DDS domain of this run alone, behind the server."""
     from cardan.bus.dds_options import DdsOptions
     from cardan_dds.network import DdsNetwork
 

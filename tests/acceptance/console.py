@@ -17,7 +17,7 @@ from cardan.errors import CardanError, DriverError
 from cardan.gateway.session.session import EXIT_OK
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import supervise
-from cardan.gateway.session.with_face import with_face
+from cardan.gateway.session.with_server import with_server
 from tests.console.browser import Tab, chromium
 
 WIDE, NARROW = (1120, 720), (360, 740)
@@ -61,9 +61,9 @@ def use_console(
     what was not as it should be."""
     with simulated_hardware(choose_demo("console"), seconds) as (config, _):
         assert config.network is not None
-        with with_face("console", config.network, "127.0.0.1", 0) as face, Pauses() as pauses:
+        with with_server("console", config.network, "127.0.0.1", 0) as server, Pauses() as pauses:
             over = threading.Event()
-            person = Person(face.endpoint, folder, say, over, still_s)
+            person = Person(server.endpoint, folder, say, over, still_s)
             thread = threading.Thread(target=person.work, args=(browser,), daemon=True)
             thread.start()
             try:

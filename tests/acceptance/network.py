@@ -39,7 +39,7 @@ REPLAY_WITHIN_S = 120.0
 """Longest time for a replay through the control core, which is faster than the session was."""
 
 SEEN_SHARE = 0.9
-"""Share of the poses that the program has to see again: a busy face leaves some out."""
+"""Share of the poses that the program has to see again: a busy server leaves some out."""
 
 _Say = Callable[[str], None]
 

@@ -116,7 +116,7 @@ class RosbridgeProgram:
     def drive(self, seconds: float, stop: threading.Event) -> None:
         """Move the arm in circles for `seconds`, or until `stop`; then have it brake.
 
-        Raises DriverError where the session or its face is gone, or does not answer.
+        Raises DriverError where the session or its server is gone, or does not answer.
         """
         self.wait_until_seen()
         until_s = time.monotonic() + ANSWER_WITHIN_S

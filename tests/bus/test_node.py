@@ -212,7 +212,7 @@ def _config(node):
 
 def test_endpoints_come_and_go_on_the_graph(bus):
     robot, join = bus
-    network = join(BusNetwork, "face")
+    network = join(BusNetwork, "server")
     until(lambda: "/left/robot" in network.nodes(), "the node")
     publisher = robot.publisher("pose", STRING)
     service = robot.service("gcmp", TRIGGER)
@@ -229,9 +229,9 @@ def test_endpoints_come_and_go_on_the_graph(bus):
     robot.close()  # Twice is fine.
 
 
-def test_faces_subscribe_publish_call_and_serve(bus):
+def test_servers_subscribe_publish_call_and_serve(bus):
     robot, join = bus
-    network = join(BusNetwork, "face")
+    network = join(BusNetwork, "server")
     commands = robot.subscription("command", STRING, 8)
     description = robot.publisher("robot_description", STRING, LATCHED_QOS)
     description.put(text("<robot/>"), 9)
@@ -285,7 +285,7 @@ def test_wrong_names_and_types_are_refused(bus, name, type_name, error):
         with pytest.raises(error):
             make(name, type_name)
     with pytest.raises(NetworkError):
-        join(BusNetwork, "face").advertise(name, type_name, False)
+        join(BusNetwork, "server").advertise(name, type_name, False)
 
 
 def test_what_cannot_be_joined_is_said(tmp_path):
@@ -307,7 +307,7 @@ def test_what_cannot_be_joined_is_said(tmp_path):
 def test_who_answers_or_publishes_after_the_end_is_no_error(bus):
     robot, join = bus
     service, publisher = robot.service("gcmp", TRIGGER), robot.publisher("pose", STRING)
-    network = join(BusNetwork, "face")
+    network = join(BusNetwork, "server")
     assert network.wait_for_service("/left/gcmp", TIMEOUT_S)
     network.call("/left/gcmp", TRIGGER, b"\0\1\0\0\0", lambda _reply: None, 0.5)
     asked = until(service.poll, "the request")
@@ -351,14 +351,14 @@ def test_what_is_seen_on_the_bus_can_be_used_at_once(monkeypatch):
 
 def test_the_end_of_a_service_is_told(bus):
     server, join = bus
-    face = join(BusNetwork, "face")
+    server = join(BusNetwork, "server")
     first, second = server.service("/ask", TRIGGER), server.service("/ask", TRIGGER)
     gone = threading.Event()
-    until(lambda: face.wait_for_service("/ask", 0.1), "the service")
-    held = face.watch_service("/ask", gone.set)
-    until(lambda: len(face._graph.servers("/ask")) == 2, "both")
+    until(lambda: server.wait_for_service("/ask", 0.1), "the service")
+    held = server.watch_service("/ask", gone.set)
+    until(lambda: len(server._graph.servers("/ask")) == 2, "both")
     first.close()
-    until(lambda: len(face._graph.servers("/ask")) == 1, "the first one's end")
+    until(lambda: len(server._graph.servers("/ask")) == 1, "the first one's end")
     assert not gone.is_set()
     second.close()
     assert gone.wait(TIMEOUT_S)

@@ -15,7 +15,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.protocols.ros2.cdr import codec_of
-from tests.console.rig import Face, face
+from tests.console.rig import ServerProcess, console_server
 from tests.serving import free_endpoint
 from tests.waiting import until
 
@@ -96,7 +96,7 @@ class Session:
 class Hands(NamedTuple):
     """What runs."""
 
-    face: Face
+    server: ServerProcess
     phone: Session
     left: Session
     right: Session
@@ -129,7 +129,7 @@ def hands(folder: Path) -> Iterator[Hands]:
             path = folder / f"{name}.toml"
             path.write_text(SESSION.format(name=name, endpoint=endpoint, **kind))
             run("run", str(path), "--seconds", "3000")
-        server = stack.enter_context(face(endpoint))
+        server = stack.enter_context(console_server(endpoint))
         network = stack.enter_context(BusNetwork(BusOptions(router=endpoint), "watcher"))
         for name in KINDS:
             assert network.wait_for_service(f"/{name}/arm/ask", 30.0)

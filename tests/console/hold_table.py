@@ -22,7 +22,7 @@ from cardan.gateway.servers.console.hold_to_run import FRESH_S
 from tests.console.browser import Browser, Tab, chromium, find_chromium
 from tests.console.hand import FINGER, KEY, MOUSE, RELOADED, Hand, Place, hold, jog, keeps
 from tests.console.proxy import Proxy, network_to
-from tests.console.rig import Face, Rig, Stop, face, robot_and_session
+from tests.console.rig import Rig, ServerProcess, Stop, console_server, robot_and_session
 from tests.docs_tables import replaced
 from tests.waiting import until
 
@@ -57,7 +57,7 @@ class Bench(NamedTuple):
 
     browser: Browser
     rig: Rig
-    face: Face
+    server: ServerProcess
     network: Proxy
     address: str
     """Of the page, by way of `network`."""
@@ -306,7 +306,9 @@ ENDS: dict[str, End] = {
         _stall(up=False, down=True, seconds=2 * STALL_S), bound_s=BOUND_S + UNSEEN_S
     ),
     "connection cut": End(lambda held: held.bench.network.cut()),
-    "server stopped for 1 s": End(lambda held: held.bench.face.stand_still(STALL_S), tested=False),
+    "server stopped for 1 s": End(
+        lambda held: held.bench.server.stand_still(STALL_S), tested=False
+    ),
     "page left": End(
         lambda held: held.page.ask("Page.navigate", url="about:blank"), lives=False, tested=False
     ),
@@ -323,7 +325,7 @@ def bench(browser: Browser, folder: Path) -> Iterator[Bench]:
     """A robot, its session, the server, and a network between it and the browser."""
     with (
         robot_and_session(folder) as rig,
-        face(rig.endpoint) as server,
+        console_server(rig.endpoint) as server,
         network_to(server.port) as network,
     ):
         yield Bench(browser, rig, server, network, f"http://127.0.0.1:{network.port}/")

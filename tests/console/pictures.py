@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 from tests.console.browser import Browser, Tab, chromium, find_chromium
 from tests.console.hand import RELOADED, keeps
-from tests.console.rig import Face, face
+from tests.console.rig import ServerProcess, console_server
 from tests.serving import ARM_SESSION, free_endpoint
 
 FOLDER = Path(__file__).parents[2] / "docs" / "images"
@@ -80,7 +80,7 @@ Means = list[list[float]]
 
 
 @contextmanager
-def still_arm(folder: Path) -> Iterator[Face]:
+def still_arm(folder: Path) -> Iterator[ServerProcess]:
     """The console's server with an arm that stands where it begins."""
     endpoint = free_endpoint()
     path = folder / "session.toml"
@@ -89,7 +89,7 @@ def still_arm(folder: Path) -> Iterator[Face]:
     command = [sys.executable, "-m", "cardan", "run", str(path), "--seconds", "3000"]
     with subprocess.Popen(command, stdout=subprocess.DEVNULL) as session:
         try:
-            with face(endpoint) as server:
+            with console_server(endpoint) as server:
                 yield server
         finally:
             session.terminate()

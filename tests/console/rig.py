@@ -201,7 +201,7 @@ def robot_and_session(folder: Path, more: str = "") -> Iterator[Rig]:
             tcp.end()
 
 
-class Face(NamedTuple):
+class ServerProcess(NamedTuple):
     """``cardan net server console`` that serves."""
 
     address: str
@@ -222,9 +222,9 @@ class Face(NamedTuple):
 
 
 @contextlib.contextmanager
-def face(
+def console_server(
     endpoint: str, words: Sequence[str] = (), environment: dict[str, str] | None = None
-) -> Iterator[Face]:
+) -> Iterator[ServerProcess]:
     """The console's server on that bus."""
     command = [sys.executable, "-m", "cardan", "net", "server", "console", "--router", endpoint]
     with subprocess.Popen(
@@ -238,7 +238,7 @@ def face(
             assert process.stdout is not None
             for line in process.stdout:
                 if line.startswith("READY "):
-                    yield Face(line.split()[1], process.pid)
+                    yield ServerProcess(line.split()[1], process.pid)
                     return
             raise AssertionError(f"cardan net server console ended with {process.wait()}")
         finally:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
-from cardan.gateway.servers.console.face import ConsoleOptions, ConsoleServer
+from cardan.gateway.servers.console.server import ConsoleOptions, ConsoleServer
 from cardan.gateway.servers.console.site import Site
 from cardan.protocols.ros2.cdr import codec_of
 from tests.gateway.servers.rig import WAIT_S, served

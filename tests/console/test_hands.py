@@ -29,7 +29,7 @@ def lab(built, tmp_path_factory):
 
 def allow_sensors(browser, lab):
     with browser.control() as control:
-        control.ask("Browser.grantPermissions", permissions=["sensors"], origin=lab.face.address)
+        control.ask("Browser.grantPermissions", permissions=["sensors"], origin=lab.server.address)
 
 
 SPEAKING = """
@@ -132,7 +132,7 @@ class Phone:
 def started(lab, browser):
     """A phone's page that is aligned."""
     allow_sensors(browser, lab)
-    with browser.open(lab.face.address, 360, 740, scripts=[SPEAKING]) as page:
+    with browser.open(lab.server.address, 360, 740, scripts=[SPEAKING]) as page:
         phone = Phone(page, lab.phone)
         phone.start()
         yield phone
@@ -153,7 +153,7 @@ REFUSED = "DeviceOrientationEvent.requestPermission = async () => 'denied';"
 
 
 def test_sensors_that_are_not_allowed_move_nothing(lab, browser):
-    with browser.open(lab.face.address, 360, 740, scripts=[REFUSED]) as page:
+    with browser.open(lab.server.address, 360, 740, scripts=[REFUSED]) as page:
         phone = Phone(page, lab.phone)
         turn(page)
         page.click(START)
@@ -167,7 +167,7 @@ def test_sensors_that_are_not_allowed_move_nothing(lab, browser):
 def test_a_phone_without_angles_says_so(lab, browser):
     """Allowed, and there is no sensor: one event whose angles are null."""
     allow_sensors(browser, lab)
-    with browser.open(lab.face.address, 360, 740) as page:
+    with browser.open(lab.server.address, 360, 740) as page:
         Phone(page, lab.phone)
         page.click(START)
         page.until(f"{NOTE}.startsWith({NO_SENSOR!r})")
@@ -340,7 +340,7 @@ class Headset:
 def worn(lab, browser):
     iwer = installed("iwer", "2.5.0") / "node_modules/iwer/build/iwer.min.js"
     # The smaller, the less is drawn without a graphics card.
-    with browser.open(lab.face.address, 640, 480, scripts=[iwer.read_text() + HEADSET]) as page:
+    with browser.open(lab.server.address, 640, 480, scripts=[iwer.read_text() + HEADSET]) as page:
         yield Headset(page, lab)
 
 

@@ -11,7 +11,7 @@ pytest.importorskip("pinocchio", reason="pin is not installed: pip install carda
 
 from tests.console.hand import FINGER, MOUSE, RELOADED, STATE, WHY, enable, hold, jog, keeps
 from tests.console.hold_table import ENDS, SPEED_M_S, Pages, tried
-from tests.console.rig import face
+from tests.console.rig import console_server
 from tests.waiting import until
 
 pytestmark = pytest.mark.matrix  # A browser that draws by software.
@@ -82,7 +82,7 @@ def test_a_hold_without_a_sign_of_the_person_ends_and_is_announced(bench, browse
     tcp, end_s = bench.rig.tcp, time.monotonic() + 30.0
     scripts = [keeps(speed=2), NO_CHROMIUM]
     with (
-        face(bench.rig.endpoint, ["--hold", "1.5"]) as server,
+        console_server(bench.rig.endpoint, ["--hold", "1.5"]) as server,
         browser.open(server.address, scripts=scripts) as page,
     ):
         page.until(RELOADED)

@@ -10,7 +10,7 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("pinocchio", reason="pin is not installed: pip install cardan[arm]")
 
-from cardan.gateway.servers.console.face import ConsoleOptions, ConsoleServer
+from cardan.gateway.servers.console.server import ConsoleOptions, ConsoleServer
 from cardan.protocols.ros2.cdr import codec_of
 from tests.console.hand import RELOADED
 from tests.console.served_arm import served_arm

@@ -18,7 +18,7 @@ from websockets.sync.client import connect
 from cardan.gateway.servers.console.certificate import own_certificate
 from tests.console.browser import REBOUND, WAIT_S
 from tests.console.hand import MOUSE, RELOADED, STATE, WHY, hold, jog
-from tests.console.rig import ARM, face
+from tests.console.rig import ARM, console_server
 from tests.serving import free_tcp_port
 from tests.waiting import until
 
@@ -71,7 +71,7 @@ def enable_anyway(page):
 def guarded(bench):
     """A server that asks for a token, on the same bus."""
     tokens = f"operator {TOKEN}\nviewer {VIEWER}"
-    with face(bench.rig.endpoint, environment={"CARDAN_FACE_TOKEN": tokens}) as server:
+    with console_server(bench.rig.endpoint, environment={"CARDAN_SERVER_TOKEN": tokens}) as server:
         yield server
 
 
@@ -140,7 +140,7 @@ def test_a_viewers_stop_stops_the_arm(bench, guarded, page, browser):
 
 def test_a_page_from_elsewhere_does_not_come_in(bench, guarded, browser):
     """Not even with the token, nor where none is needed: any page that a person visits could."""
-    for port, token in ((bench.face.port, ""), (guarded.port, f"?t={TOKEN}")):
+    for port, token in ((bench.server.port, ""), (guarded.port, f"?t={TOKEN}")):
         address = f"ws://127.0.0.1:{port}/ws{token}"
         with browser.open("data:text/html,elsewhere") as page:
             assert page.value(OTHER_PAGE % address) == "refused"
@@ -150,7 +150,7 @@ def test_a_page_from_elsewhere_does_not_come_in(bench, guarded, browser):
 
 def test_a_name_that_is_not_the_servers_shows_nothing(bench, browser):
     """DNS rebinding: a name of somebody else's that leads here."""
-    with browser.open(f"http://{REBOUND}:{bench.face.port}/") as page:
+    with browser.open(f"http://{REBOUND}:{bench.server.port}/") as page:
         page.until("document.body?.textContent.includes('this is no name of this server')")
         assert page.value("location.host").startswith(REBOUND)
         assert page.value("document.scripts.length") == 0
@@ -158,10 +158,10 @@ def test_a_name_that_is_not_the_servers_shows_nothing(bench, browser):
 
 def test_a_client_that_does_not_read_costs_the_others_nothing(bench, page):
     """It subscribes to everything, at full rate, and never reads; a page goes on as before."""
-    idle = socket.create_connection(("127.0.0.1", bench.face.port), WAIT_S)
+    idle = socket.create_connection(("127.0.0.1", bench.server.port), WAIT_S)
     idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     with connect(
-        f"ws://127.0.0.1:{bench.face.port}/ws", sock=idle, compression=None, close_timeout=0.1
+        f"ws://127.0.0.1:{bench.server.port}/ws", sock=idle, compression=None, close_timeout=0.1
     ) as slow:
         idle_topics = ["/left/joint_states", f"{ARM}/state/pose", f"{ARM}/state/snapshot", "/tf"]
         for topic in idle_topics * 8:
@@ -179,7 +179,7 @@ def test_a_client_that_does_not_read_costs_the_others_nothing(bench, page):
 
 def test_a_certificate_is_renewed_and_the_page_connects_again(bench, browser, tmp_path):
     """The server is started anew with another certificate at the same port; the tab stays open."""
-    state = {"STATE_DIRECTORY": str(tmp_path), "CARDAN_FACE_TOKEN": TOKEN}
+    state = {"STATE_DIRECTORY": str(tmp_path), "CARDAN_SERVER_TOKEN": TOKEN}
     port = free_tcp_port()
     words = ["--host", "0.0.0.0", "--port", str(port)]
     now = datetime.datetime.now(datetime.timezone.utc)
@@ -188,7 +188,7 @@ def test_a_certificate_is_renewed_and_the_page_connects_again(bench, browser, tm
 
     old = own_certificate(["127.0.0.1", "localhost"], long_ago, tmp_path).fingerprint
     with contextlib.ExitStack() as stack:
-        with face(bench.rig.endpoint, words, state):
+        with console_server(bench.rig.endpoint, words, state):
             # It ends within 30 days: it is made anew at the start.
             first = own_certificate([], now, tmp_path)
             assert first.fingerprint != old
@@ -198,7 +198,7 @@ def test_a_certificate_is_renewed_and_the_page_connects_again(bench, browser, tm
             loaded = page.value("performance.timeOrigin")
         page.until(f"{LINK} === 'lost'")
         first.certificate.unlink()
-        with face(bench.rig.endpoint, words, state):
+        with console_server(bench.rig.endpoint, words, state):
             assert own_certificate([], now, tmp_path).fingerprint != first.fingerprint
             page.until(f"{LINK} === 'live'")
             assert page.value("performance.timeOrigin") == loaded

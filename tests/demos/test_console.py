@@ -52,7 +52,7 @@ def test_the_page_waits_for_a_person_and_says_where(tmp_path, encrypted):
     code, said = demo(15, tmp_path, str(programs), str(packages))
     assert code == EXIT_OK, said
     assert "nobody moved the arm" in said
-    assert "face console: http" in said
+    assert "server console: http" in said
     assert "open the page, press *Enable motion*" in said
     # The address for a phone's camera, where a phone may come.
     assert (said.count("█") > 50) is encrypted

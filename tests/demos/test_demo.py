@@ -82,7 +82,7 @@ def test_an_arm_that_nobody_need_move_may_rest(monkeypatch, capsys):
     assert run_demo(10.0, "console") == EXIT_OK
     said = capsys.readouterr().out
     assert "open the page, press *Enable motion*" in said
-    assert "face console: http://127.0.0.1:8443" in said
+    assert "server console: http://127.0.0.1:8443" in said
     assert "nobody moved the arm" in said
     assert run_demo(10.0, "gofa") == EXIT_INCOMPLETE
     (found,) = find_problems(dataclasses.replace(rested, cycles=0), may_rest=True)
@@ -178,7 +178,7 @@ def test_a_demo_that_was_ended_before_its_time_is_not_judged(monkeypatch, capsys
 
 
 class Served:
-    """A face."""
+    """A server."""
 
     before, endpoint = (), "http://127.0.0.1:8443"
 
@@ -186,7 +186,7 @@ class Served:
 def pretend(monkeypatch, last):
     """A session that ends with this snapshot; nothing runs."""
     monkeypatch.setattr(Peers, "start", lambda *_: None)
-    monkeypatch.setattr(demo, "with_face", lambda *_: contextlib.nullcontext(Served()))
+    monkeypatch.setattr(demo, "with_server", lambda *_: contextlib.nullcontext(Served()))
     monkeypatch.setattr(demo, "supervise", lambda *_, **__: Outcome(EXIT_OK, last))
 
 
@@ -265,11 +265,11 @@ def test_what_a_demo_launches_serves_what_its_configuration_has():
 
 
 @pytest.mark.matrix
-def test_a_face_is_served_beside_the_session_for_whoever_comes(capsys):
+def test_a_server_is_served_beside_the_session_for_whoever_comes(capsys):
     """Nobody does."""
     assert run_demo(5.0, "ros2") == EXIT_OK
     said = capsys.readouterr().out
-    assert re.search(r"face rosbridge: ws://127\.0\.0\.1:\d+", said)
+    assert re.search(r"server rosbridge: ws://127\.0\.0\.1:\d+", said)
     assert "move the arm by a client of that address" in said
     assert "nobody moved the arm" in said
 
@@ -283,7 +283,7 @@ def test_every_demo_names_the_extras_that_it_needs():
         of_nodes = any(name.startswith(("phone", "remote", "ros2", "xr")) for name in each.drivers)
         on_a_network = of_nodes or "[network]" in text
         assert ("network" in each.extras) == on_a_network, each.name
-        assert ("console" in each.extras) == ("console" in each.faces), each.name
+        assert ("console" in each.extras) == ("console" in each.servers), each.name
         assert ("can" in each.extras) == ("jr3_can" in each.drivers), each.name
 
 

@@ -138,7 +138,7 @@ def test_the_port_of_an_endpoint_becomes_one_of_the_demos_own(tmp_path):
 @pytest.mark.parametrize(
     ("block", "words"),
     [
-        (SAID + 'faces = ["page"]', "demo.faces: .*page.* is not allowed; .*rosbridge"),
+        (SAID + 'servers = ["page"]', "demo.servers: .*page.* is not allowed; .*rosbridge"),
         ("description = bread", "toaster-simulated.toml: demo:1:15: is not TOML"),
         (
             SAID + 'lunch = ["sim toaster"]',

@@ -96,7 +96,7 @@ def test_its_folder_is_there_as_long_as_it_runs(changed):
     [
         (('files = ["devices.left.path", ', "files = ["), "", r"devices\.left\.path.*own"),
         (('"robots.gofa.listen_port", ', ""), "", r"robots\.gofa"),
-        (("", ""), "[faces.rosbridge]\nport = 9090\n", "faces: a demo has none"),
+        (("", ""), "[servers.rosbridge]\nport = 9090\n", "servers: a demo has none"),
         (("", ""), "[daemon]\nstart_limit = 3\n", "daemon: the demo has a daemon of its own"),
         (('driver = "sim_arm"\nrobot = "ur5"', 'driver = "ros2"\nrobot = "ur5"'), "", "robots.ur5"),
     ],

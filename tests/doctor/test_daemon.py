@@ -18,7 +18,7 @@ def test_units():
         row("gofa", "running"),
         row("gp8", "failed", "given up after 8 starts in a row: it died"),
         row("ur5", "waiting", "the port is taken"),
-        row("web", "stopped", "stopped by hand", "face"),
+        row("web", "stopped", "stopped by hand", "server"),
     ]
     found = list(judge_units(rows))
     assert told(Running, found) == [

@@ -23,7 +23,7 @@ def test_no_file():
 
 
 def test_files_that_are_fine(tmp_path):
-    _, found = look(tmp_path, good=GOOD, web="[faces.rosbridge]\n")
+    _, found = look(tmp_path, good=GOOD, web="[servers.rosbridge]\n")
     assert told(Files, found) == [("good", "file"), ("good", "file")]
 
 

@@ -122,14 +122,14 @@ def test_plug_ins():
     found = list(judge_plug_ins([("driver", loaded)]))
     assert told(PlugIns, found) == [("failure", "plug-in"), ("caution", "plug-in")]
     assert found[0].what == "driver 'lever' cannot be loaded: no lever"
-    assert told(PlugIns, judge_plug_ins([("face", Loaded({}, {}, []))])) == [("good", "plug-in")]
+    assert told(PlugIns, judge_plug_ins([("server", Loaded({}, {}, []))])) == [("good", "plug-in")]
 
 
 def test_what_an_extra_brings_is_no_failure_without_it():
     loaded = Loaded({}, {"rosbridge": "cannot be loaded: ..."}, [], {"rosbridge": "network"})
-    found = list(judge_plug_ins([("face", loaded)]))
+    found = list(judge_plug_ins([("server", loaded)]))
     assert told(PlugIns, found) == [("good", "plug-in"), ("good", "plug-in")]
-    assert found[0].what == "not installed: pip install \"cardan[network]\" for face 'rosbridge'"
+    assert found[0].what == "not installed: pip install \"cardan[network]\" for server 'rosbridge'"
 
 
 def test_here():

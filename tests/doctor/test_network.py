@@ -96,17 +96,17 @@ def test_each_bus_is_looked_at_once(tmp_path, monkeypatch):
     ]
 
 
-def test_faces_join_the_bus_too(tmp_path):
-    file = tmp_path / "faces.toml"
+def test_servers_join_the_bus_too(tmp_path):
+    file = tmp_path / "servers.toml"
     file.write_text(
-        '[faces.rosbridge]\nrouter = "tcp/192.168.7.7:7447"\nmode = "client"\ndomain = 4\n'
-        '[faces.router]\n[faces.far]\nface = "rosbridge"\ndomain = 999\n'
+        '[servers.rosbridge]\nrouter = "tcp/192.168.7.7:7447"\nmode = "client"\ndomain = 4\n'
+        '[servers.router]\n[servers.far]\nserver = "rosbridge"\ndomain = 999\n'
     )
     layout, wrong = read_files([file])
     assert not wrong
     router = "tcp/192.168.7.7:7447"
     assert Subject((file,), layout).buses() == {
-        BusOptions(router=router, mode="client", domain=4): "face rosbridge"
+        BusOptions(router=router, mode="client", domain=4): "server rosbridge"
     }
 
 

@@ -95,11 +95,11 @@ LAB = """
 [[sessions]]
 name = "gofa"
 robot = { driver = "abb_egm", listen_port = PORT }
-[faces.view]
-face = "rosbridge"
+[servers.view]
+server = "rosbridge"
 port = 9191
-[faces.rosbridge]
-[faces.router]
+[servers.rosbridge]
+[servers.router]
 """
 
 
@@ -110,8 +110,8 @@ def test_which_ports_files_want(tmp_path):
     assert not wrong
     assert list(wanted_ports(Subject((file,), layout))) == [
         Wanted("udp", "127.0.0.1", 6511, "robot of gofa"),
-        Wanted("tcp", "127.0.0.1", 9191, "face view"),
-        Wanted("tcp", "127.0.0.1", 9090, "face rosbridge"),
+        Wanted("tcp", "127.0.0.1", 9191, "server view"),
+        Wanted("tcp", "127.0.0.1", 9090, "server rosbridge"),
     ]
 
 

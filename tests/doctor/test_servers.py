@@ -1,4 +1,4 @@
-"""Faces: tokens, certificates, names."""
+"""Servers: tokens, certificates, names."""
 
 import datetime
 
@@ -26,7 +26,7 @@ TOKEN = "0123456789abcdef0123456789"
     ],
 )
 def test_how_long_a_certificate_is_valid(begins, ends, level, what):
-    found = list(judge_certificate("face a", Certificate(begins, ends, ("lab",)), ["lab"], NOW))
+    found = list(judge_certificate("server a", Certificate(begins, ends, ("lab",)), ["lab"], NOW))
     assert told(Doors, found) == [(level, "certificate"), ("good", "certificate-name")]
     assert what in found[0].what
 
@@ -44,19 +44,19 @@ def test_how_long_a_certificate_is_valid(begins, ends, level, what):
 )
 def test_the_names_of_a_certificate(names, own, level):
     certificate = Certificate(NOW - DAY, NOW + 90 * DAY, names)
-    found = list(judge_certificate("face a", certificate, own, NOW))
+    found = list(judge_certificate("server a", certificate, own, NOW))
     assert told(Doors, found) == [("good", "certificate"), (level, "certificate-name")]
 
 
 def look(tmp_path, text, now=None):
     file = tmp_path / "lab.toml"
-    file.write_text(f"[faces.rosbridge]\n{text}\n[faces.router]\n")
+    file.write_text(f"[servers.rosbridge]\n{text}\n[servers.router]\n")
     layout, wrong = read_files([file])
     assert not wrong
     if now is None:
         found = list(Doors.look(Subject((file,), layout)))
     else:
-        found = list(judge_door("rosbridge", layout.faces["rosbridge"], "lab", now))
+        found = list(judge_door("rosbridge", layout.servers["rosbridge"], "lab", now))
     return told(Doors, found), found
 
 
@@ -68,13 +68,13 @@ def token(tmp_path):
     return path
 
 
-def test_a_face_of_this_computer_alone(tmp_path):
+def test_a_server_of_this_computer_alone(tmp_path):
     levels, found = look(tmp_path, "")
-    assert levels == [("good", "face")]
-    assert found[0].what == "face rosbridge listens at 127.0.0.1, with no token"
+    assert levels == [("good", "server")]
+    assert found[0].what == "server rosbridge listens at 127.0.0.1, with no token"
 
 
-def test_a_face_in_others_reach_without_tls(tmp_path, token):
+def test_a_server_in_others_reach_without_tls(tmp_path, token):
     text = f'host = "0.0.0.0"\nplaintext = true\ntoken-file = "{token}"'
     levels, found = look(tmp_path, text)
     assert levels == [("caution", "clear")]
@@ -83,11 +83,11 @@ def test_a_face_in_others_reach_without_tls(tmp_path, token):
 
 def test_a_console_in_others_reach_makes_its_certificate(tmp_path):
     file = tmp_path / "lab.toml"
-    file.write_text('[faces.console]\nhost = "0.0.0.0"\n')
+    file.write_text('[servers.console]\nhost = "0.0.0.0"\n')
     layout, wrong = read_files([file])
     assert not wrong
     found = list(Doors.look(Subject((file,), layout)))
-    assert told(Doors, found) == [("good", "face")]
+    assert told(Doors, found) == [("good", "server")]
     assert "tokens that it makes" in found[0].what
 
 
@@ -100,29 +100,29 @@ def test_a_console_in_others_reach_makes_its_certificate(tmp_path):
         (0o600, 'certificate = "none.pem"', "wss needs both certificate and key"),
     ],
 )
-def test_a_face_that_cannot_start(tmp_path, token, mode, text, words):
+def test_a_server_that_cannot_start(tmp_path, token, mode, text, words):
     token.chmod(mode)
     levels, found = look(tmp_path, text.replace("TOKEN", str(token)))
-    assert levels == [("failure", "face")]
+    assert levels == [("failure", "server")]
     assert words in found[0].what
 
 
-def test_a_face_with_tls(tmp_path, token):
+def test_a_server_with_tls(tmp_path, token):
     certificate, key = certificates.make(tmp_path)
     text = f'host = "0.0.0.0"\ntoken-file = "{token}"\ncertificate = "{certificate}"\nkey = "{key}"'
     now = datetime.datetime.now(datetime.timezone.utc)
-    fine = [("good", "face"), ("good", "certificate"), ("good", "certificate-name")]
+    fine = [("good", "server"), ("good", "certificate"), ("good", "certificate-name")]
     assert look(tmp_path, text, now)[0] == fine
     assert look(tmp_path, text, now + 366 * DAY)[0][1] == ("failure", "certificate")
 
 
 def test_underscores_are_written_as_in_files(tmp_path, token):
     levels, found = look(tmp_path, f'token_file = "{token}"')
-    assert levels == [("good", "face")]
-    assert found[0].what == "face rosbridge listens at 127.0.0.1, with tokens"
+    assert levels == [("good", "server")]
+    assert found[0].what == "server rosbridge listens at 127.0.0.1, with tokens"
 
 
-def test_a_face_makes_its_tokens_when_it_starts_not_when_it_is_looked_at(tmp_path, monkeypatch):
+def test_a_server_makes_its_tokens_when_it_starts_not_when_it_is_looked_at(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     levels, _ = look(tmp_path, 'host = "0.0.0.0"\nplaintext = true')
     assert levels == [("caution", "clear")]

@@ -125,8 +125,8 @@ def daemon(lab: Lab) -> int:
     return lab.daemon.pid
 
 
-def face(lab: Lab) -> int:
-    return lab.face_pid
+def gateway_server(lab: Lab) -> int:
+    return lab.server_pid
 
 
 def router(lab: Lab) -> int:
@@ -230,7 +230,7 @@ def web_clients(lab: Lab, stack: contextlib.ExitStack) -> None:
         sock = socket.socket()
         stack.callback(sock.close)
         sock.settimeout(1.0)
-        sock.connect(("127.0.0.1", lab.face_port))
+        sock.connect(("127.0.0.1", lab.server_port))
 
 
 def reader_that_stops(*asks: Ask) -> Act:
@@ -252,11 +252,11 @@ def reader_that_stops(*asks: Ask) -> Act:
 
 def web_client(lab: Lab, stack: contextlib.ExitStack) -> None:
     """A client of rosbridge takes what the arm shows, and reads nothing."""
-    sock = socket.create_connection(("127.0.0.1", lab.face_port), 5.0)
+    sock = socket.create_connection(("127.0.0.1", lab.server_port), 5.0)
     stack.callback(sock.close)
     key = base64.b64encode(os.urandom(16)).decode()
     sock.sendall(
-        f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{lab.face_port}\r\nUpgrade: websocket\r\n"
+        f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{lab.server_port}\r\nUpgrade: websocket\r\n"
         f"Connection: Upgrade\r\nSec-WebSocket-Key: {key}\r\n"
         "Sec-WebSocket-Version: 13\r\n\r\n".encode()
     )
@@ -409,7 +409,14 @@ def _signals() -> list[Case]:
             )
         )  # fmt: skip
         found.append(
-            Case(name, "face", GOFA, send(face, number), Outcome.GOES_ON, watch_s=GOES_ON_S)
+            Case(
+                name,
+                "server",
+                GOFA,
+                send(gateway_server, number),
+                Outcome.GOES_ON,
+                watch_s=GOES_ON_S,
+            )
         )
     return found
 
@@ -517,10 +524,11 @@ def _some_pairs() -> list[Case]:
              watch_s=GOES_ON_S),
         Case("its router stands still", "bus", GOFA, send(router, signal.SIGSTOP), goes,
              watch_s=GOES_ON_S),
-        Case("stands still", "face", GOFA, send(face, signal.SIGSTOP), goes, watch_s=GOES_ON_S),
-        Case("a client that reads nothing", "face", GOFA, web_client, goes, watch_s=1.5),
-        Case("out of descriptors, programs connect", "face", GOFA,
-             no_descriptors(face, web_clients), goes, watch_s=GOES_ON_S),
+        Case("stands still", "server", GOFA, send(gateway_server, signal.SIGSTOP), goes,
+             watch_s=GOES_ON_S),
+        Case("a client that reads nothing", "server", GOFA, web_client, goes, watch_s=1.5),
+        Case("out of descriptors, programs connect", "server", GOFA,
+             no_descriptors(gateway_server, web_clients), goes, watch_s=GOES_ON_S),
         Case("killed, and its port is taken before it is back", "session", GOFA, port_taken, stops,
              dies, dies=True),
         Case("killed, and its port is taken before it is back", "session", SPNAV, port_taken,
@@ -571,7 +579,7 @@ SHORT = (
     f"daemon: stands still for 1 s ({UR5})",
     f"daemon: disk full ({GOFA})",
     f"daemon: out of descriptors, programs connect ({UR5})",
-    f"face: SIGKILL ({GOFA})",
+    f"server: SIGKILL ({GOFA})",
     f"bus: its router is killed ({GOFA})",
     f"device: another of the same model in its place, held down ({GOFA})",
     f"device: another of the same model in its place, held down ({UR5})",

@@ -426,7 +426,7 @@ class Lab:
             str(free_tcp_port()) if pair.hand == "ros2-device" else str(self.folder / "device")
         )
         self.router = f"tcp/127.0.0.1:{free_tcp_port()}"
-        self.face_port = free_tcp_port()
+        self.server_port = free_tcp_port()
         self.samples = self.folder / "samples"
         self.samples.touch()
         self.trace = Noted(pair.arm, self.samples)
@@ -514,8 +514,11 @@ class Lab:
         lines = [f"daemon = {toml(options)}", "[[sessions]]", 'name = "arm"']
         lines += [f"{name} = {toml(of)}" for name, of in tables.items()]
         if "network" in tables:
-            face = {"port": self.face_port, "router": self.router}
-            lines += ["[faces.rosbridge]", *(f"{key} = {_value(of)}" for key, of in face.items())]
+            server = {"port": self.server_port, "router": self.router}
+            lines += [
+                "[servers.rosbridge]",
+                *(f"{key} = {_value(of)}" for key, of in server.items()),
+            ]
         file.write_text("\n".join(lines) + "\n")
         return file
 
@@ -558,11 +561,11 @@ class Lab:
             self.start_daemon()
             found.append("daemon")
         elif not self.run:
-            has_face = "network" in self.pair.configured(self)
-            for name in ("arm", "rosbridge") if has_face else ("arm",):
+            has_server = "network" in self.pair.configured(self)
+            for name in ("arm", "rosbridge") if has_server else ("arm",):
                 if self.row(name)["state"] in ("stopped", "failed"):
                     self.ask("start", name)
-                    found.append("session" if name == "arm" else "face")
+                    found.append("session" if name == "arm" else "server")
         return found
 
     def end_daemon(self) -> None:
@@ -600,8 +603,8 @@ class Lab:
         return found[0]
 
     @property
-    def face_pid(self) -> int:
-        return int(wait(lambda: self.row("rosbridge")["pid"], "the face"))
+    def server_pid(self) -> int:
+        return int(wait(lambda: self.row("rosbridge")["pid"], "the server"))
 
     @property
     def router_pid(self) -> int:
@@ -611,7 +614,7 @@ class Lab:
 
         def found() -> int | None:
             pids = descendants_of(serve.pid)
-            return next((pid for pid in pids if "face router" in words_of(pid)), None)
+            return next((pid for pid in pids if "server router" in words_of(pid)), None)
 
         return int(wait(found, "the router"))
 

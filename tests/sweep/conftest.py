@@ -1,4 +1,4 @@
-"""A live session, and the faces beside it."""
+"""A live session, and the servers beside it."""
 
 import pytest
 
@@ -34,11 +34,11 @@ def running(session):
 
 @pytest.fixture(scope="module")
 def domain(session):
-    """Of DDS, with the face between it and the session, in a process of its own."""
+    """Of DDS, with the server between it and the session, in a process of its own."""
     pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
     from tests.dds_rig import OPTIONS
 
     number = str(OPTIONS.number)
-    face = ("net", "server", "dds", "--router", session.endpoint, "--dds-domain", number)
-    with served(*face, "--services", "*"):
+    server = ("net", "server", "dds", "--router", session.endpoint, "--dds-domain", number)
+    with served(*server, "--services", "*"):
         yield OPTIONS.number

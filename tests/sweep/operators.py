@@ -40,7 +40,7 @@ AGAIN_S = ACT_APART_S + 1.0
 
 
 class Lab(NamedTuple):
-    """A session, and the faces beside it."""
+    """A session, and the servers beside it."""
 
     endpoint: str
     """On Zenoh."""
@@ -129,7 +129,7 @@ class Operator(JudgeNode):
         self.wait("matched", topic=topic)
 
     def tell(self, verb: str, kind: str = EMPTY, **message: Any) -> None:
-        """Give a command, again while the arm does not take it: what is sent before the face has
+        """Give a command, again while the arm does not take it: what is sent before the server has
         met its publisher is lost, and before it knows its node's name refused."""
         topic = f"{ARM}/command/{verb}"
         self.advertise(topic, kind)

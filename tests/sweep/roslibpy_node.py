@@ -1,4 +1,4 @@
-"""roslibpy 2.1 by the face for rosbridge: `python -m tests.sweep.roslibpy_node PORT`."""
+"""roslibpy 2.1 by the server for rosbridge: `python -m tests.sweep.roslibpy_node PORT`."""
 
 import sys
 import threading

@@ -40,7 +40,7 @@ MOVE, ACTION = "cardan_msgs/srv/MovePose", "cardan_msgs/action/MovePose"
 STATUS_HZ = 50
 REST_WITHIN_S = 1.0
 NONE_WITHIN_S = 2.0
-FACE = "/cardan_dds_face"
+SERVER = "/cardan_dds_server"
 NAMELESS = "_CREATED_BY_BARE_DDS_APP_"
 """What rmw_fastrtps of Kilted calls the node of each endpoint of Cyclone DDS."""
 
@@ -53,8 +53,8 @@ def lab(tmp_path_factory):
     run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "600"]
     with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
         try:
-            face = ("net", "server", "dds", "--router", endpoint, "--dds-domain", str(domain))
-            with served(*face):
+            server = ("net", "server", "dds", "--router", endpoint, "--dds-domain", str(domain))
+            with served(*server):
                 yield Lab(endpoint, domain)
         finally:
             session.terminate()
@@ -62,7 +62,7 @@ def lab(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def rosbridge(lab):
-    """The port of that face."""
+    """The port of that server."""
     pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
     port = free_tcp_port()
     with served("net", "server", "rosbridge", "--router", lab.endpoint, "--port", str(port)):
@@ -102,9 +102,9 @@ def test_it_reads_the_state(operator):
 @by(*RCLPY)
 def test_the_arm_is_on_its_graph_by_the_types_that_it_knows(operator, judge):
     assert operator.found("ready")[0]["middleware"] == "rmw_fastrtps_cpp"
-    face = {"jazzy": FACE[1:], "kilted": NAMELESS}[judge]
+    server = {"jazzy": SERVER[1:], "kilted": NAMELESS}[judge]
     wanted = {
-        topic: dict.fromkeys((face, "judge"), type_hash(kind)) for topic, kind in HEARD.items()
+        topic: dict.fromkeys((server, "judge"), type_hash(kind)) for topic, kind in HEARD.items()
     }
 
     def of_what_it_hears():
@@ -114,7 +114,7 @@ def test_the_arm_is_on_its_graph_by_the_types_that_it_knows(operator, judge):
     # Of which node an endpoint is comes after the endpoint.
     until(lambda: of_what_it_hears() == wanted, "the graph")
     graph = operator.graph()
-    assert {FACE, "/judge"} <= {*graph["nodes"]}
+    assert {SERVER, "/judge"} <= {*graph["nodes"]}
     assert {topic: graph["topics"][topic] for topic in HEARD} == {
         topic: [kind] for topic, kind in HEARD.items()
     }

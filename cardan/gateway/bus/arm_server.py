@@ -471,7 +471,7 @@ class _Sender:
 
 PUBLISHED_S = 0.05
 """A stamp that is this near to the time at which its message was published on the bus was made
-then, as by a face for a client that gave none: it does not tell for how long the client kept the
+then, as by a server for a client that gave none: it does not tell for how long the client kept the
 message."""
 
 NO_STAMP = "its stamp is zero: it counts as sent when it came"

@@ -1,1 +1,1 @@
-"""The daemon: sessions and faces as processes of their own, kept alive and under one control."""
+"""The daemon: sessions and servers as processes of their own, kept alive and under one control."""

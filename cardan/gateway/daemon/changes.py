@@ -1,4 +1,4 @@
-"""What has changed in the files: of each session its keys, of a face all of it."""
+"""What has changed in the files: of each session its keys, of a server all of it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any, Final, NamedTuple
 from cardan.common.tables import keys_of, plain, read_table
 from cardan.drivers import registry
 from cardan.drivers.registry import DriverTable
-from cardan.gateway.daemon.config import FaceEntry
+from cardan.gateway.daemon.config import ServerEntry
 from cardan.gateway.session.config import SessionConfig
 
 REMOVED: Final = "removed"
@@ -25,7 +25,7 @@ class Change(NamedTuple):
     """A key of the files that is another than before."""
 
     name: str
-    """Session or face."""
+    """Session or server."""
     key: str
     """Empty: all of it."""
     what: str
@@ -51,14 +51,14 @@ def _shown(value: Any) -> str:
     return "none" if value is None else json.dumps(value, ensure_ascii=False)
 
 
-def of_faces(old: Mapping[str, FaceEntry], new: Mapping[str, FaceEntry]) -> Iterator[Change]:
-    """Faces that come, that go, and with other options."""
+def of_servers(old: Mapping[str, ServerEntry], new: Mapping[str, ServerEntry]) -> Iterator[Change]:
+    """Servers that come, that go, and with other options."""
     for name in old.keys() - new.keys():
         yield Change(name, "", REMOVED)
-    for name, face in new.items():
+    for name, server in new.items():
         if name not in old:
             yield Change(name, "", "added")
-        elif (old[name].face, old[name].words) != (face.face, face.words):
+        elif (old[name].server, old[name].words) != (server.server, server.words):
             yield Change(name, "", "changed")
 
 

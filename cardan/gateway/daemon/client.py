@@ -35,7 +35,7 @@ SYSTEM_SOCKET: Final = "/run/cardan/cardan.sock"
 """Where the daemon has it that `cardan daemon service install --system` starts."""
 
 SOCKET_VARIABLE: Final = "CARDAN_SOCKET"
-"""The environment variable that names the daemon's socket; the daemon's faces have it."""
+"""The environment variable that names the daemon's socket; the daemon's servers have it."""
 
 ANSWER_BYTES: Final = 1 << 24
 """Longest answer: all lines that the daemon keeps."""

@@ -1,4 +1,4 @@
-"""What the daemon's files say: which sessions and faces there are, and how the daemon itself runs.
+"""What the daemon's files say: which sessions and servers there are, and how the daemon runs.
 
 A file with a table ``[robot]`` is one session, as ``cardan run`` takes it, and has the file's name.
 Other files may have, together or each for itself::
@@ -13,7 +13,7 @@ Other files may have, together or each for itself::
     name = "gofa"
     device = "left"
     robot = "gofa"
-    [faces.rosbridge]        # faces by name, with their options
+    [servers.rosbridge]        # servers by name, with their options
     port = 9090
 """
 
@@ -35,7 +35,7 @@ from cardan.common.places import in_file, place_of
 from cardan.common.tables import read_table, read_toml, resolved
 from cardan.drivers.registry import DriverTable
 from cardan.errors import CardanError, ConfigurationError, ExtraMissingError, about, below
-from cardan.gateway.servers import registry as face_registry
+from cardan.gateway.servers import registry as server_registry
 from cardan.gateway.session.assembly import checked_config
 from cardan.gateway.session.config import SessionConfig
 
@@ -45,7 +45,7 @@ _NAMES = "letters (a to z), digits, and _ . - within, 63 at most"
 
 _EVENT_LOG = bounds.Located("(?!none$)(?P<path>.+)", is_read=False)
 
-_TOP = frozenset({"daemon", "devices", "robots", "sessions", "faces"})
+_TOP = frozenset({"daemon", "devices", "robots", "sessions", "servers"})
 """Keys of a file of the daemon; every other belongs to a session."""
 
 
@@ -68,11 +68,11 @@ class DaemonOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class FaceTable(Options):
-    """One of ``[faces.NAME]``; all other keys are the face's options."""
+class ServerTable(Options):
+    """One of ``[servers.NAME]``; all other keys are the server's options."""
 
-    face: str = ""
-    """Which face it is; empty: the one of this name."""
+    server: str = ""
+    """Which server it is; empty: the one of this name."""
     start: bool = True
     """Whether it starts with the daemon."""
     options: Mapping[str, Any] = field(default_factory=dict, metadata=OTHER_KEYS)
@@ -103,7 +103,7 @@ class DaemonFile(Options):
     devices: Mapping[str, Any] = field(default_factory=dict)
     robots: Mapping[str, Any] = field(default_factory=dict)
     sessions: tuple[SessionTable, ...] = ()
-    faces: Mapping[str, Any] = field(default_factory=dict)
+    servers: Mapping[str, Any] = field(default_factory=dict)
 
 
 class SessionEntry(NamedTuple):
@@ -116,10 +116,10 @@ class SessionEntry(NamedTuple):
     """Name of its device, which sessions share that name the same."""
 
 
-class FaceEntry(NamedTuple):
-    """A face of the daemon."""
+class ServerEntry(NamedTuple):
+    """A server of the daemon."""
 
-    face: str
+    server: str
     words: tuple[str, ...]
     """Options of ``cardan net server``."""
     start: bool
@@ -131,7 +131,7 @@ class Layout(NamedTuple):
 
     daemon: DaemonOptions
     sessions: Mapping[str, SessionEntry]
-    faces: Mapping[str, FaceEntry]
+    servers: Mapping[str, ServerEntry]
 
 
 def is_of_daemon(tables: Mapping[str, Any]) -> bool:
@@ -220,7 +220,7 @@ class _Reading:
         self._daemon: tuple[DaemonOptions, Path] | None = None
         self._devices: dict[str, _Named] = {}
         self._robots: dict[str, _Named] = {}
-        self._faces: dict[str, _Named] = {}
+        self._servers: dict[str, _Named] = {}
         self._sessions: dict[str, tuple[SessionTable, Path, str]] = {}
         for file in files:
             with about(file), in_file(file):
@@ -228,6 +228,10 @@ class _Reading:
 
     def _read(self, file: Path) -> None:
         tables = read_toml(file)
+        if "faces" in tables:
+            raise ConfigurationError(
+                "faces", "is now: servers, and `face` in it is `server`; rename them"
+            )
         if "robot" in tables:
             if mixed := sorted(_TOP & tables.keys()):
                 raise ConfigurationError(
@@ -252,7 +256,7 @@ class _Reading:
         for kind, found, into in (
             ("devices", read.devices, self._devices),
             ("robots", read.robots, self._robots),
-            ("faces", read.faces, self._faces),
+            ("servers", read.servers, self._servers),
         ):
             for name, given in found.items():
                 _check_name(f"{kind}.{name}", name)
@@ -262,9 +266,9 @@ class _Reading:
                     )
                 table, key = given, f"{kind}.{name}"
                 kinds: Iterable[Any] = (DriverTable,)
-                if kind == "faces" and isinstance(table, Mapping):  # As a command's options.
+                if kind == "servers" and isinstance(table, Mapping):  # As a command's options.
                     table = {word.replace("-", "_"): value for word, value in table.items()}
-                    kinds = _face_kinds(table.get("face", name))
+                    kinds = _server_kinds(table.get("server", name))
                 for each in kinds:
                     table = resolved(each, table, file, key)
                 into[name] = _Named(table, file, key)
@@ -284,18 +288,18 @@ class _Reading:
         """All of it, checked."""
         options = DaemonOptions() if self._daemon is None else self._daemon[0]
         sessions = {name: self._session(*each) for name, each in self._sessions.items()}
-        faces = {name: self._face(name, each) for name, each in self._faces.items()}
-        if both := sorted(sessions.keys() & faces.keys()):
+        servers = {name: self._server(name, each) for name, each in self._servers.items()}
+        if both := sorted(sessions.keys() & servers.keys()):
             raise ConfigurationError(
-                f"faces.{both[0]}", "a session has this name: commands would not tell them apart"
+                f"servers.{both[0]}", "a session has this name: commands would not tell them apart"
             )
-        if not sessions and not faces:
-            raise ConfigurationError("sessions", "there is neither a session nor a face to run")
+        if not sessions and not servers:
+            raise ConfigurationError("sessions", "there is neither a session nor a server to run")
         for device, names in sharers(sessions).items():
             for name in names:
                 with below(f"{sessions[name].file}: {name}"):
                     _check_shared(device, sessions[name].config)
-        return Layout(options, sessions, faces)
+        return Layout(options, sessions, servers)
 
     def _session(self, table: SessionTable, file: Path, key: str) -> SessionEntry:
         stands = {name: (file, f"{key}.{name}".lstrip(".")) for name in table.session}
@@ -315,13 +319,13 @@ class _Reading:
             config = checked_config(tables)
         return SessionEntry(config, table.start, file, device)
 
-    def _face(self, name: str, named: _Named) -> FaceEntry:
+    def _server(self, name: str, named: _Named) -> ServerEntry:
         with _placed(named.key, {}, named.file, named.key):
-            table = read_table(FaceTable, named.table)
-            face = table.face or name
-            face_registry.load(face)
+            table = read_table(ServerTable, named.table)
+            server = table.server or name
+            server_registry.load(server)
             words = tuple(_words(table.options))
-        return FaceEntry(face, words, table.start, named.file)
+        return ServerEntry(server, words, table.start, named.file)
 
 
 @contextlib.contextmanager
@@ -358,11 +362,11 @@ def _named(key: str, name: str, known: Mapping[str, _Named]) -> _Named:
     return known[name]
 
 
-def _face_kinds(face: Any) -> Iterator[Any]:
-    """The dataclasses that have the options of a face; none where that cannot be loaded."""
+def _server_kinds(server: Any) -> Iterator[Any]:
+    """The dataclasses that have the options of a server; none where that cannot be loaded."""
     kinds: list[Any] = []
     with contextlib.suppress(ConfigurationError, ExtraMissingError):
-        kinds.append(face_registry.load(face).Options)
+        kinds.append(server_registry.load(server).Options)
     while kinds:
         yield (kind := kinds.pop())
         kinds += filter(is_dataclass, hints(kind).values())
@@ -378,7 +382,9 @@ def _words(options: Mapping[str, Any]) -> Iterable[str]:
             continue
         for each in value if isinstance(value, list) else [value]:
             if isinstance(each, (Mapping, list)):
-                raise ConfigurationError(key, "is a table; a face's options are texts and numbers")
+                raise ConfigurationError(
+                    key, "is a table; options of a server are texts and numbers"
+                )
             yield flag
             yield str(each)
 

@@ -51,7 +51,7 @@ class Ask(NamedTuple):
     id: int
     do: str
     name: str = ""
-    """Of a session or a face; empty: of none, or of all."""
+    """Of a session or a server; empty: of none, or of all."""
     value: Any = None
 
 

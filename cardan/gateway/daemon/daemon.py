@@ -34,10 +34,10 @@ from cardan.gateway.daemon.changes import (
     UNTIL_START,
     Change,
     in_words,
-    of_faces,
+    of_servers,
     of_session,
 )
-from cardan.gateway.daemon.config import FaceEntry, Layout, SessionEntry, sharers
+from cardan.gateway.daemon.config import Layout, ServerEntry, SessionEntry, sharers
 from cardan.gateway.daemon.control import Ask, ControlError, Told
 from cardan.gateway.daemon.device_sharing import Order, Seen, SharedDevice
 from cardan.gateway.daemon.events import Event, EventLog, default_event_log
@@ -48,7 +48,7 @@ from cardan.gateway.daemon.processes import (
 )
 from cardan.gateway.daemon.restart_policy import Ended, Unit, UnitState
 from cardan.gateway.daemon.server import Connection, ControlServer
-from cardan.gateway.daemon.services import Kept, KeptFace, Line, SessionService
+from cardan.gateway.daemon.services import Kept, KeptServer, Line, SessionService
 from cardan.gateway.servers.tokens import Role
 from cardan.gateway.session.device_sharing import GIVE, TAKE
 from cardan.types import NEVER_S
@@ -133,8 +133,8 @@ class Daemon:
         """The devices that several sessions share, by name."""
         for name, session in layout.sessions.items():
             self._keep(SessionService(name, session, layout.daemon.start_limit), session.start)
-        for name, face in layout.faces.items():
-            self._keep(KeptFace(name, face, layout.daemon.start_limit), face.start)
+        for name, server in layout.servers.items():
+            self._keep(KeptServer(name, server, layout.daemon.start_limit), server.start)
         self._share()
 
     def _keep(self, kept: Kept, start: bool) -> None:
@@ -325,7 +325,7 @@ class Daemon:
 
     def _begin(self, kept: Kept, now_s: float) -> None:
         kept.unit.begun(now_s)
-        if isinstance(kept, KeptFace) and self._server is not None:
+        if isinstance(kept, KeptServer) and self._server is not None:
             kept.socket = os.path.abspath(self._server.path)
         try:
             kept.begin(self._told, self._say)
@@ -392,7 +392,7 @@ class Daemon:
     def _session(self, ask: Ask) -> SessionService:
         kept = self._named(ask)[0]
         if not isinstance(kept, SessionService):
-            raise ControlError(f"{ask.name} is a face, which has no arm", ask.id)
+            raise ControlError(f"{ask.name} is a server, which has no arm", ask.id)
         return kept
 
     def _rows(self, name: str = "") -> list[dict[str, Any]]:
@@ -678,7 +678,7 @@ class Daemon:
                 what = "nothing was changed"
                 self._happened(Event(time.time(), "daemon", "reload refused", what, str(error)))
             return error
-        changes = [*of_faces(self.layout.faces, layout.faces), *self._changes(layout)]
+        changes = [*of_servers(self.layout.servers, layout.servers), *self._changes(layout)]
         if not check_only:
             self._happened(Event(time.time(), "daemon", "reload", in_words(changes)))
             self._apply(layout, changes, time.monotonic())
@@ -690,12 +690,12 @@ class Daemon:
             raise ConfigurationError(
                 "daemon", "its own options are read at its start: restart the daemon for them"
             )
-        for entries, kind in ((layout.sessions, SessionService), (layout.faces, KeptFace)):
+        for entries, kind in ((layout.sessions, SessionService), (layout.servers, KeptServer)):
             for name in entries:
                 kept = self._kept.get(name)
                 if kept is not None and kept.process is not None and not isinstance(kept, kind):
                     raise ConfigurationError(
-                        name, "was a session and is a face now, or the other way round: rename it"
+                        name, "was a session and is a server now, or the other way round: rename it"
                     )
 
     def _changes(self, layout: Layout) -> Iterator[Change]:
@@ -718,7 +718,7 @@ class Daemon:
 
     def _apply(self, layout: Layout, changes: Sequence[Change], now_s: float) -> None:
         before, self.layout = self.layout, layout
-        for name in before.faces.keys() - layout.faces.keys() - layout.sessions.keys():
+        for name in before.servers.keys() - layout.servers.keys() - layout.sessions.keys():
             _remove(self._kept[name])
         for name in before.sessions.keys() - layout.sessions.keys():
             kept = self._kept[name]
@@ -730,8 +730,8 @@ class Daemon:
         for name, session in layout.sessions.items():
             keys = [each.key for each in changes if (each.name, each.what) == (name, "changed")]
             self._take_session(name, session, keys, name not in before.sessions, now_s)
-        for name, face in layout.faces.items():
-            self._take_face(name, face, name not in before.faces, now_s)
+        for name, server in layout.servers.items():
+            self._take_server(name, server, name not in before.servers, now_s)
         self._share()
 
     def _take_session(
@@ -749,10 +749,10 @@ class Daemon:
         if is_new and entry.start:
             kept.unit.start(now_s)  # It was in the files before.
 
-    def _take_face(self, name: str, entry: FaceEntry, is_new: bool, now_s: float) -> None:
+    def _take_server(self, name: str, entry: ServerEntry, is_new: bool, now_s: float) -> None:
         kept = self._kept.get(name)
-        if not isinstance(kept, KeptFace):
-            self._keep(KeptFace(name, entry, self.layout.daemon.start_limit), entry.start)
+        if not isinstance(kept, KeptServer):
+            self._keep(KeptServer(name, entry, self.layout.daemon.start_limit), entry.start)
         elif is_new:
             kept.entry = entry
             if entry.start:

@@ -36,7 +36,7 @@ class Event(NamedTuple):
     time_s: float
     """Since the epoch."""
     name: str
-    """Session, face, or ``daemon``."""
+    """Session, server, or ``daemon``."""
     event: str
     """``authority``, ``arm``, ``robot``, ``device``, ``trip``, ``message``, or what became of a
     process: ``started``, ``ended``, ``failed``, ``reload``; ``lost``: how many could not be

@@ -1,4 +1,4 @@
-"""The figures of all sessions and faces as metrics of Prometheus.
+"""The figures of all sessions and servers as metrics of Prometheus.
 
 Of the rows that the daemon tells; nothing here opens anything. Names: base units, ``_total`` for
 what only grows, and labels of few values. Needs prometheus_client.
@@ -63,20 +63,20 @@ COUNTERS: Final = (
 )  # fmt: skip
 """Counters of a session; they begin anew with it."""
 
-FACE_COUNTERS: Final = (
-    ("cardan_face_denied_connections", "denied", "Connections that were not let in."),
-    ("cardan_face_refusals", "refused", "What clients asked for in vain."),
-    ("cardan_face_dropped_messages", "superseded", "Publications that newer ones replaced."),
-    ("cardan_face_unreadable_messages", "unreadable", "Messages that are none of their type."),
-    ("cardan_face_slow_clients", "too slow", "Clients that were closed for not reading."),
-    ("cardan_face_cut_off_clients", "cut off",
-     "Clients that were closed because the face had stood still."),
+SERVER_COUNTERS: Final = (
+    ("cardan_server_denied_connections", "denied", "Connections that were not let in."),
+    ("cardan_server_refusals", "refused", "What clients asked for in vain."),
+    ("cardan_server_dropped_messages", "superseded", "Publications that newer ones replaced."),
+    ("cardan_server_unreadable_messages", "unreadable", "Messages that are none of their type."),
+    ("cardan_server_slow_clients", "too slow", "Clients that were closed for not reading."),
+    ("cardan_server_cut_off_clients", "cut off",
+     "Clients that were closed because the server had stood still."),
     ("cardan_recording_bytes", "bytes", "Size of what this recorder has written."),
     ("cardan_recording_messages", "messages", "Messages that it has written."),
     ("cardan_recording_dropped_messages", "dropped", "Messages that came faster than it writes."),
     ("cardan_recording_lost_messages", "lost", "Messages that did not arrive at it."),
 )  # fmt: skip
-"""Counters of a face: name, what it calls it itself, help."""
+"""Counters of a server: name, what it calls it itself, help."""
 
 
 def metrics_of(answer: Mapping[str, Any]) -> Iterator[Metric]:
@@ -87,13 +87,13 @@ def metrics_of(answer: Mapping[str, Any]) -> Iterator[Metric]:
     )
     yield from _of_units(rows)
     yield from _of_sessions([row for row in rows if row["kind"] == "session"])
-    yield from _of_faces([row for row in rows if row["kind"] == "face"])
+    yield from _of_servers([row for row in rows if row["kind"] == "server"])
 
 
 def _of_units(rows: Sequence[Row]) -> Iterator[Metric]:
     restarts = CounterMetricFamily(
         "cardan_restarts",
-        "Starts after an end of its own, of a session's or a face's process.",
+        "Starts after an end of its own, of a session's or a server's process.",
         labels=("kind", "name"),
     )
     share = GaugeMetricFamily(
@@ -108,7 +108,7 @@ def _of_units(rows: Sequence[Row]) -> Iterator[Metric]:
             share.add_metric(labels, row["cpu"])
     yield restarts
     yield share
-    for kind in ("session", "face"):
+    for kind in ("session", "server"):
         states = GaugeMetricFamily(
             f"cardan_{kind}_state",
             f"1 of the state that the {kind} is in, 0 of all others.",
@@ -258,8 +258,8 @@ def _of_watches(rows: Sequence[Row], running: Sequence[tuple[Row, Snapshot]]) ->
     yield refusals
 
 
-def _of_faces(rows: Sequence[Row]) -> Iterator[Metric]:
-    clients = GaugeMetricFamily("cardan_face_clients", "Clients connected.", labels=("face",))
+def _of_servers(rows: Sequence[Row]) -> Iterator[Metric]:
+    clients = GaugeMetricFamily("cardan_server_clients", "Clients connected.", labels=("server",))
     for row in rows:
         if "clients" in row["figures"]:
             clients.add_metric((row["name"],), row["figures"]["clients"])
@@ -267,14 +267,14 @@ def _of_faces(rows: Sequence[Row]) -> Iterator[Metric]:
     trips = GaugeMetricFamily(
         "cardan_ws_round_trip_seconds",
         "In which the slowest client answered its newest ping.",
-        labels=("face",),
+        labels=("server",),
     )
     for row in rows:
         if time_us := row["figures"].get(ROUND_TRIP):
             trips.add_metric((row["name"],), 1e-6 * time_us)
     yield trips
-    for name, figure, words in FACE_COUNTERS:
-        family = CounterMetricFamily(name, words, labels=("face",))
+    for name, figure, words in SERVER_COUNTERS:
+        family = CounterMetricFamily(name, words, labels=("server",))
         for row in rows:
             if figure in row["figures"]:
                 family.add_metric((row["name"],), row["figures"][figure])

@@ -1,4 +1,4 @@
-"""The face for Prometheus: /metrics with the figures of all that the daemon runs.
+"""The server for Prometheus: /metrics with the figures of all that the daemon runs.
 
 At each scrape it asks the daemon; sessions count for themselves, and never wait for it.
 """
@@ -20,7 +20,7 @@ from cardan.common.extras import missing_extra
 from cardan.common.options import Options
 from cardan.errors import CardanError
 from cardan.gateway.daemon.client import ControlClient
-from cardan.gateway.servers.base import Face, Ready
+from cardan.gateway.servers.base import Ready, Server
 from cardan.gateway.servers.web import Answer, Front, FrontOptions, serve_until
 
 PORT: Final = 9464
@@ -44,7 +44,7 @@ class DaemonAddress(Options):
     """The daemon whose figures are shown."""
 
     socket: Annotated[str, bounds.PATH] = ""
-    """The daemon's socket; empty: of the one that runs this face, else of this user's."""
+    """The daemon's socket; empty: of the one that runs this server, else of this user's."""
 
 
 class MetricsServer:
@@ -59,7 +59,7 @@ class MetricsServer:
             from cardan.gateway.daemon.figures import metrics_of
         except ImportError as error:
             raise missing_extra(
-                "the metrics face", "prometheus_client", "metrics", error
+                "the metrics server", "prometheus_client", "metrics", error
             ) from error
         self._encoder, self._metrics_of = choose_encoder, metrics_of
         self._figures = figures
@@ -119,21 +119,21 @@ def asked(socket: str) -> Any:
 
 
 @dataclass(frozen=True, kw_only=True)
-class MetricsFaceOptions(Options):
+class MetricsServerOptions(Options):
     """The daemon behind the server, and the server."""
 
     daemon: DaemonAddress = field(default_factory=DaemonAddress)
     server: MetricsOptions = field(default_factory=MetricsOptions)
 
 
-class Metrics(Face[MetricsFaceOptions]):
-    """Show Prometheus the figures of all sessions and faces of a daemon, at /metrics."""
+class Metrics(Server[MetricsServerOptions]):
+    """Show Prometheus the figures of all sessions and servers of a daemon, at /metrics."""
 
-    Options = MetricsFaceOptions
+    Options = MetricsServerOptions
     page = "daemon.md"
 
     @classmethod
-    def serve(cls, options: MetricsFaceOptions, ready: Ready, stop: threading.Event) -> None:
+    def serve(cls, options: MetricsServerOptions, ready: Ready, stop: threading.Event) -> None:
         """Serve until `stop` is set. Raises AddressError, ConfigurationError or
         ExtraMissingError."""
         server_options = options.server

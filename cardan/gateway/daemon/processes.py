@@ -1,4 +1,4 @@
-"""The daemon's processes: a session, or a face, from its start to its end.
+"""The daemon's processes: a session, or a server, from its start to its end.
 
 What they say and how they end is told by calls in threads of their own; nothing here decides.
 """
@@ -31,8 +31,8 @@ from cardan.gateway.session.session import (
 from cardan.gateway.session.snapshot import Snapshot
 from cardan.gateway.session.supervisor import KILL_AFTER_S, SessionProcess
 
-FACE_LEAVES_WITHIN_S: Final = 8.0
-"""How long after it was asked to end a face is killed: it closes its clients' connections first."""
+SERVER_LEAVES_WITHIN_S: Final = 8.0
+"""So long after it was asked to end a server is killed: it closes its clients' connections."""
 
 LINE_BYTES: Final = 4096
 """Longest line of output that is kept together."""
@@ -144,8 +144,8 @@ _HOW = {
 }
 
 
-class RunningFace(Process):
-    """A face that runs: ``cardan net server`` with the words given, which ends with this
+class RunningServer(Process):
+    """A server that runs: ``cardan net server`` with the words given, which ends with this
     process."""
 
     def __init__(self, words: Sequence[str], say: Say, over: Over, socket: str) -> None:
@@ -179,7 +179,7 @@ class RunningFace(Process):
                 LEVEL_VARIABLE: logging.getLevelName(_log.getEffectiveLevel()).lower(),
             },
         )
-        self._thread = threading.Thread(target=self._follow, name="cardan-face", daemon=True)
+        self._thread = threading.Thread(target=self._follow, name="cardan-server", daemon=True)
         self._thread.start()
 
     @property
@@ -191,7 +191,7 @@ class RunningFace(Process):
             self._stopping = True
             with contextlib.suppress(OSError):
                 self._process.terminate()
-            killer = threading.Timer(FACE_LEAVES_WITHIN_S, self._kill)
+            killer = threading.Timer(SERVER_LEAVES_WITHIN_S, self._kill)
             killer.daemon = True
             killer.start()
 
@@ -267,5 +267,5 @@ class Lines:
             self._dropped = 0
 
 
-ENDS_WITHIN_S: Final = max(KILL_AFTER_S, FACE_LEAVES_WITHIN_S) + 2.0
+ENDS_WITHIN_S: Final = max(KILL_AFTER_S, SERVER_LEAVES_WITHIN_S) + 2.0
 """Longest time for any of them to end once it was asked to."""

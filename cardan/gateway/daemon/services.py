@@ -1,4 +1,4 @@
-"""What the daemon keeps running: its sessions and faces, each with what is known of it.
+"""What the daemon keeps running: its sessions and servers, each with what is known of it.
 
 Only the daemon's thread uses them; what a process tells is brought there.
 """
@@ -14,9 +14,9 @@ from typing import Any, Final, NamedTuple
 
 from cardan.common.logs import level_of
 from cardan.common.text_sanitizer import printable
-from cardan.gateway.daemon.config import FaceEntry, SessionEntry
+from cardan.gateway.daemon.config import ServerEntry, SessionEntry
 from cardan.gateway.daemon.events import SessionWatch
-from cardan.gateway.daemon.processes import Process, RunningFace, RunningSession
+from cardan.gateway.daemon.processes import Process, RunningServer, RunningSession
 from cardan.gateway.daemon.restart_policy import Ended, Unit, UnitState
 from cardan.gateway.daemon.usage import ProcessorUse
 from cardan.gateway.session.snapshot import Snapshot
@@ -50,7 +50,7 @@ Say = Callable[[Line], None]
 
 
 class Kept(ABC):
-    """A session or a face: what is known of it, and its process while it runs."""
+    """A session or a server: what is known of it, and its process while it runs."""
 
     kind = ""
 
@@ -171,23 +171,23 @@ class SessionService(Kept):
         }
 
 
-class KeptFace(Kept):
-    """A face."""
+class KeptServer(Kept):
+    """A server."""
 
-    kind = "face"
+    kind = "server"
 
-    def __init__(self, name: str, entry: FaceEntry, start_limit: int) -> None:
+    def __init__(self, name: str, entry: ServerEntry, start_limit: int) -> None:
         super().__init__(name, start_limit)
         self.entry = entry
         self.socket = ""
-        """The daemon's, for faces that ask it."""
+        """The daemon's, for servers that ask it."""
 
     def begin(self, told: Tell, say: Say) -> None:
         def over(how: Ended, reason: str) -> None:
             told(lambda: _ended(self, how, reason))
 
-        self.process = RunningFace(
-            (self.entry.face, *self.entry.words),
+        self.process = RunningServer(
+            (self.entry.server, *self.entry.words),
             lambda text: say(Line.of(self.name, text)),
             over,
             self.socket,
@@ -196,13 +196,13 @@ class KeptFace(Kept):
     def figures(self, now_s: float) -> dict[str, Any]:
         process = self.process
         return self.shown(now_s) | {
-            "figures": process.figures if isinstance(process, RunningFace) else {}
+            "figures": process.figures if isinstance(process, RunningServer) else {}
         }
 
     def shown(self, now_s: float) -> dict[str, Any]:
         process = self.process
-        endpoint = process.endpoint if isinstance(process, RunningFace) else ""
-        return super().shown(now_s) | {"face": self.entry.face, "endpoint": endpoint}
+        endpoint = process.endpoint if isinstance(process, RunningServer) else ""
+        return super().shown(now_s) | {"server": self.entry.server, "endpoint": endpoint}
 
 
 def _ended(kept: Kept, how: Ended, reason: str) -> None:

@@ -1,4 +1,4 @@
-"""Sessions and faces of the daemon as a person sees them: the table of ``cardan daemon ps`` and
+"""Sessions and servers of the daemon as a person sees them: the table of ``cardan daemon ps`` and
 ``cardan daemon top``.
 
 Each has a line, and below it others where there is something to say: why its arm does not move,
@@ -46,12 +46,12 @@ Row = Mapping[str, Any]
 
 
 def sorted_rows(rows: Iterable[Row]) -> list[Row]:
-    """Sessions, then faces, each by name; of `ur5-10` and `ur5-9` the latter comes first."""
+    """Sessions, then servers, each by name; of `ur5-10` and `ur5-9` the latter comes first."""
 
     def key(row: Row) -> tuple[bool, list[tuple[int, int, str]]]:
         parts = re.findall(r"\d+|\D+", row["name"])
         name = [(0, int(each), "") if each.isdecimal() else (1, 0, each) for each in parts]
-        return row["kind"] == "face", name
+        return row["kind"] == "server", name
 
     return sorted(rows, key=key)
 
@@ -65,7 +65,7 @@ def table(rows: Iterable[Row], width: int | None = None) -> Text:
     for row, each in zip(ordered, cells, strict=True):
         lines.append(_cut(_line(each, widths), width))
         style = "yellow" if row["state"] in ("running", "stopped") else STYLES.get(row["state"], "")
-        if row["kind"] == "face" and row["state"] == "running":
+        if row["kind"] == "server" and row["state"] == "running":
             style = "dim"
         for words, shown in ((why(row), style), (way(row.get("device_metrics", {})), "dim")):
             if words:
@@ -100,7 +100,7 @@ def frame(rows: Sequence[Row], width: int | None) -> Text:
     """One picture of ``cardan daemon top``."""
     counts = [
         f"{len(found)} {kind}{'s' * (len(found) != 1)}"
-        for kind in ("session", "face")
+        for kind in ("session", "server")
         if (found := [row for row in rows if row["kind"] == kind])
     ]
     idle = [
@@ -126,15 +126,15 @@ def width_of(console: Console) -> int | None:
 
 
 def _cells(row: Row) -> tuple[str, ...]:
-    face = row["kind"] == "face"
+    server = row["kind"] == "server"
     told = (
         row["name"],
         row["state"],
         _span(row["since_s"]),
-        "" if face else row["phase"] or ("starting" if row["state"] == "running" else ""),
-        "" if face else row["authority"],
-        f"face {row['face']}" if face else _linked(row["device"], row["device_link"]),
-        "" if face else _linked(row["robot"], row["robot_link"]),
+        "" if server else row["phase"] or ("starting" if row["state"] == "running" else ""),
+        "" if server else row["authority"],
+        f"server {row['server']}" if server else _linked(row["device"], row["device_link"]),
+        "" if server else _linked(row["robot"], row["robot_link"]),
         "" if row["cpu"] is None else f"{100.0 * row['cpu']:.1f}%",
     )
     return tuple(map(printable, told))

@@ -1,4 +1,4 @@
-"""What clients of a face may use: topics, services and parameters by patterns of their names."""
+"""What clients of a server may use: topics, services and parameters by patterns of their names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a face is declared: what ``cardan net server`` makes its command of."""
+"""How a server is declared: what ``cardan net server`` makes its command of."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ Ready = Callable[[str], None]
 """`ready(endpoint)`: it serves, and others connect there."""
 
 
-class Face(ABC, Generic[OptionsT]):
+class Server(ABC, Generic[OptionsT]):
     """A process on the bus. It is never instantiated; the class's docstring says what it does, and
     is the command's summary.
 

@@ -1,4 +1,4 @@
-"""Calls of services on the network behind a face, for an asyncio loop."""
+"""Calls of services on the network behind a server, for an asyncio loop."""
 
 from __future__ import annotations
 

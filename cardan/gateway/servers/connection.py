@@ -1,4 +1,4 @@
-"""What goes to one client of a face over its WebSocket, as fast as the client reads."""
+"""What goes to one client of a server over its WebSocket, as fast as the client reads."""
 
 from __future__ import annotations
 

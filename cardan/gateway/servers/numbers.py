@@ -1,4 +1,4 @@
-"""Numbers of the clients of a face, which name them on the bus: one that comes back has its number
+"""Numbers of a server's clients, which name them on the bus: one that comes back has its number
 again, and with it what an arm knows of its clock."""
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ KEPT_S = 3600.0
 
 
 class ClientNumbers:
-    """The numbers of one face, from 1 on. For one loop."""
+    """The numbers of one server, from 1 on. For one loop."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._new, self._clock = itertools.count(1), clock

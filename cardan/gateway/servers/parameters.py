@@ -1,4 +1,4 @@
-"""The parameters of the network's nodes, for the clients of a face: "/node:parameter"."""
+"""The parameters of the network's nodes, for the clients of a server: "/node:parameter"."""
 
 from __future__ import annotations
 

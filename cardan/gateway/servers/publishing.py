@@ -1,4 +1,4 @@
-"""The topics that a client of a face publishes on."""
+"""The topics that a client of a server publishes on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tells the clients of a face which of their commands an arm has refused, such as a stream while
+"""Tells the clients of a server which of their commands an arm has refused, such as a stream while
 another source has the authority: a topic has no answer of its own."""
 
 from __future__ import annotations

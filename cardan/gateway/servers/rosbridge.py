@@ -17,7 +17,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.bounds import ANY_PORT
 from cardan.common.options import Options
-from cardan.gateway.servers.base import Face, Ready
+from cardan.gateway.servers.base import Ready, Server
 from cardan.gateway.servers.calls import Caller, Mailbox
 from cardan.gateway.servers.numbers import ClientNumbers
 from cardan.gateway.servers.read_only import network_for
@@ -151,22 +151,22 @@ def serve(
 
 
 @dataclass(frozen=True, kw_only=True)
-class RosbridgeFaceOptions(Options):
+class RosbridgeServerOptions(Options):
     """The bus behind the server, and the server."""
 
     bus: BusOptions = field(default_factory=BusOptions)
     server: RosbridgeOptions = field(default_factory=RosbridgeOptions)
 
 
-class Rosbridge(Face[RosbridgeFaceOptions]):
+class Rosbridge(Server[RosbridgeServerOptions]):
     """Serve the bus by rosbridge v2, for web pages and programs without ROS: roslibjs, roslibpy,
     Foxglove."""
 
-    Options = RosbridgeFaceOptions
+    Options = RosbridgeServerOptions
     page = "protocols/rosbridge.md"
 
     @classmethod
-    def serve(cls, options: RosbridgeFaceOptions, ready: Ready, stop: threading.Event) -> None:
+    def serve(cls, options: RosbridgeServerOptions, ready: Ready, stop: threading.Event) -> None:
         """Serve until `stop` is set. Raises AddressError, ConfigurationError, ExtraMissingError or
         DriverError."""
         server = options.server

@@ -1,4 +1,4 @@
-"""Zenoh's router: where sessions, faces and ROS 2 nodes over rmw_zenoh find each other."""
+"""Zenoh's router: where sessions, servers and ROS 2 nodes over rmw_zenoh find each other."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cardan.bus.router import announced
 from cardan.common.bounds import FILE
 from cardan.common.options import Options
 from cardan.errors import AddressError, OptionError
-from cardan.gateway.servers.base import Face, Ready
+from cardan.gateway.servers.base import Ready, Server
 
 LOOK_S = 0.1
 """How often it looks whether it is to end."""
@@ -44,8 +44,8 @@ class RouterOptions(Options):
                     raise OptionError(key, each, f"an endpoint of Zenoh, such as {ROUTER}")
 
 
-class Router(Face[RouterOptions]):
-    """Be the router by which sessions, faces and ROS 2 nodes over rmw_zenoh find each other, as
+class Router(Server[RouterOptions]):
+    """Be the router by which sessions, servers and ROS 2 nodes over rmw_zenoh find each other, as
     rmw_zenohd is."""
 
     Options = RouterOptions

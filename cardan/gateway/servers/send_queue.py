@@ -1,4 +1,4 @@
-"""What waits for one client of a face, and when it goes out: the newest wins, control goes first.
+"""What waits for one client of a server, and when it goes out: the newest wins, control goes first.
 
 Nothing here sends: `Outbox.take` hands out what is due. Time is monotonic, in seconds.
 """

@@ -1,6 +1,6 @@
-"""What a face tells the daemon that runs it: its figures, as a line of its output.
+"""What a server tells the daemon that runs it: its figures, as a line of its output.
 
-A face that runs in a terminal tells nothing.
+A server that runs in a terminal tells nothing.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import json
 import os
 from collections.abc import Mapping
 
-TELLS_VARIABLE = "CARDAN_FACE_TELLS"
+TELLS_VARIABLE = "CARDAN_SERVER_TELLS"
 """The environment variable by which the daemon says that it reads them."""
 
 PERIOD_S = 1.0
@@ -19,7 +19,7 @@ ROUND_TRIP = "round_trip_us"
 """The figure that says in which time the slowest client answered its newest ping."""
 
 MOST_FIGURES = 64
-"""Of a face; others are left out."""
+"""Of a server; others are left out."""
 
 _WORD = "FIGURES "
 

@@ -1,4 +1,4 @@
-"""Topics of the network on their way to the clients of a face: each is subscribed to once for
+"""Topics of the network on their way to the clients of a server: each is subscribed to once for
 all."""
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Tokens of those who come in to a face, each with the role of who has it."""
+"""Tokens of those who come in to a server, each with the role of who has it."""
 
 from __future__ import annotations
 
@@ -133,7 +133,7 @@ def read_tokens(path: str | Path) -> dict[str, Role]:
 
 def own_token_file() -> Path:
     """Where the tokens are that are made where none were given."""
-    return state_folder() / "face-tokens"
+    return state_folder() / "server-tokens"
 
 
 def made_tokens() -> dict[str, Role]:
@@ -152,9 +152,9 @@ def _make(path: Path) -> None:
     import secrets
 
     lines = [
-        "# Tokens of Cardan's faces, one a line, after its role. A viewer reads, an operator",
+        "# Tokens of Cardan's servers, one a line, after its role. A viewer reads, an operator",
         "# commands, an admin may do everything. A line that is taken out lets nobody in any more",
-        "# after the face's next start.",
+        "# after the server's next start.",
         *(f"{role.word} {secrets.token_hex(TOKEN_BYTES)}" for role in Role),
         "",
     ]
@@ -165,7 +165,7 @@ def _make(path: Path) -> None:
         try:
             with os.fdopen(file, "w", encoding="utf-8") as text:
                 text.write("\n".join(lines))
-            # Whole from the first moment on; two faces that start together have the same one.
+            # Whole from the first moment on; two servers that start together have the same one.
             with contextlib.suppress(FileExistsError):
                 os.link(new, path)
         finally:

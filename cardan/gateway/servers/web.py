@@ -1,5 +1,5 @@
-"""A web server at a face's front: who reaches it, by which name and token, in the clear or by TLS.
-The options are the same for every such face."""
+"""The web server of a network server: who reaches it, by which name and token, or by TLS.
+The options are the same for every such server."""
 
 from __future__ import annotations
 
@@ -48,8 +48,9 @@ from cardan.gateway.servers.tokens import (
 )
 from cardan.types import NEVER_S
 
-TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"
+TOKEN_VARIABLE = "CARDAN_SERVER_TOKEN"
 """The environment variable that has the token where no option has it."""
+FORMER_TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"
 
 SEND_BUFFER_BYTES = 128 * 1024
 """What the system keeps for a client that does not read: more only makes what it reads older."""
@@ -130,8 +131,8 @@ class FrontOptions(Options):
     token_file: Annotated[str, PATH] = ""
     """File with the tokens that clients have in the address, ws://HOST:PORT/?t=TOKEN or /TOKEN, or
     in a header; one a line, after its role: viewer, operator or admin (without: operator). Only its
-    owner may read it. Without it the environment's CARDAN_FACE_TOKEN; without both, none is needed
-    on this computer, and for others some are made."""
+    owner may read it. Without it the environment's CARDAN_SERVER_TOKEN; without both, none is
+    needed on this computer, and for others some are made."""
     certificate: Annotated[str, PATH] = ""
     """File with the certificate chain (PEM), for wss; empty: ws."""
     key: Annotated[str, PATH] = ""
@@ -188,6 +189,9 @@ class FrontOptions(Options):
 
     def given_tokens(self) -> Tokens:
         """The option's, the file's, or the environment's. Raises ConfigurationError."""
+        if FORMER_TOKEN_VARIABLE in os.environ:
+            # Left out of account, it would leave open what it was to protect.
+            raise ConfigurationError(FORMER_TOKEN_VARIABLE, f"is now: {TOKEN_VARIABLE}")
         given = os.environ.get(TOKEN_VARIABLE, "").strip()
         if self.token:
             found = parse_tokens(self.token, "token")

@@ -20,7 +20,7 @@ CONNECT_WITHIN_S = 5.0
 LOOK_S = 0.005
 """How often it is looked for what the server says: it is told the time so soon."""
 
-TOKEN_VARIABLE = "CARDAN_FACE_TOKEN"
+TOKEN_VARIABLE = "CARDAN_SERVER_TOKEN"
 
 _CHANNEL_AT, _TIME_AT = 3, 8
 """Of a frame's header."""

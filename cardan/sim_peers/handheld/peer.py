@@ -28,7 +28,7 @@ class PagePeerOptions(BusPeerOptions):
     console: str = option(
         "",
         "Be a page of this console instead (ws://127.0.0.1:8443); its token is read from the "
-        "environment's CARDAN_FACE_TOKEN.",
+        "environment's CARDAN_SERVER_TOKEN.",
         metavar="URL",
     )
 

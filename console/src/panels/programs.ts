@@ -8,7 +8,7 @@ const SURE_MS = 3000;
 /** How often a demo that runs is asked after. */
 const LOOK_MS = 1500;
 
-/** A session or a face of the daemon, as `cardan daemon ps --json` has it. */
+/** A session or a server of the daemon, as `cardan daemon ps --json` has it. */
 export type Unit = {
   name: string;
   kind: string;
@@ -18,7 +18,7 @@ export type Unit = {
   why?: string;
   phase?: string;
   authority?: string;
-  face?: string;
+  server?: string;
   endpoint?: string;
 };
 
@@ -39,11 +39,11 @@ export function span(seconds: number): string {
   return seconds < 7200 ? `${Math.round(seconds / 60)} min` : `${Math.round(seconds / 3600)} h`;
 }
 
-/** What there is to say of a session or a face, in one line. */
+/** What there is to say of a session or a server, in one line. */
 export function about(unit: Unit): string {
   const runs = unit.state === "running";
   return [
-    unit.kind === "face" ? `face ${unit.face ?? ""}`.trim() : unit.kind,
+    unit.kind === "server" ? `server ${unit.server ?? ""}`.trim() : unit.kind,
     `${unit.state} ${span(unit.since_s)}`,
     runs ? unit.phase : "",
     runs && unit.authority ? `${t("authority")}: ${unit.authority}` : "",

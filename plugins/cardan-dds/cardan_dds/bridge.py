@@ -18,7 +18,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 
-from cardan.bus.dds_options import FACE_NODE
+from cardan.bus.dds_options import SERVER_NODE
 from cardan.bus.network import Answered, Failure, Handle, NetworkError, Publisher, Topic
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
@@ -142,7 +142,7 @@ class Bridge:
 
     def _check_alone(self) -> None:
         """Two bridges between the same networks would pass on what the other one brought."""
-        on_dds, on_bus = self._dds.having(f"/{FACE_NODE}"), self._bus.having(f"/{FACE_NODE}")
+        on_dds, on_bus = self._dds.having(f"/{SERVER_NODE}"), self._bus.having(f"/{SERVER_NODE}")
         if on_bus and any(guid < self._dds.guid for guid in on_dds):
             raise DriverError(
                 "another `cardan net server dds` joins the same bus and DDS domain: messages "

@@ -1,4 +1,4 @@
-"""The whole ROS graph of a DDS domain for faces: the `Network` of cardan.bus.network over DDS.
+"""The whole ROS graph of a DDS domain for servers: the `Network` of cardan.bus.network over DDS.
 
 One thread waits for all readers and for what DDS discovers, and calls back. Services are those of
 rmw_cyclonedds: a header before each request and reply.
@@ -96,7 +96,7 @@ class DdsNetwork:
 
     ::
 
-        with DdsNetwork(DdsOptions(), "face") as network:
+        with DdsNetwork(DdsOptions(), "server") as network:
             network.subscribe("/joint_states", None, heard)
     """
 

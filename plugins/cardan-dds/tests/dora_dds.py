@@ -19,7 +19,7 @@ import pyarrow as pa  # noqa: E402
 TIMEOUT_S = 30.0
 PERIOD_S = 0.02
 """Between two looks: dora-rs does not wait. Commands without a pause are a flood, which starves the
-face on a busy computer."""
+server on a busy computer."""
 
 
 def main(arm):

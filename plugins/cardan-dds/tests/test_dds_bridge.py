@@ -12,15 +12,15 @@ import pytest
 pytest.importorskip("zenoh", reason="eclipse-zenoh is not installed: pip install cardan[network]")
 pytest.importorskip("cyclonedds", reason="cyclonedds is not installed: pip install cardan[dds]")
 
-from cardan.bus.dds_options import FACE_NODE
+from cardan.bus.dds_options import SERVER_NODE
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.errors import DriverError
 from cardan.gateway.servers.allow_list import Allowed
 from cardan.gateway.servers.pause_detector import StandStill
-from cardan_dds import face as face
+from cardan_dds import server as server
 from cardan_dds.bridge import Bridge
-from cardan_dds.face import DdsBridgeOptions, DdsFaceOptions
+from cardan_dds.server import DdsBridgeOptions, DdsServerOptions
 from tests.dds_rig import OPTIONS, STRING, TIMEOUT_S, TRIGGER, encoded, network
 from tests.serving import free_endpoint
 from tests.waiting import until
@@ -34,13 +34,13 @@ PATTERNS = DdsBridgeOptions(topics=("/arm/*", "/tf"), services=("/arm/*",))
 
 @contextmanager
 def serving(options):
-    """The face in a thread."""
+    """The server in a thread."""
     stop, ready = threading.Event(), threading.Event()
     failed = []
 
     def run():
         try:
-            face.Dds.serve(options, lambda _endpoint: ready.set(), stop)
+            server.Dds.serve(options, lambda _endpoint: ready.set(), stop)
         except DriverError as error:
             failed.append(error)
 
@@ -57,15 +57,15 @@ def serving(options):
 
 @pytest.fixture
 def sides():
-    """A node on the bus and one on DDS, with the face between."""
+    """A node on the bus and one on DDS, with the server between."""
     endpoint = free_endpoint()
-    options = DdsFaceOptions(bus=BusOptions(router=endpoint), dds=OPTIONS, bridge=PATTERNS)
+    options = DdsServerOptions(bus=BusOptions(router=endpoint), dds=OPTIONS, bridge=PATTERNS)
     with (
         BusNetwork(BusOptions(router="", listen=(endpoint,)), "robot") as robot,
         network("user") as user,
         serving(options),
     ):
-        until(lambda: f"/{FACE_NODE}" in robot.nodes() and f"/{FACE_NODE}" in user.nodes())
+        until(lambda: f"/{SERVER_NODE}" in robot.nodes() and f"/{SERVER_NODE}" in user.nodes())
         yield robot, user
 
 
@@ -85,7 +85,7 @@ def test_a_topic_goes_out_while_somebody_wants_it(sides):
     until(lambda: "/arm/state" in user.topics())
     assert robot.topics()["/arm/state"].subscribers == ()
     heard, handle = hears(user, "/arm/state")
-    until(lambda: robot.topics()["/arm/state"].subscribers == (f"/{FACE_NODE}",))
+    until(lambda: robot.topics()["/arm/state"].subscribers == (f"/{SERVER_NODE}",))
     until(lambda: state.publish(text("here")) or heard)
     assert heard[0] == text("here")
     handle.close()
@@ -194,10 +194,10 @@ def test_services_are_not_offered_unless_asked_for():
     with (
         BusNetwork(BusOptions(router="", listen=(endpoint,)), "robot") as robot,
         network("user") as user,
-        serving(DdsFaceOptions(bus=BusOptions(router=endpoint), dds=OPTIONS)),
+        serving(DdsServerOptions(bus=BusOptions(router=endpoint), dds=OPTIONS)),
     ):
         offered = robot.serve("/arm/stop", TRIGGER, lambda _request, answer: answer(REPLY))
-        until(lambda: f"/{FACE_NODE}" in robot.nodes() and f"/{FACE_NODE}" in user.nodes())
+        until(lambda: f"/{SERVER_NODE}" in robot.nodes() and f"/{SERVER_NODE}" in user.nodes())
         # Services are followed after topics.
         for number in range(2):
             _, _handle = hears(robot, f"/arm/command_{number}")
@@ -266,12 +266,12 @@ def test_a_second_bridge_between_the_same_networks_ends(sides):
     robot, _ = sides
     endpoint = robot.node.options.listen[0]
     with (
-        BusNetwork(BusOptions(router=endpoint), FACE_NODE, deaf=True) as bus,
-        network(FACE_NODE, deaf=True) as dds,
+        BusNetwork(BusOptions(router=endpoint), SERVER_NODE, deaf=True) as bus,
+        network(SERVER_NODE, deaf=True) as dds,
     ):
         bridge = Bridge(bus, dds, Allowed((), (), ()))
-        until(lambda: bus.having(f"/{FACE_NODE}") and dds.having(f"/{FACE_NODE}"))
-        if dds.having(f"/{FACE_NODE}")[0] < dds.guid:
+        until(lambda: bus.having(f"/{SERVER_NODE}") and dds.having(f"/{SERVER_NODE}"))
+        if dds.having(f"/{SERVER_NODE}")[0] < dds.guid:
             with pytest.raises(DriverError, match="another `cardan net server dds`"):
                 bridge.follow()
         bridge.close()

@@ -1,4 +1,4 @@
-"""A session on DDS by the face, both in processes of their own; a program of others judges it."""
+"""A session on DDS by the server, both in processes of their own; a program of others judges it."""
 
 import json
 import os
@@ -31,15 +31,15 @@ MOVE, POSE = "cardan_msgs/action/MovePose", "geometry_msgs/msg/Pose"
 
 @pytest.fixture(scope="module")
 def domain(tmp_path_factory):
-    """A session and the face beside it; the DDS domain."""
+    """A session and the server beside it; the DDS domain."""
     endpoint, number = free_endpoint(), str(SESSION_OPTIONS.dds_domain)
     file = tmp_path_factory.mktemp("session") / "session.toml"
     file.write_text(ARM_SESSION.format(endpoint=endpoint))
     run = [sys.executable, "-m", "cardan", "run", str(file), "--seconds", "300"]
     with subprocess.Popen(run, stdout=subprocess.DEVNULL) as session:
         try:
-            face = ("net", "server", "dds", "--router", endpoint, "--dds-domain", number)
-            with served(*face, "--services", "*") as ready:
+            server = ("net", "server", "dds", "--router", endpoint, "--dds-domain", number)
+            with served(*server, "--services", "*") as ready:
                 assert ready == f"dds/{number}"
                 yield number
         finally:
@@ -124,8 +124,8 @@ def test_the_description_is_there_for_who_comes_late(user):
 
 
 def test_a_node_of_dora_rs_watches_and_commands_the_arm(domain, tmp_path):
-    """With the face alone: of two participants that RustDDS meets at once it may forget the writers
-    of one (findings/rustdds_forgets_writers_when_another_participant_joins.sh)."""
+    """With the server alone: of two participants that RustDDS meets at once it may forget the
+    writers of one (findings/rustdds_forgets_writers_when_another_participant_joins.sh)."""
     pytest.importorskip("dora", reason="dora-rs is not installed: pip install dora-rs pyarrow")
     write_packages(tmp_path)
     with met():

@@ -140,7 +140,7 @@ ANNOUNCED = Announcement(
     CYCLONE_GUID,
     (
         NodeInfo("/teleop/gateway", (bytes(16),), (bytes([1]) * 16, bytes([2]) * 16)),
-        NodeInfo("/face"),
+        NodeInfo("/server"),
     ),
 )
 
@@ -160,7 +160,7 @@ def test_an_announcement_is_the_message_of_rmw_dds_common():
             },
             {
                 "node_namespace": "/",
-                "node_name": "face",
+                "node_name": "server",
                 "reader_gid_seq": [],
                 "writer_gid_seq": [],
             },

@@ -2,7 +2,7 @@
 
 The SDK has topics, services, assets and the graph. Its callbacks must not wait, and it has nobody
 told apart, so parameters are answered here, and so is why something was refused. What the client
-is slow to read is bounded as in every face: the newest of each topic wins.
+is slow to read is bounded as in every server: the newest of each topic wins.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def sdk() -> Any:
         import foxglove
         import foxglove.websocket
     except ImportError as error:
-        raise missing_extra("the Foxglove face", "foxglove-sdk", "foxglove", error) from error
+        raise missing_extra("the Foxglove server", "foxglove-sdk", "foxglove", error) from error
     return foxglove
 
 

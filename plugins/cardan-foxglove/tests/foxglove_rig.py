@@ -10,11 +10,11 @@ from types import SimpleNamespace
 
 from websockets.sync.client import connect
 
-from cardan_foxglove.face import FoxgloveOptions, FoxgloveServer
+from cardan_foxglove.server import FoxgloveOptions, FoxgloveServer
 from tests.gateway.servers.rig import WAIT_S, served
 
 
-def foxglove_face(network, **options):
+def foxglove_server(network, **options):
     """A Foxglove server of `network` at a free port."""
     return served(lambda: FoxgloveServer(network, FoxgloveOptions(**{"port": 0, **options})))
 

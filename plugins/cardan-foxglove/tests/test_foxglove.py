@@ -23,8 +23,8 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import full_text
 from cardan.protocols.ros2.messages import completed
 from cardan_foxglove import client as module
-from cardan_foxglove.face import FoxgloveServer
-from foxglove_rig import foxglove_client, foxglove_face
+from cardan_foxglove.server import FoxgloveServer
+from foxglove_rig import foxglove_client, foxglove_server
 from tests.gateway.servers.memory_network import TEST_NODE, MemoryNetwork
 from tests.gateway.servers.nodes import Parameters
 from tests.gateway.servers.rig import WAIT_S
@@ -51,7 +51,7 @@ def network():
 
 @pytest.fixture
 def running(network):
-    with foxglove_face(network) as server:
+    with foxglove_server(network) as server:
         yield server
 
 
@@ -65,7 +65,7 @@ def listening(network, topic):
     return [each for each in network.subscriptions if each[0] == topic]
 
 
-def test_without_the_sdk_the_face_says_what_to_install(network, monkeypatch):
+def test_without_the_sdk_the_server_says_what_to_install(network, monkeypatch):
     monkeypatch.setitem(sys.modules, "foxglove", None)
     with pytest.raises(ExtraMissingError, match=r"pip install .cardan\[foxglove\]"):
         FoxgloveServer(network)
@@ -124,7 +124,7 @@ def test_what_cannot_be_shown_is_left_out(network):
     network.servers["/odd/stop"] = ("acme_msgs/srv/Odd", TEST_NODE, asked)
     assert name
     allowed = {"topics": ("/[clo]*",), "services": ("/stop", "/odd*")}
-    with foxglove_face(network, **allowed) as running, foxglove_client(running) as client:
+    with foxglove_server(network, **allowed) as running, foxglove_client(running) as client:
         client.channel("/last")
         client.service("/stop")
         client.settle()
@@ -173,7 +173,7 @@ def test_the_connection_graph_has_all_nodes(network, client):
 
 def test_the_time_of_a_simulation_is_the_clients_time(network):
     network.known["/clock"] = "rosgraph_msgs/msg/Clock"
-    with foxglove_face(network) as running, foxglove_client(running) as client:
+    with foxglove_server(network) as running, foxglove_client(running) as client:
         assert "time" in client.info["capabilities"]
         until(lambda: listening(network, "/clock"))
         network.publish("/clock", "rosgraph_msgs/msg/Clock", clock={"sec": 5, "nanosec": 6})
@@ -224,7 +224,7 @@ def test_an_advertisement_ends_with_the_last_of_its_topic(network, client):
 )
 def test_what_cannot_be_advertised_is_told_to_the_client(network, topic, kind, encoding, words):
     with (
-        foxglove_face(network, topics=("/x", "/chatter", "/a*")) as running,
+        foxglove_server(network, topics=("/x", "/chatter", "/a*")) as running,
         foxglove_client(running) as client,
         foxglove_client(running) as other,
     ):
@@ -302,7 +302,7 @@ def test_a_call_that_fails_says_why(network):
     network.offer("/set", "std_srvs/srv/SetBool", lambda request: {})
     network.offer("/mute", TRIGGER, lambda request: None)
     with (
-        foxglove_face(network, service_timeout_s=0.2) as running,
+        foxglove_server(network, service_timeout_s=0.2) as running,
         foxglove_client(running) as client,
     ):
         failure = client.call("/stop", encoded(f"{TRIGGER}_Request"))
@@ -426,7 +426,7 @@ def test_changes_are_told_to_those_who_subscribed(network, parameters, running):
 
 def test_parameters_that_clients_may_not_use(network, parameters):
     with (
-        foxglove_face(network, parameters=("/arm:speed",)) as running,
+        foxglove_server(network, parameters=("/arm:speed",)) as running,
         foxglove_client(running) as client,
     ):
         assert [each["name"] for each in client.get()] == ["/arm.speed"]
@@ -455,7 +455,10 @@ def package(tmp_path):
 
 
 def test_meshes_of_a_package_and_nothing_else(network, package):
-    with foxglove_face(network, packages=(package,)) as running, foxglove_client(running) as client:
+    with (
+        foxglove_server(network, packages=(package,)) as running,
+        foxglove_client(running) as client,
+    ):
         for path in ("base link.stl", "base%20link.stl", "../meshes/base link.stl"):
             got = client.asset(f"package://acme_description/meshes/{path}")
             assert (got.error, got.data) == (None, b"solid")
@@ -497,7 +500,7 @@ def refusal(running, path="/", **options):
 
 def test_the_front_has_rosbridges_rules(network, caplog):
     caplog.set_level(logging.DEBUG)
-    with foxglove_face(network, token=TOKEN, origins=("https://app.foxglove.dev",)) as running:
+    with foxglove_server(network, token=TOKEN, origins=("https://app.foxglove.dev",)) as running:
         assert refusal(running) == 401
         assert refusal(running, f"/?t={TOKEN}x") == 401
         assert refusal(running, f"/?t={TOKEN}", origin="https://evil.example") == 403
@@ -581,7 +584,7 @@ def test_a_client_that_leaves_takes_all_it_had(how):
     network = Parts()
     network.known["/chatter"] = STRING
     network.offer("/mute", TRIGGER, lambda request: None)
-    with foxglove_face(network) as running:
+    with foxglove_server(network) as running:
         with foxglove_client(running) as client:
             client.publish(client.advertise("/cmd", STRING), encoded(STRING, data="x"))
             client.subscribe("/chatter")
@@ -643,7 +646,10 @@ def test_a_client_with_too_many_subscriptions(client):
 def test_an_asset_that_is_read_slowly_closes_nobody(network, package, tmp_path):
     with open(f"{package}/meshes/big.stl", "wb") as file:
         file.write(bytes(9_000_000))
-    with foxglove_face(network, packages=(package,)) as running, foxglove_client(running) as client:
+    with (
+        foxglove_server(network, packages=(package,)) as running,
+        foxglove_client(running) as client,
+    ):
         for number in range(6):
             uri = "package://acme_description/meshes/big.stl"
             client.send("fetchAsset", uri=uri, requestId=number)
@@ -657,7 +663,7 @@ def test_what_is_large_leaves_room_for_pings(network, package):
     with open(f"{package}/meshes/big.stl", "wb") as file:
         file.write(bytes(3_000_000))
     with (
-        foxglove_face(network, packages=(package,)) as running,
+        foxglove_server(network, packages=(package,)) as running,
         connect(
             f"ws://127.0.0.1:{running.port}", subprotocols=["foxglove.sdk.v1"], max_size=None
         ) as connection,

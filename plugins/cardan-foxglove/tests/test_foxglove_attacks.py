@@ -1,6 +1,6 @@
 """What somebody without a right tries at the Foxglove server; docs/safety-and-access.md.
 
-The tests are those of the other faces; which of them are ``real`` there are in the matrix here.
+The tests are those of the other servers; which of them are ``real`` there are in the matrix here.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/cardan-foxglove")
 
-from foxglove_rig import foxglove_face
+from foxglove_rig import foxglove_server
 from tests.gateway.servers.memory_network import MemoryNetwork
 from tests.gateway.servers.test_attacks import (  # noqa: F401 - fixtures and tests
     UPGRADE,
@@ -38,5 +38,5 @@ pytestmark = pytest.mark.matrix
 @pytest.fixture
 def target():
     return Target(
-        lambda **o: foxglove_face(MemoryNetwork(), **o), "/", UPGRADE, 101, ("foxglove.sdk.v1",)
+        lambda **o: foxglove_server(MemoryNetwork(), **o), "/", UPGRADE, 101, ("foxglove.sdk.v1",)
     )

@@ -8,7 +8,7 @@ pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/card
 
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import default_message
-from foxglove_rig import foxglove_client, foxglove_face
+from foxglove_rig import foxglove_client, foxglove_server
 from tests.gateway.servers.memory_network import MemoryNetwork
 from tests.gateway.servers.test_backlog import TWIST, stall
 from tests.waiting import until
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.matrix
 def test_what_waited_at_foxglove_is_dropped():
     network = MemoryNetwork()
     network.send = lambda *_given: None  # It would hear itself.
-    with foxglove_face(network) as running, foxglove_client(running) as client:
+    with foxglove_server(network) as running, foxglove_client(running) as client:
         number = client.advertise("/cmd", TWIST)
         until(lambda: network.publishers)
         stall(running)
@@ -34,7 +34,7 @@ def test_what_waited_at_foxglove_is_dropped():
 def test_calls_that_waited_at_foxglove_are_refused():
     network, called = MemoryNetwork(), []
     network.offer("/arm/movl", "std_srvs/srv/Trigger", lambda _asked: called.append(1) or {})
-    with foxglove_face(network) as running, foxglove_client(running) as client:
+    with foxglove_server(network) as running, foxglove_client(running) as client:
         client.settle()
         client.service("/arm/movl")
         request = "std_srvs/srv/Trigger_Request"

@@ -15,7 +15,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from cardan_foxglove.face import Foxglove, FoxgloveFaceOptions, FoxgloveOptions
+from cardan_foxglove.server import Foxglove, FoxgloveOptions, FoxgloveServerOptions
 from foxglove_rig import foxglove_client
 from tests.gateway.servers.nodes import Parameters
 from tests.gateway.servers.rig import WAIT_S
@@ -31,10 +31,10 @@ def encoded(name, **fields):
 
 
 class Served:
-    """The face as ``cardan net server foxglove`` serves it, in a thread."""
+    """The server as ``cardan net server foxglove`` serves it, in a thread."""
 
     def __init__(self, endpoint):
-        self.options = FoxgloveFaceOptions(
+        self.options = FoxgloveServerOptions(
             bus=BusOptions(router=endpoint, listen=()), server=FoxgloveOptions(port=0)
         )
         self.ready, self.stop = threading.Event(), threading.Event()
@@ -59,22 +59,22 @@ class Served:
 
 
 @pytest.fixture
-def robot_and_face():
-    """The node of a robot, and the face, which have met."""
+def robot_and_server():
+    """The node of a robot, and the server, which have met."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     with (
         BusNetwork(BusOptions(router="", listen=(endpoint,)), "arm") as robot,
-        Served(endpoint) as face,
+        Served(endpoint) as server,
     ):
         until(lambda: "/foxglove" in robot.nodes())
-        yield robot, face
+        yield robot, server
 
 
 @pytest.mark.real
-def test_a_client_meets_a_node_on_the_bus(robot_and_face):
-    robot, face = robot_and_face
+def test_a_client_meets_a_node_on_the_bus(robot_and_server):
+    robot, server = robot_and_server
     description = robot.advertise("/robot_description", STRING, True)
     description.publish(encoded(STRING, data="<robot/>"))
     moving = robot.advertise("/tf", TF, False)
@@ -97,10 +97,10 @@ def test_a_client_meets_a_node_on_the_bus(robot_and_face):
             offered.append(robot.serve(service, type_name, asked))
 
     parameters = Parameters(Offering(), speed={"type": 3, "double_value": 0.5})
-    with foxglove_client(face) as client:
+    with foxglove_client(server) as client:
         number = client.subscribe("/robot_description")
         assert client.message(number)["data"] == encoded(STRING, data="<robot/>")
-        with foxglove_client(face) as late:
+        with foxglove_client(server) as late:
             number = late.subscribe("/robot_description")
             assert late.message(number)["data"] == encoded(STRING, data="<robot/>")
         number = client.subscribe("/tf")

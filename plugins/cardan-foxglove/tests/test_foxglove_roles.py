@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/cardan-foxglove")
 
-from foxglove_rig import foxglove_client, foxglove_face
+from foxglove_rig import foxglove_client, foxglove_server
 from tests.gateway.servers import test_roles as shared
 from tests.gateway.servers.test_roles import COMMANDING, ROLES, STRING, speed
 
@@ -20,7 +20,7 @@ EMPTY = b"\0\1\0\0\0"
 
 @pytest.fixture
 def foxglove(network, token_file):
-    with foxglove_face(network, token_file=token_file) as running:
+    with foxglove_server(network, token_file=token_file) as running:
         yield lambda role: foxglove_client(running, f"/?t={ROLES[role]}")
 
 

@@ -29,8 +29,8 @@ MOVE = "cardan_msgs/srv/MoveTwist"
 
 
 @pytest.fixture(scope="module")
-def face(tmp_path_factory):
-    """Where the face serves."""
+def server(tmp_path_factory):
+    """Where the server serves."""
     endpoint = free_endpoint()
     path = tmp_path_factory.mktemp("foxglove") / "session.toml"
     path.write_text(ARM_SESSION.format(endpoint=endpoint))
@@ -58,8 +58,8 @@ def decoded(kind, said):
     return codec_of(kind).decode(said["data"])
 
 
-def test_the_arm_is_seen_with_all_it_publishes(face):
-    with foxglove_client(face) as client:
+def test_the_arm_is_seen_with_all_it_publishes(server):
+    with foxglove_client(server) as client:
         description = client.message(client.subscribe("/left/robot_description"))
         assert "<robot" in decoded("std_msgs/msg/String", description)["data"]
         states = decoded(
@@ -70,8 +70,8 @@ def test_the_arm_is_seen_with_all_it_publishes(face):
         assert transforms["transforms"]
 
 
-def test_parameters_of_the_arm_are_seen_set_and_refused(face):
-    with foxglove_client(face) as client:
+def test_parameters_of_the_arm_are_seen_set_and_refused(server):
+    with foxglove_client(server) as client:
         client.service(f"{ARM}/set_parameters_atomically")
         name = f"{ARM}.trajectory_reference_speed"
         client.send("subscribeParameterUpdates", parameterNames=[name])
@@ -88,11 +88,11 @@ def test_parameters_of_the_arm_are_seen_set_and_refused(face):
 
 
 @pytest.mark.real
-def test_a_motion_without_end_ends_with_the_client_that_asked_for_it(face):
-    with foxglove_client(face) as watcher:
+def test_a_motion_without_end_ends_with_the_client_that_asked_for_it(server):
+    with foxglove_client(server) as watcher:
         status = watcher.subscribe(f"{ARM}/state/status")
         watcher.message(status)
-        with foxglove_client(face) as client:
+        with foxglove_client(server) as client:
             client.service(f"{ARM}/movv")
             request = completed(f"{MOVE}_Request", {"xdot": {"linear": {"z": -0.01}}})
             answer = client.call(f"{ARM}/movv", codec_of(f"{MOVE}_Request").encode(request))

@@ -11,7 +11,7 @@ pytest.importorskip("foxglove", reason="foxglove-sdk: pip install ./plugins/card
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.bus.options import DEFAULT_NAME
-from foxglove_rig import foxglove_client, foxglove_face
+from foxglove_rig import foxglove_client, foxglove_server
 from tests.gateway.servers import test_two_clients as shared
 from tests.waiting import until
 
@@ -24,10 +24,10 @@ class Foxglove:
     def __init__(self, here, stack):
         self.bus = stack.enter_context(BusNetwork(BusOptions(router=here.endpoint), "foxglove"))
         until(lambda: f"/{DEFAULT_NAME}" in self.bus.nodes())
-        self.face, self.stack = stack.enter_context(foxglove_face(self.bus)), stack
+        self.server, self.stack = stack.enter_context(foxglove_server(self.bus)), stack
 
     def join(self, name):
-        client = self.stack.enter_context(foxglove_client(self.face))
+        client = self.stack.enter_context(foxglove_client(self.server))
         number = client.advertise(shared.TOPIC, shared.TWIST)
         client.settle()
         return lambda *what: client.publish(number, shared.encoded(*what)), client.status

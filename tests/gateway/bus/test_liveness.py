@@ -175,16 +175,16 @@ def test_a_stranger_without_a_token_is_refused():
             assert here.rests
 
 
-def test_the_arm_brakes_when_the_client_of_a_face_is_gone_and_the_face_stays():
+def test_the_arm_brakes_when_the_client_of_a_server_is_gone_and_the_server_stays():
     request = codec_of(f"{SERVICE}_Request").encode({"xdot": slow_twist()})
-    with served() as here, BusNetwork(BusOptions(router=here.endpoint), "face") as face:
-        assert face.wait_for_service(f"{ARM}/movv", TIMEOUT_S)
-        client = face.part("client")
+    with served() as here, BusNetwork(BusOptions(router=here.endpoint), "server") as server:
+        assert server.wait_for_service(f"{ARM}/movv", TIMEOUT_S)
+        client = server.part("client")
         client.call(f"{ARM}/movv", SERVICE, request, lambda _reply: None, TIMEOUT_S)
         here.until(lambda: here.phase is Phase.MOVING)
         client.close()
         here.until(lambda: here.rests)
-        assert not face.lonely()
+        assert not server.lonely()
 
 
 @contextmanager
@@ -192,8 +192,18 @@ def on_dds():
     """A session, and the endpoint by which it is asked on DDS."""
     pytest.importorskip("cyclonedds", reason='cyclonedds is not installed: "cardan[dds]"')
     endpoint, domain = free_endpoint(), str(OPTIONS.dds_domain)
-    face = ("net", "server", "dds", "--router", endpoint, "--dds-domain", domain, "--services", "*")
-    with served(endpoint) as here, router(*face) as there:
+    server = (
+        "net",
+        "server",
+        "dds",
+        "--router",
+        endpoint,
+        "--dds-domain",
+        domain,
+        "--services",
+        "*",
+    )
+    with served(endpoint) as here, router(*server) as there:
         yield here, there
 
 

@@ -402,9 +402,9 @@ def test_the_name_of_a_program_that_was_killed_is_free_when_its_token_goes(bench
 
 
 @pytest.mark.parametrize("number", [1, 50])
-@pytest.mark.parametrize("by_the_face", [False, True], ids=["unstamped", "stamped by a face"])
+@pytest.mark.parametrize("by_the_server", [False, True], ids=["unstamped", "stamped by a server"])
 def test_what_its_sender_may_have_kept_until_it_was_connected_moves_nothing(
-    bench, number, by_the_face
+    bench, number, by_the_server
 ):
     bench.poll()
     node = Node(bench, "/rosbridge_client_1", "b0", new=True)
@@ -413,7 +413,7 @@ def test_what_its_sender_may_have_kept_until_it_was_connected_moves_nothing(
         node.sent += 1
         message = {"header": {"frame_id": "base_link"}, "twist": {"linear": {"z": z}}}
         source_ns = round((1000.0 + bench.now_s + ahead_s) * 1e9)
-        if by_the_face:
+        if by_the_server:
             sec, nanosec = divmod(source_ns - 1000, 10**9)
             message["header"]["stamp"] = {"sec": sec, "nanosec": nanosec}
         how = {"gid": node.gid, "zid": node.zid, "sequence": node.sent, "source_ns": source_ns}

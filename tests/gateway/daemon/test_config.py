@@ -25,8 +25,8 @@ file = "arm.toml"
 start = false
 [sessions.limits]
 linear_speed_m_s = 0.1
-[faces.web]
-face = "rosbridge"
+[servers.web]
+server = "rosbridge"
 port = 9191
 no-wait = true
 topics = ["/a", "/b"]
@@ -50,7 +50,7 @@ def test_a_file_with_a_robot_is_one_session(folder):
     assert list(layout.sessions) == ["arm"]
     assert layout.sessions["arm"].config.robot.driver == "sim_arm"
     assert layout.sessions["arm"].start
-    assert not layout.faces
+    assert not layout.servers
 
 
 @pytest.mark.parametrize("name", ["my lab", "läb", "-arm", "a" * 64])
@@ -70,12 +70,17 @@ def test_devices_and_robots_by_name(folder):
     assert not two.start
 
 
-def test_a_faces_keys_are_its_options(folder):
-    web = read(folder, lab=LAB).faces["web"]
-    assert web.face == "rosbridge"
+def test_a_servers_keys_are_its_options(folder):
+    web = read(folder, lab=LAB).servers["web"]
+    assert web.server == "rosbridge"
     assert web.words == (
         "--port", "9191", "--no-wait", "--topics", "/a", "--topics", "/b"
     )  # fmt: skip
+
+
+def test_the_former_name_of_the_servers_is_refused_by_the_new_one(folder):
+    with pytest.raises(ConfigurationError, match="faces: is now: servers, and `face` in it is"):
+        read(folder, old='[faces.web]\nface = "rosbridge"\n')
 
 
 def test_a_folder_is_all_of_its_files(folder):
@@ -97,15 +102,15 @@ def test_one_file_may_name_what_another_has(folder):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "neither a session nor a face"),
+        ("", "neither a session nor a server"),
         ('[[sessions]]\nname = "s"\nrobot = "x"\n', "there is no [robots.x]; allowed: none"),
         ('[[sessions]]\nname = "a b"\nrobot = "x"\n', "'a b' is not allowed; it must be letters"),
         ('[[sessions]]\nrobot = "x"\n', "sessions.0.name: is missing"),
-        ('[faces.web]\nface = "telnet"\n', "faces.web.face: there is no face 'telnet'"),
-        ("[faces.rosbridge]\nport = { a = 1 }\n", "faces.rosbridge.port: is a table"),
+        ('[servers.web]\nserver = "telnet"\n', "servers.web.server: there is no server 'telnet'"),
+        ("[servers.rosbridge]\nport = { a = 1 }\n", "servers.rosbridge.port: is a table"),
         ("[daemon]\nstart_limit = 0\n", "daemon.start_limit"),
         ("[demon]\n", "demon: there is no such key"),
-        ('[faces.rosbridge]\n[robot]\ndriver = "sim_arm"\n', "faces: is the daemon's"),
+        ('[servers.rosbridge]\n[robot]\ndriver = "sim_arm"\n', "servers: is the daemon's"),
         ('[[sessions]]\nname = "arm"\nfile = "none.toml"\n', "cannot read"),
         (LAB.replace('robot = "ur5"\n[sess', 'robot = "ur6"\n[sess'), "did you mean"),
     ],
@@ -123,7 +128,7 @@ def test_what_is_wrong_is_named_with_its_file(folder, text, words):
         (LAB, '[robots.ur5]\ndriver = "sim_arm"\n'),
         (LAB, '[[sessions]]\nname = "one"\nfile = "arm.toml"\n'),
         ("[daemon]\n" + LAB, "[daemon]\n"),
-        (LAB, "[faces.one]\nface = 'router'\n"),
+        (LAB, "[servers.one]\nserver = 'router'\n"),
     ],
 )
 def test_no_name_means_two_things(folder, first, second):
@@ -151,7 +156,7 @@ def test_a_folder_without_files_is_refused(tmp_path):
             "lab.toml:18:1: two.limits.linear_speed",
         ),
         ("start = false", "starts = false", "lab.toml:16:1: two.starts: there is no such key"),
-        ('face = "rosbridge"', 'face = "rosbridg"', "lab.toml:20:1: faces.web.face: "),
+        ('server = "rosbridge"', 'server = "rosbridg"', "lab.toml:20:1: servers.web.server: "),
     ],
 )
 def test_an_error_says_where_its_key_stands(folder, was, now, words):
@@ -186,11 +191,11 @@ def test_paths_are_relative_to_the_file_that_names_them(folder, monkeypatch):
         folder,
         lab='[daemon]\nevent_log = "log"\nsocket = "lab.sock"\n'
         '[[sessions]]\nname = "one"\nfile = "base/arm.toml"\n'
-        '[faces.rosbridge]\ntoken-file = "tokens"\n',
+        '[servers.rosbridge]\ntoken-file = "tokens"\n',
     )
     config = layout.sessions["one"].config
     assert config.arm.model == config.robot.options["robot"] == str(folder / "base" / "own.toml")
     assert layout.daemon.event_log == str(folder / "log")
     assert layout.daemon.socket == str(folder / "lab.sock")
-    assert layout.faces["rosbridge"].words == ("--token-file", str(folder / "tokens"))
+    assert layout.servers["rosbridge"].words == ("--token-file", str(folder / "tokens"))
     assert read(folder, lab=LAB + '[daemon]\nevent_log = "none"\n').daemon.event_log == "none"

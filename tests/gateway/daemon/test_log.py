@@ -41,7 +41,7 @@ def test_levels_are_kept_and_tokens_are_nowhere(folder, level):
     file, socket = folder / "lab.toml", str(folder / "sock")
     file.write_text(
         f'[daemon]\nsocket = "{socket}"\nevent_log = "{folder}/events"\n'
-        f'[faces.metrics]\nport = 0\ntoken_file = "{token}"\n'
+        f'[servers.metrics]\nport = 0\ntoken_file = "{token}"\n'
     )
     with Program("daemon", "run", file, "--log-level", level, "--log-format", "json") as program:
         program.wait_for("READY ")
@@ -50,7 +50,7 @@ def test_levels_are_kept_and_tokens_are_nowhere(folder, level):
             with ControlClient(socket) as client:
                 return client.ask("units", "metrics")[0]
 
-        port = int(until(lambda: row()["endpoint"], "the face").rpartition(":")[2].split("/")[0])
+        port = int(until(lambda: row()["endpoint"], "the server").rpartition(":")[2].split("/")[0])
         assert get(port, f"/metrics?t={RIGHT}") == 200
         assert get(port, "/metrics", Authorization=f"Bearer {RIGHT}") == 200
         assert get(port, f"/metrics?t={WRONG}") == 401

@@ -77,10 +77,10 @@ def session(name, snapshot, **row):
     }  # fmt: skip
 
 
-def face(name, **figures):
+def server(name, **figures):
     return {
-        "name": name, "kind": "face", "state": "running", "restarts": 1, "pid": 8, "cpu": None,
-        "face": "rosbridge", "endpoint": "", "figures": figures,
+        "name": name, "kind": "server", "state": "running", "restarts": 1, "pid": 8, "cpu": None,
+        "server": "rosbridge", "endpoint": "", "figures": figures,
     }  # fmt: skip
 
 
@@ -90,9 +90,9 @@ LAB = {
         session("gofa", MOVING, stops={**dict.fromkeys(STOP_REASONS, 0), "robot": 3}, refusals=4),
         session('odd"\\name', Snapshot(), device=""),
         session("gone", None, state="waiting", cpu=None),
-        face("rosbridge", clients=5, superseded=6, denied=7, round_trip_us=1500),
-        face("recorder", bytes=8, messages=9, dropped=10, lost=11),
-        face("quiet"),
+        server("rosbridge", clients=5, superseded=6, denied=7, round_trip_us=1500),
+        server("recorder", bytes=8, messages=9, dropped=10, lost=11),
+        server("quiet"),
     ],
 }
 
@@ -171,16 +171,16 @@ def test_prometheus_reads_the_figures(server, accept, parse, content_type):
     errors = "cardan_protocol_errors_total"
     assert value(found, errors, peer="robot", kind="malformed", **gofa) == 2
     assert value(found, errors, peer="device", kind="malformed", **gofa) == 5
-    assert value(found, "cardan_ws_round_trip_seconds", face="rosbridge") == 0.0015
-    assert value(found, "cardan_recording_bytes_total", face="recorder") == 8
-    assert value(found, "cardan_recording_lost_messages_total", face="recorder") == 11
+    assert value(found, "cardan_ws_round_trip_seconds", server="rosbridge") == 0.0015
+    assert value(found, "cardan_recording_bytes_total", server="recorder") == 8
+    assert value(found, "cardan_recording_lost_messages_total", server="recorder") == 11
     assert value(found, "cardan_processor_ratio", kind="session", name="gofa") == 0.095
-    assert value(found, "cardan_restarts_total", kind="face", name="quiet") == 1
-    assert value(found, "cardan_face_clients", face="rosbridge") == 5
-    assert value(found, "cardan_face_dropped_messages_total", face="rosbridge") == 6
-    assert value(found, "cardan_face_denied_connections_total", face="rosbridge") == 7
+    assert value(found, "cardan_restarts_total", kind="server", name="quiet") == 1
+    assert value(found, "cardan_server_clients", server="rosbridge") == 5
+    assert value(found, "cardan_server_dropped_messages_total", server="rosbridge") == 6
+    assert value(found, "cardan_server_denied_connections_total", server="rosbridge") == 7
     assert value(found, "cardan_session_cycles_total", session='odd"\\name') == 0
-    assert ("cardan_face_clients", frozenset({("face", "quiet")})) not in found
+    assert ("cardan_server_clients", frozenset({("server", "quiet")})) not in found
     assert ("cardan_session_cycles_total", frozenset({("session", "gone")})) not in found
     assert ("cardan_driver_figure", frozenset({("figure", "unknown"), *gofa.items()})) not in found
 
@@ -216,7 +216,7 @@ def test_every_label_has_few_values(server):
                 values.setdefault(label, set()).add(each)
     assert {*values} == {
         *("version", "kind", "name", "session", "state", "phase", "source", "device", "figure"),
-        *("reason", "le", "face", "limit", "peer", "part"),
+        *("reason", "le", "server", "limit", "peer", "part"),
     }
     assert max(map(len, values.values())) <= 12
 
@@ -325,5 +325,5 @@ def test_stops_are_counted_by_what_was_wrong(changes, reason):
         ("READY ws://", None),
     ],
 )
-def test_what_a_face_tells(line, figures):
+def test_what_a_server_tells(line, figures):
     assert told(line) == figures

@@ -1,4 +1,4 @@
-"""``cardan daemon run`` with real sessions and faces, and the commands that ask it."""
+"""``cardan daemon run`` with real sessions and servers, and the commands that ask it."""
 
 import contextlib
 import json
@@ -399,14 +399,14 @@ def test_a_change_begins_a_disarmed_session_anew_at_once(one):
     one.until("one", phase="disarmed", changes_wait=[])
 
 
-def test_a_face_runs_and_its_death_harms_no_session(lab):
+def test_a_server_runs_and_its_death_harms_no_session(lab):
     port = int(free_endpoint().rpartition(":")[2])
     lab.write(
         ARM.format(name="one", more=""),
-        f'[faces.web]\nface = "rosbridge"\nport = {port}\nrouter = ""\n',
+        f'[servers.web]\nserver = "rosbridge"\nport = {port}\nrouter = ""\n',
     ).start()
     before = lab.until("one", phase="disarmed")["pid"]
-    row = until(lambda: (r := lab.row("web"))["endpoint"] and r, "the face")
+    row = until(lambda: (r := lab.row("web"))["endpoint"] and r, "the server")
     assert row["endpoint"] == f"ws://127.0.0.1:{port}"
     os.kill(row["pid"], signal.SIGKILL)
     until(lambda: lab.row("web")["restarts"] == 1, "its new start")
@@ -428,10 +428,10 @@ def test_metrics_and_the_log_of_a_lab(lab):
     parser = pytest.importorskip("prometheus_client.parser", reason="cardan[metrics]")
     lab.write(
         ARM.format(name="one", more=""),
-        '[faces.metrics]\nport = 0\n[faces.rosbridge]\nport = 0\nrouter = ""\n',
+        '[servers.metrics]\nport = 0\n[servers.rosbridge]\nport = 0\nrouter = ""\n',
     ).start()
     lab.until("one", phase="disarmed", robot_link="live")
-    endpoint = until(lambda: lab.row("metrics")["endpoint"], "the face of the metrics")
+    endpoint = until(lambda: lab.row("metrics")["endpoint"], "the server of the metrics")
 
     def figures():
         with urllib.request.urlopen(endpoint, timeout=WITHIN_S) as response:
@@ -443,9 +443,10 @@ def test_metrics_and_the_log_of_a_lab(lab):
         }
 
     found = until(
-        lambda: ("cardan_face_clients", "rosbridge") in (f := figures()) and f, "a face's figures"
+        lambda: ("cardan_server_clients", "rosbridge") in (f := figures()) and f,
+        "a server's figures",
     )
-    assert found["cardan_face_clients", "rosbridge"] == 0
+    assert found["cardan_server_clients", "rosbridge"] == 0
     assert found["cardan_session_cycles_total", "one"] > 0
     assert found["cardan_cycle_seconds_count", "one"] == found["cardan_session_cycles_total", "one"]
     assert not [line for _, _, line, _ in lab.ask("log") if "FIGURES" in line]

@@ -15,9 +15,9 @@ SESSION = {
     "authority": "hand", "authority_s": 3.0, "why": "", "trips": 0, "cycles": 3000,
     "tick_p99_s": 0.0001, "changes_wait": [],
 }  # fmt: skip
-FACE = {
-    "name": "rosbridge", "kind": "face", "state": "running", "reason": "", "since_s": 7300.0,
-    "restarts": 0, "pid": 4712, "cpu": None, "face": "rosbridge", "endpoint": "ws://127.0.0.1:9090",
+SERVER = {
+    "name": "rosbridge", "kind": "server", "state": "running", "reason": "", "since_s": 7300.0,
+    "restarts": 0, "pid": 4712, "cpu": None, "server": "rosbridge", "endpoint": "ws://127.0.0.1:9090",
 }  # fmt: skip
 UNPLUGGED = SESSION | {
     "name": "gp8", "phase": "disarmed", "authority": "", "device_link": "lost",
@@ -75,7 +75,7 @@ def test_a_session_that_loads_its_arms_model_is_starting():
 
 def test_sessions_come_first_and_all_by_their_names():
     names = ("ur5-10", "ur5-9", "gofa", "9", "a9b10", "a9b9")
-    rows = [FACE, *(SESSION | {"name": name} for name in names)]
+    rows = [SERVER, *(SESSION | {"name": name} for name in names)]
     found = [line.split()[0] for line in lines(*rows)[1:]]
     assert found == ["9", "a9b9", "a9b10", "gofa", "ur5-9", "ur5-10", "rosbridge", "↳"]
 
@@ -87,7 +87,7 @@ def test_it_fits_the_terminal_whatever_the_names_are(width):
         "device_link": "needs neutral", "phase": "recovering", "authority": "verbs",
         "why": "stopped before: " + 20 * "many words ",
     }  # fmt: skip
-    found = lines(SESSION, long, FACE, width=width)
+    found = lines(SESSION, long, SERVER, width=width)
     assert max(map(cell_len, found)) <= width
     assert " ".join(each.split("↳ ")[-1].strip() for each in found[2:-3]) == why(long).strip()
     assert "recovering" in found[1]
@@ -108,13 +108,13 @@ def test_why():
     assert why(SESSION | {"state": "waiting", "reason": "busy", "why": "old"}) == "busy"
     changed = why(SESSION | {"changes_wait": ["arm.model", "limits.leash_m"]})
     assert changed == "changes wait until nobody has its arm: arm.model, limits.leash_m"
-    assert why(FACE) == "at ws://127.0.0.1:9090"
-    assert why(FACE | {"state": "failed", "reason": "port taken"}) == "port taken"
+    assert why(SERVER) == "at ws://127.0.0.1:9090"
+    assert why(SERVER | {"state": "failed", "reason": "port taken"}) == "port taken"
     assert why(SESSION | {"why": "a\x1b[2J\nb"}) == why(SESSION | {"why": r"a\x1b[2J\nb"})
 
 
 def test_the_head_counts_and_names_what_does_not_run():
     waiting = SESSION | {"name": "ur5", "state": "waiting", "reason": "its port is taken"}
-    head = frame([SESSION, waiting, FACE], None).plain.splitlines()[0]
-    assert "2 sessions, 1 face; ur5 waiting" in head
+    head = frame([SESSION, waiting, SERVER], None).plain.splitlines()[0]
+    assert "2 sessions, 1 server; ur5 waiting" in head
     assert "nothing runs" in frame([], 80).plain

@@ -12,7 +12,7 @@ from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.interfaces import name_on_the_wire, service_type
 from cardan.protocols.ros2.messages import completed
 
-TEST_NODE, FACE = "/arm", "/rosbridge"
+TEST_NODE, SERVER = "/arm", "/rosbridge"
 
 
 class _Handle:
@@ -37,7 +37,7 @@ class _Publisher(_Handle):
 
 
 class MemoryNetwork:
-    """Calls back at once, in whatever thread publishes; a test may be another than the face's."""
+    """Calls back at once, in whatever thread publishes; a test may be another than the server's."""
 
     def __init__(self) -> None:
         self.lock = threading.RLock()
@@ -48,7 +48,7 @@ class MemoryNetwork:
         self.publishers: list[tuple[str, str, bool]] = []
         self.servers: dict[str, tuple[str, str, Any]] = {}
         self.published: list[tuple[str, dict]] = []
-        """What the face published, decoded."""
+        """What the server published, decoded."""
         self.called: list[str] = []
         self.refuses = ""
 
@@ -67,12 +67,12 @@ class MemoryNetwork:
                 for name, kind in self.known.items()
             }
             for topic, kind, _ in self.publishers:
-                found.setdefault(topic, Topic(kind, (FACE,)))
+                found.setdefault(topic, Topic(kind, (SERVER,)))
             for topic, kind, _ in self.subscriptions:
                 if topic in found:
-                    found[topic] = found[topic]._replace(subscribers=(FACE,))
+                    found[topic] = found[topic]._replace(subscribers=(SERVER,))
                 elif kind:
-                    found[topic] = Topic(kind, (), (FACE,))
+                    found[topic] = Topic(kind, (), (SERVER,))
             return found
 
     def services(self):
@@ -80,7 +80,7 @@ class MemoryNetwork:
             return {name: Service(kind, (node,)) for name, (kind, node, _) in self.servers.items()}
 
     def nodes(self):
-        return [TEST_NODE, FACE]
+        return [TEST_NODE, SERVER]
 
     def subscribe(self, topic, type_name, heard):
         if self.refuses:
@@ -109,7 +109,7 @@ class MemoryNetwork:
         assert kind == type_name
         asked(request, answered)
 
-    def serve(self, service, type_name, asked, node=FACE):
+    def serve(self, service, type_name, asked, node=SERVER):
         with self.lock:
             self.servers[service] = (type_name, node, asked)
         return _Handle(lambda: self.servers.pop(service))

@@ -1,4 +1,4 @@
-"""What clients of a face may use."""
+"""What clients of a server may use."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""What somebody without a right tries at each face that has a web server.
+"""What somebody without a right tries at each server that has a web server.
 
 See docs/safety-and-access.md.
 """
@@ -44,7 +44,7 @@ UPGRADE = (
 
 
 class Target(NamedTuple):
-    """A face, and how somebody with a right comes in."""
+    """A server, and how somebody with a right comes in."""
 
     serve: object
     path: str
@@ -71,7 +71,7 @@ def metrics(**options):
 
 
 @contextlib.contextmanager
-def console_face(**options):
+def console_server(**options):
     with (
         tempfile.TemporaryDirectory() as folder,
         console(MemoryNetwork(), Path(folder), **options) as running,
@@ -81,12 +81,12 @@ def console_face(**options):
 
 TARGETS = {
     "rosbridge": Target(lambda **o: rosbridge(MemoryNetwork(), **o), "/", UPGRADE, 101),
-    "console": Target(console_face, "/ws", UPGRADE, 101),
+    "console": Target(console_server, "/ws", UPGRADE, 101),
     "metrics": Target(metrics, "/metrics", (), 200),
 }
 
 
-def test_no_face_is_left_out():
+def test_no_server_is_left_out():
     no_web_servers = {"router", "recorder"}
     assert {*TARGETS} == {*BUILT_IN} - no_web_servers, "a router is tried in tests/bus"
 

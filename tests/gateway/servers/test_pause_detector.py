@@ -1,4 +1,4 @@
-"""What clients sent to a face that stood still moves nothing when it goes on."""
+"""What clients sent to a server that stood still moves nothing when it goes on."""
 
 import threading
 import time

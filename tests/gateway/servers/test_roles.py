@@ -1,4 +1,4 @@
-"""What a viewer may do at each face, and an operator may."""
+"""What a viewer may do at each server, and an operator may."""
 
 from __future__ import annotations
 

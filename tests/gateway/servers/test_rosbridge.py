@@ -23,12 +23,12 @@ from cardan.errors import AddressError, ConfigurationError, OptionError
 
 cbor2 = pytest.importorskip("cbor2", reason="cbor2 is not installed: pip install cardan[network]")
 
-from cardan.gateway.servers import connection, rosbridge as face, rosbridge_client, web  # noqa: E402
+from cardan.gateway.servers import connection, rosbridge as server, rosbridge_client, web  # noqa: E402
 from cardan.gateway.servers.rosbridge import RosbridgeOptions  # noqa: E402
 from cardan.protocols.rosbridge.delivery import MAX_SUBSCRIPTIONS  # noqa: E402
 from cardan.protocols.rosbridge.forms import Sample  # noqa: E402
 from tests import certificates  # noqa: E402
-from tests.gateway.servers.memory_network import FACE, TEST_NODE, MemoryNetwork  # noqa: E402
+from tests.gateway.servers.memory_network import SERVER, TEST_NODE, MemoryNetwork  # noqa: E402
 from tests.gateway.servers.nodes import MOVE, Mover, Parameters  # noqa: E402
 from tests.gateway.servers.rig import WAIT_S, PlainClient, plain_client, rosbridge  # noqa: E402
 from tests.waiting import until  # noqa: E402
@@ -720,7 +720,7 @@ def test_rosapi_tells_the_graph(network, client):
     assert ask("topic_type", topic="/none") == {"type": ""}
     assert ask("topics_for_type", type="geometry_msgs/PoseStamped") == {"topics": ["/state/pose"]}
     assert ask("publishers", topic="/state/pose") == {"publishers": [TEST_NODE]}
-    assert ask("subscribers", topic="/state/pose") == {"subscribers": [FACE]}
+    assert ask("subscribers", topic="/state/pose") == {"subscribers": [SERVER]}
     services = ask("services")["services"]
     assert "/stop" in services
     assert "/rosapi/topics" in services
@@ -729,7 +729,7 @@ def test_rosapi_tells_the_graph(network, client):
     assert ask("services_for_type", type="std_srvs/Trigger") == {"services": ["/stop"]}
     assert ask("service_node", service="/stop") == {"node": TEST_NODE}
     assert ask("service_providers", service="/stop") == {"providers": [TEST_NODE]}
-    assert ask("nodes") == {"nodes": [TEST_NODE, "/rosapi", FACE]}
+    assert ask("nodes") == {"nodes": [TEST_NODE, "/rosapi", SERVER]}
     assert ask("node_details", node=TEST_NODE) == {
         "subscribing": [],
         "publishing": ["/odd", "/state/pose"],
@@ -1051,4 +1051,4 @@ def test_messages_are_deflated_where_both_want_it(network):
 
 
 def test_the_default_is_this_machine_alone():
-    assert (face.RosbridgeOptions().host, face.RosbridgeOptions().port) == ("127.0.0.1", 9090)
+    assert (server.RosbridgeOptions().host, server.RosbridgeOptions().port) == ("127.0.0.1", 9090)

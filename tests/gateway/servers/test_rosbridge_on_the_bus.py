@@ -39,15 +39,15 @@ def nodes():
         endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
     with (
         BusNetwork(BusOptions(router="", listen=(endpoint,)), "robot") as robot,
-        BusNetwork(BusOptions(router=endpoint, listen=()), "rosbridge") as face,
+        BusNetwork(BusOptions(router=endpoint, listen=()), "rosbridge") as server,
     ):
-        until(lambda: "/robot" in face.nodes() and "/rosbridge" in robot.nodes())
-        yield robot, face
+        until(lambda: "/robot" in server.nodes() and "/rosbridge" in robot.nodes())
+        yield robot, server
 
 
 @pytest.mark.real
 def test_a_client_meets_a_node_on_the_bus(nodes):
-    robot, face = nodes
+    robot, server = nodes
     speaker = robot.advertise("/chatter", STRING, False)
     description = robot.advertise("/robot_description", STRING, True)
     description.publish(encoded(STRING, data="<robot/>"))
@@ -60,9 +60,9 @@ def test_a_client_meets_a_node_on_the_bus(nodes):
     )
     heard = []
     listening = robot.subscribe("/cmd", STRING, lambda cdr, _stamp_ns: heard.append(cdr))
-    until(lambda: {"/chatter", "/robot_description"} <= face.topics().keys())
-    until(lambda: "/stop" in face.services())
-    with rosbridge(face) as running, plain_client(running) as client:
+    until(lambda: {"/chatter", "/robot_description"} <= server.topics().keys())
+    until(lambda: "/stop" in server.services())
+    with rosbridge(server) as running, plain_client(running) as client:
         client.send("subscribe", topic="/robot_description", type=STRING)
         assert client.receive()["msg"] == {"data": "<robot/>"}
         client.send("subscribe", topic="/chatter")

@@ -13,7 +13,7 @@ SHORTEST = "0123456789abcdef"
 
 @pytest.fixture
 def own_file(tmp_path, monkeypatch):
-    path = tmp_path / "state" / "cardan" / "face-tokens"
+    path = tmp_path / "state" / "cardan" / "server-tokens"
     monkeypatch.setattr(tokens, "own_token_file", lambda: path)
     return path
 

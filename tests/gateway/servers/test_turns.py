@@ -1,4 +1,4 @@
-"""No client of a face makes the others wait for all that it has sent."""
+"""No client of a server makes the others wait for all that it has sent."""
 
 import threading
 

@@ -16,8 +16,8 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.gateway.bus.options import DEFAULT_NAME
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.messages import completed
-from cardan_dds import face as dds_face
-from cardan_dds.face import DdsBridgeOptions, DdsFaceOptions
+from cardan_dds import server as dds_server
+from cardan_dds.server import DdsBridgeOptions, DdsServerOptions
 from tests.dds_rig import OPTIONS, network as dds_node
 from tests.gateway.bus.test_liveness import served as session
 from tests.gateway.servers.rig import plain_client, rosbridge
@@ -83,10 +83,10 @@ class Rosbridge:
     def __init__(self, here, stack):
         self.bus = stack.enter_context(BusNetwork(BusOptions(router=here.endpoint), "rosbridge"))
         until(lambda: f"/{DEFAULT_NAME}" in self.bus.nodes())
-        self.face, self.stack = stack.enter_context(rosbridge(self.bus)), stack
+        self.server, self.stack = stack.enter_context(rosbridge(self.bus)), stack
 
     def join(self, name):
-        client = self.stack.enter_context(plain_client(self.face))
+        client = self.stack.enter_context(plain_client(self.server))
         client.send("set_level", level="error")
         client.send("advertise", topic=TOPIC, type=TWIST)
         client.settle()
@@ -125,13 +125,13 @@ class Dds:
 @contextmanager
 def bridge(here):
     stop, ready = threading.Event(), threading.Event()
-    options = DdsFaceOptions(
+    options = DdsServerOptions(
         bus=BusOptions(router=here.endpoint),
         dds=OPTIONS,
         bridge=DdsBridgeOptions(services=("*",)),
     )
     thread = threading.Thread(
-        target=dds_face.Dds.serve, args=(options, lambda _endpoint: ready.set(), stop)
+        target=dds_server.Dds.serve, args=(options, lambda _endpoint: ready.set(), stop)
     )
     thread.start()
     try:

@@ -1,4 +1,4 @@
-"""The options that every face with a WebSocket server has: where its token is, and its
+"""The options that every server with a WebSocket server has: where its token is, and its
 certificate."""
 
 from __future__ import annotations
@@ -103,6 +103,12 @@ def test_a_token_file_that_is_not_there(tmp_path):
         WebOptions(token_file=str(tmp_path)).tokens()
 
 
+def test_the_environments_former_name_of_the_token_is_refused_by_the_new_one(monkeypatch):
+    monkeypatch.setenv("CARDAN_FACE_TOKEN", f"{OTHER}\n")
+    with pytest.raises(ConfigurationError, match=f"CARDAN_FACE_TOKEN: is now: {TOKEN_VARIABLE}"):
+        WebOptions().given_tokens()
+
+
 def test_a_short_token_in_the_environment_is_refused_by_its_name(monkeypatch):
     monkeypatch.setenv(TOKEN_VARIABLE, "short")
     with pytest.raises(OptionError, match=f"{TOKEN_VARIABLE}: .*16 characters") as refused:
@@ -173,7 +179,7 @@ def test_no_tokens_where_none_can_be_kept(state):
         away().tokens()
 
 
-def test_faces_that_start_together_have_the_same_tokens(state):
+def test_servers_that_start_together_have_the_same_tokens(state):
     with ThreadPoolExecutor(8) as pool:
         found = list(pool.map(lambda _: tuple(made_tokens()), range(16)))
     assert len(set(found)) == 1

@@ -138,9 +138,9 @@ class Operator:
         hold_s: float = LONGEST_S,
     ) -> None:
         """`source`: name of this page in the authority of arms, two words; the person's name comes
-        between them where the page tells one. `counts`: the face's; `calm` waits until the page has
-        read what was sent; `records`, `cameras`, `demos`: of this machine; `hold_s`: how long an
-        arm is jogged without a sign of the person."""
+        between them where the page tells one. `counts`: the server's; `calm` waits until the page
+        has read what was sent; `records`, `cameras`, `demos`: of this machine; `hold_s`: how long
+        an arm is jogged without a sign of the person."""
         self.source = self._nameless = source
         self.clock = RemoteClock()
         self.figures = Figures()

@@ -25,7 +25,7 @@ ORDERS: Final[Mapping[str, tuple[str, ...]]] = {
 """What can be asked for, and the words of the command."""
 
 NAMED: Final = frozenset({"start", "stop", "restart"})
-"""Those that are about one session or face."""
+"""Those that are about one session or server."""
 
 WITHIN_S: Final = 60.0
 """Longest time: the doctor listens to controllers and looks at every file."""
@@ -51,7 +51,7 @@ def words_of(do: object, name: object) -> list[str]:
     if do not in NAMED:
         return list(words)
     if not isinstance(name, str) or not _NAME.fullmatch(name):
-        raise OrderError(f"{do} needs the name of a session or a face")
+        raise OrderError(f"{do} needs the name of a session or a server")
     return [*words, name]
 
 

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from websockets.sync.client import connect
 
 from cardan.gateway.arm.requests import decode_request, encode_error, encode_reply
-from cardan.gateway.servers.console.face import ConsoleOptions, ConsoleServer
+from cardan.gateway.servers.console.server import ConsoleOptions, ConsoleServer
 from cardan.gateway.servers.console.site import Site
 from cardan.protocols.handheld import JogTwist, OperatorFrame, encode_frame
 from cardan.types import Vector3

@@ -24,7 +24,7 @@ from cardan.errors import OptionError
 from cardan.gateway.servers.console import cameras, client, video
 from cardan.gateway.servers.console.camera_topics import TYPE as IMAGE, topic_of
 from cardan.gateway.servers.console.cameras import parse_camera
-from cardan.gateway.servers.console.face import ConsoleOptions
+from cardan.gateway.servers.console.server import ConsoleOptions
 from cardan.protocols.ros2.cdr import codec_of
 from cardan.protocols.ros2.names import checked_name
 from tests.gateway.servers.console.rig import console, page_program

@@ -26,7 +26,7 @@ from cardan.gateway.servers.console.certificate import (
     by_openssl,
     own_certificate,
 )
-from cardan.gateway.servers.console.face import ConsoleOptions
+from cardan.gateway.servers.console.server import ConsoleOptions
 from cardan.gateway.servers.web import tls_context
 
 NAMES = ["robot", "robot.local", "localhost", "192.168.1.10", "fd00::10", "127.0.0.1"]

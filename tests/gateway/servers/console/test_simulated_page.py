@@ -63,7 +63,7 @@ def test_a_console_that_is_not_there_or_asks_for_a_token(tmp_path, monkeypatch):
     with console(MemoryNetwork(), tmp_path, token=TOKEN) as running:
         with pytest.raises(DriverError, match="401"):
             PagePeer(PagePeerOptions(console=url(running))).open()
-        monkeypatch.setenv("CARDAN_FACE_TOKEN", TOKEN)
+        monkeypatch.setenv("CARDAN_SERVER_TOKEN", TOKEN)
         with PagePeer(PagePeerOptions(console=url(running))):
             pass
 

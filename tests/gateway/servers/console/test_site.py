@@ -49,7 +49,7 @@ def test_a_browser_gets_the_page_once_and_with_its_policy(tmp_path):
         with get(running, **{"Accept-Encoding": "gzip"}) as answer:
             assert answer.headers["Content-Encoding"] == "gzip"
             assert answer.read() == b"<p>page.gz</p>"
-        with get(running, "/../face.py") as answer:
+        with get(running, "/../server.py") as answer:
             assert answer.status == HTTPStatus.NOT_FOUND
 
 

@@ -19,7 +19,7 @@ from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.bounds import ANY_PORT, Range
 from cardan.common.options import Options
 from cardan.gateway.servers import stats
-from cardan.gateway.servers.base import Face, Ready
+from cardan.gateway.servers.base import Ready, Server
 from cardan.gateway.servers.calls import Caller
 from cardan.gateway.servers.console import camera_topics
 from cardan.gateway.servers.console.address import (
@@ -168,22 +168,22 @@ class ConsoleServer(RosbridgeServer):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ConsoleFaceOptions(Options):
+class ConsoleServerOptions(Options):
     """The bus behind the page, and the server."""
 
     bus: BusOptions = field(default_factory=BusOptions)
     server: ConsoleOptions = field(default_factory=ConsoleOptions)
 
 
-class Console(Face[ConsoleFaceOptions]):
+class Console(Server[ConsoleServerOptions]):
     """Serve a page that shows and moves the arms, to browsers of computers, tablets and phones."""
 
-    Options = ConsoleFaceOptions
+    Options = ConsoleServerOptions
     page = "console.md"
     epilog = "Prints READY and the page's address, with its token, once it serves."
 
     @classmethod
-    def serve(cls, options: ConsoleFaceOptions, ready: Ready, stop: threading.Event) -> None:
+    def serve(cls, options: ConsoleServerOptions, ready: Ready, stop: threading.Event) -> None:
         """Serve until `stop` is set. Raises AddressError, ConfigurationError, ExtraMissingError or
         DriverError."""
         server, own = options.server.with_certificate()
@@ -199,7 +199,7 @@ class Console(Face[ConsoleFaceOptions]):
             if own is not None:
                 print(f"certificate SHA-256 {own.fingerprint}", flush=True)
             if stats.is_wanted():
-                # What a daemon's face prints is kept, and read by others: no token is in it.
+                # What a daemon's server prints is kept, and read by others: no token is in it.
                 ready(page_address(scheme, host, port, ""))
                 return
             address = page_address(scheme, host, port, server.tokens().for_starter())

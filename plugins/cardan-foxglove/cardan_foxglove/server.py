@@ -22,7 +22,7 @@ from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.bounds import ANY_PORT
 from cardan.common.options import Options
-from cardan.gateway.servers.base import Face, Ready
+from cardan.gateway.servers.base import Ready, Server
 from cardan.gateway.servers.calls import Caller, Mailbox
 from cardan.gateway.servers.graph import VisibleGraph
 from cardan.gateway.servers.numbers import ClientNumbers
@@ -192,21 +192,21 @@ def serve(
 
 
 @dataclass(frozen=True, kw_only=True)
-class FoxgloveFaceOptions(Options):
+class FoxgloveServerOptions(Options):
     """The bus behind the server, and the server."""
 
     bus: BusOptions = field(default_factory=BusOptions)
     server: FoxgloveOptions = field(default_factory=FoxgloveOptions)
 
 
-class Foxglove(Face[FoxgloveFaceOptions]):
+class Foxglove(Server[FoxgloveServerOptions]):
     """Serve the bus to Foxglove and Lichtblick: topics, services and parameters, live."""
 
-    Options = FoxgloveFaceOptions
+    Options = FoxgloveServerOptions
     page = "protocols/foxglove.md"
 
     @classmethod
-    def serve(cls, options: FoxgloveFaceOptions, ready: Ready, stop: threading.Event) -> None:
+    def serve(cls, options: FoxgloveServerOptions, ready: Ready, stop: threading.Event) -> None:
         """Serve until `stop` is set. Raises AddressError, ConfigurationError, ExtraMissingError or
         DriverError."""
         server = options.server

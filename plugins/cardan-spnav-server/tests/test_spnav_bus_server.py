@@ -17,8 +17,8 @@ from cardan.protocols.connexion import MODELS
 from cardan.protocols.spnav import Button, Motion, ServerReader, encode_handshake
 from cardan.types import NEUTRAL, Axes, DeviceLink, DeviceState
 from cardan_spnav_server import SpnavServerOptions, identity_of
-from cardan_spnav_server.face import DeviceTopic, SpnavFace, SpnavFaceOptions
-from tests.test_face_command import said
+from cardan_spnav_server.bus_server import DeviceTopic, SpnavBusServer, SpnavBusServerOptions
+from tests.test_server_command import said
 
 PUSH = Axes(0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
 WITHIN_S = 10.0
@@ -34,7 +34,7 @@ def test_a_session_serves_programs_that_use_libspnav(tmp_path):
     pytest.importorskip("zenoh", reason='eclipse-zenoh is not installed: "cardan[network]"')
     port, path = free_ports(), tmp_path / "spnav.sock"
     labels = SpaceMouse(model="spacemouse-pro").capabilities.buttons
-    options = SpnavFaceOptions(
+    options = SpnavBusServerOptions(
         bus=BusOptions(router=f"tcp/127.0.0.1:{port}"),
         device=DeviceTopic(topic="/left/spacenav/joy"),
         server=SpnavServerOptions(socket=str(path), model="spacemouse-pro"),
@@ -42,7 +42,7 @@ def test_a_session_serves_programs_that_use_libspnav(tmp_path):
     ready, stop, begun_s = threading.Event(), threading.Event(), time.monotonic()
     node = BusNode(BusOptions(router="", listen=(f"tcp/127.0.0.1:{port}",)), "session", "/left")
     serving = threading.Thread(
-        target=SpnavFace.serve, args=(options, lambda endpoint: ready.set(), stop)
+        target=SpnavBusServer.serve, args=(options, lambda endpoint: ready.set(), stop)
     )
     with node, socket.socket(socket.AF_UNIX) as program:
         topics = DeviceTopics(node, labels)
@@ -94,10 +94,10 @@ def test_a_session_serves_programs_that_use_libspnav(tmp_path):
     assert not path.exists()
 
 
-def test_the_face_tells_what_its_options_mean():
-    assert registry.load("spnav") is SpnavFace
+def test_the_server_tells_what_its_options_mean():
+    assert registry.load("spnav") is SpnavBusServer
     told = said("spnav", "--help")
-    for words in ("--socket", "--topic", "--model", "--domain", SpnavFace.epilog):
+    for words in ("--socket", "--topic", "--model", "--domain", SpnavBusServer.epilog):
         assert words in told
 
 

@@ -1,4 +1,4 @@
-"""The recorder as a face: where its files go, and what it tells of them."""
+"""The recorder as a server: where its files go, and what it tells of them."""
 
 import threading
 
@@ -7,9 +7,9 @@ import pytest
 from cardan.bus.options import BusOptions
 from cardan.errors import CaptureError
 from cardan.gateway.servers import stats
-from cardan.recording.face import (
-    RecorderFace,
-    RecorderFaceOptions,
+from cardan.recording.server import (
+    RecorderServer,
+    RecorderServerOptions,
     RecordsOptions,
     new_file,
 )
@@ -45,12 +45,12 @@ def test_it_records_until_it_is_told_to_end_and_tells_how_much(tmp_path, monkeyp
             stop.set()
 
     monkeypatch.setattr(stats, "tell", tell)
-    options = RecorderFaceOptions(
+    options = RecorderServerOptions(
         bus=BusOptions(router=""), records=RecordsOptions(folder=str(tmp_path))
     )
     timer = threading.Timer(WITHIN_S, stop.set)
     timer.start()
-    RecorderFace.serve(options, ready.append, stop)
+    RecorderServer.serve(options, ready.append, stop)
     timer.cancel()
     (file,) = tmp_path.glob("*.mcap")
     assert ready == [str(file)]

@@ -1,4 +1,4 @@
-"""``cardan net server``: a command for each face, made of what the face declares."""
+"""``cardan net server``: a command for each server, made of what the server declares."""
 
 from __future__ import annotations
 
@@ -23,29 +23,29 @@ from cardan.cli.declared import (
 from cardan.cli.installed import CommandGroup
 from cardan.errors import ConfigurationError
 from cardan.gateway.servers import registry
-from cardan.gateway.servers.base import Face
+from cardan.gateway.servers.base import Server
 
 
-class _Faces(CommandGroup):
+class _Servers(CommandGroup):
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self.commands: Any = Commands(registry, "face", _command)
+        self.commands: Any = Commands(registry, "server", _command)
 
 
-face = typer.Typer(name="server", cls=_Faces, no_args_is_help=True, rich_markup_mode="rich")
+server = typer.Typer(name="server", cls=_Servers, no_args_is_help=True, rich_markup_mode="rich")
 
 
-@face.callback(invoke_without_command=True)
-def _face(
+@server.callback(invoke_without_command=True)
+def _server(
     context: typer.Context,
-    list_: Annotated[bool, typer.Option("--list", help="Print the faces, then end.")] = False,
+    list_: Annotated[bool, typer.Option("--list", help="Print the servers, then end.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Show the sessions' bus in another protocol, or keep it together."""
-    listed(context, list_, registry, ("face", "what it does"), as_json)
+    listed(context, list_, registry, ("server", "what it does"), as_json)
 
 
-def _command(name: str, declared: type[Face[Any]]) -> Any:
+def _command(name: str, declared: type[Server[Any]]) -> Any:
     own = {each.field.name: each for each in all_given(declared.Options, described=True)}
     parameters = {field: each.parameter for field, each in own.items()}
     parameters |= serving_parameters()
@@ -61,7 +61,7 @@ def _command(name: str, declared: type[Face[Any]]) -> Any:
 
 
 def check_words(name: str, words: Sequence[str]) -> None:
-    """Raise ConfigurationError for words that the command of a face would refuse."""
+    """Raise ConfigurationError for words that the command of a server would refuse."""
     declared = registry.load(name)
     own = {each.field.name: each for each in all_given(declared.Options, described=True)}
     try:

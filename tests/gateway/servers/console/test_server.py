@@ -57,7 +57,7 @@ def program(*words, **environment):
             process.wait(WAIT_S)
 
 
-def face(tmp_path, *words, **environment):
+def server(tmp_path, *words, **environment):
     return program(
         "net", "server", "console", "--port", "0", "--router=", *words,
         STATE_DIRECTORY=str(tmp_path), **environment,
@@ -65,7 +65,7 @@ def face(tmp_path, *words, **environment):
 
 
 def test_others_come_by_the_address_that_it_prints_and_by_no_other(tmp_path):
-    with face(tmp_path, "--host", "0.0.0.0") as lines:
+    with server(tmp_path, "--host", "0.0.0.0") as lines:
         fingerprint, ready = lines
         assert fingerprint.startswith("certificate SHA-256 ")
         assert len(fingerprint.split()[-1]) == 32 * 3 - 1
@@ -81,7 +81,7 @@ def test_others_come_by_the_address_that_it_prints_and_by_no_other(tmp_path):
 
 
 def test_what_a_daemon_keeps_has_no_token(tmp_path):
-    with face(tmp_path, "--host", "0.0.0.0", **{TELLS_VARIABLE: "1"}) as lines:
+    with server(tmp_path, "--host", "0.0.0.0", **{TELLS_VARIABLE: "1"}) as lines:
         tokens = own_tokens(tmp_path)
         assert len(tokens) == 3
         assert "#" not in lines[-1]
@@ -96,8 +96,8 @@ def test_a_daemons_console_lists_and_stops_what_it_runs_and_tells_no_token(monke
         path, endpoint = str(folder / "cardan.sock"), free_endpoint()
         (folder / "lab.toml").write_text(
             f'[daemon]\nsocket = "{path}"\nevent_log = "none"\n'
-            f'[faces.page]\nface = "console"\nhost = "0.0.0.0"\nport = 0\nrouter = ""\n'
-            f'[faces.other]\nface = "router"\nendpoint = "{endpoint}"\n'
+            f'[servers.page]\nserver = "console"\nhost = "0.0.0.0"\nport = 0\nrouter = ""\n'
+            f'[servers.other]\nserver = "router"\nendpoint = "{endpoint}"\n'
         )
         command = [*CARDAN, "daemon", "run", str(folder / "lab.toml")]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as daemon:
@@ -129,13 +129,13 @@ def test_a_daemons_console_lists_and_stops_what_it_runs_and_tells_no_token(monke
 
 
 def own_tokens(folder):
-    """The tokens that a face has made: a viewer's, an operator's and an admin's."""
-    lines = (folder / "face-tokens").read_text().splitlines()
+    """The tokens that a server has made: a viewer's, an operator's and an admin's."""
+    lines = (folder / "server-tokens").read_text().splitlines()
     return [line.split()[1] for line in lines if line and not line.startswith("#")]
 
 
 def test_this_computer_needs_neither(tmp_path):
-    with face(tmp_path) as (ready,):
+    with server(tmp_path) as (ready,):
         assert ready.startswith("READY http://127.0.0.1:")
         assert "#" not in ready
     assert list(tmp_path.iterdir()) == []

@@ -1,4 +1,4 @@
-"""Every face has its command, made of its options; a face serves until it is told to end."""
+"""Every server has its command, made of its options; a server serves until it is told to end."""
 
 import signal
 import subprocess
@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 from cardan.bus import discovery
 from cardan.bus.options import BusOptions
 from cardan.cli import app
-from cardan.cli.face import check_words, face
+from cardan.cli.server import check_words, server
 from cardan.common.options import CODE_ONLY, Options
 from cardan.common.plugins import IN_SOURCE_TREE
 from cardan.errors import ConfigurationError
 from cardan.gateway.servers import registry
-from cardan.gateway.servers.base import Face
+from cardan.gateway.servers.base import Server
 from tests.serving import free_endpoint
 
 WIDE = {"COLUMNS": "400", "NO_COLOR": "1", "TERM": "dumb"}
@@ -45,7 +45,7 @@ class EchoOptions:
     server: EchoServerOptions = field(default_factory=EchoServerOptions)
 
 
-class Echo(Face[EchoOptions]):
+class Echo(Server[EchoOptions]):
     """Say again what was said."""
 
     Options = EchoOptions
@@ -66,14 +66,14 @@ def echo(monkeypatch):
     return Echo
 
 
-def said(*words, code=0, program=face):
+def said(*words, code=0, program=server):
     outcome = CliRunner().invoke(program, words, env=WIDE, catch_exceptions=False)
     assert outcome.exit_code == code, outcome.output
     return outcome.output
 
 
 @pytest.mark.parametrize("name", registry.BUILT_IN)
-def test_every_face_tells_what_it_does_and_what_its_options_mean(name):
+def test_every_server_tells_what_it_does_and_what_its_options_mean(name):
     declared = registry.load(name)
     assert " ".join(declared.__doc__.split()) in " ".join(said("--list").split())
     told = said(name, "--help")
@@ -81,10 +81,10 @@ def test_every_face_tells_what_it_does_and_what_its_options_mean(name):
     assert declared.epilog in told
 
 
-@pytest.mark.parametrize("name", IN_SOURCE_TREE["face"])
-def test_a_face_of_a_plug_in_that_is_missing_says_what_to_install(monkeypatch, name):
+@pytest.mark.parametrize("name", IN_SOURCE_TREE["server"])
+def test_a_server_of_a_plug_in_that_is_missing_says_what_to_install(monkeypatch, name):
     monkeypatch.setattr(registry.FINDER, "_installed", list)
-    folder = IN_SOURCE_TREE["face"][name]
+    folder = IN_SOURCE_TREE["server"][name]
     with pytest.raises(ConfigurationError, match=f"run `pip install ./{folder}` there"):
         said(name, "--domain", "1")
     with pytest.raises(ConfigurationError, match=f"{name!r} is in the folder {folder} "):
@@ -107,7 +107,7 @@ def test_the_fields_of_all_options_inside_are_options_with_their_texts(echo):
     assert "--secret" not in told
 
 
-def test_a_face_serves_with_what_was_given(echo):
+def test_a_server_serves_with_what_was_given(echo):
     told = said("echo", "--seconds", "0")
     assert told == "READY port 9090\n"
     words = ["--no-shout", "--form", "long", "--names", "a", "--names", "b", "--domain", "7"]
@@ -135,21 +135,21 @@ def test_a_wrong_value_is_refused_by_the_name_of_its_option(echo, words, error):
     assert echo.served == []
 
 
-def test_a_face_that_cannot_be_loaded_says_why(monkeypatch):
-    point = EntryPoint("broken", "nowhere:Face", registry.ENTRY_POINT_GROUP)
+def test_a_server_that_cannot_be_loaded_says_why(monkeypatch):
+    point = EntryPoint("broken", "nowhere:Server", registry.ENTRY_POINT_GROUP)
     monkeypatch.setattr(registry.FINDER, "_installed", lambda: [point])
     assert "broken  cannot be loaded: ModuleNotFoundError" in said("--list")
     with pytest.raises(ConfigurationError, match="No module named 'nowhere'"):
         said("broken")
 
 
-@pytest.mark.parametrize("name", IN_SOURCE_TREE["face"])
-def test_a_face_of_the_source_tree_says_how_it_is_installed(monkeypatch, name):
-    folder = IN_SOURCE_TREE["face"][name]
+@pytest.mark.parametrize("name", IN_SOURCE_TREE["server"])
+def test_a_server_of_the_source_tree_says_how_it_is_installed(monkeypatch, name):
+    folder = IN_SOURCE_TREE["server"][name]
     assert (Path(__file__).parents[1] / folder / "pyproject.toml").is_file()
     monkeypatch.setattr(registry.FINDER, "_installed", list)
     for ask in (lambda: said(name, "--port", "0"), lambda: check_words(name, [])):
-        with pytest.raises(ConfigurationError, match=f"face: {name!r} is .*install ./{folder}`"):
+        with pytest.raises(ConfigurationError, match=f"server: {name!r} is .*install ./{folder}`"):
             ask()
 
 
@@ -254,13 +254,13 @@ def test_where_nobody_is_met_the_remedies_are_said(monkeypatch):
         (("more",), "unexpected extra argument"),
     ],
 )
-def test_what_a_face_would_refuse_is_known_before_it_runs(words, error):
+def test_what_a_server_would_refuse_is_known_before_it_runs(words, error):
     with pytest.raises(ConfigurationError, match=f"(?i){error}") as refused:
         check_words("rosbridge", words)
     assert "s3cret" not in str(refused.value)
 
 
-def test_what_a_face_takes():
+def test_what_a_server_takes():
     check_words(
         "rosbridge", ("--port", "0", "--topics", "/a", "--topics", "/b", "--log-level", "debug")
     )

@@ -1,4 +1,4 @@
-"""The recorder as a face: it records while the daemon runs it, a file for each start."""
+"""The recorder as a server: it records while the daemon runs it, a file for each start."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cardan.common.files import records_folder
 from cardan.common.options import Options
 from cardan.errors import CaptureError
 from cardan.gateway.servers import stats
-from cardan.gateway.servers.base import Face, Ready
+from cardan.gateway.servers.base import Ready, Server
 from cardan.recording.recorder import Recorder
 
 LOOK_S = 0.1
@@ -33,22 +33,22 @@ class RecordsOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecorderFaceOptions(Options):
+class RecorderServerOptions(Options):
     """The bus, and the records of it."""
 
     bus: BusOptions = field(default_factory=BusOptions)
     records: RecordsOptions = field(default_factory=RecordsOptions)
 
 
-class RecorderFace(Face[RecorderFaceOptions]):
+class RecorderServer(Server[RecorderServerOptions]):
     """Record what is on the bus, as `cardan net record` does, into a new file at each start."""
 
-    Options = RecorderFaceOptions
+    Options = RecorderServerOptions
     page = "recording.md"
     epilog = "Prints READY and its file once it records."
 
     @classmethod
-    def serve(cls, options: RecorderFaceOptions, ready: Ready, stop: threading.Event) -> None:
+    def serve(cls, options: RecorderServerOptions, ready: Ready, stop: threading.Event) -> None:
         """Record until `stop` is set. Raises CaptureError, ConfigurationError, ExtraMissingError
         or DriverError."""
         records = options.records

@@ -1,4 +1,4 @@
-"""The face for programs that use libspnav: they watch the device of a session, by the bus."""
+"""The server for programs that use libspnav: they watch the device of a session, by the bus."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cardan.common.options import Options
 from cardan.drivers.bus_devices import Ros2Spacenav
 from cardan.drivers.ros2_nodes import Ros2SpacenavOptions
 from cardan.gateway.bus.device_topics import SPACENAV_FULL
-from cardan.gateway.servers.base import Face, Ready
+from cardan.gateway.servers.base import Ready, Server
 from cardan_spnav_server.options import SpnavServerOptions
 from cardan_spnav_server.server import serve_until
 
@@ -24,7 +24,7 @@ class DeviceTopic(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpnavFaceOptions(Options):
+class SpnavBusServerOptions(Options):
     """The bus, the device on it, and the socket."""
 
     bus: BusOptions = field(default_factory=BusOptions)
@@ -32,15 +32,15 @@ class SpnavFaceOptions(Options):
     server: SpnavServerOptions = field(default_factory=SpnavServerOptions)
 
 
-class SpnavFace(Face[SpnavFaceOptions]):
+class SpnavBusServer(Server[SpnavBusServerOptions]):
     """Serve the operator device of a session to stock programs that use libspnav, as spacenavd
     does."""
 
-    Options = SpnavFaceOptions
+    Options = SpnavBusServerOptions
     page = "spnav.md"
 
     @classmethod
-    def serve(cls, options: SpnavFaceOptions, ready: Ready, stop: threading.Event) -> None:
+    def serve(cls, options: SpnavBusServerOptions, ready: Ready, stop: threading.Event) -> None:
         """Serve until `stop` is set. Raises AddressError, ConfigurationError, ExtraMissingError or
         DriverError."""
         bus = {each.name: getattr(options.bus, each.name) for each in fields(options.bus)}

@@ -5,12 +5,12 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass, field
 
-from cardan.bus.dds_options import FACE_NODE, DdsOptions
+from cardan.bus.dds_options import SERVER_NODE, DdsOptions
 from cardan.bus.options import BusOptions
 from cardan.bus.zenoh_network import BusNetwork
 from cardan.common.options import Options
 from cardan.gateway.servers.allow_list import Allowed
-from cardan.gateway.servers.base import Face, Ready
+from cardan.gateway.servers.base import Ready, Server
 from cardan_dds.bridge import Bridge
 from cardan_dds.network import DdsNetwork
 
@@ -30,7 +30,7 @@ class DdsBridgeOptions(Options):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DdsFaceOptions(Options):
+class DdsServerOptions(Options):
     """The bus, the DDS domain, and what is joined."""
 
     bus: BusOptions = field(default_factory=BusOptions)
@@ -38,23 +38,23 @@ class DdsFaceOptions(Options):
     bridge: DdsBridgeOptions = field(default_factory=DdsBridgeOptions)
 
 
-class Dds(Face[DdsFaceOptions]):
+class Dds(Server[DdsServerOptions]):
     """Have the bus on DDS, for ROS 2 nodes with rmw_cyclonedds or rmw_fastrtps: the topics and
     services that are on the bus, under their names; services for rmw_cyclonedds alone, where they
     are asked for."""
 
-    Options = DdsFaceOptions
+    Options = DdsServerOptions
     page = "ros2.md"
     epilog = "Prints READY and its DDS domain once it serves."
 
     @classmethod
-    def serve(cls, options: DdsFaceOptions, ready: Ready, stop: threading.Event) -> None:
+    def serve(cls, options: DdsServerOptions, ready: Ready, stop: threading.Event) -> None:
         """Serve until `stop` is set. Raises ConfigurationError, ExtraMissingError, DriverError."""
         allowed = Allowed(options.bridge.topics, options.bridge.services, ())
         number = options.dds.number
         with (
-            BusNetwork(options.bus, FACE_NODE, deaf=True) as bus,
-            DdsNetwork(options.dds, FACE_NODE, deaf=True) as dds,
+            BusNetwork(options.bus, SERVER_NODE, deaf=True) as bus,
+            DdsNetwork(options.dds, SERVER_NODE, deaf=True) as dds,
         ):
             bridge = Bridge(bus, dds, allowed)
             try:

@@ -1,4 +1,4 @@
-"""Serves a face beside a session, by ``cardan net server`` in a process of its own."""
+"""Serves a server beside a session, by ``cardan net server`` in a process of its own."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from cardan.gateway.session.subprocesses import Launched
 
 
 @contextlib.contextmanager
-def with_face(
+def with_server(
     name: str, options: BusOptions, host: str, port: int | None = None
 ) -> Iterator[Launched]:
-    """Serve the face `name` at `host` and `port` (None: its own; 0: one that is free) while a
-    session runs whose bus `options` are of; gives the face, whose `endpoint` is its address.
+    """Serve the server `name` at `host` and `port` (None: its own; 0: one that is free) while a
+    session runs whose bus `options` are of; gives the server, whose `endpoint` is its address.
     Raises DriverError where it does not serve."""
     place = ("--host", host, *(() if port is None else ("--port", str(port))))
     with contextlib.closing(RouterKeeper(options)) as router:
         router.wait()
-        face = Launched("net", "server", name, *place, *bus_words(reachable(options)))
+        server = Launched("net", "server", name, *place, *bus_words(reachable(options)))
         try:
-            yield face
+            yield server
         finally:
-            face.end()
+            server.end()
