@@ -102,7 +102,7 @@ RUN = {
     r"cardan evaluate --compare": "studies/tests/test_command.py::test_two_reports_are_compared",
     r"cardan evaluate": "studies/tests/test_command.py::test_a_study_becomes_a_report_with_pictures",
     r"cardan devices force": "tests/gateway/force/test_service.py",
-    r"cardan net server spnav": "plugins/cardan-spnav-server/tests/test_spnav_server_server.py",
+    r"cardan net server spnav": "plugins/cardan-spnav-server/tests/test_spnav_bus_server.py",
     r"cardan devices spnav": "plugins/cardan-spnav-server/tests/test_spnav_server.py",
     r"cardan sim \S+ .*--keyboard": "tests/sim_peers",
     r"cardan sim jr3 --serve-socketcand": "plugins/cardan-jr3/tests",

@@ -28,8 +28,8 @@ BESIDE = {
 PLUGINS = sorted(SOURCE_TREE.glob("plugins/cardan-*"))
 GROUPS = {
     "cardan.buses", "cardan.captures", "cardan.checks", "cardan.commands", "cardan.conform",
-    "cardan.dissect", "cardan.drivers", "cardan.servers", "cardan.filters",
-    "cardan.second_descriptions", "cardan.sim_peers",
+    "cardan.dissect", "cardan.drivers", "cardan.filters", "cardan.second_descriptions",
+    "cardan.servers", "cardan.sim_peers",
 }  # fmt: skip
 """Entry points by which a plug-in may reach Cardan; ``cardan.dissect`` reaches cardan-dissect."""
 KNOW_DISSECTION = {
@@ -84,7 +84,9 @@ MODULES = sorted(PACKAGE.rglob("*.py"))
 SUITES_OF_ARMS = sorted(SOURCE_TREE.glob("plugins/cardan-conform-arms/cardan_conform_arms/**/*.py"))
 GONE = frozenset(
     [
-        "servers",
+        "face",
+        "faces",
+        "with_face",
         "activities",
         "door",
         "guessing",
