@@ -11,6 +11,8 @@ from bench.network.clients import Load
 from tests.console import hold_table, rig
 from tests.docs_tables import replaced
 
+pytestmark = pytest.mark.matrix
+
 
 def test_each_part_has_its_place_in_the_page():
     page = console.PAGE.read_text(encoding="utf-8")

@@ -11,6 +11,8 @@ from studies.cartesian import command
 from studies.cartesian.controller import START
 from studies.cartesian.rig import Robot
 
+pytestmark = pytest.mark.matrix
+
 
 def test_each_part_has_its_place_in_the_page():
     page = network.PAGE.read_text(encoding="utf-8")

@@ -16,6 +16,8 @@ from cardan.protocols.egm import decode_robot, encode_joint_reply
 from cardan.protocols.egm.reader import FeedbackReader
 from cardan.robots import load_arm
 
+pytestmark = pytest.mark.matrix
+
 PLAYED = Played(1000, 0, 0, 900, 0, 0.5e-3, 1e-3, 1e-5, 1e-4)
 
 
@@ -108,7 +110,6 @@ def test_sessions_read_it_the_short_way():
 
 
 @pytest.mark.skipif(compiler() is None, reason="no C compiler")
-@pytest.mark.matrix
 def test_robots_are_played_and_their_answers_counted():
     with tempfile.TemporaryDirectory(prefix="cardan-test-") as folder, contextlib.ExitStack() as up:
         kinds = (socket.AF_INET, socket.SOCK_DGRAM)

@@ -33,6 +33,8 @@ from cardan.sim_peers.spacemouse.hand import SCRIPT_VERBS as PUCK_VERBS
 from cardan_wiimote.peer.hand import SCRIPT_VERBS as REMOTE_VERBS
 from tests.test_cli import ENVIRONMENT
 
+pytestmark = pytest.mark.matrix
+
 STEP_S = 0.1
 FAST = 0.1
 """rad/s"""
@@ -422,7 +424,6 @@ def test_the_page_gets_the_reports_tables(reported, tmp_path):
 # -- the whole of it ------------------------------------------------------------------------------
 
 
-@pytest.mark.matrix
 def test_a_short_run_ends_in_good_order_when_it_is_interrupted(tmp_path_factory):
     pytest.importorskip("zenoh", reason="cardan[network]")
     pytest.importorskip("prometheus_client", reason="cardan[metrics]")
