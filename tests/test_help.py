@@ -144,7 +144,7 @@ TYPED = re.compile(
 )
 TEXTS = "**/*.py", "**/*.md", "**/*.toml", "**/*.ts", "**/*.svg", "**/*.sh", "**/*.yml", "Makefile"
 OF_NO_TEXT = {"CHANGELOG.md", "tests/test_help.py"}
-OF_OLD_UNITS = {"cardan/gateway/daemon/service.py", "tests/doctor/test_daemon.py"}
+OF_OLD_UNITS = {"tests/doctor/test_daemon.py"}
 
 
 def texts():

@@ -147,6 +147,12 @@ def test_people_are_shown_the_code():
     assert why({"reason": "", "why": off, "state": "running"}) == ends
 
 
+def test_a_code_that_is_there_is_not_said_again():
+    once = troubles.coded("nothing can be done: there is no such key; did you mean 'x'?")
+    assert once.endswith(" [S002]")
+    assert troubles.coded(once) == once
+
+
 def test_a_finding_of_the_doctor_has_both_codes():
     finding = caution("real-time", "real-time scheduling is not allowed", "why", "mend")
     assert _lines(finding)[0].plain.endswith("is not allowed  [real-time, S021]")

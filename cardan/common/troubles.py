@@ -111,10 +111,12 @@ def code_of(message: str) -> str | None:
 
 def coded(message: str) -> str:
     """`message` with the codes of each of its lines, as people are shown it: "... [S004]"."""
-    lines = message.split("\n")
-    return "\n".join(
-        f"{line} [{', '.join(found)}]" if (found := codes_of(line)) else line for line in lines
-    )
+    return "\n".join(map(_line_coded, message.split("\n")))
+
+
+def _line_coded(line: str) -> str:
+    codes = f" [{', '.join(codes_of(line))}]"
+    return line if codes == " []" or line.endswith(codes) else f"{line}{codes}"
 
 
 def explained(asked: str) -> Trouble:

@@ -24,7 +24,7 @@ from cardan.doctor.base import (
 from cardan.errors import ConfigurationError
 from cardan.gateway.daemon.config import ServerEntry
 from cardan.gateway.servers.console.server import ConsoleOptions
-from cardan.gateway.servers.web import WebOptions, tls_context
+from cardan.gateway.servers.web import FORMER_TOKEN_VARIABLE, WebOptions, tls_context
 
 GROUP = "network"
 
@@ -105,6 +105,8 @@ def judge_door(
         tls_context(options.certificate, options.key)
     except ConfigurationError as error:
         mend = f"edit [servers.{name}] of {entry.file}"
+        if error.key == FORMER_TOKEN_VARIABLE:
+            mend = "rename it where it is set (shell or unit), then start the daemon anew"
         yield failure("server", f"{who}: {error}", "it cannot start", mend)
         return
     if not options.encrypted and not is_loopback(options.host):

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from cardan.doctor import daemon
 from cardan.doctor.base import Subject
 from cardan.doctor.daemon import Running, judge_absent, judge_units
@@ -48,12 +50,16 @@ def test_where_none_runs(tmp_path, monkeypatch):
     assert told(Running, found) == [("good", "daemon")]
 
 
-def test_a_unit_of_before_the_command_had_its_name(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "start",
+    ["python -m cardan serve /etc/cardan", "/usr/bin/cardan  serve", "/bin/cardan -v serve a.toml"],
+)
+def test_a_unit_of_before_the_command_had_its_name(start, tmp_path, monkeypatch):
     units = [Service(tmp_path / name, "", name == "mine") for name in ("mine", "system")]
     monkeypatch.setattr(daemon, "installed", lambda system: units[system])
     subject = Subject(socket=str(tmp_path / "cardan.sock"))
     for unit in units:
-        unit.path.write_text("ExecStart=/opt/bin/python -m cardan serve /etc/cardan\n")
+        unit.path.write_text(f"ExecStart={start}\n")
     found = list(Running.look(subject))
     outdated = [("failure", "service-outdated")] * 2
     assert told(Running, found) == [*outdated, ("failure", "service")]

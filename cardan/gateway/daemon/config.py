@@ -30,7 +30,14 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 from cardan.common import bounds
-from cardan.common.options import OTHER_KEYS, Options, hints, require, suggestion
+from cardan.common.options import (
+    OTHER_KEYS,
+    Options,
+    check_value,
+    hints,
+    require,
+    suggestion,
+)
 from cardan.common.places import in_file, place_of
 from cardan.common.tables import read_table, read_toml, resolved
 from cardan.drivers.registry import DriverTable
@@ -136,7 +143,7 @@ class Layout(NamedTuple):
 
 def is_of_daemon(tables: Mapping[str, Any]) -> bool:
     """Whether these are of a file of the daemon, and not of one session."""
-    return "robot" not in tables and not _TOP.isdisjoint(tables)
+    return "faces" in tables or ("robot" not in tables and not _TOP.isdisjoint(tables))
 
 
 def read_layout(paths: Iterable[Path]) -> Layout:
@@ -268,7 +275,11 @@ class _Reading:
                 kinds: Iterable[Any] = (DriverTable,)
                 if kind == "servers" and isinstance(table, Mapping):  # As a command's options.
                     table = {word.replace("-", "_"): value for word, value in table.items()}
-                    kinds = _server_kinds(table.get("server", name))
+                    if "face" in table:
+                        raise ConfigurationError(f"{key}.face", "is now: server")
+                    server = table.get("server", name)
+                    check_value(f"{key}.server", server, str)
+                    kinds = _server_kinds(server)
                 for each in kinds:
                     table = resolved(each, table, file, key)
                 into[name] = _Named(table, file, key)
@@ -362,7 +373,7 @@ def _named(key: str, name: str, known: Mapping[str, _Named]) -> _Named:
     return known[name]
 
 
-def _server_kinds(server: Any) -> Iterator[Any]:
+def _server_kinds(server: str) -> Iterator[Any]:
     """The dataclasses that have the options of a server; none where that cannot be loaded."""
     kinds: list[Any] = []
     with contextlib.suppress(ConfigurationError, ExtraMissingError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import grp
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -174,9 +175,10 @@ def is_outdated(service: Service) -> bool:
     """Whether the unit that is installed starts the daemon by the name that it had before 0.2.0,
     which ends at once; False for one that cannot be read."""
     try:
-        return " cardan serve " in service.path.read_text(encoding="utf-8", errors="replace")
+        text = service.path.read_text(encoding="utf-8", errors="replace")
     except OSError:
         return False
+    return re.search(r"^ExecStart=.*\bcardan\b.*\sserve(\s|$)", text, re.MULTILINE) is not None
 
 
 def install(service: Service) -> list[str]:

@@ -97,7 +97,7 @@ class MappingOptions(Options):
     scale: tuple[Factor, Factor, Factor, Factor, Factor, Factor] = (1.0, 1.0, 1.0, 1.0, 1.0, 1.0)
     """Factor on each component."""
     yaw_deg: Angle = 0.0
-    """Where the operator servers, seen from above, relative to the robot's x axis."""
+    """Where the operator looks, seen from above, relative to the robot's x axis."""
     device_rpy_deg: Angles = NO_ANGLES
     """How the device's axes stand in those of `frame` (roll, pitch, yaw); position and absolute
     mode."""

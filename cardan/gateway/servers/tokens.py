@@ -143,6 +143,9 @@ def made_tokens() -> dict[str, Role]:
     """
     path = own_token_file()
     if not path.exists():
+        with contextlib.suppress(OSError):  # Its name before 0.2.0: clients have these tokens.
+            path.with_name("face-tokens").rename(path)
+    if not path.exists():
         _make(path)
         _log.warning("tokens were made for viewers, operators and admins: they are in %s", path)
     return read_tokens(path)

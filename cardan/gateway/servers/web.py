@@ -189,9 +189,12 @@ class FrontOptions(Options):
 
     def given_tokens(self) -> Tokens:
         """The option's, the file's, or the environment's. Raises ConfigurationError."""
-        if FORMER_TOKEN_VARIABLE in os.environ:
+        if os.environ.get(FORMER_TOKEN_VARIABLE, "").strip():
             # Left out of account, it would leave open what it was to protect.
-            raise ConfigurationError(FORMER_TOKEN_VARIABLE, f"is now: {TOKEN_VARIABLE}")
+            raise ConfigurationError(
+                FORMER_TOKEN_VARIABLE,
+                f"is now: {TOKEN_VARIABLE}; rename it where it is set, or unset it",
+            )
         given = os.environ.get(TOKEN_VARIABLE, "").strip()
         if self.token:
             found = parse_tokens(self.token, "token")

@@ -3,7 +3,7 @@
 import pytest
 
 from cardan.errors import ConfigurationError
-from cardan.gateway.daemon.config import read_layout
+from cardan.gateway.daemon.config import is_of_daemon, read_layout
 from cardan.robots.arm_loader import our_texts
 
 ARM = '[robot]\ndriver = "sim_arm"\nrobot = "ur5"\n[arm]\nmodel = "ur5"\n'
@@ -79,8 +79,18 @@ def test_a_servers_keys_are_its_options(folder):
 
 
 def test_the_former_name_of_the_servers_is_refused_by_the_new_one(folder):
+    old = '[faces.web]\nface = "rosbridge"\n'
     with pytest.raises(ConfigurationError, match="faces: is now: servers, and `face` in it is"):
-        read(folder, old='[faces.web]\nface = "rosbridge"\n')
+        read(folder, old=old)
+    assert is_of_daemon({"robot": {}, "faces": {}})
+    with pytest.raises(ConfigurationError, match=r"servers\.web\.face: is now: server"):
+        read(folder, old='[servers.web]\nface = "rosbridge"\n')
+
+
+@pytest.mark.parametrize("server", ["3", '["rosbridge"]', "{}"])
+def test_the_name_of_a_server_is_a_text(folder, server):
+    with pytest.raises(ConfigurationError, match=r"servers\.web\.server: .*is not allowed"):
+        read(folder, lab=f"[servers.web]\nserver = {server}\n")
 
 
 def test_a_folder_is_all_of_its_files(folder):

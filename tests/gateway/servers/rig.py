@@ -1,4 +1,4 @@
-"""A server's server in a thread of its own, and a plain client of rosbridge."""
+"""A server of Cardan's in a thread of its own, and a plain client of rosbridge."""
 
 from __future__ import annotations
 

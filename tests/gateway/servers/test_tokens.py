@@ -40,6 +40,13 @@ def test_those_that_are_made_are_one_of_each_role_and_their_owners_alone(own_fil
     assert made_tokens() == made
 
 
+def test_those_under_the_files_former_name_stay_what_they_are(own_file):
+    made = tokens.made_tokens()
+    own_file.rename(own_file.with_name("face-tokens"))
+    assert tokens.made_tokens() == made
+    assert [each.name for each in own_file.parent.iterdir()] == [own_file.name]
+
+
 def test_they_are_made_in_a_folder_that_is_there(own_file):
     own_file.parent.mkdir(parents=True)
     assert len(made_tokens()) == 3
