@@ -9,6 +9,8 @@ from bench import pages, remote
 from bench.figures import Figures
 from bench.slow_network import NETWORKS, SEGMENT_S, Network, _Way
 
+pytestmark = pytest.mark.matrix
+
 LOSSY = Network("lossy", 0.05, 0.02, 0.2, 0.5, 10.0, 0.25, (2.0, 25.0), 0.3)
 SENT_S = [100.0 + SEGMENT_S * number for number in range(5000)]
 
