@@ -404,7 +404,7 @@ def bed(name: str) -> Iterator[Bed]:
             daemon = Path(folder) / "daemon.toml"
             path = f"{folder}/cardan.sock"
             daemon.write_text(f'[daemon]\nsocket = "{path}"\nevent_log = "none"\n', "utf-8")
-            endpoint, pid = stack.enter_context(program("serve", daemon, file))
+            endpoint, pid = stack.enter_context(program("daemon", "run", daemon, file))
         else:
             run = program("run", file, "--seconds", 3600, says_ready=False)
             _, pid = stack.enter_context(run)
