@@ -3,7 +3,8 @@
 Tests are read once. A run with counters says which of them run which statement. Then, for each
 mutant, a forked process has the code of its function replaced and runs the tests that run the
 statement, until one fails. A mutant outside functions acts when its module is imported, and has
-its tests read anew. Nothing in the working tree is touched.
+the tests that import it read anew, those that name the module first. Nothing in the working tree
+is touched.
 """
 
 from __future__ import annotations
@@ -12,11 +13,13 @@ import argparse
 import ast
 import builtins
 import contextlib
+import functools
 import gc
 import importlib
 import importlib.machinery
 import importlib.util
 import json
+import math
 import os
 import random
 import resource
@@ -28,8 +31,9 @@ import time
 import traceback
 import types
 from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 
@@ -58,6 +62,7 @@ OPTIONS = (
 )
 
 Found = dict[str, object]
+Tried = TypeVar("Tried", str, int)
 
 
 class Profile:
@@ -124,8 +129,7 @@ class Anew(importlib.machinery.SourceFileLoader):
     """Imports one module from a syntax tree; also the finder for it."""
 
     def __init__(self, path: str, tree: ast.Module) -> None:
-        name = path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
-        super().__init__(name, str(ROOT / path))
+        super().__init__(module_of(path), str(ROOT / path))
         self._tree = tree
 
     def find_spec(self, name: str, path: object = None, target: object = None):
@@ -220,12 +224,14 @@ def tell(text: str) -> None:
 class Runs:
     """Plug-in that runs the collected tests for each mutant instead of once."""
 
-    def __init__(self, mutants: Sequence[Mutant], processes: int, scratch: Path) -> None:
+    def __init__(
+        self, mutants: Sequence[Mutant], processes: int, scratch: Path, most_s: float
+    ) -> None:
         self.mutants, self.number, self.scratch = mutants, processes, scratch
+        self.most_s = most_s
         self.hit: dict[tuple[str, int], set[int]] = defaultdict(set)
         self.took_s: dict[int, float] = {}
         self.results: dict[Mutant, tuple[str, str]] = {}
-        self.files: dict[str, list[str]] = {}
         self.bad: list[str] = []
 
     def pytest_internalerror(self, excrepr: object) -> None:
@@ -238,7 +244,6 @@ class Runs:
         with Processes(self.number, self.scratch / "counted") as processes:
             for part in range(self.number):
                 processes.start(lambda p=part: self._count(session, p), 3600.0, self._counted)
-        self._summarize()
         with Processes(self.number, self.scratch / "tried") as processes:
             for mutant in self.mutants:
                 chosen = self._chosen(mutant)
@@ -294,11 +299,12 @@ class Runs:
             for path, index in hits:
                 self.hit[path, index].add(number)
 
-    def _summarize(self) -> None:
-        by_path = defaultdict(set)
-        for (path, _), numbers in self.hit.items():
-            by_path[path].update(str(self.items[number].path) for number in numbers)
-        self.files = {path: sorted(files) for path, files in by_path.items()}
+    def seconds(self) -> dict[str, float]:
+        """How long the tests of each file take."""
+        sums: dict[str, float] = defaultdict(float)
+        for number, took_s in self.took_s.items():
+            sums[str(self.items[number].path)] += took_s
+        return dict(sums)
 
     def _chosen(self, mutant: Mutant) -> list[int]:
         """The tests that run its statement: file by file, the quickest file first."""
@@ -306,7 +312,8 @@ class Runs:
         sums: dict[str, float] = defaultdict(float)
         for number in numbers:
             sums[str(self.items[number].path)] += self.took_s[number]
-        return sorted(numbers, key=lambda n: (sums[str(self.items[n].path)], n))
+        ordered = sorted(numbers, key=lambda n: (sums[str(self.items[n].path)], n))
+        return within(ordered, self.took_s, self.most_s)
 
     def _try(self, session: pytest.Session, mutant: Mutant, numbers: Sequence[int]) -> int:
         if not exchange(self.functions, mutant.path, mutated(mutant)):
@@ -323,14 +330,59 @@ class Runs:
             say(f"survived: {mutant.path}:{mutant.line} {mutant.function}: {mutant.change}")
 
 
+def within(each: Sequence[Tried], took_s: Mapping[Tried, float], most_s: float) -> list[Tried]:
+    """The first of them, until they take longer than `most_s`; at least one."""
+    found: list[Tried] = []
+    for one in each:
+        most_s -= took_s[one]
+        if found and most_s < 0.0:
+            break
+        found.append(one)
+    return found
+
+
+def module_of(path: str) -> str:
+    """What the file at `path` is imported as."""
+    return path.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
+
+
+@functools.cache
+def imported(path: str) -> frozenset[str]:
+    """Modules that the file at `path` imports by name, or takes something from."""
+    found: set[str] = set()
+    for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            found.update(each.name for each in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is not None:
+            found.add(node.module)
+            found.update(f"{node.module}.{each.name}" for each in node.names)
+    return frozenset(found)
+
+
+def nearest(path: str, seconds: Mapping[str, float]) -> list[str]:
+    """The files of tests that `seconds` has, which import the module at `path`: by themselves
+    first, then through one other module and so on; of those as near, the quickest first."""
+    package = [str(each.relative_to(ROOT)) for each in (ROOT / "cardan").rglob("*.py")]
+    found: list[str] = []
+    names, left, modules = {module_of(path)}, set(seconds), set(package)
+    while names and left:
+        reached = [each for each in left if names & imported(os.path.relpath(each, ROOT))]
+        found += sorted(reached, key=lambda each: (seconds[each], each))
+        left.difference_update(reached)
+        through = {each for each in modules if names & imported(each)}
+        modules -= through
+        names = {module_of(each) for each in through}
+    return found + sorted(left)
+
+
 def try_anew(
     mutants: Sequence[Mutant],
-    files: dict[str, list[str]],
-    tests: list[str],
+    seconds: Mapping[str, float],
     bad: Sequence[str],
     processes: Processes,
+    most_s: float,
 ) -> dict[Mutant, tuple[str, str]]:
-    """Those that act when their module is imported; `files`: the tests of each file, `bad`: those
+    """Those that act when their module is imported; `seconds`: of each file of tests, `bad`: tests
     that are left out."""
     results: dict[Mutant, tuple[str, str]] = {}
     but = [word for name in bad for word in ("--deselect", name)]
@@ -338,7 +390,8 @@ def try_anew(
     def work(path: str, tree: ast.Module | None) -> int:
         if tree is not None:
             sys.meta_path.insert(0, Anew(path, tree))
-        code = pytest.main([*OPTIONS, "-x", *but, *(files.get(path) or tests)], plugins=[Profile()])
+        files = within(nearest(path, seconds), seconds, most_s)
+        code = pytest.main([*OPTIONS, "-x", *but, *files], plugins=[Profile()])
         return 0 if code == 0 else 1
 
     def check(path: str, outcome: str) -> None:
@@ -419,6 +472,9 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", default=[], metavar="PATH", help="file or folder")
     parser.add_argument("--area", nargs="+", default=[], choices=AREAS)
     parser.add_argument("--tests", nargs="+", metavar="PATH", help="those that are run")
+    parser.add_argument(
+        "--at-most-s", type=float, default=math.inf, help="of tests for each mutant, nearest first"
+    )
     parser.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
     parser.add_argument("--report", type=Path, help="write the outcome of each as JSON")
     parser.add_argument("--list", action="store_true", help="only say which there are")
@@ -435,10 +491,13 @@ def main() -> int:
     if asked.list:
         print(*(f"{m.path}:{m.line} {m.name.partition('::')[2]}" for m in mutants), sep="\n")
         return 0
-    return carry_out(mutants, asked.tests or with_tests(paths), asked.jobs, asked.report)
+    tests = asked.tests or with_tests(paths)
+    return carry_out(mutants, tests, asked.jobs, asked.report, asked.at_most_s)
 
 
-def carry_out(mutants: list[Mutant], tests: list[str], jobs: int, report: Path | None) -> int:
+def carry_out(
+    mutants: list[Mutant], tests: list[str], jobs: int, report: Path | None, most_s: float
+) -> int:
     """Run, and say how it went."""
     began_s = time.monotonic()
     for name in PREPARED:
@@ -455,12 +514,12 @@ def carry_out(mutants: list[Mutant], tests: list[str], jobs: int, report: Path |
         if pid == 0:
             try:
                 silence()
-                runs = Runs(mutants, jobs, scratch / "functions")
+                runs = Runs(mutants, jobs, scratch / "functions", most_s)
                 pytest.main([*OPTIONS, *tests], plugins=[Profile(), runs])
                 if not runs.results:
                     os._exit(1)
                 rows = [(list(each), *runs.results[each]) for each in mutants]
-                done.write_text(json.dumps([rows, runs.files, runs.bad]))
+                done.write_text(json.dumps([rows, runs.seconds(), runs.bad]))
             except BaseException:
                 say(traceback.format_exc())
             finally:
@@ -468,11 +527,12 @@ def carry_out(mutants: list[Mutant], tests: list[str], jobs: int, report: Path |
         os.waitpid(pid, 0)
         if not done.exists():
             raise SystemExit("the tests could not be read or run")
-        told, files, bad = json.loads(done.read_text())
+        told, seconds, bad = json.loads(done.read_text())
         results = {Mutant(*each): (outcome, by) for each, outcome, by in told}
         later = [each for each in mutants if results[each][0] == UNSUITED]
         say(f"{len(later)} act when their module is imported: their tests are read anew")
-        results |= try_anew(later, files, tests, bad, Processes(jobs, scratch / "anew"))
+        processes = Processes(jobs, scratch / "anew")
+        results |= try_anew(later, seconds, bad, processes, most_s)
     if report is not None:
         rows: list[Found] = [
             {**each._asdict(), "outcome": results[each][0], "by": results[each][1]}

@@ -136,8 +136,10 @@ def shown(node: ast.AST) -> str:
 
 
 def without_effect(node: ast.AST, field: str) -> bool:
-    """Whether what stands in `field` is said to people or to type checkers only, or is what the
-    errors and logs say."""
+    """Whether what stands in `field` is said to people or to type checkers only, is what the errors
+    and logs say, or only asserts that what is paired is as long."""
+    if isinstance(node, ast.keyword) and node.arg == "strict":
+        return True
     if isinstance(node, ast.Raise) or field in ("annotation", "returns", "decorator_list"):
         return True
     if isinstance(node, ast.If) and ast.unparse(node.test) == "TYPE_CHECKING":
