@@ -123,15 +123,21 @@ def test_an_old_name_is_answered_by_the_new_one(old):
     for words in ((old,), (old, "--help"), (old, "x", "-v")):
         with pytest.raises(ConfigurationError) as told:
             the_command_line()([*words], standalone_mode=False)
-        said = f"command: cardan {old} is now: cardan {MOVED[old]}"
+        typed = " ".join((MOVED[old], *words[1:]))
+        said = f"command: `cardan {old}` is now `cardan {MOVED[old]}`: type `cardan {typed}`"
         assert str(told.value).startswith(said), told.value
     assert found(MOVED[old].split()) is not None
     assert old not in the_command_line().list_commands(None)
 
 
 def test_of_a_unit_that_has_the_old_name_it_says_what_to_do():
-    assert "`cardan daemon service install FILE...`" in now_called("serve")
-    assert now_called("run") == ""
+    assert "`cardan daemon service install FILE...`" in now_called(["serve"])
+    assert now_called(["run"]) == ""
+
+
+def test_an_old_name_below_a_group_is_answered_too():
+    with pytest.raises(ConfigurationError, match="type `cardan net server rosbridge`"):
+        the_command_line()(["net", "face", "rosbridge"], standalone_mode=False)
 
 
 OLD = "|".join(sorted(MOVED, key=len, reverse=True))

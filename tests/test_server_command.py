@@ -15,10 +15,12 @@ from typer.testing import CliRunner
 from cardan.bus import discovery
 from cardan.bus.options import BusOptions
 from cardan.cli import app
+from cardan.cli.daemon import checked
 from cardan.cli.server import check_words, server
 from cardan.common.options import CODE_ONLY, Options
 from cardan.common.plugins import IN_SOURCE_TREE
 from cardan.errors import ConfigurationError
+from cardan.gateway.daemon.config import read_layout
 from cardan.gateway.servers import registry
 from cardan.gateway.servers.base import Server
 from tests.serving import free_endpoint
@@ -264,3 +266,14 @@ def test_what_a_server_takes():
     check_words(
         "rosbridge", ("--port", "0", "--topics", "/a", "--topics", "/b", "--log-level", "debug")
     )
+
+
+def test_a_daemon_with_servers_refuses_the_former_name_of_the_token_before_it_runs(
+    monkeypatch, tmp_path
+):
+    (tmp_path / "lab.toml").write_text('[servers.web]\nserver = "rosbridge"\n')
+    layout = read_layout([tmp_path / "lab.toml"])
+    assert checked(layout) is layout
+    monkeypatch.setenv("CARDAN_FACE_TOKEN", "x" * 16)
+    with pytest.raises(ConfigurationError, match="CARDAN_FACE_TOKEN: is now"):
+        checked(layout)

@@ -139,5 +139,5 @@ def print_table(
     table = Table(*columns, box=None)
     for cells in rows:
         # What stands in brackets is no markup.
-        table.add_row(*(Text(printable(cell)) for cell in cells))
+        table.add_row(*(Text(printable(cell), overflow="fold") for cell in cells))
     Console().print(table)

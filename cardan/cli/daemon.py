@@ -55,7 +55,10 @@ OfName = Annotated[
 def checked(layout: Layout) -> Layout:
     """A layout, once the options of its servers are checked. Raises ConfigurationError."""
     from cardan.cli.server import check_words
+    from cardan.gateway.servers.web import refuse_former_variable
 
+    if layout.servers:
+        refuse_former_variable()
     for name, entry in layout.servers.items():
         with in_file(entry.file), below(f"servers.{name}"):
             try:

@@ -161,9 +161,8 @@ class OpenGroup(CommandGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         # A shell that completes is told nothing.
-        if self.name == TOP and args and not ctx.resilient_parsing:
-            said = now_called(args[0])
-            if said and self.get_command(ctx, args[0]) is None:
+        if args and not ctx.resilient_parsing and (said := now_called(args)):
+            if self.get_command(ctx, args[0]) is None:
                 raise ConfigurationError("command", said)
         return super().resolve_command(ctx, args)
 

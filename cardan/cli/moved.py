@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Sequence
 from typing import Final
 
 MOVED: Final = {
@@ -32,8 +34,11 @@ _UNIT: Final = (
 )
 
 
-def now_called(name: str) -> str:
-    """What to tell a person who types `cardan NAME`; empty: it never had that name."""
+def now_called(args: Sequence[str]) -> str:
+    """What to tell a person who types `cardan` and `args`; empty: the first never was a command."""
+    name = args[0]
     if name not in MOVED:
         return ""
-    return f"cardan {name} is now: cardan {MOVED[name]}{_UNIT if name == 'serve' else ''}"
+    unit = _UNIT if name == "serve" else ""
+    typed = shlex.join(("cardan", *MOVED[name].split(), *args[1:]))
+    return f"`cardan {name}` is now `cardan {MOVED[name]}`: type `{typed}`{unit}"

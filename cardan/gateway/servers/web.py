@@ -100,6 +100,16 @@ _library_log = logging.getLogger(f"{__name__}.websockets")
 _library_log.setLevel(logging.CRITICAL)
 
 
+def refuse_former_variable() -> None:
+    """Raise ConfigurationError where a token has the environment variable's former name: left out
+    of account, it would leave open what it was to protect."""
+    if os.environ.get(FORMER_TOKEN_VARIABLE, "").strip():
+        raise ConfigurationError(
+            FORMER_TOKEN_VARIABLE,
+            f"is now: {TOKEN_VARIABLE}; rename it where it is set, or unset it",
+        )
+
+
 Page = Callable[[str, Headers], Awaitable["Answer | None"]]
 """`page(path, headers)`: what a page has; None: there is none of this path."""
 
@@ -189,12 +199,7 @@ class FrontOptions(Options):
 
     def given_tokens(self) -> Tokens:
         """The option's, the file's, or the environment's. Raises ConfigurationError."""
-        if os.environ.get(FORMER_TOKEN_VARIABLE, "").strip():
-            # Left out of account, it would leave open what it was to protect.
-            raise ConfigurationError(
-                FORMER_TOKEN_VARIABLE,
-                f"is now: {TOKEN_VARIABLE}; rename it where it is set, or unset it",
-            )
+        refuse_former_variable()
         given = os.environ.get(TOKEN_VARIABLE, "").strip()
         if self.token:
             found = parse_tokens(self.token, "token")
