@@ -161,9 +161,9 @@ class OpenGroup(CommandGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         # A shell that completes is told nothing.
-        if args and not ctx.resilient_parsing and (said := now_called(args)):
-            if self.get_command(ctx, args[0]) is None:
-                raise ConfigurationError("command", said)
+        said = now_called(args) if args and not ctx.resilient_parsing else ""
+        if said and self.get_command(ctx, args[0]) is None:
+            raise ConfigurationError("command", said)
         return super().resolve_command(ctx, args)
 
 
