@@ -6,7 +6,7 @@ import enum
 import inspect
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
@@ -14,6 +14,8 @@ T = TypeVar("T")
 V = TypeVar("V")
 """What a suite makes of a timeline for its judges to look at."""
 W = TypeVar("W", "str", "str | None", "Wrongs", "Wrongs | None")
+J = TypeVar("J", "Verdict", "Findings")
+"""What a judge gives."""
 Item = TypeVar("Item")
 """One of what a requirement says something of."""
 Wrongs = Iterable[tuple[int, str]]
@@ -101,6 +103,41 @@ def none_wrong(
             f"{len(found)} of {of}{what and ' ' + what}: {found[0][1]}", (n for n, _ in found)
         )
     return passed(good) if of else not_seen(nothing)
+
+
+class Words(NamedTuple):
+    """What is said of all that a requirement says something of."""
+
+    good: str
+    """Where none is wrong; ``{}`` is how many there were."""
+    nothing: str = ""
+    """Where there was none; empty: the suite's words."""
+    what: str = ""
+    """What the wrong ones are called."""
+
+
+Findings = Generator[tuple[int, str], None, "Words | Verdict"]
+"""Of each thing that a requirement says something of its event's number, and why it is wrong, empty
+where it is right; in the end the words for all of them, or a verdict that needs none of them."""
+
+
+def tallied(found: Verdict | Findings, nothing: str = NOTHING) -> Verdict:
+    """The verdict, by what was found one by one where that is not it itself."""
+    if isinstance(found, Verdict):
+        return found
+    wrong, count = [], 0
+    while True:
+        try:
+            number, why = next(found)
+        except StopIteration as end:
+            words = end.value
+            break
+        count += 1
+        if why:
+            wrong.append((number, why))
+    if isinstance(words, Verdict):
+        return words
+    return none_wrong(wrong, count, words.good.format(count), words.nothing or nothing, words.what)
 
 
 def not_seen(said: str) -> Verdict:
@@ -212,13 +249,17 @@ class Requirements(Generic[V]):
         unless: Callable[[V], Verdict | None] | None = None,
         late_s: float = math.inf,
         text: str = "",
-    ) -> Callable[[Callable[[V], Verdict]], Callable[[V], Verdict]]:
-        """Decorates the judge of requirement `number`, whose hundreds are its level. Where `unless`
+    ) -> Callable[[Callable[[V], J]], Callable[[V], J]]:
+        """Decorates the judge of requirement `number`, whose hundreds are its level: it gives its
+        verdict, or yields what it finds of each thing in turn. Where `unless`
         gives a verdict, that is the verdict. `late_s` is what this computer may be late by for a
         failure to be the other side's. `text` is the requirement's, where one judge has several."""
 
-        def enter(judge: Callable[[V], Verdict]) -> Callable[[V], Verdict]:
-            self._enter(number, source, judge, text or inspect.getdoc(judge), unless, late_s)
+        def enter(judge: Callable[[V], J]) -> Callable[[V], J]:
+            def judged(seen: V) -> Verdict:
+                return tallied(judge(seen), self._nothing)
+
+            self._enter(number, source, judged, text or inspect.getdoc(judge), unless, late_s)
             return judge
 
         return enter
