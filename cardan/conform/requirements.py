@@ -110,8 +110,8 @@ class Words(NamedTuple):
 
     good: str
     """Where none is wrong; ``{}`` is how many there were."""
-    nothing: str = ""
-    """Where there was none; empty: the suite's words."""
+    nothing: str | Verdict = ""
+    """Where there was none, or the verdict then; empty: the suite's words."""
     what: str = ""
     """What the wrong ones are called."""
 
@@ -137,7 +137,10 @@ def tallied(found: Verdict | Findings, nothing: str = NOTHING) -> Verdict:
             wrong.append((number, why))
     if isinstance(words, Verdict):
         return words
-    return none_wrong(wrong, count, words.good.format(count), words.nothing or nothing, words.what)
+    good, absent, what = words
+    if isinstance(absent, Verdict):
+        return none_wrong(wrong, count, good.format(count), what=what) if count else absent
+    return none_wrong(wrong, count, good.format(count), absent or nothing, what)
 
 
 def not_seen(said: str) -> Verdict:
