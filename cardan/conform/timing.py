@@ -7,15 +7,11 @@ from itertools import pairwise
 from typing import Protocol
 
 from cardan.conform.requirements import Verdict, failed, not_seen, passed
-from cardan.conform.timeline import Phase
+from cardan.conform.timeline import Numbered, Phase
 
 
-class Timed(Protocol):
-    """Something that came."""
-
-    @property
-    def number(self) -> int:
-        """Of its event."""
+class Timed(Numbered, Protocol):
+    """Something that came, and when."""
 
     @property
     def time_s(self) -> float: ...

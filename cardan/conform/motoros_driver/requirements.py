@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import pairwise
 
-from cardan.conform.motoros_driver.decoded import DriverSeen, Link, Said
+from cardan.conform.motoros_driver.decoded import VELOCITY_TYPES, DriverSeen, Link, Said
 from cardan.conform.motoros_driver.scenario import (
     ANSWERED_WITHIN_S,
     ROBOT,
@@ -36,6 +36,7 @@ from cardan.protocols.simple_message import (
     NotReadySubcode as N,
 )
 from cardan.robots import load_arm
+from cardan.sim_peers.motoros_controller.io_image import BIT_AND_GROUP_TYPES, REGISTER_TYPES
 
 MANUAL = "docs/protocols/simple-message.md"
 SERVER = "motoman_driver 1.9.12, MotoPlus/MotionServer.c"
@@ -66,24 +67,17 @@ STARTS = frozenset((C.START_TRAJ_MODE, C.START_VEL_MODE))
 POWER = frozenset((*STARTS, C.RESET_ALARM, C.START_SERVOS))
 MOVING = frozenset((*STARTS, C.START_SERVOS))
 POINT_FIELDS = sm.ValidFields.TIME | sm.ValidFields.POSITION | sm.ValidFields.VELOCITY
-KNOWN_TYPES = frozenset(
-    (
-        T.PING,
-        T.JOINT_TRAJ_PT_FULL,
-        T.MOTO_MOTION_CTRL,
-        T.MOTO_JOINT_TRAJ_PT_FULL_EX,
-        T.MOTO_SELECT_TOOL,
-        T.MOTO_GET_DH_PARAMETERS,
-        T.MOTO_READ_IO_BIT,
-        T.MOTO_WRITE_IO_BIT,
-        T.MOTO_READ_IO_GROUP,
-        T.MOTO_WRITE_IO_GROUP,
-        T.MOTO_READ_MREGISTER,
-        T.MOTO_WRITE_MREGISTER,
-        T.MOTO_VELOCITY_INFO,
-    )
-)
-VELOCITY_TYPES = frozenset((T.MOTO_JOINT_VELOCITY, T.MOTO_JOINT_VELOCITY_EX))
+KNOWN_TYPES = {
+    T.PING,
+    T.JOINT_TRAJ_PT_FULL,
+    T.MOTO_JOINT_TRAJ_PT_FULL_EX,
+    T.MOTO_MOTION_CTRL,
+    T.MOTO_SELECT_TOOL,
+    T.MOTO_GET_DH_PARAMETERS,
+    T.MOTO_VELOCITY_INFO,
+    *BIT_AND_GROUP_TYPES,
+    *REGISTER_TYPES,
+}
 VELOCITY_COMMANDS = frozenset((C.START_VEL_MODE, C.STOP_VEL_MODE))
 LEAVES = frozenset((C.STOP_TRAJ_MODE, C.STOP_VEL_MODE, C.STOP_SERVOS, C.DISCONNECT))
 

@@ -28,6 +28,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import COMPARED, read_twice, second_description
+from cardan.conform.ur_rtde import scenario
 from cardan.conform.ur_rtde.decoded import (
     OLD,
     PRIMARY,
@@ -39,17 +40,6 @@ from cardan.conform.ur_rtde.decoded import (
     Stream,
     Told,
     UrSeen,
-)
-from cardan.conform.ur_rtde.scenario import (
-    FUTURE_VERSION,
-    OLD_OUTPUTS,
-    OUTPUTS,
-    REPLY_S,
-    SLOWER,
-    STATE_TIMEOUT_S,
-    UNKNOWN,
-    WORDED,
-    published,
 )
 from cardan.protocols.ur import dashboard, rtde
 from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, RobotMessage, read_mode
@@ -135,7 +125,7 @@ def bytes_are_packets(seen: UrSeen) -> Verdict:
 @requires(3, f"{GUIDE}: accepted or not")
 def other_versions_arerefused(seen: UrSeen) -> Verdict:
     """A protocol version that there is not is refused."""
-    found = versions(seen, FUTURE_VERSION)
+    found = versions(seen, scenario.FUTURE_VERSION)
     if not found or accepted(found[0]) is None:
         return not_seen("it was not answered")
     return failed("accepted", [found[0].number]) if accepted(found[0]) else passed("refused")
@@ -158,7 +148,7 @@ def every_request_is_answered(seen: UrSeen) -> Verdict:
     wrong = [
         (each.number, f"after {s:.2f} s" if each.reply else f"no answer to {each.asked.kind.name}")
         for s, each in took
-        if s > REPLY_S
+        if s > scenario.REPLY_S
     ]
     latest_ms = 1e3 * max((s for s, each in took if each.reply), default=0.0)
     said = f"{len(took)}, within {latest_ms:.1f} ms"
@@ -168,7 +158,9 @@ def every_request_is_answered(seen: UrSeen) -> Verdict:
 @requires(6, f"{GUIDE}: field names and associated types")
 def outputs_are_as_documented(seen: UrSeen) -> Verdict:
     """All states that the driver asks for are there, with the documented types."""
-    found = [each for each in seen.setups(rtde.PacketType.OUTPUTS) if each[1].names == OUTPUTS]
+    found = [
+        each for each in seen.setups(rtde.PacketType.OUTPUTS) if each[1].names == scenario.OUTPUTS
+    ]
     some(found, "it was not answered")
     exchange, asked, reply = found[0]
     if len(reply.types) != len(asked.names):
@@ -196,7 +188,7 @@ def refused(seen: UrSeen, kind: rtde.PacketType, name: str, word: str, *phases: 
 @requires(7, f"{GUIDE}: NOT_FOUND")
 def unknown_outputs_arerefused(seen: UrSeen) -> Verdict:
     """A name that there is not is NOT_FOUND, and the recipe 0: none."""
-    return refused(seen, rtde.PacketType.OUTPUTS, UNKNOWN, rtde.NOT_FOUND)
+    return refused(seen, rtde.PacketType.OUTPUTS, scenario.UNKNOWN, rtde.NOT_FOUND)
 
 
 @requires(8, f"{GUIDE}: start and pause")
@@ -273,7 +265,7 @@ def it_is_never_silent(seen: UrSeen) -> Verdict:
     some(gaps, "nothing was started")
     longest_s, number = max(gaps)
     said = f"longest {longest_s * 1e3:.1f} ms"
-    return at_most(1e3 * STATE_TIMEOUT_S, 1e3 * longest_s, "ms", said, [number])
+    return at_most(1e3 * scenario.STATE_TIMEOUT_S, 1e3 * longest_s, "ms", said, [number])
 
 
 @requires(13, f"{GUIDE}: a package in each control cycle")
@@ -309,7 +301,7 @@ def another_client_has_its_own_rate(seen: UrSeen) -> Verdict:
     """Another client beside it gets a tenth of the states, evenly, when it asks for a tenth."""
     found = [pair for each in streams(seen, SECOND) for pair in pairwise(each.states)]
     some(len(found) >= 3, "it got no states")
-    want_s = SLOWER * cycle_s(seen)
+    want_s = scenario.SLOWER * cycle_s(seen)
     few = LEFT_OUT_SHARE * len(found)
     wrong = _uneven(found, lambda each_s: abs(each_s - want_s) > 0.1 * want_s, few)
     said = f"{len(found) + 1} states, {want_s * 1e3:g} ms apart"
@@ -481,7 +473,11 @@ def version_1_is_spoken(seen: UrSeen) -> Verdict:
     each control cycle without a recipe's number."""
     asked = some(versions(seen, 1), "it was not asked")
     must(accepted(asked[0]), "not accepted", [asked[0].number])
-    setups = [each for each in seen.setups(rtde.PacketType.OUTPUTS) if each[1].names == OLD_OUTPUTS]
+    setups = [
+        each
+        for each in seen.setups(rtde.PacketType.OUTPUTS)
+        if each[1].names == scenario.OLD_OUTPUTS
+    ]
     if not setups or not setups[0][2].recipe:
         types = ", ".join(setups[0][2].types) if setups else "no answer"
         return failed(f"outputs: {types}", [asked[0].number])
@@ -495,7 +491,7 @@ def version_1_is_spoken(seen: UrSeen) -> Verdict:
 @requires(28, f"{GUIDE}: controller output, and since which version")
 def all_published_outputs_are_there(seen: UrSeen) -> Verdict:
     """Every output variable that is published for its version is there, with its type."""
-    names = published(version_of(seen))
+    names = scenario.published(version_of(seen))
     found = {
         name: (exchange.number, kind)
         for exchange, asked, reply in seen.setups(rtde.PacketType.OUTPUTS, "published")
@@ -588,7 +584,7 @@ _WORDS = {
 @requires(33, f"{BOARD}: safetymode, running, programState, get loaded program, ...")
 def the_dashboard_answers_in_its_words(seen: UrSeen) -> Findings:
     """What the dashboard says of safety, program and version begins with the documented words."""
-    for each in (line for words in WORDED for line in seen.said(words)):
+    for each in (line for words in scenario.WORDED for line in seen.said(words)):
         known = each.said and re.fullmatch(_WORDS[each.asked], each.said, re.IGNORECASE)
         yield each.number, "" if known else f"{each.asked}: {each.said!r}"
     return Words("{} answers", "nothing was asked")
