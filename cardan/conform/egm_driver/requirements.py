@@ -6,6 +6,7 @@ import math
 from bisect import bisect
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import dropwhile, pairwise
 from typing import NamedTuple
 
@@ -185,12 +186,15 @@ def every_answer_has_a_reference(answer: Answer) -> str:
     return "" if position or speed else "neither position nor speed"
 
 
-def _sends_none(seen: EgmSeen) -> Verdict | None:
+def _none_sent(seen: EgmSeen) -> Verdict | None:
     sent = any(not_normal(_planned(each)) is not None for each in seen.answers)
     return not_applicable("no quaternion is sent") if seen.answers and not sent else None
 
 
-@requires.each(108, f"{SCHEMA}, EgmQuaternion", ANSWERS, good="{} quaternions", unless=_sends_none)
+QUATERNIONS = replace(ANSWERS, good="{} quaternions", unless=_none_sent)
+
+
+@requires.each(108, f"{SCHEMA}, EgmQuaternion", QUATERNIONS)
 def quaternions_are_normal(answer: Answer) -> str | None:
     """Every quaternion has the length 1, to 1e-3."""
     return not_normal(_planned(answer))

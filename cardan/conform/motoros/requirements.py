@@ -10,7 +10,6 @@ from cardan.conform.motoros.decoded import Exchange, Heard, MotorosSeen
 from cardan.conform.motoros.scenario import STEP_RAD, STEP_S, UNKNOWN_TYPE
 from cardan.conform.requirements import (
     Findings,
-    Over,
     Requirements,
     Verdict,
     Words,
@@ -26,6 +25,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.conform.timing import not_torn
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
     MessageType as T,
@@ -45,7 +45,6 @@ VELOCITY = "docs/protocols/motoros-velocity-mode.md"
 PERIOD_S, PERIOD_TOLERANCE_S = 0.025, 0.0005
 MISSED_S = 0.075
 """Three state cycles."""
-WHOLE_WITHIN_S = 0.0005
 REPLY_WITHIN_S = 0.02
 """Half a second is a client's time-out; 0.2 to 1.1 ms were measured on a controller."""
 STILL_RAD = 2e-3
@@ -162,15 +161,10 @@ def statuses_are_plausible(seen: MotorosSeen) -> Findings:
     return Words("{} statuses", _NO_STATUS)
 
 
-@requires.each(
-    10,
-    f"{STATES}: each message in one send()",
-    Over(lambda seen: seen.heard, "{} messages, {} in pieces", few=0.01),
-)
-def messages_are_not_torn(each: Heard) -> str:
+@requires(10, f"{STATES}: each message in one send()")
+def messages_are_not_torn(seen: MotorosSeen) -> Findings:
     """Of a message whose first bytes have come the rest is there within half a millisecond."""
-    took_s = each.time_s - each.begun_s
-    return f"{took_s * 1e3:.1f} ms" if took_s > WHOLE_WITHIN_S else ""
+    return not_torn(seen.heard, "{} messages, {} in pieces")
 
 
 @requires(11, "cardan.dissect: a second description of the protocol")

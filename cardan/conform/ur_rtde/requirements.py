@@ -12,7 +12,6 @@ from typing import Any
 
 from cardan.conform.requirements import (
     Findings,
-    Over,
     Requirements,
     Verdict,
     Words,
@@ -28,6 +27,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import COMPARED, read_twice, second_description
+from cardan.conform.timing import not_torn
 from cardan.conform.ur_rtde import scenario
 from cardan.conform.ur_rtde.decoded import (
     OLD,
@@ -40,6 +40,7 @@ from cardan.conform.ur_rtde.decoded import (
     Stream,
     Told,
     UrSeen,
+    Values,
 )
 from cardan.protocols.ur import dashboard, rtde
 from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, RobotMessage, read_mode
@@ -59,7 +60,6 @@ FEWEST = 30
 PERIOD_SHARE = 0.02
 JITTER_S, JITTER_SHARE = 0.0015, 0.05
 LEFT_OUT_SHARE = 0.01
-WHOLE_WITHIN_S = 0.0005
 CLOCK_SHARE, CLOCK_S = 0.01, 0.02
 STATE_PERIOD_S, STATE_PERIOD_SHARE = 0.1, 0.1
 MODE_FOLLOWS_S = 0.3
@@ -279,15 +279,10 @@ def arrival_is_steady(seen: UrSeen) -> Verdict:
     return at_most(1e3 * JITTER_S, 1e3 * figure, "ms", said, [number])
 
 
-@requires.each(
-    14,
-    "a controller writes a packet at once; half of one says nothing yet",
-    Over(lambda seen: seen.heard, "{} packets, {} in pieces", nothing="nothing came", few=0.01),
-)
-def packets_are_not_torn(each: Heard) -> str:
+@requires(14, "a controller writes a packet at once; half of one says nothing yet")
+def packets_are_not_torn(seen: UrSeen) -> Findings:
     """Of an RTDE packet whose first bytes have come the rest is there within half a millisecond."""
-    took_s = each.time_s - each.begun_s
-    return f"{took_s * 1e3:.1f} ms" if took_s > WHOLE_WITHIN_S else ""
+    return not_torn(seen.heard, "{} packets, {} in pieces")
 
 
 def _uneven(pairs: list[tuple[State, State]], off: Callable[[float], bool], few: float) -> Wrongs:
@@ -308,13 +303,16 @@ def another_client_has_its_own_rate(seen: UrSeen) -> Verdict:
     return none_wrong(wrong, len(found), said, "")
 
 
-_STATES: Over[UrSeen, State] = Over(lambda seen: seen.states, "{} states", nothing=NO_STATES)
-
-
-@requires.each(16, f"{GUIDE}: field names, units and modes", _STATES)
-def states_are_plausible(each: State) -> str:
+@requires(16, f"{GUIDE}: field names, units and modes")
+def states_are_plausible(seen: UrSeen) -> Findings:
     """Values are finite, joints inside their ranges, modes known, and the speed slider 0 to 1."""
-    values = each.values
+    for each in seen.states:
+        yield each.number, _implausible(each.values)
+    return Words("{} states", NO_STATES)
+
+
+def _implausible(values: Values) -> str:
+    """What a state has that cannot be; empty: nothing."""
     for name, value in values.items():
         if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
             return f"{name} is not finite"
@@ -331,9 +329,15 @@ def states_are_plausible(each: State) -> str:
 _MODES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": RuntimeState}
 
 
-@requires.each(17, f"{GUIDE}: robot_status_bits, safety_status_bits", _STATES)
-def bits_say_what_modes_say(each: State) -> Wrongs:
+@requires(17, f"{GUIDE}: robot_status_bits, safety_status_bits")
+def bits_say_what_modes_say(seen: UrSeen) -> Verdict:
     """The bits for power, for normal mode and for a protective stop say what the modes say."""
+    wrong = (each for state in seen.states for each in _contradictions(state))
+    return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", NO_STATES)
+
+
+def _contradictions(each: State) -> Wrongs:
+    """What a state's bits say otherwise than its modes."""
     v = each.values
     mode, safety, bits = v["robot_mode"], v["safety_mode"], v["safety_status_bits"]
     power = bool(v["robot_status_bits"] & StatusBit.POWER_ON)
