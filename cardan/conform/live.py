@@ -12,16 +12,9 @@ from cardan.conform.transports import Wire, Wires
 from cardan.errors import DriverError
 
 
-def run(conduct: Exchange, wires: Wires, told: Callable[[str], None]) -> None:
-    """Until the pilot's script is over. `told` gets what somebody is to do by hand.
+class Live:
+    """A pilot and the wires of its target. `told` gets what somebody is to do by hand."""
 
-    Raises AddressError or DeviceAccessError where the first wire cannot be opened; of later ones
-    the refusal is an event.
-    """
-    _Live(conduct, wires, told).run()
-
-
-class _Live:
     def __init__(self, conduct: Exchange, wires: Wires, told: Callable[[str], None]) -> None:
         self._conduct, self._wires, self._told = conduct, wires, told
         self._open: dict[str, Wire] = {}
@@ -32,6 +25,11 @@ class _Live:
         return time.monotonic() - self._start_s
 
     def run(self) -> None:
+        """Until the pilot's script is over.
+
+        Raises AddressError or DeviceAccessError where the first wire cannot be opened; of later
+        ones the refusal is an event.
+        """
         conduct = self._conduct
         try:
             while not conduct.over:

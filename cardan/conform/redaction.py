@@ -5,6 +5,8 @@ from __future__ import annotations
 import ipaddress
 import re
 
+from cardan.common.sockets import is_loopback
+
 _CANDIDATES = re.compile(
     r"\b(?:[0-9A-Fa-f]{2}[:-]){5}[0-9A-Fa-f]{2}\b"  # A MAC or Bluetooth address.
     r"|\b\d{1,3}(?:\.\d{1,3}){3}\b"
@@ -22,7 +24,7 @@ class Redaction:
 
     def hide(self, host: str) -> None:
         """Have `host`, a name that does not look like an address, replaced as well."""
-        if host and host not in self._names and not _is_here(host):
+        if host and host not in self._names and not is_loopback(host):
             self._names[host] = self._next("host")
 
     def __call__(self, text: str) -> str:
@@ -48,12 +50,3 @@ class Redaction:
     def _next(self, kind: str) -> str:
         count = sum(name.startswith(kind) for name in self._names.values())
         return f"{kind}-{count + 1}"
-
-
-def _is_here(host: str) -> bool:
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return False

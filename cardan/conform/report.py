@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 from xml.etree import ElementTree
 
 from cardan.conform.redaction import Redaction
-from cardan.conform.requirements import Level, Outcome, V, Verdict, not_seen
+from cardan.conform.requirements import Level, Outcome, T, V, Verdict, not_seen
 from cardan.conform.suite import Suite
 from cardan.conform.timeline import Kind, Timeline
 from cardan.errors import ConfigurationError
@@ -226,6 +226,22 @@ def _evidence(suite: Suite[V], timeline: Timeline, verdict: Verdict) -> list[str
     return lines
 
 
+_FROM_JSON: Mapping[str, Callable[[Any], Any]] = {
+    **{kind.__name__: kind for kind in (bool, float, int, str, Outcome)},
+    "float | None": lambda value: None if value is None else float(value),
+    "tuple[str, ...]": lambda value: tuple(map(str, value)),
+    "tuple[Result, ...]": tuple,
+    "Mapping[str, str]": lambda value: {str(key): str(each) for key, each in value.items()},
+}
+"""What makes of a value of JSON that of a field, by the field's type."""
+
+
+def _made(kind: type[T], values: Mapping[str, Any]) -> T:
+    """A dataclass of what JSON has of its fields."""
+    known = {each.name: _FROM_JSON[str(each.type)] for each in fields(kind)}  # type: ignore[arg-type]
+    return kind(**{name: made(values[name]) for name, made in known.items()})
+
+
 def read(text: str, name: str) -> Report:
     """A report that `as_json` wrote. ConfigurationError says what is wrong with it; `name` is the
     file's."""
@@ -233,32 +249,8 @@ def read(text: str, name: str) -> Report:
         values: dict[str, Any] = json.loads(text)
         if values["form"] != FORM:
             raise ConfigurationError(name, f"a report of form {values['form']}; this reads {FORM}")
-        results = tuple(
-            Result(
-                str(each["id"]),
-                int(each["level"]),
-                str(each["source"]),
-                str(each["text"]),
-                Outcome(each["outcome"]),
-                str(each["said"]),
-                tuple(map(str, each["evidence"])),
-                None if each["figure"] is None else float(each["figure"]),
-                str(each["unit"]),
-            )
-            for each in values["results"]
-        )
-        return Report(
-            str(values["suite"]),
-            str(values["judges"]),
-            str(values["target"]),
-            bool(values["simulated"]),
-            int(values["level"]),
-            float(values["seconds"]),
-            int(values["events"]),
-            str(values["version"]),
-            results,
-            attached={str(key): str(value) for key, value in values["attached"].items()},
-        )
+        results = tuple(_made(Result, each) for each in values["results"])
+        return _made(Report, {**values, "results": results})
     except ConfigurationError:
         raise
     except KeyError as error:

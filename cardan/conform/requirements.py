@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import enum
-import inspect
 import math
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
 T = TypeVar("T")
 V = TypeVar("V")
 """What a suite makes of a timeline for its judges to look at."""
-W = TypeVar("W", "str", "str | None", "Wrongs", "Wrongs | None")
+W = TypeVar("W", "str", "str | None")
+J = TypeVar("J", "Verdict", "Findings")
+"""What a judge gives."""
 Item = TypeVar("Item")
 """One of what a requirement says something of."""
 Wrongs = Iterable[tuple[int, str]]
@@ -103,6 +104,48 @@ def none_wrong(
     return passed(good) if of else not_seen(nothing)
 
 
+class Words(NamedTuple):
+    """What is said of all that a requirement says something of."""
+
+    good: str
+    """Where none is wrong; ``{}`` is how many there were."""
+    nothing: str | Verdict = ""
+    """Where there was none, or the verdict then; empty: the suite's words."""
+    what: str = ""
+    """What the wrong ones are called."""
+    few: float = 0.0
+    """The share of them that may be wrong; a second ``{}`` of `good` is how many are."""
+
+
+Findings = Generator[tuple[int, str], None, "Words | Verdict"]
+"""Of each thing that a requirement says something of its event's number, and why it is wrong, empty
+where it is right; in the end the words for all of them, or a verdict that needs none of them."""
+
+
+def tallied(found: Verdict | Findings, nothing: str = NOTHING) -> Verdict:
+    """The verdict, by what was found one by one where that is not it itself."""
+    if isinstance(found, Verdict):
+        return found
+    wrong, count = [], 0
+    while True:
+        try:
+            number, why = next(found)
+        except StopIteration as end:
+            words = end.value
+            break
+        count += 1
+        if why:
+            wrong.append((number, why))
+    if isinstance(words, Verdict):
+        return words
+    if not count:
+        return (
+            not_seen(words.nothing or nothing) if isinstance(words.nothing, str) else words.nothing
+        )
+    good = words.good.format(count, len(wrong))
+    return none_wrong(wrong if len(wrong) > words.few * count else (), count, good, what=words.what)
+
+
 def not_seen(said: str) -> Verdict:
     """What it is about did not happen."""
     return Verdict(Outcome.NOT_SEEN, said)
@@ -150,20 +193,15 @@ def number_of(item: Any) -> int:
 
 @dataclass(frozen=True)
 class Over(Generic[V, Item]):
-    """What requirements say something of one by one, and in which words."""
+    """What several requirements say something of one by one, and in which words: as in `Words`."""
 
     of: Callable[[V], Iterable[Item]]
     good: str
-    """Said where none is wrong: the first ``{}`` is how many there are, a second how many of them
-    are wrong and yet few."""
     what: str = ""
-    """What the wrong ones are called."""
-    nothing: str | Verdict | None = None
-    """Said where there is none, or the verdict then; None: the suite's words."""
+    nothing: str | Verdict = ""
     unless: Callable[[V], Verdict | None] | None = None
     """Where it gives a verdict, that is the verdict."""
     few: float = 0.0
-    """The share of them that may be wrong."""
 
 
 @dataclass(frozen=True)
@@ -212,13 +250,22 @@ class Requirements(Generic[V]):
         unless: Callable[[V], Verdict | None] | None = None,
         late_s: float = math.inf,
         text: str = "",
-    ) -> Callable[[Callable[[V], Verdict]], Callable[[V], Verdict]]:
-        """Decorates the judge of requirement `number`, whose hundreds are its level. Where `unless`
+    ) -> Callable[[Callable[[V], J]], Callable[[V], J]]:
+        """Decorates the judge of requirement `number`, whose hundreds are its level: it gives its
+        verdict, or yields what it finds of each thing in turn. Where `unless`
         gives a verdict, that is the verdict. `late_s` is what this computer may be late by for a
         failure to be the other side's. `text` is the requirement's, where one judge has several."""
 
-        def enter(judge: Callable[[V], Verdict]) -> Callable[[V], Verdict]:
-            self._enter(number, source, judge, text or inspect.getdoc(judge), unless, late_s)
+        def enter(judge: Callable[[V], J]) -> Callable[[V], J]:
+            def judged(seen: V) -> Verdict:
+                return tallied(judge(seen), self._nothing)
+
+            name = f"{self._prefix}-{number:03}"
+            if number in self._found:
+                raise ValueError(f"{name} is there already")
+            said = " ".join((text or judge.__doc__ or "").split())
+            level = Level(number // 100)
+            self._found[number] = Requirement(name, level, source, said, judged, unless, late_s)
             return judge
 
         return enter
@@ -228,55 +275,24 @@ class Requirements(Generic[V]):
         number: int,
         source: str,
         over: Over[V, Item],
-        *,
-        good: str = "",
-        nothing: str | Verdict | None = None,
         unless: Callable[[V], Verdict | None] | None = None,
-        late_s: float = math.inf,
     ) -> Callable[[Callable[[Item], W]], Callable[[Item], W]]:
-        """Decorates what says of one of `over` why it is wrong: words, empty where it is right, or
-        what shows it; None where it is none of those that the requirement is about.
-
-        `good`, `nothing` and `unless` are said otherwise than `over` has them, where they are.
-        """
-        good, absent = good or over.good, over.nothing if nothing is None else nothing
+        """Decorates what says of one of `over` why it is wrong, empty where it is right; None where
+        it is none of those that the requirement is about. `unless` goes before that of `over`."""
 
         def enter(wrong: Callable[[Item], W]) -> Callable[[Item], W]:
-            def judge(seen: V) -> Verdict:
-                found = [(item, why) for item in over.of(seen) if (why := wrong(item)) is not None]
-                if not found and isinstance(absent, Verdict):
-                    return absent
-                words = absent if isinstance(absent, str) else self._nothing
-                bad: list[tuple[int, str]] = []
-                for item, why in found:
-                    bad += why if not isinstance(why, str) else [(number_of(item), why)] * bool(why)
-                said = good.format(len(found), len(bad))
-                if len(bad) <= over.few * len(found):
-                    bad = []
-                return none_wrong(bad, len(found), said, words, over.what)
+            def judge(seen: V) -> Findings:
+                for item in over.of(seen):
+                    why = wrong(item)
+                    if why is not None:
+                        yield number_of(item), why
+                return Words(over.good, over.nothing, over.what, over.few)
 
-            doc = inspect.getdoc(wrong)
-            self._enter(number, source, judge, doc, unless or over.unless, late_s)
+            judge.__doc__ = wrong.__doc__
+            self(number, source, unless=unless or over.unless)(judge)
             return wrong
 
         return enter
-
-    def _enter(
-        self,
-        number: int,
-        source: str,
-        judge: Callable[[V], Verdict],
-        doc: str | None,
-        unless: Callable[[V], Verdict | None] | None,
-        late_s: float,
-    ) -> None:
-        name = f"{self._prefix}-{number:03}"
-        if number in self._found:
-            raise ValueError(f"{name} is there already")
-        text = " ".join((doc or "").split())
-        self._found[number] = Requirement(
-            name, Level(number // 100), source, text, judge, unless, late_s
-        )
 
     def all(self) -> tuple[Requirement[V], ...]:
         """In the order of their numbers."""

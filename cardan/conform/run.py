@@ -13,8 +13,8 @@ from typing import Any
 from cardan import __version__
 from cardan.common.extras import missing_extra
 from cardan.common.plugins import entry_points
-from cardan.conform import live
 from cardan.conform.attachments import pcap, write_mcap
+from cardan.conform.live import Live
 from cardan.conform.redaction import Redaction
 from cardan.conform.report import Report, judged
 from cardan.conform.requirements import Level
@@ -61,7 +61,7 @@ def at(
     if "/" not in target:
         redaction.hide(host_and_port(target, "--target", 0)[0])
     conduct = Exchange(suite.pilot(level, seconds))
-    live.run(conduct, wires, told)
+    Live(conduct, wires, told).run()
     report = judged(
         suite,
         conduct.timeline,

@@ -6,16 +6,12 @@ from collections.abc import Iterable, Sequence
 from itertools import pairwise
 from typing import Protocol
 
-from cardan.conform.requirements import Verdict, failed, not_seen, passed
-from cardan.conform.timeline import Phase
+from cardan.conform.requirements import Findings, Verdict, Words, failed, not_seen, passed
+from cardan.conform.timeline import Numbered, Phase
 
 
-class Timed(Protocol):
-    """Something that came."""
-
-    @property
-    def number(self) -> int:
-        """Of its event."""
+class Timed(Numbered, Protocol):
+    """Something that came, and when."""
 
     @property
     def time_s(self) -> float: ...
@@ -41,6 +37,25 @@ def never_silent(held: Iterable[tuple[Phase | None, Sequence[Timed]]], most_s: f
     if not count:
         return not_seen("it was never held deflected")
     return passed(f"longest {longest * 1e3:.0f} ms", longest * 1e3, "ms")
+
+
+class Begun(Timed, Protocol):
+    """Something that came, maybe in pieces."""
+
+    @property
+    def begun_s(self) -> float:
+        """When its first bytes came."""
+
+
+WHOLE_WITHIN_S = 0.0005
+
+
+def not_torn(found: Iterable[Begun], good: str) -> Findings:
+    """Of each whether the rest was there half a millisecond after its first bytes, but for 1 %."""
+    for each in found:
+        took_s = each.time_s - each.begun_s
+        yield each.number, f"{took_s * 1e3:.1f} ms" if took_s > WHOLE_WITHIN_S else ""
+    return Words(good, few=0.01)
 
 
 STEADY_SHARE = 0.95

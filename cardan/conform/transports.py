@@ -63,11 +63,16 @@ class Wires(ABC):
 
 
 class _Udp(Wire):
-    """A UDP socket, whose datagrams the kernel stamps as they come."""
+    """A UDP socket, whose datagrams the kernel stamps as they come. It is connected to one address,
+    or `listens` at a port of ours; what is sent then goes to whom was heard last."""
 
-    def __init__(self, opened_socket: socket.socket) -> None:
-        self._socket = opened_socket
-        self._stamped = ask_for_stamps(opened_socket)
+    def __init__(self, host: str, port: int, listens: bool) -> None:
+        join = socket.socket.bind if listens else socket.socket.connect
+        problem = f"cannot {'listen on' if listens else 'send to'} {host}:{port}"
+        self._socket = opened(host, port, socket.SOCK_DGRAM, join, problem)
+        self._stamped = ask_for_stamps(self._socket)
+        self._listens = listens
+        self._peer: Any = None if listens else (host, port)
 
     def fileno(self) -> int:
         return self._socket.fileno()
@@ -80,45 +85,21 @@ class _Udp(Wire):
             self.late_s = lain_s
             yield data, source
 
-    def close(self) -> None:
-        self._socket.close()
-
-
-class _Listening(_Udp):
-    """A UDP port of ours; what is sent goes to whom was heard last."""
-
-    def __init__(self, host: str, port: int) -> None:
-        problem = f"cannot listen on {host}:{port}"
-        super().__init__(opened(host, port, socket.SOCK_DGRAM, socket.socket.bind, problem))
-        self._peer: Any = None
-
     def read(self) -> Iterator[tuple[bytes, str]]:
         for data, source in self._waiting():
-            self._peer = source
-            yield data, f"{source[0]}:{source[1]}"
-
-    def write(self, data: bytes) -> None:
-        if self._peer is not None:
-            with contextlib.suppress(OSError):
-                self._socket.sendto(data, self._peer)
-
-
-class _Datagrams(_Udp):
-    """A UDP socket that is connected to one address."""
-
-    def __init__(self, host: str, port: int) -> None:
-        problem = f"cannot send to {host}:{port}"
-        join = socket.socket.connect
-        super().__init__(opened(host, port, socket.SOCK_DGRAM, join, problem))
-        self._source = f"{host}:{port}"
-
-    def read(self) -> Iterator[tuple[bytes, str]]:
-        for data, _ in self._waiting():
-            yield data, self._source
+            if self._listens:
+                self._peer = source
+            yield data, f"{self._peer[0]}:{self._peer[1]}"
 
     def write(self, data: bytes) -> None:
         with contextlib.suppress(OSError):
-            self._socket.send(data)
+            if not self._listens:
+                self._socket.send(data)
+            elif self._peer is not None:
+                self._socket.sendto(data, self._peer)
+
+    def close(self) -> None:
+        self._socket.close()
 
 
 class _Ending(Wire):
@@ -192,7 +173,7 @@ class Listen(Wires):
         self._address = host, port
 
     def open(self, channel: str) -> Wire:
-        return _Listening(*self._address)
+        return _Udp(*self._address, listens=True)
 
 
 class SendTo(Wires):
@@ -202,7 +183,7 @@ class SendTo(Wires):
         self._address = host, port
 
     def open(self, channel: str) -> Wire:
-        return _Datagrams(*self._address)
+        return _Udp(*self._address, listens=False)
 
 
 class TcpPorts(Wires):

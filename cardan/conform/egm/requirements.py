@@ -10,9 +10,11 @@ from itertools import dropwhile, pairwise
 from cardan.conform.egm.decoded import EgmSeen, Robot, joints_of, not_normal, place_of, step
 from cardan.conform.egm.scenario import STEP_M, STEP_RAD
 from cardan.conform.requirements import (
+    Findings,
     Over,
     Requirements,
     Verdict,
+    Words,
     apart,
     at_most,
     failed,
@@ -59,6 +61,7 @@ ENOUGH = 50
 """Datagrams without which a rate says nothing."""
 
 _NOTHING = "no datagrams of the controller"
+_NEVER_RAN = "the MCI never ran"
 requires: Requirements[EgmSeen] = Requirements("EGM", _NOTHING)
 
 
@@ -264,66 +267,57 @@ def _poses(seen: EgmSeen) -> Iterator[tuple[Robot, EgmMotion]]:
                 yield each, motion
 
 
-@requires.each(
-    15,
-    f"{SCHEMA}, EgmQuaternion",
-    Over(_poses, "{} quaternions", "quaternions", nothing="no quaternion came"),
-)
-def quaternions_are_normal(each: tuple[Robot, EgmMotion]) -> str | None:
+@requires(15, f"{SCHEMA}, EgmQuaternion")
+def quaternions_are_normal(seen: EgmSeen) -> Findings:
     """Every quaternion has the length 1, to 1e-3."""
-    return not_normal(each[1])
+    for each, motion in _poses(seen):
+        words = not_normal(motion)
+        if words is not None:
+            yield each.number, words
+    return Words("{} quaternions", "no quaternion came", "quaternions")
 
 
-@requires.each(
-    16,
-    f"{SCHEMA}, EgmEuler; {LIBEGM}",
-    Over(_poses, "{} poses", "poses", nothing=not_applicable("no Euler angles are sent")),
-)
-def euler_agrees(each: tuple[Robot, EgmMotion]) -> str | None:
+@requires(16, f"{SCHEMA}, EgmEuler; {LIBEGM}")
+def euler_agrees(seen: EgmSeen) -> Findings:
     """Euler angles, where they are sent, are the quaternion's: R = Rz Ry Rx."""
-    pose = each[1].cartesian
-    if pose is None or pose.euler is None or pose.orient is None:
-        return None
-    same = from_euler_zyx(*pose.euler)
-    dot = abs(sum(a * b for a, b in zip(same, pose.orient, strict=True)))
-    apart = math.degrees(2.0 * math.acos(min(1.0, dot)))
-    return f"{apart:.2f} degrees apart" if dot < 1.0 - 1e-6 else ""
+    for each, motion in _poses(seen):
+        pose = motion.cartesian
+        if pose is not None and pose.euler is not None and pose.orient is not None:
+            same = from_euler_zyx(*pose.euler)
+            dot = abs(sum(a * b for a, b in zip(same, pose.orient, strict=True)))
+            far = math.degrees(2.0 * math.acos(min(1.0, dot)))
+            yield each.number, f"{far:.2f} degrees apart" if dot < 1.0 - 1e-6 else ""
+    return Words("{} poses", not_applicable("no Euler angles are sent"), "poses")
 
 
 @requires(17, f"{SCHEMA}, EgmMeasuredForce in both layouts")
-def forces_have_six_values(seen: EgmSeen) -> Verdict:
+def forces_have_six_values(seen: EgmSeen) -> Findings:
     """measuredForce, where it is sent, has six values."""
-    found = [(e.number, e.message.measured_force) for e in seen.robots]
-    forces = [(index, force) for index, force in found if force is not None]
-    if not forces:
-        return not_applicable("no force is sent")
-    wrong = ((i, f"{len(force.force)} values") for i, force in forces if len(force.force) != 6)
-    layouts = {force.fc_active is None for _, force in forces}
-    names = " and ".join("RobotWare 6" if old else "RobotWare 7" for old in sorted(layouts))
-    said = f"{len(forces)} forces in the layout of {names}"
-    return none_wrong(wrong, len(forces), said, _NOTHING, "forces")
+    layouts = set()
+    for each in seen.robots:
+        force = each.message.measured_force
+        if force is not None:
+            layouts.add("RobotWare 6" if force.fc_active is None else "RobotWare 7")
+            count = len(force.force)
+            yield each.number, "" if count == 6 else f"{count} values"
+    good = f"{{}} forces in the layout of {' and '.join(sorted(layouts, reverse=True))}"
+    return Words(good, not_applicable("no force is sent"), "forces")
 
 
 @requires(18, f"{SCHEMA}: fields since 6.10, 7.6, 7.7, 7.16")
-def fields_are_of_one_release(seen: EgmSeen) -> Verdict:
+def fields_are_of_one_release(seen: EgmSeen) -> Findings:
     """A field of a later RobotWare comes only with those of the releases before it."""
-    wrong, release = [], ""
+    release = ""
     for each in seen.robots:
         m = each.message
-        has = [
-            m.utilization_rate is not None,
-            m.move_index is not None,
-            m.rapid_from_robot is not None,
-            m.torque_ref is not None,
-        ]
+        fields = (m.utilization_rate, m.move_index, m.rapid_from_robot, m.torque_ref)
+        has = [field is not None for field in fields]
         known = sum(has)
-        if has != sorted(has, reverse=True) and not (has[:2] == [True, True] and known == 3):
-            # RAPID data are sent only where the program asks for them.
-            wrong.append((each.number, "a later field without an earlier one"))
+        # RAPID data are sent only where the program asks for them.
+        right = has == sorted(has, reverse=True) or (has[:2] == [True, True] and known == 3)
+        yield each.number, "" if right else "a later field without an earlier one"
         release = ("6.08", "6.10", "7.6", "7.7", "7.16")[max(known, 4 if has[3] else 0)]
-    return none_wrong(
-        wrong, len(seen.robots), f"as RobotWare {release} or later sends", _NOTHING, "datagrams"
-    )
+    return Words(f"as RobotWare {release} or later sends", what="datagrams")
 
 
 @requires(19, f"{SCHEMA}: the longest message with every field")
@@ -382,30 +376,23 @@ def an_answered_session_lasts(seen: EgmSeen) -> Verdict:
     return passed(f"{phase.end_s - found[0].time_s:.1f} s, {len(found)} datagrams")
 
 
-@requires.each(
-    102,
-    f"{MANUAL}, egmstate; {SCHEMA}, EgmMotorState, EgmMCIState",
-    Over(_hold, "{} datagrams", "datagrams", nothing="the MCI never ran"),
-    late_s=LATE_ANSWERS_S,
-)
-def holding_is_undisturbed(each: Robot) -> str:
+@requires(102, f"{MANUAL}, egmstate; {SCHEMA}, EgmMotorState, EgmMCIState", late_s=LATE_ANSWERS_S)
+def holding_is_undisturbed(seen: EgmSeen) -> Findings:
     """Once guidance runs and is answered, the motors stay on and the MCI stays RUNNING."""
-    if not each.motors_on:
-        return "the motors went off"
-    return "" if each.running else f"the MCI's state is {each.message.mci_state}"
+    for each in _hold(seen):
+        words = "" if each.running else f"the MCI's state is {each.message.mci_state}"
+        yield each.number, words if each.motors_on else "the motors went off"
+    return Words("{} datagrams", _NEVER_RAN, "datagrams")
 
 
-@requires.each(
-    103,
-    f"{SCHEMA}, EgmRapidCtrlExecState; {LIBEGM}: UNDEFINED is a known defect",
-    replace(ROBOTS, nothing="the MCI never ran"),
-)
-def the_program_is_said_to_run(each: Robot) -> str | None:
+@requires(103, f"{SCHEMA}, EgmRapidCtrlExecState; {LIBEGM}: UNDEFINED is a known defect")
+def the_program_is_said_to_run(seen: EgmSeen) -> Findings:
     """While the MCI is RUNNING, so is RAPID's execution state."""
-    if not each.running:
-        return None
-    state = each.message.rapid_exec_state
-    return "" if state == RapidState.RUNNING else f"the state is {state}"
+    for each in seen.robots:
+        if each.running:
+            state = each.message.rapid_exec_state
+            yield each.number, "" if state == RapidState.RUNNING else f"the state is {state}"
+    return Words("{} datagrams", _NEVER_RAN, "datagrams")
 
 
 @requires(104, LAW)
@@ -462,7 +449,7 @@ def junk_changes_nothing(seen: EgmSeen) -> Verdict:
     """Datagrams that are not EGM neither stop nor move the arm."""
     found = seen.during("junk")
     some(seen.junk and found and seen.during("hold"), "none were sent")
-    before = some([each for each in seen.during("hold") if each.running], "the MCI never ran")
+    before = some([each for each in seen.during("hold") if each.running], _NEVER_RAN)
     stopped = [each.number for each in found if not each.running]
     must(not stopped, "the run ended", stopped)
     far_m = max(apart(before[-1].position, each.position) for each in found)

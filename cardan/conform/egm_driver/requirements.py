@@ -6,15 +6,18 @@ import math
 from bisect import bisect
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from itertools import dropwhile, pairwise
 from typing import NamedTuple
 
 from cardan.conform.controllers import had_ended
 from cardan.conform.egm.decoded import Answer, EgmSeen, Robot, joints_of, not_normal, place_of, step
 from cardan.conform.requirements import (
+    Findings,
     Over,
     Requirements,
     Verdict,
+    Words,
     apart,
     at_most,
     failed,
@@ -127,20 +130,14 @@ def answers_have_their_type(answer: Answer) -> str:
 
 
 @requires(104, f"{SCHEMA}, EgmHeader.seqno")
-def answers_count_up_by_one(seen: EgmSeen) -> Verdict:
+def answers_count_up_by_one(seen: EgmSeen) -> Findings:
     """seqno goes up by one from message to message; it may begin anew with a run."""
-    wrong, count = [], 0
-    starts = {session[0].number for session in seen.sessions}
-    for one, other in pairwise(seen.answers):
+    for one, other in _neighbours(seen):
         a, b = one.message.header, other.message.header
         if a is None or b is None or a.seqno is None or b.seqno is None:
             return failed("there is no seqno", [other.number])
-        if any(one.number < start < other.number for start in starts):
-            continue
-        count += 1
-        if step(a.seqno, b.seqno) != 1:
-            wrong.append((other.number, f"{b.seqno} after {a.seqno}"))
-    return none_wrong(wrong, count, f"{count} messages", _NOTHING)
+        yield other.number, "" if step(a.seqno, b.seqno) == 1 else f"{b.seqno} after {a.seqno}"
+    return Words("{} messages")
 
 
 @requires(105, f"{MANUAL}: the controller takes one message in a cycle, oldest first")
@@ -189,26 +186,18 @@ def every_answer_has_a_reference(answer: Answer) -> str:
     return "" if position or speed else "neither position nor speed"
 
 
-def _sends_none(seen: EgmSeen) -> Verdict | None:
+def _none_sent(seen: EgmSeen) -> Verdict | None:
     sent = any(not_normal(_planned(each)) is not None for each in seen.answers)
     return not_applicable("no quaternion is sent") if seen.answers and not sent else None
 
 
-@requires.each(108, f"{SCHEMA}, EgmQuaternion", ANSWERS, good="{} quaternions", unless=_sends_none)
+QUATERNIONS = replace(ANSWERS, good="{} quaternions", unless=_none_sent)
+
+
+@requires.each(108, f"{SCHEMA}, EgmQuaternion", QUATERNIONS)
 def quaternions_are_normal(answer: Answer) -> str | None:
     """Every quaternion has the length 1, to 1e-3."""
     return not_normal(_planned(answer))
-
-
-def _first_answers(seen: EgmSeen) -> Iterator[tuple[Robot, Answer]]:
-    """The first answer of each session, and the datagram before it."""
-    pairs = _pairs(seen)
-    for session in seen.sessions:
-        numbers = {each.number for each in session}
-        for pair in pairs:
-            if pair.robot.number in numbers and pair.answers:
-                yield pair.robot, pair.answers[0]
-                break
 
 
 def _beyond(far_m: float, far_rad: float, most_m: float, most_rad: float) -> str:
@@ -231,12 +220,17 @@ def _strays(robot: Robot, answer: Answer) -> str:
     return f"with a speed of {speed:.3g} m/s or rad/s" if speed > SPEED_M_S else ""
 
 
-@requires.each(
-    109, f"{LAW}; a stale target after a restart is a jump", Over(_first_answers, "{} sessions")
-)
-def a_session_begins_where_the_arm_is(each: tuple[Robot, Answer]) -> str:
+@requires(109, f"{LAW}; a stale target after a restart is a jump")
+def a_session_begins_where_the_arm_is(seen: EgmSeen) -> Findings:
     """The first answer of every session is the measured position, with no speed."""
-    return _strays(*each)
+    pairs = _pairs(seen)
+    for session in seen.sessions:
+        numbers = {each.number for each in session}
+        for robot, answers in pairs:
+            if robot.number in numbers and answers:
+                yield answers[0].number, _strays(robot, answers[0])
+                break
+    return Words("{} sessions")
 
 
 def _neighbours(seen: EgmSeen) -> Iterator[tuple[Answer, Answer]]:
@@ -257,23 +251,20 @@ def references_do_not_leap(each: tuple[Answer, Answer]) -> str | None:
     return _beyond(far_m, far_rad, LEAP_M, LEAP_RAD)
 
 
-def _while_stopped(seen: EgmSeen) -> Iterator[tuple[Robot, Answer]]:
-    """Answers while the MCI is not RUNNING. The first ones may have been on their way."""
-    for pair in _pairs(seen, "stopped")[25:]:
-        if not pair.robot.running:
-            yield from ((pair.robot, answer) for answer in pair.answers)
-
-
-@requires.each(
+@requires(
     111,
     f"{LAW}; {LIBEGM} repeats its last reference there",
-    Over(_while_stopped, "{} answers", nothing="it did not answer while commands do not act"),
     unless=_ended_before("stopped"),
 )
-def it_follows_while_commands_do_not_act(each: tuple[Robot, Answer]) -> str:
+def it_follows_while_commands_do_not_act(seen: EgmSeen) -> Findings:
     """While the MCI is not RUNNING, answers are the measured position without speed, so that
     going on is no jump."""
-    return _strays(*each)
+    # The first ones may have been on their way.
+    for robot, answers in _pairs(seen, "stopped")[25:]:
+        if not robot.running:
+            for answer in answers:
+                yield answer.number, _strays(robot, answer)
+    return Words("{} answers", "it did not answer while commands do not act")
 
 
 @requires(

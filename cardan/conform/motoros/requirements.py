@@ -6,13 +6,13 @@ import math
 from collections.abc import Callable
 from itertools import pairwise
 
-from cardan.conform.motoros.decoded import Exchange, Heard, MotorosSeen, Status
+from cardan.conform.motoros.decoded import Exchange, Heard, MotorosSeen
 from cardan.conform.motoros.scenario import STEP_RAD, STEP_S, UNKNOWN_TYPE
 from cardan.conform.requirements import (
-    Over,
+    Findings,
     Requirements,
     Verdict,
-    Wrongs,
+    Words,
     apart,
     at_most,
     failed,
@@ -25,6 +25,7 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import read_twice, refused, second_description
+from cardan.conform.timing import not_torn
 from cardan.protocols import simple_message as sm
 from cardan.protocols.simple_message import (
     MessageType as T,
@@ -44,7 +45,6 @@ VELOCITY = "docs/protocols/motoros-velocity-mode.md"
 PERIOD_S, PERIOD_TOLERANCE_S = 0.025, 0.0005
 MISSED_S = 0.075
 """Three state cycles."""
-WHOLE_WITHIN_S = 0.0005
 REPLY_WITHIN_S = 0.02
 """Half a second is a client's time-out; 0.2 to 1.1 ms were measured on a controller."""
 STILL_RAD = 2e-3
@@ -54,6 +54,7 @@ REACHED_SHARE = 0.2
 requires: Requirements[MotorosSeen] = Requirements("MOTO")
 _UNANSWERED = "nothing was answered"
 _OTHERWISE = "it was not answered by a motion reply"
+_NO_STATUS, _NO_FEEDBACK = "no status came", "no feedback came"
 Echoed = tuple[Exchange, sm.MotionReply]
 """An order, and the reply that names it."""
 
@@ -73,7 +74,7 @@ def bytes_are_messages(seen: MotorosSeen) -> Verdict:
     """All that comes on any port is whole messages with the right prefix, one after the other."""
     wrong = ((each.number, f"{each.channel}: {each.reason}") for each in seen.unread)
     count = len(seen.heard) + len(seen.unread)
-    return none_wrong(wrong, count, f"{count} messages", "nothing came")
+    return none_wrong(wrong, count, f"{count} messages")
 
 
 @requires(3, f"{STATES}: a cycle every 25 ms")
@@ -88,7 +89,7 @@ def the_state_cycle_is_25_ms(seen: MotorosSeen) -> Verdict:
 @requires(4, f"{STATES}; a client stops its stream after three missed cycles")
 def no_three_cycles_are_missed(seen: MotorosSeen) -> Verdict:
     """From one ROBOT_STATUS to the next it is never more than 75 ms, whatever else is done."""
-    found = some(seen.statuses(), "no status came")
+    found = some(seen.statuses(), _NO_STATUS)
     gaps = [(b.time_s - a.time_s, b.number) for (a, _), (b, _) in pairwise(found)]
     last_phase = max(seen.phases.values(), key=lambda each: each.end)
     gaps.append((last_phase.end_s - found[-1][0].time_s, found[-1][0].number))
@@ -97,48 +98,43 @@ def no_three_cycles_are_missed(seen: MotorosSeen) -> Verdict:
 
 
 @requires(5, f"{STATES}: JOINT_FEEDBACK of each group, then ROBOT_STATUS")
-def a_cycle_has_its_order(seen: MotorosSeen) -> Verdict:
+def a_cycle_has_its_order(seen: MotorosSeen) -> Findings:
     """In each cycle feedback of the groups comes in their order, and the status last."""
-    cycle: list[int] = []
-    wrong, count = [], 0
+    groups: list[int] = []
     for each in seen.heard:
-        if each.channel != "state":
-            continue
-        if each.message.msg_type == T.JOINT_FEEDBACK:
-            cycle.append(each.message.body.group)  # type: ignore[union-attr]
-        elif each.message.msg_type == T.ROBOT_STATUS:
-            count += 1
-            if cycle != list(range(len(cycle))) or not cycle:
-                wrong.append((each.number, f"groups {cycle} before the status"))
-            cycle = []
-    return none_wrong(wrong, count, f"{count} cycles", "no status came")
+        body = each.message.body
+        if each.channel == "state" and isinstance(body, sm.JointFeedback):
+            groups.append(body.group)
+        elif each.channel == "state" and isinstance(body, sm.RobotStatus):
+            right = groups and groups == list(range(len(groups)))
+            yield each.number, "" if right else f"groups {groups} before the status"
+            groups = []
+    return Words("{} cycles", _NO_STATUS)
 
 
-@requires.each(
-    6,
-    f"{MESSAGES}: TOPIC is 1, the reply code of topics 0",
-    Over(lambda seen: [each for each in seen.heard if each.channel == "state"], "{} messages"),
-)
-def states_are_topics(each: Heard) -> str:
+@requires(6, f"{MESSAGES}: TOPIC is 1, the reply code of topics 0")
+def states_are_topics(seen: MotorosSeen) -> Findings:
     """Messages of the state port are topics with the reply code 0."""
-    topic = each.message.comm_type == sm.CommType.TOPIC and not each.message.reply_code
-    return "" if topic else f"communication type {each.message.comm_type}"
+    for each in seen.heard:
+        if each.channel == "state":
+            kind, code = each.message.comm_type, each.message.reply_code
+            topic = kind == sm.CommType.TOPIC and not code
+            yield each.number, "" if topic else f"communication type {kind}"
+    return Words("{} messages")
 
 
 @requires(7, f"{STATES}: POSITION, and VELOCITY where speed feedback is available")
-def feedback_says_what_is_valid(seen: MotorosSeen) -> Verdict:
+def feedback_says_what_is_valid(seen: MotorosSeen) -> Findings:
     """valid_fields of feedback are POSITION, or POSITION and VELOCITY; all values are finite."""
-    wrong, fields = [], set()
-    found = seen.feedback()
-    position = sm.ValidFields.POSITION
-    for each, body in found:
-        fields.add(body.valid_fields)
-        if body.valid_fields not in (position, position | sm.ValidFields.VELOCITY):
-            wrong.append((each.number, f"valid_fields {body.valid_fields}"))
-        elif not all(map(math.isfinite, (*body.pos, *body.vel))):
-            wrong.append((each.number, "a value that is not finite"))
-    said = f"valid_fields {' and '.join(map(str, sorted(fields)))}"
-    return none_wrong(wrong, len(found), said, "no feedback came")
+    position, had = sm.ValidFields.POSITION, set()
+    for each, body in seen.feedback():
+        had.add(fields := body.valid_fields)
+        if fields not in (position, position | sm.ValidFields.VELOCITY):
+            yield each.number, f"valid_fields {fields}"
+        else:
+            finite = all(map(math.isfinite, (*body.pos, *body.vel)))
+            yield each.number, "" if finite else "a value that is not finite"
+    return Words(f"valid_fields {' and '.join(map(str, sorted(had)))}", _NO_FEEDBACK)
 
 
 @requires(8, f"{STATES}: speed feedback since the API has it")
@@ -149,32 +145,26 @@ def feedback_has_speeds(seen: MotorosSeen) -> Verdict:
         each.number for each, body in found if not body.valid_fields & sm.ValidFields.VELOCITY
     ]
     must(not without, "positions alone", without)
-    return passed(f"{len(found)} feedbacks") if found else not_seen("no feedback came")
+    return passed(f"{len(found)} feedbacks") if found else not_seen(_NO_FEEDBACK)
 
 
-@requires.each(
-    9,
-    f"{MESSAGES}, ROBOT_STATUS: MotoROS sends no unknowns",
-    Over(MotorosSeen.statuses, "{} statuses", nothing="no status came"),
-)
-def statuses_are_plausible(each: Status) -> str:
+@requires(9, f"{MESSAGES}, ROBOT_STATUS: MotoROS sends no unknowns")
+def statuses_are_plausible(seen: MotorosSeen) -> Findings:
     """Switches of a status are 0 or 1, and the mode is 1 (teach) or 2 (play)."""
-    s = each[1]
-    switches = (s.drives_powered, s.e_stopped, s.in_error, s.motion_possible)
-    if not set(switches) <= {0, 1} or s.in_motion not in (-1, 0, 1):
-        return f"switches {switches}"
-    return "" if s.mode in (sm.ControllerMode.MANUAL, sm.ControllerMode.AUTO) else f"mode {s.mode}"
+    for each, s in seen.statuses():
+        switches = (s.drives_powered, s.e_stopped, s.in_error, s.motion_possible)
+        if not set(switches) <= {0, 1} or s.in_motion not in (-1, 0, 1):
+            yield each.number, f"switches {switches}"
+        else:
+            known = s.mode in (sm.ControllerMode.MANUAL, sm.ControllerMode.AUTO)
+            yield each.number, "" if known else f"mode {s.mode}"
+    return Words("{} statuses", _NO_STATUS)
 
 
-@requires.each(
-    10,
-    f"{STATES}: each message in one send()",
-    Over(lambda seen: seen.heard, "{} messages, {} in pieces", few=0.01),
-)
-def messages_are_not_torn(each: Heard) -> str:
+@requires(10, f"{STATES}: each message in one send()")
+def messages_are_not_torn(seen: MotorosSeen) -> Findings:
     """Of a message whose first bytes have come the rest is there within half a millisecond."""
-    took_s = each.time_s - each.begun_s
-    return f"{took_s * 1e3:.1f} ms" if took_s > WHOLE_WITHIN_S else ""
+    return not_torn(seen.heard, "{} messages, {} in pieces")
 
 
 @requires(11, "cardan.dissect: a second description of the protocol")
@@ -222,18 +212,14 @@ def _control(seen: MotorosSeen, command: C, phase: str = "") -> list[Exchange]:
 
 
 @requires(101, f"{SERVER}: every request is answered, one at a time")
-def every_request_is_answered(seen: MotorosSeen) -> Verdict:
+def every_request_is_answered(seen: MotorosSeen) -> Findings:
     """Each request is answered on its connection before a client's time is out."""
-    found = [
-        e for e in seen.asked if e.request and e.request.comm_type == sm.CommType.SERVICE_REQUEST
-    ]
     ends = [event.time_s for _, event in seen.ended]
-    wrong = (
-        (each.number, "no answer")
-        for each in found
-        if each.reply is None and not any(each.time_s - 1.0 < end < each.time_s for end in ends)
-    )
-    return none_wrong(wrong, len(found), f"{len(found)} requests", "nothing was asked")
+    for each in seen.asked:
+        if each.request and each.request.comm_type == sm.CommType.SERVICE_REQUEST:
+            ended = any(each.time_s - 1.0 < end < each.time_s for end in ends)
+            yield each.number, "" if each.reply or ended else "no answer"
+    return Words("{} requests", "nothing was asked")
 
 
 @requires(102, "0.2 to 1.1 ms in a capture of a controller (2015)")
@@ -250,35 +236,27 @@ def answers_are_quick(seen: MotorosSeen) -> Verdict:
     return at_most(REPLY_WITHIN_S * 1e3, late_s * 1e3, "ms", said, [index])
 
 
-@requires.each(
-    103,
-    f"{SERVER}: group, sequence and command are echoed",
-    Over(lambda seen: seen.asked, "{} replies", nothing=_UNANSWERED),
-)
-def answers_are_to_what_was_asked(each: Exchange) -> Wrongs | None:
+@requires(103, f"{SERVER}: group, sequence and command are echoed")
+def answers_are_to_what_was_asked(seen: MotorosSeen) -> Findings:
     """The reply to an order has its command and its sequence."""
-    body, found = each.body, each.motion
-    if each.reply is None or not isinstance(body, sm.MotionCtrl):
-        return None
-    if found and (found.command, found.sequence) == (body.command, body.sequence):
-        return []
-    return [(each.reply.number, f"not of {body.command}, {body.sequence}")]
+    for each in seen.asked:
+        body, found = each.body, each.motion
+        if each.reply is not None and isinstance(body, sm.MotionCtrl):
+            echoed = found and (found.command, found.sequence) == (body.command, body.sequence)
+            words = "" if echoed else f"not of {body.command}, {body.sequence}"
+            yield each.reply.number, words
+    return Words("{} replies", _UNANSWERED)
 
 
-@requires.each(
-    104,
-    f"{MESSAGES}: SERVICE_REPLY is 3, the reply code SUCCESS even of errors",
-    Over(
-        lambda seen: [e.reply for e in seen.asked if e.motion and e.reply],
-        "{} replies",
-        nothing=_UNANSWERED,
-    ),
-)
-def replies_are_replies(each: Heard) -> str:
+@requires(104, f"{MESSAGES}: SERVICE_REPLY is 3, the reply code SUCCESS even of errors")
+def replies_are_replies(seen: MotorosSeen) -> Findings:
     """A motion reply has the communication type 3 and the reply code 1."""
-    head = each.message.comm_type, each.message.reply_code
-    good = head == (sm.CommType.SERVICE_REPLY, sm.ReplyCode.SUCCESS)
-    return "" if good else f"type {head[0]}, code {head[1]}"
+    for each in seen.asked:
+        if each.motion and each.reply:
+            head = each.reply.message.comm_type, each.reply.message.reply_code
+            good = head == (sm.CommType.SERVICE_REPLY, sm.ReplyCode.SUCCESS)
+            yield each.reply.number, "" if good else f"type {head[0]}, code {head[1]}"
+    return Words("{} replies", _UNANSWERED)
 
 
 @requires(105, f"{SERVER}: PING is answered with PING")
@@ -323,28 +301,20 @@ def points_are_refused_before_the_start(seen: MotorosSeen) -> Verdict:
     return met(reply.result in (R.NOT_READY, R.INVALID), _words(reply), [found[0].number])
 
 
-def _echoed(command: C, phase: str = "") -> Callable[[MotorosSeen], list[Echoed]]:
+def _echoed(seen: MotorosSeen, command: C, phase: str = "") -> list[Echoed]:
     """Orders of a command with the replies that name it."""
-
-    def found(seen: MotorosSeen) -> list[Echoed]:
-        pairs = [(each, each.motion) for each in _control(seen, command, phase)]
-        return [(each, reply) for each, reply in pairs if reply and reply.command == command]
-
-    return found
+    pairs = [(each, each.motion) for each in _control(seen, command, phase)]
+    return [(each, reply) for each, reply in pairs if reply and reply.command == command]
 
 
-@requires.each(
-    109,
-    f"{CONTROLLER}: the first NOT_READY reason that applies",
-    Over(_echoed(C.CHECK_MOTION_READY), "{} reasons", nothing="it was ready all the time"),
-)
-def not_ready_has_a_reason(each: Echoed) -> str | None:
+@requires(109, f"{CONTROLLER}: the first NOT_READY reason that applies")
+def not_ready_has_a_reason(seen: MotorosSeen) -> Findings:
     """CHECK_MOTION_READY that is not TRUE is FALSE with a subcode of 5000 to 5099."""
-    reply = each[1]
-    if reply.result == R.SUCCESS:
-        return None
-    reason = reply.result == R.FAILURE and 0 <= reply.subcode - N.UNSPECIFIED < 100
-    return "" if reason else _words(reply)
+    for each, reply in _echoed(seen, C.CHECK_MOTION_READY):
+        if reply.result != R.SUCCESS:
+            reason = reply.result == R.FAILURE and 0 <= reply.subcode - N.UNSPECIFIED < 100
+            yield each.number, "" if reason else _words(reply)
+    return Words("{} reasons", "it was ready all the time")
 
 
 @requires(110, f"{IO}: results 0 and 1001")
@@ -390,24 +360,20 @@ def _held(seen: MotorosSeen) -> Verdict | None:
     return None if possible else not_seen("motion was never possible")
 
 
-@requires.each(
-    113,
-    f"{STATES}, ROBOT_STATUS; {CONTROLLER}: what ends motion",
-    Over(lambda seen: seen.statuses("hold"), "{} statuses"),
-    unless=_held,
-)
-def holding_is_undisturbed(each: Status) -> str:
+@requires(113, f"{STATES}, ROBOT_STATUS; {CONTROLLER}: what ends motion", unless=_held)
+def holding_is_undisturbed(seen: MotorosSeen) -> Findings:
     """Held in trajectory mode, the drives have power, play is on, no stop or alarm, motion is
     possible."""
-    s = each[1]
-    causes = (
-        (s.e_stopped, "emergency stop"),
-        (s.in_error, f"alarm {s.error_code}"),
-        (s.mode != sm.ControllerMode.AUTO, "not in play"),
-        (not s.drives_powered, "drives without power"),
-        (not s.motion_possible, "motion is not possible"),
-    )
-    return next((words for bad, words in causes if bad), "")
+    for each, s in seen.statuses("hold"):
+        causes = (
+            (s.e_stopped, "emergency stop"),
+            (s.in_error, f"alarm {s.error_code}"),
+            (s.mode != sm.ControllerMode.AUTO, "not in play"),
+            (not s.drives_powered, "drives without power"),
+            (not s.motion_possible, "motion is not possible"),
+        )
+        yield each.number, next((words for bad, words in causes if bad), "")
+    return Words("{} statuses")
 
 
 @requires(114, f"{SERVER}: one client is served until it leaves")
@@ -430,15 +396,13 @@ def the_first_point_is_taken(seen: MotorosSeen) -> Verdict:
     return met(far < STILL_RAD, f"{math.degrees(far):.4f} degrees at most", [found[0].number])
 
 
-@requires.each(
-    116,
-    f"{GROUP}: the number of increments",
-    Over(_echoed(C.CHECK_QUEUE_CNT, "hold"), "{} times", nothing="it was not answered"),
-)
-def an_empty_queue_is_said_to_be(each: Echoed) -> str:
+@requires(116, f"{GROUP}: the number of increments")
+def an_empty_queue_is_said_to_be(seen: MotorosSeen) -> Findings:
     """While nothing was commanded CHECK_QUEUE_CNT counts 0."""
-    empty = (each[1].result, each[1].subcode) == (R.SUCCESS, 0)
-    return "" if empty else f"result {each[1].result}, {each[1].subcode} increments"
+    for each, reply in _echoed(seen, C.CHECK_QUEUE_CNT, "hold"):
+        empty = (reply.result, reply.subcode) == (R.SUCCESS, 0)
+        yield each.number, "" if empty else f"result {reply.result}, {reply.subcode} increments"
+    return Words("{} times", "it was not answered")
 
 
 def _velocities(seen: MotorosSeen, phase: str) -> list[Exchange]:
@@ -557,7 +521,7 @@ def a_trajectory_takes_its_time(seen: MotorosSeen) -> Verdict:
     point = _taken(seen)
     counts = [
         (each.time_s, reply.subcode)
-        for each, reply in _echoed(C.CHECK_QUEUE_CNT, "out")(seen)
+        for each, reply in _echoed(seen, C.CHECK_QUEUE_CNT, "out")
         if reply.result == R.SUCCESS
     ]
     filled = [time_s for time_s, count in counts if count > 0]
@@ -585,21 +549,15 @@ def a_point_is_reached(seen: MotorosSeen) -> Verdict:
     return _reached(seen, "out", _NO_POINT)
 
 
-@requires.each(
-    204,
-    f"{CONTROLLER}: motion stays possible after motion",
-    Over(
-        lambda seen: seen.statuses("out") + seen.statuses("back"),
-        "{} statuses",
-        unless=lambda seen: None if _point(seen, "out", 1) else not_seen(_NO_POINT),
-        nothing=_NO_POINT,
-    ),
-)
-def motion_stays_possible(each: Status) -> str:
+@requires(204, f"{CONTROLLER}: motion stays possible after motion")
+def motion_stays_possible(seen: MotorosSeen) -> Findings:
     """While it moves and after, motion is possible and no alarm comes."""
-    s = each[1]
-    stays = s.motion_possible == 1 and not s.in_error
-    return "" if stays else f"motion_possible {s.motion_possible}, alarm {s.error_code}"
+    some(_point(seen, "out", 1), _NO_POINT)
+    for each, s in seen.statuses("out") + seen.statuses("back"):
+        stays = s.motion_possible == 1 and not s.in_error
+        words = f"motion_possible {s.motion_possible}, alarm {s.error_code}"
+        yield each.number, "" if stays else words
+    return Words("{} statuses", _NO_POINT)
 
 
 @requires(205, f"{STATES}, in_motion")
@@ -621,7 +579,7 @@ def it_comes_back(seen: MotorosSeen) -> Verdict:
 def velocities_move_it(seen: MotorosSeen) -> Verdict:
     """0.1 s of velocities turn the axis, and by no more than 0.2 degrees."""
     before, after = seen.feedback("stream"), seen.feedback("deserted")
-    some(before and after, "no feedback came")
+    some(before and after, _NO_FEEDBACK)
     far = apart(before[0][1].pos, after[-1][1].pos)
     return met(0.2 * STEP_RAD < far < 1.2 * STEP_RAD, f"{math.degrees(far):.3f} degrees")
 
@@ -633,7 +591,7 @@ def silence_stops_it(seen: MotorosSeen) -> Verdict:
     found, asked = seen.feedback("deserted"), _velocities(seen, "deserted")
     some(found and asked, "it was not tried")
     late = [body.pos for each, body in found if each.time_s > phase.start_s + 0.3]
-    some(late, "no feedback came")
+    some(late, _NO_FEEDBACK)
     far, reply = max(apart(late[0], pos) for pos in late), asked[0].motion
     latched = reply is not None and reply.subcode == N.VEL_WATCHDOG
     said = f"{math.degrees(far):.4f} degrees more, {'' if latched else 'not '}latched"

@@ -14,10 +14,11 @@ from typing import NamedTuple, TypeVar
 from cardan.conform.motoros_driver.scenario import port_of
 from cardan.conform.timeline import Event, Kind, Phase, Seen, Timeline
 from cardan.protocols import simple_message as sm
+from cardan.protocols.simple_message import MessageType as T
 
-T = TypeVar("T")
+B = TypeVar("B")
 
-_VELOCITIES = frozenset((sm.MessageType.MOTO_JOINT_VELOCITY, sm.MessageType.MOTO_JOINT_VELOCITY_EX))
+VELOCITY_TYPES = frozenset((T.MOTO_JOINT_VELOCITY, T.MOTO_JOINT_VELOCITY_EX))
 
 
 class Answered(NamedTuple):
@@ -49,7 +50,7 @@ class Said(NamedTuple):
     def is_topic(self) -> bool:
         """Nothing answers it: a speed, sent as a topic."""
         topic = self.message.comm_type == sm.CommType.TOPIC
-        return topic and self.message.msg_type in _VELOCITIES
+        return topic and self.message.msg_type in VELOCITY_TYPES
 
     @property
     def answer(self) -> sm.Body | None:
@@ -136,8 +137,6 @@ class DriverSeen(Seen):
             for order in [sm.detect_byte_order(event.data[:4].ljust(4, b"\0"))]
             if order is not None and len(event.data) >= 16
         ]
-        self._order = sm.ByteOrder.LITTLE
-        self._place = 0
         open_links: dict[str, Link] = {}
         for number, event in enumerate(timeline):
             channel = event.channel
@@ -160,10 +159,8 @@ class DriverSeen(Seen):
 
     def _order_at(self, number: int) -> sm.ByteOrder:
         """The controller's, as its states have it."""
-        orders = self._orders
-        while self._place + 1 < len(orders) and orders[self._place + 1][0] < number:
-            self._place += 1
-        return orders[self._place][1] if orders else sm.ByteOrder.LITTLE
+        first = self._orders[0][1] if self._orders else sm.ByteOrder.LITTLE
+        return _newest(self._orders, number) or first
 
     def _heard(self, number: int, event: Event) -> None:
         channel, data = event.channel, event.data
@@ -289,7 +286,7 @@ class DriverSeen(Seen):
         return _newest(self.statuses, number)
 
 
-def _newest(found: list[tuple[int, T]], number: int) -> T | None:
+def _newest(found: list[tuple[int, B]], number: int) -> B | None:
     """The last of those that have numbers below `number`."""
     place = bisect.bisect_left(found, number, key=operator.itemgetter(0))
     return found[place - 1][1] if place else None

@@ -7,16 +7,17 @@ from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import pairwise
 
-from cardan.conform.motoros_driver.decoded import DriverSeen, Link, Neighbours, Said
+from cardan.conform.motoros_driver.decoded import VELOCITY_TYPES, DriverSeen, Link, Said
 from cardan.conform.motoros_driver.scenario import (
     ANSWERED_WITHIN_S,
     ROBOT,
     STOPS,
 )
 from cardan.conform.requirements import (
-    Over,
+    Findings,
     Requirements,
     Verdict,
+    Words,
     apart,
     failed,
     must,
@@ -35,6 +36,7 @@ from cardan.protocols.simple_message import (
     NotReadySubcode as N,
 )
 from cardan.robots import load_arm
+from cardan.sim_peers.motoros_controller.io_image import BIT_AND_GROUP_TYPES, REGISTER_TYPES
 
 MANUAL = "docs/protocols/simple-message.md"
 SERVER = "motoman_driver 1.9.12, MotoPlus/MotionServer.c"
@@ -65,58 +67,30 @@ STARTS = frozenset((C.START_TRAJ_MODE, C.START_VEL_MODE))
 POWER = frozenset((*STARTS, C.RESET_ALARM, C.START_SERVOS))
 MOVING = frozenset((*STARTS, C.START_SERVOS))
 POINT_FIELDS = sm.ValidFields.TIME | sm.ValidFields.POSITION | sm.ValidFields.VELOCITY
-KNOWN_TYPES = frozenset(
-    (
-        T.PING,
-        T.JOINT_TRAJ_PT_FULL,
-        T.MOTO_MOTION_CTRL,
-        T.MOTO_JOINT_TRAJ_PT_FULL_EX,
-        T.MOTO_SELECT_TOOL,
-        T.MOTO_GET_DH_PARAMETERS,
-        T.MOTO_READ_IO_BIT,
-        T.MOTO_WRITE_IO_BIT,
-        T.MOTO_READ_IO_GROUP,
-        T.MOTO_WRITE_IO_GROUP,
-        T.MOTO_READ_MREGISTER,
-        T.MOTO_WRITE_MREGISTER,
-        T.MOTO_VELOCITY_INFO,
-    )
-)
-VELOCITY_TYPES = frozenset((T.MOTO_JOINT_VELOCITY, T.MOTO_JOINT_VELOCITY_EX))
+KNOWN_TYPES = {
+    T.PING,
+    T.JOINT_TRAJ_PT_FULL,
+    T.MOTO_JOINT_TRAJ_PT_FULL_EX,
+    T.MOTO_MOTION_CTRL,
+    T.MOTO_SELECT_TOOL,
+    T.MOTO_GET_DH_PARAMETERS,
+    T.MOTO_VELOCITY_INFO,
+    *BIT_AND_GROUP_TYPES,
+    *REGISTER_TYPES,
+}
 VELOCITY_COMMANDS = frozenset((C.START_VEL_MODE, C.STOP_VEL_MODE))
 LEAVES = frozenset((C.STOP_TRAJ_MODE, C.STOP_VEL_MODE, C.STOP_SERVOS, C.DISCONNECT))
 
 requires: Requirements[DriverSeen] = Requirements("MOTOPC")
 _NO_POINTS = "no points were sent"
 _NO_SPEEDS = "no speeds were sent"
+_NEVER_STARTED = "motion was never started"
 
 
 def _unused(seen: DriverSeen) -> Verdict | None:
     """The client moves the arm, and does not by the velocity mode."""
     unused = bool(seen.points) and not seen.velocities
     return not_applicable("it does not use the velocity mode") if unused else None
-
-
-MESSAGES_SAID: Over[DriverSeen, Said] = Over(lambda seen: seen.said, "{} messages")
-
-POINTS: Over[DriverSeen, tuple[Said, sm.JointTrajPtFull]] = Over(
-    lambda seen: seen.points, "{} points", nothing=_NO_POINTS
-)
-
-NEIGHBOURS: Over[DriverSeen, Neighbours] = Over(
-    DriverSeen.neighbours, "{} points", nothing=_NO_POINTS
-)
-
-SPEEDS: Over[DriverSeen, tuple[Said, sm.JointVelocity]] = Over(
-    lambda seen: seen.velocities, "{} messages", nothing=_NO_SPEEDS, unless=_unused
-)
-
-
-def _in_stock(seen: DriverSeen) -> Iterator[tuple[Said, str]]:
-    """What it said, and the name of the phase in which its controller came; empty before any."""
-    stock = seen.named("connect")
-    for each in seen.said:
-        yield each, next((p.name for p in reversed(stock) if p.first <= each.number), "")
 
 
 # -- the wire --------------------------------------------------------------------------------------
@@ -150,17 +124,13 @@ def a_message_is_one_piece(seen: DriverSeen) -> Verdict:
     return none_wrong([] if few else seen.pieces, count, f"{count} messages")
 
 
-@requires.each(
-    104,
-    f"{SERVER}: a second message in the buffer can be lost; {MANUAL}",
-    MESSAGES_SAID,
-    good="{} requests",
-)
-def one_request_at_a_time(said: Said) -> str | None:
+@requires(104, f"{SERVER}: a second message in the buffer can be lost; {MANUAL}")
+def one_request_at_a_time(seen: DriverSeen) -> Findings:
     """No request is sent before the one before is answered; speeds sent as topics are none."""
-    if said.is_topic:
-        return None
-    return f"{said.owed} were open" if said.owed else ""
+    for said in seen.said:
+        if not said.is_topic:
+            yield said.number, f"{said.owed} were open" if said.owed else ""
+    return Words("{} requests")
 
 
 @requires(105, f"{MANUAL}: the byte order is that of the controller's CPU")
@@ -169,12 +139,14 @@ def the_byte_order_is_the_controllers(seen: DriverSeen) -> Verdict:
     return none_wrong(seen.disordered, len(seen.said), f"{len(seen.said)} messages")
 
 
-@requires.each(106, f"{MESSAGES}, comm_type and reply_code: 2 and 0 of a request", MESSAGES_SAID)
-def requests_are_requests(said: Said) -> str:
+@requires(106, f"{MESSAGES}, comm_type and reply_code: 2 and 0 of a request")
+def requests_are_requests(seen: DriverSeen) -> Findings:
     """Everything is a service request with reply code 0; speeds may be topics."""
-    head = said.message.comm_type, said.message.reply_code
-    good = said.is_topic or head == (sm.CommType.SERVICE_REQUEST, sm.ReplyCode.INVALID)
-    return "" if good else f"comm_type {head[0]}, reply_code {head[1]}"
+    for said in seen.said:
+        head = said.message.comm_type, said.message.reply_code
+        good = said.is_topic or head == (sm.CommType.SERVICE_REQUEST, sm.ReplyCode.INVALID)
+        yield said.number, "" if good else f"comm_type {head[0]}, reply_code {head[1]}"
+    return Words("{} messages")
 
 
 @requires(107, f"{STATES}: nothing is ever read there")
@@ -185,39 +157,36 @@ def the_state_port_is_left_alone(seen: DriverSeen) -> Verdict:
     return failed(f"{count} pieces", seen.strays) if count else passed("nothing came")
 
 
-@requires.each(
-    108,
-    f"{SERVER}: an unknown command is answered with the reply before",
-    Over(_in_stock, "{} messages"),
-)
-def commands_are_known(each: tuple[Said, str]) -> str:
+@requires(108, f"{SERVER}: an unknown command is answered with the reply before")
+def commands_are_known(seen: DriverSeen) -> Findings:
     """Types and commands are such as MotoROS has; the velocity mode's are used where it is."""
-    said, controller = each
-    kind, command = said.message.msg_type, said.command
-    if kind not in KNOWN_TYPES | VELOCITY_TYPES:
-        return f"type {kind}"
-    if isinstance(said.message.body, sm.MotionCtrl) and command not in set(C):
-        return f"command {command}"
-    of_velocity = kind in VELOCITY_TYPES or command in VELOCITY_COMMANDS
-    stock = controller and not controller.startswith("velocity")
-    return "there is no velocity mode" if of_velocity and stock else ""
+    stock = seen.named("connect")
+    for said in seen.said:
+        kind, command = said.message.msg_type, said.command
+        controller = next((p.name for p in reversed(stock) if p.first <= said.number), "velocity")
+        of_velocity = kind in VELOCITY_TYPES or command in VELOCITY_COMMANDS
+        if kind not in KNOWN_TYPES | VELOCITY_TYPES:
+            yield said.number, f"type {kind}"
+        elif isinstance(said.message.body, sm.MotionCtrl) and command not in set(C):
+            yield said.number, f"command {command}"
+        else:
+            there = not of_velocity or controller.startswith("velocity")
+            yield said.number, "" if there else "there is no velocity mode"
+    return Words("{} messages")
 
 
 @requires(109, f"{SERVER}: what a connection before left in the queue goes on with the next one")
-def stop_motion_comes_first(seen: DriverSeen) -> Verdict:
+def stop_motion_comes_first(seen: DriverSeen) -> Findings:
     """On every motion connection STOP_MOTION is answered before motion is started."""
-    wrong, count = [], 0
     for messages in seen.motion.values():
         stopped = False
         for each in messages:
             if each.command == C.STOP_MOTION and each.answered is not None:
                 stopped = True
             elif each.command in STARTS or each.point is not None or each.velocity is not None:
-                count += 1
-                if not stopped:
-                    wrong.append((each.number, "motion begins without one"))
+                yield each.number, "" if stopped else "motion begins without one"
                 break
-    return none_wrong(wrong, count, f"{count} connections", "motion was never started")
+    return Words("{} connections", _NEVER_STARTED)
 
 
 def _started(messages: list[Said]) -> Iterator[tuple[Said, str]]:
@@ -242,18 +211,16 @@ def _started(messages: list[Said]) -> Iterator[tuple[Said, str]]:
 
 
 @requires(110, f"{CONTROLLER}: the motion-ready predicate")
-def motion_is_started_first(seen: DriverSeen) -> Verdict:
+def motion_is_started_first(seen: DriverSeen) -> Findings:
     """Points and speeds are only sent after a start of their mode that was answered SUCCESS, and
     not after an answer NOT_READY, until the next one."""
-    wrong, count = [], 0
     for messages in seen.motion.values():
         for each, mode in _started(messages):
-            count += 1
             wanted = "points" if each.point is not None else "speeds"
             # A topic may have been on its way while the answer was.
-            if mode != wanted and not (each.is_topic and _answered_lately(each, messages)):
-                wrong.append((each.number, f"{wanted} in mode {mode or 'none'}"))
-    return none_wrong(wrong, count, f"{count} points and speeds", "motion was never started")
+            good = mode == wanted or (each.is_topic and _answered_lately(each, messages))
+            yield each.number, "" if good else f"{wanted} in mode {mode or 'none'}"
+    return Words("{} points and speeds", _NEVER_STARTED)
 
 
 def _answered_lately(said: Said, messages: list[Said]) -> bool:
@@ -275,56 +242,50 @@ def a_refused_start_is_taken_for_one(seen: DriverSeen) -> Verdict:
 # -- trajectories ----------------------------------------------------------------------------------
 
 
-@requires.each(120, f"{SERVER}: else DATA_INSUFFICIENT", POINTS)
-def points_are_complete(each: tuple[Said, sm.JointTrajPtFull]) -> str:
+@requires(120, f"{SERVER}: else DATA_INSUFFICIENT")
+def points_are_complete(seen: DriverSeen) -> Findings:
     """Every point has a time, positions and velocities, and says so; all are finite."""
-    point = each[1]
-    if point.valid_fields & POINT_FIELDS != POINT_FIELDS:
-        return f"valid_fields {point.valid_fields}"
-    finite = all(map(math.isfinite, (point.time, *point.pos, *point.vel)))
-    return "" if finite else "a number that is not finite"
+    for said, point in seen.points:
+        if point.valid_fields & POINT_FIELDS != POINT_FIELDS:
+            yield said.number, f"valid_fields {point.valid_fields}"
+        else:
+            yield said.number, _finite(point.time, *point.pos, *point.vel)
+    return Words("{} points", _NO_POINTS)
 
 
-@requires.each(
-    121,
-    f"{SERVER}: within 30 pulses of the commanded position, else DATA_START_POS",
-    Over(
-        lambda seen: [(*each, seen.feedback_before(each[0].number)) for each in seen.points],
-        "{} trajectories",
-        nothing=_NO_POINTS,
-    ),
-)
-def a_trajectory_begins_where_the_arm_is(
-    each: tuple[Said, sm.JointTrajPtFull, sm.JointFeedback | None],
-) -> str | None:
+def _finite(*values: float) -> str:
+    """That one of them is not finite; empty: all are."""
+    return "" if all(map(math.isfinite, values)) else "a number that is not finite"
+
+
+@requires(121, f"{SERVER}: within 30 pulses of the commanded position, else DATA_START_POS")
+def a_trajectory_begins_where_the_arm_is(seen: DriverSeen) -> Findings:
     """The first point (sequence 0) is the measured position, to 0.001 rad, with no speed."""
-    _, point, measured = each
-    if point.sequence or measured is None:
-        return None
-    far, speed = apart(point.pos, measured.pos), max(map(abs, point.vel))
-    if far > NEAR_RAD:
-        return f"{far:.4f} rad away"
-    return f"at {speed:.3g} rad/s" if speed > STILL_RAD_S else ""
+    for said, point in seen.points:
+        measured = seen.feedback_before(said.number)
+        if not point.sequence and measured is not None:
+            far, speed = apart(point.pos, measured.pos), max(map(abs, point.vel))
+            words = f"at {speed:.3g} rad/s" if speed > STILL_RAD_S else ""
+            yield said.number, f"{far:.4f} rad away" if far > NEAR_RAD else words
+    return Words("{} trajectories", _NO_POINTS)
 
 
-@requires.each(
-    122, f"{CLIENT}: the index of the point; {SERVER}: 0 begins, below 0 is refused", NEIGHBOURS
-)
-def points_count_up(each: Neighbours) -> str:
+@requires(122, f"{CLIENT}: the index of the point; {SERVER}: 0 begins, below 0 is refused")
+def points_count_up(seen: DriverSeen) -> Findings:
     """The sequence goes up by one from point to point of a trajectory."""
-    _, one, _, point = each
-    up = point.sequence == one.sequence + 1
-    return "" if up else f"{point.sequence} after {one.sequence}"
+    for _, one, said, point in seen.neighbours():
+        up = point.sequence == one.sequence + 1
+        yield said.number, "" if up else f"{point.sequence} after {one.sequence}"
+    return Words("{} points", _NO_POINTS)
 
 
-@requires.each(
-    123, f"{SERVER}: of a point that is not later nothing is queued, and it is SUCCESS", NEIGHBOURS
-)
-def time_goes_on(each: Neighbours) -> str:
+@requires(123, f"{SERVER}: of a point that is not later nothing is queued, and it is SUCCESS")
+def time_goes_on(seen: DriverSeen) -> Findings:
     """From point to point of a trajectory the time rises by a whole millisecond at least."""
-    _, one, _, point = each
-    later = int(point.time * 1e3) > int(one.time * 1e3)
-    return "" if later else f"{point.time:.4f} s after {one.time:.4f}"
+    for _, one, said, point in seen.neighbours():
+        later = int(point.time * 1e3) > int(one.time * 1e3)
+        yield said.number, "" if later else f"{point.time:.4f} s after {one.time:.4f}"
+    return Words("{} points", _NO_POINTS)
 
 
 def _outside(positions: sm.Joints) -> str:
@@ -343,10 +304,12 @@ def _too_fast(speeds: Iterable[float], share: float = 1.0) -> str:
     return ""
 
 
-@requires.each(124, f"{SERVER}: DATA_SPEED of a speed; positions are not checked there", POINTS)
-def points_are_within_the_arm(each: tuple[Said, sm.JointTrajPtFull]) -> str:
+@requires(124, f"{SERVER}: DATA_SPEED of a speed; positions are not checked there")
+def points_are_within_the_arm(seen: DriverSeen) -> Findings:
     """Positions are within the joints' ranges, and speeds within what the joints can do."""
-    return _outside(each[1].pos) or _too_fast(each[1].vel)
+    for said, point in seen.points:
+        yield said.number, _outside(point.pos) or _too_fast(point.vel)
+    return Words("{} points", _NO_POINTS)
 
 
 def _steepest(one: sm.JointTrajPtFull, other: sm.JointTrajPtFull) -> list[float]:
@@ -363,12 +326,12 @@ def _steepest(one: sm.JointTrajPtFull, other: sm.JointTrajPtFull) -> list[float]
     return found
 
 
-@requires.each(
-    125, f"{SERVER}: increments beyond an axis's speed are refused, INC_MOVE_ERROR", NEIGHBOURS
-)
-def the_way_between_is_within_the_arm(each: Neighbours) -> str:
+@requires(125, f"{SERVER}: increments beyond an axis's speed are refused, INC_MOVE_ERROR")
+def the_way_between_is_within_the_arm(seen: DriverSeen) -> Findings:
     """On the cubic from point to point no joint is more than a tenth faster than it can be."""
-    return _too_fast(_steepest(each[1], each[3]), TOO_FAST)
+    for _, one, said, point in seen.neighbours():
+        yield said.number, _too_fast(_steepest(one, point), TOO_FAST)
+    return Words("{} points", _NO_POINTS)
 
 
 def _with_next(seen: DriverSeen, result: R) -> list[tuple[Said, Said | None]]:
@@ -382,35 +345,30 @@ def _with_next(seen: DriverSeen, result: R) -> list[tuple[Said, Said | None]]:
 
 
 @requires(126, f"{SERVER}: BUSY, the point is not taken; {CLIENT}: the same is sent again")
-def a_busy_point_is_sent_again(seen: DriverSeen) -> Verdict:
+def a_busy_point_is_sent_again(seen: DriverSeen) -> Findings:
     """A point that is answered BUSY is the next one that is sent, unless motion begins anew."""
     busy = _with_next(seen, R.BUSY)
     some(busy or not seen.points, "no point was answered BUSY")
-    wrong = [
-        (after.number, "another point follows")
-        for each, after in busy
-        if after and after.point and after.point.sequence and after.point != each.point
-    ]
-    return none_wrong(wrong, len(busy), f"{len(busy)} busy answers", _NO_POINTS)
+    for each, after in busy:
+        other = after and after.point and after.point.sequence and after.point != each.point
+        yield (after or each).number, "another point follows" if other else ""
+    return Words("{} busy answers", _NO_POINTS)
 
 
 @requires(127, f"{SERVER}: a first point that is refused is kept, and the next goes on from it")
-def a_refused_first_point_is_not_gone_on_from(seen: DriverSeen) -> Verdict:
+def a_refused_first_point_is_not_gone_on_from(seen: DriverSeen) -> Findings:
     """After a first point that is answered INVALID comes another first point, or none."""
     found = [e for e in _with_next(seen, R.INVALID) if e[0].point and not e[0].point.sequence]
     some(found or not seen.points, "no first point was refused")
-    wrong = [
-        (after.number, f"point {after.point.sequence} follows")
-        for _, after in found
-        if after and after.point and after.point.sequence
-    ]
-    return none_wrong(wrong, len(found), f"{len(found)} of them", _NO_POINTS)
+    for each, after in found:
+        sequence = after.point.sequence if after and after.point else 0
+        yield (after or each).number, f"point {sequence} follows" if sequence else ""
+    return Words("{} of them", _NO_POINTS)
 
 
 @requires(128, f"{SERVER}: an empty queue stops the command dead, without a ramp")
-def the_queue_does_not_run_empty(seen: DriverSeen) -> Verdict:
+def the_queue_does_not_run_empty(seen: DriverSeen) -> Findings:
     """In motion every point is accepted before the ones before it have been played."""
-    wrong, count = [], 0
     inside = {each.place for each in seen.during("run")}
     ends_s = 0.0
     for before, one, said, point in seen.neighbours():
@@ -420,82 +378,67 @@ def the_queue_does_not_run_empty(seen: DriverSeen) -> Verdict:
             ends_s = before.answered.time_s
         moving = max(map(abs, one.vel)) > STILL_RAD_S
         if moving and one.sequence and said.place in inside:
-            count += 1
             late_s = said.answered.time_s - ends_s
-            if late_s > 0.0:
-                wrong.append((said.number, f"{late_s * 1e3:.0f} ms too late"))
+            yield said.number, f"{late_s * 1e3:.0f} ms too late" if late_s > 0.0 else ""
         ends_s = max(ends_s, said.answered.time_s) + point.time - one.time
-    return none_wrong(wrong, count, f"{count} points", "no points were sent in motion")
+    return Words("{} points", "no points were sent in motion")
 
 
-@requires.each(129, f"{SERVER}: InvalidSubcode; {MANUAL}", POINTS)
-def points_are_taken(each: tuple[Said, sm.JointTrajPtFull]) -> str:
+@requires(129, f"{SERVER}: InvalidSubcode; {MANUAL}")
+def points_are_taken(seen: DriverSeen) -> Findings:
     """No point is answered INVALID, but a first one where the arm sags."""
-    reply = each[0].reply
-    if reply is None or reply.result != R.INVALID:
-        return ""
-    sags = each[1].sequence == 0 and reply.subcode == sm.InvalidSubcode.DATA_START_POS
-    return "" if sags else f"subcode {reply.subcode}"
+    for said, point in seen.points:
+        reply = said.reply
+        sags = point.sequence == 0 and reply and reply.subcode == sm.InvalidSubcode.DATA_START_POS
+        refused = reply and reply.result == R.INVALID and not sags
+        yield said.number, f"subcode {reply.subcode}" if reply and refused else ""
+    return Words("{} points", _NO_POINTS)
 
 
-@requires.each(
-    130,
-    f"{SERVER}: a new point 0 splices nothing; in_motion of ROBOT_STATUS",
-    Over(
-        lambda seen: [(*each, seen.status_before(each[0].number)) for each in seen.points],
-        "{} trajectories",
-        nothing=_NO_POINTS,
-    ),
-)
-def a_trajectory_begins_at_rest(
-    each: tuple[Said, sm.JointTrajPtFull, sm.RobotStatus | None],
-) -> str | None:
+@requires(130, f"{SERVER}: a new point 0 splices nothing; in_motion of ROBOT_STATUS")
+def a_trajectory_begins_at_rest(seen: DriverSeen) -> Findings:
     """No first point is sent while the newest status says that the arm is in motion."""
-    _, point, status = each
-    if point.sequence or status is None:
-        return None
-    return "it is in motion" if status.in_motion == 1 else ""
+    for said, point in seen.points:
+        status = seen.status_before(said.number)
+        if not point.sequence and status is not None:
+            yield said.number, "it is in motion" if status.in_motion == 1 else ""
+    return Words("{} trajectories", _NO_POINTS)
 
 
 # -- the velocity mode -----------------------------------------------------------------------------
 
 
 @requires(140, f"{VELOCITY}, finding out", unless=_unused)
-def the_velocity_mode_is_asked_for(seen: DriverSeen) -> Verdict:
+def the_velocity_mode_is_asked_for(seen: DriverSeen) -> Findings:
     """START_VEL_MODE is only sent after MOTO_VELOCITY_INFO was answered on that connection."""
-    wrong, count = [], 0
     for messages in seen.motion.values():
         known = False
         for each in messages:
             known = known or isinstance(each.answer, sm.VelocityInfo)
             if each.command == C.START_VEL_MODE:
-                count += 1
-                if not known:
-                    wrong.append((each.number, "without having asked"))
-    return none_wrong(wrong, count, f"{count} starts", _NO_SPEEDS)
+                yield each.number, "" if known else "without having asked"
+    return Words("{} starts", _NO_SPEEDS)
 
 
-@requires.each(
+@requires(
     141,
     f"{VELOCITY}, starting and stopping: 0, or 20 to 500 ms; 0, or 0.01 to 1",
-    MESSAGES_SAID,
-    good="{} starts",
-    nothing=_NO_SPEEDS,
     unless=_unused,
 )
-def the_watchdog_can_be_had(said: Said) -> str | None:
+def the_watchdog_can_be_had(seen: DriverSeen) -> Findings:
     """START_VEL_MODE asks for a watchdog and for a scale of acceleration that there are."""
-    body = said.message.body
-    if not isinstance(body, sm.MotionCtrl) or said.command != C.START_VEL_MODE:
-        return None
-    watchdog_ms, scale = body.data[:2]
-    if not (watchdog_ms == 0.0 or 20.0 <= watchdog_ms <= 500.0):
-        return f"a watchdog of {watchdog_ms:g} ms"
-    return "" if scale == 0.0 or 0.01 <= scale <= 1.0 else f"a scale of {scale:g}"
+    for said in seen.said:
+        body = said.message.body
+        if isinstance(body, sm.MotionCtrl) and said.command == C.START_VEL_MODE:
+            watchdog_ms, scale = body.data[:2]
+            words = "" if scale == 0.0 or 0.01 <= scale <= 1.0 else f"a scale of {scale:g}"
+            there = watchdog_ms == 0.0 or 20.0 <= watchdog_ms <= 500.0
+            yield said.number, words if there else f"a watchdog of {watchdog_ms:g} ms"
+    return Words("{} starts", _NO_SPEEDS)
 
 
-def _streams(seen: DriverSeen) -> Iterator[tuple[Said, sm.JointVelocity, sm.JointVelocity | None]]:
-    """Speeds, and those before them since START_VEL_MODE, or sequence 0."""
+def _streams(seen: DriverSeen) -> Iterator[tuple[Said, int, int | None]]:
+    """Speeds with their sequence, and that of those before them since START_VEL_MODE, or 0."""
     for messages in seen.motion.values():
         before = None
         for each in messages:
@@ -503,51 +446,53 @@ def _streams(seen: DriverSeen) -> Iterator[tuple[Said, sm.JointVelocity, sm.Join
             if each.command == C.START_VEL_MODE or (body is not None and not body.sequence):
                 before = None
             if body is not None:
-                yield each, body, before
-                before = body
+                yield each, body.sequence, before
+                before = body.sequence
 
 
-@requires.each(
-    142,
-    f"{VELOCITY}, sequence: 0 arms, then strictly rising, modulo 2^31",
-    Over(_streams, "{} messages", nothing=_NO_SPEEDS, unless=_unused),
-)
-def speeds_count_up(each: tuple[Said, sm.JointVelocity, sm.JointVelocity | None]) -> str:
+@requires(142, f"{VELOCITY}, sequence: 0 arms, then strictly rising, modulo 2^31", unless=_unused)
+def speeds_count_up(seen: DriverSeen) -> Findings:
     """The first speeds after a start have sequence 0, and from there on it rises."""
-    _, body, before = each
-    if before is None:
-        return f"{body.sequence} is the first" if body.sequence else ""
-    rises = 0 < (body.sequence - before.sequence) % 2**31 < 2**30
-    return "" if rises else f"{body.sequence} after {before.sequence}"
+    for said, sequence, before in _streams(seen):
+        if before is None:
+            yield said.number, f"{sequence} is the first" if sequence else ""
+        else:
+            rises = 0 < (sequence - before) % 2**31 < 2**30
+            yield said.number, "" if rises else f"{sequence} after {before}"
+    return Words("{} messages", _NO_SPEEDS)
 
 
-@requires.each(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION", SPEEDS)
-def speeds_are_complete(each: tuple[Said, sm.JointVelocity]) -> str:
+@requires(143, f"{VELOCITY}, valid_fields: VELOCITY, and not POSITION", unless=_unused)
+def speeds_are_complete(seen: DriverSeen) -> Findings:
     """Speeds say that they are, and no positions; all are finite."""
-    fields = each[1].valid_fields
-    if not fields & sm.ValidFields.VELOCITY or fields & sm.ValidFields.POSITION:
-        return f"valid_fields {fields}"
-    return "" if all(map(math.isfinite, each[1].vel)) else "a number that is not finite"
+    for said, body in seen.velocities:
+        fields = body.valid_fields
+        if not fields & sm.ValidFields.VELOCITY or fields & sm.ValidFields.POSITION:
+            yield said.number, f"valid_fields {fields}"
+        else:
+            yield said.number, _finite(*body.vel)
+    return Words("{} messages", _NO_SPEEDS)
 
 
-@requires.each(144, f"{VELOCITY}, MOTO_VELOCITY_INFO: v_max", SPEEDS)
-def speeds_are_within_the_arm(each: tuple[Said, sm.JointVelocity]) -> str:
+@requires(144, f"{VELOCITY}, MOTO_VELOCITY_INFO: v_max", unless=_unused)
+def speeds_are_within_the_arm(seen: DriverSeen) -> Findings:
     """No speed is higher than the controller said that it can be."""
-    return _too_fast(each[1].vel)
+    for said, body in seen.velocities:
+        yield said.number, _too_fast(body.vel)
+    return Words("{} messages", _NO_SPEEDS)
 
 
-@requires.each(
+@requires(
     145,
     f"{VELOCITY}: the newest command wins; nobody stands still at another one",
-    SPEEDS,
-    good="{} streams",
+    unless=_unused,
 )
-def a_stream_begins_at_rest(each: tuple[Said, sm.JointVelocity]) -> str | None:
+def a_stream_begins_at_rest(seen: DriverSeen) -> Findings:
     """The first speeds, of sequence 0, are zero."""
-    speed = max(map(abs, each[1].vel))
-    if each[1].sequence:
-        return None
-    return f"{speed:.3g} rad/s" if speed > STILL_RAD_S else ""
+    for said, body in seen.velocities:
+        if not body.sequence:
+            yield said.number, _moving(body)
+    return Words("{} streams", _NO_SPEEDS)
 
 
 @requires(146, f"{VELOCITY}, safety: the watchdog", unless=_unused)
@@ -569,37 +514,41 @@ def the_watchdog_is_fed(seen: DriverSeen) -> Verdict:
     return passed(said, longest_s * 1e3, "ms")
 
 
+def _moving(body: sm.JointTrajPtFull | sm.JointVelocity) -> str:
+    """That a point or speeds have a speed; empty: they are at rest."""
+    speed = max(map(abs, body.vel))
+    return f"{speed:.3g} rad/s" if speed > STILL_RAD_S else ""
+
+
 @requires(
     147,
     f"{VELOCITY}, MOTO_JOINT_VELOCITY: INVALID and NOT_READY; it is never BUSY",
     unless=_unused,
 )
-def speeds_are_taken(seen: DriverSeen) -> Verdict:
+def speeds_are_taken(seen: DriverSeen) -> Findings:
     """Speeds that are asked about are not answered INVALID, nor VEL_WATCHDOG."""
     found = [(said, said.reply) for said, _ in seen.velocities if said.reply is not None]
     if seen.velocities and not found:
         return not_applicable("it never asks what became of its speeds")
-    wrong = [
-        (said.number, f"subcode {reply.subcode}")
-        for said, reply in found
-        if reply.result == R.INVALID or reply.subcode == N.VEL_WATCHDOG
-    ]
-    return none_wrong(wrong, len(found), f"{len(found)} answers", _NO_SPEEDS)
+    for said, reply in found:
+        bad = reply.result == R.INVALID or reply.subcode == N.VEL_WATCHDOG
+        yield said.number, f"subcode {reply.subcode}" if bad else ""
+    return Words("{} answers", _NO_SPEEDS)
 
 
 # -- what befalls it -------------------------------------------------------------------------------
 
 
-def _moves(found: Iterable[Said], since: Said | None = None) -> Iterator[tuple[int, str]]:
+def _moves(found: Iterable[Said]) -> Iterator[tuple[int, str]]:
     """Points that go somewhere, and speeds that are not zero."""
-    before = None if since is None else since.point
+    before = None
     for each in found:
         point, body = each.point, each.velocity
-        if body is not None and max(map(abs, body.vel)) > STILL_RAD_S:
-            yield each.number, f"speeds of {max(map(abs, body.vel)):.3g} rad/s"
+        if body is not None and (speed := _moving(body)):
+            yield each.number, f"speeds of {speed}"
         elif point is not None:
             same = before is not None and before.pos == point.pos
-            if max(map(abs, point.vel)) > STILL_RAD_S or not (same or point.sequence == 0):
+            if _moving(point) or not (same or point.sequence == 0):
                 yield each.number, f"point {point.sequence}"
             before = point
 
@@ -748,13 +697,13 @@ def messages_in_pieces_are_read(seen: DriverSeen) -> Verdict:
 
 
 @requires(163, f"{STATES}, {SERVER}: after power-up the ports are there anew")
-def a_restart_is_followed(seen: DriverSeen) -> Verdict:
+def a_restart_is_followed(seen: DriverSeen) -> Findings:
     """After a restart of the controller it connects again, to both ports."""
     phases = seen.named("connect")[1:]
     some(phases and seen.links, "there was no restart, or it never connected")
-    came = ((p, [e.port for e in seen.within(seen.links, p.name)]) for p in phases)
-    wrong = [(phase.first, words) for phase, ports in came if (words := _not_to(ports))]
-    return none_wrong(wrong, len(phases), f"{len(phases)} of them")
+    for phase in phases:
+        yield phase.first, _not_to(each.port for each in seen.within(seen.links, phase.name))
+    return Words("{} of them")
 
 
 @requires(164, "cardan.dissect: a second description of the protocol")
@@ -777,29 +726,24 @@ _NOT_ENDED = "it was not ended while the arm moved"
 
 
 @requires(301, f"{SERVER}: a connection that ends stops the command dead, without a ramp")
-def it_leaves_at_rest(seen: DriverSeen) -> Verdict:
+def it_leaves_at_rest(seen: DriverSeen) -> Findings:
     """When the program ends, its last point or speeds are at rest."""
-    phases, wrong = seen.named("end"), []
-    for phase in phases:
+    for phase in seen.named("end"):
         last = [s for s in seen.said if s.number < phase.end and (s.point or s.velocity)][-1]
         body = last.point or last.velocity
-        speed = max(map(abs, body.vel)) if body is not None else 0.0
-        if speed > STILL_RAD_S:
-            wrong.append((last.number, f"{speed:.3g} rad/s"))
-    return none_wrong(wrong, len(phases), f"{len(phases)} of them", _NOT_ENDED)
+        yield last.number, _moving(body) if body is not None else ""
+    return Words("{} of them", _NOT_ENDED)
 
 
 @requires(302, f"{SERVER}: INIT_ROS keeps waiting for increments after a connection")
-def it_leaves_the_mode(seen: DriverSeen) -> Verdict:
+def it_leaves_the_mode(seen: DriverSeen) -> Findings:
     """When the program ends, it leaves the mode: STOP_TRAJ_MODE, STOP_VEL_MODE or DISCONNECT is
     sent and not refused."""
-    phases, wrong = seen.named("end"), []
-    for phase in phases:
+    for phase in seen.named("end"):
         found = [s for s in seen.after(phase, 0.0) if s.command in LEAVES]
         good = [s for s in found if s.reply is None or s.reply.result == R.SUCCESS]
-        if not good:
-            wrong.append((phase.first, f"{len(found)} were sent and refused"))
-    return none_wrong(wrong, len(phases), f"{len(phases)} of them", _NOT_ENDED)
+        yield phase.first, "" if good else f"{len(found)} were sent and refused"
+    return Words("{} of them", _NOT_ENDED)
 
 
 @requires(303, f"{SERVER}: one client at a time, and nothing but TCP tells that it has gone")

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from cardan.conform.requirements import (
+    Findings,
     Outcome,
-    Over,
     Verdict,
+    Words,
     apart,
     at_most,
     failed,
@@ -150,17 +151,14 @@ def _has_remote_control(seen: UrSeen) -> bool:
 
 
 @requires(107, f"{BOARD}: is in remote control")
-def it_is_in_remote_control(seen: UrSeen) -> Verdict:
+def it_is_in_remote_control(seen: UrSeen) -> Findings:
     """An e-Series is in remote control, from the beginning to the end."""
-    found = [
-        each
-        for each in seen.said(dashboard.REMOTE_CONTROL)
-        if each.said is not None and not seen.inside(each.number, "local", "remote")
-    ]
-    if found and not _has_remote_control(seen):
-        return not_applicable(_NO_REMOTE_CONTROL)
-    wrong = [(each.number, repr(each.said)) for each in found if each.said != "true"]
-    return none_wrong(wrong, len(found), f"{len(found)} times", "it was not answered")
+    for each in seen.said(dashboard.REMOTE_CONTROL):
+        if each.said is not None and not seen.inside(each.number, "local", "remote"):
+            if not _has_remote_control(seen):
+                return not_applicable(_NO_REMOTE_CONTROL)
+            yield each.number, "" if each.said == "true" else repr(each.said)
+    return Words("{} times", "it was not answered")
 
 
 @requires(108, f"{BOARD}: power on, brake release")
@@ -226,16 +224,14 @@ def programs_are_begun(seen: UrSeen) -> Verdict:
 
 
 @requires(110, f"{SCRIPT}: textmsg; {CLIENT}: text message")
-def what_a_program_says_is_told(seen: UrSeen) -> Verdict:
+def what_a_program_says_is_told(seen: UrSeen) -> Findings:
     """What a program says by textmsg comes over the primary interface."""
-    ours = [each for each in _programs(seen, "say", "replaced") if each.name == "cardan_says"]
     texts = [each.text for each in seen.messages(MessageKind.TEXT)]
-    wrong = (
-        (each.number, f"{texts[-1]!r}" if texts else "no text came")
-        for each in ours
-        if not any(SAYS in text and str(each.token) in text for text in texts)
-    )
-    return none_wrong(wrong, len(ours), f"{len(ours)} texts", NO_PROGRAM)
+    for each in _programs(seen, "say", "replaced"):
+        if each.name == "cardan_says":
+            told = any(SAYS in text and str(each.token) in text for text in texts)
+            yield each.number, "" if told else repr(texts[-1]) if texts else "no text came"
+    return Words("{} texts", NO_PROGRAM)
 
 
 @requires(111, f"{GUIDE}: runtime_state")
@@ -278,33 +274,27 @@ def wrong_programs_are_refused_in_words(seen: UrSeen) -> Verdict:
     return passed(f"line {words[0].line}: {words[0].text!r}")
 
 
-def _not_held(seen: UrSeen) -> Verdict | None:
-    return None if seen.sent_during("hold") else not_seen("it was not held")
-
-
 def _follows(state: State) -> bool:
     return bool(state.values[REPORT] == Report.FOLLOWS)
 
 
-@requires.each(
-    114,
-    f"{GUIDE}: robot_mode, safety_mode, runtime_state, target_speed_fraction",
-    Over(lambda seen: seen.during("hold"), "{} states", nothing="it was not held"),
-    unless=_not_held,
-)
-def holding_is_undisturbed(each: State) -> str:
+@requires(114, f"{GUIDE}: robot_mode, safety_mode, runtime_state, target_speed_fraction")
+def holding_is_undisturbed(seen: UrSeen) -> Findings:
     """Held by the driver's program, the robot is RUNNING, safety is normal, the program plays and
     the speed slider stands at 100 %."""
-    v = each.values
-    slider = v["target_speed_fraction"]
-    causes = (
-        (v["safety_mode"] not in MOVES_IN, f"safety mode {v['safety_mode']}"),
-        (v["robot_mode"] != RobotMode.RUNNING, f"robot mode {v['robot_mode']}"),
-        (v[RUNTIME] != RuntimeState.PLAYING, f"runtime state {v[RUNTIME]}"),
-        (slider < 0.999, f"the speed slider at {100.0 * slider:.0f} %"),
-        (not _follows(each), f"the program reports {v[REPORT]}"),
-    )
-    return next((words for bad, words in causes if bad), "")
+    some(seen.sent_during("hold"), "it was not held")
+    for each in seen.during("hold"):
+        v = each.values
+        slider = v["target_speed_fraction"]
+        causes = (
+            (v["safety_mode"] not in MOVES_IN, f"safety mode {v['safety_mode']}"),
+            (v["robot_mode"] != RobotMode.RUNNING, f"robot mode {v['robot_mode']}"),
+            (v[RUNTIME] != RuntimeState.PLAYING, f"runtime state {v[RUNTIME]}"),
+            (slider < 0.999, f"the speed slider at {100.0 * slider:.0f} %"),
+            (not _follows(each), f"the program reports {v[REPORT]}"),
+        )
+        yield each.number, next((words for bad, words in causes if bad), "")
+    return Words("{} states", "it was not held")
 
 
 @requires(115, f"{GUIDE}: inputs act in the cycle after they came; {DRIVER}")
@@ -461,20 +451,19 @@ def the_other_joints_stand(seen: UrSeen) -> Verdict:
 
 
 @requires(205, f"{GUIDE}: actual_qd, target_qd", unless=_unmoved)
-def speeds_are_those_of_the_joints(seen: UrSeen) -> Verdict:
+def speeds_are_those_of_the_joints(seen: UrSeen) -> Findings:
     """The speeds that it tells add up to the way that the joint goes, to a tenth of it."""
     found = seen.during("out")
-    wrong = []
     for place, speed in (("actual_q", "actual_qd"), ("target_q", "target_qd")):
         way = sum(
             b.values[speed][-1] * (b.values["timestamp"] - a.values["timestamp"])
             for a, b in pairwise(found)
         )
         far = _last_joint(found, place)[-1]
-        if abs(way - far) > REACHED_SHARE * STEP_RAD:
-            words = f"{speed} {math.degrees(way):.3f}, {place} {math.degrees(far):.3f} degrees"
-            wrong.append((found[-1].number, words))
-    return none_wrong(wrong, 2, "actual and target", "")
+        words = f"{speed} {math.degrees(way):.3f}, {place} {math.degrees(far):.3f} degrees"
+        off = abs(way - far) > REACHED_SHARE * STEP_RAD
+        yield found[-1].number, words if off else ""
+    return Words("actual and target")
 
 
 @requires(206, f"{DRIVER}: the program's watchdog; {SCRIPT}: stopj")
@@ -570,18 +559,16 @@ def an_emergency_stop_takes_the_power(seen: UrSeen) -> Verdict:
 
 
 @requires(306, f"{DRIVER}: after a stop nothing starts by itself")
-def release_starts_nothing(seen: UrSeen) -> Verdict:
+def release_starts_nothing(seen: UrSeen) -> Findings:
     """When the emergency stop is released the robot is not RUNNING by itself, and no program
     plays."""
     found = [each for each in seen.during("release") if each.values["safety_mode"] in MOVES_IN]
     some(_emergency(seen) and found, "it was not released")
-    told = [(e.number, e.values["robot_mode"], e.values[RUNTIME]) for e in found]
-    wrong = (
-        (number, f"mode {mode}, runtime state {runtime}")
-        for number, mode, runtime in told
-        if mode == RobotMode.RUNNING or runtime == RuntimeState.PLAYING
-    )
-    return none_wrong(wrong, len(found), f"{len(found)} states", "")
+    for each in found:
+        mode, runtime = each.values["robot_mode"], each.values[RUNTIME]
+        starts = mode == RobotMode.RUNNING or runtime == RuntimeState.PLAYING
+        yield each.number, f"mode {mode}, runtime state {runtime}" if starts else ""
+    return Words("{} states")
 
 
 # -- level 1: lines and programs that users send beside a driver ---------------------------------
@@ -633,12 +620,10 @@ def programs_open_sockets(seen: UrSeen) -> Verdict:
 
 
 @requires(124, f"{CLIENT}: the secondary and the real-time interface take programs, too")
-def other_interfaces_take_programs(seen: UrSeen) -> Verdict:
+def other_interfaces_take_programs(seen: UrSeen) -> Findings:
     """Programs that are sent over the secondary and over the real-time interface are begun."""
     found = _programs(seen, "elsewhere")
-    wrong = [
-        (each.number, f"over the {each.channel} interface")
-        for each in found
-        if first(after(seen, each.time_s), TOKEN, each.token) is None
-    ]
-    return none_wrong(wrong, len(found), ", ".join(each.channel for each in found), NO_PROGRAM)
+    for each in found:
+        begun = first(after(seen, each.time_s), TOKEN, each.token)
+        yield each.number, "" if begun else f"over the {each.channel} interface"
+    return Words(", ".join(each.channel for each in found), NO_PROGRAM)

@@ -11,10 +11,12 @@ from operator import attrgetter
 from typing import Any
 
 from cardan.conform.requirements import (
-    Over,
+    Findings,
     Requirements,
     Verdict,
+    Words,
     Wrongs,
+    apart,
     at_most,
     failed,
     met,
@@ -25,6 +27,8 @@ from cardan.conform.requirements import (
     some,
 )
 from cardan.conform.second_reading import COMPARED, read_twice, second_description
+from cardan.conform.timing import not_torn
+from cardan.conform.ur_rtde import scenario
 from cardan.conform.ur_rtde.decoded import (
     OLD,
     PRIMARY,
@@ -34,21 +38,12 @@ from cardan.conform.ur_rtde.decoded import (
     Heard,
     State,
     Stream,
+    Told,
     UrSeen,
-)
-from cardan.conform.ur_rtde.scenario import (
-    FUTURE_VERSION,
-    OLD_OUTPUTS,
-    OUTPUTS,
-    REPLY_S,
-    SLOWER,
-    STATE_TIMEOUT_S,
-    UNKNOWN,
-    WORDED,
-    published,
+    Values,
 )
 from cardan.protocols.ur import dashboard, rtde
-from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, read_mode
+from cardan.protocols.ur.primary import ROBOT_STATE, MessageKind, RobotMessage, read_mode
 from cardan.protocols.ur.realtime import RealtimeForm
 from cardan.protocols.ur.robot_state import PARTS, sub_packages
 from cardan.protocols.ur.rtde import Data, SetupReply
@@ -65,7 +60,6 @@ FEWEST = 30
 PERIOD_SHARE = 0.02
 JITTER_S, JITTER_SHARE = 0.0015, 0.05
 LEFT_OUT_SHARE = 0.01
-WHOLE_WITHIN_S = 0.0005
 CLOCK_SHARE, CLOCK_S = 0.01, 0.02
 STATE_PERIOD_S, STATE_PERIOD_SHARE = 0.1, 0.1
 MODE_FOLLOWS_S = 0.3
@@ -73,6 +67,7 @@ MODE_FOLLOWS_S = 0.3
 
 requires: Requirements[UrSeen] = Requirements("UR")
 NO_STATES = "no states came"
+_NOT_OPENED = "it was not opened"
 
 
 def cycle_s(seen: UrSeen) -> float:
@@ -130,7 +125,7 @@ def bytes_are_packets(seen: UrSeen) -> Verdict:
 @requires(3, f"{GUIDE}: accepted or not")
 def other_versions_arerefused(seen: UrSeen) -> Verdict:
     """A protocol version that there is not is refused."""
-    found = versions(seen, FUTURE_VERSION)
+    found = versions(seen, scenario.FUTURE_VERSION)
     if not found or accepted(found[0]) is None:
         return not_seen("it was not answered")
     return failed("accepted", [found[0].number]) if accepted(found[0]) else passed("refused")
@@ -153,7 +148,7 @@ def every_request_is_answered(seen: UrSeen) -> Verdict:
     wrong = [
         (each.number, f"after {s:.2f} s" if each.reply else f"no answer to {each.asked.kind.name}")
         for s, each in took
-        if s > REPLY_S
+        if s > scenario.REPLY_S
     ]
     latest_ms = 1e3 * max((s for s, each in took if each.reply), default=0.0)
     said = f"{len(took)}, within {latest_ms:.1f} ms"
@@ -163,7 +158,9 @@ def every_request_is_answered(seen: UrSeen) -> Verdict:
 @requires(6, f"{GUIDE}: field names and associated types")
 def outputs_are_as_documented(seen: UrSeen) -> Verdict:
     """All states that the driver asks for are there, with the documented types."""
-    found = [each for each in seen.setups(rtde.PacketType.OUTPUTS) if each[1].names == OUTPUTS]
+    found = [
+        each for each in seen.setups(rtde.PacketType.OUTPUTS) if each[1].names == scenario.OUTPUTS
+    ]
     some(found, "it was not answered")
     exchange, asked, reply = found[0]
     if len(reply.types) != len(asked.names):
@@ -191,7 +188,7 @@ def refused(seen: UrSeen, kind: rtde.PacketType, name: str, word: str, *phases: 
 @requires(7, f"{GUIDE}: NOT_FOUND")
 def unknown_outputs_arerefused(seen: UrSeen) -> Verdict:
     """A name that there is not is NOT_FOUND, and the recipe 0: none."""
-    return refused(seen, rtde.PacketType.OUTPUTS, UNKNOWN, rtde.NOT_FOUND)
+    return refused(seen, rtde.PacketType.OUTPUTS, scenario.UNKNOWN, rtde.NOT_FOUND)
 
 
 @requires(8, f"{GUIDE}: start and pause")
@@ -268,7 +265,7 @@ def it_is_never_silent(seen: UrSeen) -> Verdict:
     some(gaps, "nothing was started")
     longest_s, number = max(gaps)
     said = f"longest {longest_s * 1e3:.1f} ms"
-    return at_most(1e3 * STATE_TIMEOUT_S, 1e3 * longest_s, "ms", said, [number])
+    return at_most(1e3 * scenario.STATE_TIMEOUT_S, 1e3 * longest_s, "ms", said, [number])
 
 
 @requires(13, f"{GUIDE}: a package in each control cycle")
@@ -282,15 +279,10 @@ def arrival_is_steady(seen: UrSeen) -> Verdict:
     return at_most(1e3 * JITTER_S, 1e3 * figure, "ms", said, [number])
 
 
-@requires.each(
-    14,
-    "a controller writes a packet at once; half of one says nothing yet",
-    Over(lambda seen: seen.heard, "{} packets, {} in pieces", nothing="nothing came", few=0.01),
-)
-def packets_are_not_torn(each: Heard) -> str:
+@requires(14, "a controller writes a packet at once; half of one says nothing yet")
+def packets_are_not_torn(seen: UrSeen) -> Findings:
     """Of an RTDE packet whose first bytes have come the rest is there within half a millisecond."""
-    took_s = each.time_s - each.begun_s
-    return f"{took_s * 1e3:.1f} ms" if took_s > WHOLE_WITHIN_S else ""
+    return not_torn(seen.heard, "{} packets, {} in pieces")
 
 
 def _uneven(pairs: list[tuple[State, State]], off: Callable[[float], bool], few: float) -> Wrongs:
@@ -304,20 +296,23 @@ def another_client_has_its_own_rate(seen: UrSeen) -> Verdict:
     """Another client beside it gets a tenth of the states, evenly, when it asks for a tenth."""
     found = [pair for each in streams(seen, SECOND) for pair in pairwise(each.states)]
     some(len(found) >= 3, "it got no states")
-    want_s = SLOWER * cycle_s(seen)
+    want_s = scenario.SLOWER * cycle_s(seen)
     few = LEFT_OUT_SHARE * len(found)
     wrong = _uneven(found, lambda each_s: abs(each_s - want_s) > 0.1 * want_s, few)
     said = f"{len(found) + 1} states, {want_s * 1e3:g} ms apart"
     return none_wrong(wrong, len(found), said, "")
 
 
-_STATES: Over[UrSeen, State] = Over(lambda seen: seen.states, "{} states", nothing=NO_STATES)
-
-
-@requires.each(16, f"{GUIDE}: field names, units and modes", _STATES)
-def states_are_plausible(each: State) -> str:
+@requires(16, f"{GUIDE}: field names, units and modes")
+def states_are_plausible(seen: UrSeen) -> Findings:
     """Values are finite, joints inside their ranges, modes known, and the speed slider 0 to 1."""
-    values = each.values
+    for each in seen.states:
+        yield each.number, _implausible(each.values)
+    return Words("{} states", NO_STATES)
+
+
+def _implausible(values: Values) -> str:
+    """What a state has that cannot be; empty: nothing."""
     for name, value in values.items():
         if not all(map(math.isfinite, value if isinstance(value, tuple) else (value,))):
             return f"{name} is not finite"
@@ -334,9 +329,15 @@ def states_are_plausible(each: State) -> str:
 _MODES = {"robot_mode": RobotMode, "safety_mode": SafetyMode, "runtime_state": RuntimeState}
 
 
-@requires.each(17, f"{GUIDE}: robot_status_bits, safety_status_bits", _STATES)
-def bits_say_what_modes_say(each: State) -> Wrongs:
+@requires(17, f"{GUIDE}: robot_status_bits, safety_status_bits")
+def bits_say_what_modes_say(seen: UrSeen) -> Verdict:
     """The bits for power, for normal mode and for a protective stop say what the modes say."""
+    wrong = (each for state in seen.states for each in _contradictions(state))
+    return none_wrong(wrong, len(seen.states), f"{len(seen.states)} states", NO_STATES)
+
+
+def _contradictions(each: State) -> Wrongs:
+    """What a state's bits say otherwise than its modes."""
     v = each.values
     mode, safety, bits = v["robot_mode"], v["safety_mode"], v["safety_status_bits"]
     power = bool(v["robot_status_bits"] & StatusBit.POWER_ON)
@@ -360,17 +361,27 @@ def connections_last(seen: UrSeen) -> Verdict:
     return none_wrong(wrong, count, f"{len(seen.opened)} connections", "none was")
 
 
+def _version_first(found: Sequence[Told]) -> RobotMessage:
+    """The message of the version, with which what comes on a client interface is to begin."""
+    first = must(found, "nothing came")[0]
+    version = first.message and first.message.kind == MessageKind.VERSION and first.message
+    return must(version or None, f"first a package of type {first.package.kind}", [first.number])
+
+
+def _ten_times_a_second(times: Sequence[float]) -> Verdict:
+    """Whether robot states came so at these times."""
+    period_s = (times[-1] - times[0]) / (len(times) - 1)
+    said = f"{period_s * 1e3:.1f} ms"
+    return met(abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE, said)
+
+
 @requires(21, f"{CLIENT}: version message, robot state")
 def the_primary_interface_begins_with_a_version(seen: UrSeen) -> Verdict:
     """The primary interface sends its version first, and then robot states."""
-    if seen.phase("primary") is None:
-        return not_seen("it was not opened")
-    must(seen.told, "nothing came")
-    first = seen.told[0]
-    if first.message is None or first.message.kind != MessageKind.VERSION:
-        return failed(f"first a package of type {first.package.kind}", [first.number])
+    some(seen.phase(PRIMARY), _NOT_OPENED)
+    version = _version_first(seen.told)
     count = sum(each.package.kind == ROBOT_STATE for each in seen.told)
-    return met(count > 0, f"{first.message.text}, {count} states")
+    return met(count > 0, f"{version.text}, {count} states")
 
 
 @requires(22, f"{CLIENT}: 10 Hz")
@@ -378,9 +389,7 @@ def robot_states_come_ten_times_a_second(seen: UrSeen) -> Verdict:
     """Robot states of the primary interface come ten times a second, to a tenth."""
     times = [each.time_s for each in seen.told if each.package.kind == ROBOT_STATE]
     some(len(times) >= 4, "too few robot states")
-    period_s = (times[-1] - times[0]) / (len(times) - 1)
-    said = f"{period_s * 1e3:.1f} ms"
-    return met(abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE, said)
+    return _ten_times_a_second(times)
 
 
 def near(seen: UrSeen, time_s: float) -> list[State]:
@@ -391,27 +400,24 @@ def near(seen: UrSeen, time_s: float) -> list[State]:
 
 
 @requires(23, f"{CLIENT}: robot mode data; {GUIDE}: robot_mode")
-def both_interfaces_tell_one_mode(seen: UrSeen) -> Verdict:
+def both_interfaces_tell_one_mode(seen: UrSeen) -> Findings:
     """The robot mode of the primary interface is one that RTDE tells within 0.3 s of it."""
-    wrong, count = [], 0
     for each in seen.told:
         mode = read_mode(each.package)
         around = {s.values["robot_mode"] for s in near(seen, each.time_s)} if mode else set()
-        count += bool(around)
-        if mode and around and mode.robot_mode not in around:
-            wrong.append((each.number, f"{mode.robot_mode.name}, RTDE {sorted(around)}"))
-    return none_wrong(wrong, count, f"{count} states", "no robot state could be compared")
+        if mode and around:
+            words = f"{mode.robot_mode.name}, RTDE {sorted(around)}"
+            yield each.number, "" if mode.robot_mode in around else words
+    return Words("{} states", "no robot state could be compared")
 
 
 @requires(24, f"{BOARD}: a line a request, a line a reply")
 def the_dashboard_greets_and_answers(seen: UrSeen) -> Verdict:
     """The dashboard server greets, and answers each request by one line."""
-    if seen.phase("dashboard") is None:
-        return not_seen("it was not opened")
-    greeting = seen.said("")
-    if not greeting or not (greeting[0].said or "").startswith(dashboard.GREETING):
-        said = greeting[0].said if greeting else "nothing"
-        return failed(f"greeted with {said!r}")
+    some(seen.phase("dashboard"), _NOT_OPENED)
+    greeting = [each.said for each in seen.said("")]
+    greets = greeting and (greeting[0] or "").startswith(dashboard.GREETING)
+    must(greets, f"greeted with {greeting[0] if greeting else 'nothing'!r}")
     asked = [each for each in seen.lines if each.asked]
     wrong = [(each.number, f"{each.asked}: no answer") for each in asked if each.said is None]
     wrong += [
@@ -429,19 +435,17 @@ _BOARD_MODES = {
 
 
 @requires(25, f"{BOARD}; {GUIDE}: robot_mode, safety_mode")
-def the_dashboard_tells_the_same_modes(seen: UrSeen) -> Verdict:
+def the_dashboard_tells_the_same_modes(seen: UrSeen) -> Findings:
     """robotmode and safetystatus of the dashboard are those that RTDE tells within 0.3 s."""
-    wrong, count = [], 0
     for words, (name, begins, modes) in _BOARD_MODES.items():
         for each in seen.said(words):
             around = {state.values[name] for state in near(seen, each.time_s)}
-            if each.said is None or not around:
-                continue
-            count += 1
-            names = {modes(value).name for value in around if value in modes._value2member_map_}
-            if each.said.removeprefix(begins) not in names:
-                wrong.append((each.number, f"{each.said!r}, RTDE {', '.join(sorted(names))}"))
-    return none_wrong(wrong, count, f"{count} answers", "none could be compared")
+            if each.said is not None and around:
+                names = {modes(value).name for value in around if value in modes._value2member_map_}
+                same = each.said.removeprefix(begins) in names
+                others = ", ".join(sorted(names))
+                yield each.number, "" if same else f"{each.said!r}, RTDE {others}"
+    return Words("{} answers", "none could be compared")
 
 
 @requires(26, "cardan.dissect: a second description of the protocol")
@@ -456,8 +460,6 @@ def both_descriptions_agree(seen: UrSeen) -> Verdict:
 REALTIME = "UR's guide to the real-time interface"
 SAME_RAD = 0.01
 """Two interfaces tell of one moment at different times."""
-
-_NOT_OPENED = "it was not opened"
 
 
 def _documented(names: Sequence[str], found: Mapping[str, tuple[int, str]], asked: int) -> Wrongs:
@@ -475,7 +477,11 @@ def version_1_is_spoken(seen: UrSeen) -> Verdict:
     each control cycle without a recipe's number."""
     asked = some(versions(seen, 1), "it was not asked")
     must(accepted(asked[0]), "not accepted", [asked[0].number])
-    setups = [each for each in seen.setups(rtde.PacketType.OUTPUTS) if each[1].names == OLD_OUTPUTS]
+    setups = [
+        each
+        for each in seen.setups(rtde.PacketType.OUTPUTS)
+        if each[1].names == scenario.OLD_OUTPUTS
+    ]
     if not setups or not setups[0][2].recipe:
         types = ", ".join(setups[0][2].types) if setups else "no answer"
         return failed(f"outputs: {types}", [asked[0].number])
@@ -489,7 +495,7 @@ def version_1_is_spoken(seen: UrSeen) -> Verdict:
 @requires(28, f"{GUIDE}: controller output, and since which version")
 def all_published_outputs_are_there(seen: UrSeen) -> Verdict:
     """Every output variable that is published for its version is there, with its type."""
-    names = published(version_of(seen))
+    names = scenario.published(version_of(seen))
     found = {
         name: (exchange.number, kind)
         for exchange, asked, reply in seen.setups(rtde.PacketType.OUTPUTS, "published")
@@ -504,20 +510,14 @@ def all_published_outputs_are_there(seen: UrSeen) -> Verdict:
 def the_secondary_interface_tells_states(seen: UrSeen) -> Verdict:
     """The secondary interface sends its version first, and then robot states ten times a second,
     and no other messages."""
-    if seen.phase(PRIMARY) is None:
-        return not_seen(_NOT_OPENED)
-    found = [each for each in seen.secondary if seen.inside(each.number, PRIMARY)]
-    must(found, "nothing came")
-    first, *others = found
-    if first.message is None or first.message.kind != MessageKind.VERSION:
-        return failed(f"first a package of type {first.package.kind}", [first.number])
-    wrong = [each.number for each in others if each.message is not None]
+    some(seen.phase(PRIMARY), _NOT_OPENED)
+    found = seen.within(seen.secondary, PRIMARY)
+    _version_first(found)
+    wrong = [each.number for each in found[1:] if each.message is not None]
     must(not wrong, "another message", wrong)
-    times = [each.time_s for each in others if each.package.kind == ROBOT_STATE]
+    times = [each.time_s for each in found if each.package.kind == ROBOT_STATE]
     must(len(times) >= 3, f"{len(times)} robot states")
-    period_s = (times[-1] - times[0]) / (len(times) - 1)
-    said = f"{period_s * 1e3:.1f} ms"
-    return met(abs(period_s / STATE_PERIOD_S - 1.0) < STATE_PERIOD_SHARE, said)
+    return _ten_times_a_second(times)
 
 
 @requires(30, f"{CLIENT}: sub-packages of a robot state")
@@ -547,10 +547,8 @@ def robot_states_are_whole(seen: UrSeen) -> Verdict:
 def the_real_time_interface_keeps_time(seen: UrSeen) -> Verdict:
     """The real-time interface sends a packet in each control cycle, to 2 % in the mean, all of one
     length, which is no less than what is documented for the version."""
-    version = version_of(seen)
-    if seen.phase(PRIMARY) is None or version is None:
-        return not_seen(_NOT_OPENED)
-    found = [each for each in seen.samples if seen.inside(each.number, PRIMARY)]
+    version = some(seen.phase(PRIMARY) and version_of(seen), _NOT_OPENED)
+    found = seen.within(seen.samples, PRIMARY)
     must(len(found) >= FEWEST, f"{len(found)} packets")
     size = len(found[0].packet)
     wrong = [each.number for each in found if len(each.packet) != size]
@@ -562,27 +560,19 @@ def the_real_time_interface_keeps_time(seen: UrSeen) -> Verdict:
     return met(abs(period_s / cycle_s(seen) - 1.0) < PERIOD_SHARE, said)
 
 
-def _same(told: Sequence[float], other: Sequence[float]) -> bool:
-    return all(abs(a - b) <= SAME_RAD for a, b in zip(told, other, strict=True))
-
-
 @requires(32, f"{REALTIME}: actual joint positions; {GUIDE}: actual_q")
-def the_real_time_interface_tells_the_same_joints(seen: UrSeen) -> Verdict:
+def the_real_time_interface_tells_the_same_joints(seen: UrSeen) -> Findings:
     """Joints of the real-time interface are those that RTDE tells within 0.3 s, to 0.01 rad."""
-    version = version_of(seen)
-    if version is None or not seen.samples:
-        return not_seen("no packet came")
-    form, wrong, count = RealtimeForm(version[:2]), [], 0
+    version = some(version_of(seen) if seen.samples else None, "no packet came")
+    form = RealtimeForm(version[:2])
     for each in seen.samples:
         values, around = form.read(each.packet), near(seen, each.time_s)
-        if values is None or not around:
-            continue
-        count += 1
-        told = values["actual_q"]
-        if not any(_same(told, state.values["actual_q"]) for state in around):
-            words = ", ".join(f"{angle:g}" for angle in told)
-            wrong.append((each.number, f"joints at {words} rad"))
-    return none_wrong(wrong, count, f"{count} packets", "none could be compared")
+        if values is not None and around:
+            told = values["actual_q"]
+            far = min(apart(told, state.values["actual_q"]) for state in around)
+            words = f"joints at {', '.join(f'{angle:g}' for angle in told)} rad"
+            yield each.number, words if far > SAME_RAD else ""
+    return Words("{} packets", "none could be compared")
 
 
 _WORDS = {
@@ -596,15 +586,12 @@ _WORDS = {
 
 
 @requires(33, f"{BOARD}: safetymode, running, programState, get loaded program, ...")
-def the_dashboard_answers_in_its_words(seen: UrSeen) -> Verdict:
+def the_dashboard_answers_in_its_words(seen: UrSeen) -> Findings:
     """What the dashboard says of safety, program and version begins with the documented words."""
-    found = [each for words in WORDED for each in seen.said(words)]
-    wrong = [
-        (each.number, f"{each.asked}: {each.said!r}")
-        for each in found
-        if each.said is None or not re.fullmatch(_WORDS[each.asked], each.said, re.IGNORECASE)
-    ]
-    return none_wrong(wrong, len(found), f"{len(found)} answers", "nothing was asked")
+    for each in (line for words in scenario.WORDED for line in seen.said(words)):
+        known = each.said and re.fullmatch(_WORDS[each.asked], each.said, re.IGNORECASE)
+        yield each.number, "" if known else f"{each.asked}: {each.said!r}"
+    return Words("{} answers", "nothing was asked")
 
 
 def readings_differ(seen: UrSeen) -> Verdict:

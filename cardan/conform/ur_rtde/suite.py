@@ -10,16 +10,9 @@ from cardan.conform.requirements import Level
 from cardan.conform.suite import Suite, Transport
 from cardan.conform.timeline import Event
 from cardan.conform.transports import ListenTcp, TcpPorts, Wire, Wires, host_and_port
-from cardan.conform.ur_rtde import programs  # noqa: F401 - enters what it requires
-from cardan.conform.ur_rtde.decoded import (
-    OLD,
-    PRIMARY,
-    REALTIME,
-    REVERSE,
-    RTDE,
-    SECOND,
-    SECONDARY,
-    UrSeen,
+from cardan.conform.ur_rtde import (
+    decoded,
+    programs,  # noqa: F401 - enters what it requires
 )
 from cardan.conform.ur_rtde.requirements import requires
 from cardan.conform.ur_rtde.scenario import ASKING, REVERSE_PORT, WORDED, UrPilot
@@ -43,12 +36,12 @@ _HARMLESS = frozenset(
 
 LOOPBACK = "127.0.0.1"
 _PORTS = {
-    RTDE: RTDE_PORT,
-    SECOND: RTDE_PORT,
-    OLD: RTDE_PORT,
-    PRIMARY: PRIMARY_PORT,
-    SECONDARY: SECONDARY_PORT,
-    REALTIME: REALTIME_PORT,
+    decoded.RTDE: RTDE_PORT,
+    decoded.SECOND: RTDE_PORT,
+    decoded.OLD: RTDE_PORT,
+    decoded.PRIMARY: PRIMARY_PORT,
+    decoded.SECONDARY: SECONDARY_PORT,
+    decoded.REALTIME: REALTIME_PORT,
     "dashboard": DASHBOARD_PORT,
 }
 
@@ -58,10 +51,10 @@ class _Ports(Wires):
 
     def __init__(self, host: str, ports: dict[str, int], home: str) -> None:
         self._theirs = TcpPorts(host, ports)
-        self._ours = ListenTcp(home, {REVERSE: REVERSE_PORT})
+        self._ours = ListenTcp(home, {decoded.REVERSE: REVERSE_PORT})
 
     def open(self, channel: str) -> Wire:
-        return (self._ours if channel == REVERSE else self._theirs).open(channel)
+        return (self._ours if channel == decoded.REVERSE else self._theirs).open(channel)
 
 
 def _home(host: str, port: int) -> str:
@@ -75,7 +68,7 @@ def _home(host: str, port: int) -> str:
         return LOOPBACK  # The first wire says what is wrong.
 
 
-class UrRtde(Suite[UrSeen]):
+class UrRtde(Suite[decoded.UrSeen]):
     """An e-Series or CB3 of Universal Robots."""
 
     name = "ur-rtde"
@@ -91,11 +84,11 @@ class UrRtde(Suite[UrSeen]):
     requirements = requires.all()
     transport = Transport(
         "tcp",
-        {**_PORTS, REVERSE: REVERSE_PORT},
-        frozenset((REVERSE,)),
-        frozenset((SECOND, OLD)),
+        {**_PORTS, decoded.REVERSE: REVERSE_PORT},
+        frozenset((decoded.REVERSE,)),
+        frozenset((decoded.SECOND, decoded.OLD)),
     )
-    sees = UrSeen
+    sees = decoded.UrSeen
     rig = "cardan.conform.ur_rtde.simulated:UrRig"
     seconds = 3.0
     # While it is held; before that most would only keep the program from being begun.
@@ -131,4 +124,4 @@ class UrRtde(Suite[UrSeen]):
     def only_asks(self, event: Event) -> bool:
         if event.channel == "dashboard":
             return event.data in map(request, (*ASKING, *WORDED))
-        return event.channel.startswith(RTDE) and event.data[2] in _HARMLESS
+        return event.channel.startswith(decoded.RTDE) and event.data[2] in _HARMLESS

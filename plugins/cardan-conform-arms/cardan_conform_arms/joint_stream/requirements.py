@@ -54,7 +54,7 @@ _NOTHING = "no states came"
 requires: Requirements[JointStreamSeen] = Requirements("JS", _NOTHING)
 
 
-def _in(*phases: str, nothing: str | None = None) -> Over[JointStreamSeen, State]:
+def _in(*phases: str, nothing: str = "") -> Over[JointStreamSeen, State]:
     """The states of these phases."""
     return Over(lambda seen: seen.during(*phases), "{} states", nothing=nothing)
 
