@@ -39,15 +39,15 @@ class SiteTable(NamedTuple):
         """What the page in the repository has in its place."""
         if self.file:
             link = f"[`{self.file}`](../{self.file})"
-            return f"Table on the site (`make docs`): {self.what}. In the repository: {link}.\n"
+            return f"On the site: {self.what}. In the repository: {link}.\n"
         command = self.command or f'python -m tests.site_tables "{name}"'
         where = "a terminal" if self.command else "a checkout"
-        return f"Table on the site (`make docs`): {self.what}. In {where}: `{command}`.\n"
+        return f"On the site: {self.what}. In {where}: `{command}`.\n"
 
 
 def begin(name: str) -> str:
     """The line before the place of that table."""
-    return f"<!-- filled for the site by tests/site_tables.py: {name} -->\n"
+    return f"<!-- site table: {name} -->\n"
 
 
 SCRIPTED = ("abb-gofa", "spacemouse", "wiimote", "leap", "gamepad", "keyboard", "jr3", "omni")
