@@ -1,7 +1,6 @@
-"""Writes the list of protocols in docs/conformance.md, and the tables of tests/results that take
-runs: fault x requirement.
+"""Writes the tables of tests/results that take runs: fault x requirement.
 
-Those of requirements are the site's (site_tables).
+Those of suites and of requirements are the site's (site_tables).
 
 tests/conformance holds them current. To write them anew: ``python -m tests.conformance_tables``.
 """
@@ -14,15 +13,11 @@ from typing import NamedTuple
 
 from cardan.conform import Level, Report, registry
 from cardan.conform.run import simulated
-from tests.docs_tables import ROOT, markdown, replaced
+from tests.docs_tables import markdown
 from tests.result_tables import of_suite
 
-PAGE = ROOT / "docs" / "conformance.md"
 DO_NOT_APPLY = {"HID3D-016"}
 """Requirements that the simulated peer need not meet; docs/conformance.md says why."""
-
-
-BEGIN = "<!-- made by tests/conformance_tables.py: protocols -->\n"
 
 
 @functools.cache
@@ -87,7 +82,8 @@ def faults_table(suite: str) -> str:
     return markdown(("fault", "tried with", "what happens", "not met then"), rows)
 
 
-def _summary() -> str:
+def suites() -> str:
+    """Every suite."""
     rows = []
     for name in registry.names():
         suite = registry.load(name)
@@ -100,14 +96,8 @@ def _summary() -> str:
     )
 
 
-def page(text: str) -> str:
-    """The page, with the list of protocols as it is now."""
-    return replaced(text, BEGIN, _summary())
-
-
 def main() -> None:
-    """Write the list and the tables."""
-    PAGE.write_text(page(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    """Write the tables."""
     for name in registry.names():
         of_suite(name).write(faults_table(name))
 

@@ -278,7 +278,7 @@ def spnav_buttons() -> str:
     )
 
 
-def _states() -> str:
+def states() -> str:
     """The machines of an arm, with what is written under each member."""
     rows = []
     for machine in get_type_hints(States).values():
@@ -383,7 +383,6 @@ TABLES: dict[tuple[str, str], Callable[[], str]] = {
     ("docs/faults.md", "faults"): _faults,
     ("docs/faults.md", "faults of a device at another computer"): _remote_faults,
     ("docs/faults.md", "faults of whole programs"): _process_faults,
-    ("docs/safety-and-access.md", "states"): _states,
 }
 """By page and name."""
 

@@ -38,16 +38,15 @@ class SiteTable(NamedTuple):
     def line(self, name: str) -> str:
         """What the page in the repository has in its place."""
         if self.file:
-            link = f"[`{self.file}`](../{self.file})"
-            return f"Table on the site (`make docs`): {self.what}. In the repository: {link}.\n"
+            return f"On the site: {self.what}. In the repository: [file](../{self.file}).\n"
         command = self.command or f'python -m tests.site_tables "{name}"'
         where = "a terminal" if self.command else "a checkout"
-        return f"Table on the site (`make docs`): {self.what}. In {where}: `{command}`.\n"
+        return f"On the site: {self.what}. In {where}: `{command}`.\n"
 
 
 def begin(name: str) -> str:
     """The line before the place of that table."""
-    return f"<!-- filled for the site by tests/site_tables.py: {name} -->\n"
+    return f"<!-- site table: {name} -->\n"
 
 
 SCRIPTED = ("abb-gofa", "spacemouse", "wiimote", "leap", "gamepad", "keyboard", "jr3", "omni")
@@ -150,7 +149,7 @@ def _results() -> Iterator[tuple[str, SiteTable]]:
         results = result_tables.of_suite(name)
         yield (
             f"conformance with faults: {name}",
-            _written(results, "each fault, and the requirements that are not met with it"),
+            _written(results, "each fault that is tried, and what is not met with it"),
         )
 
 
@@ -196,6 +195,15 @@ TABLES: dict[str, SiteTable] = {
     ),
     "network": SiteTable(
         "docs/judged.md", "every name, its type, and its judges on each transport", _network
+    ),
+    "suites": SiteTable(
+        "docs/conformance.md",
+        "the protocols, what is judged of each, levels, and what `--target` takes",
+        conformance_tables.suites,
+        "cardan conform --list",
+    ),
+    "states": SiteTable(
+        "docs/safety-and-access.md", "the machines, and what each state means", docs_tables.states
     ),
     "judges of devices": SiteTable(
         "docs/devices.md", "each device, its transports, and what judged them", device_table.table

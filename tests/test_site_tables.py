@@ -14,7 +14,7 @@ from tests.command_line import the_command_line
 from tests.docs_tables import ROOT
 from tests.site_tables import TABLES
 
-MARKER = re.compile(r"<!-- filled for the site by tests/site_tables\.py: (.*) -->")
+MARKER = re.compile(r"<!-- site table: (.*) -->")
 PAGES = sorted({table.page for table in TABLES.values()})
 
 
@@ -86,7 +86,7 @@ def test_every_peer_has_its_faults_on_its_page(name):
 
 
 def test_the_page_of_codes_names_each_letter_and_the_site_has_each_code():
-    intro, _, codes = site_tables.read("docs/troubleshooting.md").partition("<!-- filled")
+    intro, _, codes = site_tables.read("docs/troubleshooting.md").partition("<!-- site table")
     assert re.findall(r"^- ([A-Z]): (.*)$", intro, re.MULTILINE) == [*AREAS.items()]
     assert re.findall(r"^## (.*)$", codes, re.MULTILINE) == [*AREAS.values()]
     assert re.findall(r"^### (.*)$", codes, re.MULTILINE) == [*troubles()]

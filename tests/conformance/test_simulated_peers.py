@@ -8,7 +8,7 @@ from cardan.conform import Level, Outcome, registry
 from cardan.conform.requirements import ID
 from cardan.conform.run import simulated
 from cardan_omni.peer import available
-from tests import conformance_tables as tables
+from tests import conformance_tables as tables, site_tables
 from tests.result_tables import of_suite
 
 pytestmark = pytest.mark.matrix
@@ -48,9 +48,11 @@ def test_what_is_said_of_faults_is_said_of_faults_that_there_are(suite):
     assert {*found.tried_with, *found.off_the_wire} <= switches
 
 
-def test_the_page_lists_every_protocol():
-    text = tables.PAGE.read_text(encoding="utf-8")
-    assert tables.page(text) == text
+def test_the_site_lists_every_protocol_and_the_page_has_its_section():
+    text = site_tables.read("docs/conformance.md")
+    for name in registry.names():
+        assert f"| [`{name}`](#{name}) |" in text
+        assert f"\n## {name}\n" in text
 
 
 def test_ids_are_of_one_form_and_belong_to_one_requirement():
