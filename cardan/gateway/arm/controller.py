@@ -55,12 +55,13 @@ from cardan.types import (
 )
 
 EASE_ABOVE = 0.5
-"""Share of the leash beyond which an undriven reference is brought back to its robot, so
+"""Share of the maximum lead beyond which an undriven reference is brought back to its robot, so
 that an arm that lags (MaxSpeedDeviation, a person in its way) stops when the operator lets go, not
-a leash further on. Gravity sag is far below it and never creeps in."""
+that lead further on. Gravity sag is far below it and never creeps in."""
 
 NEAR_SHARE = 0.1
-"""Share of the leash, and of the joints' following-error limit, within which a recovery ends."""
+"""Share of the maximum lead, and of the joints' following-error limit, within which a recovery
+ends."""
 
 BEHIND_SHARE = 0.5
 """Share of the following error's limit beyond which no pose and no clutch is accepted."""
@@ -277,7 +278,7 @@ class ArmController:
                 self._request.twist,
                 body.twist if placed else ZERO_TWIST,
                 body.pose if placed else None,
-                self.reference.leash_used,
+                self.reference.lead_used,
                 self.reference.at_workspace_limit,
                 hand is not None and hand.mapping.gripper_closed,
                 self._trips,
@@ -376,7 +377,7 @@ class ArmController:
             self._on(Event.BELIEVED)
             if readings.elsewhere and self.robot is not None and self.state.link.ready:
                 self._place(self.robot)
-        # One more leash's length towards the robot, where it is not near already.
+        # Once more by the maximum lead towards the robot, where it is not near already.
         self._on(Event.ACKNOWLEDGED)
         self._recovered_way = NO_WAY
         return ""
@@ -827,7 +828,7 @@ class ArmController:
     def _drifted(self) -> bool:
         """Whether a reference at rest is so far from its robot that it is brought back."""
         return (
-            self.reference.leash_used > EASE_ABOVE
+            self.reference.lead_used > EASE_ABOVE
             and self.hand is not None
             and self.engaged
             and self.state.separation.together
@@ -839,8 +840,8 @@ class ArmController:
     def _begin_recovery(self) -> None:
         limits, limit = self.reference.limits, self.supervision.limit
         near = FollowingError(
-            NEAR_SHARE * limits.leash_m,
-            NEAR_SHARE * limits.leash_rad,
+            NEAR_SHARE * limits.max_lead_m,
+            NEAR_SHARE * limits.max_lead_rad,
             NEAR_SHARE * limit.joint_error,
         )
         reference = self.reference
@@ -893,7 +894,7 @@ class ArmController:
         activity, reference = self._activity, self.reference
         if not request.asks or not isinstance(activity, FollowHand):
             return ""
-        if reference.leash_used > TAUT_SHARE:
+        if reference.lead_used > TAUT_SHARE:
             behind = self.supervision.error.in_words("behind")
             return f"the robot does not follow: {behind}"
         if activity.share < HELD_SHARE:

@@ -45,16 +45,17 @@ class Watchdogs(Options):
     """Oldest report that may still drive motion: six missed reports of a 62 Hz device."""
     stall_s: Annotated[float, bounds.BLIND_S] = field(default=0.1, metadata=CODE_ONLY)
     """Longest time between two ticks: after more, the robot is no longer where it was left."""
-    following_error_m: Annotated[float, bounds.LEASH_M] = 0.1
+    following_error_m: Annotated[float, bounds.MAX_LEAD_M] = 0.1
     """Distance between reference and robot beyond which something else holds the arm."""
-    following_error_rad: Annotated[float, bounds.LEASH_RAD] = 0.6
+    following_error_rad: Annotated[float, bounds.MAX_LEAD_RAD] = 0.6
     following_error_joint: Annotated[float, JOINT_ERROR] = field(default=0.5, metadata=CODE_ONLY)
     """rad or m; between commanded and measured joints, where joints are commanded. At the full
     speed of an arm's wrist a position loop lags by 0.3 rad."""
     heartbeat_s: Annotated[float, bounds.BLIND_S] = field(default=0.5, metadata=CODE_ONLY)
     """Longest silence of the process that supervises a session."""
     recovery: bool = True
-    """Whether a command that lost its robot is brought back to it, slowly and within the leash."""
+    """Whether a command that lost its robot is brought back to it, slowly and within the maximum
+    lead."""
 
     def error_limit(self) -> FollowingError:
         """The following error that trips."""

@@ -61,7 +61,7 @@ class Snapshot:
     """Commanded: likewise."""
     twist: list[float] = field(default_factory=list)
     """Commanded twist: m/s, then rad/s, base axes."""
-    leash_used: float = 0.0
+    lead_used: float = 0.0
     at_workspace_limit: bool = False
     filters: list[str] = field(default_factory=list)
     """What shared control does to the operator's motion."""

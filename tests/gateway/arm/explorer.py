@@ -63,7 +63,7 @@ AWAY_RAD = 0.6
 STABLE_TICKS = 12
 """For which a state has to stay to be settled, longer than any silence limit takes to act."""
 SETTLES_S = 4.0
-"""By when every state has settled: a recovery over the whole leash takes the longest."""
+"""By when every state has settled: a recovery over the whole maximum lead takes the longest."""
 WAIT_S = 2.6
 """For which the wait goes on for the next state: longer than the lease of authority."""
 BRAKES_S = 0.35
@@ -71,7 +71,7 @@ BRAKES_S = 0.35
 or stream counts as silent, and the ramp."""
 RECOVERS_M_S = 0.052
 RECOVERED_M = 0.11
-"""Longest way of recoveries without a deliberate act: the leash, and a tenth."""
+"""Longest way of recoveries without a deliberate act: the maximum lead, and a tenth."""
 
 BY_DEADMAN = MappingOptions(deadman=("left",), linear_speed_m_s=SPEED_M_S)
 BY_CLUTCH = MappingOptions(clutch="left", linear_speed_m_s=SPEED_M_S)

@@ -285,7 +285,7 @@ def test_readings_that_wander_lead_no_arm_away():
                 here = rig.core.body.pose
                 rig.run(pose=Pose(add(here.position, Vector3(offset_m, 0.0, 0.0)), IDENTITY))
     went = norm(subtract(rig.core.body.pose.position, start))
-    assert went <= 1.1 * ReferenceLimits().leash_m
+    assert went <= 1.1 * ReferenceLimits().max_lead_m
 
 
 def test_a_recovery_that_was_acknowledged_while_the_robot_is_gone_places_nothing():
