@@ -1,4 +1,4 @@
-"""Our own driver, with the defects it is told to have, and a pilot in virtual time."""
+"""Our own driver, with the defects it is told to have, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ _CHANNELS = {port: channel for channel, port in _PORTS.items()}
 
 
 class EgmDriverRig(DriverRig):
-    """Gives the driver's core what the pilot sends, and the pilot what it answers."""
+    """Gives the driver's core what the scenario sends, and the scenario what it answers."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int) -> None:
-        super().__init__(conduct, faults, FAULTS)
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int) -> None:
+        super().__init__(exchange, faults, FAULTS)
         self._session = EgmSession(AbbEgmOptions(comm_timeout_s=5.0), 0.0)
         self._asked = self._answered = 0
         self._seqno = 0

@@ -1,4 +1,4 @@
-"""Our own driver, with the defects it is told to have, and a pilot in virtual time."""
+"""Our own driver, with the defects it is told to have, and a scenario in virtual time."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ JOINTS_AT = 7
 
 
 class JointStreamDriverRig(DriverRig):
-    """Gives the driver's core what the pilot sends, and the pilot what it answers."""
+    """Gives the driver's core what the scenario sends, and the scenario what it answers."""
 
-    def __init__(self, conduct: Exchange, faults: Mapping[str, float], seed: int = 0) -> None:
-        super().__init__(conduct, faults, FAULTS)
+    def __init__(self, exchange: Exchange, faults: Mapping[str, float], seed: int = 0) -> None:
+        super().__init__(exchange, faults, FAULTS)
         options = SimArmOptions(robot=ROBOT, period_s=PERIOD_S)
         self._session = SimArmSession(options)
         self._said_s = -math.inf

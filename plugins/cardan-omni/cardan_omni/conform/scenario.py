@@ -38,7 +38,7 @@ MOVES = 2.0
 WIRE = ""
 
 
-class HdapiPilot(Scenario):
+class HdapiScenario(Scenario):
     """Level 0 only loads the library; force is zero up to level 1."""
 
     def __init__(self, level: Level, seconds: float) -> None:
