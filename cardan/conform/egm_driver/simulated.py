@@ -43,9 +43,9 @@ class EgmDriverRig(DriverRig):
             return
         self._heard_s = self._now_s
         state = self._session.receive(data, ("127.0.0.1", _PORTS[channel]), self._now_s)
-        if self._session.parting is not None:
-            words, (_, port) = self._session.parting
-            self._session.parting = None
+        if self._session.handover is not None:
+            words, (_, port) = self._session.handover
+            self._session.handover = None
             self._send(words, _CHANNELS[port])
         self._session.tick(self._now_s)
         if state is None:
@@ -115,7 +115,7 @@ class EgmDriverRig(DriverRig):
 
     def _by_hand(self, what: str) -> None:
         """The driver's program ends, with a last message where it owes one."""
-        words = self._session.farewell(self._now_s)
+        words = self._session.final_command(self._now_s)
         if "leaves-moving" in self._faults:
             speed = egm.EgmSpeedRef(
                 cartesians=(1e-3 * self._faults["leaves-moving"], 0, 0, 0, 0, 0)

@@ -197,7 +197,7 @@ class MotorosDriverRig(DriverRig):
         self._carry()
         state = session.due_state(now_s)
         if state is not None:
-            if session.owes_answer:
+            if session.reply_pending:
                 session.command(self._wanted(state), now_s)
             self._carry()
         self._misbehave()
