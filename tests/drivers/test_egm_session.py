@@ -255,7 +255,7 @@ class TestPinning:
         assert port == PEER
         assert joints_in(last_words) == pytest.approx(last)
         assert speeds_of(last_words) == ZEROS
-        assert bench.session.counters.farewells == 1
+        assert bench.session.counters.final_commands == 1
         answer = bench.session.reply(joint_target(1.0), bench.now_s)
         assert joints_in(answer) == pytest.approx(bench.controller.joints)
         assert speeds_of(answer) == ZEROS
@@ -925,7 +925,7 @@ class TestStopping:
         bench.cycle(joint_target(0.5))
         assert bench.session.final_command(bench.now_s + 0.15) is not None
         metrics = bench.session.metrics()
-        assert (metrics["answers"], metrics["farewells"]) == (2, 1)
+        assert (metrics["answers"], metrics["final_commands"]) == (2, 1)
         assert metrics["reply_latency_max_s"] < 0.001
 
     def test_a_run_that_is_over_is_sent_no_last_message(self) -> None:
@@ -935,7 +935,7 @@ class TestStopping:
             late_s = bench.options.comm_timeout_s + 0.01
             assert bench.session.final_command(bench.now_s + late_s) is None
             assert bench.session.final_command(bench.now_s + late_s - 0.02) is not None
-            assert bench.session.counters.farewells == 1
+            assert bench.session.counters.final_commands == 1
 
     def test_a_first_datagram_never_answered_is_left_with_the_measured_position(self) -> None:
         bench = Bench()

@@ -745,7 +745,7 @@ class EgmSession(AnsweringSession):
             return None
         if self._cycle_state.replied_s == NEVER_S:
             self._guidance.reset(self.state)
-        self.counters.farewells += 1
+        self.counters.final_commands += 1
         return self._encode(now_s, still=True)
 
     def is_over(self, now_s: float) -> bool:
@@ -859,7 +859,7 @@ class EgmSession(AnsweringSession):
             "sessions": self.sessions,
             "datagrams": counters.accepted,
             "answers": counters.answers,
-            "farewells": counters.farewells,
+            "final_commands": counters.final_commands,
             "lost": counters.lost,
             "duplicates": counters.duplicates,
             "old": counters.old,

@@ -81,7 +81,7 @@ and its argument in words. Called in the thread that asks."""
 class Listener(Protocol):
     """Gets the outcome of the activities that it began. Called under the controller's lock."""
 
-    def void(self, reason: str) -> None:
+    def invalidate(self, reason: str) -> None:
         """Whatever was under way or planned is over, for this reason."""
 
     def finished(self, reason: str) -> None:
@@ -116,11 +116,11 @@ class ArmController:
         """Guards everything that `tick` touches; never held for long."""
         self.robot: RobotState | None = None
         """The newest state."""
-        self.generation = 0
+        self.plan_epoch = 0
         """Counts what voids plans: loss of the robot, trips, stops, the operator taking over."""
         self.listener: Listener | None = None
         """What begins activities beside the operator device."""
-        self.witness: RequestRecorder | None = None
+        self.recorder: RequestRecorder | None = None
         """Records what the ticks depend on beside their arguments."""
         self.ticks = 0
         """Counts the ticks that have begun."""
@@ -311,14 +311,14 @@ class ArmController:
     # -- requests --------------------------------------------------------------------------------
 
     def note(self, what: str, argument: str = "") -> None:
-        """Tell the witness, where there is one, of a request that changes what the next ticks
+        """Tell the recorder, where there is one, of a request that changes what the next ticks
         do."""
-        if self.witness is not None and self._noting != threading.get_ident():
-            self.witness(self.ticks, what, argument)
+        if self.recorder is not None and self._noting != threading.get_ident():
+            self.recorder(self.ticks, what, argument)
 
     @contextlib.contextmanager
-    def noted(self, what: str, argument: str) -> Iterator[None]:
-        """Tell the witness of a request made inside, as a whole: of no other that it consists of.
+    def recorded_request(self, what: str, argument: str) -> Iterator[None]:
+        """Tell the recorder of a request made inside, as a whole: of no other that it consists of.
         The caller holds the lock."""
         self.note(what, argument)
         outer, self._noting = self._noting, threading.get_ident()
@@ -348,7 +348,7 @@ class ArmController:
     def _stop(self, reason: str) -> None:
         if self.state.arming.armed:
             self._disarm()
-        self.generation += 1
+        self.plan_epoch += 1
         if self.recovering:
             self._require_act(f"and stays so: {reason}")
         self._end_activity(reason)
@@ -357,7 +357,7 @@ class ArmController:
         """From the next tick on keep away from a neighbour where it is at `joints`, as
         :class:`cardan.gateway.arm.arm_body.ArmBody` does."""
         with self.lock:
-            if self.witness is not None:
+            if self.recorder is not None:
                 self.note("place_neighbour", json.dumps((index, joints, ways_m)))
             self.body.place_neighbour(index, joints, ways_m)
 
@@ -390,7 +390,7 @@ class ArmController:
         return inhibits.get(Inhibit.FOR_GOOD) or inhibits.get(Inhibit.WHILE_SAID, "")
 
     @property
-    def barred(self) -> str:
+    def inhibited(self) -> str:
         """Why no source can begin a motion now; empty when one can."""
         if inhibited := self._inhibited:
             return inhibited
@@ -551,7 +551,7 @@ class ArmController:
             if activity.outlives_silence:
                 activity.release()
                 if self.listener is not None:
-                    self.listener.void(reason)
+                    self.listener.invalidate(reason)
             else:
                 self._end_activity(reason)
 
@@ -599,7 +599,7 @@ class ArmController:
 
     def _disengage(self, reason: str) -> None:
         """Forget all motion: where the robot is when it comes back is not known."""
-        self.generation += 1
+        self.plan_epoch += 1
         self._end_activity(reason)
         self._on(Event.FORGOTTEN)
         self.body.halt()
@@ -609,7 +609,7 @@ class ArmController:
 
     def _place(self, robot: RobotState, before: RobotState | None = None) -> None:
         """Start from where the robot is; with a state `before`, from the speed that it has."""
-        self.generation += 1
+        self.plan_epoch += 1
         self._recovered_way = NO_WAY
         self._tripped_in_tick = True
         self._end_activity("the command was restarted from the measured position")
@@ -620,7 +620,7 @@ class ArmController:
 
     def _rest_here(self, reason: str) -> None:
         """Be at rest where the command is: it is not known where the robot is, or how it moves."""
-        self.generation += 1
+        self.plan_epoch += 1
         self._end_activity(reason)
         self._on(Event.OVER)
         self.body.halt()
@@ -650,7 +650,7 @@ class ArmController:
         self._tripped_in_tick = True
         self._trip_reason = reason
         self._trips += 1
-        self.generation += 1
+        self.plan_epoch += 1
         self._end_activity(reason)
 
     def _disarm(self) -> None:
@@ -664,7 +664,7 @@ class ArmController:
         """Brake what moves, and give its source the reason."""
         self.brake()
         if self.listener is not None:
-            self.listener.void(reason)
+            self.listener.invalidate(reason)
 
     # -- the operator device ---------------------------------------------------------------------
 
@@ -682,8 +682,8 @@ class ArmController:
         free = activity is None or (
             (activity.follows_hand or activity.recovers) and not self.braking
         )
-        barred, behind = self._why_barred(robot), ""
-        if not barred and (not self.state.arming.armed or not self._request.following):
+        inhibited, behind = self._why_inhibited(robot), ""
+        if not inhibited and (not self.state.arming.armed or not self._request.following):
             if self._tripped_in_tick:
                 behind = "the robot was not ready for it"
             elif self.supervision.error.exceeds(self.supervision.limit, BEHIND_SHARE):
@@ -700,14 +700,14 @@ class ArmController:
             resting_pose(reference) if hand.mapping.follows_pose and reference.pose else None,
             state.arming,
             free and not state.readings.rejected,
-            barred,
+            inhibited,
             behind,
             self._tripped_in_tick and bool(self._trip_reason),
             suspended=ignored,
         )
         self._request = request = hand.request(device, events, view)
         recovering = self.recovering
-        authority, acknowledges = self.authority, bool(barred) and not recovering
+        authority, acknowledges = self.authority, bool(inhibited) and not recovering
         owns = authority.owner == HAND
         refused = not owns and bool(authority.refuses(HAND))
         arming, act = arming_after(state.arming, request, acknowledges, owns, refused)
@@ -740,22 +740,22 @@ class ArmController:
                     self.authority.take(HAND, now_s)  # Notes the refusal.
                 self._acknowledge()
 
-    def _why_barred(self, robot: RobotState) -> str:
+    def _why_inhibited(self, robot: RobotState) -> str:
         """Why the operator's deliberate act arms nothing now."""
         if self.state.arming.armed:
             return ""
-        return self.barred or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
+        return self.inhibited or robot.alarm or self._filter_fault or self.authority.refuses(HAND)
 
     def _take_over(self, now_s: float) -> None:
         """The operator device takes the arm; what moved before is braked first."""
         self._trip_reason, self._recovered_way = "", NO_WAY
         self.authority.take(HAND, now_s)
-        self.generation += 1
+        self.plan_epoch += 1
         reason, activity = "the operator device took over", self._activity
         if activity is None or not (activity.follows_hand or activity.recovers):
             self._end_activity(reason)
         elif self.listener is not None:
-            self.listener.void(reason)
+            self.listener.invalidate(reason)
 
     def _cancel_recovery(self, why: str) -> None:
         self._require_act(f"and stays so: {why}")

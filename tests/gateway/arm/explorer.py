@@ -474,11 +474,11 @@ EVENTS: dict[str, tuple[Callable[[World], bool], Event]] = {}
 
 
 def event(applies: Callable[[World], bool]) -> Callable[[Event], Event]:
-    def noted(function: Event) -> Event:
+    def recorded_request(function: Event) -> Event:
         EVENTS[function.__name__] = applies, function
         return function
 
-    return noted
+    return recorded_request
 
 
 def is_well(w: World) -> bool:
@@ -694,7 +694,7 @@ def commanded(w: World) -> tuple[object, ...]:
     """What a refusal must not change."""
     body = w.core.body
     placed = (body.pose, body.twist) if body.placed else ()
-    return (w.abstract()._replace(streaming=False), placed, w.core.generation)
+    return (w.abstract()._replace(streaming=False), placed, w.core.plan_epoch)
 
 
 def play(w: World, name: str) -> str:

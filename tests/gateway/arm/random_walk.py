@@ -83,11 +83,11 @@ class Walk:
         self.verbs.set_parameters(QUICK)
 
     def _noted(self, placing):
-        def noted(*of):
+        def recorded_request(*of):
             self.placed = True
             placing(*of)
 
-        return noted
+        return recorded_request
 
     # -- the world ---------------------------------------------------------------------------
 
@@ -244,7 +244,7 @@ class Walk:
             if self.core.armed:
                 break
             self.tick(600)
-        assert self.core.armed, (self.core.message, self.core.barred)
+        assert self.core.armed, (self.core.message, self.core.inhibited)
         self.hand((-0.4, 0, 0.3, 0, 0, 0), *self.mapping.deadman)
         start = self.core.body.pose.position
         self.tick(100)

@@ -659,7 +659,7 @@ def test_a_held_arm_trips_and_the_command_comes_back():
         # Nobody asked for this motion: the maximum lead, and then only after a deliberate act.
         assert np.linalg.norm(world.verbs.body.pose.position - before) <= max_lead_m
         assert not world.verbs.servo.moving
-        if not world.verbs.controller.barred:
+        if not world.verbs.controller.inhibited:
             break
         with pytest.raises(MotionRefusedError, match="not resynchronized with the robot"):
             world.verbs.movl(world.moved(0.0, 0.0, -0.1))

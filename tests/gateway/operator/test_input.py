@@ -111,7 +111,7 @@ def test_a_deflection_that_may_drive_no_motion_is_no_act(age_s):
 def test_an_act_that_is_barred_is_seen_and_has_to_be_made_anew():
     asked = Asked()
     asked.tick()
-    request = asked.tick(REST, "left", barred="somebody else has the arm")
+    request = asked.tick(REST, "left", inhibited="somebody else has the arm")
     assert request.acts
     assert not request.armed
     assert not asked.tick(REST, "left").acts
@@ -141,15 +141,15 @@ def test_without_a_dead_man_rest_arms_and_a_barred_one_takes_a_move_and_rest():
     assert asked.tick(REST).engages
     assert asked.tick(FORWARD).asks
     asked = Asked(BARE)
-    assert not asked.tick(REST, barred="held").acts
-    assert not asked.tick(FORWARD, barred="held").acts
-    request = asked.tick(REST, barred="held")
+    assert not asked.tick(REST, inhibited="held").acts
+    assert not asked.tick(FORWARD, inhibited="held").acts
+    request = asked.tick(REST, inhibited="held")
     assert request.acts
     assert not request.engages
     assert asked.source.act_words() == "move the device and let it go"
-    assert not asked.tick(REST, barred="held").acts  # Staying at rest is no further act.
-    assert not asked.tick(FORWARD, barred="held").acts
-    assert asked.tick(REST, barred="held").acts
+    assert not asked.tick(REST, inhibited="held").acts  # Staying at rest is no further act.
+    assert not asked.tick(FORWARD, inhibited="held").acts
+    assert asked.tick(REST, inhibited="held").acts
 
 
 @pytest.mark.parametrize("options", [DEADMAN, CLUTCH, BARE])
@@ -406,7 +406,7 @@ def test_an_armed_device_stays_so_where_only_its_buttons_are_ignored():
     asked = Asked().arm()
     assert asked.tick(REST, "left", void=True).armed
     deflected = Asked(BARE)
-    deflected.tick(FORWARD, barred="held")
+    deflected.tick(FORWARD, inhibited="held")
     assert deflected.arming is Arming.DEFLECTED
     deflected.tick(FORWARD, void=True)
     assert deflected.arming is Arming.DISARMED
@@ -620,10 +620,10 @@ def test_a_device_that_was_gone_was_not_let_go():
     assert asked.arming is Arming.DISARMED
     assert not asked.tick(REST, "left").acts
     asked = Asked(BARE)
-    asked.tick(FORWARD, barred="held")
-    asked.tick(link=DeviceLink.LOST, barred="held")
+    asked.tick(FORWARD, inhibited="held")
+    asked.tick(link=DeviceLink.LOST, inhibited="held")
     assert asked.arming is Arming.DEFLECTED
-    assert asked.tick(REST, barred="held").acts
+    assert asked.tick(REST, inhibited="held").acts
 
 
 # -- the clutch's presses --------------------------------------------------------------------------
