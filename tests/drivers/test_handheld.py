@@ -334,7 +334,7 @@ def told_while_lost(bench):
 @pytest.mark.parametrize(
     ("leaps", "words"),
     [
-        (recentred, "leapt by 90°"),
+        (recentred, "jumped by 90°"),
         (lost_and_found, "elsewhere"),
         (silent_and_turned, "elsewhere"),
         (hidden_and_turned, "elsewhere"),

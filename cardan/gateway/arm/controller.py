@@ -39,7 +39,7 @@ from cardan.gateway.arm.states import (
     phase_of,
 )
 from cardan.gateway.arm.status import TAUT_SHARE, ArmStatus, Phase
-from cardan.gateway.arm.supervision import Cause, Finding, Supervision, Watchdogs, step_s
+from cardan.gateway.arm.supervision import Cause, StopReason, Supervision, Watchdogs, step_s
 from cardan.gateway.motion.reference import Reference, ReferenceLimits
 from cardan.gateway.operator.arming import Arming
 from cardan.gateway.operator.input import NO_REQUEST, ArmView, MotionRequest, OperatorInput
@@ -372,9 +372,9 @@ class ArmController:
         readings = self.state.readings
         if readings.rejected:
             if not self.supervision.trustworthy:
-                return f"{self.supervision.distrust}; wait until the readings rest"
+                return f"{self.supervision.implausible}; wait until the readings rest"
             self.supervision.trust()
-            self._on(Event.BELIEVED)
+            self._on(Event.PLAUSIBLE)
             if readings.elsewhere and self.robot is not None and self.state.link.ready:
                 self._place(self.robot)
         # Once more by the maximum lead towards the robot, where it is not near already.
@@ -395,7 +395,7 @@ class ArmController:
         if inhibited := self._inhibited:
             return inhibited
         if self.rejects:
-            return f"{self.supervision.distrust}: the measured position is implausible"
+            return f"{self.supervision.implausible}: the measured position is implausible"
         if self.apart:
             return self._apart_reason
         if self.recovering:
@@ -513,7 +513,7 @@ class ArmController:
 
     # -- what is wrong ---------------------------------------------------------------------------
 
-    def _act_on(self, finding: Finding, robot: RobotState) -> None:
+    def _act_on(self, finding: StopReason, robot: RobotState) -> None:
         """The one place where a finding about the robot has consequences."""
         cause, reason = finding
         if cause is Cause.FIRST:
@@ -564,7 +564,7 @@ class ArmController:
 
     def _without_robot(
         self,
-        finding: Finding,
+        finding: StopReason,
         robot: RobotState,
         device: DeviceState | None,
         events: Sequence[ButtonEvent],
@@ -914,7 +914,7 @@ class ArmController:
             return f"{why}resynchronizing with the robot; any button ends it"
         act = "" if self.hand is None else f": {self.hand.act_words()} to go on"
         if self.rejects:
-            why = self.supervision.distrust
+            why = self.supervision.implausible
             return f"{why}; the measured position is implausible, the arm holds{act}"
         if self.apart:
             return (

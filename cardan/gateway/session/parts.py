@@ -385,7 +385,7 @@ class Forces(Part):
         lost = force.cycle(cycle.robot, cycle.device, controller.hand_map(), at_rest)
         if lost:
             controller.inhibit(lost, Inhibit.ONCE)
-        elif force.guard.in_doubt:
+        elif force.watchdog.in_doubt:
             controller.inhibit("the force is in doubt", Inhibit.MOTION_IGNORED)
 
     def tell(self, snapshot: Snapshot, now: Now) -> None:

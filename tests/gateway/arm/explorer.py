@@ -113,7 +113,7 @@ class Abstract(NamedTuple):
     filter_fault: bool
     states: States
     """What the controller says of itself."""
-    distrust: str
+    implausible: str
     """"", "rejected", or "rests": the readings were plausible for long enough."""
     following: bool
     was_pressed: bool
@@ -224,9 +224,9 @@ class World:
         source, watched, activity = core.hand, core.supervision, core.activity
         moves = core.body.moving and core.body.placed
         quick = moves and norm(core.body.twist.linear) > QUICK_M_S
-        distrust = ""
-        if watched.distrust:
-            distrust = "rests" if watched.trustworthy else "rejected"
+        implausible = ""
+        if watched.implausible:
+            implausible = "rests" if watched.trustworthy else "rejected"
         verb = ""
         if verbs._pending is not None:
             verb = "waiting"
@@ -246,7 +246,7 @@ class World:
             self.held_off,
             self.filter.broken,
             core.state,
-            distrust,
+            implausible,
             core.following,
             source._device is not None and bool(source._device.buttons),
             core.authority.owner,
@@ -399,7 +399,7 @@ class World:
         """(a), (c) and (f), by what is known from outside."""
         core, body, activity = self.core, self.core.body, self.core.activity
         assert (activity is None) is (core.state.motion in RESTING), "who moves it?"
-        assert core.rejects is bool(core.supervision.distrust), "rejected for no reason"
+        assert core.rejects is bool(core.supervision.implausible), "rejected for no reason"
         if core.trips != self.trips:
             self.trips = core.trips
             self._forget(True)

@@ -172,7 +172,7 @@ class Walk:
             anew = activity.went.linear_m <= 1.01 * step_m + 1e-6
             self.unasked_m = step_m if anew else self.unasked_m + step_m
         assert self.unasked_m <= 1.1 * core.reference.limits.max_lead_m
-        if core.supervision.distrust:
+        if core.supervision.implausible:
             here = servo.q.copy()
             if self.believed_at is None:
                 self.believed_at = here

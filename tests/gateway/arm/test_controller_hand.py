@@ -436,7 +436,7 @@ def test_a_pose_that_leaps_is_not_believed_and_moves_nothing(leap_m, driven):
     assert stays(rig, 5.0, there) == 0.0
     assert rig.core.body.pose == rested
     assert rig.core.phase in (Phase.DISARMED, Phase.NO_ROBOT)
-    assert ("leapt by" if leap_m < 1.0 else "farther than any") in rig.status.message
+    assert ("jumped by" if leap_m < 1.0 else "farther than any") in rig.status.message
     assert rig.status.trips == trips + 1
     # Held through it, the dead-man is no deliberate act; and the reading comes back.
     stays(rig, TRUST_AFTER_S + 0.1, rested)

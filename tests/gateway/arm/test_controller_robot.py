@@ -473,7 +473,7 @@ def test_an_acknowledgement_comes_too_early_while_readings_leap():
     for _ in range(math.ceil(TRUST_AFTER_S / PERIOD_S) + 1):
         rig.run(pose=there)
     assert rig.core.acknowledge() == ""
-    assert rig.core.supervision.distrust == ""
+    assert rig.core.supervision.implausible == ""
 
 
 def test_a_controller_without_a_hand_commands_nothing_until_somebody_asks():

@@ -155,7 +155,7 @@ def test_what_changes_whether_readings_are_believed(link, motion):
 
     assert changes_of(after, Readings) == changes(
         (Readings, Event.PLACED, FACTS, Readings.ACCEPTED),
-        (Readings, Event.BELIEVED, FACTS, Readings.ACCEPTED),
+        (Readings, Event.PLAUSIBLE, FACTS, Readings.ACCEPTED),
         (Readings if absent else [], Event.LEAPT, FACTS, elsewhere),
         ([] if absent else [Readings.ACCEPTED], Event.LEAPT, FACTS, Readings.REJECTED),
         (rejected if uncommanded else [], Event.RETURNED, FACTS, elsewhere),

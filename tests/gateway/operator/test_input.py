@@ -219,12 +219,12 @@ def test_a_press_that_begins_nothing_says_why(tick, words):
     assert words in asked.advice
 
 
-@pytest.mark.parametrize("tick", [{"barred": "no"}, {"tripped": True}, {"void": True}])
+@pytest.mark.parametrize("tick", [{"inhibited": "no"}, {"tripped": True}, {"void": True}])
 def test_a_press_at_a_bad_moment_begins_nothing_and_nothing_later(tick):
     asked = Asked(CLUTCH)
     asked.tick()
     request = asked.tick(REST, "right", events=[press()], **tick)
-    assert request.acts is ("barred" in tick)
+    assert request.acts is ("inhibited" in tick)
     assert not request.armed
     assert not asked.tick(REST, "right").armed
     asked.tick(REST, events=[RELEASE])
@@ -281,7 +281,7 @@ ticks = st.lists(
         st.booleans(),
         st.sampled_from((DeviceLink.LIVE,) * 5 + (DeviceLink.LOST,)),
         st.sampled_from((0.0, 0.0, 0.2)),
-        st.sampled_from(("", "", "barred", "void", "unfree", "suspended")),
+        st.sampled_from(("", "", "inhibited", "void", "unfree", "suspended")),
     ),
     max_size=40,
 )
@@ -292,7 +292,7 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
     asked, rested = Asked(), False
     for axes, held, link, age_s, trouble in plan:
         view = {
-            "barred": "no" if trouble == "barred" and not asked.armed else "",
+            "inhibited": "no" if trouble == "inhibited" and not asked.armed else "",
             "void": trouble == "void",
             "free": trouble != "unfree",
             "suspended": trouble == "suspended",
@@ -315,11 +315,11 @@ def test_nothing_is_asked_for_but_by_an_armed_live_hand_with_its_dead_man_held(p
         if request.engages:
             assert rested
             assert not was_armed
-            assert view["barred"] == ""
+            assert view["inhibited"] == ""
         if request.armed:
             assert was_armed or request.engages
         # Whether device and dead-man were seen at rest since the last interruption.
-        if trouble == "void" or request.fault or (held and view["barred"]):
+        if trouble == "void" or request.fault or (held and view["inhibited"]):
             rested = False
         elif link is not DeviceLink.LIVE:
             rested = rested and was_armed

@@ -20,7 +20,7 @@ from cardan.common.clocks import RemoteClock
 from cardan.errors import shown
 from cardan.gateway.arm.validation import LONGEST_NAME
 from cardan.gateway.servers.allow_list import Allowed
-from cardan.gateway.servers.calls import Caller, Mailbox
+from cardan.gateway.servers.calls import Mailbox, ServiceCaller
 from cardan.gateway.servers.console.cameras import UNSHOWN_S, Camera, Cameras, Unshown
 from cardan.gateway.servers.console.channels import (
     FRAME_TYPE,
@@ -124,7 +124,7 @@ class Operator:
     def __init__(
         self,
         network: Network,
-        caller: Caller,
+        caller: ServiceCaller,
         mailbox: Mailbox,
         allowed: Allowed,
         role: Role,
