@@ -48,7 +48,7 @@ def reachable(options: BusOptions) -> BusOptions:
 
 
 def bus_words(options: BusOptions) -> list[str]:
-    """How ``cardan net server`` is told of a bus."""
+    """How ``cardan net server`` learns of a bus."""
     words = {
         "domain": str(options.domain),
         "router": options.router,

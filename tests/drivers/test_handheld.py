@@ -182,7 +182,7 @@ def let_go_and_hold(bench):
         ("null", "Start"),
         ("lost", "tracking"),
         ("hidden", "hidden"),
-        ("leap", "leapt"),
+        ("leap", "jumped"),
     ],
 )
 def test_a_fault_disarms_until_the_hand_lets_go(kind, fault, words):

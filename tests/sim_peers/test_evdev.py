@@ -179,7 +179,7 @@ def test_effects_play_for_their_time():
     assert device.rumble(2.6) == (0.0, 0.0)
 
 
-def test_effects_belong_to_whoever_uploaded_them():
+def test_effects_belong_to_the_client_that_uploaded_them():
     device = make()
     effect_id = evdev.decode_rumble(upload(device).argument).id
     start(device, effect_id, 0.0, client="you")

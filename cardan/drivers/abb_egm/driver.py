@@ -31,7 +31,7 @@ from cardan.protocols.egm import (
 from cardan.types import NEVER_S, RobotCommand, RobotState
 
 _RECEIVE_BYTES = MAX_DATAGRAM_BYTES + 1
-"""One more than the longest datagram, so that a longer one is recognised."""
+"""One more than the longest datagram, so that a longer one is recognized."""
 
 _DRAIN_MAX = 256
 """Most datagrams read in one wake-up: more than the kernel's buffer holds."""

@@ -77,7 +77,7 @@ _HALF = 0x80000000
 """Sequence numbers and the ms clock count modulo 2^32; differences are taken with a sign."""
 
 _ROUNDING = 1e-9
-"""Deviation of a quaternion's squared length from 1 that needs no normalisation."""
+"""Deviation of a quaternion's squared length from 1 that needs no normalization."""
 
 _REORDERED_MAX = 16
 """Largest step back in the sequence (64 ms) of a late datagram that has no clock to tell."""

@@ -207,7 +207,7 @@ def test_types_are_described(bench):
     assert answer["successful"]
 
 
-def test_changes_are_published_whoever_makes_them(bench):
+def test_changes_of_each_client_are_published(bench):
     verbs, parameters = bench.world.verbs, bench.server.parameters
 
     def events():

@@ -1,4 +1,4 @@
-"""Who asked for a motion is known by liveliness tokens, until the last of them vanishes."""
+"""The client of a motion is known by liveliness tokens, until the last of them vanishes."""
 
 from cardan.bus.node import Received, gid_of_token
 from cardan.gateway.bus.liveliness import LivelinessMonitor

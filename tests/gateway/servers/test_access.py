@@ -1,4 +1,4 @@
-"""Who comes in by which token, and how fast tokens can be guessed, in virtual time."""
+"""Access by tokens, and how fast tokens can be guessed, in virtual time."""
 
 from __future__ import annotations
 

@@ -290,7 +290,7 @@ def keep_many_open(target, running, count):
 
 
 def test_as_many_as_come_at_once_are_kept_by_the_system(running):
-    """Who does not fit is dropped without a word, and tries again a second later."""
+    """A client too many is dropped without a word, and tries again a second later."""
     (listening,) = running.server._listener._server.sockets
     with listening.dup() as same:
         info = same.getsockopt(socket.IPPROTO_TCP, socket.TCP_INFO, 32)

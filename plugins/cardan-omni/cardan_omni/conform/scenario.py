@@ -1,4 +1,4 @@
-"""Is a haptic program: initialises a device, asks it, runs its scheduler, and lets go of it."""
+"""Is a haptic program: initializes a device, asks it, runs its scheduler, and lets go of it."""
 
 from __future__ import annotations
 
